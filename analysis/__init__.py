@@ -1,0 +1,1 @@
+"""What recordings mean: models, fits, diagnosis, correction. Pure: no hardware, no clock."""

@@ -1,0 +1,450 @@
+"""Characterization of a pair of sensors from one campaign: alpha of the bead, D(T) of the film, noise, response times.
+
+Per channel: differential evolution on the RMSE of Eq. (17) for each ambient (doi 10.5194/amt-15-2607-2022), a second
+opinion, then generalised least squares, which counts the noise's autocorrelation and each run's own deviations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.campaign import Campaign
+from analysis.channel import AMBIENT_WIDTH_K, Channel, ChannelName, LeftOut, build_channel, usable_runs
+from analysis.diagnosis.readings import find_repeats
+from analysis.errors import InputError
+from analysis.evolution import RATE_BOUNDS_PER_S, Misfit, Optimum, evolve, second_opinion
+from analysis.extension import CHANNELS, Extension
+from analysis.gls import Fit, Layout, Problem, fit, make_problem, start_theta
+from analysis.humidity import saturation_pressure_hpa
+from analysis.noise import Noise, estimate_noise, whiteners
+from analysis.profile import (
+    DiffusivityRow,
+    Effect,
+    HumidityProfile,
+    Profile,
+    ResponseTime,
+    TemperatureProfile,
+    Uncertain,
+)
+from analysis.response import response_time
+from analysis.samples import rmse_over_samples
+from analysis.scatter import pooled_scatter
+
+Array = NDArray[np.float64]
+
+LEAST_STEP = {"temperature": 0.3, "humidity": 1.0}  # K, %RH: a smaller change of the air says nothing of a rate
+STEP_IN_NOISE = 10.0
+LEAST_ISOTHERMAL = 2
+FAR_ABOVE_NOISE = 1.15  # residual over noise from which the model is not the whole story
+FAR_STRAINED = 2.0  # likewise, for how far start times and airs are bent
+WORST_RELATIVE = 0.5  # a diffusivity known no better than this is none
+
+THERMAL_SHOCK = "thermal shock: the film's own temperature lags; the isothermal shocks of this ambient are used"
+# Where an ambient has thermal shocks alone, ppmv is turned into RH at the air's temperature or at the die's own.
+THERMAL_MODELS = {
+    "thermal shocks, read at the air's temperature": Extension(),
+    "thermal shocks, read at the die's temperature": Extension(Layout(("die_thermal_lag",))),
+}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One ambient of one channel: the diffusivity [m^2/s] with its standard uncertainty, and what it rests on.
+
+    `basis` is "all runs", "isothermal shocks", or how thermal shocks alone were read where there was nothing else.
+    `evolution` and `second` are the two optimisers' findings, where they were asked.
+    """
+
+    ambient_c: float
+    diffusivity_m2_s: float
+    standard_uncertainty: float
+    response: ResponseTime
+    runs: tuple[str, ...]
+    basis: str
+    evolution: Optimum | None = None
+    second: Optimum | None = None
+
+
+@dataclass(frozen=True)
+class Part:
+    """Runs fitted together: the least squares problem, its fit, and the RMSE over their samples [channel's unit]."""
+
+    problem: Problem
+    fit: Fit
+    rmse: float
+
+    @property
+    def channel(self) -> Channel:
+        return self.problem.channel
+
+    @property
+    def strain(self) -> float:
+        """Root mean square of the runs' start times and airs, as fitted, in units of what is known of them."""
+        others = [k for k in range(self.problem.scatter.shape[1]) if k != 1]  # 1 is the rate, whose scatter is fitted
+        return float(np.sqrt(np.mean((self.fit.deviations / self.problem.scatter)[:, others] ** 2)))
+
+
+@dataclass(frozen=True)
+class ChannelResult:
+    """What a channel's runs say.
+
+    Attributes
+    ----------
+    rows : tuple of Row
+        One for each ambient, by rising temperature; one in all for the bead.
+    noise : Noise
+    effects : tuple of Effect
+        What the model carries beside the plain diffusion, with fitted parameters.
+    parts : tuple of Part
+        All runs; for a plain film the ambients with isothermal shocks, and those with thermal shocks alone.
+    set_aside : tuple of LeftOut
+        Runs that take no part, and why.
+    """
+
+    rows: tuple[Row, ...]
+    noise: Noise
+    effects: tuple[Effect, ...]
+    parts: tuple[Part, ...]
+    set_aside: tuple[LeftOut, ...]
+
+    @property
+    def channel(self) -> Channel:
+        """The first part's channel, for what all parts share (length, sampling period, name)."""
+        return self.parts[0].channel
+
+    @property
+    def runs(self) -> tuple[str, ...]:
+        """Ids of the runs used."""
+        return tuple(sorted(run for part in self.parts for run in part.channel.run_ids))
+
+    @property
+    def rmse(self) -> float:
+        """Over the samples of all parts, each run's own deviations included [channel's unit]."""
+        squares = [(part.rmse**2, int(part.channel.count.sum())) for part in self.parts]
+        return float(np.sqrt(sum(r * n for r, n in squares) / sum(n for _, n in squares)))
+
+    @property
+    def explained(self) -> bool:
+        """Whether the residuals are about as small as the noise, with start times and airs as they were recorded."""
+        return self.rmse < FAR_ABOVE_NOISE * self.noise.standard_deviation and self.strain < FAR_STRAINED
+
+    @property
+    def strain(self) -> float:
+        """Of the part whose start times and airs had to give most."""
+        return max(part.strain for part in self.parts)
+
+    @property
+    def disagreement(self) -> float | None:
+        """Largest relative difference between the two optimisers' rates; None where they were not asked."""
+        pairs = [(row.evolution, row.second) for row in self.rows if row.evolution and row.second]
+        return max((abs(float(np.expm1(b.log_rate - a.log_rate))) for a, b in pairs), default=None)
+
+
+@dataclass(frozen=True)
+class Characterization:
+    """Result of `characterize`; a channel that cannot be had is None and `missing` says why."""
+
+    campaign: Campaign
+    seed: int
+    temperature: ChannelResult | None
+    humidity: ChannelResult | None
+    missing: Mapping[ChannelName, str]
+
+    def channels(self) -> dict[ChannelName, ChannelResult]:
+        """The channels that are there, by name."""
+        return {name: found for name in CHANNELS if (found := getattr(self, name)) is not None}
+
+
+def characterize(
+    campaign: Campaign,
+    seed: int = 0,
+    extensions: Mapping[ChannelName, Extension] | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Characterization:
+    """Fit alpha and D(T) to a campaign.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    seed : int
+        Of the differential evolution.
+    extensions : mapping of channel name to Extension, optional
+        Models to fit instead of the plain one; channels that are not named keep it.
+    progress : function of a sentence, optional
+
+    Raises
+    ------
+    InputError
+        Where neither sensor has a run that can be used; the reasons are named.
+    """
+    say = progress or (lambda text: None)
+    found: dict[ChannelName, ChannelResult] = {}
+    missing: dict[ChannelName, str] = {}
+    for name in CHANNELS:
+        try:
+            found[name] = characterize_channel(campaign, name, seed, (extensions or {}).get(name, Extension()), say)
+        except _Unusable as reason:
+            missing[name] = str(reason)
+            say(f"{name}: {reason}")
+    if not found:
+        reasons = "; ".join(f"{name}: {reason}" for name, reason in missing.items())
+        raise InputError(f"{campaign.path}: no sensor can be characterized ({reasons}); record or import usable runs")
+    found = _with_shared_scatter(found)
+    return Characterization(campaign, seed, found.get("temperature"), found.get("humidity"), missing)
+
+
+def _with_shared_scatter(found: dict[ChannelName, ChannelResult]) -> dict[ChannelName, ChannelResult]:
+    """The channels that are explained, fitted again with the runs' scatter that both of them together show."""
+    good = {name: result for name, result in found.items() if result.explained}
+    if not good:
+        return found
+    scatter = pooled_scatter((part.problem, part.fit) for result in good.values() for part in result.parts)
+    return found | {name: _with_scatter(result, scatter) for name, result in good.items()}
+
+
+def _with_scatter(result: ChannelResult, scatter: float) -> ChannelResult:
+    parts: list[Part] = []
+    rows = {row.runs: row for row in result.rows}
+    for part in result.parts:
+        columns = part.problem.scatter.copy()
+        columns[:, 1] = scatter
+        problem = replace(part.problem, scatter=columns)
+        found = fit(problem, part.fit.layout, part.fit.theta, part.fit.deviations, adapt_scatter=False)
+        parts.append(Part(problem, found, rmse_over_samples(part.channel, found)))
+        for row in joint_rows(parts[-1], result.noise, "")[0]:
+            searched = rows[row.runs]
+            rows[row.runs] = replace(row, basis=searched.basis, evolution=searched.evolution, second=searched.second)
+    effects = _effects(Extension(causes=result.effects), parts[0])
+    return replace(result, parts=tuple(parts), rows=tuple(rows.values()), effects=effects)
+
+
+class _Unusable(Exception):
+    """A channel without a run to fit; the text says why."""
+
+
+def characterize_channel(
+    campaign: Campaign, name: ChannelName, seed: int, extension: Extension, say: Callable[[str], None]
+) -> ChannelResult:
+    """One channel of `characterize`; raises where no run can be used."""
+    whole = build_channel(campaign, name)
+    if whole is None:
+        raise _Unusable(_common_reason(usable_runs(campaign, name)[1]))
+    if "stale_samples" in extension.layout.effects:
+        whole = find_repeats(whole)[0]
+    say(f"{name}: {whole.runs} runs, noise from the plateaus")
+    noise = estimate_noise(whole)
+    rounding = {parameter: value for effect, parameter, value in extension.layout.fixed if effect == "quantization"}
+    if rounding:
+        noise = noise.with_rounding(rounding["step"])
+    groups, set_aside = choose_runs(whole, noise, extension)
+    rows: list[Row] = []
+    parts: list[Part] = []
+    for channel, models in groups:
+        part, found, undetermined = _fit_part(channel, noise, models, seed, rounding.get("step", 0.0), say)
+        rows += found
+        set_aside += undetermined
+        if found:
+            parts.append(part)
+    if not rows:
+        raise _Unusable(_common_reason(set_aside))
+    return ChannelResult(
+        rows=tuple(sorted(rows, key=lambda row: row.ambient_c)),
+        noise=noise,
+        effects=_effects(extension, parts[0]),
+        parts=tuple(parts),
+        set_aside=tuple(sorted(set_aside, key=lambda entry: entry.run)),
+    )
+
+
+def choose_runs(
+    whole: Channel, noise: Noise, extension: Extension
+) -> tuple[list[tuple[Channel, dict[str, Extension]]], list[LeftOut]]:
+    """Runs that are fitted together, each set with the models to try by the name of their basis; and runs set aside."""
+    step = step_size(whole)
+    keep = step >= max(LEAST_STEP[whole.name], STEP_IN_NOISE * noise.standard_deviation)
+    quantity, unit = ("temperature", "K") if whole.name == "temperature" else ("humidity", "%RH")
+    reasons = {int(i): f"no {quantity} step ({step[i]:.2g} {unit})" for i in np.flatnonzero(~keep)}
+    alone = np.zeros(whole.runs, dtype=bool)
+    plain_film = whole.name == "humidity" and not extension.layout.effects
+    if plain_film:
+        isothermal = is_isothermal(whole)
+        for g in range(whole.ambients_c.size):
+            here = keep & (whole.ambient == g)
+            if (here & isothermal).sum() >= LEAST_ISOTHERMAL:
+                reasons |= dict.fromkeys((int(i) for i in np.flatnonzero(here & ~isothermal)), THERMAL_SHOCK)
+            elif (here & ~isothermal).any():
+                alone |= here
+        keep[list(reasons)] = False
+    basis = "isothermal shocks" if plain_film else "all runs"
+    choices = [(keep & ~alone, {basis: extension}), (keep & alone, THERMAL_MODELS)]
+    groups = [(_regrouped(whole.select(mask)), models) for mask, models in choices if mask.any()]
+    return groups, [*whole.left_out, *(LeftOut(whole.run_ids[i], whole.name, reasons[i]) for i in sorted(reasons))]
+
+
+def _fit_part(
+    channel: Channel,
+    noise: Noise,
+    models: Mapping[str, Extension],
+    seed: int,
+    rounding: float,
+    say: Callable[[str], None],
+) -> tuple[Part, list[Row], list[LeftOut]]:
+    """Fit runs together with the model that leaves the least; rows of what is determined, runs of what is not."""
+    searched = {}
+    for basis, extension in models.items():
+        optima, late_s = [], np.zeros(channel.runs)
+        for g, ambient_c in enumerate(channel.ambients_c):
+            misfit = Misfit(channel.select(channel.ambient == g), extension.layout, dict(extension.starts or {}))
+            where = f" at {ambient_c:.0f} degC" if channel.name == "humidity" else ""
+            say(f"{channel.name}: differential evolution over {misfit.channel.runs} runs{where}")
+            optima.append((evolve(misfit, np.random.default_rng([seed, g])), second_opinion(misfit)))
+            late_s[channel.ambient == g] = misfit.late_s(optima[-1][0].log_rate)
+        searched[basis] = optima, late_s
+    basis = min(searched, key=lambda name: sum(first.rmse**2 for first, _ in searched[name][0]))
+    extension, (optima, late_s) = models[basis], searched[basis]
+    say(f"{channel.name}: generalised least squares over {channel.runs} runs")
+    problem = make_problem(channel, whiteners(channel, noise), rounding=rounding)
+    log_rates = np.array([first.log_rate for first, _ in optima])
+    start = start_theta(channel, extension.layout, log_rates, dict(extension.starts or {}))
+    deviations = np.zeros(problem.scatter.shape)
+    deviations[:, 0] = late_s
+    found = fit(problem, extension.layout, start, deviations)
+    part = Part(problem, found, rmse_over_samples(channel, found))
+    rows, undetermined = joint_rows(part, noise, basis, optima)
+    return part, rows, undetermined
+
+
+def _regrouped(channel: Channel) -> Channel:
+    """The channel without the ambients that lost all their runs."""
+    groups = np.unique(channel.ambient)
+    if groups.size == channel.interpolation.shape[1]:
+        return channel
+    # A run's small distance from its ambient is bridged towards a neighbour; where that is gone, it counts as none.
+    weights = channel.interpolation[:, groups]
+    weights = weights / weights.sum(axis=1, keepdims=True)
+    return replace(
+        channel,
+        ambient=np.searchsorted(groups, channel.ambient),
+        ambients_c=channel.ambients_c[groups],
+        interpolation=weights,
+    )
+
+
+def step_size(channel: Channel) -> Array:
+    """Size of each run's step (R,): K, or %RH at the destination's temperature that the film has to take up or give."""
+    c = channel.conditions
+    if channel.name == "temperature":
+        return np.abs(c.destination_c - c.source_c)
+    held = c.source_percent * saturation_pressure_hpa(c.source_c) / saturation_pressure_hpa(c.destination_c)
+    return np.abs(c.destination_percent - held)
+
+
+def is_isothermal(channel: Channel) -> NDArray[np.bool_]:
+    """Runs (R,) whose two airs have one temperature, within the width of an ambient."""
+    return np.abs(channel.conditions.destination_c - channel.conditions.source_c) <= AMBIENT_WIDTH_K
+
+
+def _common_reason(left_out: tuple[LeftOut, ...] | list[LeftOut]) -> str:
+    """What keeps a channel's runs from being used, in one phrase."""
+    reasons = list(dict.fromkeys(entry.reason for entry in left_out))
+    shown = "; ".join(reasons[:3]) + (f" and {len(reasons) - 3} other reasons" if len(reasons) > 3 else "")
+    return f"none of {len(left_out)} runs can be used: {shown}"
+
+
+def joint_rows(
+    part: Part, noise: Noise, basis: str, optima: Sequence[tuple[Optimum | None, Optimum | None]] | None = None
+) -> tuple[list[Row], list[LeftOut]]:
+    """Rows of the ambients whose diffusivity a joint fit determines, and the runs of those that it does not.
+
+    `optima` are each ambient's findings of the two optimisers, where they were asked.
+    """
+    channel, found = part.channel, part.fit
+    # Where the model is wrong its formal uncertainty is too small: enlarged by as much as the residuals, or the runs'
+    # start times and airs, are too far off.
+    ratio = max(part.rmse / noise.standard_deviation, part.strain)
+    enlarged = ratio if ratio > FAR_ABOVE_NOISE else 1.0
+    rows: list[Row] = []
+    undetermined: list[LeftOut] = []
+    for g, (first, second) in enumerate(optima or [(None, None)] * channel.ambients_c.size):
+        runs = tuple(channel.run_ids[i] for i in np.flatnonzero(channel.ambient == g))
+        relative = enlarged * float(np.sqrt(max(found.covariance[g, g], 0.0)))
+        low, high = np.log(RATE_BOUNDS_PER_S)
+        if not (0.0 < relative < WORST_RELATIVE and low < found.theta[g] < high):
+            ambient = f"{channel.ambients_c[g]:.0f} degC"
+            reason = f"does not determine the diffusivity, alone at {ambient}; record isothermal shocks there"
+            undetermined += [LeftOut(run, channel.name, reason) for run in runs]
+            continue
+        value = float(np.exp(found.theta[g]) * channel.length_m**2)
+        rows.append(
+            Row(
+                ambient_c=round(float(channel.ambients_c[g]), 3),
+                diffusivity_m2_s=value,
+                standard_uncertainty=value * relative,
+                response=response_time(channel, found, g),
+                runs=runs,
+                basis=basis,
+                evolution=first,
+                second=second,
+            )
+        )
+    return rows, undetermined
+
+
+def _effects(extension: Extension, part: Part) -> tuple[Effect, ...]:
+    values = part.fit.values(part.channel.interpolation.shape[1])
+    fitted = []
+    for cause in extension.causes:
+        parameters = dict(cause.parameters)
+        for name, (value, spread) in values[cause.effect].items():
+            # What the single readings showed is held in this fit and keeps the uncertainty it came with.
+            parameters[name] = Uncertain(value, spread) if spread > 0 or name not in parameters else parameters[name]
+        fitted.append(replace(cause, parameters=parameters))
+    return tuple(fitted)
+
+
+def to_profile(result: Characterization, provenance: Mapping[str, Any] | None = None) -> Profile:
+    """The sensor profile of a characterization; `provenance` is added to what the result itself knows."""
+    temperature = humidity = None
+    if (t := result.temperature) is not None:
+        row = t.rows[0]
+        temperature = TemperatureProfile(
+            thermal_diffusivity_m2_s=Uncertain(row.diffusivity_m2_s, row.standard_uncertainty),
+            bead_radius_m=t.channel.length_m,
+            response_time_s=row.response,
+            noise_k=t.noise.standard_deviation,
+            sampling_period_s=t.channel.sampling_period_s,
+            effects=t.effects,
+        )
+    if (h := result.humidity) is not None:
+        humidity = HumidityProfile(
+            diffusivity_table=tuple(
+                DiffusivityRow(r.ambient_c, r.diffusivity_m2_s, r.standard_uncertainty, len(r.runs), r.response)
+                for r in h.rows
+            ),
+            film_thickness_m=h.channel.length_m,
+            noise_percent=h.noise.standard_deviation,
+            sampling_period_s=h.channel.sampling_period_s,
+            effects=h.effects,
+        )
+    known = {
+        "campaign": result.campaign.name,
+        "runs_used": {name: list(found.runs) for name, found in result.channels().items()},
+        "left_out": [
+            {"run": entry.run, "channel": entry.channel, "reason": entry.reason}
+            for found in result.channels().values()
+            for entry in found.set_aside
+        ],
+        "missing": dict(result.missing),
+        "seed": result.seed,
+        "basis": {str(row.ambient_c): row.basis for row in (result.humidity.rows if result.humidity else ())},
+        "rmse": {name: found.rmse for name, found in result.channels().items()},
+        "optimisers_differ_by": {
+            name: found.disagreement for name, found in result.channels().items() if found.disagreement is not None
+        },
+    }
+    return Profile(temperature, humidity, result.campaign.sensors, known | dict(provenance or {}))

@@ -1,0 +1,146 @@
+"""The experiment that decides: which further runs would best tell two explanations apart that these data cannot.
+
+Expected chi-square between them, in the metric of the fit: the difference of their predictions for a new run, less what
+the rival's own parameters (as far as the campaign has not fixed them) and the new run's deviations could still hide.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.channel import Channel, Conditions
+from analysis.gls import Fit, Problem, _linearise, _normal_equations, predict
+
+Array = NDArray[np.float64]
+
+REPEATS = 2  # of each proposed run
+DECIDED = 12.0  # expected drop in deviance from which on a choice is safe
+MOST_KINDS = 2
+
+
+def propose(problem: Problem, ties: list[tuple[Fit, Fit]]) -> list[dict[str, object]]:
+    """Runs, in the terms of run.json, that best separate each pair of explanations; empty without pairs.
+
+    Parameters
+    ----------
+    problem : Problem
+    ties : list of (Fit, Fit)
+        The model chosen and a rival that explains the data equally well.
+    """
+    if not ties:
+        return []
+    menu = _menu(problem.channel)
+    expected = np.array([[_separation(problem, chosen, rival, run) for run in menu] for chosen, rival in ties])
+    chosen_runs: list[int] = []
+    reached = np.zeros(len(ties))
+    while len(chosen_runs) < MOST_KINDS and (reached < DECIDED).any():
+        # The run that helps the pair most in need of help.
+        gain = np.minimum(reached[:, None] + expected, 3 * DECIDED).min(axis=0) + 1e-3 * expected.mean(axis=0)
+        best = int(np.argmax(gain))
+        if best in chosen_runs or expected[:, best].max() < 0.5:
+            break
+        chosen_runs.append(best)
+        reached = reached + expected[:, best]
+    runs = []
+    for index in chosen_runs:
+        run = dict(menu[index])
+        reason = run.pop("reason")
+        for _ in range(REPEATS):
+            runs.append(run | {"reason": reason, "expected_evidence": round(float(expected[:, index].min()), 1)})
+    return runs
+
+
+def _menu(channel: Channel) -> list[dict[str, object]]:
+    """Runs that a bench can do: both directions, more and less airflow, larger and smaller steps, a slowed transfer."""
+    c = channel.conditions
+    middle = (
+        float(channel.ambients_c[np.argmin(np.abs(channel.ambients_c - 20.0))]) if channel.name == "humidity" else 20.0
+    )
+    flow = float(np.median(c.airflow_m_s))
+
+    def run(reason, source, destination, airflow=flow, duration=None):
+        transfer = {} if duration is None else {"duration_s": duration}
+        names = ("temperature_c", "humidity_percent")
+        return {
+            "source": dict(zip(names, source, strict=True)),
+            "destination": dict(zip(names, destination, strict=True)),
+            "airflow_m_s": round(airflow, 2),
+            "pressure_hpa": round(float(np.median(c.pressure_hpa)), 2),
+            "transfer": transfer,
+            "reason": reason,
+        }
+
+    warm = (round(middle + 20.0, 1), 18.0)
+    here = (round(middle, 1), 55.0)
+    shocks = {
+        "a thermal shock downwards": (warm, here),
+        "a thermal shock upwards": (here, warm),
+        "a larger thermal shock": ((round(middle + 40.0, 1), 8.0), here),
+        "a humidity shock upwards": ((here[0], 20.0), (here[0], 80.0)),
+        "a humidity shock downwards": ((here[0], 80.0), (here[0], 20.0)),
+        "a small humidity step at high humidity": ((here[0], 65.0), (here[0], 80.0)),
+        "a small humidity step at low humidity": ((here[0], 35.0), (here[0], 20.0)),
+    }
+    menu = []
+    for reason, (source, destination) in shocks.items():
+        menu.append(run(reason, source, destination))
+        menu.append(run(f"{reason}, little airflow", source, destination, max(1.5, 0.3 * flow)))
+        menu.append(run(f"{reason}, much airflow", source, destination, 2.5 * flow))
+        menu.append(run(f"{reason}, the transfer slowed", source, destination, flow, 2.0))
+    return menu
+
+
+def _separation(problem: Problem, chosen: Fit, rival: Fit, run: dict[str, object]) -> float:
+    """Expected drop in deviance for `REPEATS` such runs, were `chosen` true and `rival` fitted anew."""
+    new = hypothetical(problem, run)
+    deviations = np.zeros(new.scatter.shape)
+    truth = predict(new.channel, chosen.layout, chosen.theta, deviations)
+    rival_point = _linearise(new, rival.layout, rival.theta, deviations)
+    difference = np.matmul(new.whitener, (truth[0] - rival_point.prediction)[..., None])[..., 0]
+    point = replace(rival_point, whitened_residual=difference)
+    normal_new, right, solved, uu = _normal_equations(new, rival.layout, point)
+    ju = rival_point.run_jacobian
+    hidden_by_run = np.linalg.solve(uu, np.einsum("rna,rn->ra", ju, difference)[..., None])[..., 0]
+    total = float((difference**2).sum() - (np.einsum("rna,rn->ra", ju, difference) * hidden_by_run).sum())
+    known = np.linalg.pinv(rival.covariance, hermitian=True)
+    absorbed = float(right @ np.linalg.lstsq(known + normal_new * REPEATS, right, rcond=None)[0]) * REPEATS
+    return max(REPEATS * (total - absorbed), 0.0)
+
+
+def hypothetical(problem: Problem, run: dict[str, object]) -> Problem:
+    """A problem of one run that has not been made: its conditions, with the bins and noise of a typical run."""
+    channel = problem.channel
+    template = int(np.argmax((channel.count > 0).sum(axis=1)))
+    one = problem.select(np.array([template]))
+    source, destination = run["source"], run["destination"]
+    fields = {name: getattr(one.channel.conditions, name).copy() for name in Conditions.__dataclass_fields__}
+    fields["source_c"][:] = source["temperature_c"]
+    fields["destination_c"][:] = destination["temperature_c"]
+    fields["source_percent"][:] = source["humidity_percent"]
+    fields["destination_percent"][:] = destination["humidity_percent"]
+    fields["airflow_m_s"][:] = run["airflow_m_s"]
+    fields["start_scatter_s"][:] = 0.010
+    fields["ramp_own_s"][:] = run["transfer"].get("duration_s", np.nan)
+    fields["ramp_ratio"][:] = 1.0
+    conditions = Conditions(**fields)
+    nearest = int(np.argmin(np.abs(channel.ambients_c - destination["temperature_c"])))
+    weights = np.zeros((1, channel.interpolation.shape[1]))
+    weights[0, nearest if channel.name == "humidity" else 0] = 1.0
+    time = one.channel.time_s
+    die = np.where(
+        time > 0,
+        destination["temperature_c"]
+        + (source["temperature_c"] - destination["temperature_c"]) * np.exp(-np.maximum(time, 0) / 10.0),
+        source["temperature_c"],
+    )
+    new = replace(
+        one.channel,
+        conditions=conditions,
+        interpolation=weights,
+        die_c=die if np.isfinite(channel.die_c).any() else one.channel.die_c,
+        ambient=np.array([nearest]),
+    )
+    return replace(one, channel=new)

@@ -1,0 +1,96 @@
+"""A diagnosis as characterizations: the sensor under the plain model, and under the one that carries the named causes.
+
+With the causes in the model alpha and D are the material's; without them they are effective numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from analysis.campaign import Campaign
+from analysis.channel import ChannelName
+from analysis.characterize import ChannelResult, Characterization, Part, Row, choose_runs, joint_rows, to_profile
+from analysis.diagnosis.diagnose import Cause, ChannelDiagnosis
+from analysis.diagnosis.search import plain_fit, refit
+from analysis.extension import Extension
+from analysis.gls import Fit, Problem, make_problem
+from analysis.noise import whiteners
+from analysis.profile import Effect, Profile, Uncertain
+from analysis.samples import rmse_over_samples
+
+
+def plain_result(found: ChannelDiagnosis) -> ChannelResult | None:
+    """The channel as a characterization without any effect finds it; None where that determines nothing.
+
+    As there, a film is read from its isothermal shocks where an ambient has them.
+    """
+    parts: list[Part] = []
+    rows: list[Row] = []
+    groups, set_aside = choose_runs(found.problem.channel, found.noise, Extension())
+    for channel, models in groups:
+        problem = make_problem(channel, whiteners(channel, found.noise))
+        tried = {basis: _part(problem, plain_fit(problem, model.layout)) for basis, model in models.items()}
+        basis = min(tried, key=lambda name: tried[name].rmse)
+        told, undetermined = joint_rows(tried[basis], found.noise, basis)
+        set_aside += undetermined
+        if told:
+            rows += told
+            parts.append(tried[basis])
+    return _result(found, rows, parts, (), set_aside)
+
+
+def extended_result(found: ChannelDiagnosis) -> ChannelResult | None:
+    """The channel under the model that carries the named causes (none: the plain one, on all runs)."""
+    part = _part(found.problem, carried_fit(found))
+    rows, undetermined = joint_rows(part, found.noise, "all runs")
+    effects = tuple(_effect(cause) for cause in found.causes)
+    return _result(found, rows, [part], effects, [*found.problem.channel.left_out, *undetermined])
+
+
+def carried_fit(found: ChannelDiagnosis) -> Fit:
+    """The fit with the named causes and no others: whatever else an unexplained channel was tried with is dropped."""
+    named = {cause.effect for cause in found.causes}
+    layout = found.final.layout
+    if named >= set(layout.effects):
+        return found.final
+    kept = replace(
+        layout,
+        effects=tuple(e for e in layout.effects if e in named),
+        fixed=tuple(f for f in layout.fixed if f[0] in named),
+    )
+    return refit(found.problem, kept, found.final)
+
+
+def extended_profile(
+    campaign: Campaign,
+    seed: int,
+    results: Mapping[ChannelName, ChannelResult | None],
+    missing: Mapping[ChannelName, str],
+    provenance: Mapping[str, Any] | None = None,
+) -> Profile:
+    """The sensor profile of such characterizations; a channel that is None is left out."""
+    known = {name: results.get(name) for name in ("temperature", "humidity")}
+    return to_profile(Characterization(campaign, seed, known["temperature"], known["humidity"], missing), provenance)
+
+
+def _part(problem: Problem, fit: Fit) -> Part:
+    return Part(problem, fit, rmse_over_samples(problem.channel, fit))
+
+
+def _result(found: ChannelDiagnosis, rows, parts, effects, set_aside) -> ChannelResult | None:
+    if not rows:
+        return None
+    return ChannelResult(
+        rows=tuple(sorted(rows, key=lambda row: row.ambient_c)),
+        noise=found.noise,
+        effects=effects,
+        parts=tuple(parts),
+        set_aside=tuple(sorted(set_aside, key=lambda entry: entry.run)),
+    )
+
+
+def _effect(cause: Cause) -> Effect:
+    parameters = {name: Uncertain(value, spread) for name, (value, spread) in cause.parameters.items()}
+    return Effect(cause.effect, parameters, cause.probability, cause.indistinguishable_from)

@@ -1,0 +1,101 @@
+"""What a diagnosis means in flight: an inversion crossed with the extended sensor as truth, corrected either way.
+
+Dry adiabatic below, an inversion of 5 K over 40 m crossed at 5 m/s, vapour halved above it (analysis.flight.weather).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.errors import InputError
+from analysis.flight.correct import correct
+from analysis.flight.judging import rmse
+from analysis.flight.scenes import to_flight
+from analysis.flight.sensor import FLOWN_EFFECTS, fly_many
+from analysis.flight.weather import inversion
+from analysis.profile import Profile
+
+Array = NDArray[np.float64]
+COLUMN = {"temperature": "temperature_c", "humidity": "humidity_percent"}
+BELOW_K, ABOVE_K = 3.5, 3.5  # the scene's temperatures about that of the surface
+FLIGHTS = 3
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """One channel of the crossing: series of the first flight, and rms errors against the air over all flights."""
+
+    channel: str
+    time_s: Array
+    air: Array
+    reading: Array
+    plain: Array
+    extended: Array
+    rms_reading: float
+    rms_plain: float
+    rms_extended: float
+
+
+def cross_inversion(plain: Profile, extended: Profile, seed: int = 0) -> tuple[list[Crossing], list[str]]:
+    """Fly and correct; returns the channels that could be, and what has to be said of the others.
+
+    Raises nothing for a profile that cannot fly: the reason is among the notes.
+    """
+    notes: list[str] = []
+    truth, surface_c = _flyable(extended, plain, notes)
+    if truth is None:
+        return [], notes
+    seeds = [seed + i for i in range(FLIGHTS)]
+    options = {"surface_temperature_c": surface_c, "turbulence_k": 0.05, "turbulence_percent": 0.3}
+    weathers = [inversion(np.random.default_rng([s, 7]), **options) for s in seeds]
+    try:
+        flights = fly_many(weathers, truth, seeds)
+        corrected = [
+            [correct(to_flight(flown.log), profile) for flown in flights] for profile in (_alike(plain, truth), truth)
+        ]
+    except InputError as error:
+        return [], [*notes, f"The inversion could not be flown: {error}."]
+    crossings = []
+    for channel, column in COLUMN.items():
+        if getattr(truth, channel) is None:
+            continue
+        air = [f.truth[column].to_numpy() for f in flights]
+        reading = [f.log[column].to_numpy(dtype=float) for f in flights]
+        both = [[getattr(c, column) for c in side] for side in corrected]
+        errors = [rmse(np.concatenate(series), np.concatenate(air)) for series in (reading, *both)]
+        time = flights[0].truth["time_s"].to_numpy()
+        crossings.append(Crossing(channel, time, air[0], reading[0], both[0][0], both[1][0], *errors))
+    return crossings, notes
+
+
+def _flyable(extended: Profile, plain: Profile, notes: list[str]) -> tuple[Profile | None, float]:
+    """The extended profile with what belongs to the sensor and can be flown, and a surface temperature it covers."""
+    parts = {}
+    for channel in COLUMN:
+        part = getattr(extended, channel)
+        if part is None or getattr(plain, channel) is None:
+            continue
+        grounded = [e.effect for e in part.effects if e.effect not in FLOWN_EFFECTS]
+        if grounded:
+            notes.append(f"Left on the bench: {', '.join(grounded)} ({channel}).")
+        parts[channel] = replace(part, effects=tuple(e for e in part.effects if e.effect in FLOWN_EFFECTS))
+    surface_c = 20.0
+    if "humidity" in parts:
+        ranges = [p.humidity.temperature_range_c for p in (extended, plain)]
+        low, high = max(r[0] for r in ranges) + BELOW_K, min(r[1] for r in ranges) - ABOVE_K
+        if low > high:
+            notes.append("The campaign's ambients span too little for the humidity channel to be flown.")
+            del parts["humidity"]
+        else:
+            surface_c = float(np.clip(surface_c, low, high))
+    if not parts:
+        return None, surface_c
+    return Profile(parts.get("temperature"), parts.get("humidity"), extended.sensors), surface_c
+
+
+def _alike(plain: Profile, truth: Profile) -> Profile:
+    """The plain profile with the channels that are flown."""
+    return replace(plain, **{name: None for name in COLUMN if getattr(truth, name) is None})

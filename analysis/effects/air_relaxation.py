@@ -1,0 +1,33 @@
+"""Room air let in at the transfer decays: share `fraction` exp(-t / `time_constant_s`) of air at the room's state."""
+
+from dataclasses import replace
+
+from analysis.chain import RoomAir
+from analysis.effects.effect import Effect, Parameter
+
+EFFECT = Effect(
+    id="air_relaxation",
+    link="air",
+    channels=("temperature", "humidity"),
+    parameters=(
+        Parameter("fraction", "1", 0.001, 0.5, (0.03,)),
+        Parameter("time_constant_s", "s", 0.3, 90.0, (3.0, 12.0), log=True, none=None),
+        Parameter("room_temperature_c", "degC", -10.0, 45.0, (22.0,), none=None),
+        Parameter("room_humidity_percent", "%RH", 0.0, 100.0, (45.0,), none=None),
+    ),
+    apply=lambda chain, p: replace(
+        chain,
+        rooms=(
+            *chain.rooms,
+            RoomAir(p["fraction"], p["time_constant_s"], p["room_temperature_c"], p["room_humidity_percent"]),
+        ),
+    ),
+    sentence=(
+        "Room air comes in with the probes: {fraction} of the destination air at first, gone with "
+        "{time_constant_s} s."
+    ),
+    equation="air(t) = destination + fraction exp(-t / time_constant) (room - destination)",
+    source="well-mixed chamber; vapour pressure mixes linearly",
+    advice="Seal the transfer port, raise the chamber's airflow, or bring the room to the destination's state.",
+    of_sensor=False,
+)

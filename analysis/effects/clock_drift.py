@@ -1,0 +1,26 @@
+"""The channel's time stamps run fast by `ppm` millionths, counted from the run's first sample."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from analysis.effects.effect import Effect, Parameter
+
+
+def _apply(chain, p):
+    elapsed = chain.time_s + chain.channel.conditions.start_s[:, None]
+    return replace(chain, time_s=chain.time_s - 1e-6 * p["ppm"][..., None] * np.maximum(elapsed, 0.0))
+
+
+EFFECT = Effect(
+    id="clock_drift",
+    link="logger",
+    channels=("temperature", "humidity"),
+    parameters=(Parameter("ppm", "1e-6", -200000.0, 200000.0, (20000.0, -20000.0)),),
+    apply=_apply,
+    sentence="This channel's clock runs fast by {ppm} parts per million.",
+    equation="t_stamp = t (1 + ppm 1e-6)",
+    source="a logger with its own oscillator",
+    testable=lambda channel: bool(channel.conditions.start_known.any()),
+    advice="Stamp all channels with one clock, or log a time mark at both ends of every run.",
+)

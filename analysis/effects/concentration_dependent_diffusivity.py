@@ -1,0 +1,20 @@
+"""D depends on water activity in the film: D = D0 (1 + slope (a - 0.5)), a = c / saturation at the destination."""
+
+from dataclasses import replace
+
+from analysis.effects.effect import Effect, Parameter
+
+EFFECT = Effect(
+    id="concentration_dependent_diffusivity",
+    link="body",
+    channels=("humidity",),
+    parameters=(Parameter("slope_per_unit_activity", "1", -1.6, 1.9, (-0.3, 0.3)),),
+    apply=lambda chain, p: replace(chain, activity_slope=p["slope_per_unit_activity"]),
+    sentence=(
+        "The film's diffusivity depends on how wet it is: it changes by {slope_per_unit_activity} (relative) from "
+        "dry to saturated."
+    ),
+    equation="D = D0 (1 + slope (a - 1/2)), a = c / c_sat(destination)",
+    source="Crank 1975, chapter 9",
+    advice="Take small steps at several levels, up and down, and quote D at half saturation.",
+)

@@ -1,0 +1,21 @@
+"""The air film around the bead: surface flux h (T_air - T_s), Biot number h R / k = biot_at_5_m_s F(v) / F(5 m/s)."""
+
+from dataclasses import replace
+
+from analysis.chain import relative_ventilation
+from analysis.effects.effect import Effect, Parameter
+
+EFFECT = Effect(
+    id="convective_film",
+    link="exchange",
+    channels=("temperature",),
+    parameters=(Parameter("biot_at_5_m_s", "1", 0.005, 60.0, (0.1, 1.0, 6.0), log=True, none=None),),
+    apply=lambda chain, p: replace(chain, biot=p["biot_at_5_m_s"] * relative_ventilation(chain.channel)),
+    sentence=(
+        "The bead does not follow the air at once: the air film around it (Biot {biot_at_5_m_s} at 5 m/s) makes it "
+        "slower at low airflow."
+    ),
+    equation="k dT/dr = h (T_air - T) at r = R, Bi = h R / k = Bi(5 m/s) F(v) / F(5 m/s), F = 2 + 0.6 Re^1/2 Pr^1/3",
+    source="Ranz and Marshall 1952; Carslaw and Jaeger 1959, section 9.4",
+    advice="State the airflow with every response time; correct flights at their own airspeed.",
+)

@@ -1,0 +1,23 @@
+"""The film is read at its own temperature: ppmv is turned into RH at the die's temperature (hyt.csv), not the air's."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from analysis.effects.effect import Effect
+
+EFFECT = Effect(
+    id="die_thermal_lag",
+    link="readout",
+    channels=("humidity",),
+    parameters=(),
+    apply=lambda chain, p: replace(chain, at_die_temperature=True),
+    sentence="The humidity sensor reads the air at its own die's temperature, and the die lags the air.",
+    equation="H = c P_a / (1e4 P_s(T_die))",
+    source="sorption follows activity at the film's own temperature",
+    advice="Use isothermal shocks for D(T); in flight convert with the die's temperature, which the sensor reports.",
+    testable=lambda channel: bool(
+        np.isfinite(channel.die_c).any()
+        and (np.abs(channel.conditions.destination_c - channel.conditions.source_c) > 1.0).any()
+    ),
+)

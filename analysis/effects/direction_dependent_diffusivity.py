@@ -1,0 +1,32 @@
+"""Drying runs diffuse `ratio_drying_to_wetting` times as fast as wetting ones; the table is that of wetting."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from analysis.effects.effect import Effect, Parameter
+from analysis.humidity import saturation_pressure_hpa
+
+
+def dries(channel) -> np.ndarray:
+    """True for the runs (R,) in which the vapour concentration falls."""
+    air = channel.conditions
+    return air.destination_percent * saturation_pressure_hpa(
+        air.destination_c
+    ) < air.source_percent * saturation_pressure_hpa(air.source_c)
+
+
+EFFECT = Effect(
+    id="direction_dependent_diffusivity",
+    link="body",
+    channels=("humidity",),
+    parameters=(Parameter("ratio_drying_to_wetting", "1", 0.2, 5.0, (0.85, 1.2), log=True, none=1.0),),
+    apply=lambda chain, p: replace(
+        chain, rate=chain.rate * np.where(dries(chain.channel), p["ratio_drying_to_wetting"], 1.0)
+    ),
+    sentence="The film does not dry as fast as it wets: D is {ratio_drying_to_wetting} times as large in drying.",
+    equation="D(drying) = ratio D(wetting)",
+    source="sorption hysteresis of polymers; Crank 1975, chapter 9",
+    advice="Report rising and falling response times apart.",
+    testable=lambda channel: bool(dries(channel).any() and (~dries(channel)).any()),
+)

@@ -1,0 +1,49 @@
+"""A wetted bead: after the transfer it reads low by `depression_k` exp(-t / `time_constant_s`) while the water
+leaves."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from analysis.effects.effect import Effect, Parameter
+from analysis.humidity import dew_point_c
+
+
+def wetted(channel) -> np.ndarray:
+    """1 for the runs (R,) whose destination is below saturation and so lets a wet bead dry, scaled by (100 - RH) /
+    50."""
+    air = channel.conditions
+    wet_before = dew_point_c(np.maximum(air.destination_percent, 1.0), air.destination_c) > air.source_c + 0.5
+    return np.where(wet_before, np.clip((100.0 - air.destination_percent) / 50.0, 0.0, 2.0), 0.0)
+
+
+def _apply(chain, p):
+    def cooled(reading):
+        late = chain.time_s
+        decay = np.exp(-np.maximum(late, 0) / p["time_constant_s"][..., None]) * (late > 0)
+        return reading - (p["depression_k"] * wetted(chain.channel))[..., None] * decay
+
+    return replace(chain, readouts=(*chain.readouts, cooled))
+
+
+EFFECT = Effect(
+    id="evaporative_cooling",
+    link="body",
+    channels=("temperature",),
+    parameters=(
+        Parameter("depression_k", "K", 0.0, 5.0, (0.3,)),
+        Parameter("time_constant_s", "s", 1.0, 200.0, (20.0,), log=True, none=None),
+    ),
+    apply=_apply,
+    sentence=(
+        "Dew on the bead evaporates after the transfer: it reads low by {depression_k} K at first, for "
+        "{time_constant_s} s."
+    ),
+    equation=(
+        "T = T_bead - depression (100 - RH) / 50 exp(-t / time_constant), where the source is below the "
+        "destination's dew point"
+    ),
+    source="a wet thermistor cools below its bath by 0.2 to 0.5 K for up to a minute",
+    advice="Keep the probes above the destination's dew point before the transfer.",
+    testable=lambda channel: bool((wetted(channel) > 0).any()),
+)

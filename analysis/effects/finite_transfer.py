@@ -1,0 +1,30 @@
+"""The transfer takes time: the air at the probes changes linearly over `duration_s` from the transfer's start.
+
+Where all runs state a measured duration, each run's ramp is in proportion to its own and `duration_s` is the median
+run's; where only some do (a transfer slowed on purpose), those have just the duration that they state.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from analysis.effects.effect import Effect, Parameter
+
+
+def _ramp(chain, p) -> np.ndarray:
+    air = chain.channel.conditions
+    return np.where(np.isfinite(air.ramp_own_s), air.ramp_own_s, p["duration_s"] * air.ramp_ratio)
+
+
+EFFECT = Effect(
+    id="finite_transfer",
+    link="air",
+    channels=("temperature", "humidity"),
+    parameters=(Parameter("duration_s", "s", 0.02, 8.0, (0.3, 1.0)),),
+    apply=lambda chain, p: replace(chain, ramp_s=_ramp(chain, p)),
+    sentence="The air does not change in an instant: the transfer takes {duration_s} s.",
+    equation="air(t) = source + (destination - source) min(t / duration, 1)",
+    source="ramp response: integral of the step response over the duration",
+    advice="Move the probes faster, or log both ends of the transfer so that its duration is known.",
+    of_sensor=False,
+)

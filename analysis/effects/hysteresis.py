@@ -1,0 +1,30 @@
+"""Reading low by `rh_percent` after a rise and high by it after a fall; it sets in over some 5 %RH of change."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from analysis.effects.effect import Effect, Parameter
+
+SET_IN_PERCENT = 5.0
+
+
+def _apply(chain, p):
+    def held_back(reading):
+        change = reading - chain.source_percent[..., None]
+        return reading - p["rh_percent"][..., None] * np.tanh(change / SET_IN_PERCENT)
+
+    return replace(chain, readouts=(*chain.readouts, held_back))
+
+
+EFFECT = Effect(
+    id="hysteresis",
+    link="readout",
+    channels=("humidity",),
+    parameters=(Parameter("rh_percent", "%RH", 0.0, 10.0, (0.5,)),),
+    apply=_apply,
+    sentence="The reading remembers where it came from: low by {rh_percent} %RH after a rise, high by it after a fall.",
+    equation="H = H_film - rh tanh(change / 5 %RH)",
+    source="sorption hysteresis; data sheets allow 1 %RH",
+    advice="Approach calibration points from both sides and state both.",
+)

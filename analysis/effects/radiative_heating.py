@@ -1,0 +1,27 @@
+"""Light on the bead: reading warmer by kelvin_per_w_m2_at_5_m_s E F(5 m/s) / F(v), E from run.json's
+irradiance_w_m2."""
+
+from dataclasses import replace
+
+from analysis.chain import relative_ventilation
+from analysis.effects.effect import Effect, Parameter
+
+
+def _apply(chain, p):
+    irradiance = chain.channel.conditions.irradiance_w_m2
+    rise = (p["kelvin_per_w_m2_at_5_m_s"] * irradiance / relative_ventilation(chain.channel))[..., None]
+    return replace(chain, readouts=(*chain.readouts, lambda reading: reading + rise))
+
+
+EFFECT = Effect(
+    id="radiative_heating",
+    link="readout",
+    channels=("temperature",),
+    parameters=(Parameter("kelvin_per_w_m2_at_5_m_s", "K m2/W", 0.0, 0.01, (3e-4,)),),
+    apply=_apply,
+    sentence="Light warms the bead by {kelvin_per_w_m2_at_5_m_s} K per W/m2 at 5 m/s.",
+    equation="T = T_bead + kappa E F(5 m/s) / F(v)",
+    source="absorbed irradiance over h A, Ranz and Marshall 1952",
+    advice="Shade the bead, or log the irradiance with every run and in flight.",
+    testable=lambda channel: bool((channel.conditions.irradiance_w_m2 > 0).any()),
+)

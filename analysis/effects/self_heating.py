@@ -1,0 +1,24 @@
+"""The measuring current warms the bead: reading warmer by rise_k_at_5_m_s F(5 m/s) / F(v)."""
+
+from dataclasses import replace
+
+from analysis.chain import relative_ventilation
+from analysis.effects.effect import Effect, Parameter
+
+
+def _apply(chain, p):
+    rise = (p["rise_k_at_5_m_s"] / relative_ventilation(chain.channel))[..., None]
+    return replace(chain, readouts=(*chain.readouts, lambda reading: reading + rise))
+
+
+EFFECT = Effect(
+    id="self_heating",
+    link="readout",
+    channels=("temperature",),
+    parameters=(Parameter("rise_k_at_5_m_s", "K", 0.0, 5.0, (0.1,)),),
+    apply=_apply,
+    sentence="The measuring current warms the bead by {rise_k_at_5_m_s} K at 5 m/s, and more in slower air.",
+    equation="T = T_bead + rise(5 m/s) F(5 m/s) / F(v)",
+    source="power over h A, Ranz and Marshall 1952",
+    advice="Lower the excitation, or pulse it; check at two excitation powers.",
+)

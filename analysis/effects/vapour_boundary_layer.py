@@ -1,0 +1,24 @@
+"""Boundary layer over the film: mass-transfer Biot number biot_at_5_m_s (v / 5 m/s)^1/2 between air and film."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from analysis.effects.effect import Effect, Parameter
+
+EFFECT = Effect(
+    id="vapour_boundary_layer",
+    link="exchange",
+    channels=("humidity",),
+    parameters=(Parameter("biot_at_5_m_s", "1", 0.2, 400.0, (8.0, 40.0), log=True, none=None),),
+    apply=lambda chain, p: replace(
+        chain, biot=p["biot_at_5_m_s"] * np.sqrt(np.maximum(chain.channel.conditions.airflow_m_s, 0.05) / 5.0)
+    ),
+    sentence=(
+        "Vapour has to cross a boundary layer before it reaches the film (Biot {biot_at_5_m_s} at 5 m/s): the rise "
+        "starts late, later at low airflow."
+    ),
+    equation="D dc/dx = h (c_air - c) at x = L, h L / D = Bi(5 m/s) (v / 5 m/s)^1/2",
+    source="laminar boundary layer; Carslaw and Jaeger 1959, section 3.11",
+    advice="Take off the filter cap or aspirate harder; state the airflow with every response time.",
+)

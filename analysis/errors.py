@@ -1,0 +1,5 @@
+"""Errors that a user can mend: every message names the file, the line or key, what was expected, and the mend."""
+
+
+class InputError(ValueError):
+    """An input file or argument is wrong; the command line prints it as one line and exits with status 2."""

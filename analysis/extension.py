@@ -1,0 +1,109 @@
+"""Causes of a diagnosis as an extended model: `characterize --extend DIAGNOSIS.json` fits it, not the plain one."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from analysis.channel import ChannelName
+from analysis.effects import CATALOGUE
+from analysis.errors import InputError
+from analysis.gls import Layout
+from analysis.profile import Effect, Uncertain
+
+FORMAT = "shock-diagnosis/1"
+MEND = "give the diagnosis.json of shockrig diagnose"
+CHANNELS: tuple[ChannelName, ...] = ("temperature", "humidity")
+
+
+@dataclass(frozen=True)
+class Extension:
+    """Extended model of one channel: its layout, starts by "effect.parameter", and the causes as they were named."""
+
+    layout: Layout = Layout(())
+    starts: Mapping[str, float] | None = None
+    causes: tuple[Effect, ...] = ()
+
+
+def read_extension(path: str | Path) -> dict[ChannelName, Extension]:
+    """Extended models of the channels that a diagnosis holds.
+
+    Raises
+    ------
+    InputError
+        Where the file is no diagnosis or names what the catalogue does not know: names file, key and mend.
+    """
+    file = Path(path)
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"{file}: cannot be read as a diagnosis ({error}); {MEND}") from None
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        found = content.get("format") if isinstance(content, dict) else type(content).__name__
+        raise InputError(f'{file}: key format: expected "{FORMAT}", found {found!r}; {MEND}')
+    channels = _mapping(content.get("channels"), file, "channels")
+    extensions: dict[ChannelName, Extension] = {}
+    for name in CHANNELS:
+        if name in channels:
+            causes = _mapping(channels[name], file, f"channels.{name}").get("causes") or []
+            if not isinstance(causes, list):
+                raise InputError(f"{file}: key channels.{name}.causes: expected a list, found {type(causes).__name__}")
+            extensions[name] = _extension(causes, name, file)
+    if not extensions:
+        raise InputError(f"{file}: key channels: holds neither temperature nor humidity; diagnose the campaign first")
+    return extensions
+
+
+def _extension(causes: list[Any], name: ChannelName, file: Path) -> Extension:
+    effects: list[Effect] = []
+    for i, cause in enumerate(causes):
+        key = f"channels.{name}.causes[{i}]"
+        effect = _mapping(cause, file, key).get("effect")
+        if effect not in CATALOGUE:
+            raise InputError(f"{file}: key {key}.effect: {effect!r} is not in the catalogue ({', '.join(CATALOGUE)})")
+        if name not in CATALOGUE[effect].channels:
+            raise InputError(f"{file}: key {key}.effect: {effect} does not act on the {name} channel; take it out")
+        parameters = {}
+        for parameter, given in _mapping(cause.get("parameters") or {}, file, f"{key}.parameters").items():
+            value = given.get("value") if isinstance(given, dict) else given
+            spread = given.get("standard_uncertainty") if isinstance(given, dict) else None
+            if not _is_number(value):
+                where = f"{file}: key {key}.parameters.{parameter}"
+                raise InputError(f"{where}: expected a number as value, found {value!r}")
+            parameters[parameter] = Uncertain(float(value), float(spread) if _is_number(spread) else 0.0)
+        probability = float(cause["probability"]) if _is_number(cause.get("probability")) else None
+        alike = tuple(str(a) for a in cause.get("indistinguishable_from") or ())
+        effects.append(Effect(effect, parameters, probability, alike))
+    return extension_of(effects)
+
+
+def extension_of(causes: list[Effect] | tuple[Effect, ...]) -> Extension:
+    """The model that carries `causes`; what single readings show (rounding, repeats, averages) is held, not fitted."""
+    causes = tuple({cause.effect: cause for cause in causes}.values())
+    fixed, starts = [], {}
+    for cause in causes:
+        entry = CATALOGUE[cause.effect]
+        for parameter in entry.parameters:
+            if parameter.name in cause.parameters:
+                value = float(min(max(cause.parameters[parameter.name].value, parameter.low), parameter.high))
+            else:
+                value = parameter.starts[0]
+            if entry.from_readings:
+                fixed.append((cause.effect, parameter.name, value))
+            else:
+                starts[f"{cause.effect}.{parameter.name}"] = value
+    return Extension(Layout(tuple(c.effect for c in causes), tuple(fixed)), starts, causes)
+
+
+def _mapping(value: Any, file: Path, key: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise InputError(f"{file}: key {key}: expected an object, found {type(value).__name__}; write it as {{...}}")
+    return value
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

@@ -1,0 +1,182 @@
+"""Optimal smoother: the air's most probable course given every reading before and after, with its uncertainty.
+
+Kalman filter and modified Bryson-Frazier smoother (Bierman 1973, doi 10.1016/0005-1098(73)90088-5) on the air's
+states and the sensor's lags, the sensor exact for air that is straight between samples. Overlapping windows run side
+by side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.flight.prior import (
+    AIR,
+    AIR_STATES,
+    OU_VARIANCES,
+    Passing,
+    Prior,
+    hold,
+    innovation,
+    passing_step,
+    transition,
+)
+from analysis.flight.response import Response
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Smoothed:
+    """Arrays (windows, n): `air` with its `variance`, `clean` the reading without noise, `surprise` = innovation /
+    its sigma (NaN without reading)."""
+
+    air: Array
+    variance: Array
+    clean: Array
+    surprise: Array
+
+
+def smooth(
+    step_s: Array,
+    reading: Array,
+    noise_variance: Array,
+    response: Response,
+    lags: Array,
+    prior: Prior,
+    spread: Array,
+    passing: Passing | None = None,
+    lag_spread: Array | None = None,
+) -> Smoothed:
+    """Smooth windows of readings.
+
+    Parameters
+    ----------
+    step_s : (w, n)
+        Time to each sample from the one before (the first of each row is not used).
+    reading, noise_variance : (w, n)
+        Readings; a variance of infinity marks one that is missing.
+    response : Response
+        weight and rate of shape (w, n, K).
+    lags : (w, K)
+        Where the sensor's lags stand at each window's start, as the readings before tell.
+    prior : Prior
+        Shape (w, n).
+    spread : (w,)
+        How far the air (and the lags, unless `lag_spread` (w, K) says it of them) may be from there, one sigma.
+    passing : Passing, optional
+        With `sigma` of shape (w, n); it is part of `air` and of `clean`.
+    """
+    windows, count = reading.shape
+    modes = lags.shape[1]
+    phi, q = _model(step_s, response, prior, passing)
+    size = phi.shape[-1]
+    c = np.zeros((count, windows, size))
+    c[..., AIR_STATES : AIR_STATES + modes] = np.moveaxis(response.weight, 1, 0)
+    h = np.concatenate([AIR, np.zeros(size - AIR_STATES)])
+    if passing is not None:
+        c[..., -1] = 1.0
+        h[-1] = 1.0 + passing.coupling
+
+    own = spread[:, None] * np.ones(lags.shape) if lag_spread is None else lag_spread
+    mean, p = _start(lags, np.nan_to_num(reading[:, 0]), prior, spread, own, passing)
+    kept_mean = np.empty((count, windows, size))
+    ph, pc, gains = (np.empty((count, windows, size)) for _ in range(3))
+    surprise_of, variance_of, prior_variance = (np.empty((count, windows)) for _ in range(3))
+    noise = np.ascontiguousarray(noise_variance.T)
+    seen = np.isfinite(noise)
+    y = np.where(seen, reading.T, 0.0)
+    for k in range(count):
+        if k:
+            mean = (phi[k] @ mean[..., None])[..., 0]
+            p = phi[k] @ p @ phi[k].swapaxes(-1, -2) + q[k]
+        ck = c[k]
+        kept_mean[k] = mean
+        pc[k] = pck = (p @ ck[..., None])[..., 0]
+        ph[k] = phk = p @ h
+        prior_variance[k] = phk @ h
+        variance_of[k] = s = np.where(seen[k], (ck * pck).sum(-1) + np.where(seen[k], noise[k], 0.0), np.inf)
+        surprise_of[k] = v = np.where(seen[k], y[k] - (ck * mean).sum(-1), 0.0)
+        gains[k] = gain = pck / s[:, None]
+        mean = mean + gain * v[:, None]
+        p = p - gain[:, :, None] * pck[:, None, :]
+
+    air, clean, variance = (np.empty((count, windows)) for _ in range(3))
+    small = np.zeros((windows, size))
+    big = np.zeros((windows, size, size))
+    for k in range(count - 1, -1, -1):
+        if k < count - 1:
+            back = phi[k + 1].swapaxes(-1, -2)
+            small = (back @ small[..., None])[..., 0]
+            big = back @ big @ phi[k + 1]
+        ck, gain = c[k], gains[k]
+        v = (big @ gain[..., None])[..., 0]
+        both = (gain * v).sum(-1) + 1.0 / variance_of[k]
+        big = (
+            big
+            - ck[:, :, None] * (v - 0.5 * both[:, None] * ck)[:, None, :]
+            - (v - 0.5 * both[:, None] * ck)[:, :, None] * ck[:, None, :]
+        )
+        small = small - ck * ((gain * small).sum(-1) + surprise_of[k] / variance_of[k])[:, None]
+        air[k] = kept_mean[k] @ h - (ph[k] * small).sum(-1)
+        clean[k] = (ck * kept_mean[k]).sum(-1) - (pc[k] * small).sum(-1)
+        variance[k] = prior_variance[k] - (ph[k] * (big @ ph[k][..., None])[..., 0]).sum(-1)
+    surprise = np.where(seen, surprise_of / np.sqrt(variance_of), np.nan)
+    return Smoothed(air.T, np.maximum(variance, 0.0).T, clean.T, surprise.T)
+
+
+def _model(step_s: Array, response: Response, prior: Prior, passing: Passing | None) -> tuple[Array, Array]:
+    """Transition and its noise for each step, shape (n, w, size, size): q' = decay q + old air + new air'."""
+    step = np.ascontiguousarray(step_s.T)
+    rate, modes = np.moveaxis(response.rate, 1, 0), response.rate.shape[-1]
+    old, new, decay = hold(rate, step[..., None])
+    lags = slice(AIR_STATES, AIR_STATES + modes)
+    size = lags.stop + 2 * (passing is not None)
+    a = transition(step)
+    phi = np.zeros((*step.shape, size, size))
+    phi[..., :AIR_STATES, :AIR_STATES] = a
+    phi[..., lags, :AIR_STATES] = old[..., None] * AIR + new[..., None] * (AIR @ a)[..., None, :]
+    index = np.arange(lags.start, lags.stop)
+    phi[..., index, index] = decay
+    qa = innovation(step, Prior(prior.turbulence.T, prior.bend.T, prior.noise.T))
+    to_air = qa @ AIR
+    q = np.zeros(phi.shape)
+    q[..., :AIR_STATES, :AIR_STATES] = qa
+    q[..., lags, :AIR_STATES] = new[..., None] * to_air[..., None, :]
+    q[..., :AIR_STATES, lags] = q[..., lags, :AIR_STATES].swapaxes(-1, -2)
+    q[..., lags, lags] = new[..., :, None] * new[..., None, :] * (to_air @ AIR)[..., None, None]
+    if passing is not None:
+        across = Passing(passing.sigma.T, passing.rate)
+        swing, added = passing_step(across, step)
+        phi[..., -2:, -2:], q[..., -2:, -2:] = swing, added
+        if passing.coupling:
+            drive = passing.coupling * new
+            phi[..., lags, -2:] = drive[..., None] * swing[..., None, 1, :]
+            phi[..., lags, -1] += passing.coupling * old
+            q[..., lags, -2:] = drive[..., None] * added[..., None, 1, :]
+            q[..., -2:, lags] = q[..., lags, -2:].swapaxes(-1, -2)
+            q[..., lags, lags] += drive[..., :, None] * drive[..., None, :] * added[..., 1, 1, None, None]
+    return phi, q
+
+
+def _start(
+    lags: Array, first: Array, prior: Prior, spread: Array, lag_spread: Array, passing: Passing | None
+) -> tuple[Array, Array]:
+    """Air near the first reading, lags near where the readings before leave them; turbulence as it is on the long
+    run."""
+    windows, modes = lags.shape
+    size = AIR_STATES + modes + 2 * (passing is not None)
+    mean = np.zeros((windows, size))
+    mean[:, 0], mean[:, AIR_STATES : AIR_STATES + modes] = first, lags
+    p = np.zeros((windows, size, size))
+    p[:, 0, 0] = p[:, 1, 1] = spread**2
+    index = np.arange(2, AIR_STATES)
+    p[:, index, index] = prior.turbulence[:, :1] ** 2 * OU_VARIANCES
+    index = np.arange(AIR_STATES, AIR_STATES + modes)
+    p[:, index, index] = lag_spread**2
+    if passing is not None:
+        p[:, -1, -1] = passing.sigma[:, 0] ** 2
+        p[:, -2, -2] = p[:, -1, -1] / passing.rate**2
+    return mean, p

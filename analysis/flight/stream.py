@@ -1,0 +1,153 @@
+"""A flight's file corrected to another file, block by block: memory does not grow with the flight, cost is linear in
+it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from analysis.errors import InputError
+from analysis.flight.correct import FLAGS, Corrected, Flight, correct
+from analysis.flight.flight_io import BLOCK_ROWS, CsvWriter, Layout, NetcdfWriter, read_blocks, read_layout, to_flight
+from analysis.profile import Profile
+
+MARGIN_ROWS = 1500  # rows of the neighbours that a block sees: the smoother's longest memory, 60 s, at 20 Hz and more
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What was done: rows, how many carry each flag, notes, mean stated uncertainty (NaN where nothing was
+    corrected).
+    """
+
+    rows: int
+    flags: Mapping[str, int]
+    notes: tuple[str, ...]
+    temperature_uncertainty_k: float
+    humidity_uncertainty_percent: float
+    temperature_change_k: float
+    humidity_change_percent: float
+
+
+def correct_file(
+    source: Path,
+    profile: Profile,
+    target: Path,
+    method: str = "smoother",
+    *,
+    columns: Mapping[str, str] | None = None,
+    cutoff_hz: float | None = None,
+    temperature_noise_k: float | None = None,
+    humidity_noise_percent: float | None = None,
+    history: str = "",
+    block_rows: int = BLOCK_ROWS,
+    progress: Callable[[int], None] = lambda rows: None,
+) -> Summary:
+    """Correct the CSV `source` into `target` (netCDF where its name ends in .nc); `columns`: quantity -> column's name.
+
+    Raises
+    ------
+    InputError
+        Names the file, the line or column, and the mend; nothing is left behind.
+    """
+    layout = read_layout(source, columns)
+    if target.is_dir():
+        raise InputError(f"{target}: is a folder; name a file for the corrected flight")
+    if target.resolve() == source.resolve():
+        raise InputError(f"{target}: the log itself; name another file for the corrected flight")
+    try:
+        writer = NetcdfWriter(target, layout, history) if target.suffix == ".nc" else CsvWriter(target, layout)
+    except OSError as error:
+        raise InputError(f"{target}: {error.strerror or error}; name a file in a folder that can be written") from error
+    totals = _Totals()
+    try:
+        for rows, before, after, flight in _with_margins(source, layout, block_rows):
+            found = correct(
+                flight,
+                profile,
+                method,
+                cutoff_hz=cutoff_hz,
+                temperature_noise_k=temperature_noise_k,
+                humidity_noise_percent=humidity_noise_percent,
+            )
+            own = slice(before, flight.time_s.size - after)
+            found, flight = _cut(found, own), _slice(flight, own)
+            writer.write(rows, flight, found)
+            totals.add(flight, found)
+            progress(totals.rows)
+        if not totals.rows:
+            raise InputError(f"{source}: no rows under the header; give a log with samples")
+        writer.close()
+    except BaseException as error:
+        writer.discard()
+        # netCDF's own library says RuntimeError where the disk is full.
+        if isinstance(error, OSError) or (isinstance(error, RuntimeError) and "NetCDF" in str(error)):
+            reason = getattr(error, "strerror", None) or error
+            raise InputError(f"{target}: cannot be written ({reason}); make room or name another place") from error
+        if isinstance(error, InputError) and not str(error).startswith(str(source)):
+            raise type(error)(f"{source}: {error}") from error
+        raise
+    return totals.summary()
+
+
+def _with_margins(source: Path, layout: Layout, block_rows: int) -> Iterator[tuple[list[list[str]], int, int, Flight]]:
+    """Each block's rows, how many rows of margin lie before and after it, and the numbers of all of them."""
+    tail: list[list[str]] = []
+    current: list[list[str]] | None = None
+    for block in read_blocks(source, layout, block_rows):
+        if current is not None:
+            head = block[:MARGIN_ROWS]
+            yield current, len(tail), len(head), to_flight(tail + current + head, layout)
+            tail = (tail + current)[-MARGIN_ROWS:]
+        current = block
+    if current is not None:
+        # a last block too short to stand alone is still seen with its margin
+        yield current, len(tail), 0, to_flight(tail + current, layout)
+
+
+def _slice(flight: Flight, part: slice) -> Flight:
+    return Flight(*(getattr(flight, name)[part] for name in Flight.__dataclass_fields__))
+
+
+def _cut(found: Corrected, part: slice) -> Corrected:
+    return replace(
+        found,
+        temperature_c=found.temperature_c[part],
+        temperature_uncertainty_k=found.temperature_uncertainty_k[part],
+        humidity_percent=found.humidity_percent[part],
+        humidity_uncertainty_percent=found.humidity_uncertainty_percent[part],
+        flags={name: mask[part] for name, mask in found.flags.items()},
+    )
+
+
+class _Totals:
+    """Running sums over blocks."""
+
+    def __init__(self) -> None:
+        self.rows = 0
+        self.flags = dict.fromkeys(FLAGS, 0)
+        self.notes: dict[str, None] = {}
+        self.sums = np.zeros((4, 2))
+
+    def add(self, flight: Flight, found: Corrected) -> None:
+        self.rows += flight.time_s.size
+        for name, mask in found.flags.items():
+            self.flags[name] += int(np.count_nonzero(mask))
+        self.notes.update(dict.fromkeys(found.notes))
+        values = (
+            found.temperature_uncertainty_k,
+            found.humidity_uncertainty_percent,
+            found.temperature_c - flight.temperature_c,
+            found.humidity_percent - flight.humidity_percent,
+        )
+        for i, value in enumerate(values):
+            known = np.isfinite(value) & ~found.flags["implausible"]  # one absurd reading would be all that is seen
+            self.sums[i] += np.sum(value[known] ** 2), np.count_nonzero(known)
+
+    def summary(self) -> Summary:
+        sizes = [float(np.sqrt(total / count)) if count else float("nan") for total, count in self.sums]
+        return Summary(self.rows, self.flags, tuple(self.notes), *sizes)

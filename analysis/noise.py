@@ -1,0 +1,251 @@
+"""The readings' noise from the plateaus, before any model: white + AR(1), perhaps averaged over the last n readings.
+
+Restricted maximum likelihood on short pieces of plateau with their mean and slope projected out, all pieces pooled into
+one scatter matrix, so that one evaluation costs one small Cholesky factor however long the campaign is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg, optimize
+
+from analysis.channel import Channel
+
+Array = NDArray[np.float64]
+
+PIECE = 84  # samples in a piece of plateau where it is that long: long against the noise's memory
+SHORTEST_PIECE = 10
+MAX_AVERAGED = 24
+# (ln of total over observed variance, logit of the correlated share, logit of the memory) for a quick look
+QUICK = tuple((x, s, m) for x in (-0.3, 0.0, 0.4) for s, m in ((-5.0, 0.0), (0.0, 2.0)))
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of one channel's readings, on the grid of its sampling period.
+
+    Attributes
+    ----------
+    white, correlated : float
+        Standard deviations [channel's unit] of the white and the AR(1) part before averaging.
+    memory : float
+        AR(1) coefficient from one sample to the next.
+    averaged : int
+        Each reading is the mean of this many (1: none); the mean response is treated elsewhere.
+    extra : float
+        Standard deviation added as white noise for rounding that the plateaus do not show.
+    pieces : int
+        Pieces of plateau the estimate rests on.
+    log_likelihood_by_average : ndarray (MAX_AVERAGED,)
+        Log likelihood, best over the other parameters, for averages over 1, 2, ... readings; -inf where not tried.
+    """
+
+    white: float
+    correlated: float
+    memory: float
+    averaged: int
+    extra: float
+    pieces: int
+    log_likelihood_by_average: Array
+
+    def autocovariance(self, lags: int) -> Array:
+        """Autocovariance at lags 0 .. lags-1 samples [unit^2]."""
+        gamma = _autocovariance(self.white**2, self.correlated**2, self.memory, self.averaged, lags)
+        gamma[0] += self.extra**2
+        return gamma
+
+    @property
+    def standard_deviation(self) -> float:
+        """Standard deviation of one reading [channel's unit]."""
+        return float(np.sqrt(self.autocovariance(1)[0]))
+
+    def with_rounding(self, step: float) -> Noise:
+        """The same noise with the variance of rounding to `step`, step^2 / 12, added."""
+        return replace(self, extra=float(np.hypot(self.extra, step / np.sqrt(12.0))))
+
+
+def _autocovariance(white: float, correlated: float, memory: float, averaged: int, lags: int) -> Array:
+    reach = lags + averaged
+    gamma = correlated * memory ** np.arange(reach, dtype=float)
+    gamma[0] += white
+    if averaged == 1:
+        return gamma[:lags]
+    triangle = (averaged - np.abs(np.arange(-averaged + 1, averaged))) / averaged**2
+    both = np.concatenate([gamma[:0:-1], gamma])
+    return np.convolve(both, triangle, mode="same")[reach - 1 : reach - 1 + lags]
+
+
+def plateau_pieces(channel: Channel, late_share: float = 1 / 3) -> tuple[Array, Array]:
+    """Pieces of plateau (m, n) before the transfer, and from the last `late_share` of the time after it.
+
+    n is `PIECE`, or less where a slow logger leaves fewer samples. Up to two missing samples in a row are bridged by a
+    straight line; longer gaps end a piece.
+    """
+    before = [int((time < 0).sum()) for time, _ in channel.samples]
+    piece = int(np.clip(0.85 * np.median(before), SHORTEST_PIECE, PIECE))
+    early: list[Array] = []
+    late: list[Array] = []
+    period = channel.sampling_period_s
+    for time, value in channel.samples:
+        for part, pieces in ((time < -2 * period, early), (time > (1 - late_share) * time[-1], late)):
+            t, y = time[part], value[part]
+            for stretch in np.split(np.arange(t.size), np.flatnonzero(np.diff(t) > 3.3 * period) + 1):
+                if stretch.size < 2:
+                    continue
+                grid = t[stretch[0]] + period * np.arange(int(round((t[stretch[-1]] - t[stretch[0]]) / period)) + 1)
+                filled = np.interp(grid, t[stretch], y[stretch])
+                pieces.extend(filled[i : i + piece] for i in range(0, grid.size - piece + 1, piece))
+    return np.array(early).reshape(-1, piece), np.array(late).reshape(-1, piece)
+
+
+@dataclass(frozen=True)
+class _Pool:
+    """Pieces with a polynomial projected out, pooled: their count, the polynomials (orthonormal), the scatter left."""
+
+    count: int
+    polynomials: Array
+    scatter: Array
+
+    def deviance(self, inverse: Array, log_determinant: float) -> float:
+        """-2 log restricted likelihood for noise of a covariance C, given by its inverse and log determinant.
+
+        With B a basis of what the polynomials Q leave: log det B'CB = log det C + log det Q'C^-1 Q, and
+        B (B'CB)^-1 B' = C^-1 - C^-1 Q (Q'C^-1 Q)^-1 Q'C^-1.
+        """
+        seen = inverse @ self.polynomials
+        inner = self.polynomials.T @ seen
+        fitted = np.trace(np.linalg.solve(inner, seen.T @ self.scatter @ seen))
+        misfit = (inverse * self.scatter).sum() - fitted
+        return float(self.count * (log_determinant + np.linalg.slogdet(inner)[1]) + misfit)
+
+
+def _pool(pieces: Array, order: int) -> _Pool:
+    polynomials = np.linalg.qr(np.vander(np.linspace(-1, 1, pieces.shape[1]), order + 1))[0]
+    reduced = pieces - (pieces @ polynomials) @ polynomials.T
+    if reduced.shape[0] >= 8:
+        # A burst or an unsettled plateau is not the noise.
+        power = (reduced**2).mean(axis=1)
+        reduced = reduced[power <= 4.0 * np.median(power) + 1e-12]
+    return _Pool(reduced.shape[0], polynomials, reduced.T @ reduced)
+
+
+def estimate_noise(
+    channel: Channel, rounding: float = 0.0, lengths: tuple[int, ...] = (), averaged: int | None = None
+) -> Noise:
+    """Noise of a channel by restricted maximum likelihood on its plateaus.
+
+    `rounding` is the step [channel's unit] to which readings are rounded after any averaging: white noise that an
+    average does not thin out. `lengths` are averages to be fitted besides those that look promising; `averaged` takes
+    one of them as given, whatever the noise says of it.
+    """
+    early, late = plateau_pieces(channel)
+    piece = early.shape[1]
+    # Before the transfer the reading rests; after it the end of the transient may still bend a little.
+    pools = [p for p in (_pool(early, 0), _pool(late, 2)) if p.count]
+    count = sum(p.count for p in pools)
+    if count < 3:
+        return _crude(channel)
+    scale = sum(np.trace(p.scatter) for p in pools) / sum(p.count * (piece - p.polynomials.shape[1]) for p in pools)
+    if scale < 1e-12:
+        return Noise(1e-4, 0.0, 0.0, 1, 0.0, count, np.zeros(MAX_AVERAGED))
+
+    extra = max(rounding**2 / 12.0, 1e-3 * scale)
+
+    def parts(x: Array, averaged: int) -> tuple[float, float, float]:
+        total, share, memory = scale * averaged * np.exp(x[0]), _logistic(x[1]), 0.995 * _logistic(x[2])
+        return (1 - share) * total, share * total, memory
+
+    def deviance(x: Array, averaged: int) -> float:
+        gamma = _autocovariance(*parts(x, averaged), averaged, piece)
+        gamma[0] += extra if averaged > 1 else 0.0
+        factor, failed = linalg.lapack.dpotrf(linalg.toeplitz(gamma), lower=True)
+        if failed:
+            return 1e12
+        lower = np.tril(linalg.lapack.dpotri(factor, lower=True)[0])
+        inverse = lower + np.tril(lower, -1).T
+        log_determinant = 2 * float(np.log(np.diag(factor)).sum())
+        return sum(pool.deviance(inverse, log_determinant) for pool in pools)
+
+    # A quick look at every length picks the few that are worth a full fit; plain noise always is.
+    quick = [min(deviance(np.array(x), n) for x in QUICK) for n in range(1, MAX_AVERAGED + 1)]
+    wanted = {1, *lengths, *(int(n) + 1 for n in np.argsort(quick)[:3])}
+    promising = sorted(n for n in wanted if 1 <= n <= MAX_AVERAGED)
+    best = np.full(MAX_AVERAGED, -np.inf)
+    found: dict[int, Array] = {}
+    for length in promising:
+        starts = [[0.0, -1.5, 2.0], [0.0, -5.0, 0.0]] if length == 1 else [[0.0, -2.0, 1.5]]
+        fits = [
+            optimize.minimize(
+                deviance,
+                start,
+                args=(length,),
+                method="Nelder-Mead",
+                options={
+                    "xatol": 0.01,
+                    "fatol": 0.05,
+                    "maxiter": 150,
+                    "initial_simplex": np.array(start) + np.vstack([np.zeros(3), np.diag([0.3, 0.8, 0.8])]),
+                },
+            )
+            for start in starts
+        ]
+        fit = min(fits, key=lambda f: f.fun)
+        best[length - 1] = -0.5 * fit.fun
+        found[length] = fit.x
+    if averaged not in found:
+        averaged = int(np.argmax(best)) + 1
+        # One more parameter has to pay for itself: plain noise unless an average is clearly better.
+        if best[averaged - 1] - best[0] < 8.0:
+            averaged = 1
+    white, correlated, memory = parts(found[averaged], averaged)
+    return Noise(
+        white=float(np.sqrt(white)),
+        correlated=float(np.sqrt(correlated)),
+        memory=memory,
+        averaged=averaged,
+        extra=0.0 if averaged == 1 else float(np.sqrt(extra)),
+        pieces=count,
+        log_likelihood_by_average=best,
+    )
+
+
+def _logistic(x: float) -> float:
+    return float(1.0 / (1.0 + np.exp(-np.clip(x, -30, 30))))
+
+
+def _crude(channel: Channel) -> Noise:
+    """White noise from differences where no plateau is long enough for more."""
+    spread = [1.4826 * np.median(np.abs(np.diff(y[t > 0.6 * t[-1]]))) / np.sqrt(2) for t, y in channel.samples]
+    return Noise(max(float(np.median(spread)), 1e-4), 0.0, 0.0, 1, 0.0, 0, np.zeros(MAX_AVERAGED))
+
+
+def whiteners(channel: Channel, noise: Noise) -> Array:
+    """Whitening matrices (R, n, n): W y has unit covariance for bins that hold samples, zero rows for empty ones."""
+    period = channel.sampling_period_s
+    # The whole length of the longest run: an autocovariance cut short is none.
+    longest = max(float(time[-1] - time[0]) for time, _ in channel.samples)
+    gamma = noise.autocovariance(int(longest / period) + 2)
+    bins = channel.count.shape[1]
+    whitener = np.zeros((channel.runs, bins, bins))
+    white_only = noise.averaged == 1 and noise.correlated < 0.03 * noise.standard_deviation
+    for run in range(channel.runs):
+        count = channel.count[run]
+        filled = np.flatnonzero(count)
+        if white_only:
+            whitener[run, filled, filled] = np.sqrt(count[filled] / gamma[0])
+            continue
+        used = channel.bin_of[run] >= 0
+        time = channel.samples[run][0]
+        index = np.rint((time[used] - time[0]) / period).astype(int)
+        lag = np.abs(index[:, None] - index[None, :])
+        covariance = np.where(lag < gamma.size, gamma[np.minimum(lag, gamma.size - 1)], 0.0)
+        starts = np.concatenate([[0], np.cumsum(count[filled])[:-1]])
+        summed = np.add.reduceat(np.add.reduceat(covariance, starts, axis=0), starts, axis=1)
+        summed /= count[filled][:, None] * count[filled][None, :]
+        factor = linalg.cholesky(summed + 1e-12 * gamma[0] * np.eye(filled.size), lower=True)
+        whitener[run][np.ix_(filled, filled)] = linalg.solve_triangular(factor, np.eye(filled.size), lower=True)
+    return whitener
+

@@ -1,0 +1,240 @@
+"""The page and plots of `shockrig characterize`: verdict and numbers, every run with its fit, D(T), runs left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analysis.characterize import ChannelResult, Characterization, Row, to_profile
+from analysis.report.fitted import UNIT, panels, relative_runs, residuals, single_runs
+from analysis.report.html import Cell, Details, Figure, KeyNumber, Report, Section, Table, Text
+from analysis.report.numbers import measured, plain
+from analysis.report.parameters import Curve, diffusivity, parameter_by_condition
+from analysis.report.residuals import residual_overview
+from analysis.report.runs import run_panels
+from analysis.report.style import figure_bytes, save_figure, write_whole
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
+
+AXIS = {"temperature": "°C", "humidity": "%RH"}
+SENSOR = {"temperature": "bead", "humidity": "film"}
+
+
+def verdict(result: Characterization) -> str:
+    """The sentence a colleague would say."""
+    sentences = []
+    for name, found in result.channels().items():
+        noise, unit = found.noise.standard_deviation, UNIT[name]
+        model = "The plain diffusion model" if not found.effects else f"The model with {_names(found)}"
+        if found.explained:
+            sentences.append(
+                f"{model} describes the {SENSOR[name]}: residuals of {plain(found.rmse, 2)} {unit}, "
+                f"noise {plain(noise, 2)} {unit}."
+            )
+        else:
+            sentences.append(hint(name, found))
+    sentences += [
+        f"The {SENSOR[name]} could not be characterized: {reason}." for name, reason in result.missing.items()
+    ]
+    return " ".join(sentences)
+
+
+def hint(name: str, found: ChannelResult) -> str:
+    """What to say, and to do, where the model does not explain the data."""
+    noise, unit = found.noise.standard_deviation, UNIT[name]
+    model = "the plain model" if not found.effects else f"the model with {_names(found)}"
+    how = f"rms {plain(found.rmse, 2)} {unit}, noise {plain(noise, 2)} {unit}"
+    if found.strain >= 2.0:
+        how += f"; start times and airs bent by {plain(found.strain, 2)} times their uncertainty"
+    return f"{SENSOR[name].capitalize()}: {model} does not explain these data ({how}): run shockrig diagnose."
+
+
+def _names(found: ChannelResult) -> str:
+    return ", ".join(effect.effect for effect in found.effects)
+
+
+def draw_figures(result: Characterization) -> dict[str, tuple[Drawing, str]]:
+    """All figures of the page by file name, each with its caption."""
+    figures: dict[str, tuple[Drawing, str]] = {}
+    if result.humidity is not None:
+        profile = to_profile(result).humidity
+        rows = result.humidity.rows
+        grid = (
+            np.linspace(rows[0].ambient_c, rows[-1].ambient_c, 120) if len(rows) > 1 else np.array([rows[0].ambient_c])
+        )
+        value, spread = profile.diffusivity_m2_s(grid)
+        table = Curve(*(np.array([getattr(r, k) for r in rows]) for k in _CURVE))
+        single = single_runs(result.humidity)
+        runs = Curve(
+            np.array([r.ambient_c for r in single]),
+            np.array([r.value for r in single]),
+            np.array([r.standard_uncertainty for r in single]),
+        )
+        figures["diffusivity"] = (
+            diffusivity(table, Curve(grid, value, spread), runs),
+            "D over temperature with two standard uncertainties, and as it is interpolated: ln D over 1/T.",
+        )
+    for name, found in result.channels().items():
+        figures[f"{name}_runs"] = (
+            run_panels(panels(result.campaign, found), name, AXIS[name], found.noise.standard_deviation),
+            "Every run's readings with the fit, each run's own start and airs included, and the residual under it "
+            "(grey band: two standard deviations of the noise). Runs left out say why.",
+        )
+        figures[f"{name}_residuals"] = (
+            residual_overview(residuals(found), UNIT[name], found.noise.standard_deviation),
+            "The same residuals averaged in log time, coloured by what the runs were: a pattern is a missing effect.",
+        )
+        ratios = relative_runs(found)
+        title = "alpha, run / joint" if name == "temperature" else "D, run / table"
+        figures[f"{name}_by_condition"] = (
+            parameter_by_condition(ratios, title, "", (1.0, 0.0), UNIT[name]),
+            "The diffusivity of each run alone as a ratio to the joint fit, two standard uncertainties: it should not "
+            "move with airflow, direction or size of the step.",
+        )
+    return figures
+
+
+_CURVE = ("ambient_c", "diffusivity_m2_s", "standard_uncertainty")
+
+
+def write_characterization(result: Characterization, directory: Path, provenance: Mapping[str, Cell]) -> Path:
+    """Write the plots (PNG and SVG) and DIRECTORY/report.html; returns the page's path."""
+    folder = Path(directory)
+    drawn = draw_figures(result)
+    saved: dict[str, Path] = {}
+    for name, (drawing, _) in drawn.items():
+        if name.endswith("_runs"):  # a hundred panels of points, slow and large as SVG
+            saved[name] = folder / f"{name}.png"
+            write_whole(saved[name], figure_bytes(drawing, "png"))
+        else:
+            saved[name] = save_figure(drawing, folder, name)[1]
+
+    def figure(name: str, alt: str) -> Figure:
+        return Figure(saved[name], drawn[name][1], alt)
+
+    sections = [Section("The numbers", _number_blocks(result))]
+    if "diffusivity" in drawn:
+        sections[0].blocks.append(figure("diffusivity", "Diffusivity of the film over temperature"))
+    for name, found in result.channels().items():
+        noise = found.noise
+        text = Text(
+            f"Noise of one reading, from the plateaus before any fit: {plain(noise.standard_deviation, 3)} "
+            f"{UNIT[name]} ({_noise_words(found)}). Residuals of all used samples: {plain(found.rmse, 3)} {UNIT[name]}."
+        )
+        blocks = [text, figure(f"{name}_runs", f"Every run of the {name} channel with fit and residual")]
+        blocks.append(figure(f"{name}_residuals", f"Residuals of the {name} channel by condition"))
+        blocks.append(figure(f"{name}_by_condition", f"Diffusivity of single runs of the {name} channel by condition"))
+        blocks.append(Details("How the fit was made", [_search_table(found), Text(_METHOD)]))
+        sections.append(Section(f"{name.capitalize()}: {len(found.runs)} runs", blocks))
+    sections.append(Section("What was left out, and why", [_left_out(result)]))
+    bad = any(not found.explained for found in result.channels().values()) or bool(result.missing)
+    report = Report(
+        title=f"Characterization of {result.campaign.name}",
+        verdict=verdict(result),
+        key_numbers=_key_numbers(result),
+        sections=sections,
+        provenance=provenance,
+        tone="warning" if bad else "good",
+    )
+    return report.write(folder / "report.html")
+
+
+_METHOD = (
+    "Differential evolution searches each ambient for the rate with the smallest RMSE (Eq. 17 of Segales et al. 2022), "
+    "with start times and airs as recorded; nlopt's SBPLX, started from the time to half-way, is the second opinion. "
+    "From there all ambients are fitted together by generalised least squares: the noise's autocorrelation is counted, "
+    "and each run has a start time, a rate and two airs of its own that deviate as much as is known of them. "
+    "Uncertainties are one standard uncertainty; where residuals or deviations are larger than they should be, they "
+    "are enlarged by as much."
+)
+
+
+def _key_numbers(result: Characterization) -> list[KeyNumber]:
+    numbers = []
+    if (t := result.temperature) is not None:
+        row = t.rows[0]
+        effective = "" if t.explained else "effective: the model does not explain the data"
+        numbers += [
+            KeyNumber("alpha of the bead", measured(row.diffusivity_m2_s, row.standard_uncertainty, "m²/s"), effective),
+            KeyNumber("t63 / t90 / t98 of the bead", _times(row), "after a step of the air"),
+        ]
+    if (h := result.humidity) is not None:
+        row = min(h.rows, key=lambda r: abs(r.ambient_c - 20.0))
+        label = f"D of the film at {row.ambient_c:.0f} °C"
+        effective = "" if h.explained else "effective: the model does not explain the data"
+        numbers += [
+            KeyNumber(label, measured(row.diffusivity_m2_s, row.standard_uncertainty, "m²/s"), effective),
+            KeyNumber(f"t63 / t90 / t98 at {row.ambient_c:.0f} °C", _times(row), "after a step of the air"),
+        ]
+    for name, found in result.channels().items():
+        note = f"residuals {plain(found.rmse, 2)} {UNIT[name]}"
+        numbers.append(KeyNumber(f"noise, {name}", f"{plain(found.noise.standard_deviation, 2)} {UNIT[name]}", note))
+    return numbers
+
+
+def _times(row: Row) -> str:
+    r = row.response
+    return f"{plain(r.t63_s, 3)} / {plain(r.t90_s, 3)} / {plain(r.t98_s, 3)} s"
+
+
+def _number_blocks(result: Characterization) -> list:
+    rows = []
+    for name, found in result.channels().items():
+        for row in found.rows:
+            label = "alpha" if name == "temperature" else f"D at {round(row.ambient_c, 1) + 0.0:.1f} °C"
+            value = measured(row.diffusivity_m2_s, row.standard_uncertainty, "m²/s")
+            r = row.response
+            rows.append([label, value, r.t63_s, r.t90_s, r.t98_s, len(row.runs), row.basis])
+    columns = ("", "value ± standard uncertainty", "t63, s", "t90, s", "t98, s", "runs", "from")
+    blocks: list = [Table(columns, rows)]
+    effects = [
+        [name, effect.effect, parameter, measured(value.value, value.standard_uncertainty)]
+        for name, found in result.channels().items()
+        for effect in found.effects
+        for parameter, value in (effect.parameters.items() or {"–": None}.items())
+        if value is not None
+    ]
+    if effects:
+        blocks.append(Table(("channel", "effect", "parameter", "value"), effects, "Effects that the model carries"))
+    return blocks
+
+
+def _noise_words(found: ChannelResult) -> str:
+    noise, unit = found.noise, UNIT[found.channel.name]
+    if noise.correlated < 0.1 * noise.standard_deviation:
+        words = "white"
+    else:
+        memory = -found.channel.sampling_period_s / np.log(np.clip(noise.memory, 1e-9, 0.9999))
+        words = (
+            f"white {plain(noise.white, 2)} {unit} and {plain(noise.correlated, 2)} {unit} over {plain(memory, 2)} s"
+        )
+    return words + (f", averaged over {noise.averaged} readings" if noise.averaged > 1 else "")
+
+
+def _search_table(found: ChannelResult) -> Table:
+    length = found.channel.length_m
+    rows = [
+        [
+            f"{round(row.ambient_c, 1) + 0.0:.1f} °C" if found.channel.name == "humidity" else "all",
+            plain(float(np.exp(row.evolution.log_rate)) * length**2, 6),
+            row.evolution.rmse,
+            row.evolution.evaluations,
+            plain(float(np.exp(row.second.log_rate)) * length**2, 6),
+            row.second.evaluations,
+            plain(row.diffusivity_m2_s, 6),
+        ]
+        for row in found.rows
+    ]
+    columns = ("ambient", "evolution", "RMSE", "candidates", "second opinion", "evaluations", "least squares, m²/s")
+    return Table(columns, rows, f"The two optimisers differ by {100 * found.disagreement:.2g} % at most.")
+
+
+def _left_out(result: Characterization) -> Table | Text:
+    entries = [e for found in result.channels().values() for e in found.set_aside]
+    rows = [[e.run, e.channel, e.reason] for e in entries]
+    rows += [["all", name, reason] for name, reason in result.missing.items()]
+    return Table(("run", "channel", "why"), rows) if rows else Text("Nothing: every run was used in both channels.")

@@ -1,0 +1,373 @@
+"""The page and plots of `shockrig diagnose`: the sentence first, then what is left, why, what it gains, what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from analysis.channel import LeftOut
+from analysis.diagnosis.diagnose import ChannelDiagnosis, Diagnosis
+from analysis.diagnosis.export import correlations
+from analysis.diagnosis.held_out import autocorrelation, drifts, size
+from analysis.diagnosis.in_use import Crossing
+from analysis.diagnosis.search import price
+from analysis.effects import CATALOGUE
+from analysis.report.diagnosis_figures import crossing_figure
+from analysis.report.diagnosis_view import ChannelView
+from analysis.report.diagnosis_words import (
+    NEEDS,
+    SENSOR,
+    channel_verdict,
+    experiments,
+    headline,
+    listed,
+    missing,
+    named,
+    ordered,
+    values_text,
+    worse,
+)
+from analysis.report.fitted import UNIT, relative_runs
+from analysis.report.html import Cell, Details, Equation, Figure, KeyNumber, Report, Section, Table, Text
+from analysis.report.numbers import measured, plain
+from analysis.report.style import save_figure
+
+# What data sheets of the HYT family promise (IST AHHYTM E2.2.1); a bead is calibrated to about the same.
+ACCURACY = {"temperature": 0.2, "humidity": 1.8}
+STRONG = 0.5  # correlation of two parameters from which on it is worth a word
+
+
+def write_diagnosis(
+    diagnosis: Diagnosis,
+    views: Sequence[ChannelView],
+    crossings: Sequence[Crossing],
+    notes: Sequence[str],
+    left_out: Sequence[LeftOut],
+    folder: Path,
+    provenance: Mapping[str, Cell],
+) -> Path:
+    """Write FOLDER/report.html (and the crossing's plot); returns the page's path."""
+    sections = []
+    for view in views:
+        sections.append(Section(f"{SENSOR[view.found.name].capitalize()}: {view.found.verdict}", _channel(view)))
+    sections.append(Section("What it means for alpha and D", _material(views)))
+    sections.append(Section("What it means in flight", _flight(crossings, notes, folder)))
+    sections.append(Section("What to do on the bench", _advice(views)))
+    sections.append(Section("What to measure next", _next(diagnosis)))
+    sections.append(Section("What was left out, and why", _left_out(diagnosis, left_out)))
+    verdicts = {c.verdict for c in diagnosis.channels}
+    tied = any(cause.indistinguishable_from for c in diagnosis.channels for cause in c.causes)
+    tone = "bad" if "unexplained" in verdicts else "warning" if tied or diagnosis.missing else "good"
+    report = Report(
+        title=f"Diagnosis of {diagnosis.campaign}",
+        verdict=headline(diagnosis),
+        key_numbers=_key_numbers(views, crossings),
+        sections=sections,
+        provenance=provenance,
+        tone=tone,
+    )
+    return report.write(folder / "report.html")
+
+
+def _key_numbers(views: Sequence[ChannelView], crossings: Sequence[Crossing]) -> list[KeyNumber]:
+    numbers = []
+    for view in views:
+        gain, unit = view.found.gain, UNIT[view.found.name]
+        arrow = f" → {plain(gain.after, 2)}" if view.found.causes else ""
+        numbers.append(
+            KeyNumber(
+                f"error on unseen runs, {SENSOR[view.found.name]}",
+                f"{plain(gain.before, 2)}{arrow} {unit}",
+                f"noise {plain(gain.noise_floor, 2)} {unit}",
+            )
+        )
+        if view.found.causes:
+            low, high = (100 * x for x in gain.interval_95)
+            numbers.append(
+                KeyNumber(
+                    f"of the explainable error removed, {SENSOR[view.found.name]}",
+                    f"{plain(100 * gain.explained_fraction, 3)} %",
+                    f"95 % interval {plain(low, 4)} to {plain(high, 4)} %",
+                )
+            )
+    numbers += [
+        KeyNumber(
+            f"crossing an inversion, {c.channel}",
+            f"{plain(c.rms_plain, 2)} → {plain(c.rms_extended, 2)} {UNIT[c.channel]}",
+            f"rms error corrected, plain → extended profile; uncorrected {plain(c.rms_reading, 2)} {UNIT[c.channel]}",
+        )
+        for c in crossings
+        if any(view.found.name == c.channel and view.found.causes for view in views)
+    ]
+    return numbers
+
+
+def _channel(view: ChannelView) -> list:
+    found = view.found
+    blocks: list = [Text(channel_verdict(found), {"adequate": "good", "explained": "good"}.get(found.verdict, "bad"))]
+
+    def figure(name: str) -> list[Figure]:
+        return [Figure(*view.figures[name])] if name in view.figures else []
+
+    if found.causes:
+        blocks.append(_causes_table(found))
+    blocks += figure("before_after")
+    if view.held.run_ids:
+        blocks.append(Text(_size_words(view)))
+    blocks += figure("residuals")
+    extended = figure("residuals_extended")
+    if extended:
+        blocks.append(Details("The same under the extended model", extended))
+    if view.held.run_ids:
+        blocks += [Text(_noise_words(view)), *figure("autocorrelation")]
+    blocks += [Text(_drift_words(view)), *figure("by_condition")]
+    extended = figure("by_condition_extended")
+    if extended:
+        blocks.append(Details("The same under the extended model", extended))
+    blocks += _rivals(view, figure("causes"))
+    blocks += _equations(found)
+    blocks.append(Details("Every test of what is left", [_tests(found)]))
+    if found.untestable:
+        rows = [[named(e), NEEDS.get(e, "this campaign's conditions do not let it act")] for e in found.untestable]
+        blocks.append(Table(("effect", "why"), rows, "Effects that this campaign cannot show, and so says nothing of"))
+    return blocks
+
+
+def _causes_table(found: ChannelDiagnosis) -> Table:
+    rows = []
+    for cause in ordered(found.causes):
+        effect = CATALOGUE[cause.effect]
+        rows.append(
+            [
+                named(cause.effect),
+                values_text(found.name, cause) or "no parameter",
+                f"{100 * cause.probability:.1f} %",
+                effect.link + (", the sensor's" if effect.of_sensor else ", the bench's"),
+                listed([named(e) for e in cause.indistinguishable_from], "or") or "–",
+            ]
+        )
+    columns = ("cause", "parameters ± standard uncertainty", "probability", "link of the chain", "could as well be")
+    return Table(columns, rows)
+
+
+def _size_words(view: ChannelView) -> str:
+    found, unit = view.found, UNIT[view.found.name]
+    noise, accuracy = found.noise.standard_deviation, ACCURACY[found.name]
+
+    def words(model: str, residuals: tuple) -> str:
+        s = size(view.held, residuals)
+        return (
+            f"After the transfer the {model} model misses runs that it was not fitted to by {plain(s.rms, 2)} {unit} "
+            f"rms: {plain(s.rms / noise, 2)} times the noise, {plain(s.rms / accuracy, 2)} times the sensor's "
+            f"stated accuracy of ±{plain(accuracy, 2)} {unit}. It is farthest off, by {plain(s.peak, 2)} {unit}, "
+            f"{plain(s.peak_time_s, 2)} s after the transfer of run {s.peak_run}."
+        )
+
+    text = words("plain", view.held.before)
+    if found.final.layout.effects:
+        text += "\n\n" + words("extended", view.held.after)
+    return text
+
+
+def _noise_words(view: ChannelView) -> str:
+    found, unit = view.found, UNIT[view.found.name]
+    period = found.problem.channel.sampling_period_s
+    noise = found.noise
+    share = float(noise.autocovariance(2)[1] / noise.autocovariance(1)[0])
+    text = (
+        f"One reading's noise is {plain(noise.standard_deviation, 2)} {unit}, estimated from the plateaus before any "
+        f"model; from one reading to the next it is correlated by {_coefficient(share)}. "
+    )
+    before = float(autocorrelation(view.held, view.held.before, period, 1)[0][0])
+    text += f"What the plain model leaves is correlated by {_coefficient(before)}"
+    if found.final.layout.effects:
+        after = float(autocorrelation(view.held, view.held.after, period, 1)[0][0])
+        text += f", what the extended model leaves by {_coefficient(after)}"
+    verdict = found.plain_adequacy.passed
+    text += (
+        ". To the model-free tests the plain model leaves nothing but noise"
+        if verdict
+        else ". To the model-free tests what the plain model leaves is more than noise "
+        f"(p {_chance(found.plain_adequacy.p)})"
+    )
+    if not verdict and found.final.layout.effects:
+        left = "nothing but noise" if found.adequacy.passed else "still something"
+        text += f"; the extended model leaves {left} (p {_chance(found.adequacy.p)})"
+    return text + "."
+
+
+def _coefficient(value: float) -> str:
+    return f"{value + 0.0:.2f}".replace("-0.00", "0.00").replace("-", "−")
+
+
+def _signed(value: float) -> str:
+    text = f"{value:+.{1 if abs(value) >= 10 else 2}f}".replace("-", "−")
+    return text if any(digit in text for digit in "123456789") else "0"
+
+
+def _chance(p: float) -> str:
+    return f"= {plain(p, 1)}" if p > 1e-12 else "below 10⁻¹²"
+
+
+def _drift_words(view: ChannelView) -> str:
+    letter = "alpha" if view.found.name == "temperature" else "D"
+    sentences = []
+    sides = (("plain", view.plain), ("extended", view.extended if view.found.causes else None))
+    for words, result in sides:
+        if result is None:
+            continue
+        told = drifts(relative_runs(result), result)
+        moving = [
+            f"with {d.condition} ({_signed(100 * d.change)} % across the campaign, {abs(d.sigmas):.0f} σ)"
+            for d in told
+            if d.moves
+        ]
+        still = [d.condition for d in told if not d.moves]
+        model = f"Under the {words} model {letter}, fitted run by run,"
+        if moving:
+            sentences.append(f"{model} moves with what it should not depend on: {listed(moving)}.")
+        elif told:
+            sentences.append(f"{model} does not move with {listed(still, 'or')}.")
+        else:
+            sentences.append(f"{model} cannot be set against single conditions: too few of them vary on their own.")
+    return " ".join(sentences)
+
+
+def _rivals(view: ChannelView, figure: list[Figure]) -> list:
+    found = view.found
+    rows = []
+    for cause in ordered(found.causes):
+        rivals = sorted(found.search.rivals.get(cause.effect, {}).items(), key=lambda item: item[1])
+        rows += [
+            [named(rival), f"in place of {named(cause.effect)}", max(rise, 0.0), worse(rise)]
+            for rival, rise in rivals[:4]
+        ]
+        if not rivals and cause.effect in found.search.necessity:
+            text = "no other effect explains even half of what it does"
+            rows.append(["–", f"in place of {named(cause.effect)}", None, text])
+    last = next((m for m in reversed(found.search.moves) if m.kind == "stop"), None)
+    shown = [(e, g) for e, g in (last.candidates if last else ()) if e not in found.final.layout.effects][:4]
+    rows += [
+        [named(e), "on top of the model found", -max(g, 0.0), f"too little: at least {plain(price(e), 2)} is asked"]
+        for e, g in shown
+    ]
+    if not rows:
+        return figure
+    columns = ("runner-up", "tried", "change of deviance", "why it lost")
+    caption = "Deviance: −2 ln of how likely the data are; positive is worse. A difference below 6 is a tie."
+    return [Table(columns, rows, caption), *figure]
+
+
+def _equations(found: ChannelDiagnosis) -> list:
+    blocks: list = []
+    for cause in ordered(found.causes):
+        effect = CATALOGUE[cause.effect]
+        blocks += [
+            Text(f"{named(cause.effect).capitalize()}: added to the {effect.link} link of the chain."),
+            Equation(effect.equation),
+            Text(f"Source: {effect.source}."),
+        ]
+    names, matrix = correlations(found)
+    pairs = [
+        (abs(matrix[i, j]), f"{names[i]} and {names[j]}", float(matrix[i, j]))
+        for i in range(len(names))
+        for j in range(i)
+        if abs(matrix[i, j]) >= STRONG
+    ]
+    rows = [[words, f"{value:+.2f}".replace("-", "−")] for _, words, value in sorted(pairs, reverse=True)]
+    if rows:
+        title = f"Parameters that are correlated by {STRONG} or more: {len(rows)} pair{'s' if len(rows) > 1 else ''}"
+        blocks.append(Details(title, [Table(("parameters", "correlation"), rows)]))
+    elif found.causes:
+        blocks.append(Text(f"No two parameters are correlated by {STRONG} or more."))
+    return blocks
+
+
+def _tests(found: ChannelDiagnosis) -> Table:
+    before = {check.name: check.p for check in found.plain_adequacy.checks}
+    rows = [[c.name, _p(before.get(c.name)), _p(c.p)] for c in found.adequacy.checks]
+    return Table(("test", "p, plain model", "p, final model"), rows, "Probability of so much by accident")
+
+
+def _p(p: float | None) -> str:
+    return "–" if p is None else plain(p, 2) if p > 1e-12 else "< 10⁻¹²"
+
+
+def _material(views: Sequence[ChannelView]) -> list:
+    rows, blocks = [], []
+    for view in views:
+        before = {r.ambient_c: r for r in view.plain.rows} if view.plain else {}
+        after = {r.ambient_c: r for r in view.extended.rows} if view.extended else {}
+        for ambient in sorted(before.keys() | after.keys()):
+            b, a = before.get(ambient), after.get(ambient)
+            label = "alpha" if view.found.name == "temperature" else f"D at {round(ambient, 1) + 0.0:.1f} °C"
+            change = _signed(100 * (b.diffusivity_m2_s / a.diffusivity_m2_s - 1)) + " %" if a and b else "–"
+            rows.append([label, *(_diffusivity(r) for r in (b, a)), change, *(r and r.response.t63_s for r in (b, a))])
+        if not view.found.causes:
+            blocks.append(Text(f"The {SENSOR[view.found.name]} carries no effect: both columns are the plain model's."))
+        elif view.found.verdict == "unexplained":
+            words = f"The {SENSOR[view.found.name]} is not explained: its values stay effective ones."
+            blocks.append(Text(words, "warning"))
+    columns = (
+        "",
+        "plain model, effective, m²/s",
+        "with the causes, the material's, m²/s",
+        "effective off by",
+        "t63 plain, s",
+        "t63 with the sensor's effects, s",
+    )
+    return [Table(columns, rows), *blocks] if rows else [Text("No diffusivity is determined."), *blocks]
+
+
+def _diffusivity(row) -> str:
+    return "–" if row is None else measured(row.diffusivity_m2_s, row.standard_uncertainty)
+
+
+def _flight(crossings: Sequence[Crossing], notes: Sequence[str], folder: Path) -> list:
+    blocks: list = [Text(" ".join(notes))] if notes else []
+    if not crossings:
+        return blocks or [Text("Nothing could be flown.")]
+    text = (
+        "An inversion of 5 K over 40 m is crossed at 5 m/s by the sensor that the extended model describes, and the "
+        "flight corrected with the plain profile and with the extended one (optimal smoother): "
+    )
+    parts = [
+        f"{c.channel}: {plain(c.rms_reading, 2)} {UNIT[c.channel]} rms uncorrected, {plain(c.rms_plain, 2)} with the "
+        f"plain profile, {plain(c.rms_extended, 2)} with the extended one"
+        for c in crossings
+    ]
+    path = save_figure(crossing_figure(crossings), folder, "inversion")[1]
+    caption = "Above: air, reading and corrections about the inversion. Below: the errors of both corrections."
+    alt = "A simulated crossing of an inversion, corrected with the plain and with the extended profile"
+    return [Text(text + "; ".join(parts) + "."), *blocks, Figure(path, caption, alt)]
+
+
+def _advice(views: Sequence[ChannelView]) -> list:
+    rows: dict[str, list[str]] = {}
+    for view in views:
+        for cause in ordered(view.found.causes):
+            for effect in (cause.effect, *cause.indistinguishable_from):
+                rows.setdefault(effect, [named(effect), CATALOGUE[effect].advice])
+    if not rows:
+        return [Text("Nothing: the bench and the sensors do what the plain model says.")]
+    return [Table(("because of", "do"), list(rows.values()))]
+
+
+def _next(diagnosis: Diagnosis) -> list:
+    lines = experiments(diagnosis.next_experiments)
+    if lines:
+        return [Text("These runs would best tell apart what is still tied:"), *(Text(line) for line in lines)]
+    if any(c.verdict == "unexplained" for c in diagnosis.channels):
+        text = (
+            "Nothing is tied, but something is unexplained: repeat one run many times to see whether it repeats, then "
+            "change one condition at a time, beginning with those that what is left varies with."
+        )
+        return [Text(text)]
+    return [Text("Nothing: no two explanations are tied.")]
+
+
+def _left_out(diagnosis: Diagnosis, entries: Sequence[LeftOut]) -> list:
+    rows = [[e.run, e.channel, e.reason] for e in entries]
+    blocks: list = [Text(sentence, "warning") for sentence in missing(diagnosis)]
+    nothing = Text("Nothing: every run was used in both channels.")
+    return [*blocks, Table(("run", "channel", "why"), rows) if rows else nothing]

@@ -1,0 +1,131 @@
+"""One channel's diagnosis made ready to be shown: the models to compare, held-out residuals, and the plots of both."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analysis.characterize import ChannelResult
+from analysis.diagnosis.diagnose import ChannelDiagnosis
+from analysis.diagnosis.extended import extended_result, plain_result
+from analysis.diagnosis.held_out import HeldOut, autocorrelation, held_out
+from analysis.diagnosis.search import price
+from analysis.report import residuals as drawings
+from analysis.report.diagnosis_words import SENSOR, named
+from analysis.report.fitted import UNIT, conditions, relative_runs
+from analysis.report.parameters import parameter_by_condition
+from analysis.report.style import save_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
+
+
+@dataclass(frozen=True)
+class ChannelView:
+    """One channel's diagnosis with all that the page shows of it; `figures` are name -> (file, caption, alt)."""
+
+    found: ChannelDiagnosis
+    plain: ChannelResult | None
+    extended: ChannelResult | None
+    held: HeldOut
+    figures: Mapping[str, tuple[Path, str, str]]
+
+
+def look_at(found: ChannelDiagnosis, folder: Path) -> ChannelView:
+    """Fit what the page compares, draw the channel's plots into `folder` (PNG and SVG)."""
+    before, after, held = plain_result(found), extended_result(found), held_out(found)
+    figures = {}
+    for name, (drawing, caption, alt) in _draw(found, before, after, held).items():
+        figures[name] = (save_figure(drawing, folder, f"{found.name}_{name}")[1], caption, alt)
+    return ChannelView(found, before, after, held, figures)
+
+
+def _draw(
+    found: ChannelDiagnosis, before: ChannelResult | None, after: ChannelResult | None, held: HeldOut
+) -> dict[str, tuple[Drawing, str, str]]:
+    unit, noise, channel = UNIT[found.name], found.noise.standard_deviation, found.problem.channel
+    sensor, figures = SENSOR[found.name], {}
+    if held.run_ids:
+        extended = bool(found.final.layout.effects)
+        both = zip(held.run_ids, held.time_s, held.before, held.after, strict=True)
+        if extended:
+            figures["before_after"] = (
+                drawings.before_after(
+                    [drawings.BeforeAfter(*run) for run in both], unit, noise, (found.gain.before, found.gain.after)
+                ),
+                "Each run under models that were fitted without it: the plain one, and the one with the causes found. "
+                "Means in log time; grey: two standard deviations of one reading's noise. The errors in the titles are "
+                "from the nested trial, in which the causes were chosen anew without the runs held out.",
+                f"Held-out residuals of the {sensor} before and after the model was extended",
+            )
+        figures["residuals"] = (
+            _overview(found, held, held.before),
+            "Residuals of the plain model on runs that it was not fitted to, coloured by what the runs were. A pattern "
+            "that goes with a colour says what the missing effect depends on.",
+            f"Held-out residuals of the plain model of the {sensor} by condition",
+        )
+        if extended:
+            figures["residuals_extended"] = (
+                _overview(found, held, held.after),
+                "The same under the extended model.",
+                f"Held-out residuals of the extended model of the {sensor} by condition",
+            )
+        period = channel.sampling_period_s
+        lags = {"plain model": autocorrelation(held, held.before, period)}
+        if extended:
+            lags["extended model"] = autocorrelation(held, held.after, period)
+        own = found.noise.autocovariance(len(lags["plain model"][0]) + 1)
+        lags["noise of the plateaus"] = (own[1:] / own[0], lags["plain model"][1])
+        figures["autocorrelation"] = (
+            drawings.autocorrelation(lags, period),
+            "Autocorrelation of the held-out residuals after the transfer, beside that of the noise as estimated from "
+            "the plateaus. A model that leaves nothing leaves the noise.",
+            f"Autocorrelation of the residuals of the {sensor}",
+        )
+    letter = "alpha" if found.name == "temperature" else "D"
+    for name, result, words in (("by_condition", before, "plain"), ("by_condition_extended", after, "extended")):
+        if result is None or (result is after and not found.causes):
+            continue
+        runs = relative_runs(result)
+        if len(runs) > 2:
+            figures[name] = (
+                parameter_by_condition(runs, f"{letter}, run / joint", "", (1.0, 0.0), unit),
+                f"{letter} of each run alone under the {words} model, as a ratio to the joint fit, with two standard "
+                "uncertainties. It is a property of the material: it should not move with airflow, direction or step.",
+                f"{letter} of single runs of the {sensor} by condition, {words} model",
+            )
+    scores = _evidence(found)
+    if scores:
+        names, values, kept = zip(*scores, strict=True)
+        figures["causes"] = (
+            drawings.cause_bars(
+                [named(n) for n in names], values, kept, min(price(n) for n in names), "drop in deviance"
+            ),
+            "Filled: how much worse the data are explained without the cause, all else refitted. Open: how much better "
+            "they would be explained with the candidate added to the model found. The line is the least that is asked; "
+            "an effect with more parameters has to bring more.",
+            f"Evidence for the causes in the {sensor}, and for the other candidates",
+        )
+    return figures
+
+
+def _overview(found: ChannelDiagnosis, held: HeldOut, residuals: Sequence[np.ndarray]) -> Drawing:
+    channel = found.problem.channel
+    runs = []
+    for i, run, time, residual in zip(held.runs, held.run_ids, held.time_s, residuals, strict=True):
+        direction, ambient_c, airflow, amplitude = conditions(channel, i)
+        # A step within the references' uncertainty is none.
+        runs.append(drawings.ResidualRun(run, time, residual, direction, ambient_c, airflow, round(amplitude, 1)))
+    return drawings.residual_overview(runs, UNIT[found.name], found.noise.standard_deviation)
+
+
+def _evidence(found: ChannelDiagnosis) -> list[tuple[str, float, bool]]:
+    """(effect, drop in deviance, kept) of the causes and of the candidates that the search tried last."""
+    kept = [(e, max(v, 0.0), True) for e, v in found.search.necessity.items()]
+    held = set(found.final.layout.effects)
+    last = next((m for m in reversed(found.search.moves) if m.kind == "stop"), None)
+    return kept + [(e, max(g, 0.0), False) for e, g in (last.candidates if last else ()) if e not in held]

@@ -1,0 +1,194 @@
+"""The sentences of a diagnosis: what a colleague would say, for the terminal, the page's head and its sections."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from analysis.diagnosis.diagnose import Cause, ChannelDiagnosis, Diagnosis
+from analysis.diagnosis.search import TIE
+from analysis.effects import CATALOGUE
+from analysis.report.fitted import UNIT
+from analysis.report.numbers import measured, plain
+
+SENSOR = {"temperature": "bead", "humidity": "film"}
+# What a campaign lacks where an effect could not act in it at all.
+NEEDS = {
+    "clock_drift": "needs runs whose start was recorded on the clock of the readings",
+    "condensation": "needs runs from cold air into air whose dew point lies above the film's own temperature",
+    "dead_time": "needs runs whose start was recorded on the clock of the readings",
+    "die_thermal_lag": "needs runs whose temperature changes, and the die's own temperature in hyt.csv",
+    "direction_dependent_diffusivity": "needs runs that wet the film and runs that dry it",
+    "evaporative_cooling": "needs a source air so moist that dew forms in the destination air",
+    "radiative_heating": "needs runs under light, with irradiance_w_m2 in run.json",
+}
+SHARES = {"fraction", "gain"}  # written in percent
+
+
+def named(effect: str) -> str:
+    """An effect's id as words."""
+    return effect.replace("_", " ")
+
+
+def listed(words: Sequence[str], last: str = "and") -> str:
+    """Words joined by commas, with `last` before the last one."""
+    return " ".join([", ".join(words[:-1]), last, words[-1]]) if len(words) > 1 else "".join(words)
+
+
+def value_text(channel: str, parameter: str, unit: str, value: float, spread: float) -> str:
+    """A parameter with its uncertainty, without its unit where the sentence gives it."""
+    if parameter in SHARES:
+        return measured(100 * value, 100 * spread) + " %"
+    text = measured(value, spread)
+    return f"{text} {UNIT[channel]}" if unit == "channel's unit" else text
+
+
+def cause_sentence(channel: str, cause: Cause) -> str:
+    """What the cause is, with its parameters, how sure, and who could stand in its place."""
+    effect = CATALOGUE[cause.effect]
+    texts = {
+        p.name: value_text(channel, p.name, p.unit, *cause.parameters[p.name])
+        for p in effect.parameters
+        if p.name in cause.parameters
+    }
+    text = effect.sentence.format(**texts)
+    if cause.probability < 0.9:
+        doubt = "Probably" if cause.probability >= 0.6 else "Possibly"
+        text = f"{doubt} ({100 * cause.probability:.0f} %): {text[0].lower()}{text[1:]}"
+    if cause.indistinguishable_from:
+        others = listed([named(e) for e in cause.indistinguishable_from], "or")
+        text += f" These runs cannot tell that from {others}."
+    if cause.at_bound:
+        names = listed([named(p) for p in cause.at_bound])
+        text += f" Its {names} stands at the end of its range: no value to rely on."
+    return text
+
+
+def values_text(channel: str, cause: Cause) -> str:
+    """A cause's parameters by name, with uncertainties and units."""
+    values = [
+        f"{p.name} {value_text(channel, p.name, p.unit, *cause.parameters[p.name])}"
+        + ("" if p.unit in ("1", "channel's unit") else f" {p.unit}")
+        + (" (at its bound)" if p.name in cause.at_bound else "")
+        for p in CATALOGUE[cause.effect].parameters
+        if p.name in cause.parameters
+    ]
+    return "; ".join(values)
+
+
+def terminal_causes(found: ChannelDiagnosis) -> list[str]:
+    """Causes in columns: effect, probability, parameters."""
+    causes = ordered(found.causes)
+    width = max((len(c.effect) for c in causes), default=0)
+    return [
+        f"    {c.effect:<{width}}  {100 * c.probability:5.1f} %  {values_text(found.name, c)}".rstrip() for c in causes
+    ]
+
+
+def ordered(causes: Sequence[Cause]) -> list[Cause]:
+    """Causes, those that the data need most first."""
+    return sorted(causes, key=lambda c: -c.evidence)
+
+
+def gain_sentence(found: ChannelDiagnosis) -> str:
+    """What the extension gains on unseen runs."""
+    gain, unit = found.gain, UNIT[found.name]
+    them = "it" if len(found.causes) == 1 else "them"
+    return (
+        f"With {them} the model predicts unseen runs to {plain(gain.after, 2)} {unit} instead of "
+        f"{plain(gain.before, 2)} {unit} (noise {plain(gain.noise_floor, 2)} {unit})."
+    )
+
+
+def channel_verdict(found: ChannelDiagnosis, whole: bool = True) -> str:
+    """The verdict on one channel; without `whole` only the strongest of many causes is spelled out."""
+    gain, unit, sensor = found.gain, UNIT[found.name], SENSOR[found.name]
+    causes = ordered(found.causes)
+    if found.verdict == "adequate":
+        return (
+            f"The plain diffusion model describes the {sensor}: it predicts unseen runs to {plain(gain.before, 2)} "
+            f"{unit} (noise {plain(gain.noise_floor, 2)} {unit}), and nothing in the catalogue makes it better."
+        )
+    spelled = causes if whole or len(causes) <= 2 else causes[:1]
+    said = [cause_sentence(found.name, c) for c in spelled]
+    if len(spelled) < len(causes):
+        said.append(f"Also at work: {listed([named(c.effect) for c in causes[1:]])}.")
+    if found.verdict == "explained":
+        return " ".join([*said, gain_sentence(found)])
+    if not whole:
+        said = [f"{listed([named(c.effect) for c in causes]).capitalize()}."] if causes else []
+    return " ".join([unexplained(found, whole), *(["Certain all the same:", *said] if said else [])])
+
+
+def unexplained(found: ChannelDiagnosis, whole: bool = True) -> str:
+    """What is left, without physics: its size, when it occurs, what it varies with."""
+    unit, sensor = UNIT[found.name], SENSOR[found.name]
+    text = f"Something is left in the {sensor}'s readings that no catalogued effect explains"
+    left = found.discrepancy or {}
+    parts = []
+    if "size_rms" in left:
+        parts.append(
+            f"{plain(float(left['size_rms']), 2)} {unit} rms beside a noise of "
+            f"{plain(found.noise.standard_deviation, 2)} {unit}"
+            + (f", at most {plain(float(left['size_peak']), 2)} {unit}" if whole else "")
+        )
+    if "largest_from_s" in left:
+        parts.append(
+            f"largest from {plain(float(left['largest_from_s']), 2)} to {plain(float(left['largest_until_s']), 2)} s "
+            "after the transfer"
+        )
+    varying = [str(v) for v in left.get("varies_with") or ()]
+    alike = [v for v in varying if v.startswith("nothing")]
+    varying = [v for v in varying if v not in alike]
+    if varying:
+        steady = ", and part of it is the same in every run" if alike else ""
+        parts.append(f"it varies with {listed(varying)}{steady}")
+    elif alike:
+        parts.append("it is the same in every run")
+    if whole and left.get("test"):
+        parts.append(f"the test that shows it best: {left['test']}")
+    return f"{text}: {'; '.join(parts)}." if parts else f"{text}."
+
+
+def headline(diagnosis: Diagnosis) -> str:
+    """The sentence of the page's head: both channels, the strongest cause of each spelled out."""
+    return " ".join([*(channel_verdict(c, whole=False) for c in diagnosis.channels), *missing(diagnosis)])
+
+
+def missing(diagnosis: Diagnosis) -> list[str]:
+    """A sentence for each channel that could not be diagnosed."""
+    return [f"The {SENSOR[name]} could not be diagnosed: fewer than three usable runs." for name in diagnosis.missing]
+
+
+def worse(rise: float) -> str:
+    """How much worse a rival explains the data, from the rise in deviance when it stands in the cause's place."""
+    if rise < TIE:
+        return "explains these data as well"
+    odds = rise / 2 / math.log(10)
+    if odds < 3:
+        return f"explains these data worse: {plain(10**odds, 1)} times less likely"
+    return "explains these data far worse"
+
+
+def experiment(run: dict) -> str:
+    """A run to measure next, in a line."""
+    airs = [
+        f"{plain(run[k]['temperature_c'], 3)} °C, {plain(run[k]['humidity_percent'], 3)} %RH"
+        for k in ("source", "destination")
+        if isinstance(run.get(k), dict)
+    ]
+    text = " → ".join(airs)
+    if run.get("airflow_m_s") is not None:
+        text += f", {plain(float(run['airflow_m_s']), 2)} m/s"
+    if (run.get("transfer") or {}).get("duration_s") is not None:
+        text += f", transfer slowed to {plain(float(run['transfer']['duration_s']), 2)} s"
+    return text + (f" ({run['reason']})" if run.get("reason") else "")
+
+
+def experiments(runs: Sequence[dict]) -> list[str]:
+    """Runs to measure next, repeats counted together."""
+    lines: dict[str, int] = {}
+    for run in runs:
+        text = experiment(run)
+        lines[text] = lines.get(text, 0) + 1
+    return [f"{count} × {text}" if count > 1 else text for text, count in lines.items()]

@@ -1,0 +1,73 @@
+"""The command line: parse, call one function, print. A command is one file in protocols/commands and one line in
+COMMANDS."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+
+# command -> (module in protocols.commands, what it does)
+COMMANDS = {
+    "scan": ("scan", "find sensors and stages on this computer and write a bench file to start from"),
+    "check": ("check", "open every instrument of a bench and say what is well and what is not"),
+    "run": ("run", "record a campaign on a bench (the embedded virtual bench by default)"),
+    "import": ("import_csv", "turn another logger's CSV files into a campaign"),
+    "watch": ("watch", "watch a campaign while it is recorded, in the terminal or in the browser"),
+    "status": ("status", "say what a campaign holds, what is missing and why"),
+    "characterize": ("characterize", "fit alpha and D(T) to a campaign and write the sensor profile"),
+    "diagnose": ("diagnose", "say what the simulation gets wrong, why, and what mending it gains"),
+    "reveal": ("reveal", "open a sealed truth beside a diagnosis and score it"),
+    "correct": ("correct", "correct a flight's temperature and humidity with a profile"),
+    "simulate": ("simulate", "simulate weather and a sensor flown through it, to files"),
+    "demo": ("demo", "record, characterize, diagnose and report on the virtual bench"),
+    "demo-flights": ("demo_flights", "make the paper's flight figures again, three corrections side by side"),
+    "emulate": ("emulate", "emulated instruments that unmodified programs open, or that play a flight"),
+    "hyt-address": ("hyt_address", "read a HYT-271's I2C address, or store another one in it"),
+    "slips": ("slips", "show the paper's schemes as printed and mended against the series"),
+}
+
+
+def build_parser(command: str | None) -> argparse.ArgumentParser:
+    """Parser that knows every command's name and help, and the arguments of `command` alone (its imports are heavy)."""
+    parser = argparse.ArgumentParser(
+        prog="shockrig",
+        description="Characterize, diagnose and correct the thermo-hygrometers that fly on weather drones.",
+        allow_abbrev=False,
+    )
+    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name, (module, summary) in COMMANDS.items():
+        sub = subparsers.add_parser(
+            name, help=summary, description=summary[0].upper() + summary[1:] + ".", allow_abbrev=False
+        )
+        if name == command:
+            loaded = importlib.import_module(f"protocols.commands.{module}")
+            loaded.add_arguments(sub)
+            sub.set_defaults(main=loaded.main)
+    return parser
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run one command; 0 on success, 2 on bad arguments or bad input (one line on standard error), 130 on Ctrl-C."""
+    arguments = sys.argv[1:] if argv is None else argv
+    command = next((a for a in arguments if not a.startswith("-")), None)
+    args = build_parser(command).parse_args(arguments)
+    from analysis.errors import InputError
+    from rig.errors import RigError
+
+    try:
+        return args.main(args) or 0
+    except (InputError, RigError) as error:
+        print(f"shockrig {args.command}: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        kept = "; what was recorded up to now is kept" if args.command in ("run", "demo") else ""
+        print(f"shockrig {args.command}: stopped by Ctrl-C{kept}", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        sys.stderr.close()
+        return 141
+
+
+if __name__ == "__main__":
+    sys.exit(main())

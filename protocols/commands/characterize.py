@@ -1,0 +1,105 @@
+"""shockrig characterize: fit alpha and D(T) to a campaign; profile, lookup table, plots and report in one folder."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from analysis.characterize import Characterization
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    parser.add_argument("campaign", metavar="CAMPAIGN", type=Path, help="campaign folder (campaign.json, runs/)")
+    parser.add_argument(
+        "--out", metavar="DIR", type=Path, required=True, help="folder for profile, table, plots, report"
+    )
+    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the differential evolution (0)")
+    parser.add_argument(
+        "--extend", metavar="DIAGNOSIS.json", type=Path, help="fit the model with the causes that this diagnosis names"
+    )
+
+
+def main(args: argparse.Namespace) -> int:
+    """Characterize, write, print."""
+    from datetime import UTC, datetime
+
+    from analysis.errors import InputError
+
+    if args.seed < 0:
+        raise InputError(f"--seed {args.seed}: expected a whole number that is not negative")
+    made_at = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
+    result = write(args.campaign, args.out, args.seed, args.extend, made_at)
+    print(summary(result))
+    print(f"report: {args.out / 'report.html'}")
+    print(f"profile: {args.out / 'profile.json'}")
+    return 0
+
+
+def write(campaign: Path, out: Path, seed: int, extend: Path | None, made_at: str) -> Characterization:
+    """Characterize a campaign into the folder `out`, whole or not at all."""
+    from analysis.campaign import read_campaign
+    from analysis.characterize import characterize, to_profile
+    from analysis.extension import read_extension
+    from analysis.profile import write_profile
+    from analysis.report.characterize_page import write_characterization
+    from protocols.folder import software_version, whole_folder
+
+    extensions = None if extend is None else read_extension(extend)
+    with whole_folder(out) as folder:
+        result = characterize(read_campaign(campaign), seed, extensions, _say)
+        provenance = {
+            "campaign_path": str(campaign),
+            "software": f"shockrig {software_version()}",
+            "made_at": made_at,
+            "seed": seed,
+        }
+        if extend is not None:
+            provenance["extended_by"] = str(extend)
+        profile = to_profile(result, provenance)
+        write_profile(profile, folder / "profile.json")
+        if profile.humidity is not None:
+            profile.humidity.to_frame().to_csv(folder / "diffusivity.csv", index=False, float_format="%.6g")
+        _say("plots and report")
+        used = {f"runs used, {name}": ", ".join(found.runs) for name, found in result.channels().items()}
+        write_characterization(result, folder, {"campaign": result.campaign.name, **provenance, **used})
+    return result
+
+
+def summary(result: Characterization) -> str:
+    """What the command prints: alpha, the table D(T), response times, what does not fit."""
+    from analysis.report.characterize_page import hint
+    from analysis.report.numbers import measured, plain
+
+    lines = []
+    if (t := result.temperature) is not None:
+        row = t.rows[0]
+        r = row.response
+        lines.append(
+            f"alpha = {measured(row.diffusivity_m2_s, row.standard_uncertainty, 'm²/s')}  ({len(row.runs)} runs)"
+        )
+        lines.append(f"  t63 {plain(r.t63_s, 3)} s, t90 {plain(r.t90_s, 3)} s, t98 {plain(r.t98_s, 3)} s")
+    if (h := result.humidity) is not None:
+        lines.append("ambient, °C   D, 1e-12 m²/s       t63, s   t90, s   t98, s   runs")
+        for row in h.rows:
+            value = measured(1e12 * row.diffusivity_m2_s, 1e12 * row.standard_uncertainty)
+            times = "".join(f"{plain(t, 3):>9}" for t in (row.response.t63_s, row.response.t90_s, row.response.t98_s))
+            mark = " *" if row.basis.startswith("thermal") else ""
+            lines.append(f"{round(row.ambient_c, 1) + 0.0:>11.1f}   {value:<16}{times}{len(row.runs):>7}{mark}")
+        for basis in dict.fromkeys(row.basis for row in h.rows if row.basis.startswith("thermal")):
+            lines.append(f"  * {basis}: this ambient has fewer than two isothermal shocks")
+    for name, found in result.channels().items():
+        if not found.explained:
+            lines.append(f"note: {hint(name, found)}")
+        left_out = len({entry.run for entry in found.set_aside})
+        if left_out:
+            lines.append(f"{name}: {len(found.runs)} runs used, {left_out} left out (the report says why)")
+    lines += [f"note: {name}: {reason}" for name, reason in result.missing.items()]
+    return "\n".join(lines)
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)

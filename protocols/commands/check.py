@@ -1,0 +1,38 @@
+"""shockrig check: what is well with a bench and what is not, all at once. Exit status 1 where something is wrong."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.epilog = (
+        "A GRBL stage is reset and homed, as for a run: keep clear, or use --still. Exit status: 0 all is well, "
+        "1 something is wrong (the tree says what, why and what mends it), 2 bad bench file or arguments."
+    )
+    parser.add_argument("--bench", metavar="BENCH.toml", type=Path, help="bench file (default: the virtual bench)")
+    parser.add_argument("--out", metavar="CAMPAIGN", type=Path, default=Path(), help="where you mean to record to")
+    parser.add_argument(
+        "--protocol", default="standard", help="what the disk must have room for (default: standard)"
+    )
+    parser.add_argument("--still", action="store_true", help="send nothing to the stage")
+
+
+def main(args: argparse.Namespace) -> int:
+    import time
+
+    from rig.bench import default_bench, load_bench, open_bench
+    from rig.check import examine, tree
+    from rig.protocol import load_protocol
+
+    protocol = load_protocol(args.protocol)
+    config = default_bench() if args.bench is None else load_bench(args.bench)
+    print("opening every instrument and listening for some seconds ...", file=sys.stderr, flush=True)
+    with open_bench(config) as bench:
+        findings = examine(bench, protocol, args.out, wall=time.time, may_move=not args.still)
+    print(tree(bench.name, findings))
+    faults = sum(not finding.well for finding in findings)
+    print("all is well" if not faults else f"{faults} fault{'s' if faults > 1 else ''}")
+    return 1 if faults else 0

@@ -1,0 +1,88 @@
+"""shockrig correct: a flight's CSV and a profile in, the flight with corrected values and their uncertainty out."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+QUANTITIES = ("time", "temperature", "humidity", "airspeed", "die", "pressure", "altitude")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    parser.add_argument("flight", type=Path, metavar="FLIGHT.csv")
+    parser.add_argument("--profile", type=Path, required=True, metavar="P", help="profile.json of the sensors flown")
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="F", help="corrected flight; netCDF if it ends in .nc"
+    )
+    parser.add_argument(
+        "--method", choices=("smoother", "mended", "paper"), default="smoother", help="default: smoother"
+    )
+    parser.add_argument(
+        "--column",
+        action="append",
+        default=[],
+        metavar="QUANTITY=NAME",
+        help=f"name of a column that is not recognised; quantities: {', '.join(QUANTITIES)}",
+    )
+    parser.add_argument(
+        "--cutoff-hz", type=float, help="low-pass of mended and paper; suggested from the noise if left out"
+    )
+    parser.add_argument(
+        "--temperature-noise-k", type=float, help="noise floor of the flight's bead, where not the profile's"
+    )
+    parser.add_argument("--humidity-noise-percent", type=float, help="noise floor of the flight's film")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Correct the flight and print what was done."""
+    from analysis.errors import InputError
+    from analysis.flight.stream import correct_file
+    from analysis.profile import read_profile
+
+    columns = {}
+    for choice in args.column:
+        quantity, equals, name = choice.partition("=")
+        if not equals or quantity not in QUANTITIES:
+            raise InputError(f"--column {choice}: expected QUANTITY=NAME with a quantity of {', '.join(QUANTITIES)}")
+        columns[quantity] = name
+    for option in ("cutoff_hz", "temperature_noise_k", "humidity_noise_percent"):
+        value = getattr(args, option)
+        if value is not None and not 0 < value < 1e6:
+            raise InputError(f"--{option.replace('_', '-')} {value:g}: expected a positive number")
+    profile = read_profile(args.profile)
+    shown = 0
+
+    def progress(rows: int) -> None:
+        nonlocal shown
+        if rows - shown >= 200_000:
+            shown = rows
+            print(f"{rows} rows corrected", file=sys.stderr)
+
+    done = correct_file(
+        args.flight,
+        profile,
+        args.out,
+        args.method,
+        columns=columns,
+        cutoff_hz=args.cutoff_hz,
+        temperature_noise_k=args.temperature_noise_k,
+        humidity_noise_percent=args.humidity_noise_percent,
+        history=f"shockrig correct --method {args.method} --profile {args.profile.name}",
+        progress=progress,
+    )
+    for note in done.notes:
+        print(f"note: {note}", file=sys.stderr)
+    print(f"{args.out}: {done.rows} rows, method {args.method}")
+    for name, unit, change, uncertainty in (
+        ("temperature", "K", done.temperature_change_k, done.temperature_uncertainty_k),
+        ("humidity", "%RH", done.humidity_change_percent, done.humidity_uncertainty_percent),
+    ):
+        if uncertainty == uncertainty:
+            print(f"  {name}: changed by {change:.3g} {unit} rms; standard uncertainty {uncertainty:.3g} {unit}")
+        else:
+            print(f"  {name}: not corrected")
+    flagged = ", ".join(f"{name} {count}" for name, count in done.flags.items() if count)
+    print(f"  flags: {flagged or 'none'}")
+    return 0

@@ -1,0 +1,146 @@
+"""shockrig diagnose: what the plain simulation gets wrong, why, and what mending it gains; profile, plots, report."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from analysis.diagnosis.diagnose import Diagnosis
+    from analysis.report.diagnosis_view import ChannelView
+
+CHANNELS = ("temperature", "humidity")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    parser.add_argument("campaign", metavar="CAMPAIGN", type=Path, help="campaign folder (campaign.json, runs/)")
+    parser.add_argument(
+        "--out", metavar="DIR", type=Path, required=True, help="folder for diagnosis, extended profile, plots, report"
+    )
+    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the bootstrap behind the intervals (0)")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Diagnose, write, print."""
+    from datetime import UTC, datetime
+
+    from analysis.errors import InputError
+
+    if args.seed < 0:
+        raise InputError(f"--seed {args.seed}: expected a whole number that is not negative")
+    made_at = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
+    diagnosis = write(args.campaign, args.out, args.seed, made_at)
+    print(summary(diagnosis))
+    for name in ("report.html", "diagnosis.json", "profile.json"):
+        print(f"{name.split('.')[0]}: {args.out / name}")
+    return 0
+
+
+def write(campaign: Path, out: Path, seed: int, made_at: str) -> Diagnosis:
+    """Diagnose a campaign into the folder `out`, whole or not at all."""
+    import json
+
+    from analysis.campaign import read_campaign
+    from analysis.channel import usable_runs
+    from analysis.diagnosis.diagnose import Diagnosis, next_experiments
+    from analysis.diagnosis.export import to_json
+    from analysis.diagnosis.extended import extended_profile
+    from analysis.diagnosis.in_use import cross_inversion
+    from analysis.errors import InputError
+    from analysis.profile import write_profile
+    from analysis.report.diagnosis_page import write_diagnosis
+    from analysis.report.style import write_whole
+    from protocols.folder import software_version, whole_folder
+
+    recorded = read_campaign(campaign)
+    with whole_folder(out) as folder:
+        views = _look(campaign, seed, folder)
+        found = tuple(view.found for view in views)
+        if not found:
+            raise InputError(
+                f"{campaign}: fewer than three usable runs in either sensor; record more, or see shockrig status"
+            )
+        missing = tuple(name for name in CHANNELS if name not in {c.name for c in found})
+        experiments = tuple(run for channel in found for run in next_experiments(channel))
+        diagnosis = Diagnosis(recorded.name, found, experiments, missing)
+        content = json.dumps(to_json(diagnosis), indent=2, allow_nan=False) + "\n"
+        write_whole(folder / "diagnosis.json", content.encode())
+        provenance = {
+            "campaign_path": str(campaign),
+            "software": f"shockrig {software_version()}",
+            "made_at": made_at,
+            "seed": seed,
+        }
+        _say("extended profile, a flight with it, report")
+        reasons = dict.fromkeys(missing, "fewer than three usable runs")
+        plain = {view.found.name: view.plain for view in views}
+        extended = {view.found.name: view.extended for view in views}
+        reasons |= {name: "no run determines the diffusivity" for name, result in extended.items() if result is None}
+        if any(extended.values()):
+            profile = extended_profile(recorded, seed, extended, reasons, provenance)
+            write_profile(profile, folder / "profile.json")
+            crossings, notes = cross_inversion(extended_profile(recorded, seed, plain, reasons), profile, seed)
+        else:
+            crossings, notes = [], ["No run determines a diffusivity, so there is no profile to fly."]
+        left_out = [entry for name in CHANNELS for entry in usable_runs(recorded, name)[1]]
+        used = {f"runs used, {c.name}": ", ".join(c.problem.channel.run_ids) for c in found}
+        write_diagnosis(
+            diagnosis, views, crossings, notes, left_out, folder, {"campaign": recorded.name, **provenance, **used}
+        )
+    return diagnosis
+
+
+def _look(campaign: Path, seed: int, folder: Path) -> list[ChannelView]:
+    """Both channels at once, in processes of their own."""
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    # Two processes that each start as many threads as there are cores would stand in each other's way.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    with ProcessPoolExecutor(len(CHANNELS), mp_context=get_context("spawn")) as pool:
+        waiting = [pool.submit(_look_at_channel, campaign, name, seed, folder) for name in CHANNELS]
+        return [view for w in waiting if (view := w.result()) is not None]
+
+
+def _look_at_channel(campaign: Path, name: str, seed: int, folder: Path) -> ChannelView | None:
+    from analysis.campaign import read_campaign
+    from analysis.channel import build_channel
+    from analysis.diagnosis.diagnose import diagnose_channel
+    from analysis.report.diagnosis_view import look_at
+
+    channel = build_channel(read_campaign(campaign), name)
+    if channel is None or channel.runs < 3:
+        return None
+    found = diagnose_channel(channel, seed, _say)
+    _say(f"{name}: held-out residuals and plots")
+    return look_at(found, folder)
+
+
+def summary(diagnosis: Diagnosis) -> str:
+    """What the command prints: verdicts, causes with parameters, gain, what to measure next."""
+    from analysis.report.diagnosis_words import channel_verdict, experiments, missing, terminal_causes
+
+    lines = []
+    for found in diagnosis.channels:
+        lines += [f"{found.name}: {found.verdict}", f"  {channel_verdict(found)}", *terminal_causes(found)]
+        gain = found.gain
+        if found.causes:
+            low, high = gain.interval_95
+            share = f"{100 * gain.explained_fraction:.1f} % ({100 * low:.1f} to {100 * high:.1f} %)"
+            lines.append(f"  of the explainable error removed on unseen runs: {share}")
+        left_out = len(found.problem.channel.left_out)
+        if left_out:
+            lines.append(f"  {found.problem.channel.runs} runs used, {left_out} left out (the report says why)")
+    lines += missing(diagnosis)
+    wanted = experiments(diagnosis.next_experiments)
+    lines.append("to measure next: " + ("" if wanted else "nothing; no two explanations are tied"))
+    return "\n".join([*lines, *(f"  {line}" for line in wanted)])
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)

@@ -1,0 +1,174 @@
+"""shockrig emulate: emulated instruments that unmodified programs open, at rest, on a bench, or playing a flight."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+PRESSURE_HPA = 1013.25
+KINDS = ("imet-xf", "imet-xq2", "imet-xq", "hyt-271", "grbl")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    parser.epilog = "Ends at the end of the flight, else by Ctrl-C. What each instrument does: docs/emulators.md."
+    parser.add_argument("kinds", metavar="KIND", nargs="+", choices=KINDS, help=", ".join(KINDS))
+    parser.add_argument("--link", metavar="PATH", type=Path, help="symbolic link to the serial instrument's terminal")
+    parser.add_argument("--folder", metavar="F", type=Path, help="where the I2C socket and library go (default: /tmp)")
+    parser.add_argument("--build", metavar="LIB.so", type=Path, help="build the I2C preload library there, and end")
+    parser.add_argument("--bus", type=int, default=1, metavar="N", help="/dev/i2c-N that programs open (default 1)")
+    parser.add_argument("--address", type=lambda text: int(text, 0), default=0x28, help="of the HYT-271 (default 0x28)")
+    parser.add_argument("--rate-hz", type=float, help="lines a second (default: 10 for an XF, 1 for an XQ)")
+    parser.add_argument("--humidity", action="store_true", help="the iMet-XF carries a HYT-271 (lines with id 8)")
+    parser.add_argument("--flight", metavar="FLIGHT.csv", type=Path, help="play this air (time_s, temperature_c, ...)")
+    parser.add_argument("--profile", metavar="P", type=Path, help="the sensors that fly (default: a typical pair)")
+    parser.add_argument("--truth", metavar="F.csv", type=Path, help="write what was said and what was true, as it goes")
+    parser.add_argument("--speed", type=float, default=1.0, help="how much faster than real time (default 1)")
+    parser.add_argument("--seed", type=int, default=0, help="noise, and without a flight the sensors themselves")
+    air = parser.add_argument_group("without a flight")
+    air.add_argument("--source", metavar="DEGC,RH", default="20,50", help="air where the probes are (default 20,50)")
+    air.add_argument("--destination", metavar="DEGC,RH", default="40,20", help="air where grbl carries them")
+    air.add_argument("--airflow", metavar="M_S", type=float, default=6.0)
+    parser.add_argument(
+        "--fault",
+        action="append",
+        default=[],
+        metavar="KIND@START[-END]",
+        help="inject a fault from START to END s, e.g. half_line@10-20; a wrong KIND lists them all",
+    )
+
+
+def main(args: argparse.Namespace) -> int:
+    """Set the instruments up, say how to reach them, and serve them until the end."""
+    import contextlib
+    import signal
+    import tempfile
+    import time
+
+    from rig.errors import BenchError
+    from rig.virtual.emulate.i2c_socket import build_preload
+    from rig.virtual.emulate.session import FastClock, Options, Session, check_kinds
+
+    if args.build is not None:
+        print(f"{build_preload(args.build)}: name it in LD_PRELOAD, and the socket in SHOCKRIG_I2C_{args.bus}")
+        return 0
+    for name, low, high in (("speed", 0.01, 1000.0), ("rate_hz", 0.01, 1000.0), ("airflow", 0.0, 100.0)):
+        value = getattr(args, name)
+        if value is not None and not low <= value <= high:
+            raise BenchError(f"--{name.replace('_', '-')} {value:g}: expected {low:g} to {high:g}")
+    for name, low, high in (("seed", 0, 2**63), ("address", 0x08, 0x77), ("bus", 0, 255)):
+        if not low <= getattr(args, name) <= high:
+            raise BenchError(f"--{name} {getattr(args, name)}: expected {low} to {high}")
+    faults = tuple(_fault(text) for text in args.fault)
+    options = Options(args.address, args.bus, args.rate_hz, args.humidity, seed=args.seed, faults=faults)
+    check_kinds(args.kinds, options)
+    serial = [kind for kind in args.kinds if kind != "hyt-271"]
+    if args.link is not None and len(serial) != 1:
+        raise BenchError(f"--link {args.link}: is for one serial instrument; here are {len(serial)}")
+    if args.profile is not None and args.flight is None:
+        raise BenchError(f"--profile {args.profile}: flies only with --flight FLIGHT.csv")
+    world, end_s = _flight(args) if args.flight is not None else (_bench(args), None)
+    with contextlib.ExitStack() as stack:
+        if args.folder is None:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="shockrig-emulate-")))
+        else:
+            folder = args.folder
+            folder.mkdir(parents=True, exist_ok=True)
+        signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(0))
+        clock = FastClock(args.speed)
+        session = Session(
+            args.kinds, world, clock, folder.resolve(), unix_s=time.time, truth=args.truth, options=options
+        )
+        stack.callback(session.close)
+        if args.link is not None:
+            _link(args.link, session.serial[serial[0]])
+            stack.callback(args.link.unlink, missing_ok=True)
+        _introduce(args, session)
+        with contextlib.suppress(KeyboardInterrupt):
+            _serve(clock, session, end_s, args.speed)
+        if session.witness.trouble:
+            raise BenchError(session.witness.trouble)
+    return 0
+
+
+def _serve(clock: Any, session: Any, end_s: float | None, speed: float) -> None:
+    """Wait while the instruments' own threads work."""
+    while end_s is None or clock.now() < end_s:
+        clock.sleep_until(min(clock.now() + 0.2 * speed, end_s or float("inf")))
+        if session.witness.trouble:
+            return
+
+
+def _introduce(args: argparse.Namespace, session: Any) -> None:
+    for kind, path in session.serial.items():
+        named = f" ({args.link})" if args.link is not None else ""
+        print(f"{kind} on {path}{named}", flush=True)
+    if session.environment:
+        setting = " ".join(f"{name}={value}" for name, value in session.environment.items())
+        request = f"i2ctransfer -y {args.bus} w0@{args.address:#04x}"
+        fetch = f"i2ctransfer -y {args.bus} r4@{args.address:#04x}"
+        print(f"hyt-271 at {args.address:#04x} on /dev/i2c-{args.bus} for programs with")
+        print(f"  export {setting}", flush=True)
+        print(f"then for instance: {request}; sleep 0.1; {fetch}", file=sys.stderr)
+
+
+def _bench(args: argparse.Namespace) -> Any:
+    """A pair of sensors at rest between two chambers; a carriage moves them."""
+    from rig.seams import Air
+    from rig.virtual.emulate.rest import RestingBench
+
+    source, destination = (Air(*_air(name, getattr(args, name))) for name in ("source", "destination"))
+    return RestingBench(source, destination, args.airflow, PRESSURE_HPA, args.seed)
+
+
+def _flight(args: argparse.Namespace) -> tuple[Any, float]:
+    from analysis.flight.typical import typical_profile
+    from analysis.profile import read_profile
+    from protocols.flight_world import flight_world, read_flown_air
+
+    profile = typical_profile() if args.profile is None else read_profile(args.profile)
+    air = read_flown_air(args.flight)
+    print(f"flying the sensors through {air.time_s[-1]:.0f} s of air ...", file=sys.stderr)
+    world = flight_world(air, profile, args.seed)
+    if world.left_out:
+        print(f"note: left to the logger that listens: {', '.join(world.left_out)}", file=sys.stderr)
+    return world, world.end_s
+
+
+def _air(name: str, text: str) -> tuple[float, float]:
+    from rig.errors import BenchError
+
+    try:
+        temperature_c, humidity_percent = (float(part) for part in text.split(","))
+    except ValueError:
+        temperature_c = humidity_percent = float("nan")
+    if not (-90.0 < temperature_c < 80.0 and 0.0 <= humidity_percent <= 100.0):
+        raise BenchError(f"--{name} {text}: expected DEGC,RH such as 20,50")
+    return temperature_c, humidity_percent
+
+
+def _fault(text: str) -> Any:
+    import math
+    import re
+
+    from rig.errors import BenchError
+    from rig.virtual.faults import Fault
+
+    found = re.fullmatch(r"(\w+)@(\d+(?:\.\d+)?)(?:-(\d+(?:\.\d+)?))?", text)
+    if found is None:
+        raise BenchError(f"--fault {text}: expected KIND@START or KIND@START-END, in s, such as silence@10-20")
+    return Fault(found[1], float(found[2]), math.inf if found[3] is None else float(found[3]))
+
+
+def _link(link: Path, target: str) -> None:
+    """Never over a file, which may be somebody's; a link that was left behind is replaced."""
+    from rig.errors import BenchError
+
+    if link.is_symlink():
+        link.unlink()
+    try:
+        link.symlink_to(target)
+    except OSError as error:
+        raise BenchError(f"--link {link}: {error.strerror}; give another path") from None

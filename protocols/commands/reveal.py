@@ -1,0 +1,20 @@
+"""shockrig reveal: open a sealed truth beside a diagnosis and print how the diagnosis did."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("sealed", metavar="SEALED", type=Path, help="the sealed file that hiding wrote")
+    parser.add_argument(
+        "--diagnosis", metavar="DIAGNOSIS.json", type=Path, required=True, help="diagnosis.json to judge"
+    )
+
+
+def main(args: argparse.Namespace) -> int:
+    from protocols.reveal import score, table
+
+    print(table(score(args.sealed, args.diagnosis)))
+    return 0

@@ -1,0 +1,194 @@
+"""shockrig run: record a campaign on a bench, by default the embedded virtual one, whose truth is sealed beside it."""
+
+from __future__ import annotations
+
+import argparse
+import secrets
+import signal
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True)
+class _Sealed:
+    """What is true of emulated sensors, and the file that keeps it."""
+
+    path: Path
+    truth: Any
+    seed: int
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.epilog = (
+        "A campaign that was interrupted goes on when the same command is run again. Ctrl-C makes the bench safe and "
+        "keeps what was recorded; a second Ctrl-C ends at once."
+    )
+    parser.add_argument("protocol", metavar="PROTOCOL", help="quick, standard, manual, or the path of a TOML file")
+    parser.add_argument("--bench", metavar="BENCH.toml", type=Path, help="bench file (default: the virtual bench)")
+    parser.add_argument("--out", metavar="CAMPAIGN", type=Path, help="campaign folder, new or to go on with")
+    parser.add_argument("--dry-run", action="store_true", help="check and print the plan; nothing moves")
+    parser.add_argument("--watch", action="store_true", help="show the live view of shockrig watch meanwhile")
+    virtual = parser.add_argument_group("emulated instruments")
+    virtual.add_argument("--seed", type=int, help="which sensors, noise and hidden effects")
+    virtual.add_argument("--rough", action="store_true", help="correlated noise, trigger jitter, gaps")
+    virtual.add_argument(
+        "--hide",
+        metavar="WHAT",
+        help="effects to hide in the sensors: random, none, outside, a number, or the catalogue's ids joined by commas",
+    )
+    virtual.add_argument(
+        "--sealed", metavar="FILE", type=Path, help="where the truth is sealed (default: CAMPAIGN.sealed)"
+    )
+
+
+def main(args: argparse.Namespace) -> int:
+    from rig.bench import default_bench, load_bench, open_bench
+    from rig.errors import BenchError
+    from rig.protocol import load_protocol
+    from rig.runner import check_plan
+    from rig.virtual.hide import seal
+
+    protocol = load_protocol(args.protocol)
+    config = default_bench() if args.bench is None else load_bench(args.bench)
+    if args.watch and any(part.kind in ("manual", "operator") for part in config.parts().values()):
+        raise BenchError("--watch needs the terminal, and so does the operator: run shockrig watch in another one")
+    if args.out is None and not args.dry_run:
+        raise BenchError("--out CAMPAIGN is missing: where shall the recording go?")
+    if not any(config.is_virtual(part) for part in config.parts().values()):
+        for name in ("seed", "rough", "hide", "sealed"):
+            if getattr(args, name):
+                raise BenchError(f"--{name} is for emulated instruments; this bench has none")
+        bench, sealed = open_bench(config), None
+    else:
+        bench, sealed = _emulated(args, config)
+    for warning in check_plan(protocol, bench, _free_bytes(args.out)):
+        print(f"warning: {warning}", file=sys.stderr)
+    if args.dry_run:
+        _print_plan(protocol, bench)
+        return 0
+    if sealed is None or sealed.path.exists():
+        return _record(args, protocol, bench, sealed)
+    seal(sealed.path, sealed.truth, sealed.seed)
+    try:
+        return _record(args, protocol, bench, sealed)
+    finally:
+        if not (args.out / "campaign.json").exists():
+            sealed.path.unlink()  # nothing was begun
+
+
+def _emulated(args: argparse.Namespace, config: Any) -> tuple[Any, _Sealed]:
+    """A bench with emulated sensors, and their truth: drawn for a new campaign, or the sealed one of a campaign."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from rig.bench import open_bench
+    from rig.errors import BenchError
+    from rig.virtual.hide import draw_hidden, open_seal
+    from rig.virtual.truth import ROUGH, SMOOTH, draw_truth, with_effects
+
+    out = (args.out or Path("dry-run")).resolve()
+    path = args.sealed or out.with_name(out.name + ".sealed")
+    seed, truth, recorded = args.seed, None, 0
+    if (out / "campaign.json").exists() and not args.dry_run:
+        if not path.exists():
+            raise BenchError(f"{path}: the sealed truth of {args.out} is gone; name it by --sealed, or another --out")
+        truth, seed = open_seal(path)
+        if args.seed not in (None, seed):
+            raise BenchError(f"{args.out} was begun with another --seed; leave it out, or give another --out")
+        recorded = sum(1 for _ in out.glob("runs/*/run.json"))
+    elif path.exists() and not args.dry_run:
+        raise BenchError(f"{path}: is the sealed truth of another campaign; remove it, or give another --out")
+    if seed is None:
+        # A blind trial that could be looked up by its seed would not be blind.
+        seed = secrets.randbits(32) if args.hide is not None else config.virtual.seed
+    if seed < 0:
+        raise BenchError(f"--seed {seed}: expected 0 or more")
+    if truth is None and (args.hide is not None or args.rough or config.virtual.truth is None):
+        rng = np.random.default_rng(seed)
+        truth = draw_truth(rng, ROUGH if args.rough else SMOOTH)
+        truth = with_effects(truth, draw_hidden(rng, args.hide or "none"))
+    # A campaign that goes on must not replay the noise that it began with.
+    config = replace(config, virtual=replace(config.virtual, seed=seed + 1_000_003 * recorded))
+    bench = open_bench(config, truth=truth)
+    return bench, _Sealed(path, bench.truth, seed)
+
+
+def _free_bytes(out: Path | None) -> int | None:
+    import shutil
+
+    if out is None:
+        return None
+    existing = next((folder for folder in (out, *out.resolve().parents) if folder.is_dir()), None)
+    return None if existing is None else shutil.disk_usage(existing).free
+
+
+def _print_plan(protocol: Any, bench: Any) -> None:
+    from protocols.run_progress import duration, words
+
+    print(f"{protocol.name}: {protocol.description}")
+    print(f"{len(protocol.runs)} runs on {bench.name} with {', '.join(bench.describe())}")
+    steps: tuple = ()
+    for run in protocol.runs:
+        if run.steps != steps:
+            steps = run.steps
+            print("  each: " + "; ".join(str(step) for step in steps))
+        flow = "" if run.airflow_m_s is None else f", {run.airflow_m_s:g} m/s"
+        note = f"  ({run.note})" if run.note else ""
+        print(f"  {run.id}  {words(run.source)} -> {words(run.destination)}{flow}{note}")
+    shortest_s = sum(run.shortest_s() for run in protocol.runs)
+    longest_s = sum(run.longest_s() for run in protocol.runs)
+    print(f"bench time: {duration(shortest_s)} where every soak is stable at once, at most {duration(longest_s)}")
+
+
+def _record(args: argparse.Namespace, protocol: Any, bench: Any, sealed: _Sealed | None) -> int:
+    from protocols.run_progress import duration, observer
+    from protocols.watch.beside import LiveObserver
+    from rig.clock import VirtualClock
+    from rig.recorder import read_state
+    from rig.runner import record_campaign
+    from rig.watch.status_file import StatusFile
+
+    in_real_time = not isinstance(bench.clock, VirtualClock)
+    before = {number: signal.signal(number, _end) for number in (signal.SIGTERM, signal.SIGHUP)}
+    try:
+        shown = LiveObserver(args.out) if args.watch else observer()
+        with bench, shown, StatusFile(args.out, protocol, bench.name, shown) as told:
+            recorded = record_campaign(
+                bench,
+                protocol,
+                args.out,
+                utc=_utc(bench.clock),
+                observer=told,
+                sync_every_s=1.0 if in_real_time else None,
+            )
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    state = read_state(args.out)
+    spoilt = f", {len(state.set_aside)} attempts set aside" if state.set_aside else ""
+    print(f"{len(state.recorded)} runs in {args.out} ({len(recorded)} recorded now{spoilt})")
+    if recorded:
+        print(f"bench time: {duration(bench.clock.now())} on {bench.name}")
+    if sealed is not None:
+        print(f"sealed truth: {sealed.path}")
+    return 0
+
+
+def _end(number: int, frame: object) -> None:
+    """SIGTERM and a closed terminal end a recording as Ctrl-C does."""
+    raise SystemExit(128 + number)
+
+
+def _utc(clock: Any):
+    """Time of day that goes along with the bench clock, which a jump of the host's clock does not touch."""
+    from datetime import UTC, datetime, timedelta
+
+    zero = datetime.now(UTC) - timedelta(seconds=clock.now())
+
+    def utc() -> str:
+        return (zero + timedelta(seconds=clock.now())).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+    return utc

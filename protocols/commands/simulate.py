@@ -1,0 +1,84 @@
+"""shockrig simulate: weather and a sensor flown through it, to files: the log, and the truth beside it."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+SCENES = ("convective", "frontal", "inversion")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    parser.add_argument("scene", choices=SCENES)
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for flight.csv and truth.csv")
+    parser.add_argument(
+        "--profile", type=Path, metavar="P", help="profile.json of the sensors; a typical pair if left out"
+    )
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--noise", type=float, default=1.0, help="multiplies the profile's noise floors (default 1)")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="OPTION=VALUE",
+        dest="options",
+        help="option of the scene, e.g. duration_s=900 or strength_k=8; a wrong name lists them all",
+    )
+
+
+def main(args: argparse.Namespace) -> int:
+    """Write DIR/flight.csv and DIR/truth.csv."""
+    import inspect
+
+    import numpy as np
+
+    from analysis.errors import InputError
+    from analysis.flight.sensor import fly
+    from analysis.flight.typical import typical_profile
+    from analysis.flight.weather import SCENES as MAKERS
+    from analysis.profile import read_profile, write_profile
+
+    maker = MAKERS[args.scene]
+    known = [name for name in inspect.signature(maker).parameters if name != "rng"]
+    options = {}
+    for choice in args.options:
+        name, _, text = choice.partition("=")
+        try:
+            value = float(text)
+        except ValueError:
+            value = float("nan")
+        if name not in known or not np.isfinite(value):
+            raise InputError(f"--set {choice}: expected OPTION=NUMBER with an option of {', '.join(known)}")
+        options[name] = value
+    if args.seed < 0 or not 0 <= args.noise < 1e6:
+        raise InputError("--seed and --noise: expected numbers that are not negative")
+    profile = read_profile(args.profile) if args.profile else typical_profile()
+    try:
+        with np.errstate(all="ignore"):
+            weather = maker(np.random.default_rng([args.seed, 1]), **options)
+        if not 10.0 <= weather.time_s[-1] <= 90_000.0 or not np.all(
+            np.isfinite(weather.temperature_c + weather.humidity_percent)
+        ):
+            raise ValueError(
+                f"gives a flight of {weather.time_s[-1]:.3g} s or air that is no number; 10 s to 90000 s can be flown"
+            )
+    except (ValueError, ZeroDivisionError, OverflowError, IndexError, MemoryError) as error:
+        raise InputError(f"--set {' '.join(args.options)}: {error}") from error
+    flown = fly(weather, profile, args.seed, noise=args.noise)
+    try:
+        args.out.mkdir(parents=True, exist_ok=True)
+        for name, frame in (("flight.csv", flown.log), ("truth.csv", flown.truth.round(5))):
+            part = args.out / f".{name}.part"
+            frame.to_csv(part, index=False)
+            part.replace(args.out / name)
+        if not args.profile:
+            write_profile(profile, args.out / "profile.json")
+    except OSError as error:
+        raise InputError(f"--out {args.out}: {error.strerror}; name a folder that can be written") from error
+    print(f"{args.out / 'flight.csv'}: {len(flown.log)} rows of {args.scene} weather, seed {args.seed}")
+    print(f"{args.out / 'truth.csv'}: the air at the same instants")
+    hint = args.profile or args.out / "profile.json"
+    print(f"next: shockrig correct {args.out / 'flight.csv'} --profile {hint} --out corrected.csv", file=sys.stderr)
+    return 0

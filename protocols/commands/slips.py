@@ -1,0 +1,46 @@
+"""shockrig slips: the paper's schemes as printed and mended, measured against the series; table, plots and a page."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    parser.add_argument("--out", type=Path, metavar="DIR", help="also write report.html and the plots (PNG, SVG) here")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Print the table of slips; with --out write the report too."""
+    from analysis.schemes import slips_table
+
+    slips = slips_table()
+    print(as_text(slips))
+    if args.out is not None:
+        from analysis.errors import InputError
+        from analysis.report.slips_page import write_slips_report
+
+        try:
+            path = write_slips_report(slips, args.out)
+        except OSError as error:
+            raise InputError(f"--out {args.out}: {error.strerror}; name a folder that can be written") from error
+        print(f"\nreport: {path}")
+    return 0
+
+
+def as_text(slips) -> str:
+    """The table for a terminal: one block for each slip."""
+    from analysis.report.slips_page import as_table
+
+    lines = []
+    for slip in slips:
+        table = as_table(slip)
+        rows = [["", *table.columns[1:]], *table.rows]
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines += [slip.title, f"  taken: {slip.printed}", f"  mend:  {slip.mend}", f"  {slip.quantity}:"]
+        for case, *numbers in rows:
+            shown = [case.ljust(widths[0]), *(n.rjust(w) for n, w in zip(numbers, widths[1:], strict=True))]
+            lines.append("    " + "   ".join(shown).rstrip())
+        lines.append("")
+    return "\n".join(lines).rstrip()

@@ -1,0 +1,191 @@
+"""A flight's air felt by a pair of sensors: what emulated instruments sample when they play it.
+
+The element's equations are those of analysis.flight.sensor; effects of the logger's link (averaging, repeats, delay,
+rounding) are left out, because the logger under test brings its own.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.effects import CATALOGUE
+from analysis.errors import InputError
+from analysis.flight.sensor import NOISE_K, NOISE_PERCENT, REFERENCE_AIRSPEED_M_S, fly
+from analysis.flight.weather import FINE_STEP_S, Weather
+from analysis.profile import Effect, Profile, Uncertain
+from rig.seams import Air
+
+Array = NDArray[np.float64]
+LONGEST_S = 90_000.0
+UNROUNDED = 1e-7  # the instrument rounds, not the simulation
+PRESSURE_HPA = 1013.25
+COLUMNS = {
+    "temperature_c": ("temperature_corrected_c", "temperature_c"),
+    "humidity_percent": ("humidity_corrected_percent", "humidity_percent"),
+    "airspeed_m_s": ("airspeed_m_s",),
+    "pressure_hpa": ("pressure_hpa",),
+    "altitude_m": ("altitude_m",),
+}
+LIMITS = {"temperature_c": (-95.0, 80.0), "humidity_percent": (0.0, 100.0), "airspeed_m_s": (0.0, 340.0)}
+
+
+def read_flown_air(path: Path) -> Weather:
+    """The air along a flight: time_s, temperature_c, humidity_percent and, where known, airspeed_m_s, pressure_hpa.
+
+    The corrected columns of a corrected flight are taken before the readings; between rows the air is a straight line.
+
+    Raises
+    ------
+    InputError
+        A column is missing, time does not rise, or a value cannot be: names the file, the line, the mend.
+    """
+    import pandas as pd
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the header would be cut short
+            frame = pd.read_csv(path, encoding="utf-8-sig", index_col=False, skipinitialspace=True, low_memory=False)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}; name a flight's CSV file") from None
+    except (ValueError, UnicodeDecodeError, pd.errors.ParserWarning) as error:
+        raise InputError(f"{path}: cannot be read as CSV ({' '.join(str(error).split())})") from None
+    if "time_s" not in frame:
+        raise InputError(f"{path}, line 1: no column time_s; a flight has time_s, temperature_c, humidity_percent")
+    time_s = _numbers(frame["time_s"], path, "time_s")
+    if time_s.size < 2:
+        raise InputError(f"{path}: fewer than two rows; give a flight")
+    if not np.all(np.isfinite(time_s)) or not np.all(np.diff(time_s) > 0):
+        line = int(np.argmax(~(np.diff(time_s, prepend=-np.inf) > 0))) + 2
+        raise InputError(f"{path}, line {line}: time_s must be there in every row and rise from row to row")
+    span_s = float(time_s[-1] - time_s[0])
+    if not 1.0 <= span_s <= LONGEST_S:
+        raise InputError(f"{path}: the flight takes {span_s:g} s; 1 s to {LONGEST_S:g} s can be played")
+    fine_s = np.arange(round(span_s / FINE_STEP_S) + 1) * FINE_STEP_S
+    air: dict[str, Array] = {}
+    for quantity, names in COLUMNS.items():
+        name = next((name for name in names if name in frame), None)
+        if name is None:
+            if quantity in ("temperature_c", "humidity_percent"):
+                raise InputError(f"{path}, line 1: no column {quantity}; the air needs temperature_c, humidity_percent")
+            default = {"airspeed_m_s": REFERENCE_AIRSPEED_M_S, "pressure_hpa": PRESSURE_HPA}.get(quantity, 0.0)
+            air[quantity] = np.full(fine_s.size, default)
+            continue
+        values = _numbers(frame[name], path, name)
+        known = np.isfinite(values)
+        if known.sum() < 2:
+            raise InputError(f"{path}: column {name}: fewer than two values")
+        low, high = LIMITS.get(quantity, (-np.inf, np.inf))
+        wrong = np.flatnonzero(known & ((values < low) | (values > high)))
+        if wrong.size:
+            raise InputError(
+                f"{path}, line {int(wrong[0]) + 2}: {name} is {values[wrong[0]]:g}; the air lies between {low:g} and "
+                f"{high:g}: mend the row or leave the cell empty"
+            )
+        air[quantity] = np.interp(fine_s, time_s[known] - time_s[0], values[known])
+    return Weather(path.name, fine_s, **air)
+
+
+def _numbers(column: Any, path: Path, name: str) -> Array:
+    import pandas as pd
+
+    try:
+        numbers = pd.to_numeric(column, errors="coerce").to_numpy(dtype=float)
+    except OverflowError:
+        raise InputError(f"{path}: column {name}: a number of too many digits") from None
+    wrong = np.flatnonzero(np.isnan(numbers) & ~(column.isna() | (column.astype(str).str.strip() == "")).to_numpy())
+    if wrong.size:
+        found = str(column.iloc[int(wrong[0])])[:40]
+        raise InputError(f"{path}, line {int(wrong[0]) + 2}: column {name}: {found!r} is not a number")
+    return np.where(np.isfinite(numbers), numbers, np.nan)
+
+
+@dataclass(frozen=True)
+class FlightWorld:
+    """What the instruments sample; times are the flight's own, from 0 to `end_s`, and hold beyond."""
+
+    weather: Weather
+    bead: Callable[[Array], Array]
+    film: Callable[[Array], Array]
+    die: Callable[[Array], Array]
+    noise_k: float
+    noise_percent: float
+    rng: np.random.Generator
+    left_out: tuple[str, ...]
+
+    @property
+    def end_s(self) -> float:
+        return float(self.weather.time_s[-1])
+
+    def _inside(self, at_s: float) -> float:
+        return min(max(at_s, 0.0), self.end_s)
+
+    def bead_temperature_c(self, at_s: float) -> float:
+        return float(self.bead(self._inside(at_s))) + self.noise_k * self.rng.standard_normal()
+
+    def film_humidity_percent(self, at_s: float) -> float:
+        return float(self.film(self._inside(at_s))) + self.noise_percent * self.rng.standard_normal()
+
+    def die_temperature_c(self, at_s: float) -> float:
+        return float(self.die(self._inside(at_s)))
+
+    def air(self, at_s: float) -> Air:
+        weather, at_s = self.weather, self._inside(at_s)
+        return Air(
+            float(np.interp(at_s, weather.time_s, weather.temperature_c)),
+            float(np.interp(at_s, weather.time_s, weather.humidity_percent)),
+        )
+
+    def pressure_hpa(self, at_s: float) -> float:
+        return float(np.interp(self._inside(at_s), self.weather.time_s, self.weather.pressure_hpa))
+
+    def begin_transfer(self, at_s: float) -> None:
+        """A carriage changes nothing in flight."""
+
+    def begin_return(self, at_s: float) -> None:
+        """A carriage changes nothing in flight."""
+
+
+def flight_world(weather: Weather, profile: Profile, seed: int = 0, noise: float = 1.0) -> FlightWorld:
+    """Fly a profile's sensors through the air; both elements must be in the profile. Raises InputError."""
+    from scipy.interpolate import CubicSpline
+
+    if profile.temperature is None or profile.humidity is None:
+        missing = "temperature" if profile.temperature is None else "humidity"
+        raise InputError(f"profile: key {missing} is missing; to play a flight a profile needs both sensors")
+    left_out: list[str] = []
+    unrounded = Effect("quantization", {"step": Uncertain(UNROUNDED, 0.0)})
+
+    def without_logger(part: Any) -> Any:
+        logger = [e for e in part.effects if e.effect in CATALOGUE and CATALOGUE[e.effect].link == "logger"]
+        left_out.extend(e.effect for e in logger)
+        return replace(part, effects=(*(e for e in part.effects if e not in logger), unrounded))
+
+    element = Profile(without_logger(profile.temperature), without_logger(profile.humidity))
+    log = fly(weather, element, seed, noise=0.0).log
+    time_s = log["time_s"].to_numpy()
+
+    def smooth(column: str) -> Callable[[Array], Array]:
+        return CubicSpline(time_s, log[column].to_numpy(), bc_type="natural")
+
+    die_column = "humidity_sensor_temperature_c"
+    die = (
+        smooth(die_column) if die_column in log else lambda at_s: np.interp(at_s, weather.time_s, weather.temperature_c)
+    )
+    noises = profile.temperature.noise_k, profile.humidity.noise_percent
+    return FlightWorld(
+        weather,
+        smooth("temperature_c"),
+        smooth("humidity_percent"),
+        die,
+        noise * (NOISE_K if noises[0] is None else noises[0]),
+        noise * (NOISE_PERCENT if noises[1] is None else noises[1]),
+        np.random.default_rng([seed, 2]),
+        tuple(dict.fromkeys(left_out)),
+    )

@@ -1,0 +1,167 @@
+"""A sealed truth beside a diagnosis: what was named, what was missed, what was made up, and how far the parameters are
+off.
+
+Per channel an effect at work there is `named`, `listed` (only among a named cause's look-alikes) or `missed`; a cause
+that is not at work and has no such look-alike is `wrong`. Errors are in units of the stated standard uncertainty.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from analysis.errors import InputError
+from rig.virtual.effects import OUTSIDE
+from rig.virtual.hide import open_seal
+from rig.virtual.truth import Truth
+
+CHANNELS = ("temperature", "humidity")
+
+
+@dataclass(frozen=True)
+class ParameterError:
+    """How far one parameter of a named effect is off; `sigmas` is None where no uncertainty is stated."""
+
+    effect: str
+    parameter: str
+    true: float
+    value: float
+    sigmas: float | None
+
+
+@dataclass(frozen=True)
+class ChannelScore:
+    """One channel's diagnosis against the truth. `probabilities` holds (effect, stated probability, whether it is at
+    work).
+    """
+
+    channel: str
+    hidden: tuple[str, ...]
+    expected_verdict: str
+    verdict: str
+    named: tuple[str, ...] = ()
+    listed: tuple[str, ...] = ()
+    missed: tuple[str, ...] = ()
+    wrong: tuple[str, ...] = ()
+    errors: tuple[ParameterError, ...] = ()
+    probabilities: tuple[tuple[str, float, bool], ...] = ()
+
+    @property
+    def verdict_right(self) -> bool:
+        return self.verdict == self.expected_verdict
+
+    @property
+    def exact(self) -> bool:
+        """The verdict is right, all that has a name is named, and nothing else is."""
+        return self.verdict_right and not (self.listed or self.missed or self.wrong)
+
+
+@dataclass(frozen=True)
+class Score:
+    """Both channels; a channel that the diagnosis does not hold is not judged."""
+
+    truth: Truth
+    seed: int
+    channels: Mapping[str, ChannelScore] = field(default_factory=dict)
+
+    @property
+    def exact(self) -> bool:
+        return all(channel.exact for channel in self.channels.values())
+
+
+def score(sealed: Path, diagnosis: Path | Mapping) -> Score:
+    """Score a diagnosis (diagnosis.json's path or content) against a sealed truth.
+
+    Raises InputError where the diagnosis cannot be read, BenchError where the seal cannot.
+    """
+    truth, seed = open_seal(Path(sealed))
+    where, content = (
+        ("diagnosis", diagnosis) if isinstance(diagnosis, Mapping) else (str(diagnosis), _read(Path(diagnosis)))
+    )
+    if content.get("format") != "shock-diagnosis/1":
+        raise InputError(
+            f'{where}: format is {content.get("format")!r}; give the diagnosis.json that "shockrig diagnose" wrote'
+        )
+    channels = content.get("channels")
+    if not isinstance(channels, Mapping):
+        raise InputError(f"{where}: key channels: expected an object with temperature and humidity")
+    try:
+        judged = {name: _score_channel(truth, name, channels[name]) for name in CHANNELS if name in channels}
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(f"{where}: a channel or cause lacks what shock-diagnosis/1 asks for ({error!r})") from error
+    return Score(truth, seed, judged)
+
+
+def _read(path: Path) -> Mapping:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"{path}: cannot be read as a diagnosis: {error}") from error
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: expected a JSON object")
+    return content
+
+
+def _score_channel(truth: Truth, channel: str, found: Mapping) -> ChannelScore:
+    at_work = {h.effect: h.parameters for h in truth.effects if channel in h.channels}
+    nameable = [effect for effect in at_work if effect not in OUTSIDE]
+    causes = {cause["effect"]: cause for cause in found["causes"]}
+    alike = {effect: set(cause.get("indistinguishable_from") or ()) for effect, cause in causes.items()}
+    named = [effect for effect in nameable if effect in causes]
+    listed = [e for e in nameable if e not in causes and any(e in others for others in alike.values())]
+    missed = [e for e in nameable if e not in named and e not in listed]
+    wrong = [e for e in causes if e not in at_work and not alike[e] & set(listed)]
+    errors = []
+    for effect in named:
+        for name, true in at_work[effect].items():
+            stated = (causes[effect].get("parameters") or {}).get(name)
+            if stated is None or stated.get("value") is None:
+                continue
+            value, sigma = float(stated["value"]), stated.get("standard_uncertainty")
+            errors.append(ParameterError(effect, name, true, value, (value - true) / sigma if sigma else None))
+    return ChannelScore(
+        channel=channel,
+        hidden=tuple(at_work),
+        expected_verdict="unexplained" if len(nameable) < len(at_work) else "explained" if at_work else "adequate",
+        verdict=found["verdict"],
+        named=tuple(named),
+        listed=tuple(listed),
+        missed=tuple(missed),
+        wrong=tuple(wrong),
+        errors=tuple(errors),
+        probabilities=tuple(
+            (e, float(c["probability"]), e in at_work) for e, c in causes.items() if c.get("probability") is not None
+        ),
+    )
+
+
+def table(result: Score) -> str:
+    """The score as text for people."""
+    truth = result.truth
+    lines = [
+        f"sealed with seed {result.seed}: alpha {truth.thermal_diffusivity_m2_s:.4g} m2/s, "
+        f"D(20 degC) {float(truth.diffusivity_m2_s(20.0)):.4g} m2/s"
+    ]
+    for c in result.channels.values():
+        right = "right" if c.verdict_right else f"should be {c.expected_verdict}"
+        lines += ["", f"{c.channel}: {c.verdict} ({right})"]
+        rows = [("named", e) for e in c.named] + [("listed", e) for e in c.listed] + [("missed", e) for e in c.missed]
+        rows += [("no name", e) for e in c.hidden if e in OUTSIDE] + [("wrong", e) for e in c.wrong]
+        for outcome, effect in rows or [("nothing", "was hidden, nothing was named")]:
+            lines.append(f"  {outcome:8} {effect}")
+            hidden = next((h.parameters for h in truth.effects if h.effect == effect and c.channel in h.channels), {})
+            for name, true in hidden.items():
+                error = next((e for e in c.errors if (e.effect, e.parameter) == (effect, name)), None)
+                if error is None:
+                    lines.append(f"           {name:26} hidden {true:<10.4g}")
+                else:
+                    sigmas = (
+                        "no uncertainty stated"
+                        if error.sigmas is None
+                        else f"off by {error.sigmas:+.1f} standard uncertainties"
+                    )
+                    lines.append(f"           {name:26} hidden {true:<10.4g} found {error.value:<10.4g} {sigmas}")
+    lines += ["", "all named and nothing else" if result.exact else "not all as it is"]
+    return "\n".join(lines)

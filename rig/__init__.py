@@ -1,0 +1,1 @@
+"""The bench: everything that touches an instrument, or stands in for one."""

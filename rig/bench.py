@@ -1,0 +1,286 @@
+"""The bench that a bench file describes: clock, sensors, stage, reference.
+
+This is the composition root: the one place that puts drivers on buses, and the only importer of rig.virtual. The
+emulated instruments stand below the real drivers, smbus2 and pyserial, at the device files.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import tempfile
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import astuple, dataclass, field, replace
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from rig.bench_file import BenchConfig, Part, check_bench, load_bench
+from rig.buses.i2c import SmbusBus
+from rig.buses.serial_port import PyserialPort, pyserial_opener
+from rig.clock import RealClock, VirtualClock
+from rig.errors import BenchError, BusError, RigError
+from rig.seams import Chambers, Clock, I2cBus, Operator, Reference, Sensor, SerialPort, Stage
+from rig.stages.manual import ConsoleOperator, PromptedChambers
+
+__all__ = ["Bench", "ConnectionFault", "ConnectionFaults", "default_bench", "load_bench", "open_bench", "virtual_bench"]
+
+MENDS = {
+    errno.ENOENT: "there is no such device: check the bench file, that it is plugged in, and that I2C is switched on",
+    errno.EACCES: "the system refuses access: add yourself to the groups dialout and i2c, then log in again",
+    errno.EBUSY: "another program has it: end that one",
+    errno.EAGAIN: "another program has it: end that one",
+    errno.EREMOTEIO: "nobody answers at this address: check supply, wiring, pull-ups and address",
+    errno.ENXIO: "nobody answers at this address: check supply, wiring, pull-ups and address",
+    errno.EIO: "nobody answers: check supply, wiring and address",
+    errno.ETIMEDOUT: "the bus is held: check wiring and pull-ups, then switch the supply off and on",
+}
+
+
+@dataclass(frozen=True)
+class ConnectionFault:
+    """One instrument that cannot be used: device -> cause -> mend."""
+
+    device: str
+    cause: str
+    mend: str
+
+
+class ConnectionFaults(BusError):
+    """Everything that is unplugged, at once. `tree()` is the same over several lines."""
+
+    def __init__(self, faults: list[ConnectionFault]) -> None:
+        self.faults = tuple(faults)
+        super().__init__("; ".join(": ".join(filter(None, fault)) for fault in map(astuple, faults)))
+
+    def tree(self) -> str:
+        """Device, cause and mend of each fault, each indented below the one before."""
+        rows = (
+            "\n".join(filter(None, (f.device, f"    {f.cause}", f.mend and f"        {f.mend}"))) for f in self.faults
+        )
+        return "\n".join(rows)
+
+
+@dataclass
+class Bench:
+    """A bench whose parts are made but not opened yet; as a context manager it is made safe and closed on the way out.
+
+    `name` and `pressure_hpa` are the bench file's; `describe()` is the "sensors" object of campaign.json. `truth` and
+    `instruments` exist on a bench with emulated parts only.
+    """
+
+    name: str
+    clock: Clock
+    sensors: list[Sensor]
+    stage: Stage
+    reference: Reference
+    pressure_hpa: float
+    description: Mapping[str, Any] = field(default_factory=dict)
+    truth: Any = None
+    instruments: Any = None
+    devices: Mapping[str, str] = field(default_factory=dict)
+
+    def __enter__(self) -> Bench:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        try:
+            with contextlib.suppress(OSError):  # whoever moved it has said so; the error on its way out matters more
+                self.make_safe()
+        finally:
+            self.close()
+
+    def open(self) -> None:
+        """Open every part. Raises ConnectionFaults that name all that cannot be opened."""
+        faults = []
+        for name, part in self.parts().items():
+            try:
+                part.open()
+            except OSError as error:
+                own = isinstance(error, RigError)  # says the mend itself
+                mend = "" if own else MENDS.get(error.errno, "check cable and supply")
+                faults.append(ConnectionFault(self.devices.get(name, name), error.strerror or str(error), mend))
+        if faults:
+            raise ConnectionFaults(faults)
+
+    def parts(self) -> dict[str, Any]:
+        """Sensors, reference and stage by name, in the order in which they are opened."""
+        return {**{sensor.name: sensor for sensor in self.sensors}, "reference": self.reference, "stage": self.stage}
+
+    def describe(self) -> dict[str, Any]:
+        """{"imet": {"kind", "serial", "bead_radius_m"}, "hyt": {"kind", "serial", "film_thickness_m"}}."""
+        return {name: dict(entry) for name, entry in self.description.items()}
+
+    def make_safe(self) -> None:
+        """Stop all motion."""
+        self.stage.make_safe()
+
+    def close(self) -> None:
+        for part in self.parts().values():
+            part.close()
+        if self.instruments is not None:
+            self.instruments.close()
+
+
+@dataclass
+class _Parts:
+    """What a backend's `build` may ask for: clock, operator, chambers, buses, and the sensors built before it."""
+
+    clock: Clock
+    operator: Operator
+    chambers: Chambers
+    instruments: Any
+    name: str = ""
+    kind: str = ""
+    settings: Any = None
+    sensors: dict[str, Sensor] = field(default_factory=dict)
+    buses: dict[str, SmbusBus] = field(default_factory=dict)
+
+    def i2c(self, bus: int | str) -> I2cBus:
+        """The bus with this number or device file; parts on one bus share it, and with it its lock."""
+        if bus == "virtual":
+            return SmbusBus(self.instruments.i2c_path(self.name, self.settings.address), self.clock)
+        path = f"/dev/i2c-{bus}" if isinstance(bus, int) else bus
+        if path not in self.buses:
+            self.buses[path] = SmbusBus(path, self.clock, Path(tempfile.gettempdir()))
+        return self.buses[path]
+
+    def serial(self, port: str, baud: int) -> SerialPort:
+        """The serial port with this name."""
+        opener: Callable[[], object] | str = port
+        if port == "virtual":
+            opener = self.instruments.serial_opener(self.name, self.kind, self.settings)
+        if isinstance(opener, str):
+            opener = pyserial_opener(opener, baud)
+        return PyserialPort(opener, self.clock, baud)
+
+
+def open_bench(
+    config: BenchConfig,
+    *,
+    operator: Operator | None = None,
+    truth: Any = None,
+    faults: Mapping[str, Iterable[Any]] | None = None,
+) -> Bench:
+    """Put a bench together; nothing is opened yet.
+
+    Parameters
+    ----------
+    operator : Operator, optional
+        The person at the bench; the terminal where left out.
+    truth : rig.virtual.truth.Truth, optional
+        What is true of the emulated sensors; where left out, the bench file's, or one drawn by its seed.
+    faults : mapping, optional
+        Part's name -> rig.virtual.faults.Fault to inject; for emulated parts.
+
+    Raises
+    ------
+    BenchError
+        The parts do not fit together.
+    """
+    clock = VirtualClock() if config.general.clock == "virtual" else RealClock()
+    person = operator or ConsoleOperator(clock)
+    emulated = any(config.is_virtual(part) for part in config.parts().values())
+    instruments, truth = _emulate(config, clock, truth, faults or {}) if emulated else (None, None)
+    if instruments is not None and config.is_virtual(config.stage):
+        config = replace(config, stage=_fitted(config.stage, instruments))
+        chambers = instruments.chambers(truth)
+    else:
+        chambers = PromptedChambers(person)
+    parts = _Parts(clock, person, chambers, instruments)
+    for name, part in config.sensors.items():
+        parts.sensors[name] = _build(name, part, parts, config)
+    stage = _build("stage", config.stage, parts, config)
+    reference = _build("reference", config.reference, parts, config)
+    return Bench(
+        name=config.general.name,
+        clock=clock,
+        sensors=list(parts.sensors.values()),
+        stage=stage,
+        reference=reference,
+        pressure_hpa=config.general.pressure_hpa,
+        description={name: _described(name, part, parts, truth) for name, part in config.sensors.items()},
+        truth=truth,
+        instruments=instruments,
+        devices={name: _device(name, part) for name, part in config.parts().items()},
+    )
+
+
+def _build(name: str, part: Part, parts: _Parts, config: BenchConfig) -> Any:
+    parts.name, parts.kind, parts.settings = name, part.kind, part.settings
+    try:
+        return part.backend.build(name, part.settings, parts)
+    except BenchError as error:
+        raise BenchError(f"{config.path}: {name}: {error}") from None
+
+
+def _described(name: str, part: Part, parts: _Parts, truth: Any) -> dict[str, Any]:
+    """The campaign's entry of a sensor; an emulated one has the lengths that its truth is quoted for."""
+    entry = parts.sensors[name].describe()
+    if truth is not None and "virtual" in (getattr(part.settings, "port", None), getattr(part.settings, "bus", None)):
+        for length in ("bead_radius_m", "film_thickness_m"):
+            if length in entry:
+                entry[length] = getattr(truth, length)
+    return {key: value for key, value in entry.items() if value is not None}
+
+
+def _device(name: str, part: Part) -> str:
+    where = getattr(part.settings, "port", getattr(part.settings, "bus", None))
+    if isinstance(where, int):
+        where = f"/dev/i2c-{where}"
+    address = getattr(part.settings, "address", None)
+
+    place = "" if where is None else f" on {where}"
+    return f"{name} ({part.kind}{place}{'' if address is None else f' at {address:#04x}'})"
+
+
+def _fitted(stage: Part, instruments: Any) -> Part:
+    """The emulated carriage moves as fast as the truth says; the driver is told the same speed."""
+    return replace(stage, settings=replace(stage.settings, feed_mm_min=instruments.feed_mm_min(stage.settings)))
+
+
+def _emulate(config: BenchConfig, clock: Clock, truth: Any, faults: Mapping[str, Iterable[Any]]) -> tuple[Any, Any]:
+    from rig.virtual.instruments import VirtualInstruments
+    from rig.virtual.truth import Truth, draw_truth
+    from rig.virtual.world import World
+
+    seed = config.virtual.seed
+    if truth is None and config.virtual.truth is not None:
+        try:
+            truth = Truth.from_json(Path(config.virtual.truth).read_text(encoding="utf-8"))
+        except (OSError, BenchError) as error:
+            raise BenchError(f"{config.path}: [virtual] truth = {config.virtual.truth!r}: {error}") from None
+    if truth is None:
+        import numpy as np
+
+        truth = draw_truth(np.random.default_rng(seed))
+    transfer = truth.effect("finite_transfer")
+    instruments = VirtualInstruments(
+        World(truth, clock, seed),
+        clock,
+        config.general.pressure_hpa,
+        seed=seed,
+        in_real_time=config.general.clock == "real",
+        transfer_s=transfer["duration_s"] if transfer else 0.0,
+        missing_fraction=truth.missing_fraction,
+        faults=faults,
+    )
+    return instruments, truth
+
+
+def default_bench(seed: int = 0, clock: str = "virtual") -> BenchConfig:
+    """The embedded virtual bench, for whoever has no instrument at hand."""
+    import tomllib
+
+    path = resources.files("shockrig_data") / "benches" / "virtual.toml"
+    content = tomllib.loads(path.read_text(encoding="utf-8"))
+    content["bench"]["clock"] = clock
+    content["virtual"] = {**content.get("virtual", {}), "seed": seed}
+    return check_bench(content, str(path))
+
+
+def virtual_bench(
+    truth: Any = None, seed: int = 0, clock: str = "virtual", faults: Mapping[str, Iterable[Any]] | None = None
+) -> Bench:
+    """The embedded virtual bench, put together. Parameters as for `open_bench` and `default_bench`."""
+    return open_bench(default_bench(seed, clock), truth=truth, faults=faults)

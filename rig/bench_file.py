@@ -1,0 +1,215 @@
+"""Bench files (TOML): which instruments make up a bench, where they are connected, and their settings.
+
+[bench] name, clock, pressure_hpa; [sensors.NAME], [stage], [reference] each with a kind and that kind's own settings;
+[virtual] for emulated parts. Kinds are a table of strings: nothing vendor-specific is imported before it is asked for.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+import tomllib
+import types
+import typing
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, field, fields
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+from rig.errors import BenchError
+from rig.keys import nearest, refuse_unknown_keys
+
+# section -> kind -> module:class. A backend is one file and one line here, or an entry point "SECTION.KIND".
+KINDS: dict[str, dict[str, str]] = {
+    "sensors": {
+        "hyt-271": "rig.sensors.hyt271:Hyt271",
+        "imet-xf": "rig.sensors.imet:Imet",
+        "imet-xq2": "rig.sensors.imet:Imet",
+        "imet-xq": "rig.sensors.imet:Imet",
+        "imet-humidity": "rig.sensors.imet_humidity:ImetHumidity",
+    },
+    "stage": {"manual": "rig.stages.manual:ManualStage", "grbl": "rig.stages.grbl:GrblStage"},
+    "reference": {
+        "set-points": "rig.references:SetPoints",
+        "operator": "rig.references:OperatorEntry",
+        "hyt-271": "rig.references:Hyt271Reference",
+    },
+}
+ENTRY_POINTS = "shockrig.instruments"
+SENSOR_NAMES = ("imet", "hyt")
+MAY_BE_ZERO = ("latency_s", "late_s", "sampled_after_s", "retry_s")
+POSITIVE_UNITS = ("_s", "_m", "_hpa", "_mm_min", "baud")
+
+
+@dataclass(frozen=True)
+class Part:
+    """One instrument of a bench: its kind, the class behind it, and that class's settings."""
+
+    kind: str
+    backend: Any
+    settings: Any
+
+
+@dataclass(frozen=True)
+class VirtualSettings:
+    """Settings of the emulated parts; `truth` is the path of a sealed truth (JSON), else one is drawn by `seed`."""
+
+    seed: int = 0
+    truth: str | None = None
+
+
+@dataclass(frozen=True)
+class GeneralSettings:
+    """The [bench] section. `clock` is "real" or, where every part is emulated, "virtual"."""
+
+    name: str
+    clock: str = "real"
+    pressure_hpa: float = 1013.25
+
+    def __post_init__(self) -> None:
+        if self.clock not in ("real", "virtual"):
+            raise BenchError(f'clock = "{self.clock}" must be "real" or "virtual"')
+
+
+@dataclass(frozen=True)
+class BenchConfig:
+    """A bench file, checked. `sensors` is in the file's order."""
+
+    path: str
+    general: GeneralSettings
+    sensors: Mapping[str, Part]
+    stage: Part
+    reference: Part
+    virtual: VirtualSettings = field(default_factory=VirtualSettings)
+
+    def is_virtual(self, part: Part) -> bool:
+        """Whether a part is emulated: its port or bus is called "virtual"."""
+        return "virtual" in (getattr(part.settings, "port", None), getattr(part.settings, "bus", None))
+
+    def parts(self) -> dict[str, Part]:
+        """All instruments by name."""
+        return {**self.sensors, "stage": self.stage, "reference": self.reference}
+
+
+def load_bench(path: str | Path) -> BenchConfig:
+    """Read and check a bench file. Raises BenchError naming the file, the key and the mend."""
+    try:
+        content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BenchError(f"{path}: {error.strerror}; name a bench file that exists") from None
+    except (ValueError, RecursionError) as error:  # also numbers of too many digits
+        raise BenchError(f"{path}: not TOML: {error}") from None
+    return check_bench(content, str(path))
+
+
+def check_bench(content: Mapping[str, Any], path: str) -> BenchConfig:
+    """The bench that a table of tables describes. Raises BenchError."""
+    refuse_unknown_keys(content, ("bench", "sensors", "stage", "reference", "virtual"), path)
+    for section in ("bench", "sensors", "stage", "reference"):
+        if not isinstance(content.get(section), Mapping):
+            raise BenchError(f"{path}: section [{section}] is missing; data/benches has examples")
+    sensors = content["sensors"]
+    refuse_unknown_keys(sensors, SENSOR_NAMES, f"{path}: [sensors]")
+    if not sensors:
+        raise BenchError(f"{path}: [sensors] is empty; give at least one of {', '.join(SENSOR_NAMES)}")
+    config = BenchConfig(
+        path,
+        settings_from(GeneralSettings, content["bench"], f"{path}: [bench]"),
+        {name: _part("sensors", table, f"{path}: [sensors.{name}]") for name, table in sensors.items()},
+        _part("stage", content["stage"], f"{path}: [stage]"),
+        _part("reference", content["reference"], f"{path}: [reference]"),
+        settings_from(VirtualSettings, content.get("virtual", {}), f"{path}: [virtual]"),
+    )
+    if config.general.clock == "virtual":
+        for name, part in config.parts().items():
+            connected = hasattr(part.settings, "port") or hasattr(part.settings, "bus")
+            if (connected and not config.is_virtual(part)) or part.kind in ("manual", "operator"):
+                raise BenchError(f'{path}: {name} is real, and reality keeps real time: set [bench] clock = "real"')
+    return config
+
+
+def _part(section: str, table: Any, where: str) -> Part:
+    if not isinstance(table, Mapping):
+        raise BenchError(f"{where} must be a table")
+    kind = table.get("kind")
+    known = set(KINDS[section]) | {
+        point.name.partition(".")[2]
+        for point in entry_points(group=ENTRY_POINTS)
+        if point.name.startswith(section + ".")
+    }
+    if not isinstance(kind, str) or kind not in known:
+        raise BenchError(f'{where}: kind = "{kind}" is not known{nearest(str(kind), sorted(known))}')
+    backend = _backend(section, kind, where)
+    return Part(kind, backend, settings_from(backend.Settings, {k: v for k, v in table.items() if k != "kind"}, where))
+
+
+def _backend(section: str, kind: str, where: str) -> Any:
+    if kind not in KINDS[section]:
+        (point,) = entry_points(group=ENTRY_POINTS, name=f"{section}.{kind}")
+        return point.load()
+    module, _, name = KINDS[section][kind].partition(":")
+    try:
+        return getattr(importlib.import_module(module), name)
+    except ImportError as error:
+        raise BenchError(f'{where}: kind = "{kind}" needs a package that is not installed: {error}') from None
+
+
+def settings_from(cls: type, table: Mapping[str, Any], where: str) -> Any:
+    """An instance of a frozen settings dataclass from a TOML table. Raises BenchError naming the key and the mend."""
+    known = {f.name: f for f in fields(cls)}
+    refuse_unknown_keys(table, known, where)
+    hints = typing.get_type_hints(cls)
+    values = {}
+    for key, value in table.items():
+        if not _fits(value, hints[key]):
+            raise BenchError(f"{where}: {key} = {value!r} must be {_words(hints[key])}")
+        numeric = isinstance(value, int | float)
+        if numeric and not _is_finite(value):
+            raise BenchError(f"{where}: {key} = {value!r} must be finite")
+        if numeric and key.endswith(POSITIVE_UNITS) and (value < 0 or (value == 0 and key not in MAY_BE_ZERO)):
+            raise BenchError(f"{where}: {key} = {value!r} must be positive")
+        if key == "address" and not 0 <= value <= 0x7F:
+            raise BenchError(f"{where}: address = {value!r} must be from 0x00 to 0x7F (0x28 as delivered)")
+        values[key] = tuple(value) if isinstance(value, list) else value
+    for name, known_field in known.items():
+        if name not in values and known_field.default is MISSING and known_field.default_factory is MISSING:
+            raise BenchError(f"{where}: {name} is missing; it must be {_words(hints[name])}")
+    try:
+        return cls(**values)
+    except BenchError as error:
+        raise BenchError(f"{where}: {error}") from None
+
+
+def _fits(value: Any, hint: Any) -> bool:
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if origin in (types.UnionType, typing.Union):
+        return any(_fits(value, argument) for argument in arguments)
+    if origin is tuple:
+        return isinstance(value, list) and len(value) == len(arguments) and all(map(_fits, value, arguments))
+    if origin is not None and issubclass(origin, Mapping):
+        return isinstance(value, Mapping) and all(_fits(item, arguments[1]) for item in value.values())
+    if origin is not None:
+        return isinstance(value, list) and all(_fits(item, arguments[0]) for item in value)
+    if isinstance(value, bool):
+        return hint is bool
+    return isinstance(value, (int, float) if hint is float else hint)
+
+
+def _is_finite(value: float) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number beyond every float
+        return False
+
+
+def _words(hint: Any) -> str:
+    names = {int: "a whole number", float: "a number", str: "text", bool: "true or false"}
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if origin in (types.UnionType, typing.Union):
+        return " or ".join(_words(argument) for argument in arguments if argument is not type(None))
+    if origin is tuple:
+        return f"a list of {len(arguments)} numbers"
+    if origin is not None:
+        return "a table of lists of text" if issubclass(origin, Mapping) else "a list of text"
+    return names.get(hint, str(hint))

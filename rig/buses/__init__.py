@@ -1,0 +1,1 @@
+"""Buses: bytes in, bytes out, over smbus2 and pyserial."""

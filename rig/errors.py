@@ -1,0 +1,23 @@
+"""Errors of the bench.
+
+RigError                     the tree's root; the command line prints it as one line and exits with status 2
+|-- BenchError (ValueError)  a bench, protocol or campaign file is wrong: names the file, the key and the mend
+|-- BusError (OSError)       a bus is gone or will not answer; a single failed reading is an Outcome, not an error
+`-- StageError (OSError)     the stage is in alarm, stalled, or did not arrive in time
+"""
+
+
+class RigError(Exception):
+    """Root of all errors that the bench raises."""
+
+
+class BenchError(RigError, ValueError):
+    """A bench, protocol or campaign file is wrong."""
+
+
+class BusError(RigError, OSError):
+    """A bus is gone or will not answer."""
+
+
+class StageError(RigError, OSError):
+    """The stage is in alarm, stalled, or did not arrive in time."""

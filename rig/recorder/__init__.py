@@ -1,0 +1,22 @@
+"""Recording: a journal that grows while the bench runs, and the campaign files that are made from it."""
+
+from rig.recorder.campaign import CampaignFolder, CampaignState, SetAside, read_state
+from rig.recorder.files import write_json, write_run_files, write_text
+from rig.recorder.run import Recorder, RecordingError, RunRecord, is_good, judge, read_run, sample_time_s
+
+__all__ = [
+    "CampaignFolder",
+    "CampaignState",
+    "Recorder",
+    "RecordingError",
+    "RunRecord",
+    "SetAside",
+    "is_good",
+    "judge",
+    "read_run",
+    "read_state",
+    "sample_time_s",
+    "write_json",
+    "write_run_files",
+    "write_text",
+]

@@ -1,0 +1,296 @@
+"""A campaign folder while it is being recorded (shock-campaign/1 and what the recorder keeps beside it).
+
+    campaign.json           name, sensors, the plan
+    runs/ID/                whole runs, and nothing else: run.json, imet.csv, hyt.csv, journal.log
+    recording/ID/           the run in progress; a rename to runs/ID is what makes it count
+    set_aside/ID-N/         interrupted and spoilt attempts, kept with status and reason in their run.json
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import shutil
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from rig.errors import BenchError
+from rig.protocol import PlannedRun, Protocol
+from rig.recorder.files import write_json, write_run_files
+from rig.recorder.run import (
+    COMPLETE,
+    INTERRUPTED,
+    JOURNAL,
+    SPOILT,
+    Recorder,
+    RecordingError,
+    RunRecord,
+    judge,
+    read_run,
+)
+
+FORMAT = "shock-campaign/1"
+
+
+@dataclass(frozen=True)
+class SetAside:
+    """An attempt that does not count, and why."""
+
+    id: str
+    folder: Path
+    status: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class CampaignState:
+    """What a campaign folder holds."""
+
+    name: str
+    planned: tuple[str, ...]
+    recorded: tuple[str, ...]
+    in_progress: tuple[str, ...]
+    set_aside: tuple[SetAside, ...]
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        return tuple(id_ for id_ in self.planned if id_ not in self.recorded)
+
+
+class CampaignFolder:
+    """The one writer of a campaign folder, from opening (creating, or checking that it is the same plan) to closing."""
+
+    def __init__(
+        self, path: Path, protocol: Protocol, sensors: Mapping[str, Any], *, bench: str, sync_every_s: float | None
+    ):
+        self.path = path
+        self._protocol = protocol
+        self._sync_every_s = sync_every_s
+        self._is_ours = False
+        content = {
+            "format": FORMAT,
+            "name": path.name or protocol.name,
+            "sensors": dict(sensors),
+            "protocol": protocol.name,
+            "bench": bench,
+            "plan": [_plan_entry(run) for run in protocol.runs],
+        }
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            self._lock = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+        except OSError as error:
+            raise BenchError(f"{path}: {error.strerror}; give another --out") from None
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._is_ours = True
+            if (path / "campaign.json").exists():
+                _check_same(path, content)
+            elif any(path.iterdir()):
+                raise BenchError(f"{path}: is neither empty nor a campaign; give another --out")
+            else:
+                write_json(path / "campaign.json", content)
+            for name in ("runs", "recording", "set_aside"):
+                (path / name).mkdir(exist_ok=True)
+        except BlockingIOError:
+            self.close()
+            raise BenchError(f"{path}: another recording is writing to this campaign; wait for it or stop it") from None
+        except OSError as error:
+            self.close()
+            raise RecordingError(f"{path}: {error.strerror or error}") from error
+        except BenchError:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Let go of the folder; a second call does nothing."""
+        if self._lock >= 0:
+            for name in ("recording", "set_aside") if self._is_ours else ():
+                if (self.path / name).is_dir() and not any((self.path / name).iterdir()):
+                    (self.path / name).rmdir()
+            os.close(self._lock)
+            self._lock = -1
+
+    def recover(self) -> list[str]:
+        """Bring what an earlier recording left unfinished into order; one line for each run found.
+
+        Raises
+        ------
+        RecordingError
+            The disk does not take the files; the journals stay where they are.
+        """
+        try:
+            return self._recover()
+        except BenchError:
+            raise
+        except OSError as error:
+            raise RecordingError(
+                f"{self.path / 'recording'}: {error.strerror or error}; what was recorded is in the journals there: "
+                "free some space and run the same command again"
+            ) from error
+
+    def _recover(self) -> list[str]:
+        said = []
+        for folder in sorted((self.path / "recording").iterdir()):
+            if not _has_a_record(folder):
+                shutil.rmtree(folder)
+                continue
+            try:
+                record = self._read(folder)
+            except BenchError as error:
+                shutil.move(folder, self._aside(folder.name))
+                said.append(f"run {folder.name}: nothing could be recovered ({error})")
+                continue
+            if record.status == COMPLETE:
+                self._keep(folder, record)
+                said.append(f"run {record.id} was whole and is kept")
+            else:
+                target = self._put_aside(folder, record)
+                said.append(f"run {record.id} was {record.status} ({record.reason}); kept in {target}, to be run again")
+        return said
+
+    def missing(self) -> list[PlannedRun]:
+        """Runs of the plan that are not there yet, in order."""
+        return [run for run in self._protocol.runs if not (self.path / "runs" / run.id / "run.json").exists()]
+
+    def begin(self, run: PlannedRun, header: Mapping[str, Any], now_s: float) -> Recorder:
+        """Start the journal of a run."""
+        folder = self.path / "recording" / run.id
+        try:
+            folder.mkdir()
+        except OSError as error:
+            raise RecordingError(f"{folder}: {error.strerror}") from error
+        content = _plan_entry(run) | dict(header)
+        return Recorder(folder, content, now_s, self._sync_every_s)
+
+    def finish(self, folder: Path) -> RunRecord:
+        """Make the files of a run whose journal has ended, and put it where it belongs by its status.
+
+        Whether faults have spoilt it is judged from the journal alone, so that a run recovered later is judged alike.
+        """
+        record = self._read(folder)
+        try:
+            if record.status == COMPLETE:
+                self._keep(folder, record)
+            else:
+                self._put_aside(folder, record)
+        except OSError as error:
+            raise RecordingError(
+                f"{folder}: {error.strerror or error}; the run is whole in {JOURNAL} there: "
+                "free some space and run the same command again"
+            ) from error
+        return record
+
+    def _read(self, folder: Path) -> RunRecord:
+        record = read_run(folder)
+        reason = judge(record, self._protocol.faults) if record.status == COMPLETE else None
+        return replace(record, status=SPOILT, reason=reason) if reason else record
+
+    def _keep(self, folder: Path, record: RunRecord) -> None:
+        write_run_files(folder, record, sync=self._sync_every_s is not None)
+        os.rename(folder, self.path / "runs" / record.id)
+        if self._sync_every_s is not None:
+            _sync_folder(self.path / "runs")
+
+    def _put_aside(self, folder: Path, record: RunRecord) -> Path:
+        write_run_files(folder, record, sync=self._sync_every_s is not None)
+        target = self._aside(record.id)
+        os.rename(folder, target)
+        return target
+
+    def _aside(self, id_: str) -> Path:
+        number = 1
+        while (target := self.path / "set_aside" / f"{id_}-{number}").exists():
+            number += 1
+        return target
+
+
+def read_state(path: Path) -> CampaignState:
+    """What is in a campaign folder, ours or another lab's (which has no plan: then nothing is missing).
+
+    Raises
+    ------
+    BenchError
+        Not a campaign, or a file of it cannot be read.
+    """
+    content = read_json(path / "campaign.json")
+    if content.get("format") != FORMAT:
+        raise BenchError(f'{path / "campaign.json"}: format is {content.get("format")!r}, expected "{FORMAT}"')
+    plan = content.get("plan")
+    planned = [str(entry.get("id")) for entry in plan if isinstance(entry, dict)] if isinstance(plan, list) else []
+    aside = []
+    for folder in _folders(path / "set_aside"):
+        said = read_json(folder / "run.json") if (folder / "run.json").exists() else {}
+        status = str(said.get("status", INTERRUPTED))
+        reason = str(said.get("reason", "nothing could be recovered"))
+        aside.append(SetAside(folder.name.rsplit("-", 1)[0], folder, status, reason))
+    return CampaignState(
+        name=str(content.get("name", path.name)),
+        planned=tuple(planned),
+        recorded=tuple(folder.name for folder in _folders(path / "runs") if (folder / "run.json").exists()),
+        in_progress=tuple(folder.name for folder in _folders(path / "recording")),
+        set_aside=tuple(aside),
+    )
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """A JSON object from a file; raises BenchError naming the file and the place."""
+    try:
+        content = json.loads(path.read_bytes().decode("utf-8"))
+    except OSError as error:
+        raise BenchError(f"{path}: {error.strerror}") from None
+    except json.JSONDecodeError as error:
+        raise BenchError(f"{path}, line {error.lineno}: not JSON: {error.msg}") from None
+    except (ValueError, RecursionError) as error:  # also numbers of too many digits
+        raise BenchError(f"{path}: not JSON: {error}") from None
+    if not isinstance(content, dict):
+        raise BenchError(f"{path}: expected a JSON object")
+    return content
+
+
+def _plan_entry(run: PlannedRun) -> dict[str, Any]:
+    entry = {"id": run.id, "source": asdict(run.source), "destination": asdict(run.destination)}
+    return entry | {"airflow_m_s": run.airflow_m_s, "note": run.note, "steps": [str(step) for step in run.steps]}
+
+
+def _check_same(path: Path, content: Mapping[str, Any]) -> None:
+    """A campaign goes on with the sensors and the plan it began with; a longer plan extends it."""
+    file = path / "campaign.json"
+    there = read_json(file)
+    if there.get("format") != FORMAT:
+        raise BenchError(f'{file}: format is {there.get("format")!r}, expected "{FORMAT}"')
+    if "plan" not in there:
+        raise BenchError(f"{path}: was not recorded by shockrig run and has no plan to go on with; give another --out")
+    if there.get("sensors") != content["sensors"]:
+        raise BenchError(f"{file}: was recorded with other sensors than this bench has; give another --out")
+    before, now = there["plan"], content["plan"]
+    if now[: len(before)] != before:
+        raise BenchError(
+            f"{file}: was begun with the protocol {there.get('protocol')!r} and another plan; "
+            "give the same protocol, or another --out"
+        )
+    if len(now) > len(before):
+        write_json(file, content)
+
+
+def _has_a_record(folder: Path) -> bool:
+    """Whether a journal was begun and has one whole line at least; before that there is nothing to keep."""
+    try:
+        return b"\n" in (folder / JOURNAL).read_bytes()
+    except FileNotFoundError:
+        return False
+
+
+def _folders(path: Path) -> list[Path]:
+    return sorted(entry for entry in path.iterdir() if entry.is_dir()) if path.is_dir() else []
+
+
+def _sync_folder(path: Path) -> None:
+    file = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(file)
+    finally:
+        os.close(file)
+

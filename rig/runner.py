@@ -1,0 +1,384 @@
+"""Runs a protocol on a bench: one loop over what is due next, so that a virtual clock runs an hour in a second.
+
+A run is soak, record, transfer, record (rig.protocol); an attempt ends as complete, spoilt (faults: repeated up to the
+protocol's limit) or interrupted (Ctrl-C or failure: kept aside, run again from its soak when the campaign goes on).
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol as TypingProtocol
+
+from rig.bench import Bench
+from rig.errors import BenchError, BusError, RigError
+from rig.protocol import PlannedRun, Protocol, Record, Soak, Step, Transfer
+from rig.recorder import CampaignFolder, Recorder, RecordingError, RunRecord, is_good
+from rig.recorder.run import COMPLETE, INTERRUPTED, SPOILT
+from rig.seams import Air, Move, Reading
+
+FIRST_READING_WITHIN_S = 10.0
+REPEAT_AFTER_S = 5.0  # times the attempt: what spoilt a run may pass by itself (a plug, a reset), but not at once
+AIR_EVERY_S = 1.0
+SATURATED_PERCENT = 99.0
+PHASE_S = (5.0 + 5.0**0.5) / 20.0  # from run to run: modulo 0.1 s the golden ratio of it, which spreads most evenly
+AIR_MEAN_S = 10.0  # the airs are averaged over the last seconds before the transfer and before the end
+SHORTEST_WAIT_S = 1e-4  # a part that is always due must not stop a virtual clock
+BYTES_PER_S = 4000.0  # what a journal grows by at 10 Hz and two sensors, rounded up
+
+
+class Observer(TypingProtocol):
+    """Is told what happens while it happens; must not raise. Nothing that is recorded depends on it."""
+
+    def run_began(self, run: PlannedRun, number: int, total: int, now_s: float) -> None: ...
+
+    def step_began(self, step: Step, now_s: float) -> None: ...
+
+    def reading(self, reading: Reading) -> None: ...
+
+    def say(self, text: str) -> None: ...
+
+    def run_ended(self, record: RunRecord, now_s: float) -> None: ...
+
+
+class SilentObserver:
+    """An observer that does nothing; the base of those that care for some events only."""
+
+    def run_began(self, run: PlannedRun, number: int, total: int, now_s: float) -> None:
+        pass
+
+    def step_began(self, step: Step, now_s: float) -> None:
+        pass
+
+    def reading(self, reading: Reading) -> None:
+        pass
+
+    def say(self, text: str) -> None:
+        pass
+
+    def run_ended(self, record: RunRecord, now_s: float) -> None:
+        pass
+
+
+class CampaignPaused(RigError, RuntimeError):
+    """A run stays spoilt however often it is repeated: the bench needs a person."""
+
+
+class _Spoilt(Exception):
+    """This attempt will not become a run; the reason goes into its journal."""
+
+
+def check_plan(protocol: Protocol, bench: Bench, free_bytes: int | None = None) -> list[str]:
+    """What speaks against a plan, before anything moves.
+
+    Returns
+    -------
+    list of str
+        Warnings: a person may know better.
+
+    Raises
+    ------
+    BenchError
+        The plan cannot be run on this bench.
+    """
+    if not bench.sensors:
+        raise BenchError(f"bench {bench.name}: has no sensor to record; add [sensors.imet] or [sensors.hyt]")
+    need_bytes = 2.0 * sum(run.shortest_s() for run in protocol.runs) * BYTES_PER_S
+    if free_bytes is not None and free_bytes < need_bytes:
+        raise BenchError(f"the disk has {free_bytes / 1e6:.0f} MB free, the campaign needs {need_bytes / 1e6:.0f} MB")
+    warnings = []
+    for run in protocol.runs:
+        dew_point_c = _dew_point_c(run.destination)
+        if dew_point_c is not None and run.source.temperature_c is not None and dew_point_c > run.source.temperature_c:
+            warnings.append(
+                f"run {run.id}: water will condense on the probes: they come from {run.source.temperature_c:g} degC "
+                f"into air with a dew point of {dew_point_c:.1f} degC"
+            )
+    return warnings
+
+
+def record_campaign(
+    bench: Bench,
+    protocol: Protocol,
+    path: Path,
+    *,
+    utc: Callable[[], str],
+    observer: Observer | None = None,
+    sync_every_s: float | None = 1.0,
+) -> list[str]:
+    """Record the runs of a protocol that a campaign folder does not hold yet.
+
+    On any way out, Ctrl-C and failure included, the bench is made safe first and the attempt's recording is kept.
+
+    Parameters
+    ----------
+    bench : Bench
+        Not yet opened; it is closed by its own context manager, not here.
+    path : Path
+        Campaign folder: new, or begun by the same protocol on the same sensors.
+    utc : callable
+        Time of day as ISO 8601 text.
+    sync_every_s : float or None
+        How often the journal is forced to the disk, in s; None for a virtual clock.
+
+    Returns
+    -------
+    list of str
+        Ids of the runs recorded now.
+
+    Raises
+    ------
+    BenchError, BusError, StageError
+        The plan cannot be run, or an instrument cannot be opened.
+    CampaignPaused
+        A run was spoilt more often than the protocol allows.
+    RecordingError
+        The disk does not take the recording.
+    """
+    watcher = observer or SilentObserver()
+    folder = CampaignFolder(path, protocol, bench.describe(), bench=bench.name, sync_every_s=sync_every_s)
+    try:
+        for text in folder.recover():
+            watcher.say(text)
+        missing = folder.missing()
+        if not missing:
+            return []
+        runner = _Runner(bench, protocol, folder, watcher, utc)
+        total = len(protocol.runs)
+        recorded = []
+        try:
+            runner.open()
+            for run in missing:
+                watcher.run_began(run, protocol.runs.index(run) + 1, total, bench.clock.now())
+                runner.record(run)
+                recorded.append(run.id)
+        except RecordingError:
+            raise  # its message says where the journal is: that stays there until there is room again
+        except BaseException:
+            runner.make_safe()
+            folder.recover()
+            raise
+        finally:
+            runner.make_safe()
+        return recorded
+    finally:
+        folder.close()
+
+
+@dataclass
+class _Runner:
+    """The bench while a campaign is being recorded: polls what is due, and walks through the steps of a run."""
+
+    bench: Bench
+    protocol: Protocol
+    folder: CampaignFolder
+    watcher: Observer
+    utc: Callable[[], str]
+    recorder: Recorder | None = None
+    move: Move | None = None
+    good: dict[str, deque[tuple[float, float, float]]] = field(default_factory=dict)  # sensor -> (time, degC, %RH)
+
+    def open(self) -> None:
+        """Open every instrument and hear of each sensor once."""
+        self.bench.open()
+        self._listen()
+
+    def make_safe(self) -> None:
+        """Stop all motion; a stage that cannot even be told is said loudly, and hides no other error."""
+        try:
+            self.bench.make_safe()
+        except OSError as error:
+            self.watcher.say(f"THE BENCH MAY NOT BE SAFE: the stage could not be stopped ({error})")
+
+    def _listen(self) -> None:
+        self.good = {name: deque() for name in self.bench.describe()}
+        heard_all = self._poll_until(
+            self.bench.clock.now() + FIRST_READING_WITHIN_S, lambda: all(self.good.values()) or None
+        )
+        if not heard_all:
+            silent = ", ".join(name for name, readings in self.good.items() if not readings)
+            raise BusError(
+                f"no good reading from {silent} in {FIRST_READING_WITHIN_S:g} s; check the wiring and the bench file, "
+                "then run the same command again to go on"
+            )
+
+    def record(self, run: PlannedRun) -> None:
+        """Record one run, repeating it while faults spoil it."""
+        limit = self.protocol.faults.repeat_at_most
+        for attempt in range(1, limit + 2):
+            record = self._attempt(run, attempt)
+            self.watcher.run_ended(record, self.bench.clock.now())
+            if record.status == COMPLETE:
+                return
+            if attempt <= limit:
+                self.watcher.say(f"run {run.id} is spoilt ({record.reason}) and is repeated ({attempt} of {limit})")
+                self._poll_until(self.bench.clock.now() + attempt * REPEAT_AFTER_S)
+                self._listen()
+        raise CampaignPaused(
+            f"run {run.id} was spoilt {limit + 1} times, the last time because {record.reason}; "
+            "mend the bench and run the same command again to go on"
+        )
+
+    def _attempt(self, run: PlannedRun, attempt: int) -> RunRecord:
+        clock = self.bench.clock
+        header = {
+            "attempt": attempt,
+            "started_at": self.utc(),
+            "pressure_hpa": self.bench.pressure_hpa,
+            "sensors": list(self.bench.describe()),
+        }
+        self.move = None
+        self.recorder = recorder = self.folder.begin(run, header, clock.now())
+        try:
+            self._walk(run)
+            recorder.end(clock.now(), COMPLETE)
+        except RecordingError:
+            self.make_safe()
+            raise
+        except (_Spoilt, OSError) as error:
+            self.make_safe()
+            recorder.end(clock.now(), SPOILT, str(error))
+        except BaseException as error:
+            self.make_safe()  # before any file work: what moves is more urgent than what is written
+            recorder.end(clock.now(), INTERRUPTED, _cause(error))
+            raise
+        finally:
+            self.recorder = None
+        return self.folder.finish(recorder.folder)
+
+    def _walk(self, run: PlannedRun) -> None:
+        clock, recorder = self.bench.clock, self.recorder
+        assert recorder is not None
+        began = False
+        for step in run.steps:
+            recorder.step(clock.now(), str(step))
+            self.watcher.step_began(step, clock.now())
+            match step:
+                case Soak():
+                    self.bench.stage.prepare(run.source, run.destination, run.airflow_m_s)
+                    self._soak(step)
+                case Record():
+                    if not began:
+                        recorder.zero(clock.now(), self.utc())
+                        began = True
+                    self._record(step)
+                case Transfer():
+                    # Transfers at ever other phases of the sampling show together what one cannot: a fast probe's first
+                    # tenths of a second. The sensors keep to the clock's grid, so the phase is set on the clock.
+                    phase_s = PHASE_S * self.protocol.runs.index(run)
+                    self._poll_until(math.ceil(clock.now() - phase_s) + phase_s)
+                    self._transfer(step)
+
+    def _soak(self, step: Soak) -> None:
+        """Wait until the reference is stable and the probes have settled in it."""
+        airs: deque[tuple[float, Air]] = deque()
+        began_s = self.bench.clock.now()
+        for readings in self.good.values():
+            readings.clear()
+        while (now := self.bench.clock.now()) < began_s + step.at_most_s:
+            airs.append((now, self.bench.reference.source()))
+            while airs[0][0] < now - step.over_s - 0.5 * AIR_EVERY_S:
+                airs.popleft()
+            for readings in self.good.values():
+                while readings and readings[0][0] < now - step.over_s:
+                    readings.popleft()
+            waiting = "" if now - began_s >= step.over_s else "soaking"
+            if not waiting and not (waiting := _unsettled(step, [air for _, air in airs], self.good, now)):
+                return
+            self._poll_until(now + AIR_EVERY_S)
+        raise _Spoilt(f"the soak was not stable after {step.at_most_s:g} s: {waiting}")
+
+    def _record(self, step: Record) -> None:
+        """Record; the last seconds note the air too: the source's before the transfer, the destination's after it."""
+        end_s = self.bench.clock.now() + step.for_s
+        reference = self.bench.reference
+        place, ask = ("source", reference.source) if self.move is None else ("destination", reference.destination)
+        self._poll_until(end_s - AIR_MEAN_S)
+        while True:
+            now = self.bench.clock.now()
+            self.recorder.air(now, place, ask())
+            if now >= end_s:
+                return
+            self._poll_until(min(end_s, now + AIR_EVERY_S))
+
+    def _transfer(self, step: Transfer) -> None:
+        self.bench.stage.begin_transfer()
+        self.move = self._poll_until(self.bench.clock.now() + step.at_most_s, lambda: self.move)
+        if self.move is None:
+            raise _Spoilt(f"the transfer did not end within {step.at_most_s:g} s")
+        self.recorder.move(self.move)
+
+    def _poll_until(self, until_s: float, done: Callable[[], object] | None = None):
+        """Poll what is due until a time, or until `done` returns something; returns that or None."""
+        clock, stage, reference = self.bench.clock, self.bench.stage, self.bench.reference
+        sensors = self.bench.sensors
+        asked: Sequence = (*sensors, reference)
+        while True:
+            if done is not None and (found := done()):
+                return found
+            now = clock.now()
+            if now >= until_s:
+                return None
+            due_s = min(stage.due_s(), *(part.due_s() for part in asked))
+            clock.sleep_until(min(until_s, max(due_s, now + SHORTEST_WAIT_S)))
+            now = clock.now()
+            for part in asked:
+                if part.due_s() <= now:
+                    for reading in part.poll():
+                        self._take(reading)
+            if stage.due_s() <= now and (move := stage.poll()) is not None:
+                self.move = move
+
+    def _take(self, reading: Reading) -> None:
+        if self.recorder is not None:
+            self.recorder.reading(reading)
+        self.watcher.reading(reading)
+        if reading.sensor in self.good and is_good(reading):
+            values = reading.values
+            temperature_c = values.get("temperature_c", math.nan)
+            self.good[reading.sensor].append((reading.time_s, temperature_c, values.get("humidity_percent", math.nan)))
+
+
+def _unsettled(step: Soak, airs: Sequence[Air], good: dict[str, deque], now_s: float) -> str:
+    """What is still moving at the end of a soak's window; empty where nothing is."""
+    for name, unit, limit in (
+        ("temperature_c", "K", step.reference_within_k),
+        ("humidity_percent", "%RH", step.reference_within_percent),
+    ):
+        known = [value for air in airs if (value := getattr(air, name)) is not None]
+        if known and max(known) - min(known) > limit:
+            return f"the reference moved by {max(known) - min(known):.3g} {unit} in {step.over_s:g} s"
+    middle_s = now_s - 0.5 * step.over_s
+    for sensor, readings in good.items():
+        first = [reading for reading in readings if reading[0] < middle_s]
+        second = [reading for reading in readings if reading[0] >= middle_s]
+        if not first or not second:
+            return f"{sensor} gives no good readings"
+        for column, unit, limit in ((1, "K", step.probes_within_k), (2, "%RH", step.probes_within_percent)):
+            early, late = (sum(reading[column] for reading in half) / len(half) for half in (first, second))
+            if abs(late - early) > limit:  # never where the sensor does not give that quantity (nan)
+                return f"{sensor} still moves by {abs(late - early):.3g} {unit} in {0.5 * step.over_s:g} s"
+            expected = airs[-1].humidity_percent
+            if unit == "%RH" and late > SATURATED_PERCENT and expected is not None and expected < SATURATED_PERCENT:
+                return f"{sensor} is saturated"  # which is as steady as settled
+    return ""
+
+
+def _cause(error: BaseException) -> str:
+    match error:
+        case KeyboardInterrupt():
+            return "stopped by the operator"
+        case SystemExit():
+            return "the process was told to end"
+    return str(error) or type(error).__name__
+
+
+def _dew_point_c(air: Air) -> float | None:
+    """Dew point in degC (Magnus form, Sonntag 1990), good to 0.1 K, which is enough for a warning."""
+    if air.temperature_c is None or not air.humidity_percent:
+        return None
+    gamma = math.log(air.humidity_percent / 100.0) + 17.62 * air.temperature_c / (243.12 + air.temperature_c)
+    return 243.12 * gamma / (17.62 - gamma)

@@ -1,0 +1,309 @@
+"""Find what is connected: HYT-271s on I2C buses, iMets and GRBL controllers on serial ports; a bench file from that.
+
+I2C: a HYT-271 is what answers a measurement request with a plausible frame that is fresh once and stale when fetched
+again. Serial: listen before writing. A port that speaks is written to only where it said "Grbl"; a port that is silent
+at both baud rates gets the one byte `?`, which GRBL answers with `<...|MPos:...>`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from rig.errors import BenchError
+from rig.seams import Clock, I2cBus, Outcome, SerialPort
+from rig.sensors.hyt271 import decode_frame
+from rig.sensors.imet_lines import TABLES, LineAssembler, LineTable, UnknownLine, implausible
+
+USUAL_ADDRESS = 0x28
+# Reserved addresses, and those of memories (SPD, EDID), which are nobody's to try.
+LEFT_ALONE = {*range(0x08), *range(0x30, 0x38), *range(0x50, 0x60), *range(0x78, 0x80)}
+CONVERSION_S = 0.12
+BUS_WAIT_S = 2.0
+PLAUSIBLE_C = (-45.0, 90.0)
+IMET_BAUD, GRBL_BAUD = 57600, 115200
+LISTEN_S = 2.6  # an XQ2 speaks once in a second; a GRBL board that opening resets boots within two
+LOOK_EVERY_S = 0.02
+ENOUGH_LINES = 2
+BANNER = re.compile(rb"Grbl (\S+)|GrblHAL (\S+)")
+REPORT = re.compile(rb"<[A-Z][a-z]*(:\d)?\|[MW]Pos:[^<>\r\n]*>")
+
+
+@dataclass(frozen=True)
+class FoundHyt:
+    """A HYT-271 and what it said."""
+
+    bus: str
+    address: int
+    humidity_percent: float
+    temperature_c: float
+
+    def __str__(self) -> str:
+        said = f"{self.humidity_percent:.1f} %RH, {self.temperature_c:.1f} degC"
+        return f"{self.bus}: HYT-271 at {self.address:#04x} ({said})"
+
+
+@dataclass(frozen=True)
+class FoundImet:
+    """An iMet unit; `has_humidity` where its lines bring a HYT-271's humidity along."""
+
+    port: str
+    kind: str
+    baud: int
+    temperature_c: float
+    has_humidity: bool
+
+    def __str__(self) -> str:
+        film = ", with a HYT-271 of its own" if self.has_humidity else ""
+        return f"{self.port}: {self.kind} at {self.baud} baud ({self.temperature_c:.1f} degC{film})"
+
+
+@dataclass(frozen=True)
+class FoundGrbl:
+    """A GRBL controller; `version` is empty where it did not announce itself."""
+
+    port: str
+    version: str
+
+    def __str__(self) -> str:
+        return f"{self.port}: GRBL {self.version}".rstrip()
+
+
+Found = FoundHyt | FoundImet | FoundGrbl
+
+
+def scan_i2c(path: str, bus: I2cBus, clock: Clock) -> tuple[list[FoundHyt], str]:
+    """HYT-271s on one bus, the usual address first.
+
+    Returns
+    -------
+    found : list of FoundHyt
+    trouble : str
+        Why the bus could not be searched; empty where it was.
+    """
+    try:
+        bus.open()
+        deadline_s = clock.now() + BUS_WAIT_S
+        while not bus.acquire(scan_i2c):
+            if clock.now() >= deadline_s:
+                return [], "a recording is using it"
+            clock.sleep_until(clock.now() + LOOK_EVERY_S)
+        others = [address for address in range(0x80) if address != USUAL_ADDRESS and address not in LEFT_ALONE]
+        found = []
+        for address in (USUAL_ADDRESS, *others):
+            if address == USUAL_ADDRESS or _reads_like_one(bus, address):
+                sensor = _measured(path, bus, clock, address)
+                found += [sensor] if sensor else []
+        return found, ""
+    except OSError as error:
+        return [], error.strerror or str(error)
+    finally:
+        bus.release(scan_i2c)
+        bus.close()
+
+
+def _reads_like_one(bus: I2cBus, address: int) -> bool:
+    """Whether a plain read, which asks nothing of the chip, returns what a HYT-271 could say."""
+    frame = _read(bus, address)
+    return frame is not None and decode_frame(frame)[0] in (Outcome.OK, Outcome.STALE)
+
+
+def _read(bus: I2cBus, address: int) -> bytes | None:
+    try:
+        return bus.read(address, 4)
+    except OSError:
+        return None
+
+
+def _measured(path: str, bus: I2cBus, clock: Clock, address: int) -> FoundHyt | None:
+    """A measurement, if what is at `address` behaves as a HYT-271 does: fresh after a request, then stale and equal."""
+    try:
+        bus.write(address, b"")
+    except OSError:
+        try:
+            bus.write(address, b"\x00")  # adapters that refuse empty writes
+        except OSError:
+            return None
+    clock.sleep_until(clock.now() + CONVERSION_S)
+    fresh, again = _read(bus, address), _read(bus, address)
+    if fresh is None or again is None:
+        return None
+    (first, values), (second, same) = decode_frame(fresh), decode_frame(again)
+    if (first, second) != (Outcome.OK, Outcome.STALE) or values != same:
+        return None
+    if not PLAUSIBLE_C[0] <= values["temperature_c"] <= PLAUSIBLE_C[1]:
+        return None
+    return FoundHyt(path, address, values["humidity_percent"], values["temperature_c"])
+
+
+class SerialListener:
+    """Listens to one port until it is known what speaks there. Tell `step` the time again and again until `done`."""
+
+    def __init__(self, path: str, make_port: Callable[[str, int], SerialPort], clock: Clock, may_ask: bool) -> None:
+        self.path = path
+        self.found: FoundImet | FoundGrbl | None = None
+        self.trouble = ""
+        self.done = False
+        self._make_port = make_port
+        self._clock = clock
+        self._may_ask = may_ask
+        self._heard_any = False
+        self._asked = False
+        self._begin(IMET_BAUD)
+
+    def _begin(self, baud: int) -> None:
+        self._baud = baud
+        self._heard = b""
+        self._until_s = self._clock.now() + LISTEN_S
+        self._port = self._make_port(self.path, baud)
+        try:
+            self._port.open()
+        except OSError as error:
+            self._end(error.strerror or str(error))
+
+    def _end(self, trouble: str = "") -> None:
+        self.trouble, self.done = trouble, True
+        self._port.close()
+
+    def step(self) -> None:
+        """Look at what has arrived, and go on to the next thing to try when the time for this one is over."""
+        try:
+            chunk = self._port.read_waiting()
+            self._heard_any |= bool(chunk)
+            self._heard = (self._heard + chunk)[-10_000:]
+            self.found = _recognized(self.path, self._heard, self._baud)
+            if self.found is not None:
+                self._end()
+            elif self._clock.now() >= self._until_s:
+                self._go_on()
+        except OSError as error:
+            self._end(error.strerror or str(error))
+
+    def _go_on(self) -> None:
+        if self._baud == IMET_BAUD:
+            self._port.close()
+            self._begin(GRBL_BAUD)
+        elif self._heard_any:
+            self._end("something speaks that is neither an iMet nor a GRBL controller; nothing was written to it")
+        elif self._asked or not self._may_ask:
+            self._end("silent")
+        else:
+            self._asked = True
+            self._until_s = self._clock.now() + LISTEN_S
+            self._port.write(b"?")
+
+
+def scan_serial(
+    paths: Iterable[str], make_port: Callable[[str, int], SerialPort], clock: Clock, *, may_ask: bool = True
+) -> list[SerialListener]:
+    """Listen to all ports at once.
+
+    Parameters
+    ----------
+    make_port : callable
+        (path, baud) -> port, not opened yet.
+    may_ask : bool
+        Whether a port that stays silent gets the byte `?`.
+
+    Returns
+    -------
+    list of SerialListener
+        Each done, with `found` or with `trouble`.
+    """
+    listeners = [SerialListener(path, make_port, clock, may_ask) for path in paths]
+    while waiting := [listener for listener in listeners if not listener.done]:
+        clock.sleep_until(clock.now() + LOOK_EVERY_S)
+        for listener in waiting:
+            listener.step()
+    return listeners
+
+
+def _recognized(path: str, heard: bytes, baud: int) -> FoundImet | FoundGrbl | None:
+    banner = BANNER.search(heard)
+    if banner is not None:
+        return FoundGrbl(path, (banner[1] or banner[2]).decode("ascii", "replace"))
+    if REPORT.search(heard):
+        return FoundGrbl(path, "")
+    best = max((_as_imet(heard, kind) for kind in TABLES), key=lambda lines: len(lines[1]))
+    kind, lines = best
+    if len([line for line in lines if "temperature_c" in line]) < ENOUGH_LINES:
+        return None
+    temperature_c = next(line["temperature_c"] for line in reversed(lines) if "temperature_c" in line)
+    return FoundImet(path, kind, baud, temperature_c, any("humidity_percent" in line for line in lines))
+
+
+def _as_imet(heard: bytes, kind: str) -> tuple[str, list[dict[str, float]]]:
+    """The lines that a kind's table can read, with plausible values."""
+    table = LineTable.of(TABLES[kind])
+    good = []
+    for line in LineAssembler(table.begins()).feed(heard, 0.0, 0.0):
+        try:
+            _, values = table.parse(line.raw.replace(b"\0", b""))
+        except (UnknownLine, ValueError):
+            continue
+        if line.whole and not implausible(values):
+            good.append(values)
+    return kind, good
+
+
+def bench_toml(found: Iterable[Found], name: str = "found by scan") -> str:
+    """A bench file to start from; what cannot be known is marked SET.
+
+    Raises
+    ------
+    BenchError
+        No sensor was found: a bench without one records nothing.
+    """
+    found = list(found)
+    imets = [item for item in found if isinstance(item, FoundImet)]
+    films = [item for item in found if isinstance(item, FoundHyt)]
+    stages = [item for item in found if isinstance(item, FoundGrbl)]
+    if not imets and not films:
+        raise BenchError("found no sensor, so there is nothing to write a bench file from; check supply and cables")
+    lines = [
+        "# Written by shockrig scan. Go through the lines marked SET, then run: shockrig check --bench THIS_FILE",
+        *("# found " + "".join(c if c.isprintable() else "?" for c in str(item)) for item in found),
+        "",
+        "[bench]",
+        f"name = {_quoted(name)}",
+        "pressure_hpa = 1013.25 # SET: of the laboratory, on the day",
+    ]
+    if imets:
+        lines += ["", "[sensors.imet]", f"kind = {_quoted(imets[0].kind)}", f"port = {_quoted(imets[0].port)}"]
+        lines += [f"baud = {imets[0].baud}"] if imets[0].baud != IMET_BAUD else []
+        lines += ['# serial = "X00000" # SET: printed on the unit']
+    if films:
+        lines += ["", "[sensors.hyt]", *_hyt_lines(films[0]), '# serial = "H00000" # SET: yours to choose']
+    elif imets[0].has_humidity:
+        lines += ["", "[sensors.hyt]", 'kind = "imet-humidity" # the HYT-271 that the iMet reads itself']
+    lines += ["", "[stage]"]
+    if stages:
+        lines += [
+            'kind = "grbl"',
+            f"port = {_quoted(stages[0].port)}",
+            "source_mm = 0.0 # SET: machine positions of the two ends; this is a short, slow move until you have",
+            "destination_mm = -10.0 # SET",
+            "feed_mm_min = 600.0 # SET",
+            "home = true # SET: false where the machine has no homing switches",
+        ]
+    else:
+        lines += ['kind = "manual"']
+    lines += ["", "[reference]"]
+    if len(films) > 1:
+        lines += ['kind = "hyt-271"', *_hyt_lines(films[1])[1:], 'air = "probes" # SET: or "source", "destination"']
+    else:
+        lines += ['kind = "operator" # both airs are typed in; "set-points" takes them from the protocol']
+    return "\n".join(lines) + "\n"
+
+
+def _hyt_lines(film: FoundHyt) -> list[str]:
+    number = re.fullmatch(r"/dev/i2c-(\d+)", film.bus)
+    bus = number[1] if number else _quoted(film.bus)
+    return ['kind = "hyt-271"', f"bus = {bus}", f"address = {film.address:#04x}"]
+
+
+def _quoted(text: str) -> str:
+    """A TOML basic string."""
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08X}" for c in escaped) + '"'

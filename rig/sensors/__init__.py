@@ -1,0 +1,1 @@
+"""Sensor drivers: each asks its bus and returns readings."""

@@ -1,0 +1,103 @@
+"""HYT-271 command mode: read and change the I2C address.
+
+Within 10 ms of power-on `A0 00 00` enters command mode; a successful reply begins with 0x81. 0x00-0x1F read an EEPROM
+word, 0x40-0x5F write it (12 ms), 0x80 leaves. The address is word 0x1C, bits 6:0. Source: IST AHHYTM_E2.2.1.
+"""
+
+from __future__ import annotations
+
+import errno
+
+from rig.errors import BenchError, BusError
+from rig.seams import Clock, I2cBus
+
+SUCCESS = 0x81
+ADDRESS_WORD = 0x1C
+ENTER, LEAVE = bytes((0xA0, 0, 0)), bytes((0x80, 0, 0))
+EEPROM_WRITE_S = 0.015
+REPLY_S = 0.0005
+ABSENT = {errno.EREMOTEIO, errno.ENXIO, errno.EIO, errno.ETIMEDOUT}
+
+
+def enter_command_mode(bus: I2cBus, clock: Clock, address: int, wait_s: float = 30.0) -> None:
+    """Catch the sensor's first 10 ms after power-on: knock without pause while somebody switches its supply on.
+
+    Raises
+    ------
+    BusError
+        Nobody entered command mode within `wait_s`.
+    """
+    deadline_s = clock.now() + wait_s
+    answered = False
+    while clock.now() < deadline_s:
+        try:
+            bus.write(address, ENTER)
+            answered = True
+            clock.sleep_until(clock.now() + REPLY_S)
+            if bus.read(address, 1)[0] == SUCCESS:
+                return
+        except OSError as error:
+            if error.errno not in ABSENT:
+                raise
+        clock.sleep_until(clock.now() + REPLY_S)
+    seen = "it answers, but was switched on before" if answered else "it never answered"
+    raise BusError(
+        f"no sensor at {address:#04x} entered command mode in {wait_s:g} s ({seen}); "
+        "switch the sensor's supply off and on again while this runs"
+    )
+
+
+def _command(bus: I2cBus, clock: Clock, address: int, command: bytes, wait_s: float) -> int:
+    bus.write(address, command)
+    clock.sleep_until(clock.now() + wait_s)
+    reply = bus.read(address, 3)
+    if reply[0] != SUCCESS:
+        raise BusError(f"the sensor at {address:#04x} refused command {command.hex(' ')}: it replied {reply.hex(' ')}")
+    return reply[1] << 8 | reply[2]
+
+
+def read_address_word(bus: I2cBus, clock: Clock, address: int) -> int:
+    """EEPROM word 0x1C of a sensor in command mode."""
+    return _command(bus, clock, address, bytes((ADDRESS_WORD, 0, 0)), REPLY_S)
+
+
+def read_address(bus: I2cBus, clock: Clock, address: int, wait_s: float = 30.0) -> int:
+    """The address stored in a sensor that is switched on while this waits."""
+    enter_command_mode(bus, clock, address, wait_s)
+    try:
+        return read_address_word(bus, clock, address) & 0x7F
+    finally:
+        bus.write(address, LEAVE)
+
+
+def change_address(
+    bus: I2cBus, clock: Clock, address: int, new_address: int, *, confirmed: bool, wait_s: float = 30.0
+) -> None:
+    """Store another address in the sensor; it holds from the next power-on.
+
+    Parameters
+    ----------
+    confirmed : bool
+        That a person wants this: nothing on the sensor shows its address, so that a forgotten one must be searched for.
+
+    Raises
+    ------
+    BenchError
+        Not confirmed, or an address that is reserved on I2C.
+    BusError
+        No sensor, or it did not take the address (it keeps the old one then).
+    """
+    if not 0x08 <= new_address <= 0x77:
+        raise BenchError(f"address {new_address:#04x} is reserved on I2C: choose one from 0x08 to 0x77")
+    if not confirmed:
+        raise BenchError(f"changing the address from {address:#04x} to {new_address:#04x} is permanent: confirm it")
+    enter_command_mode(bus, clock, address, wait_s)
+    try:
+        word = read_address_word(bus, clock, address)
+        wanted = word & ~0x7F | new_address  # the other bits belong to the maker
+        _command(bus, clock, address, bytes((0x40 | ADDRESS_WORD, wanted >> 8, wanted & 0xFF)), EEPROM_WRITE_S)
+        stored = read_address_word(bus, clock, address)
+        if stored != wanted:
+            raise BusError(f"the sensor at {address:#04x} stored {stored:#06x} and not {wanted:#06x}; try again")
+    finally:
+        bus.write(address, LEAVE)

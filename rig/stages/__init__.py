@@ -1,0 +1,1 @@
+"""Stages: what carries the probes from the source air to the destination air."""

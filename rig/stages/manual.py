@@ -1,0 +1,155 @@
+"""A person who carries the probes by hand; nothing that is recorded waits for an answer."""
+
+from __future__ import annotations
+
+import select
+import sys
+from dataclasses import dataclass
+from typing import TextIO
+
+from rig.errors import StageError
+from rig.seams import Air, Chambers, Clock, Move, Operator
+
+LOOK_S = 0.005
+
+
+@dataclass(frozen=True)
+class ManualSettings:
+    """`confirm_arrival` asks for a second Enter as the probes arrive, which measures the transfer's duration (to about
+    0.2 s, a person's reaction); `within_s` is how long the operator may take to move."""
+
+    confirm_arrival: bool = False
+    within_s: float = 300.0
+
+
+class ManualStage:
+    """Asks the operator to move the probes; the confirmation is the time stamp of the transfer."""
+
+    Settings = ManualSettings
+
+    def __init__(self, settings: ManualSettings, clock: Clock, operator: Operator, chambers: Chambers) -> None:
+        self.settings = settings
+        self._clock = clock
+        self._operator = operator
+        self._chambers = chambers
+        self._deadline_s: float | None = None
+        self._left_s: float | None = None
+        self._next_s = 0.0
+
+    @classmethod
+    def build(cls, name: str, settings: ManualSettings, parts) -> ManualStage:
+        return cls(settings, parts.clock, parts.operator, parts.chambers)
+
+    def open(self) -> None:
+        self._deadline_s = None
+
+    def prepare(self, source: Air, destination: Air, airflow_m_s: float | None) -> None:
+        """Wait until both airs are made and the probes are in the source air."""
+        self._deadline_s = None
+        self._chambers.set_airs(source, destination, airflow_m_s)
+        self._operator.ask("Put the probes into the source air, then press Enter.")
+
+    def begin_transfer(self) -> None:
+        self._left_s = None
+        self._deadline_s = self._clock.now() + self.settings.within_s
+        self._next_s = self._clock.now()
+        self._operator.request(
+            "Move the probes to the destination air; press Enter at the instant they leave the source air."
+        )
+
+    def due_s(self) -> float:
+        return float("inf") if self._deadline_s is None else self._next_s
+
+    def poll(self) -> Move | None:
+        if self._deadline_s is None:
+            return None
+        confirmed_s = self._operator.confirmed_s()
+        if confirmed_s is None:
+            now = self._clock.now()
+            if now > self._deadline_s:
+                self._deadline_s = None
+                raise StageError(f"nobody confirmed the transfer in {self.settings.within_s:g} s; start the run again")
+            self._next_s = now + LOOK_S
+            return None
+        if self._left_s is None and self.settings.confirm_arrival:
+            self._left_s = confirmed_s
+            self._operator.request("Press Enter again at the instant the probes are in the destination air.")
+            return None
+        self._deadline_s = None
+        if self._left_s is None:
+            return Move(confirmed_s, None)
+        return Move(self._left_s, confirmed_s)
+
+    def make_safe(self) -> None:
+        """A person's hand needs no stop."""
+        self._deadline_s = None
+
+    def close(self) -> None:
+        pass
+
+
+class PromptedChambers:
+    """Two airs that a person makes."""
+
+    def __init__(self, operator: Operator) -> None:
+        self._operator = operator
+        self._airs = (Air(None, None), Air(None, None))
+
+    def set_airs(self, source: Air, destination: Air, airflow_m_s: float | None) -> None:
+        self._airs = (source, destination)
+        flow = "" if airflow_m_s is None else f", airflow {airflow_m_s:g} m/s"
+        self._operator.ask(
+            f"Set the source air to {_words(source)} and the destination air to {_words(destination)}{flow}; "
+            "press Enter when both are steady."
+        )
+
+    def airs(self) -> tuple[Air, Air]:
+        return self._airs
+
+
+def _words(air: Air) -> str:
+    temperature = "any temperature" if air.temperature_c is None else f"{air.temperature_c:g} degC"
+    humidity = "any humidity" if air.humidity_percent is None else f"{air.humidity_percent:g} %RH"
+    return f"{temperature} and {humidity}"
+
+
+class ConsoleOperator:
+    """A person at a terminal: prompts go to standard error, Enter is looked up without waiting."""
+
+    def __init__(self, clock: Clock, answers: TextIO | None = None, prompts: TextIO | None = None) -> None:
+        self._clock = clock
+        self._answers = answers or sys.stdin
+        self._prompts = prompts or sys.stderr
+        self._confirmed_s: float | None = None
+        self._pending = False
+
+    def say(self, message: str) -> None:
+        self._prompts.write(message + "\n")
+        self._prompts.flush()
+
+    def ask(self, message: str) -> str:
+        self.say(message)
+        return self._line()
+
+    def request(self, message: str) -> None:
+        while self._typed():
+            self._line()  # an Enter from before the question is no answer to it
+        self._confirmed_s, self._pending = None, True
+        self.say(message)
+
+    def confirmed_s(self) -> float | None:
+        if self._pending and self._typed():
+            self._confirmed_s, self._pending = self._clock.now(), False
+            self._line()
+        return self._confirmed_s
+
+    def _typed(self) -> bool:
+        return bool(select.select([self._answers], [], [], 0)[0])
+
+    def _line(self) -> str:
+        line = self._answers.readline()
+        if not line:
+            raise StageError(
+                "the operator's terminal was closed; run from a terminal, or use a bench with its own stage"
+            )
+        return line.strip()

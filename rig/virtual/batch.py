@@ -1,0 +1,195 @@
+"""A whole campaign simulated at once, straight to a campaign folder (shock-campaign/1), without emulated chips and
+without waiting.
+
+All runs are integrated together as arrays and read at each sensor's own sampling instants. The truth is never written
+into the folder.
+"""
+
+from __future__ import annotations
+
+import datetime
+import json
+import os
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from rig.errors import BenchError
+from rig.virtual.effects import RH, T
+from rig.virtual.logger import Logger, seen_at_s
+from rig.virtual.physics.air import Exposure, air_after
+from rig.virtual.physics.moist import concentration_ppmv
+from rig.virtual.physics.probes import Bodies, Probes
+from rig.virtual.physics.readout import humidity_reading, temperature_reading
+from rig.virtual.plans import PlannedRun
+from rig.virtual.truth import Truth
+
+SAMPLING_PERIOD_S = 0.1
+FIRST_RUN_AT = datetime.datetime(2026, 5, 1, tzinfo=datetime.UTC)
+
+
+def simulate_campaign(
+    truth: Truth,
+    plan: Sequence[PlannedRun],
+    rng_or_seed: np.random.Generator | int,
+    out: Path,
+    name: str = "virtual",
+    write_duration: bool = False,
+) -> Path:
+    """Simulate `plan` on sensors that are as `truth` says and write the campaign folder `out` (which must not exist
+    yet).
+
+    `write_duration`: run.json states the measured duration of each transfer; runs whose plan sets a duration always
+    state it.
+    Returns `out`. Raises BenchError where `out` exists or the plan is empty.
+    """
+    out = Path(out)
+    if out.exists():
+        raise BenchError(f"{out}: exists already; name a new folder")
+    if not plan:
+        raise BenchError("the plan has no runs")
+    # streams of their own: what one effect draws changes nothing else, and campaigns of one seed can be compared
+    rng, *own = np.random.default_rng(rng_or_seed).spawn(1 + len(plan))
+    airs = _true_airs(truth, plan, rng)
+    exposure = _exposure(truth, plan, airs)
+    start_s = np.array([10.0 + rng.random() if run.lead_s is None else run.lead_s for run in plan])
+    scatter = np.exp(truth.rate_scatter * rng.standard_normal((2, len(plan))))
+    after_s = max(run.duration_s - start for run, start in zip(plan, start_s, strict=True))
+    history = _integrate(truth, exposure, scatter, after_s)
+
+    partial = out.with_name(f".{out.name}.partial-{os.getpid()}")
+    try:
+        (partial / "runs").mkdir(parents=True)
+        sensors = {
+            "imet": {"kind": "imet-xf", "serial": "virtual", "bead_radius_m": truth.bead_radius_m},
+            "hyt": {"kind": "hyt-271", "serial": "virtual", "film_thickness_m": truth.film_thickness_m},
+        }
+        _write_json(partial / "campaign.json", {"format": "shock-campaign/1", "name": name, "sensors": sensors})
+        for i, run in enumerate(plan):
+            folder = partial / "runs" / run.id
+            folder.mkdir()
+            _write_json(
+                folder / "run.json", _run_json(truth, run, i, airs[i], exposure, start_s[i], write_duration, rng)
+            )
+            phases, bead_rng, film_rng, die_rng, lost = own[i].spawn(5)
+            bead, film = _sampling(run, phases), _sampling(run, phases)
+            one = _Run(truth, exposure, history, i, start_s[i])
+            imet = Logger(truth, T, bead_rng).log(bead, one.temperature(bead))
+            hyt = Logger(truth, RH, film_rng).log(film, one.humidity(film))
+            die = np.round((one.die(film) + truth.die_noise_k * die_rng.standard_normal(film.size)) / 0.01) * 0.01
+            _write_csv(folder / "imet.csv", "time_s,temperature_c", "%.4f,%.4f", _survivors(truth, lost, bead, imet))
+            columns = _survivors(truth, lost, film, hyt, die, np.zeros(film.size))
+            _write_csv(folder / "hyt.csv", "time_s,humidity_percent,temperature_c,stale", "%.4f,%.4f,%.3f,%d", columns)
+        os.rename(partial, out)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+    return out
+
+
+def _true_airs(truth: Truth, plan: Sequence[PlannedRun], rng: np.random.Generator) -> np.ndarray:
+    """True source and destination airs, (runs, 2, 2): degC and %RH. A chamber never hits its set point quite."""
+    wanted = np.array(
+        [[(air.temperature_c, air.humidity_percent) for air in (run.source, run.destination)] for run in plan],
+        dtype=float,
+    )
+    return wanted + rng.standard_normal(wanted.shape) * (truth.chamber_scatter_k, truth.chamber_scatter_percent)
+
+
+def _exposure(truth: Truth, plan: Sequence[PlannedRun], airs: np.ndarray) -> Exposure:
+    pressure = np.array([run.pressure_hpa for run in plan], dtype=float)
+    hidden = (truth.effect("finite_transfer") or {"duration_s": 0.0})["duration_s"]
+    return Exposure(
+        source_c=airs[:, 0, 0],
+        source_ppmv=concentration_ppmv(airs[:, 0, 1], airs[:, 0, 0], pressure),
+        destination_c=airs[:, 1, 0],
+        destination_ppmv=concentration_ppmv(airs[:, 1, 1], airs[:, 1, 0], pressure),
+        airflow_m_s=np.array([run.airflow_m_s for run in plan], dtype=float),
+        pressure_hpa=pressure,
+        duration_s=np.array([hidden if run.transfer_duration_s is None else run.transfer_duration_s for run in plan]),
+        irradiance_w_m2=np.array([run.extra.get("irradiance_w_m2", 0.0) for run in plan], dtype=float),
+        order=np.arange(len(plan), dtype=float),
+    )
+
+
+def _integrate(truth: Truth, exposure: Exposure, scatter: np.ndarray, after_s: float) -> dict[str, np.ndarray]:
+    """History of the bodies: `since_s` (n,) and each field of Bodies (n, runs)."""
+    probes = Probes(truth, exposure, scatter)
+    stepper = probes.stepper
+    times, rows = [0.0], [probes.bodies()]
+    while stepper.time_s < after_s:
+        stepper.step(stepper.longest_step_s())
+        times.append(stepper.time_s)
+        rows.append(probes.bodies())
+    history = {name: np.array([getattr(row, name) for row in rows]) for name in Bodies.__dataclass_fields__}
+    return {"since_s": np.array(times), **history}
+
+
+class _Run:
+    """One run of the history, read at any times on the run's clock."""
+
+    def __init__(self, truth: Truth, exposure: Exposure, history: dict[str, np.ndarray], index: int, start_s: float):
+        self._truth, self._start_s = truth, start_s
+        self._exposure = Exposure(
+            **{
+                k: v[index : index + 1] if isinstance(v, np.ndarray) else v
+                for k, v in ((k, getattr(exposure, k)) for k in Exposure.__dataclass_fields__)
+            }
+        )
+        self._since = history["since_s"]
+        self._columns = {k: v[:, index] for k, v in history.items() if k != "since_s"}
+
+    def _bodies(self, since: np.ndarray) -> Bodies:
+        return Bodies(**{k: np.interp(since, self._since, column)[:, None] for k, column in self._columns.items()})
+
+    def temperature(self, time_s: np.ndarray) -> np.ndarray:
+        since = seen_at_s(self._truth, T, time_s) - self._start_s
+        return temperature_reading(self._truth, self._exposure, self._bodies(since), since[:, None])[:, 0]
+
+    def humidity(self, time_s: np.ndarray) -> np.ndarray:
+        since = seen_at_s(self._truth, RH, time_s) - self._start_s
+        air_c, _ = air_after(self._truth, self._exposure, since[:, None])
+        return humidity_reading(self._truth, self._exposure, self._bodies(since), air_c, since[:, None])[:, 0]
+
+    def die(self, time_s: np.ndarray) -> np.ndarray:
+        return np.interp(seen_at_s(self._truth, RH, time_s) - self._start_s, self._since, self._columns["die_c"])
+
+
+def _sampling(run: PlannedRun, rng: np.random.Generator) -> np.ndarray:
+    phase = rng.uniform(0.0, SAMPLING_PERIOD_S)
+    return np.round(np.arange(phase, run.duration_s, SAMPLING_PERIOD_S), 4)
+
+
+def _survivors(truth: Truth, rng: np.random.Generator, *columns: np.ndarray) -> np.ndarray:
+    kept = rng.random(columns[0].size) >= truth.missing_fraction
+    return np.column_stack(columns)[kept]
+
+
+def _run_json(truth, run, index, airs, exposure, start_s, write_duration, rng) -> dict:
+    reported = airs + rng.standard_normal((2, 2)) * (truth.reference_scatter_k, truth.reference_scatter_percent)
+    transfer = {"start_s": round(float(start_s + truth.trigger_jitter_s * rng.standard_normal()), 4)}
+    if write_duration or run.transfer_duration_s is not None:
+        transfer["duration_s"] = round(float(exposure.duration_s[index]), 4)
+    source, destination = (
+        {"temperature_c": round(float(t), 4), "humidity_percent": round(float(h), 4)} for t, h in reported
+    )
+    return {
+        "format": "shock-run/1",
+        "id": run.id,
+        "started_at": (FIRST_RUN_AT + datetime.timedelta(hours=index)).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        "source": source,
+        "destination": destination,
+        "airflow_m_s": run.airflow_m_s,
+        "pressure_hpa": run.pressure_hpa,
+        "transfer": transfer,
+        **run.extra,
+    }
+
+
+def _write_json(path: Path, content: dict) -> None:
+    path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _write_csv(path: Path, header: str, row_format: str, rows: np.ndarray) -> None:
+    path.write_text("\n".join([header, *(row_format % tuple(row) for row in rows.tolist())]) + "\n", encoding="utf-8")

@@ -1,0 +1,43 @@
+"""Probes that have rested in the source air for as long as it takes before anybody asks them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rig.clock import VirtualClock
+from rig.seams import Air
+from rig.virtual.truth import draw_truth
+from rig.virtual.world import World
+
+RESTED_S = 3600.0
+
+
+class RestingBench:
+    """A virtual world between two chambers, asked on a clock that begins when the probes have settled in the source."""
+
+    def __init__(self, source: Air, destination: Air, airflow_m_s: float, pressure_hpa: float, seed: int) -> None:
+        self._world = World(draw_truth(np.random.default_rng(seed)), VirtualClock(), seed)
+        self._world.set_airs(source, destination, airflow_m_s, pressure_hpa)
+        self._pressure_hpa = pressure_hpa
+        self._world.air(RESTED_S)
+
+    def bead_temperature_c(self, at_s: float) -> float:
+        return self._world.bead_temperature_c(RESTED_S + at_s)
+
+    def film_humidity_percent(self, at_s: float) -> float:
+        return self._world.film_humidity_percent(RESTED_S + at_s)
+
+    def die_temperature_c(self, at_s: float) -> float:
+        return self._world.die_temperature_c(RESTED_S + at_s)
+
+    def air(self, at_s: float) -> Air:
+        return self._world.air(RESTED_S + at_s)
+
+    def pressure_hpa(self, at_s: float) -> float:
+        return self._pressure_hpa
+
+    def begin_transfer(self, at_s: float) -> None:
+        self._world.begin_transfer(RESTED_S + at_s)
+
+    def begin_return(self, at_s: float) -> None:
+        self._world.begin_return(RESTED_S + at_s)

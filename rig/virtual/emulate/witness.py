@@ -1,0 +1,92 @@
+"""What emulated instruments said, and what was true, line by line while they say it.
+
+    time_s,unix_s,instrument,quantity,said,air      e.g. 12.300000,1767225612.3,hyt-271,humidity_percent,43.2156,47.0020
+`time_s` is on the instruments' clock (the flight's own time), `unix_s` the host's; `said` is rounded as the instrument
+rounds it, `air` is the true air at that instant.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from rig.errors import BenchError
+from rig.virtual.chips.hyt271 import FULL_SCALE
+
+COLUMNS = ("time_s", "unix_s", "instrument", "quantity", "said", "air")
+# instrument -> quantity -> (smallest step, where its scale begins)
+_HUNDREDTH = {"temperature_c": (0.01, 0.0), "die_temperature_c": (0.01, 0.0), "humidity_percent": (0.1, 0.0)}
+STEPS = {
+    "hyt-271": {"die_temperature_c": (165.0 / FULL_SCALE, -40.0), "humidity_percent": (100.0 / FULL_SCALE, 0.0)},
+    "imet-xf": _HUNDREDTH,
+    "imet-xq2": _HUNDREDTH,
+    "imet-xq": _HUNDREDTH,
+}
+READERS = {
+    "temperature_c": "bead_temperature_c",
+    "die_temperature_c": "die_temperature_c",
+    "humidity_percent": "film_humidity_percent",
+}
+
+
+class Witness:
+    """Stands between the instruments and their world: one lock for all threads, one line for each value said.
+
+    `unix_s` is the host's time of day. Where the file can be written no more, `trouble` says why and the instruments
+    talk on.
+    """
+
+    def __init__(self, world: Any, unix_s: Callable[[], float], path: Path | None = None) -> None:
+        self._world = world
+        self._unix_s = unix_s
+        self.trouble = ""
+        self._lock = threading.Lock()
+        self._file = None
+        if path is not None:
+            try:
+                self._file = path.open("w", encoding="utf-8", buffering=1)
+            except OSError as error:
+                raise BenchError(f"{path}: {error.strerror}; give another --truth") from None
+            self._file.write(",".join(COLUMNS) + "\n")
+
+    def sampler(self, instrument: str, quantity: str) -> Callable[[float], float]:
+        """What an instrument asks for a quantity; its values are already on the instrument's own steps."""
+        step, origin = STEPS[instrument][quantity]
+        read = getattr(self._world, READERS[quantity])
+
+        def sample(at_s: float) -> float:
+            with self._lock:
+                value = origin + round((read(at_s) - origin) / step) * step
+                if self._file is not None and not self.trouble:
+                    air = self._world.air(at_s)
+                    true = air.humidity_percent if quantity == "humidity_percent" else air.temperature_c
+                    row = f"{at_s:.6f},{self._unix_s():.6f},{instrument},{quantity},{value:.4f},{true:.4f}\n"
+                    try:
+                        self._file.write(row)
+                    except OSError as error:
+                        self.trouble = f"{self._file.name}: {error.strerror}; the truth is written no further"
+                return value
+
+        return sample
+
+    def pressure_hpa(self, at_s: float) -> float:
+        with self._lock:
+            return self._world.pressure_hpa(at_s)
+
+    def begin_transfer(self, at_s: float) -> None:
+        """The carriage leaves the source air."""
+        with self._lock:
+            self._world.begin_transfer(at_s)
+
+    def begin_return(self, at_s: float) -> None:
+        """The carriage leaves the destination air."""
+        with self._lock:
+            self._world.begin_return(at_s)
+
+    def close(self) -> None:
+        if self._file is not None:
+            with contextlib.suppress(OSError):  # what a full disk did not take was said when it was written
+                self._file.close()

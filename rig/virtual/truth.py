@@ -1,0 +1,188 @@
+"""What is true of one virtual pair of sensors and its bench: material, noise, scatter and hidden effects; JSON, and
+random draws.
+
+Diffusivity of vapour in the film: ln D(T) = ln D(20 degC) - E u - Q u^2, u = 1/T - 1/293.15 K (E activation, Q
+curvature).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rig.errors import BenchError
+from rig.virtual.effects import KINDS
+
+SMOOTH, ROUGH = "smooth", "rough"
+CORE_T98 = 0.46660  # alpha t98 / R^2 of a sphere's core after a step
+FILM_T63 = 0.32025  # D t63 / L^2 of a film's mean after a step
+HUMIDITY_STEP_PERCENT = 100.0 / 16383.0
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of the white part and of the first-order autocorrelated part, in the channel's unit, and the
+    latter's time constant.
+    """
+
+    white: float
+    correlated: float = 0.0
+    correlation_time_s: float = 1.0
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """One effect at work: its id, its parameters, and the channels in which it acts."""
+
+    effect: str
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    channels: tuple[str, ...] = ()
+
+    def __post_init__(self):
+        kind = KINDS.get(self.effect)
+        if kind is None:
+            raise BenchError(
+                f"effect {self.effect!r} is not known to the virtual world: known are {', '.join(sorted(KINDS))}"
+            )
+        if set(self.parameters) != set(kind.parameters):
+            raise BenchError(
+                f"effect {self.effect}: parameters must be {sorted(kind.parameters)}, not {sorted(self.parameters)}"
+            )
+        if not self.channels:
+            object.__setattr__(self, "channels", kind.channels)
+        if not set(self.channels) <= set(kind.channels):
+            raise BenchError(f"effect {self.effect}: channels must be among {kind.channels}, not {self.channels}")
+
+
+@dataclass(frozen=True)
+class Truth:
+    """One virtual pair of sensors. The defaults are a good bench: exact trigger, exact references, white noise,
+    nothing hidden.
+    """
+
+    thermal_diffusivity_m2_s: float
+    diffusivity_20c_m2_s: float
+    activation_k: float = 2500.0
+    curvature_k2: float = 0.0
+    bead_radius_m: float = 4e-4
+    film_thickness_m: float = 1e-5
+    die_time_constant_s: float = 10.0
+    die_noise_k: float = 0.02
+    temperature_noise: Noise = Noise(0.015)
+    humidity_noise: Noise = Noise(0.07)
+    effects: tuple[Hidden, ...] = ()
+    trigger_jitter_s: float = 0.0
+    reference_scatter_k: float = 0.0
+    reference_scatter_percent: float = 0.0
+    chamber_scatter_k: float = 0.02
+    chamber_scatter_percent: float = 0.1
+    rate_scatter: float = 0.0
+    missing_fraction: float = 0.0
+    temperature_step_k: float = 0.01
+    humidity_step_percent: float = HUMIDITY_STEP_PERCENT
+
+    def diffusivity_m2_s(self, temperature_c):
+        """D of the film at `temperature_c` (any shape), m2/s."""
+        u = 1.0 / (np.asarray(temperature_c) + 273.15) - 1.0 / 293.15
+        return self.diffusivity_20c_m2_s * np.exp(-self.activation_k * u - self.curvature_k2 * u * u)
+
+    def effect(self, name: str, channel: str | None = None) -> Mapping[str, float] | None:
+        """Parameters of the hidden effect `name` (acting in `channel`), or None where it is not at work."""
+        for hidden in self.effects:
+            if hidden.effect == name and (channel is None or channel in hidden.channels):
+                return hidden.parameters
+        return None
+
+    def to_json(self) -> str:
+        """This truth as JSON, with D at whole tens of degrees for people."""
+        content = dataclasses.asdict(self)
+        content["diffusivity_m2_s"] = {str(t): float(self.diffusivity_m2_s(t)) for t in range(-10, 61, 10)}
+        return json.dumps(content, indent=1, allow_nan=False)
+
+    @classmethod
+    def from_json(cls, text: str) -> Truth:
+        """Read what `to_json` wrote; raises BenchError on anything else."""
+        try:
+            content = json.loads(text)
+            content.pop("diffusivity_m2_s", None)
+            content["temperature_noise"] = Noise(**content["temperature_noise"])
+            content["humidity_noise"] = Noise(**content["humidity_noise"])
+            content["effects"] = tuple(
+                Hidden(h["effect"], dict(h["parameters"]), tuple(h["channels"])) for h in content["effects"]
+            )
+            noises = content["temperature_noise"], content["humidity_noise"]
+            tables = [vars(noise) for noise in noises] + [hidden.parameters for hidden in content["effects"]]
+            tables.append({k: v for k, v in content.items() if not isinstance(v, Noise) and k != "effects"})
+            for name, value in (item for table in tables for item in table.items()):
+                if isinstance(value, bool) or not abs(value) <= sys.float_info.max:
+                    raise ValueError(f"{name} is {value!r}, not a number")
+            return cls(**content)
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError) as error:
+            raise BenchError(f"not a truth of the virtual bench: {error}") from error
+
+
+def draw_truth(rng: np.random.Generator, tier: str = SMOOTH, effects: Sequence[Hidden] = ()) -> Truth:
+    """Random sensors on a random bench.
+
+    `tier` "smooth": white noise, exact trigger and references. "rough": half of the noise's variance correlated over
+    0.3 to 3 s, 10 ms of trigger jitter, references good to 0.02 K and 0.1 %RH, missing samples, rates that scatter by
+    0.3 to 1 % from run to run.
+    Bead: t98 of 0.5 to 2.5 s; film: t63 of 0.5 to 6 s at 20 degC, two to five times slower at 0 than at 40 degC.
+    """
+    if tier not in (SMOOTH, ROUGH):
+        raise BenchError(f"tier must be {SMOOTH!r} or {ROUGH!r}, not {tier!r}")
+    t98_s = np.exp(rng.uniform(np.log(0.5), np.log(2.5)))
+    t63_s = np.exp(rng.uniform(np.log(0.5), np.log(6.0)))
+    ratio_0_to_40 = rng.uniform(2.0, 5.0)
+    curvature = rng.uniform(-1.0, 1.0) * 8e5  # bends ln D by up to 5 % at 0 and 40 degC
+    u0, u40 = 1 / 273.15 - 1 / 293.15, 1 / 313.15 - 1 / 293.15
+    activation = (np.log(ratio_0_to_40) + curvature * (u40**2 - u0**2)) / (u0 - u40)
+    noise_k, noise_percent = rng.uniform(0.010, 0.025), rng.uniform(0.05, 0.10)
+    share = 0.5 if tier == ROUGH else 0.0
+    correlation_s = np.exp(rng.uniform(np.log(0.3), np.log(3.0), 2))
+    rough = (
+        {
+            "trigger_jitter_s": 0.010,
+            "reference_scatter_k": 0.02,
+            "reference_scatter_percent": 0.1,
+            "rate_scatter": float(rng.uniform(0.003, 0.010)),
+            "missing_fraction": float(rng.uniform(0.002, 0.02)),
+        }
+        if tier == ROUGH
+        else {}
+    )
+    truth = Truth(
+        thermal_diffusivity_m2_s=float(CORE_T98 * 4e-4**2 / t98_s),
+        diffusivity_20c_m2_s=float(FILM_T63 * 1e-5**2 / t63_s),
+        activation_k=float(activation),
+        curvature_k2=float(curvature),
+        die_time_constant_s=float(rng.uniform(8.0, 14.0)),
+        temperature_noise=Noise(noise_k * (1 - share) ** 0.5, noise_k * share**0.5, float(correlation_s[0])),
+        humidity_noise=Noise(noise_percent * (1 - share) ** 0.5, noise_percent * share**0.5, float(correlation_s[1])),
+        **rough,
+    )
+    return with_effects(truth, effects)
+
+
+def with_effects(truth: Truth, effects: Sequence[Hidden]) -> Truth:
+    """The same sensors with `effects` hidden in them.
+
+    Behind an air film (`convective_film`) alpha is raised so that the reading is about as fast as before, up to 2.5
+    times slower: the lag of a glass bead is the film's, its own diffusion is much faster.
+    """
+    changed = dataclasses.replace(truth, effects=tuple(effects))
+    film = changed.effect("convective_film")
+    if film is None or truth.effect("convective_film") is not None:
+        return changed
+    biot = film["biot_at_5_m_s"]
+    effective_s = CORE_T98 * truth.bead_radius_m**2 / truth.thermal_diffusivity_m2_s
+    slower = 1.0 + 1.5 * min(1.0, 0.1 / biot) if biot > 0 else 1.0
+    lumped_s = 3.912 / (3.0 * biot) + CORE_T98  # t98 alpha / R^2 behind the film, roughly
+    return dataclasses.replace(
+        changed, thermal_diffusivity_m2_s=float(lumped_s * truth.bead_radius_m**2 / (effective_s * slower))
+    )

@@ -1,0 +1,97 @@
+"""Channels: binning loses nothing, ambients are grouped, starts are estimated, and runs that cannot be used say why."""
+
+import numpy as np
+import pytest
+
+from analysis.campaign import Air, Campaign, Run, Trace
+from analysis.channel import bin_means, build_channel, estimate_start, group_ambients, usable_runs
+
+
+def run_of(value, time, start_s=10.0, **changes):
+    trace = Trace(np.asarray(time, dtype=float), {"temperature_c": np.asarray(value, dtype=float)})
+    given = {
+        "id": "1",
+        "source": Air(20.0, 50.0),
+        "destination": Air(30.0, 50.0),
+        "airflow_m_s": 5.0,
+        "pressure_hpa": 1000.0,
+    }
+    return Run(**(given | {"start_s": start_s, "duration_s": None, "imet": trace, "hyt": None} | changes))
+
+
+def campaign_of(*runs):
+    return Campaign("c", None, {}, 4e-4, 1e-5, tuple(runs))
+
+
+def lag(time, start_s=10.0, tau_s=0.5):
+    return 20.0 + 10.0 * np.where(time > start_s, 1 - np.exp(-(time - start_s) / tau_s), 0.0)
+
+
+TIME = np.arange(0.03, 60.0, 0.1)
+
+
+def reason_of(run):
+    usable, left_out = usable_runs(campaign_of(run), "temperature")
+    assert not usable
+    return left_out[0].reason
+
+
+def test_bins_keep_every_sample_and_the_mean_of_each():
+    rng = np.random.default_rng(1)
+    time, value = np.sort(rng.random(500)), rng.random(500)
+    place = np.minimum((time * 7).astype(int), 6)
+    mean_time, mean_value, count = bin_means([time], [value], (place,))
+    assert count.sum() == 500
+    assert (mean_value * count).sum() == pytest.approx(value.sum())
+    assert (mean_time * count).sum() == pytest.approx(time.sum())
+
+
+def test_a_channel_holds_all_samples_but_those_at_the_uncertain_start():
+    channel = build_channel(campaign_of(run_of(lag(TIME), TIME)), "temperature")
+    near = np.abs(TIME - 10.0) < 0.04
+    assert channel.count.sum() == TIME.size - near.sum()
+    since = channel.time_s[0]
+    expected = np.where(since > 0, 30.0 - 10.0 * np.exp(-since / 0.5), 20.0)
+    narrow = (channel.count[0] > 0) & (since < 2.5)
+    assert channel.value[0][narrow] == pytest.approx(expected[narrow], abs=0.05)
+
+
+def test_destinations_within_a_kelvin_are_one_ambient():
+    index, means = group_ambients(np.array([20.02, 0.0, 19.9, 40.0, 0.6, 39.5]))
+    assert index.tolist() == [1, 0, 1, 2, 0, 2]
+    assert means == pytest.approx([0.3, 19.96, 39.75])
+
+
+@pytest.mark.parametrize(
+    ("run", "words"),
+    [
+        (run_of(lag(TIME)[95:], TIME[95:]), "plateau before the transfer is missing"),
+        (run_of(lag(TIME)[:130], TIME[:130]), "too short: 2.9 s"),
+        (
+            run_of(np.delete(lag(TIME), slice(99, 112)), np.delete(TIME, slice(99, 112))),
+            "a gap of 1.4 s over the transfer",
+        ),
+        (run_of(lag(TIME) + 0.1 * np.maximum(10.0 - TIME, 0), TIME), "not settled before the transfer"),
+        (run_of(lag(TIME)[:20], TIME[:20]), "only 20 usable samples"),
+        (run_of(np.full(TIME.size, 20.0), TIME, start_s=None), "no transfer.start_s"),
+        (run_of(lag(TIME), TIME, imet=None), "no imet.csv"),
+    ],
+)
+def test_runs_that_cannot_be_used_say_why(run, words):
+    assert words in reason_of(run)
+
+
+@pytest.mark.parametrize("start", [8.013, 10.0, 12.77])
+def test_a_start_that_nobody_recorded_is_estimated(start):
+    rng = np.random.default_rng(2)
+    run = run_of(lag(TIME, start) + 0.01 * rng.standard_normal(TIME.size), TIME, start_s=None)
+    assert estimate_start(run, "temperature") == pytest.approx(start, abs=0.15)
+
+
+def test_selecting_runs_selects_everything_that_belongs_to_them():
+    runs = [run_of(lag(TIME, tau_s=tau), TIME, id=str(tau)) for tau in (0.3, 0.5, 0.9)]
+    channel = build_channel(campaign_of(*runs), "temperature")
+    some = channel.select(np.array([False, True, True]))
+    assert some.run_ids == ("0.5", "0.9")
+    assert some.value.shape[0] == some.conditions.start_s.size == len(some.samples) == len(some.bin_of) == 2
+    assert np.array_equal(some.value, channel.value[1:])

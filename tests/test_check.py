@@ -1,0 +1,142 @@
+"""What must hold for whoever types `shockrig check`: everything that is wrong in one tree, nothing touched."""
+
+import itertools
+import time
+from pathlib import Path
+
+import pytest
+
+from protocols.cli import main
+from rig.bench import default_bench, open_bench, virtual_bench
+from rig.check import clock_finding, examine, tree
+from rig.protocol import PlannedRun, Protocol, Record, Soak, Transfer, load_protocol
+from rig.seams import Air
+from rig.virtual.faults import Fault
+
+
+def examined(tmp_path, faults=None, clock="virtual", wall=time.time, protocol=None, may_move=True):
+    with virtual_bench(clock=clock, faults=faults) as bench:
+        protocol = protocol or load_protocol("quick")
+        found = examine(bench, protocol, tmp_path / "out", wall=wall, may_move=may_move)
+        return bench, {finding.device.partition(" ")[0]: finding for finding in found}
+
+
+def test_a_bench_that_is_well(tmp_path, capsys):
+    assert main(["check", "--out", str(tmp_path / "new")]) == 0
+    text = capsys.readouterr().out
+    assert text.endswith("all is well\n") and "FAULT" not in text
+    # The emulated world rests at 20 degC and 50 %RH.
+    assert "temperature 20.0" in text or "temperature 19.9" in text
+    assert "humidity 50." in text or "humidity 49.9" in text
+    assert "10 readings/s" in text
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_everything_that_is_unplugged_is_told_at_once(tmp_path):
+    unplugged = [Fault("unplug", 0.0)]
+    _, found = examined(tmp_path, {"imet": unplugged, "hyt": unplugged, "stage": unplugged})
+    assert [name for name, finding in found.items() if not finding.well] == ["imet", "hyt", "stage"]
+    text = tree("the bench", list(found.values()))
+    rows = text.splitlines()
+    for device in ("imet (imet-xf on virtual)", "hyt (hyt-271 on virtual at 0x28)", "stage (grbl on virtual)"):
+        at = rows.index(f"  FAULT  {device}")
+        cause, mend = rows[at + 1], rows[at + 2]  # each indented below the one before
+        assert len(cause) - len(cause.lstrip()) < len(mend) - len(mend.lstrip())
+        assert "nobody answers" in mend or "no such device" in mend
+    assert found["disk"].well and found["reference"].well
+
+
+@pytest.mark.parametrize(
+    ("part", "kind", "cause", "mend"),
+    [
+        ("imet", "silence", "timed_out", "it is silent: check supply"),
+        ("imet", "glued", "no good reading in 6 s", ""),
+        ("imet", "garbage", "rejected", "check kind and baud"),
+        ("hyt", "stuck_low", "implausible", "not shorted"),
+        ("hyt", "stuck_high", "implausible", "not shorted"),
+        ("hyt", "slow", "stale", "raise conversion_s"),
+        ("hyt", "lost_request", "stale", "raise conversion_s"),
+    ],
+)
+def test_a_sensor_that_opens_but_does_not_read_well(tmp_path, part, kind, cause, mend):
+    _, found = examined(tmp_path, {part: [Fault(kind, 0.0)]})
+    assert cause in found[part].cause and mend in found[part].mend
+    assert [name for name, finding in found.items() if not finding.well] == [part]
+
+
+def test_a_sensor_that_fails_now_and_then_is_not_well(tmp_path):
+    _, found = examined(tmp_path, {"hyt": [Fault("stuck_low", 0.0, probability=0.4)]})
+    assert "implausible" in found["hyt"].cause and "10 readings/s" not in found["hyt"].cause
+    assert "temperature" in found["hyt"].says  # what it did say is told too
+
+
+def test_a_stage_that_must_not_move_hears_nothing(tmp_path):
+    bench, found = examined(tmp_path, may_move=False)
+    assert found["stage"].says == "left alone, as asked"
+    assert bench.instruments.parts["stage"]._needs_homing  # homing would have cleared it
+    bench, found = examined(tmp_path)
+    assert found["stage"].says == "answers" and not bench.instruments.parts["stage"]._needs_homing
+
+
+class SteppedClock:
+    """Moves on by what is told at each look."""
+
+    def __init__(self, steps_s, late_s=0.0):
+        self._steps_s, self._late_s, self._now_s = itertools.cycle(steps_s), late_s, 0.0
+
+    def now(self):
+        self._now_s += next(self._steps_s)
+        return self._now_s
+
+    def sleep_until(self, time_s):
+        self._now_s = max(self._now_s, time_s) + self._late_s
+
+
+@pytest.mark.parametrize(
+    ("clock", "wall_s", "jump_s", "cause"),
+    [
+        (SteppedClock([1e-6]), 1.8e9, 0.0, ""),
+        (SteppedClock([2e-6, -1e-6]), 1.8e9, 0.0, "it steps back"),
+        (SteppedClock([0.0] * 99 + [0.0156]), 1.8e9, 0.0, "coarser than 0.001 s"),
+        (SteppedClock([1e-6], late_s=0.3), 1.8e9, 0.0, "wakes up to 0.3 s late"),
+        (SteppedClock([1e-6]), 12.0, 0.0, "the time of day is not set"),
+        (SteppedClock([1e-6]), 1.8e9, -3600.0, "jumped by -3600.0 s"),
+    ],
+)
+def test_clock(clock, wall_s, jump_s, cause):
+    finding = clock_finding(clock, lambda: wall_s, jump_s)
+    assert cause in finding.cause and finding.well == (not cause) and bool(finding.mend) == bool(cause)
+
+
+def test_in_real_time_a_jump_of_the_time_of_day_is_seen(tmp_path):
+    """The host's clock is set forward by an hour while the bench is listened to."""
+    began_s = time.time()
+    _, found = examined(tmp_path, clock="real", wall=lambda: time.time() + 3600.0 * (time.time() > began_s + 1.0))
+    assert "jumped by +3600.0 s" in found["clock"].cause
+    assert found["imet"].well and found["hyt"].well and found["stage"].well
+    assert "kB reach the disk in" in found["disk"].says
+
+
+def test_disk_without_room_and_disk_that_cannot_be_written(tmp_path):
+    steps = (Soak(), Record(1e12), Transfer(), Record(60.0))
+    run = PlannedRun("0001", Air(20.0, 50.0), Air(30.0, 50.0), 6.0, steps)
+    _, found = examined(tmp_path, protocol=Protocol("endless", "", (run,)))
+    assert "MB free, the campaign needs" in found["disk"].cause and "free some space" in found["disk"].mend
+    with open_bench(default_bench()) as bench:
+        *_, disk = examine(bench, load_protocol("quick"), Path("/proc/c"), wall=time.time)
+    assert disk.device == "disk (/proc)" and not disk.well and "--out" in disk.mend
+
+
+def test_exit_status(tmp_path, capsys):
+    bench = tmp_path / "bench.toml"
+    bench.write_text(
+        '[bench]\nname = "b"\n[sensors.hyt]\nkind = "hyt-271"\nbus = "/dev/i2c-nowhere"\n'
+        '[sensors.imet]\nkind = "imet-xf"\nport = "/dev/ttyNowhere"\n'
+        '[stage]\nkind = "manual"\n[reference]\nkind = "operator"\n'
+    )
+    assert main(["check", "--bench", str(bench), "--out", str(tmp_path)]) == 1
+    text = capsys.readouterr().out
+    assert text.endswith("2 faults\n") and "/dev/i2c-nowhere" in text and "/dev/ttyNowhere" in text
+    bench.write_text("[bench]\n")
+    assert main(["check", "--bench", str(bench)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1

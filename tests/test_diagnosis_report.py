@@ -1,0 +1,190 @@
+"""What the diagnosis page is made of: sentences, held-out residuals' numbers, single runs by condition, the flight."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from analysis.diagnosis.diagnose import Cause
+from analysis.diagnosis.gain import Gain
+from analysis.diagnosis.held_out import HeldOut, autocorrelation, drifts, size
+from analysis.diagnosis.in_use import cross_inversion
+from analysis.effects import CATALOGUE
+from analysis.flight.typical import typical_profile
+from analysis.profile import Effect, HumidityProfile, Profile, TemperatureProfile, Uncertain
+from analysis.report.diagnosis_words import NEEDS, cause_sentence, channel_verdict, experiments, listed, worse
+from analysis.report.parameters import RunParameter
+
+
+def gain(before, after, floor):
+    return Gain(before, after, floor, 0.99, (0.98, 1.0), np.array([]), np.array([]))
+
+
+def channel(name, verdict, causes=(), discrepancy=None):
+    return SimpleNamespace(
+        name=name,
+        verdict=verdict,
+        causes=causes,
+        gain=gain(0.9, 0.021, 0.020),
+        noise=SimpleNamespace(standard_deviation=0.020),
+        discrepancy=discrepancy,
+    )
+
+
+FILM = Cause("convective_film", {"biot_at_5_m_s": (0.12, 0.01)}, 0.99, (), 5000.0)
+
+
+def test_the_sentence_a_colleague_would_say():
+    assert channel_verdict(channel("temperature", "explained", (FILM,))) == (
+        "The bead does not follow the air at once: the air film around it (Biot 0.120 ± 0.010 at 5 m/s) makes it "
+        "slower at low airflow. With it the model predicts unseen runs to 0.021 K instead of 0.90 K (noise 0.020 K)."
+    )
+
+
+def test_a_tie_a_doubt_and_a_bound_are_said():
+    cause = Cause("dead_time", {"delay_s": (0.2, 0.1)}, 0.6, ("finite_transfer",), 20.0, ("delay_s",))
+    text = cause_sentence("humidity", cause)
+    assert text.startswith("Probably (60 %): this channel is logged late by 0.20 ± 0.10 s.")
+    assert "cannot tell that from finite transfer" in text and "delay s stands at the end of its range" in text
+
+
+def test_shares_are_percent_and_the_channels_unit_is_named():
+    cause = Cause("calibration_error", {"gain": (0.012, 0.001), "offset": (-0.3, 0.02)}, 0.99, (), 100.0)
+    text = cause_sentence("humidity", cause)
+    assert "gain 1.20 ± 0.10 %" in text and "offset −0.300 ± 0.020 %RH" in text
+
+
+@pytest.mark.parametrize("effect", CATALOGUE)
+def test_every_effect_of_the_catalogue_has_a_sentence_without_blanks(effect):
+    parameters = {p.name: (p.starts[0], 0.1 * abs(p.starts[0])) for p in CATALOGUE[effect].parameters}
+    for name in CATALOGUE[effect].channels:
+        text = cause_sentence(name, Cause(effect, parameters, 0.99, (), 50.0))
+        assert "{" not in text and text.endswith(".")
+
+
+def test_needs_are_those_of_effects_in_the_catalogue():
+    assert set(NEEDS) <= set(CATALOGUE)
+
+
+def test_adequate_and_unexplained_are_said_honestly():
+    assert "plain diffusion model describes the film" in channel_verdict(channel("humidity", "adequate"))
+    left = {
+        "size_rms": 0.08,
+        "size_peak": 0.2,
+        "largest_from_s": 2.5,
+        "largest_until_s": 10.0,
+        "varies_with": ["nothing: the same in every run", "airflow"],
+        "test": "mean response",
+    }
+    text = channel_verdict(channel("temperature", "unexplained", (FILM,), left))
+    assert text.startswith("Something is left in the bead's readings that no catalogued effect explains: 0.080 K rms")
+    assert "from 2.5 to 10 s" in text and "it varies with airflow, and part of it is the same in every run" in text
+    assert "Certain all the same: The bead does not follow" in text
+    assert channel_verdict(channel("temperature", "unexplained")).endswith("explains.")
+
+
+def test_rivals_in_words():
+    assert worse(2.0).endswith("as well")
+    assert "100 times less likely" in worse(2 * np.log(100.0))
+    assert worse(900.0).endswith("far worse")
+    assert listed(["a", "b", "c"]) == "a, b and c" and listed([]) == ""
+
+
+def test_runs_to_measure_next_are_counted():
+    run = {
+        "source": {"temperature_c": 40.0, "humidity_percent": 18.0},
+        "destination": {"temperature_c": 20.0, "humidity_percent": 55.0},
+        "airflow_m_s": 1.8,
+        "transfer": {"duration_s": 2.0},
+        "reason": "a thermal shock downwards",
+    }
+    assert experiments([run, dict(run)]) == [
+        "2 × 40.0 °C, 18.0 %RH → 20.0 °C, 55.0 %RH, 1.8 m/s, transfer slowed to 2.0 s (a thermal shock downwards)"
+    ]
+    assert experiments([{"source": {"temperature_c": 1.0, "humidity_percent": 2.0}}]) == ["1.00 °C, 2.00 %RH"]
+
+
+def held(times, residuals):
+    names = tuple(f"{i:04d}" for i in range(len(times)))
+    return HeldOut(tuple(range(len(times))), names, tuple(times), tuple(residuals), tuple(residuals))
+
+
+def test_autocorrelation_of_a_known_process_with_samples_missing():
+    rng = np.random.default_rng(3)
+    times, residuals = [], []
+    for _ in range(20):
+        x = np.zeros(1200)
+        for k in range(1, x.size):
+            x[k] = 0.8 * x[k - 1] + rng.standard_normal()
+        keep = rng.random(x.size) > 0.1
+        times.append(0.05 + 0.1 * np.arange(x.size)[keep])
+        residuals.append(x[keep])
+    h = held(times, residuals)
+    found, count = autocorrelation(h, h.before, 0.1, 5)
+    assert found == pytest.approx(0.8 ** np.arange(1, 6), abs=0.04)
+    assert count == sum(t.size for t in times)
+
+
+def test_size_says_how_far_off_when_and_in_which_run():
+    time = np.arange(-5.0, 60.0, 0.1)
+    quiet, bump = np.zeros(time.size), np.where((time > 9) & (time < 16), -0.5, 0.0)
+    found = size(held([time, time], [quiet, bump]), (quiet, bump))
+    assert found.peak_run == "0001" and found.peak == pytest.approx(-0.5) and 9 < found.peak_time_s < 16
+    after = np.concatenate([quiet[time > 0], bump[time > 0]])
+    assert found.rms == pytest.approx(np.sqrt(np.mean(after**2)))
+
+
+def single_runs(rng, exponent):
+    runs = []
+    for i in range(24):
+        flow, up = (2.5, 6.0, 12.0)[i % 3], (i // 3) % 2 == 0
+        value = (flow / 6.0) ** exponent * np.exp(0.004 * rng.standard_normal())
+        runs.append(RunParameter(f"{i}", value, 0.004 * value, "up" if up else "down", 20.0 + 5 * (i % 4), flow, 20.0))
+    return runs
+
+
+def test_a_diffusivity_that_moves_with_airflow_is_found_to_and_by_how_much():
+    result = SimpleNamespace(channel=SimpleNamespace(name="temperature"))
+    found = {d.condition: d for d in drifts(single_runs(np.random.default_rng(1), 0.3), result)}
+    assert set(found) == {"airflow", "direction", "ambient"}  # one size of step: nothing to be said of it
+    assert found["airflow"].moves and not found["direction"].moves and not found["ambient"].moves
+    assert found["airflow"].change == pytest.approx((12.0 / 2.5) ** 0.3 - 1, abs=0.02)
+
+
+def test_of_steady_diffusivities_hardly_any_is_said_to_move():
+    result = SimpleNamespace(channel=SimpleNamespace(name="temperature"))
+    moved = [d.moves for seed in range(40) for d in drifts(single_runs(np.random.default_rng(seed), 0.0), result)]
+    assert len(moved) == 120 and sum(moved) <= 1
+
+
+def film_profile():
+    plain = typical_profile()
+    bead = TemperatureProfile(
+        Uncertain(5e-7, 1e-8),
+        noise_k=0.02,
+        sampling_period_s=0.1,
+        effects=(
+            Effect("convective_film", {"biot_at_5_m_s": Uncertain(0.1, 0.002)}),
+            Effect("finite_transfer", {"duration_s": Uncertain(0.5, 0.01)}),
+        ),
+    )
+    return plain, Profile(bead, plain.humidity)
+
+
+def test_the_extended_profile_corrects_the_inversion_better_and_the_bench_stays_on_the_ground():
+    plain, extended = film_profile()
+    crossings, notes = cross_inversion(plain, extended)
+    bead = next(c for c in crossings if c.channel == "temperature")
+    assert bead.rms_extended < 0.6 * bead.rms_plain and bead.rms_extended < 0.3 * bead.rms_reading
+    assert bead.time_s.shape == bead.air.shape == bead.reading.shape == bead.plain.shape == bead.extended.shape
+    assert any("finite_transfer" in note for note in notes)
+
+
+def test_a_film_known_at_one_ambient_is_not_flown_and_that_is_said():
+    plain, extended = film_profile()
+    one = HumidityProfile(plain.humidity.diffusivity_table[3:4], noise_percent=0.06, sampling_period_s=0.1)
+    crossings, notes = cross_inversion(Profile(plain.temperature, one), Profile(extended.temperature, one))
+    assert [c.channel for c in crossings] == ["temperature"]
+    assert any("too little" in note for note in notes)
+    crossings, notes = cross_inversion(Profile(None, one), Profile(None, one))
+    assert crossings == [] and notes

@@ -1,0 +1,84 @@
+"""Blind trials: effects are hidden by a seeded draw, the files are diagnosed, and only then the seal is opened.
+
+A fixed sample of benchmarks/diagnosis_trials.py, seeds in a row; the full table is kept in benchmarks/results.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+SCRIPT = Path(__file__).parent.parent / "benchmarks" / "diagnosis_trials.py"
+spec = importlib.util.spec_from_file_location("diagnosis_trials", SCRIPT)
+trials = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(trials)
+
+
+@pytest.mark.parametrize("seed", range(7000, 7004))
+def test_one_comfortable_effect_is_named_and_nothing_else(seed):
+    result = trials.trial("one", "rough", "comfortable", seed)
+    assert result["score"].exact, trials.line(seed, result)
+
+
+@pytest.mark.parametrize("seed", range(7010, 7012))
+def test_nothing_is_named_where_nothing_is_hidden(seed):
+    result = trials.trial("none", "rough", "comfortable", seed)
+    for name, channel in result["diagnosis"]["channels"].items():
+        assert channel["verdict"] == "adequate", (seed, name, channel["causes"])
+        assert channel["causes"] == []
+
+
+def test_the_ordinary_bench_is_untangled():
+    result = trials.trial("ordinary", "rough", "comfortable", 7020)
+    assert result["score"].exact, trials.line(7020, result)
+    for channel in result["diagnosis"]["channels"].values():
+        gain = channel["gain"]
+        assert gain["held_out_rmse_after"] < 1.3 * gain["noise_floor"] < 0.5 * gain["held_out_rmse_before"]
+
+
+@pytest.mark.parametrize("seed", range(7030, 7032))
+def test_what_no_catalogue_holds_is_called_unexplained(seed):
+    result = trials.trial("outside", "rough", "comfortable", seed)
+    for name, scored in result["score"].channels.items():
+        assert scored.verdict == scored.expected_verdict, (seed, name)
+        assert not scored.wrong, (seed, name, scored.wrong)
+
+
+def test_a_wrong_noise_model_is_caught():
+    """Guards the calibration: were correlated noise taken for white, plain campaigns would raise false alarms."""
+    from dataclasses import replace
+
+    from analysis.diagnosis.adequacy import judge
+    from analysis.diagnosis.search import plain_fit
+    from analysis.gls import make_problem
+    from analysis.noise import estimate_noise, whiteners
+
+    channel = _rough_channel(7040)
+    noise = estimate_noise(channel)
+    white = replace(noise, white=noise.standard_deviation, correlated=0.0)
+    honest = make_problem(channel, whiteners(channel, noise))
+    wrong = make_problem(channel, whiteners(channel, white))
+    assert judge(honest, plain_fit(honest), noise).passed
+    assert not judge(wrong, plain_fit(wrong), white).passed
+
+
+def _rough_channel(seed):
+    import tempfile
+
+    import numpy as np
+
+    from analysis.campaign import read_campaign
+    from analysis.channel import build_channel
+    from rig.virtual.batch import simulate_campaign
+    from rig.virtual.plans import standard_plan
+    from rig.virtual.truth import Noise, draw_truth
+
+    rng = np.random.default_rng(seed)
+    from dataclasses import replace
+
+    truth = replace(draw_truth(rng, "rough"), temperature_noise=Noise(0.012, 0.012, 1.0))
+    with tempfile.TemporaryDirectory() as folder:
+        path = simulate_campaign(truth, standard_plan(), rng, Path(folder) / "campaign")
+        return build_channel(read_campaign(path), "temperature")

@@ -1,0 +1,47 @@
+"""A campaign that cannot decide lists the look-alikes and asks for the runs that decide; with those runs it is
+decided."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from analysis.campaign import read_campaign
+from analysis.diagnosis.diagnose import diagnose
+from analysis.diagnosis.export import to_json
+from rig.virtual.batch import simulate_campaign
+from rig.virtual.hide import draw_effect
+from rig.virtual.plans import plan_from_runs, single_airflow_plan
+from rig.virtual.truth import draw_truth
+
+
+@pytest.fixture(scope="module")
+def undecided(tmp_path_factory):
+    rng = np.random.default_rng(3)
+    truth = draw_truth(rng, "rough", [draw_effect(rng, "self_heating")])
+    plan = single_airflow_plan()
+    path = simulate_campaign(truth, plan, rng, tmp_path_factory.mktemp("one_airflow") / "campaign")
+    return truth, plan, to_json(diagnose(read_campaign(path)))
+
+
+def test_one_airflow_cannot_tell_self_heating_from_calibration(undecided):
+    _, _, content = undecided
+    (cause,) = content["channels"]["temperature"]["causes"]
+    assert {cause["effect"], *cause["indistinguishable_from"]} >= {"self_heating", "calibration_error"}
+    assert cause["probability"] < 0.9
+    assert content["next_experiments"], "a tie asks for the run that decides"
+
+
+def test_the_runs_asked_for_decide(undecided, tmp_path):
+    truth, plan, content = undecided
+    asked = content["next_experiments"]
+    assert any(run["airflow_m_s"] != plan[0].airflow_m_s for run in asked)
+    longer = [*plan, *plan_from_runs(asked, first=len(plan) + 1)]
+    path = simulate_campaign(truth, longer, np.random.default_rng(4), tmp_path / "campaign")
+    after = to_json(diagnose(read_campaign(path)))["channels"]["temperature"]
+    (cause,) = after["causes"]
+    assert cause["effect"] == "self_heating"
+    assert cause["indistinguishable_from"] == []
+    stated = cause["parameters"]["rise_k_at_5_m_s"]
+    true = truth.effect("self_heating")["rise_k_at_5_m_s"]
+    assert abs(stated["value"] - true) < 4 * stated["standard_uncertainty"]

@@ -1,0 +1,163 @@
+"""What must hold of importing other loggers' files: the same recording comes out however it was written."""
+
+import json
+from datetime import UTC, datetime, timedelta
+
+import pytest
+
+from protocols.cli import main
+
+ROWS = [(0.05 + 0.1 * i, round(20 + 0.03 * i, 2), round(40 - 0.02 * i, 2)) for i in range(200)]
+
+
+def write(path, rows, header="time_s,temperature_c,humidity_percent", delimiter=",", decimal=".", when=str):
+    lines = [header] if header else []
+    for time_s, *values in rows:
+        lines.append(delimiter.join([when(time_s), *(str(v).replace(".", decimal) for v in values)]))
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def run(*arguments):
+    return main(["import", *map(str, arguments)])
+
+
+def columns(path):
+    names, *rows = [line.split(",") for line in path.read_text().splitlines()]
+    return {name: [float(row[i]) for row in rows] for i, name in enumerate(names)}
+
+
+DAY = datetime(2026, 5, 1, 12, 0, tzinfo=UTC)
+WAYS = {
+    "plain": (dict(), (), "10.05"),
+    "milliseconds, semicolons, decimal commas, own names": (
+        dict(header="Zeit;Temp;Feuchte", delimiter=";", decimal=",", when=lambda t: f"{1000 * t:.0f}"),
+        ("--time-unit", "ms", "--imet-time", "Zeit", "--imet-temperature", "Temp", "--hyt-humidity", "Feuchte"),
+        "10050",
+    ),
+    "ISO times and tabs": (
+        dict(
+            header="timestamp\ttemp\trh", delimiter="\t", when=lambda t: (DAY + timedelta(seconds=t)).isoformat()
+        ),
+        (),
+        (DAY + timedelta(seconds=10.05)).isoformat(),
+    ),
+    "no header, columns by number": (
+        dict(header=""),
+        ("--imet-time", "1", "--imet-temperature", "2", "--hyt-humidity", "3"),
+        "10.05",
+    ),
+    "a byte-order mark and a comment": (
+        dict(header="\ufeff# logger 7\ntime_s,temperature_c,humidity_percent"),
+        (),
+        "10.05",
+    ),
+    "German dates": (
+        dict(header="time;temp;rh", delimiter=";", when=lambda t: f"{DAY + timedelta(seconds=t):%d.%m.%Y %H:%M:%S.%f}"),
+        ("--time-format", "%d.%m.%Y %H:%M:%S.%f"),
+        "01.05.2026 12:00:10.050000",
+    ),
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_every_way_of_writing_gives_the_same_run(tmp_path, way):
+    layout, options, start = WAYS[way]
+    log = write(tmp_path / "log.csv", ROWS, **layout)
+    out = tmp_path / "campaign"
+    assert run("--imet", log, "--hyt", log, *options, "--start", start, "--airflow", 5, "--out", out) == 0
+    head = json.loads((out / "runs/0001/run.json").read_text())
+    assert head["transfer"]["start_s"] == pytest.approx(10.0, abs=1e-6)
+    imet, hyt = columns(out / "runs/0001/imet.csv"), columns(out / "runs/0001/hyt.csv")
+    assert imet["time_s"] == pytest.approx([t - ROWS[0][0] for t, _, _ in ROWS], abs=1e-4)
+    assert imet["temperature_c"] == pytest.approx([row[1] for row in ROWS])
+    assert hyt["humidity_percent"] == pytest.approx([row[2] for row in ROWS]) and set(hyt["stale"]) == {0.0}
+    assert "temperature_c" not in hyt  # the thermometer's temperature is not the hygrometer's die
+
+
+def test_what_is_written_can_be_read_by_the_analysis(tmp_path):
+    from analysis.campaign import read_campaign
+
+    log = write(tmp_path / "log.csv", ROWS)
+    out = tmp_path / "campaign"
+    run("--imet", log, "--source-temperature", 20, "--destination-temperature", 26, "--out", out, "--imet-serial", "B7")
+    run("--hyt", log, "--out", out)
+    campaign = read_campaign(out)
+    assert [r.id for r in campaign.runs] == ["0001", "0002"]
+    first, second = campaign.runs
+    assert first.hyt is None and second.imet is None
+    assert first.start_s is None and first.airflow_m_s is None
+    assert first.source.temperature_c == 20 and first.source.humidity_percent is None
+    assert campaign.sensors["imet"]["serial"] == "B7"
+    assert len(second.hyt.time_s) == len(ROWS)
+
+
+def test_units_are_turned(tmp_path):
+    """32 degF is 0 degC, 212 degF is 100 degC; a fraction of 0.4 is 40 %RH."""
+    log = write(tmp_path / "log.csv", [(0, 32.0, 0.4), (1, 212.0, 0.5), (2, 50, 0.6)])
+    options = ("--temperature-unit", "f", "--humidity-unit", "fraction")
+    run("--imet", log, "--hyt", log, *options, "--out", tmp_path / "c")
+    assert columns(tmp_path / "c/runs/0001/imet.csv")["temperature_c"] == pytest.approx([0, 100, 10])
+    assert columns(tmp_path / "c/runs/0001/hyt.csv")["humidity_percent"] == pytest.approx([40, 50, 60])
+
+
+def test_absurd_and_missing_values_are_left_out_and_counted(tmp_path, capsys):
+    rows = [*ROWS[:50], (ROWS[50][0], 20.0, 6526.9), (ROWS[51][0], 20.0, "NaN"), *ROWS[52:]]
+    log = write(tmp_path / "log.csv", rows)
+    run("--hyt", log, "--out", tmp_path / "c")
+    assert "1 implausible" in capsys.readouterr().err
+    assert len(columns(tmp_path / "c/runs/0001/hyt.csv")["time_s"]) == len(ROWS) - 2
+    head = json.loads((tmp_path / "c/runs/0001/run.json").read_text())
+    assert head["imported"]["hyt"]["left_out"] == {"implausible": 1, "empty": 1}
+
+
+GOOD = ["time_s,temperature_c", *(f"{t:.2f},{v}" for t, v, _ in ROWS)]
+BAD = {
+    "not a number": (
+        [*GOOD[:5], "0.45,2O.1", *GOOD[6:]],
+        (),
+        r"log.csv, line 6, column 'temperature_c': '2O.1' is not a number",
+    ),
+    "units under the header": ([GOOD[0], "s,degC", *GOOD[1:]], (), r"line 2, column 'time_s': 's' is not a number or"),
+    "time goes back": ([*GOOD, GOOD[3]], (), r"line 202, column 'time_s': time 0.25 is not later"),
+    "clock too coarse": ([GOOD[0], "1,20", "1,21", "2,22"], (), r"line 3, .*fine enough"),
+    "row cut short": ([*GOOD, "99.0"], (), r"line 202: has 1 columns, expected 2"),
+    "column misspelt": (GOOD, ("--imet-temperature", "temperatur_c"), r"did you mean 'temperature_c'"),
+    "no such column": (["a,b", "1,2", "2,3"], (), r"line 1: no column for time.*it has: a, b"),
+    "start outside": (GOOD, ("--start", "50"), r"--start 50 is not within the recording"),
+    "start is a date": (GOOD, ("--start", "2026-05-01"), r"--start 2026-05-01 is not within"),
+    "no time": ([GOOD[0], "0,20", ",21", "2,22"], (), r"line 3, column 'time_s': the time is missing"),
+    "empty": ([], (), r"log.csv: is empty"),
+    "header only": (GOOD[:1], (), r"fewer than two usable rows"),
+    "NUL": ([*GOOD[:3], "0.2\0,20"], (), r"line 4: holds a NUL"),
+    "airflow": (GOOD, ("--airflow", "nan"), r"--airflow nan: expected a number from 0 to 100"),
+    "id": (GOOD, ("--id", "../x"), r"--id '../x'"),
+    "wrong decimal": (GOOD, ("--decimal", "comma"), r"line 2, column 'time_s': '0.05' is not a number"),
+}
+
+
+@pytest.mark.parametrize("fault", BAD)
+def test_bad_input_names_the_place_and_leaves_nothing_behind(tmp_path, capsys, fault):
+    lines, options, expected = BAD[fault]
+    log = tmp_path / "log.csv"
+    log.write_text("\n".join(lines))
+    assert run("--imet", log, *options, "--out", tmp_path / "campaign") == 2
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1
+    assert __import__("re").search(expected, message), message
+    assert not (tmp_path / "campaign").exists()
+
+
+def test_a_campaign_has_one_pair_of_sensors(tmp_path, capsys):
+    log, out = write(tmp_path / "log.csv", ROWS), tmp_path / "campaign"
+    assert run("--imet", log, "--out", out, "--imet-serial", "A") == 0
+    assert run("--imet", log, "--out", out, "--imet-serial", "B") == 2
+    assert "sensors.imet.serial is 'A', not 'B'" in capsys.readouterr().err
+    assert [p.name for p in (out / "runs").iterdir()] == ["0001"]
+
+
+def test_two_clocks_are_refused(tmp_path, capsys):
+    early = write(tmp_path / "a.csv", ROWS)
+    late = write(tmp_path / "b.csv", [(t + 1000, *v) for t, *v in ROWS])
+    assert run("--imet", early, "--hyt", late, "--out", tmp_path / "c") == 2
+    assert "do not overlap in time" in capsys.readouterr().err

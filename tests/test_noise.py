@@ -1,0 +1,69 @@
+"""Noise from the plateaus: known noises are found, and whitening makes their bins white."""
+
+import numpy as np
+import pytest
+
+from analysis.campaign import Air, Campaign, Run, Trace
+from analysis.channel import build_channel
+from analysis.noise import estimate_noise, plateau_pieces, whiteners
+
+PERIOD = 0.1
+
+
+def noisy_channel(seed, white, correlated=0.0, memory_s=1.0, averaged=1, runs=24):
+    """Runs at rest with AR(1) noise made by its recursion, then averaged as a logger would."""
+    rng = np.random.default_rng(seed)
+    phi = np.exp(-PERIOD / memory_s)
+    made = []
+    for k in range(runs):
+        n = 800 + averaged
+        slow = np.empty(n)
+        slow[0] = rng.standard_normal()
+        push = np.sqrt(1 - phi**2) * rng.standard_normal(n)
+        for i in range(1, n):
+            slow[i] = phi * slow[i - 1] + push[i]
+        noise = white * rng.standard_normal(n) + correlated * slow
+        noise = np.convolve(noise, np.ones(averaged) / averaged, mode="valid")[:800]
+        time = 0.02 + PERIOD * np.arange(800)
+        trace = Trace(time, {"temperature_c": 20.0 + 10.0 * (time > 30.0) + noise})
+        made.append(Run(str(k), Air(20.0, 50.0), Air(30.0, 50.0), 5.0, 1000.0, 30.0, None, trace, None))
+    return build_channel(Campaign("n", None, {}, 4e-4, 1e-5, tuple(made)), "temperature")
+
+
+@pytest.mark.parametrize(
+    ("white", "correlated", "memory_s"), [(0.02, 0.0, 1.0), (0.014, 0.014, 0.8), (0.01, 0.02, 2.0)]
+)
+def test_known_noise_is_found(white, correlated, memory_s):
+    noise = estimate_noise(noisy_channel(3, white, correlated, memory_s))
+    assert noise.averaged == 1
+    assert noise.standard_deviation == pytest.approx(np.hypot(white, correlated), rel=0.06)
+    found = noise.autocovariance(20)
+    true = correlated**2 * np.exp(-PERIOD * np.arange(20) / memory_s)
+    true[0] += white**2
+    assert found == pytest.approx(true, abs=0.12 * true[0])
+
+
+def test_an_average_over_readings_is_found():
+    assert estimate_noise(noisy_channel(4, 0.03, averaged=5)).averaged == 5
+
+
+def test_plateaus_are_those_before_the_transfer_and_at_the_end():
+    early, late = plateau_pieces(noisy_channel(5, 0.01, runs=2))
+    assert np.all(np.abs(early - 20.0) < 0.1)
+    assert np.all(np.abs(late - 30.0) < 0.1)
+
+
+def test_whitened_bins_of_correlated_noise_are_white():
+    channel = noisy_channel(6, 0.01, 0.02, 1.0)
+    whitener = whiteners(channel, estimate_noise(channel))
+    truth = 20.0 + 10.0 * (channel.time_s > 0)
+    white = np.matmul(whitener, (channel.value - truth)[..., None])[..., 0]
+    filled = channel.count > 0
+    assert white[filled].std() == pytest.approx(1.0, abs=0.06)
+    lag_one = np.mean(white[:, 1:] * white[:, :-1])
+    assert abs(lag_one) < 4 / np.sqrt(white.size)
+
+
+def test_no_noise_at_all_is_a_very_small_one():
+    noise = estimate_noise(noisy_channel(7, 0.0))
+    assert 0 < noise.standard_deviation <= 1e-3

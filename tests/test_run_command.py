@@ -1,0 +1,190 @@
+"""What must hold for whoever types `shockrig run` and `shockrig status`: the whole way through the real drivers."""
+
+import json
+import math
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from importlib import resources
+from pathlib import Path
+
+import jsonschema
+import pytest
+
+from protocols.cli import main
+from rig.virtual.hide import open_seal
+
+TINY = """
+format = "shock-protocol/1"
+name = "tiny"
+airflow_m_s = 6.0
+[steps]
+usual = [
+  { do = "soak", over_s = 2, at_most_s = 60, probes_within_k = 1, probes_within_percent = 2 },
+  { do = "record", for_s = 2 },
+  { do = "transfer" },
+  { do = "record", for_s = 3 },
+]
+[[run]]
+source = { temperature_c = 20, humidity_percent = 50 }
+destination = { temperature_c = 30, humidity_percent = 30 }
+[[run]]
+source = { temperature_c = 30, humidity_percent = 30 }
+destination = { temperature_c = 20, humidity_percent = 50 }
+"""
+
+
+@pytest.fixture
+def tiny(tmp_path):
+    path = tmp_path / "tiny.toml"
+    path.write_text(TINY)
+    return path
+
+
+def run(*arguments):
+    return main(["run", *map(str, arguments)])
+
+
+def rows(path):
+    names, *lines = [line.split(",") for line in path.read_text().splitlines()]
+    return [dict(zip(names, map(float, line), strict=True)) for line in lines]
+
+
+def check_schema(name, path):
+    schema = json.loads((resources.files("shockrig_data") / "schemas" / f"{name}.json").read_text())
+    jsonschema.Draft202012Validator.check_schema(schema)
+    jsonschema.validate(json.loads(path.read_text()), schema)
+
+
+def test_quick_campaign_on_the_embedded_bench(tmp_path, capsys):
+    out = tmp_path / "quick"
+    assert run("quick", "--out", out, "--seed", 5) == 0
+    said = capsys.readouterr()
+    assert f"2 runs in {out}" in said.out and f"sealed truth: {out}.sealed" in said.out
+    assert "run 0001 (1/2): 20 degC 55 %RH -> 40 degC 17 %RH, 6 m/s" in said.err
+    check_schema("shock-campaign-1", out / "campaign.json")
+    for folder in (out / "runs").iterdir():
+        check_schema("shock-run-1", folder / "run.json")
+    truth, seed = open_seal(Path(f"{out}.sealed"))
+    assert seed == 5 and truth.effects == ()
+    # The bead's plateaus are the airs of the plan; the sensor's t63 is that of the sealed alpha (.17091 R^2 / alpha).
+    head = json.loads((out / "runs/0001/run.json").read_text())
+    imet = rows(out / "runs/0001/imet.csv")
+    start_s = head["transfer"]["start_s"]
+    before = [row["temperature_c"] for row in imet if row["time_s"] < start_s]
+    assert sum(before) / len(before) == pytest.approx(20.0, abs=0.05)
+    assert imet[-1]["temperature_c"] == pytest.approx(40.0, abs=0.2)
+    level_c = 20 + 20 * (1 - math.exp(-1))
+    late = next(i for i, row in enumerate(imet) if row["time_s"] > start_s and row["temperature_c"] > level_c)
+    (t0, v0), (t1, v1) = ((imet[i]["time_s"], imet[i]["temperature_c"]) for i in (late - 1, late))
+    t63_s = t0 + (level_c - v0) / (v1 - v0) * (t1 - t0) - start_s
+    expected_s = 0.17091 * truth.bead_radius_m**2 / truth.thermal_diffusivity_m2_s
+    assert t63_s == pytest.approx(expected_s, abs=0.05)  # interpolated between samples 0.1 s apart
+    # No truth within the campaign.
+    text = "".join(p.read_text() for p in out.rglob("*") if p.is_file())
+    assert f"{truth.thermal_diffusivity_m2_s:.4g}"[:5] not in text
+
+
+def test_the_same_seed_gives_the_same_readings(tmp_path, tiny):
+    for name, seed in (("a", 3), ("b", 3), ("c", 4)):
+        assert run(tiny, "--out", tmp_path / name, "--seed", seed) == 0
+    first, again, other = ((tmp_path / n / "runs/0002/hyt.csv").read_bytes() for n in "abc")
+    assert first == again and first != other
+
+
+def test_hidden_effects_are_sealed_beside_the_campaign(tmp_path, tiny):
+    out = tmp_path / "c"
+    sealed = tmp_path / "elsewhere.json"
+    assert run(tiny, "--out", out, "--hide", "stem_conduction,quantization", "--sealed", sealed, "--rough") == 0
+    truth, _ = open_seal(sealed)
+    assert {hidden.effect for hidden in truth.effects} == {"stem_conduction", "quantization"}
+    assert truth.trigger_jitter_s > 0
+    assert not (tmp_path / "c.sealed").exists()
+    everything = b"".join(p.read_bytes() for p in out.rglob("*") if p.is_file())
+    assert b"stem_conduction" not in everything and b"quantization" not in everything
+
+
+def test_a_campaign_goes_on_with_the_same_sensors(tmp_path, tiny, capsys):
+    out = tmp_path / "c"
+    assert run(tiny, "--out", out, "--hide", "stem_conduction") == 0
+    truth = open_seal(Path(f"{out}.sealed"))
+    shutil.rmtree(out / "runs/0002")
+    assert main(["status", str(out)]) == 0
+    assert "missing: 0002" in capsys.readouterr().out
+    assert run(tiny, "--out", out, "--hide", "stem_conduction") == 0
+    assert "(1 recorded now)" in capsys.readouterr().out
+    assert open_seal(Path(f"{out}.sealed")) == truth
+    assert run(tiny, "--out", out) == 0 and "(0 recorded now)" in capsys.readouterr().out
+
+
+def test_dry_run_prints_the_plan_and_touches_nothing(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run("standard", "--dry-run") == 0
+    plan = capsys.readouterr().out
+    assert "35 runs on virtual bench with imet, hyt" in plan
+    assert "soak at the source until the reference is stable to 0.05 K and 0.3 %RH over 30 s, at most 20 min" in plan
+    assert "bench time: 74 min where every soak is stable at once" in plan
+    assert list(tmp_path.iterdir()) == []
+
+
+REFUSED = {
+    "no out": ([], r"--out CAMPAIGN is missing"),
+    "no such effect": (["--out", "c", "--hide", "gremlins"], r"gremlins.* is not known"),
+    "no such bench": (["--out", "c", "--bench", "nowhere.toml"], r"nowhere.toml: No such file"),
+    "seal within": (["--out", "c", "--sealed", "old/truth.json"], r"lies in the campaign"),
+    "not a campaign": (["--out", "thesis"], r"neither empty nor a campaign"),
+    "seed": (["--out", "c", "--seed", "-1"], r"--seed -1: expected 0 or more"),
+    "an old seal": (["--out", "d"], r"d.sealed: is the sealed truth of another campaign"),
+}
+
+
+@pytest.mark.parametrize("fault", REFUSED)
+def test_what_is_refused_leaves_nothing_behind(tmp_path, tiny, capsys, monkeypatch, fault):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "old").mkdir()
+    (tmp_path / "old/campaign.json").write_text("{}")
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis/chapter1.tex").write_text("years of work")
+    (tmp_path / "d.sealed").write_text("")
+    before = sorted(tmp_path.rglob("*"))
+    arguments, message = REFUSED[fault]
+    assert run(tiny, *arguments) == 2
+    error = capsys.readouterr().err
+    assert __import__("re").search(message, error) and error.count("\n") == 1
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_options_for_emulated_sensors_are_refused_on_a_real_bench(tmp_path, tiny, capsys):
+    bench = resources.files("shockrig_data") / "benches" / "manual.toml"
+    for option in (["--seed", "1"], ["--hide", "none"], ["--sealed", "x"], ["--rough"]):
+        assert run(tiny, "--bench", bench, "--out", tmp_path / "c", *option) == 2
+        assert f"{option[0]} is for emulated instruments" in capsys.readouterr().err
+
+
+def test_status_of_what_is_not_a_campaign(tmp_path, capsys):
+    assert main(["status", str(tmp_path)]) == 2
+    assert "campaign.json: No such file" in capsys.readouterr().err
+    (tmp_path / "campaign.json").write_text("{")
+    assert main(["status", str(tmp_path)]) == 2
+    assert "campaign.json, line 1: not JSON" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 128 + signal.SIGTERM)])
+def test_a_signal_leaves_a_campaign_that_goes_on(tmp_path, number, code):
+    out = tmp_path / "c"
+    command = [sys.executable, "-m", "protocols.cli", "run", "quick", "--out", str(out)]
+    root = Path(__file__).parents[1]
+    process = subprocess.Popen(command, cwd=root, stderr=subprocess.PIPE, text=True, env={**os.environ})
+    deadline = time.monotonic() + 30
+    while not list(out.glob("recording/*/journal.log")) and time.monotonic() < deadline:
+        time.sleep(0.005)
+    time.sleep(0.1)
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode == code and "Traceback" not in errors
+    assert not list(out.glob("recording/*"))
+    finished = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=60)
+    assert finished.returncode == 0 and "2 runs in" in finished.stdout
