@@ -3,6 +3,7 @@
 import csv
 import os
 import re
+import select
 import shutil
 import signal
 import subprocess
@@ -43,7 +44,7 @@ def emulating(tmp_path, *arguments):
             yield process
         finally:
             process.send_signal(signal.SIGINT)
-            process.wait(timeout=10)
+            process.wait(timeout=30)
 
 
 def with_bus(tmp_path):
@@ -70,7 +71,7 @@ def test_unmodified_i2c_tools_read_the_sensor(tmp_path):
     with emulating(tmp_path, "hyt-271", "--source", "25,60", "--truth", str(tmp_path / "truth.csv")):
 
         def run(*command):
-            return subprocess.run(command, env=with_bus(tmp_path), capture_output=True, text=True, timeout=20)
+            return subprocess.run(command, env=with_bus(tmp_path), capture_output=True, text=True, timeout=60)
 
         grid = run("i2cdetect", "-y", "1").stdout
         assert re.findall(r"\b28\b", grid) and grid.count("--") > 100
@@ -114,7 +115,7 @@ bus.close()
             env=with_bus(tmp_path),
             capture_output=True,
             text=True,
-            timeout=20,
+            timeout=60,
         )
     first, number = done.stdout.splitlines()
     fresh, again, mode, note = first.split()
@@ -132,7 +133,7 @@ def test_unmodified_cat_reads_lines_and_nothing_from_before_it_opened(tmp_path):
     link = tmp_path / "tty"
     with emulating(tmp_path, "imet-xf", "--link", str(link), "--rate-hz", "20", "--humidity") as process:
         assert str(link) in process.hello
-        speed = subprocess.run(["stty", "-F", str(link), "speed"], capture_output=True, text=True, timeout=5)
+        speed = subprocess.run(["stty", "-F", str(link), "speed"], capture_output=True, text=True, timeout=60)
         assert speed.returncode == 0
         time.sleep(1.0)  # what is said now, nobody hears
         before_s = time.monotonic()
@@ -144,13 +145,22 @@ def test_unmodified_cat_reads_lines_and_nothing_from_before_it_opened(tmp_path):
     assert not link.exists()
 
 
-@needs("picocom", "script", "timeout")
+@needs("picocom")
 def test_an_unmodified_terminal_reads_the_unit(tmp_path):
-    link = tmp_path / "tty"
+    link, line = tmp_path / "tty", rb"XQ,\+\d{6},\+\d{4},\+\d{4},\+\d{4},2015/10/18,"
     with emulating(tmp_path, "imet-xq2", "--link", str(link), "--rate-hz", "10"):
-        terminal = ["script", "-qec", f"timeout 2 picocom -q -b 57600 {link}", "/dev/null"]
-        heard = subprocess.run(terminal, capture_output=True, timeout=15, stdin=subprocess.DEVNULL).stdout
-    assert len(re.findall(rb"XQ,\+\d{6},\+\d{4},\+\d{4},\+\d{4},2015/10/18,", heard)) >= 5
+        screen, keyboard = os.openpty()
+        ends = dict.fromkeys(("stdin", "stdout", "stderr"), keyboard)
+        # A session of its own: job control of the terminal that runs the tests must not stop it.
+        with subprocess.Popen(["picocom", "-q", "-b", "57600", link], **ends, start_new_session=True) as run:
+            heard, deadline_s = b"", time.monotonic() + 30
+            while len(re.findall(line, heard)) < 5 and time.monotonic() < deadline_s:
+                if select.select([screen], [], [], 0.2)[0]:
+                    heard += os.read(screen, 4096)
+            run.kill()
+        os.close(screen)
+        os.close(keyboard)
+    assert len(re.findall(line, heard)) >= 5, heard
 
 
 def test_a_grbl_sender_moves_the_emulated_carriage(tmp_path):
@@ -213,7 +223,8 @@ def test_a_step_in_flight_is_felt_as_the_series_says(tmp_path):
 
 def test_a_flight_is_played_in_time_with_its_truth_beside_it(tmp_path):
     """At ten times the speed: what was said lags the air by the bead's response, and every line is in the book."""
-    world = flight_world(read_flown_air(step_flight(tmp_path / "flight.csv", at_s=8.0, end_s=16.0)), typical_profile())
+    profile = typical_profile(bead_t98_s=2.0)
+    world = flight_world(read_flown_air(step_flight(tmp_path / "flight.csv", at_s=8.0, end_s=16.0)), profile)
     clock = FastClock(10.0)
     session = Session(["imet-xf"], world, clock, tmp_path, unix_s=time.time, truth=tmp_path / "t.csv")
     try:
@@ -229,9 +240,18 @@ def test_a_flight_is_played_in_time_with_its_truth_beside_it(tmp_path):
     said = {round(100 * float(row["said"])) for row in book}
     lines = re.findall(rb"\r\n5,(\d+),\d+(?=\r\n)", heard)
     assert len(lines) > 60 and all(int(line) in said for line in lines)
-    gap = {float(row["time_s"]): float(row["air"]) - float(row["said"]) for row in book}
-    assert max(abs(v) for t, v in gap.items() if t < 7.9 or t > 12.0) < 0.15
-    assert max(v for t, v in gap.items() if 8.0 < t < 8.25) > 7.0
+    # A line is as old as the unit takes to convert and say it, and this machine may be busy: what was said is what the
+    # sphere had reached a little before, at whatever moment that was.
+    unit_s = profile.temperature.bead_radius_m**2 / profile.temperature.thermal_diffusivity_m2_s.value
+    since = np.arange(0.0, 9.0, 0.001) - 0.5
+    n = np.arange(1, 400)[:, np.newaxis]
+    share = 1.0 + 2.0 * np.sum((-1.0) ** n * np.exp(-((n * np.pi) ** 2) * np.maximum(since, 1e-4) / unit_s), axis=0)
+    share[since <= 0.0] = 0.0
+    for row in book:
+        t, value = float(row["time_s"]) - 8.0, float(row["said"])
+        latest, earliest = (20.0 + 10.0 * np.interp(t - late, since, share, left=0.0) for late in (0.0, 0.2))
+        assert earliest - 0.1 < value < latest + 0.1
+    assert any(0.0 < float(row["time_s"]) - 8.0 < 2.0 for row in book)
     host_s, flight_s = (float(book[-1][name]) - float(book[0][name]) for name in ("unix_s", "time_s"))
     assert 10.0 * host_s == pytest.approx(flight_s, rel=0.1)
 

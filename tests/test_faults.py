@@ -73,13 +73,13 @@ def test_a_value_that_the_world_never_gave_is_found():
 
 
 def test_a_slow_disk_does_not_hold_up_the_sensors(tmp_path, monkeypatch):
-    """A forced write that takes 0.3 s, in which three lines of a 10 Hz sensor come in."""
+    """A forced write that takes a second, in which ten lines of a 10 Hz sensor come in."""
     import rig.journal
 
     synced = []
 
     def slow(file):
-        time.sleep(0.3)
+        time.sleep(1.0)
         synced.append(file)
 
     monkeypatch.setattr(rig.journal.os, "fdatasync", slow)
@@ -90,7 +90,7 @@ def test_a_slow_disk_does_not_hold_up_the_sensors(tmp_path, monkeypatch):
         journal.append(["record", i], now_s=0.02 * i)
         longest_s = max(longest_s, time.monotonic() - began_s)
     journal.close()
-    assert longest_s < 0.2 and synced
+    assert longest_s < 0.7 and synced
     assert len(read_journal(tmp_path / "j.log").records) == 50
 
 
