@@ -126,7 +126,7 @@ def test_the_report_shows_before_and_after_and_needs_nothing_else(film):
     for word in ("Ranz and Marshall", "runner-up", "crossing an inversion", "State the airflow", "correlated by"):
         assert word in page, word
     for name in ("temperature_before_after", "temperature_residuals", "humidity_residuals", "inversion"):
-        assert (out / f"{name}.png").stat().st_size > 5000 and (out / f"{name}.svg").stat().st_size > 5000
+        assert (out / f"{name}.png").stat().st_size > 5000
     assert not (out / "humidity_before_after.png").exists()  # nothing was extended there
 
 

@@ -36,7 +36,7 @@ METHOD_WORDS = {
 def write_flights_report(
     trials: Mapping[str, Trial], profile: Profile, directory: str | os.PathLike[str], provenance: Mapping[str, str]
 ) -> Path:
-    """Write DIRECTORY/report.html and its plots as PNG and SVG; returns the page's path."""
+    """Write DIRECTORY/report.html and its plots; returns the page's path."""
     folder = Path(directory)
     table = [score for trial in trials.values() for score in scores(trial)]
     best = [s for s in table if s.method == "smoother"]
@@ -108,7 +108,7 @@ def _scene(trial: Trial, folder: Path) -> Section:
     }
     half = {"convective": 30.0, "frontal": 20.0, "inversion": 30.0}[trial.scene]
     window = (centre[trial.scene] - half, centre[trial.scene] + half)
-    path = save_figure(figures.signals(trial, window), folder, f"signals_{trial.scene}")[1]
+    path = save_figure(figures.signals(trial, window), folder, f"signals_{trial.scene}")
     return Section(
         TITLES[trial.scene],
         (
@@ -140,8 +140,8 @@ def _turbulence(trial: Trial, folder: Path) -> Section:
                     slope(lag, structure, 0.5 / top, 20.0),
                 )
             )
-    spectra = save_figure(figures.spectra(trial), folder, "spectra")[1]
-    structures = save_figure(figures.structures(trial), folder, "structure_functions")[1]
+    spectra = save_figure(figures.spectra(trial), folder, "spectra")
+    structures = save_figure(figures.structures(trial), folder, "structure_functions")
     return Section(
         "Turbulence: −5/3 and 2/3",
         (
@@ -188,12 +188,12 @@ def _systems(trials: Mapping[str, Trial], profile: Profile, folder: Path) -> Sec
         "Sensors and inverses as systems",
         (
             Figure(
-                save_figure(figures.bode_figure(diagrams), folder, "bode")[1],
+                save_figure(figures.bode_figure(diagrams), folder, "bode"),
                 "Bode diagrams of sensor and inverse.",
                 "Bode diagrams",
             ),
             Figure(
-                save_figure(figures.pole_zero(systems), folder, "poles_zeros")[1],
+                save_figure(figures.pole_zero(systems), folder, "poles_zeros"),
                 "Poles (×) and zeros (○) of the sampled sensors: "
                 "a zero outside the circle makes the causal inverse unstable.",
                 "poles and zeros",

@@ -15,7 +15,7 @@ from analysis.report.numbers import measured, plain
 from analysis.report.parameters import Curve, diffusivity, parameter_by_condition
 from analysis.report.residuals import residual_overview
 from analysis.report.runs import run_panels
-from analysis.report.style import figure_bytes, save_figure, write_whole
+from analysis.report.style import save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
@@ -102,16 +102,10 @@ _CURVE = ("ambient_c", "diffusivity_m2_s", "standard_uncertainty")
 
 
 def write_characterization(result: Characterization, directory: Path, provenance: Mapping[str, Cell]) -> Path:
-    """Write the plots (PNG and SVG) and DIRECTORY/report.html; returns the page's path."""
+    """Write the plots and DIRECTORY/report.html; returns the page's path."""
     folder = Path(directory)
     drawn = draw_figures(result)
-    saved: dict[str, Path] = {}
-    for name, (drawing, _) in drawn.items():
-        if name.endswith("_runs"):  # a hundred panels of points, slow and large as SVG
-            saved[name] = folder / f"{name}.png"
-            write_whole(saved[name], figure_bytes(drawing, "png"))
-        else:
-            saved[name] = save_figure(drawing, folder, name)[1]
+    saved = {name: save_figure(drawing, folder, name) for name, (drawing, _) in drawn.items()}
 
     def figure(name: str, alt: str) -> Figure:
         return Figure(saved[name], drawn[name][1], alt)

@@ -336,7 +336,7 @@ def _flight(crossings: Sequence[Crossing], notes: Sequence[str], folder: Path) -
         f"plain profile, {plain(c.rms_extended, 2)} with the extended one"
         for c in crossings
     ]
-    path = save_figure(crossing_figure(crossings), folder, "inversion")[1]
+    path = save_figure(crossing_figure(crossings), folder, "inversion")
     caption = "Above: air, reading and corrections about the inversion. Below: the errors of both corrections."
     alt = "A simulated crossing of an inversion, corrected with the plain and with the extended profile"
     return [Text(text + "; ".join(parts) + "."), *blocks, Figure(path, caption, alt)]

@@ -36,11 +36,11 @@ class ChannelView:
 
 
 def look_at(found: ChannelDiagnosis, folder: Path) -> ChannelView:
-    """Fit what the page compares, draw the channel's plots into `folder` (PNG and SVG)."""
+    """Fit what the page compares, draw the channel's plots into `folder`."""
     before, after, held = plain_result(found), extended_result(found), held_out(found)
     figures = {}
     for name, (drawing, caption, alt) in _draw(found, before, after, held).items():
-        figures[name] = (save_figure(drawing, folder, f"{found.name}_{name}")[1], caption, alt)
+        figures[name] = (save_figure(drawing, folder, f"{found.name}_{name}"), caption, alt)
     return ChannelView(found, before, after, held, figures)
 
 

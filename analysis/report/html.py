@@ -55,15 +55,11 @@ class Table:
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure with caption and alternative text.
-
-    Either a matplotlib figure, drawn as "svg" (few points) or "png" (many), or the path of a PNG or SVG file.
-    """
+    """A figure with caption and alternative text: a matplotlib figure, or the path of a PNG file."""
 
     figure: matplotlib_figure.Figure | Path
     caption: str
     alt: str
-    format: Literal["svg", "png"] = "svg"
 
 
 @dataclass(frozen=True)
@@ -164,13 +160,9 @@ def _block(block: Block) -> str:
         case Table():
             return _table(block)
         case Figure():
-            if isinstance(block.figure, Path):
-                kind, content = block.figure.suffix[1:], block.figure.read_bytes()
-            else:
-                kind, content = block.format, figure_bytes(block.figure, block.format)
-            media = {"svg": "image/svg+xml", "png": "image/png"}[kind]
+            content = block.figure.read_bytes() if isinstance(block.figure, Path) else figure_bytes(block.figure)
             data = base64.b64encode(content).decode("ascii")
-            image = f'<img src="data:{media};base64,{data}" alt="{escape(block.alt)}">'
+            image = f'<img src="data:image/png;base64,{data}" alt="{escape(block.alt)}">'
             return f"<figure>{image}<figcaption>{escape(block.caption)}</figcaption></figure>"
         case Details():
             return f"<details><summary>{escape(block.summary)}</summary>\n{_blocks(block.blocks)}</details>"

@@ -33,10 +33,10 @@ def as_table(slip: Slip) -> Table:
 
 
 def write_slips_report(slips: tuple[Slip, ...], directory: str | os.PathLike[str]) -> Path:
-    """Write DIRECTORY/report.html and its plots as PNG and SVG; returns the page's path."""
+    """Write DIRECTORY/report.html and its plots; returns the page's path."""
     folder = Path(directory)
     drawn = {"step_responses": _responses(5), "grid_errors": _errors(), "zeros": _zeros(5)}
-    figures = {name: save_figure(figure, folder, name)[1] for name, figure in drawn.items()}
+    figures = {name: save_figure(figure, folder, name) for name, figure in drawn.items()}
     by_id = {slip.id: slip for slip in slips}
     alpha_8, alpha_64, d_8, d_64 = by_id["fitted_diffusivity"].rows
     verdict = (

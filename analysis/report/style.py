@@ -1,4 +1,4 @@
-"""One look for all figures, and how they leave: as PNG and SVG files or bytes, the same bytes for the same data.
+"""One look for all figures, and how they leave: as PNG files or bytes, the same bytes for the same data.
 
 Colours: Okabe and Ito's set, told apart by the colour-blind and in grey. Figures are matplotlib.figure.Figure, never
 pyplot, so drawing leaves no state behind.
@@ -57,8 +57,6 @@ RC = {
     "figure.constrained_layout.use": True,
     "savefig.facecolor": "white",
     # ids from a fixed salt: the same data give the same file
-    "svg.hashsalt": "shockrig",
-    "svg.fonttype": "path",
 }
 
 
@@ -89,25 +87,21 @@ def literal(text: str) -> str:
     return " ".join(str(text).split()).replace("\\", "\\\\").replace("$", r"\$")
 
 
-def figure_bytes(figure: Figure, kind: str, dpi: int = 130) -> bytes:
-    """The figure as "png" or "svg"."""
-    if kind not in ("png", "svg"):
-        raise ValueError(f"a figure is saved as png or svg, not {kind!r}")
+def figure_bytes(figure: Figure, dpi: int = 130) -> bytes:
+    """The figure as PNG."""
     buffer = io.BytesIO()
     with house_style():
-        metadata = {"Date": None, "Creator": None} if kind == "svg" else {"Software": None}
-        figure.savefig(buffer, format=kind, dpi=dpi, metadata=metadata)
+        figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
     return buffer.getvalue()
 
 
-def save_figure(figure: Figure, directory: str | os.PathLike[str], name: str) -> tuple[Path, Path]:
-    """Write DIRECTORY/NAME.png and DIRECTORY/NAME.svg (whole or not at all) and return both paths."""
+def save_figure(figure: Figure, directory: str | os.PathLike[str], name: str) -> Path:
+    """Write DIRECTORY/NAME.png (whole or not at all) and return its path."""
     folder = Path(directory)
     folder.mkdir(parents=True, exist_ok=True)
-    paths = folder / f"{name}.png", folder / f"{name}.svg"
-    for path in paths:
-        write_whole(path, figure_bytes(figure, path.suffix[1:]))
-    return paths
+    path = folder / f"{name}.png"
+    write_whole(path, figure_bytes(figure))
+    return path
 
 
 def write_whole(path: Path, content: bytes) -> None:

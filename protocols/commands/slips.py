@@ -8,7 +8,7 @@ from pathlib import Path
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    parser.add_argument("--out", type=Path, metavar="DIR", help="also write report.html and the plots (PNG, SVG) here")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="also write report.html and the plots here")
 
 
 def main(args: argparse.Namespace) -> int:

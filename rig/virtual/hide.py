@@ -135,22 +135,25 @@ DRAWS: dict[str, Draw] = {
 
 
 def draw_effect(
-    rng: np.random.Generator, effect: str, strength: str = COMFORTABLE, channel: str | None = None
+    rng: np.random.Generator, effect: str, strength: str | float = COMFORTABLE, channel: str | None = None
 ) -> Hidden:
     """One effect at random strength.
 
     "comfortable" is plain to see; "limit" is a tenth to a third of it (of the logarithm of a ratio, of 1 /
-    Biot); an effect without a strength (`die_thermal_lag`) is what it is. Faults of one
-    channel's electronics draw their channel unless it is given.
+    Biot), a number from 0 to 1 that share of it; an effect without a strength (`die_thermal_lag`) is what it is.
+    Faults of one channel's electronics draw their channel unless it is given.
     """
     if effect not in KINDS:
         raise BenchError(f"effect {effect!r} is not known to the virtual world: known are {', '.join(sorted(KINDS))}")
-    if strength not in (COMFORTABLE, LIMIT):
-        raise BenchError(f"strength must be {COMFORTABLE!r} or {LIMIT!r}, not {strength!r}")
+    if strength not in (COMFORTABLE, LIMIT) and not (isinstance(strength, float) and 0.0 < strength <= 1.0):
+        raise BenchError(f"strength must be {COMFORTABLE!r}, {LIMIT!r} or a share from 0 to 1, not {strength!r}")
     kind = KINDS[effect]
     if channel is not None and channel not in kind.channels:
         raise BenchError(f"effect {effect} acts in {' and '.join(kind.channels)}, not in {channel}")
-    weaker = float(np.exp(rng.uniform(*np.log(LIMIT_SHARES)))) if strength == LIMIT else 1.0
+    if isinstance(strength, float):
+        weaker = strength
+    else:
+        weaker = float(np.exp(rng.uniform(*np.log(LIMIT_SHARES)))) if strength == LIMIT else 1.0
     if kind.single:
         channels = (channel or str(rng.choice(kind.channels)),)
     else:
@@ -159,7 +162,7 @@ def draw_effect(
 
 
 def draw_hidden(
-    rng: np.random.Generator, which: str | int | Sequence[str] = "random", strength: str = COMFORTABLE
+    rng: np.random.Generator, which: str | int | Sequence[str] = "random", strength: str | float = COMFORTABLE
 ) -> list[Hidden]:
     """Effects to hide.
 
