@@ -40,11 +40,14 @@ class Modes:
         shape = np.broadcast_shapes(t.shape[:-1], self.rate.shape[:-1])
         total = np.zeros((*shape, t.shape[-1]))
         slowest = self.rate.reshape(-1, self.rate.shape[-1]).min(axis=0)
-        soonest = t.reshape(-1, t.shape[-1]).min(axis=0)
+        times = t.reshape(-1, t.shape[-1])
+        before = times.max(axis=0) <= 0.0  # half of a run's columns lie before its transfer
+        total[..., before] = amplitude.sum(axis=-1)[..., None]
         # Columns are cut into blocks of similar need, so that late times cost a few exponentials and early ones many.
-        needed = np.searchsorted(slowest, DIED_OUT / np.maximum(soonest, 1e-9), side="right").clip(1, slowest.size)
-        need = 2 ** np.ceil(np.log2(needed)).astype(int)
-        for count in np.unique(need):
+        needed = np.searchsorted(slowest, DIED_OUT / np.maximum(times.min(axis=0), 1e-9), side="right")
+        need = 2 ** np.ceil(np.log2(needed.clip(1, slowest.size))).astype(int)
+        need[before] = 0
+        for count in np.unique(need[need > 0]):
             columns = np.flatnonzero(need == count)
             if columns.size == columns[-1] - columns[0] + 1:
                 columns = slice(columns[0], columns[-1] + 1)
