@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy import linalg, optimize
 
 from analysis.channel import Channel
+from analysis.rounding import Rounding, noise_before_rounding, rounded_autocovariance
 
 Array = NDArray[np.float64]
 
@@ -41,6 +42,8 @@ class Noise:
         Pieces of plateau the estimate rests on.
     log_likelihood_by_average : ndarray (MAX_AVERAGED,)
         Log likelihood, best over the other parameters, for averages over 1, 2, ... readings; -inf where not tried.
+    step : float
+        To which readings are rounded, where that is coarse beside the noise [channel's unit]; else 0.
     """
 
     white: float
@@ -50,17 +53,24 @@ class Noise:
     extra: float
     pieces: int
     log_likelihood_by_average: Array
+    step: float = 0.0
 
     def autocovariance(self, lags: int) -> Array:
-        """Autocovariance at lags 0 .. lags-1 samples [unit^2]."""
+        """Autocovariance at lags 0 .. lags-1 samples [unit^2]; behind a coarse step, that of a signal that rests."""
         gamma = _autocovariance(self.white**2, self.correlated**2, self.memory, self.averaged, lags)
         gamma[0] += self.extra**2
-        return gamma
+        return rounded_autocovariance(gamma, self.step) if self.step else gamma
 
     @property
     def standard_deviation(self) -> float:
         """Standard deviation of one reading [channel's unit]."""
         return float(np.sqrt(self.autocovariance(1)[0]))
+
+    @property
+    def increment(self) -> float:
+        """Standard deviation of the difference between two readings in a row [channel's unit]."""
+        now, next_ = self.autocovariance(2)
+        return float(np.sqrt(2 * (now - next_)))
 
     def with_rounding(self, step: float) -> Noise:
         """The same noise with the variance of rounding to `step`, step^2 / 12, added."""
@@ -122,10 +132,10 @@ class _Pool:
         return float(self.count * (log_determinant + np.linalg.slogdet(inner)[1]) + misfit)
 
 
-def _pool(pieces: Array, order: int) -> _Pool:
+def _pool(pieces: Array, order: int, reject: bool = True) -> _Pool:
     polynomials = np.linalg.qr(np.vander(np.linspace(-1, 1, pieces.shape[1]), order + 1))[0]
     reduced = pieces - (pieces @ polynomials) @ polynomials.T
-    if reduced.shape[0] >= 8:
+    if reject and reduced.shape[0] >= 8:
         # A burst or an unsettled plateau is not the noise.
         power = (reduced**2).mean(axis=1)
         reduced = reduced[power <= 4.0 * np.median(power) + 1e-12]
@@ -133,24 +143,35 @@ def _pool(pieces: Array, order: int) -> _Pool:
 
 
 def estimate_noise(
-    channel: Channel, rounding: float = 0.0, lengths: tuple[int, ...] = (), averaged: int | None = None
+    channel: Channel,
+    rounding: float = 0.0,
+    lengths: tuple[int, ...] = (),
+    averaged: int | None = None,
+    coarse: bool = False,
 ) -> Noise:
     """Noise of a channel by restricted maximum likelihood on its plateaus.
 
     `rounding` is the step [channel's unit] to which readings are rounded after any averaging: white noise that an
     average does not thin out. `lengths` are averages to be fitted besides those that look promising; `averaged` takes
-    one of them as given, whatever the noise says of it.
+    one of them as given, whatever the noise says of it. `coarse`: the step is coarse beside the noise, which shows only
+    where a plateau happens to lie near the edge of a code (see `analysis.rounding`); nothing is said of averages then.
     """
     early, late = plateau_pieces(channel)
     piece = early.shape[1]
     # Before the transfer the reading rests; after it the end of the transient may still bend a little.
-    pools = [p for p in (_pool(early, 0), _pool(late, 2)) if p.count]
+    if coarse:
+        pools = [_pool(early, 0, reject=False)] if early.size else []
+    else:
+        pools = [p for p in (_pool(early, 0), _pool(late, 2)) if p.count]
     count = sum(p.count for p in pools)
     if count < 3:
         return _crude(channel)
     scale = sum(np.trace(p.scatter) for p in pools) / sum(p.count * (piece - p.polynomials.shape[1]) for p in pools)
+    if coarse:
+        # The mean over pieces that mostly show nothing at all, and a few that flip.
+        scale = noise_before_rounding(scale, rounding) ** 2
     if scale < 1e-12:
-        return Noise(1e-4, 0.0, 0.0, 1, 0.0, count, np.zeros(MAX_AVERAGED))
+        return Noise(1e-4, 0.0, 0.0, 1, 0.0, count, np.zeros(MAX_AVERAGED), rounding if coarse else 0.0)
 
     extra = max(rounding**2 / 12.0, 1e-3 * scale)
 
@@ -160,7 +181,10 @@ def estimate_noise(
 
     def deviance(x: Array, averaged: int) -> float:
         gamma = _autocovariance(*parts(x, averaged), averaged, piece)
-        gamma[0] += extra if averaged > 1 else 0.0
+        if coarse:
+            gamma = rounded_autocovariance(gamma, rounding)
+        elif averaged > 1:
+            gamma[0] += extra
         factor, failed = linalg.lapack.dpotrf(linalg.toeplitz(gamma), lower=True)
         if failed:
             return 1e12
@@ -170,8 +194,10 @@ def estimate_noise(
         return sum(pool.deviance(inverse, log_determinant) for pool in pools)
 
     # A quick look at every length picks the few that are worth a full fit; plain noise always is.
-    quick = [min(deviance(np.array(x), n) for x in QUICK) for n in range(1, MAX_AVERAGED + 1)]
-    wanted = {1, *lengths, *(int(n) + 1 for n in np.argsort(quick)[:3])}
+    wanted = {1, *lengths} if not coarse else {averaged or 1}
+    if not coarse:
+        quick = [min(deviance(np.array(x), n) for x in QUICK) for n in range(1, MAX_AVERAGED + 1)]
+        wanted |= {int(n) + 1 for n in np.argsort(quick)[:3]}
     promising = sorted(n for n in wanted if 1 <= n <= MAX_AVERAGED)
     best = np.full(MAX_AVERAGED, -np.inf)
     found: dict[int, Array] = {}
@@ -206,9 +232,10 @@ def estimate_noise(
         correlated=float(np.sqrt(correlated)),
         memory=memory,
         averaged=averaged,
-        extra=0.0 if averaged == 1 else float(np.sqrt(extra)),
+        extra=float(np.sqrt(extra)) if averaged > 1 and not coarse else 0.0,
         pieces=count,
         log_likelihood_by_average=best,
+        step=rounding if coarse else 0.0,
     )
 
 
@@ -222,8 +249,15 @@ def _crude(channel: Channel) -> Noise:
     return Noise(max(float(np.median(spread)), 1e-4), 0.0, 0.0, 1, 0.0, 0, np.zeros(MAX_AVERAGED))
 
 
-def whiteners(channel: Channel, noise: Noise) -> Array:
-    """Whitening matrices (R, n, n): W y has unit covariance for bins that hold samples, zero rows for empty ones."""
+def whiteners(channel: Channel, noise: Noise, rounding: Rounding | None = None) -> Array:
+    """Whitening matrices (R, n, n): W y has unit covariance for bins that hold samples, zero rows for empty ones.
+
+    The errors of a coarse step go together as the signal crosses codes; without `rounding`, which knows the signal,
+    they are taken for white.
+    """
+    if noise.step:
+        plain = replace(noise, step=0.0)
+        noise = plain if rounding else plain.with_rounding(noise.step)
     period = channel.sampling_period_s
     # The whole length of the longest run: an autocovariance cut short is none.
     longest = max(float(time[-1] - time[0]) for time, _ in channel.samples)
@@ -234,7 +268,7 @@ def whiteners(channel: Channel, noise: Noise) -> Array:
     for run in range(channel.runs):
         count = channel.count[run]
         filled = np.flatnonzero(count)
-        if white_only:
+        if white_only and rounding is None:
             whitener[run, filled, filled] = np.sqrt(count[filled] / gamma[0])
             continue
         used = channel.bin_of[run] >= 0
@@ -242,6 +276,8 @@ def whiteners(channel: Channel, noise: Noise) -> Array:
         index = np.rint((time[used] - time[0]) / period).astype(int)
         lag = np.abs(index[:, None] - index[None, :])
         covariance = np.where(lag < gamma.size, gamma[np.minimum(lag, gamma.size - 1)], 0.0)
+        if rounding is not None:
+            covariance += rounding.covariance(run, used, lag, gamma)
         starts = np.concatenate([[0], np.cumsum(count[filled])[:-1]])
         summed = np.add.reduceat(np.add.reduceat(covariance, starts, axis=0), starts, axis=1)
         summed /= count[filled][:, None] * count[filled][None, :]

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 # Below this, what is left is no accident. The model's own approximations and the noise estimate cost some of the
 # nominal level, so it is set far below the one in a hundred that is promised.
-REJECT = 1e-4
+REJECT = 1e-6
 MOST_RATE_SCATTER = 0.022
 KNOTS_S = (0.0, 0.15, 0.4, 1.0, 2.5, 6.0, 15.0, 40.0, 120.0)
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from analysis.campaign import Campaign
 from analysis.channel import Channel, ChannelName, build_channel
+from analysis.characterize import LEAST_STEP, step_size
 from analysis.diagnosis import readings
 from analysis.diagnosis.adequacy import Adequacy, describe, judge
 from analysis.diagnosis.experiments import propose
@@ -22,9 +23,15 @@ from analysis.effects import CATALOGUE
 from analysis.errors import InputError
 from analysis.gls import Fit, Layout, Problem, make_problem
 from analysis.noise import MAX_AVERAGED, Noise, estimate_noise, whiteners
+from analysis.rounding import COARSE_IN_NOISE, Rounding
+from analysis.samples import model_at_samples
 
 Array = NDArray[np.float64]
 STEADY = ("calibration_error", "self_heating", "hysteresis", "radiative_heating")
+NOT_GAUSSIAN = 1.5  # codes are less certain evidence than their variance says
+HIDDEN_BY_ROUNDING = 0.5  # of the step: less noise than this from reading to reading cannot be told from rounding
+LEAST_RUNS = 3
+TOO_FEW = "fewer than three usable runs with a step of the air"
 Progress = Callable[[str], None]
 
 
@@ -44,14 +51,16 @@ class Cause:
 
 @dataclass(frozen=True)
 class Prepared:
-    """A channel ready to be searched: what its readings show is taken care of, and `step` is what they are rounded
-    to."""
+    """A channel ready to be searched: what its readings show is taken care of. `step` is what they are rounded to, and
+    `rounds_coarsely` whether that is coarse beside the noise.
+    """
 
     problem: Problem
     noise: Noise
     layout: Layout
     findings: tuple[readings.Finding, ...]
     step: float
+    rounds_coarsely: bool
 
 
 @dataclass(frozen=True)
@@ -93,12 +102,30 @@ def prepare(channel: Channel, averaged: int | None = None) -> Prepared:
     average = readings.find_average(mended, noise)
     findings = tuple(f for f in (flat, average, repeats, coarse) if f is not None)
     fixed = tuple((f.effect, name, value) for f in findings for name, (value, _) in f.parameters.items())
-    rounding = step if coarse is not None else 0.0
-    if rounding > noise.standard_deviation:
-        # Plateaus rounded to one value show no noise at all.
-        noise = noise.with_rounding(rounding)
-    problem = make_problem(mended, whiteners(mended, noise), rounding=rounding)
-    return Prepared(problem, noise, Layout(tuple(f.effect for f in findings), fixed), findings, step)
+    coarsely = coarse is not None and step > COARSE_IN_NOISE * noise.standard_deviation
+    if coarsely:
+        noise = estimate_noise(mended, step, averaged=averaged, coarse=True)
+    problem = make_problem(mended, whiteners(mended, noise), rounding=step if coarsely else 0.0)
+    return Prepared(problem, noise, Layout(tuple(f.effect for f in findings), fixed), findings, step, coarsely)
+
+
+def _rounded(ready: Prepared, rough: Fit | None) -> Prepared:
+    """The same with what a coarse rounding does to errors: which codes a run crosses, and when, is known once something
+    like its signal is, that of the fit `rough`.
+    """
+    if rough is None:
+        return ready
+    channel = ready.problem.channel
+    for _ in range(2):
+        signals = model_at_samples(channel, rough)
+        problem = make_problem(channel, whiteners(channel, ready.noise, Rounding(ready.step, signals)))
+        rough = refit(problem, rough.layout, rough)
+    # The covariance is that of runs at any place between two codes. One that rests at the edge of a code, where noise
+    # throws it from one to the other, scatters more, and by how much only the run itself tells.
+    whitened = np.matmul(problem.whitener, rough.residual[..., None])[..., 0]
+    excess = (whitened**2).sum(axis=1) / np.maximum((channel.count > 0).sum(axis=1), 1)
+    whitener = problem.whitener / np.sqrt(NOT_GAUSSIAN * np.maximum(excess, 1.0))[:, None, None]
+    return replace(ready, problem=replace(problem, whitener=whitener))
 
 
 def likelier_average(before: Prepared, found: Search, adequate: bool) -> int | None:
@@ -124,7 +151,11 @@ def likelier_average(before: Prepared, found: Search, adequate: bool) -> int | N
     if not lengths:
         return None
     rounding = before.step or readings.NORMAL_STEP[problem.channel.name]
-    likely = estimate_noise(problem.channel, rounding, tuple(lengths)).log_likelihood_by_average
+    if before.noise.increment < HIDDEN_BY_ROUNDING * rounding:
+        # Readings that mostly repeat the one before: what rounding leaves of the noise is not that of any model.
+        likely = np.zeros(MAX_AVERAGED)
+    else:
+        likely = estimate_noise(problem.channel, rounding, tuple(lengths)).log_likelihood_by_average
     kept = tuple(e for e in found.final.layout.effects if e not in ("finite_transfer", "dead_time"))
     cost = found.final.deviance + sum(price(e) for e in found.necessity)
     best = None
@@ -142,11 +173,13 @@ def diagnose_channel(channel: Channel, seed: int = 0, progress: Progress = lambd
     """Diagnose one channel."""
     ready = prepare(channel)
     progress(f"{channel.name}: searching the catalogue")
+    rough = search(ready.problem, ready.layout, thorough=False).final if ready.rounds_coarsely else None
+    ready = _rounded(ready, rough)
     found = search(ready.problem, ready.layout)
     adequacy = judge(ready.problem, found.final, ready.noise)
     averaged = likelier_average(ready, found, adequacy.passed)
     if averaged is not None:
-        ready = prepare(channel, averaged)
+        ready = _rounded(prepare(channel, averaged), rough)
         found = search(ready.problem, ready.layout)
         adequacy = judge(ready.problem, found.final, ready.noise)
     problem, noise, base, findings = ready.problem, ready.noise, ready.layout, ready.findings
@@ -223,6 +256,11 @@ def _certain(causes: list[Cause], adequacy: Adequacy) -> list[Cause]:
     ]
 
 
+def enough(channel: Channel) -> bool:
+    """Whether a channel's runs can be diagnosed at all: at least three with a step of the air."""
+    return int((step_size(channel) >= LEAST_STEP[channel.name]).sum()) >= LEAST_RUNS
+
+
 def diagnose(campaign: Campaign, seed: int = 0, progress: Progress = lambda _: None) -> Diagnosis:
     """Diagnose every channel of a campaign that has usable runs.
 
@@ -234,13 +272,13 @@ def diagnose(campaign: Campaign, seed: int = 0, progress: Progress = lambda _: N
     found, missing = [], []
     for name in ("temperature", "humidity"):
         channel = build_channel(campaign, name)
-        if channel is None or channel.runs < 3:
+        if channel is None or not enough(channel):
             missing.append(name)
             continue
         found.append(diagnose_channel(channel, seed, progress))
     if not found:
         raise InputError(
-            f"{campaign.path}: fewer than three usable runs in either sensor; record more, or see shockrig status"
+            f"{campaign.path}: {TOO_FEW} in either sensor; record more, or see shockrig status"
         )
     experiments = [run for channel in found for run in next_experiments(channel)]
     return Diagnosis(campaign.name, tuple(found), tuple(experiments), tuple(missing))

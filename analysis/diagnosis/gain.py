@@ -128,14 +128,15 @@ def summarise(before: Array, after: Array, floor: float, seed: int) -> Gain:
     # A model cannot do better than the noise; where it seems to, the noise was stated too high.
     floor = min(floor, float(np.sqrt(run_after.mean())))
 
-    def share(b: Array, a: Array) -> Array:
-        mean_before, mean_after = b.mean(axis=-1), a.mean(axis=-1)
+    def share(mean_before: Array, mean_after: Array) -> Array:
         return (mean_before - mean_after) / np.maximum(mean_before - floor**2, 0.02 * floor**2)
 
-    value = float(share(run_before, run_after))
+    value = float(share(run_before.mean(), run_after.mean()))
     rng = np.random.default_rng(seed)
-    pick = rng.integers(0, run_before.size, (DRAWS, run_before.size))
-    low, high = np.quantile(share(run_before[pick], run_after[pick]), [0.02, 0.98])
+    # What is stated must hold for the next campaign, which is a draw of runs as much as this one is: two draws count.
+    pick = rng.integers(0, run_before.size, (2, DRAWS, run_before.size))
+    drawn_before, drawn_after = (x[pick].mean(axis=-1).sum(axis=0) - x.mean() for x in (run_before, run_after))
+    low, high = np.quantile(share(drawn_before, drawn_after), [0.02, 0.98])
     high = max(min(high, 1.0), value)
     return Gain(
         before=float(np.sqrt(run_before.mean())),

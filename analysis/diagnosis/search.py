@@ -93,12 +93,11 @@ def testable(channel: Channel) -> tuple[str, ...]:
 
 
 def _starts(channel: Channel, effect: str) -> list[dict[str, float]]:
-    parameters = CATALOGUE[effect].parameters
-    from_data = CATALOGUE[effect].start_from
-    if from_data is not None:
-        return [{f"{effect}.{name}": value for name, value in from_data(channel).items()}]
+    parameters, from_data = CATALOGUE[effect].parameters, CATALOGUE[effect].start_from
     names = [f"{effect}.{p.name}" for p in parameters]
-    return [dict(zip(names, values, strict=True)) for values in itertools.product(*(p.starts for p in parameters))]
+    starts = [dict(zip(names, values, strict=True)) for values in itertools.product(*(p.starts for p in parameters))]
+    told = {f"{effect}.{name}": value for name, value in from_data(channel).items()} if from_data else {}
+    return [told, *starts] if told else starts
 
 
 def _choice(found: Fit, groups: int) -> dict[str, float]:
@@ -274,9 +273,11 @@ def _promising(problem: Problem, current: Fit, names: tuple[str, ...], keep: int
     best: dict[str, float] = {}
     for effect, value in zip(owners, gain, strict=True):
         best[effect] = max(best.get(effect, 0.0), float(value))
-    # Calibration moves two ways, and its start is no change at all: it is always worth its quick fit.
     ranked = sorted(best, key=lambda e: -best[e])
-    return tuple(dict.fromkeys([*ranked[:keep], *(e for e in ("calibration_error",) if e in best)]))
+    # Calibration moves two ways and its start is no change at all; a start taken from the data may already be the whole
+    # answer, whatever its first order says. Both are always worth a quick fit.
+    always = (e for e in ranked if e == "calibration_error" or CATALOGUE[e].start_from is not None)
+    return tuple(dict.fromkeys([*ranked[:keep], *always]))
 
 
 def _weaker(effect: str, name: str, start: float) -> float:

@@ -2,7 +2,27 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from analysis.effects.effect import Effect, Parameter
+
+LEAST_CHANGE_K = 3.0  # of the air, for its jump to stand out in the RH read at its temperature
+
+
+def _when_it_jumps(channel) -> dict[str, float]:
+    """A delay moves the jump that RH makes with the air's temperature, and no fit finds its way over a jump."""
+    if channel.name != "humidity":
+        return {}
+    air, period = channel.conditions, channel.sampling_period_s
+    told = []
+    for run in np.flatnonzero((np.abs(air.destination_c - air.source_c) > LEAST_CHANGE_K) & air.start_known):
+        time, value = channel.samples[run]
+        near = np.flatnonzero((time[1:] > -3 * period) & (time[:-1] < 2.0) & (np.diff(time) < 1.5 * period))
+        if near.size > 3:
+            steps = np.abs(np.diff(value))[near]
+            told.append(0.5 * (time[near] + time[near + 1])[np.argmax(steps)])
+    return {"delay_s": float(np.median(told))} if len(told) >= 3 else {}
+
 
 EFFECT = Effect(
     id="dead_time",
@@ -13,6 +33,7 @@ EFFECT = Effect(
     sentence="This channel is logged late by {delay_s} s.",
     equation="reading(t) = true(t - delay)",
     source="a polling loop or a buffer that hands out the previous reading",
+    start_from=_when_it_jumps,
     testable=lambda channel: bool(channel.conditions.start_known.any()),
     advice="Time-stamp at the measurement and not at the read-out; request a conversion before every fetch.",
 )

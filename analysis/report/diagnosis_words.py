@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from analysis.diagnosis.diagnose import Cause, ChannelDiagnosis, Diagnosis
+from analysis.diagnosis.diagnose import TOO_FEW, Cause, ChannelDiagnosis, Diagnosis
 from analysis.diagnosis.search import TIE
 from analysis.effects import CATALOGUE
 from analysis.report.fitted import UNIT
@@ -94,10 +94,10 @@ def gain_sentence(found: ChannelDiagnosis) -> str:
     """What the extension gains on unseen runs."""
     gain, unit = found.gain, UNIT[found.name]
     them = "it" if len(found.causes) == 1 else "them"
-    return (
-        f"With {them} the model predicts unseen runs to {plain(gain.after, 2)} {unit} instead of "
-        f"{plain(gain.before, 2)} {unit} (noise {plain(gain.noise_floor, 2)} {unit})."
-    )
+    before, after, noise = (f"{plain(x, 2)} {unit}" for x in (gain.before, gain.after, gain.noise_floor))
+    if before == after:
+        return f"On unseen runs the error is {after} with {them} as without (noise {noise})."
+    return f"With {them} the model predicts unseen runs to {after} instead of {before} (noise {noise})."
 
 
 def channel_verdict(found: ChannelDiagnosis, whole: bool = True) -> str:
@@ -157,7 +157,7 @@ def headline(diagnosis: Diagnosis) -> str:
 
 def missing(diagnosis: Diagnosis) -> list[str]:
     """A sentence for each channel that could not be diagnosed."""
-    return [f"The {SENSOR[name]} could not be diagnosed: fewer than three usable runs." for name in diagnosis.missing]
+    return [f"The {SENSOR[name]} could not be diagnosed: {TOO_FEW}." for name in diagnosis.missing]
 
 
 def worse(rise: float) -> str:

@@ -46,7 +46,7 @@ def write(campaign: Path, out: Path, seed: int, made_at: str) -> Diagnosis:
 
     from analysis.campaign import read_campaign
     from analysis.channel import usable_runs
-    from analysis.diagnosis.diagnose import Diagnosis, next_experiments
+    from analysis.diagnosis.diagnose import TOO_FEW, Diagnosis, next_experiments
     from analysis.diagnosis.export import to_json
     from analysis.diagnosis.extended import extended_profile
     from analysis.diagnosis.in_use import cross_inversion
@@ -62,7 +62,7 @@ def write(campaign: Path, out: Path, seed: int, made_at: str) -> Diagnosis:
         found = tuple(view.found for view in views)
         if not found:
             raise InputError(
-                f"{campaign}: fewer than three usable runs in either sensor; record more, or see shockrig status"
+                f"{campaign}: {TOO_FEW} in either sensor; record more, or see shockrig status"
             )
         missing = tuple(name for name in CHANNELS if name not in {c.name for c in found})
         experiments = tuple(run for channel in found for run in next_experiments(channel))
@@ -76,7 +76,7 @@ def write(campaign: Path, out: Path, seed: int, made_at: str) -> Diagnosis:
             "seed": seed,
         }
         _say("extended profile, a flight with it, report")
-        reasons = dict.fromkeys(missing, "fewer than three usable runs")
+        reasons = dict.fromkeys(missing, TOO_FEW)
         plain = {view.found.name: view.plain for view in views}
         extended = {view.found.name: view.extended for view in views}
         reasons |= {name: "no run determines the diffusivity" for name, result in extended.items() if result is None}
@@ -110,11 +110,11 @@ def _look(campaign: Path, seed: int, folder: Path) -> list[ChannelView]:
 def _look_at_channel(campaign: Path, name: str, seed: int, folder: Path) -> ChannelView | None:
     from analysis.campaign import read_campaign
     from analysis.channel import build_channel
-    from analysis.diagnosis.diagnose import diagnose_channel
+    from analysis.diagnosis.diagnose import diagnose_channel, enough
     from analysis.report.diagnosis_view import look_at
 
     channel = build_channel(read_campaign(campaign), name)
-    if channel is None or channel.runs < 3:
+    if channel is None or not enough(channel):
         return None
     found = diagnose_channel(channel, seed, _say)
     _say(f"{name}: held-out residuals and plots")
