@@ -91,6 +91,10 @@ def figure_bytes(figure: Figure, dpi: int = 130) -> bytes:
     """The figure as PNG."""
     buffer = io.BytesIO()
     with house_style():
+        if (layout := figure.get_layout_engine()) is not None:
+            # Laid out once: saving would draw all for it, and then lay it out again.
+            layout.execute(figure)
+            figure.set_layout_engine("none")
         figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
     return buffer.getvalue()
 

@@ -5,6 +5,10 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from collections.abc import Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -44,26 +48,25 @@ def write(campaign: Path, out: Path, seed: int, made_at: str) -> Diagnosis:
     """Diagnose a campaign into the folder `out`, whole or not at all."""
     import json
 
-    from analysis.campaign import read_campaign
-    from analysis.channel import usable_runs
-    from analysis.diagnosis.diagnose import TOO_FEW, Diagnosis, next_experiments
-    from analysis.diagnosis.export import to_json
-    from analysis.diagnosis.extended import extended_profile
-    from analysis.diagnosis.in_use import cross_inversion
-    from analysis.errors import InputError
-    from analysis.profile import write_profile
-    from analysis.report.diagnosis_page import write_diagnosis
-    from analysis.report.style import write_whole
     from protocols.folder import software_version, whole_folder
 
-    recorded = read_campaign(campaign)
-    with whole_folder(out) as folder:
-        views = _look(campaign, seed, folder)
+    with whole_folder(out) as folder, _looking(campaign, seed, folder) as waiting:
+        from analysis.campaign import read_campaign
+        from analysis.channel import usable_runs
+        from analysis.diagnosis.diagnose import TOO_FEW, Diagnosis, next_experiments
+        from analysis.diagnosis.export import to_json
+        from analysis.diagnosis.extended import extended_profile
+        from analysis.diagnosis.in_use import cross_inversion
+        from analysis.errors import InputError
+        from analysis.profile import write_profile
+        from analysis.report.diagnosis_page import write_diagnosis
+        from analysis.report.style import write_whole
+
+        recorded = read_campaign(campaign)
+        views = [view for work in waiting if (view := work.result()) is not None]
         found = tuple(view.found for view in views)
         if not found:
-            raise InputError(
-                f"{campaign}: {TOO_FEW} in either sensor; record more, or see shockrig status"
-            )
+            raise InputError(f"{campaign}: {TOO_FEW} in either sensor; record more, or see shockrig status")
         missing = tuple(name for name in CHANNELS if name not in {c.name for c in found})
         experiments = tuple(run for channel in found for run in next_experiments(channel))
         diagnosis = Diagnosis(recorded.name, found, experiments, missing)
@@ -94,17 +97,14 @@ def write(campaign: Path, out: Path, seed: int, made_at: str) -> Diagnosis:
     return diagnosis
 
 
-def _look(campaign: Path, seed: int, folder: Path) -> list[ChannelView]:
-    """Both channels at once, in processes of their own."""
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
-
+@contextmanager
+def _looking(campaign: Path, seed: int, folder: Path) -> Iterator[list[Future[ChannelView | None]]]:
+    """Both channels at once, in processes of their own that start before this one has read anything."""
     # Two processes that each start as many threads as there are cores would stand in each other's way.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with ProcessPoolExecutor(len(CHANNELS), mp_context=get_context("spawn")) as pool:
-        waiting = [pool.submit(_look_at_channel, campaign, name, seed, folder) for name in CHANNELS]
-        return [view for w in waiting if (view := w.result()) is not None]
+        yield [pool.submit(_look_at_channel, campaign, name, seed, folder) for name in CHANNELS]
 
 
 def _look_at_channel(campaign: Path, name: str, seed: int, folder: Path) -> ChannelView | None:
