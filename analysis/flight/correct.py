@@ -294,8 +294,9 @@ def _judged(
         lag_size = float(np.sqrt(np.mean(lag[trusted] ** 2)))
         noise_size = float(np.sqrt(np.mean(noise[trusted])))
         predicted = float(np.mean(variance[trusted]))
-        # a smoother that knows its sensor cannot lose; an inverse can
-        loses = found.cutoff_hz is not None and predicted > lag_size**2 + noise_size**2
+        # a smoother that knows its sensor cannot lose; an inverse can, and its noise passes for lag
+        lagging = max(lag_size**2 - found.amplified, 0.0)
+        loses = found.cutoff_hz is not None and predicted > lagging + noise_size**2
         if lag_size < IDLE_LAG_SIGMAS * noise_size or loses:
             notes.append(
                 f"{readings.channel}: not corrected: the lag ({lag_size:.2g}) cannot be told from the noise "

@@ -289,5 +289,10 @@ def _estimate(
     variance = amplified + 1.5 * cutoff * level  # integral of a -5/3 spectrum from the cut-off on
     rows = readings.time_s
     return Estimate(
-        np.interp(rows, time, air), np.full(rows.shape, variance), np.interp(rows, time, clean), 1.0, cutoff
+        np.interp(rows, time, air),
+        np.full(rows.shape, variance),
+        np.interp(rows, time, clean),
+        1.0,
+        cutoff,
+        amplified=amplified,
     )

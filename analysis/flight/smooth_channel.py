@@ -29,7 +29,8 @@ class Estimate:
     measured.
 
     `noise_factor`: fitted over expected noise, one sigma; `cutoff_hz`: of the low-pass, where the method has one;
-    `resolved_rate`: angular frequency [1/s] above which the air is not resolved.
+    `resolved_rate`: angular frequency [1/s] above which the air is not resolved; `amplified`: variance of the reading's
+    noise in an inverse's air.
     """
 
     air: Array
@@ -38,6 +39,7 @@ class Estimate:
     noise_factor: float
     cutoff_hz: float | None = None
     resolved_rate: float = 30.0
+    amplified: float = 0.0
 
 
 def estimate(
