@@ -421,6 +421,19 @@ def test_bad_input(tmp_path, capsys, monkeypatch, arguments, message):
     assert message in error and error.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [(b'{"format":\n', "line 2: not JSON"), (b"\xff\xfe", "not JSON"), (b"[]", "JSON object"), (b"{}", "key format")],
+)
+@pytest.mark.parametrize("way", ["--once", "--web"])
+def test_a_damaged_campaign_is_refused_before_anything_is_shown(tmp_path, capsys, content, message, way):
+    made_campaign(tmp_path / "c", [])
+    (tmp_path / "c/campaign.json").write_bytes(content)
+    assert main(["watch", str(tmp_path / "c"), way]) == 2
+    said = capsys.readouterr()
+    assert "campaign.json" in said.err and message in said.err and said.err.count("\n") == 1 and not said.out
+
+
 def test_the_port_that_is_taken(tmp_path, capsys):
     made_campaign(tmp_path / "c", [])
     follower = Follower(tmp_path / "c", time.monotonic)

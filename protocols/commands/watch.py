@@ -27,6 +27,7 @@ def main(args: argparse.Namespace) -> int:
     import time
 
     from analysis.errors import InputError
+    from rig.recorder.campaign import read_head
     from rig.watch.follow import Follower
 
     if not 0.05 <= args.every <= 60.0:
@@ -34,6 +35,8 @@ def main(args: argparse.Namespace) -> int:
     if not 0 <= args.port <= 65535:
         raise InputError(f"--port {args.port}: expected 0 (any free one) to 65535")
     follower = Follower(args.campaign, time.monotonic)
+    # Every writer puts campaign.json in its place whole, so one that is damaged now will not mend itself while we look.
+    read_head(args.campaign)
     try:
         if args.web:
             _serve(args, follower)

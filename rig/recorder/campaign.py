@@ -1,9 +1,9 @@
 """A campaign folder while it is being recorded (shock-campaign/1 and what the recorder keeps beside it).
 
-    campaign.json           name, sensors, the plan
-    runs/ID/                whole runs, and nothing else: run.json, imet.csv, hyt.csv, journal.log
-    recording/ID/           the run in progress; a rename to runs/ID is what makes it count
-    set_aside/ID-N/         interrupted and spoilt attempts, kept with status and reason in their run.json
+campaign.json           name, sensors, the plan
+runs/ID/                whole runs, and nothing else: run.json, imet.csv, hyt.csv, journal.log
+recording/ID/           the run in progress; a rename to runs/ID is what makes it count
+set_aside/ID-N/         interrupted and spoilt attempts, kept with status and reason in their run.json
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from rig.recorder.run import (
 )
 
 FORMAT = "shock-campaign/1"
+MEND = "mend or restore the file"
 
 
 @dataclass(frozen=True)
@@ -215,9 +216,7 @@ def read_state(path: Path) -> CampaignState:
     BenchError
         Not a campaign, or a file of it cannot be read.
     """
-    content = read_json(path / "campaign.json")
-    if content.get("format") != FORMAT:
-        raise BenchError(f'{path / "campaign.json"}: format is {content.get("format")!r}, expected "{FORMAT}"')
+    content = read_head(path)
     plan = content.get("plan")
     planned = [str(entry.get("id")) for entry in plan if isinstance(entry, dict)] if isinstance(plan, list) else []
     aside = []
@@ -235,6 +234,15 @@ def read_state(path: Path) -> CampaignState:
     )
 
 
+def read_head(path: Path) -> dict[str, Any]:
+    """campaign.json of a campaign folder; raises BenchError where it is not there, is damaged, or is something else."""
+    file = path / "campaign.json"
+    content = read_json(file)
+    if content.get("format") != FORMAT:
+        raise BenchError(f'{file}: key format: expected "{FORMAT}", found {repr(content.get("format"))[:40]}; {MEND}')
+    return content
+
+
 def read_json(path: Path) -> dict[str, Any]:
     """A JSON object from a file; raises BenchError naming the file and the place."""
     try:
@@ -242,11 +250,11 @@ def read_json(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise BenchError(f"{path}: {error.strerror}") from None
     except json.JSONDecodeError as error:
-        raise BenchError(f"{path}, line {error.lineno}: not JSON: {error.msg}") from None
+        raise BenchError(f"{path}, line {error.lineno}: not JSON: {error.msg}; {MEND}") from None
     except (ValueError, RecursionError) as error:  # also numbers of too many digits
-        raise BenchError(f"{path}: not JSON: {error}") from None
+        raise BenchError(f"{path}: not JSON: {error}; {MEND}") from None
     if not isinstance(content, dict):
-        raise BenchError(f"{path}: expected a JSON object")
+        raise BenchError(f"{path}: expected a JSON object, found {type(content).__name__}; {MEND}")
     return content
 
 
@@ -293,4 +301,3 @@ def _sync_folder(path: Path) -> None:
         os.fsync(file)
     finally:
         os.close(file)
-
