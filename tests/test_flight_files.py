@@ -74,7 +74,8 @@ def test_netcdf_says_the_same_with_its_units(folder):
     assert run(folder, out="out.nc") == 0
     table = pd.read_csv(folder / "out.csv", keep_default_na=True)
     with netCDF4.Dataset(folder / "out.nc") as data:
-        assert data.Conventions.startswith("CF-")
+        assert data.Conventions.startswith("CF-") and data["time"].units == "s"
+        assert (data["pressure_hpa"].units, data["altitude_m"].units, data["altitude_m"].positive) == ("hPa", "m", "up")
         for name in (*OUTPUT_COLUMNS[:4], "temperature_c", "humidity_percent", "airspeed_m_s", "time_s"):
             np.testing.assert_allclose(data[name][:], table[name], atol=1e-4)
         corrected = data["temperature_corrected_c"]

@@ -58,6 +58,8 @@ XQ2_FIELDS = (
     "altitude", "satellites",
 )  # fmt: skip
 
+EARLIEST_DATE_S = 5e8  # a clock that says more counts from 1970 (this is 1985)
+
 
 @dataclass(frozen=True)
 class Layout:
@@ -293,15 +295,12 @@ class NetcdfWriter:
         "temperature": ("temperature_c", "degC", "temperature of the bead as read"),
         "humidity": ("humidity_percent", "%", "relative humidity of the film as read"),
         "airspeed": ("airspeed_m_s", "m s-1", "speed of the air past the probes"),
-        "pressure": ("pressure_hpa", None, "air pressure"),
+        "pressure": ("pressure_hpa", None, "air pressure"),  # units as the column's name says
         "altitude": ("altitude_m", None, "altitude"),
         "die": ("humidity_sensor_temperature_c", "degC", "temperature of the humidity sensor's die"),
     }
-    STANDARD_NAMES = {
-        "pressure": "air_pressure",
-        "altitude": "altitude",
-        "airspeed": "speed_of_air_relative_to_platform",
-    }
+    STANDARD_NAMES = {"pressure": "air_pressure", "altitude": "altitude", "airspeed": "platform_speed_wrt_air"}
+    ENDINGS = {"pressure": {"hpa": "hPa", "mbar": "hPa", "pa": "Pa"}, "altitude": {"m": "m"}}
     CORRECTED = (
         ("temperature_corrected_c", "temperature_c", "air_temperature", "degC", "air temperature, sensor lag undone"),
         (
@@ -336,12 +335,10 @@ class NetcdfWriter:
         data = self._set
         data.Conventions, data.title, data.history = "CF-1.11", "Flight corrected for sensor lag", history
         data.source = f"thermo-hygrometer log {Path(layout.source).name}"
-        data.featureType = "timeSeries"
-        data.createDimension("time", None)
+        data.createDimension("row", None)
         self._names: list[str] = []
         self._text: list[bool] = []
-        time = self._number("time", "s", "time of the sample in seconds, on the log's own clock (of dates: since 1970)")
-        time.axis = "T"
+        data.createVariable("time", "f8", ("row",), zlib=True).long_name = "time of the sample"
         by_place = {place: quantity for quantity, place in layout.place.items()}
         numeric = numeric_places(Path(layout.source), layout)
         for place, column in enumerate(layout.header):
@@ -351,12 +348,15 @@ class NetcdfWriter:
             known = quantity in self.STANDARD and not layout.raw_xq2
             self._text.append(not known and place not in numeric)
             if self._text[-1]:
-                variable = data.createVariable(name, str, ("time",))
+                variable = data.createVariable(name, str, ("row",))
                 variable.long_name = f"column {column} of the log, as it came"
             elif known:
                 _, unit, words = self.STANDARD[quantity]
+                unit = unit or self._unit_in_name(quantity, column)
                 variable = self._number(name, unit, words)
-                if quantity in self.STANDARD_NAMES:
+                if unit and quantity == "altitude":
+                    variable.positive = "up"
+                if unit and quantity in self.STANDARD_NAMES:
                     variable.standard_name = self.STANDARD_NAMES[quantity]
             else:
                 self._number(name, None, f"column {column} of the log, as it came")
@@ -365,17 +365,32 @@ class NetcdfWriter:
             variable.standard_name = standard
         data["temperature_corrected_c"].ancillary_variables = "temperature_uncertainty_k flags"
         data["humidity_corrected_percent"].ancillary_variables = "humidity_uncertainty_percent flags"
-        flags = data.createVariable("flags", "i1", ("time",))
+        flags = data.createVariable("flags", "i1", ("row",))
         flags.long_name, flags.standard_name = "what is special about a row", "quality_flag"
         flags.flag_masks = np.array([1 << i for i in range(len(FLAGS))], dtype="i1")
         flags.flag_meanings = " ".join(FLAGS)
 
     def _number(self, name: str, unit: str | None, words: str):
-        variable = self._set.createVariable(name, "f8", ("time",), fill_value=np.nan, zlib=True)
+        variable = self._set.createVariable(name, "f8", ("row",), fill_value=np.nan, zlib=True)
         variable.long_name = words
         if unit:
             variable.units = unit
         return variable
+
+    def _unit_in_name(self, quantity: str, column: str) -> str | None:
+        endings = self.ENDINGS.get(quantity, {})
+        return next((unit for ending, unit in endings.items() if squeeze(column).endswith(ending)), None)
+
+    def _date(self, first_s: float) -> None:
+        """Time since 1970 is a time coordinate; a clock that starts at the flight has no date to count from."""
+        time = self._set["time"]
+        if first_s < EARLIEST_DATE_S:
+            time.units = "s"
+            return
+        time.units, time.standard_name, time.calendar = "seconds since 1970-01-01 00:00:00", "time", "standard"
+        for variable in self._set.variables.values():
+            if variable.name != "time":
+                variable.coordinates = "time"
 
     def _free_name(self, column: str) -> str:
         base = re.sub(r"[^A-Za-z0-9_]", "_", column) or "column"
@@ -387,7 +402,9 @@ class NetcdfWriter:
         return name
 
     def write(self, rows: list[list[str]], flight: Flight, corrected: Corrected) -> None:
-        data, start = self._set, len(self._set.dimensions["time"])
+        data, start = self._set, len(self._set.dimensions["row"])
+        if start == 0:
+            self._date(float(np.nanmin(flight.time_s)))
         part = slice(start, start + len(rows))
         data["time"][part] = flight.time_s
         for name, is_text, cells in zip(self._names, self._text, zip(*rows, strict=True), strict=True):
