@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import sys
+from collections.abc import Sequence
 
 # command -> (module in protocols.commands, what it does)
 COMMANDS = {
@@ -56,6 +57,7 @@ def main(argv: list[str] | None = None) -> int:
     from rig.errors import RigError
 
     try:
+        _check_common(arguments, args)
         return args.main(args) or 0
     except (InputError, RigError) as error:
         print(f"shockrig {args.command}: {error}", file=sys.stderr)
@@ -67,6 +69,27 @@ def main(argv: list[str] | None = None) -> int:
     except BrokenPipeError:
         sys.stderr.close()
         return 141
+
+
+def _check_common(arguments: Sequence[str], args: argparse.Namespace) -> None:
+    """What holds for every command: no argument is empty, and a seed has 64 bits.
+
+    Looked for in the words themselves, because an empty path is parsed as the folder that one stands in: a script whose
+    variable is empty would write there.
+    """
+    from analysis.errors import InputError
+
+    for before, word in zip(("", *arguments), arguments, strict=False):
+        option, equals, value = word.partition("=") if word.startswith("--") else (before, "=", word)
+        if equals and not value.strip():
+            said = f"{option}: is empty; give a value, or leave it out"
+            raise InputError(said if option.startswith("--") else "an argument is empty; give a value")
+    if getattr(args, "seed", None) is not None:
+        from rig.bench_file import LARGEST_SEED
+
+        if not 0 <= args.seed <= LARGEST_SEED:
+            expected = f"expected a whole number from 0 to {LARGEST_SEED}, which is what 64 bits hold"
+            raise InputError(f"--seed {args.seed}: {expected}")
 
 
 if __name__ == "__main__":

@@ -39,6 +39,7 @@ KINDS: dict[str, dict[str, str]] = {
 ENTRY_POINTS = "shockrig.instruments"
 SENSOR_NAMES = ("imet", "hyt")
 MAY_BE_ZERO = ("latency_s", "late_s", "sampled_after_s", "retry_s")
+LARGEST_SEED = 2**64 - 1
 POSITIVE_UNITS = ("_s", "_m", "_hpa", "_mm_min", "baud")
 
 
@@ -57,6 +58,10 @@ class VirtualSettings:
 
     seed: int = 0
     truth: str | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.seed <= LARGEST_SEED:
+            raise BenchError(f"seed = {self.seed} must be from 0 to {LARGEST_SEED}, which is what 64 bits hold")
 
 
 @dataclass(frozen=True)

@@ -110,6 +110,7 @@ print([name for name in sys.modules if name.startswith("rig.virtual") or name in
         ('clock = "virtual"', 'clock = "sundial"', 'must be "real" or "virtual"'),
         ('kind = "set-points"', 'kind = "operator"', "reference is real"),
         ("seed = 0", 'seed = "x"', r"\[virtual\]: seed = 'x' must be a whole number"),
+        ("seed = 0", "seed = -1", r"\[virtual\]: seed = -1 must be from 0 to 18446744073709551615"),
         ("[bench]", "[bench", "not TOML"),
     ],
 )

@@ -14,7 +14,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from protocols.cli import main
+from protocols.cli import COMMANDS, main
 from rig.virtual.hide import open_seal
 
 TINY = """
@@ -136,7 +136,6 @@ REFUSED = {
     "no such bench": (["--out", "c", "--bench", "nowhere.toml"], r"nowhere.toml: No such file"),
     "seal within": (["--out", "c", "--sealed", "old/truth.json"], r"lies in the campaign"),
     "not a campaign": (["--out", "thesis"], r"neither empty nor a campaign"),
-    "seed": (["--out", "c", "--seed", "-1"], r"--seed -1: expected 0 or more"),
     "an old seal": (["--out", "d"], r"d.sealed: is the sealed truth of another campaign"),
 }
 
@@ -170,6 +169,63 @@ def test_status_of_what_is_not_a_campaign(tmp_path, capsys):
     (tmp_path / "campaign.json").write_text("{")
     assert main(["status", str(tmp_path)]) == 2
     assert "campaign.json, line 1: not JSON" in capsys.readouterr().err
+
+
+# command -> its arguments, without an --out
+ARGUMENTS = {
+    "characterize": ["c"],
+    "diagnose": ["c"],
+    "correct": ["f.csv", "--profile", "p.json"],
+    "simulate": ["frontal"],
+    "demo": [],
+    "demo-flights": [],
+    "emulate": ["imet-xf"],
+    "import": ["--imet", "log.csv"],
+    "run": ["quick"],
+    "check": [],
+    "scan": [],
+    "slips": [],
+}
+
+
+def refused(capsys, *arguments):
+    """The one line that a command refuses its arguments with."""
+    assert main([*arguments]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    return error
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_refuses_an_empty_out_and_a_seed_beyond_64_bits(tmp_path, capsys, monkeypatch, command):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit):
+        main([command, "--help"])
+    usage = capsys.readouterr().out.partition("\n\n")[0]
+    given = ARGUMENTS.get(command)
+    if "--out " in usage:
+        for empty in (["--out", ""], ["--out", "  "], ["--out="]):
+            assert "--out: is empty; give a value" in refused(capsys, command, *given, *empty)
+    if "--seed " in usage:
+        out = ["--out", "out"] if "--out " in usage else []
+        for seed in (str(2**64), "1" * 40, "-1"):
+            error = refused(capsys, command, *given, *out, "--seed", seed)
+            assert f"--seed {seed}: expected" in error and "64 bits" in error
+    if "--hide " in usage:
+        assert "--hide: is empty" in refused(capsys, command, *given, "--out", "out", "--hide", "")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_empty_argument_is_refused(capsys):
+    assert refused(capsys, "status", "") == "shockrig status: an argument is empty; give a value\n"
+
+
+def test_the_largest_seed_can_be_recorded_with_and_gone_on_with(tmp_path, tiny):
+    out = tmp_path / "c"
+    assert run(tiny, "--out", out, "--seed", 2**64 - 1) == 0
+    shutil.rmtree(out / "runs/0002")
+    assert run(tiny, "--out", out) == 0
+    assert open_seal(Path(f"{out}.sealed"))[1] == 2**64 - 1
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 128 + signal.SIGTERM)])

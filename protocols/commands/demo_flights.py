@@ -25,8 +25,6 @@ def main(args: argparse.Namespace) -> int:
     from analysis.flight.weather import SCENES
     from analysis.profile import read_profile
 
-    if args.seed < 0:
-        raise InputError(f"--seed {args.seed}: expected a number that is not negative")
     profile = read_profile(args.profile) if args.profile else typical_profile()
     if profile.temperature is None or profile.humidity is None:
         raise InputError(

@@ -58,7 +58,7 @@ def main(args: argparse.Namespace) -> int:
         value = getattr(args, name)
         if value is not None and not low <= value <= high:
             raise BenchError(f"--{name.replace('_', '-')} {value:g}: expected {low:g} to {high:g}")
-    for name, low, high in (("seed", 0, 2**63), ("address", 0x08, 0x77), ("bus", 0, 255)):
+    for name, low, high in (("address", 0x08, 0x77), ("bus", 0, 255)):
         if not low <= getattr(args, name) <= high:
             raise BenchError(f"--{name} {getattr(args, name)}: expected {low} to {high}")
     faults = tuple(_fault(text) for text in args.fault)

@@ -85,6 +85,7 @@ def _emulated(args: argparse.Namespace, config: Any) -> tuple[Any, _Sealed]:
     import numpy as np
 
     from rig.bench import open_bench
+    from rig.bench_file import LARGEST_SEED
     from rig.errors import BenchError
     from rig.virtual.hide import draw_hidden, open_seal
     from rig.virtual.truth import ROUGH, SMOOTH, draw_truth, with_effects
@@ -104,14 +105,13 @@ def _emulated(args: argparse.Namespace, config: Any) -> tuple[Any, _Sealed]:
     if seed is None:
         # A blind trial that could be looked up by its seed would not be blind.
         seed = secrets.randbits(32) if args.hide is not None else config.virtual.seed
-    if seed < 0:
-        raise BenchError(f"--seed {seed}: expected 0 or more")
     if truth is None and (args.hide is not None or args.rough or config.virtual.truth is None):
         rng = np.random.default_rng(seed)
         truth = draw_truth(rng, ROUGH if args.rough else SMOOTH)
         truth = with_effects(truth, draw_hidden(rng, args.hide or "none"))
     # A campaign that goes on must not replay the noise that it began with.
-    config = replace(config, virtual=replace(config.virtual, seed=seed + 1_000_003 * recorded))
+    noise_seed = (seed + 1_000_003 * recorded) % (LARGEST_SEED + 1)
+    config = replace(config, virtual=replace(config.virtual, seed=noise_seed))
     bench = open_bench(config, truth=truth)
     return bench, _Sealed(path, bench.truth, seed)
 

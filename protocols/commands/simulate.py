@@ -52,8 +52,8 @@ def main(args: argparse.Namespace) -> int:
         if name not in known or not np.isfinite(value):
             raise InputError(f"--set {choice}: expected OPTION=NUMBER with an option of {', '.join(known)}")
         options[name] = value
-    if args.seed < 0 or not 0 <= args.noise < 1e6:
-        raise InputError("--seed and --noise: expected numbers that are not negative")
+    if not 0 <= args.noise < 1e6:
+        raise InputError(f"--noise {args.noise:g}: expected 0 to 1e6")
     profile = read_profile(args.profile) if args.profile else typical_profile()
     try:
         with np.errstate(all="ignore"):
