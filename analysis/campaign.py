@@ -7,7 +7,6 @@ Unknown keys and columns are ignored; every error names the file, the line or ke
 from __future__ import annotations
 
 import json
-import math
 import sys
 import warnings
 from dataclasses import dataclass, field
@@ -25,9 +24,18 @@ Array = NDArray[np.float64]
 DEFAULT_BEAD_RADIUS_M = 4e-4
 DEFAULT_FILM_THICKNESS_M = 1e-5
 DEFAULT_PRESSURE_HPA = 1013.25
-LENGTHS_M = (1e-8, 1.0)  # of a bead or a film
 LONGEST_RUN_S = 1e7
-AT_LEAST_ZERO = -1e-300  # as a lower limit that is itself not allowed
+LONGEST_ID = 100
+# What can be, from the least to the most, both included. Wide enough for any chamber and any sensor: what lies outside
+# is a slip of the pen or of the unit (pascal for hectopascal, kelvin for degrees Celsius), not a measurement.
+LENGTHS_M = (1e-8, 1.0)  # of a bead or a film
+TEMPERATURES_C = (-100.0, 150.0)
+AIR_HUMIDITIES_PERCENT = (-5.0, 130.0)
+READ_HUMIDITIES_PERCENT = (-10.0, 130.0)
+AIRFLOWS_M_S = (0.0, 150.0)
+PRESSURES_HPA = (1.0, 2000.0)
+STARTS_S = (-LONGEST_RUN_S, LONGEST_RUN_S)
+DURATIONS_S = (0.0, 3600.0)  # of a transfer
 
 
 @dataclass(frozen=True)
@@ -112,24 +120,31 @@ def read_campaign(path: str | Path) -> Campaign:
     folder = Path(path)
     if not folder.is_dir():
         raise InputError(f"{folder}: no such campaign folder; give the folder that holds campaign.json")
-    head = _read_json(folder / "campaign.json", "shock-campaign/1")
-    sensors = _mapping(head.get("sensors", {}), folder / "campaign.json", "sensors")
-    for name, sensor in sensors.items():
-        _mapping(sensor, folder / "campaign.json", f"sensors.{name}")
-    radius = _number(sensors.get("imet") or {}, "bead_radius_m", folder / "campaign.json", "sensors.imet.", *LENGTHS_M)
-    head_file = folder / "campaign.json"
-    thickness = _number(sensors.get("hyt") or {}, "film_thickness_m", head_file, "sensors.hyt.", *LENGTHS_M)
+    file = folder / "campaign.json"
+    head = _read_json(file, "shock-campaign/1")
+    given = _mapping(head, "sensors", file)
+    sensors = {name: _mapping(given, name, file, "sensors.") for name, sensor in given.items() if sensor is not None}
+    radius = _number(sensors.get("imet", {}), "bead_radius_m", LENGTHS_M, file, "sensors.imet.")
+    thickness = _number(sensors.get("hyt", {}), "film_thickness_m", LENGTHS_M, file, "sensors.hyt.")
     runs_folder = folder / "runs"
     names = sorted(p.name for p in runs_folder.iterdir() if (p / "run.json").is_file()) if runs_folder.is_dir() else []
     if not names:
         raise InputError(f"{runs_folder}: no runs/ID/run.json in it; record or import at least one run")
+    runs = tuple(_read_run(runs_folder / name) for name in names)
+    first: dict[str, str] = {}
+    for name, run in zip(names, runs, strict=True):
+        if first.setdefault(run.id, name) != name:
+            raise InputError(
+                f"{runs_folder / name / 'run.json'}: key id: {run.id!r} is the id of runs/{first[run.id]} already; "
+                "give each run its folder's name"
+            )
     return Campaign(
         name=str(head.get("name") or folder.name),
         path=folder,
         sensors=sensors,
         bead_radius_m=DEFAULT_BEAD_RADIUS_M if radius is None else radius,
         film_thickness_m=DEFAULT_FILM_THICKNESS_M if thickness is None else thickness,
-        runs=tuple(_read_run(runs_folder / name) for name in names),
+        runs=runs,
     )
 
 
@@ -139,31 +154,51 @@ _KNOWN_RUN_KEYS = {"format", "id", "started_at", "source", "destination", "airfl
 def _read_run(folder: Path) -> Run:
     file = folder / "run.json"
     head = _read_json(file, "shock-run/1")
-    transfer = _mapping(head.get("transfer") or {}, file, "transfer")
-    pressure = _number(head, "pressure_hpa", file, low=0.0)
+    transfer = _mapping(head, "transfer", file)
+    pressure = _number(head, "pressure_hpa", PRESSURES_HPA, file)
     return Run(
-        id=str(head.get("id") or folder.name),
+        id=_read_id(head, file),
         source=_read_air(head, "source", file),
         destination=_read_air(head, "destination", file),
-        airflow_m_s=_number(head, "airflow_m_s", file, low=AT_LEAST_ZERO),
+        airflow_m_s=_number(head, "airflow_m_s", AIRFLOWS_M_S, file),
         pressure_hpa=DEFAULT_PRESSURE_HPA if pressure is None else pressure,
-        start_s=_number(transfer, "start_s", file, "transfer."),
-        duration_s=_number(transfer, "duration_s", file, "transfer.", low=AT_LEAST_ZERO),
-        imet=_read_trace(folder / "imet.csv", {"temperature_c": (-100.0, 150.0)}),
+        start_s=_number(transfer, "start_s", STARTS_S, file, "transfer."),
+        duration_s=_number(transfer, "duration_s", DURATIONS_S, file, "transfer."),
+        imet=_read_trace(folder / "imet.csv", {"temperature_c": TEMPERATURES_C}),
         hyt=_read_trace(
             folder / "hyt.csv",
-            {"humidity_percent": (-10.0, 130.0), "temperature_c": (-100.0, 150.0)},
+            {"humidity_percent": READ_HUMIDITIES_PERCENT, "temperature_c": TEMPERATURES_C},
             ("temperature_c",),
         ),
         extra={key: value for key, value in head.items() if key not in _KNOWN_RUN_KEYS},
     )
 
 
+def _read_id(head: dict[str, Any], file: Path) -> str:
+    """The run's id, which becomes a word of reports and a part of file names; its folder's name where none is given."""
+    given = head.get("id")
+    if given is None:
+        return file.parent.name
+    id_ = str(given) if isinstance(given, int) and not isinstance(given, bool) else given
+    if (
+        not isinstance(id_, str)
+        or not 0 < len(id_) <= LONGEST_ID
+        or not id_.isprintable()
+        or id_.startswith(".")
+        or set(id_) & {"/", "\\"}
+    ):
+        raise InputError(
+            f"{file}: key id: expected a plain name, such as that of its folder ({file.parent.name}), "
+            f"found {repr(given)[:40]}; mend it or leave it out"
+        )
+    return id_
+
+
 def _read_air(head: dict[str, Any], key: str, file: Path) -> Air:
-    air = _mapping(head.get(key) or {}, file, key)
+    air = _mapping(head, key, file)
     return Air(
-        _number(air, "temperature_c", file, f"{key}.", low=-273.15),
-        _number(air, "humidity_percent", file, f"{key}.", low=-1.0, high=120.0),
+        _number(air, "temperature_c", TEMPERATURES_C, file, f"{key}."),
+        _number(air, "humidity_percent", AIR_HUMIDITIES_PERCENT, file, f"{key}."),
     )
 
 
@@ -188,15 +223,20 @@ def _read_json(file: Path, expected: str) -> dict[str, Any]:
     return head
 
 
-def _mapping(value: Any, file: Path, key: str) -> dict[str, Any]:
+def _mapping(head: dict[str, Any], key: str, file: Path, prefix: str = "") -> dict[str, Any]:
+    """An object; an empty one where the key is left out or null."""
+    value = head.get(key)
+    if value is None:
+        return {}
     if not isinstance(value, dict):
-        raise InputError(f"{file}: key {key}: expected an object, found {type(value).__name__}; write it as {{...}}")
+        raise InputError(
+            f"{file}: key {prefix}{key}: expected an object, found {type(value).__name__}; write it as {{...}}"
+        )
     return value
 
 
-def _number(
-    head: dict[str, Any], key: str, file: Path, prefix: str = "", low: float = -math.inf, high: float = math.inf
-) -> float | None:
+def _number(head: dict[str, Any], key: str, limits: tuple[float, float], file: Path, prefix: str = "") -> float | None:
+    """A number within `limits`; None where the key is left out or null."""
     value = head.get(key)
     if value is None:
         return None
@@ -205,11 +245,10 @@ def _number(
         raise InputError(
             f"{file}: key {prefix}{key}: expected a finite number, found {found}; give a number or leave it out"
         )
-    if low == AT_LEAST_ZERO and value < 0:
-        raise InputError(f"{file}: key {prefix}{key}: {value} cannot be; expected 0 or more")
-    if not low < value < high:
+    low, high = limits
+    if not low <= value <= high:
         raise InputError(
-            f"{file}: key {prefix}{key}: {value} cannot be; expected a number above {low:g} and below {high:g}"
+            f"{file}: key {prefix}{key}: {value:g} cannot be; expected {low:g} to {high:g}: mend it or leave it out"
         )
     return float(value)
 
@@ -275,9 +314,7 @@ def _numbers(frame: pd.DataFrame, column: str, file: Path) -> Array:
         try:
             numbers = pd.to_numeric(values, errors="coerce").to_numpy(dtype=float)
         except OverflowError:
-            raise InputError(
-                f"{file}: column {column}: too many digits; mend it or leave it empty"
-            ) from None
+            raise InputError(f"{file}: column {column}: too many digits; mend it or leave it empty") from None
         empty = values.isna() | (values.astype(str).str.strip() == "")
         wrong = np.flatnonzero(np.isnan(numbers) & ~empty.to_numpy())
         if wrong.size:

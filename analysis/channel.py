@@ -392,8 +392,7 @@ def _smooth_dies(times: list[Array], dies: list[Array]) -> tuple[Array, ...]:
     """Die temperatures without their noise: constant before the transfer, a smooth relaxation after it.
 
     The relaxation is a sum of first-order lags behind a ramp; the ramp's duration is the one, for all runs together,
-    that
-    leaves least (a transfer that takes time shows in the die as a start without a kink).
+    that leaves least (a transfer that takes time shows in the die as a start without a kink).
     """
     filled = [_fill(t, d) for t, d in zip(times, dies, strict=True)]
     levels = [float(np.mean(d[t <= 0])) if (t <= 0).any() else float(d[0]) for t, d in zip(times, filled, strict=True)]

@@ -470,9 +470,9 @@ def rate_start(channel: Channel, layout: Layout = Layout(())) -> Array:
 
 
 def project(problem: Problem, found: Fit, columns: Array) -> tuple[Array, Array]:
-    """Scores (C,) and their covariance (C, C) for whitened `columns` (R, n, C): what the residual says of each
-    direction
-    once the model's parameters and the runs' deviations have had their say.
+    """Scores (C,) and their covariance (C, C) for whitened `columns` (R, n, C).
+
+    What the residual says of each direction once the model's parameters and the runs' deviations have had their say.
     """
     residual = np.matmul(problem.whitener, found.residual[..., None])[..., 0]
     ju, jt = found.run_jacobian, found.jacobian

@@ -1,11 +1,10 @@
 """Is anything left? Tests without physics of what a fitted model leaves, on four kinds of trace an effect can leave
 behind.
 
-(a) the mean response: a smooth basis in log time, crossed with step, direction, ambient and airflow, after the
-model's own
-parameters and each run's deviations are projected out; (b) the runs' deviations: too large for the stated
-uncertainties,
-or moving with run order or condition; (c) single readings: bursts; (d) hum: lines in the plateaus' spectrum.
+(a) the mean response: a smooth basis in log time, crossed with step, direction, ambient and airflow, after the model's
+own parameters and each run's deviations are projected out; (b) the runs' deviations: too large for the stated
+uncertainties, or moving with run order or condition; (c) single readings: bursts; (d) hum: lines in the plateaus'
+spectrum.
 """
 
 from __future__ import annotations

@@ -2,8 +2,7 @@
 helps.
 
 Models are compared by their marginal deviance (each run's deviations integrated out), so that run-to-run scatter
-competes
-with every named cause on equal terms. A gain must pay for its parameters; see `price`.
+competes with every named cause on equal terms. A gain must pay for its parameters; see `price`.
 """
 
 from __future__ import annotations
@@ -76,8 +75,7 @@ def evidence(problem: Problem, gain: float) -> float:
     """A drop in deviance as Student evidence, (nu + 1) ln(1 + gain / nu).
 
     What limits a weak effect is the scatter of a few dozen runs, known from these runs alone: a drop that would be
-    plain
-    against a known scatter counts for less.
+    plain against a known scatter counts for less.
     """
     freedom = max(problem.channel.runs - problem.channel.interpolation.shape[1], 4)
     return float((freedom + 1) * np.log1p(gain / freedom)) if gain > 0 else float(gain)
