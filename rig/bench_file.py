@@ -39,6 +39,7 @@ KINDS: dict[str, dict[str, str]] = {
 ENTRY_POINTS = "shockrig.instruments"
 SENSOR_NAMES = ("imet", "hyt")
 MAY_BE_ZERO = ("latency_s", "late_s", "sampled_after_s", "retry_s")
+PRESSURES_HPA = (1.0, 2000.0)  # beyond, it is in another unit
 LARGEST_SEED = 2**64 - 1
 POSITIVE_UNITS = ("_s", "_m", "_hpa", "_mm_min", "baud")
 
@@ -75,6 +76,9 @@ class GeneralSettings:
     def __post_init__(self) -> None:
         if self.clock not in ("real", "virtual"):
             raise BenchError(f'clock = "{self.clock}" must be "real" or "virtual"')
+        low, high = PRESSURES_HPA
+        if not low <= self.pressure_hpa <= high:
+            raise BenchError(f"pressure_hpa = {self.pressure_hpa:g} must be from {low:g} to {high:g}")
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from rig.keys import nearest
 from rig.recorder import write_json, write_text
 from rig.recorder.campaign import FORMAT, read_json
 
+LONGEST_ID = 100
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 TEMPERATURE_UNITS = {"c": (1.0, 0.0), "k": (1.0, -273.15), "f": (5.0 / 9.0, -160.0 / 9.0)}
 HUMIDITY_UNITS = {"percent": (1.0, 0.0), "fraction": (100.0, 0.0)}
@@ -250,8 +251,8 @@ def _free_id(campaign: Path, id_: str | None) -> str:
     if id_ is None:
         taken = [int(p.name) for p in runs.iterdir() if p.name.isdecimal()] if runs.is_dir() else []
         return f"{max(taken, default=0) + 1:04d}"
-    if not id_ or id_.startswith(".") or any(c in id_ for c in "/\\\0"):
-        raise BenchError(f"--id {id_!r}: expected a name that can be a folder, such as 0001")
+    if not 0 < len(id_) <= LONGEST_ID or not id_.isprintable() or id_.startswith(".") or set(id_) & {"/", "\\"}:
+        raise BenchError(f"--id {repr(id_)[:40]}: expected a name that can be a folder, such as 0001")
     if (runs / id_).exists():
         raise BenchError(f"--id {id_}: this campaign already has that run; leave --id out for the next free one")
     return id_

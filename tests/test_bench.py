@@ -110,6 +110,11 @@ print([name for name in sys.modules if name.startswith("rig.virtual") or name in
         ('clock = "virtual"', 'clock = "sundial"', 'must be "real" or "virtual"'),
         ('kind = "set-points"', 'kind = "operator"', "reference is real"),
         ("seed = 0", 'seed = "x"', r"\[virtual\]: seed = 'x' must be a whole number"),
+        (
+            "pressure_hpa = 1013.25",
+            "pressure_hpa = 101325.0",
+            r"\[bench\]: pressure_hpa = 101325 must be from 1 to 2000",
+        ),
         ("seed = 0", "seed = -1", r"\[virtual\]: seed = -1 must be from 0 to 18446744073709551615"),
         ("[bench]", "[bench", "not TOML"),
     ],

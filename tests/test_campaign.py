@@ -1,6 +1,7 @@
 """Campaigns from files: bad input is named by file, line or key; another program's campaign is read as well as ours."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -80,18 +81,31 @@ def test_a_whole_campaign_is_read_as_it_stands(small):
             lambda f: write_json(
                 f / "campaign.json", {"format": "shock-campaign/1", "sensors": {"imet": {"bead_radius_m": -1}}}
             ),
-            ["campaign.json", "sensors.imet.bead_radius_m", "above 1e-08"],
+            ["campaign.json", "sensors.imet.bead_radius_m", "expected 1e-08 to 1"],
         ),
         (lambda f: (f / "runs/0001/run.json").unlink(), ["runs", "at least one run"]),
         (lambda f: edit_run(f, source=[1, 2]), ["run.json", "key source", "object"]),
         (lambda f: edit_run(f, source__temperature_c="warm"), ["run.json", "source.temperature_c", "'warm'"]),
-        (
-            lambda f: edit_run(f, destination__temperature_c=-300.0),
-            ["run.json", "destination.temperature_c", "-273.15"],
-        ),
+        (lambda f: edit_run(f, destination=[]), ["run.json", "key destination", "object, found list"]),
+        (lambda f: edit_run(f, transfer=0), ["run.json", "key transfer", "object, found int"]),
+        (lambda f: edit_run(f, destination__temperature_c=293.15), ["run.json", "destination.temperature_c", "150"]),
+        (lambda f: edit_run(f, source__temperature_c=-101), ["run.json", "source.temperature_c", "-100 to 150"]),
         (lambda f: edit_run(f, destination__humidity_percent=400.0), ["run.json", "destination.humidity_percent"]),
+        (lambda f: edit_run(f, source__humidity_percent=-5.1), ["run.json", "source.humidity_percent", "-5 to 130"]),
         (lambda f: edit_run(f, airflow_m_s=-2.0), ["run.json", "airflow_m_s"]),
+        (lambda f: edit_run(f, airflow_m_s=1e30), ["run.json", "airflow_m_s", "1e+30", "0 to 150"]),
         (lambda f: edit_run(f, pressure_hpa=0), ["run.json", "pressure_hpa"]),
+        (lambda f: edit_run(f, pressure_hpa=101325), ["run.json", "pressure_hpa", "1 to 2000"]),
+        (lambda f: edit_run(f, transfer__start_s=1e30), ["run.json", "transfer.start_s"]),
+        (lambda f: edit_run(f, transfer__duration_s=1e30), ["run.json", "transfer.duration_s", "0 to 3600"]),
+        (lambda f: edit_run(f, id="../../x"), ["run.json", "key id", "'../../x'", "0001"]),
+        (lambda f: edit_run(f, id="a\nb"), ["run.json", "key id"]),
+        (lambda f: edit_run(f, id=["0001"]), ["run.json", "key id"]),
+        (lambda f: edit_run(f, id="x" * 101), ["run.json", "key id"]),
+        (
+            lambda f: shutil.copytree(f / "runs/0001", f / "runs/0002"),
+            ["0002/run.json", "key id", "'0001'", "runs/0001"],
+        ),
         (lambda f: edit_run(f, transfer__start_s=True), ["run.json", "transfer.start_s", "True"]),
         (lambda f: edit_run(f, transfer__duration_s=-0.1), ["run.json", "transfer.duration_s"]),
         (lambda f: (f / "runs/0001/imet.csv").write_text(""), ["imet.csv", "CSV"]),
@@ -117,6 +131,36 @@ def test_bad_input_is_named_with_its_file_and_its_line_or_key(small, breaking, w
     message = str(raised.value)
     assert "\n" not in message
     assert all(word in message for word in words), message
+
+
+def test_what_is_not_known_may_be_null_or_left_out(small):
+    write_json(small / "campaign.json", {"format": "shock-campaign/1", "sensors": {"imet": None, "hyt": {}}})
+    write_json(small / "runs/0002/run.json", {"format": "shock-run/1"})
+    unknown = dict.fromkeys(("id", "source", "destination", "airflow_m_s", "pressure_hpa", "transfer"))
+    write_json(small / "runs/0003/run.json", {"format": "shock-run/1", **unknown})
+    edit_run(small, source=dict.fromkeys(("temperature_c", "humidity_percent")), transfer={"start_s": None})
+    campaign = read_campaign(small)
+    assert [run.id for run in campaign.runs] == ["0001", "0002", "0003"]
+    assert [run.start_s for run in campaign.runs] == [None] * 3
+    assert campaign.runs[2].destination.temperature_c is None and campaign.runs[2].pressure_hpa == 1013.25
+
+
+@pytest.mark.parametrize(
+    "possible",
+    [
+        {"airflow_m_s": 0},
+        {"airflow_m_s": 150},
+        {"source__temperature_c": -95, "destination__temperature_c": 125},
+        {"source__humidity_percent": -0.4, "destination__humidity_percent": 104.5},
+        {"pressure_hpa": 10},
+        {"transfer__start_s": -1.5, "transfer__duration_s": 0},
+        {"id": "run 7, wet_to-dry.2"},
+        {"id": 7},
+    ],
+)
+def test_what_can_be_is_read(small, possible):
+    edit_run(small, **possible)
+    assert len(read_campaign(small).runs) == 1
 
 
 def test_no_folder_says_what_to_give(tmp_path):

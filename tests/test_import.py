@@ -36,9 +36,7 @@ WAYS = {
         "10050",
     ),
     "ISO times and tabs": (
-        dict(
-            header="timestamp\ttemp\trh", delimiter="\t", when=lambda t: (DAY + timedelta(seconds=t)).isoformat()
-        ),
+        dict(header="timestamp\ttemp\trh", delimiter="\t", when=lambda t: (DAY + timedelta(seconds=t)).isoformat()),
         (),
         (DAY + timedelta(seconds=10.05)).isoformat(),
     ),
@@ -132,6 +130,7 @@ BAD = {
     "NUL": ([*GOOD[:3], "0.2\0,20"], (), r"line 4: holds a NUL"),
     "airflow": (GOOD, ("--airflow", "nan"), r"--airflow nan: expected a number from 0 to 100"),
     "id": (GOOD, ("--id", "../x"), r"--id '../x'"),
+    "id of two lines": (GOOD, ("--id", "a\nb"), r"--id 'a\\nb': expected a name"),
     "wrong decimal": (GOOD, ("--decimal", "comma"), r"line 2, column 'time_s': '0.05' is not a number"),
 }
 
