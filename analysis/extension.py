@@ -40,8 +40,10 @@ def read_extension(path: str | Path) -> dict[ChannelName, Extension]:
     file = Path(path)
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"{file}: cannot be read as a diagnosis ({error}); {MEND}") from None
+    except OSError as error:
+        raise InputError(f"{file}: {error.strerror}; {MEND}") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{file}: is not JSON ({error}); {MEND}") from None
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         found = content.get("format") if isinstance(content, dict) else type(content).__name__
         raise InputError(f'{file}: key format: expected "{FORMAT}", found {found!r}; {MEND}')

@@ -8,15 +8,18 @@ that is not at work and has no such look-alike is `wrong`. Errors are in units o
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from analysis.errors import InputError
 from rig.virtual.effects import OUTSIDE
 from rig.virtual.hide import open_seal
 from rig.virtual.truth import Truth
 
+MEND = "give the diagnosis.json that shockrig diagnose wrote"
 CHANNELS = ("temperature", "humidity")
 
 
@@ -82,32 +85,63 @@ def score(sealed: Path, diagnosis: Path | Mapping) -> Score:
     )
     if content.get("format") != "shock-diagnosis/1":
         raise InputError(
-            f'{where}: format is {content.get("format")!r}; give the diagnosis.json that "shockrig diagnose" wrote'
+            f'{where}: key format: expected "shock-diagnosis/1", found {repr(content.get("format"))[:40]}; {MEND}'
         )
-    channels = content.get("channels")
-    if not isinstance(channels, Mapping):
-        raise InputError(f"{where}: key channels: expected an object with temperature and humidity")
-    try:
-        judged = {name: _score_channel(truth, name, channels[name]) for name in CHANNELS if name in channels}
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"{where}: a channel or cause lacks what shock-diagnosis/1 asks for ({error!r})") from error
+    channels = _of_kind(Mapping, content.get("channels"), where, "channels")
+    judged = {name: _score_channel(truth, name, channels[name], where) for name in CHANNELS if name in channels}
     return Score(truth, seed, judged)
 
 
 def _read(path: Path) -> Mapping:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"{path}: cannot be read as a diagnosis: {error}") from error
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}; {MEND}") from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: is not JSON ({error}); {MEND}") from error
     if not isinstance(content, dict):
-        raise InputError(f"{path}: expected a JSON object")
+        raise InputError(f"{path}: expected a JSON object, found {type(content).__name__}; {MEND}")
     return content
 
 
-def _score_channel(truth: Truth, channel: str, found: Mapping) -> ChannelScore:
+def _of_kind(kind: type, value: Any, where: str, key: str) -> Any:
+    """The value of a key, which must be a Mapping, a list, text, or a number that is finite."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+    if not (is_number if kind is float else isinstance(value, kind)):
+        words = {Mapping: "an object", list: "a list", str: "text", float: "a finite number"}[kind]
+        found = type(value).__name__ if isinstance(value, Mapping | list) else repr(value)[:40]
+        raise InputError(f"{where}: key {key}: expected {words}, found {found}; {MEND}")
+    return value
+
+
+def _checked_causes(found: Mapping, where: str, key: str) -> dict[str, Mapping]:
+    """Causes of a channel by effect: `parameters`, `probability` and `indistinguishable_from` are as they must be."""
+    causes = {}
+    for i, cause in enumerate(_of_kind(list, found.get("causes") or [], where, f"{key}.causes")):
+        here = f"{key}.causes[{i}]"
+        effect = _of_kind(str, _of_kind(Mapping, cause, where, here).get("effect"), where, f"{here}.effect")
+        if cause.get("probability") is not None:
+            _of_kind(float, cause["probability"], where, f"{here}.probability")
+        for alike in _of_kind(list, cause.get("indistinguishable_from") or [], where, f"{here}.indistinguishable_from"):
+            _of_kind(str, alike, where, f"{here}.indistinguishable_from")
+        parameters = _of_kind(Mapping, cause.get("parameters") or {}, where, f"{here}.parameters")
+        for name, stated in parameters.items():
+            if stated is None:
+                continue
+            _of_kind(Mapping, stated, where, f"{here}.parameters.{name}")
+            for entry in ("value", "standard_uncertainty"):
+                if stated.get(entry) is not None:
+                    _of_kind(float, stated[entry], where, f"{here}.parameters.{name}.{entry}")
+        causes[effect] = cause
+    return causes
+
+
+def _score_channel(truth: Truth, channel: str, found: Any, where: str) -> ChannelScore:
+    key = f"channels.{channel}"
+    verdict = _of_kind(str, _of_kind(Mapping, found, where, key).get("verdict"), where, f"{key}.verdict")
+    causes = _checked_causes(found, where, key)
     at_work = {h.effect: h.parameters for h in truth.effects if channel in h.channels}
     nameable = [effect for effect in at_work if effect not in OUTSIDE]
-    causes = {cause["effect"]: cause for cause in found["causes"]}
     alike = {effect: set(cause.get("indistinguishable_from") or ()) for effect, cause in causes.items()}
     named = [effect for effect in nameable if effect in causes]
     listed = [e for e in nameable if e not in causes and any(e in others for others in alike.values())]
@@ -125,7 +159,7 @@ def _score_channel(truth: Truth, channel: str, found: Mapping) -> ChannelScore:
         channel=channel,
         hidden=tuple(at_work),
         expected_verdict="unexplained" if len(nameable) < len(at_work) else "explained" if at_work else "adequate",
-        verdict=found["verdict"],
+        verdict=verdict,
         named=tuple(named),
         listed=tuple(listed),
         missed=tuple(missed),

@@ -90,10 +90,13 @@ def read_series(path: Path, wanted: Sequence[str], layout: CsvLayout) -> Series:
     headed = not all(_is_value(cell, layout) for cell in first if cell.strip())
     header = [cell.strip() for cell in first] if headed else [str(i + 1) for i in range(len(first))]
     body = rows[1:] if headed else rows
-    places = {"time": _place(path, first_line, header, "time", layout)}
+    # Which sensor's file it is shows in what every row must have, and so do the options that name its columns.
+    sensor, main = ("hyt", "humidity") if wanted[0] == "humidity_percent" else ("imet", "temperature")
+    options = {"time": f"--{sensor}-time", wanted[0]: f"--{sensor}-{main}"}
+    places = {"time": _place(path, first_line, header, "time", layout, options)}
     for quantity in wanted:
         if quantity == wanted[0] or quantity in layout.columns or _usual(header, quantity) is not None:
-            places[quantity] = _place(path, first_line, header, quantity, layout)
+            places[quantity] = _place(path, first_line, header, quantity, layout, options)
     units = {"temperature_c": TEMPERATURE_UNITS[layout.temperature_unit]}
     units["humidity_percent"] = HUMIDITY_UNITS[layout.humidity_unit]
     times: list[float] = []
@@ -280,7 +283,7 @@ def _rows(path: Path, layout: CsvLayout) -> list[tuple[int, list[str]]]:
     try:
         content = path.read_bytes()
     except OSError as error:
-        raise BenchError(f"{path}: {error.strerror}") from None
+        raise BenchError(f"{path}: {error.strerror}; name a CSV file that can be read") from None
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -306,14 +309,18 @@ def _delimiter(lines: Sequence[str]) -> str:
     return ","
 
 
-def _place(path: Path, line: int, header: list[str], quantity: str, layout: CsvLayout) -> int:
+def _place(
+    path: Path, line: int, header: list[str], quantity: str, layout: CsvLayout, options: Mapping[str, str]
+) -> int:
+    """The column of a quantity; `options` name the option by which it can be chosen."""
     asked = layout.columns.get(quantity)
     if asked is None:
         found = _usual(header, quantity)
         if found is not None:
             return found
         had = ", ".join(header)
-        raise BenchError(f"{path}, line {line}: no column for {quantity}; name it by an option (it has: {had})")
+        option = f"{options[quantity]} COLUMN"
+        raise BenchError(f"{path}, line {line}: no column for {quantity}; name it by {option} (it has: {had})")
     if asked in header:
         if header.count(asked) > 1:
             raise BenchError(f"{path}, line {line}: column {asked!r} is there twice; give its number")

@@ -144,7 +144,7 @@ def test_what_single_readings_show_is_held_and_not_fitted():
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ("{", "cannot be read"),
+        ("{", "is not JSON"),
         ('{"format": "sensor-profile/1"}', "key format"),
         ('{"format": "shock-diagnosis/1", "channels": []}', "key channels"),
         ('{"format": "shock-diagnosis/1", "channels": {}}', "neither temperature nor humidity"),
@@ -170,6 +170,15 @@ def test_a_bad_diagnosis_is_named_by_its_key_and_nothing_is_written(tmp_path, ca
     error = capsys.readouterr().err
     assert words in error and "d.json" in error and len(error.strip().splitlines()) == 1
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("name", "words"), [("none.json", "No such file"), (".", "Is a directory")])
+def test_a_diagnosis_that_is_not_there_is_said_in_plain_words(tmp_path, capsys, name, words):
+    arguments = ["characterize", str(EXAMPLES / "plain-rough"), "--out", str(tmp_path / "out")]
+    assert main([*arguments, "--extend", str(tmp_path / name)]) == 2
+    error = capsys.readouterr().err
+    assert f"{words}" in error and "give the diagnosis.json of shockrig diagnose" in error and "Errno" not in error
+    assert error.count("\n") == 1
 
 
 def test_bad_campaigns_and_folders_end_with_two_and_one_line(tmp_path, capsys):

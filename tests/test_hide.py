@@ -103,10 +103,13 @@ def test_a_damaged_seal_is_known(tmp_path):
     path.write_text(json.dumps(content))
     with pytest.raises(BenchError, match="checksum"):
         open_seal(path)
-    for wrong in ("", "[]", "{}", '{"format": "sealed-truth/1"}'):
+    for wrong in ("", "[]", "{}", '{"format": "sealed-truth/1"}', '{"format": "sealed-truth/1", "sealed": []}'):
         path.write_text(wrong)
-        with pytest.raises(BenchError, match="not a sealed truth"):
+        with pytest.raises(
+            BenchError, match="not a sealed truth: .*; give the sealed file that hiding wrote"
+        ) as raised:
             open_seal(path)
+        assert "object" not in str(raised.value)
 
 
 def cause(effect, alike=(), probability=0.9, **parameters):
@@ -184,3 +187,48 @@ def test_the_command_prints_a_table(tmp_path, capsys):
         assert str(found) in capsys.readouterr().err
         with pytest.raises(InputError):
             score(path, found)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"channels": []}, "key channels: expected an object, found list"),
+        ({"channels": {"temperature": []}}, "key channels.temperature: expected an object, found list"),
+        ({"causes": {}, "verdict": None}, "key channels.temperature.verdict: expected text"),
+        ({"causes": {"x": 1}}, "key channels.temperature.causes: expected a list, found dict"),
+        ({"causes": ["stem"]}, "key channels.temperature.causes[0]: expected an object, found 'stem'"),
+        ({"causes": [{}]}, "causes[0].effect: expected text, found None"),
+        ({"causes": [{"effect": ["a"]}]}, "causes[0].effect: expected text, found list"),
+        ({"causes": [{"effect": "a", "probability": "high"}]}, "causes[0].probability: expected a finite number"),
+        ({"causes": [{"effect": "a", "parameters": [1]}]}, "causes[0].parameters: expected an object, found list"),
+        ({"causes": [{"effect": "a", "parameters": {"b": 1}}]}, "causes[0].parameters.b: expected an object, found 1"),
+        (
+            {"causes": [{"effect": "a", "parameters": {"b": {"value": True}}}]},
+            "causes[0].parameters.b.value: expected a finite number, found True",
+        ),
+        ({"causes": [{"effect": "a", "indistinguishable_from": [{}]}]}, "indistinguishable_from: expected text"),
+    ],
+)
+def test_a_diagnosis_of_other_things_is_named_by_its_key(tmp_path, capsys, change, words):
+    path, _ = sealed(tmp_path, STEM)
+    content = diagnosis(("explained", []), ("adequate", []))
+    (content if "channels" in change else content["channels"]["temperature"]).update(change)
+    found = tmp_path / "diagnosis.json"
+    found.write_text(json.dumps(content))
+    assert cli.main(["reveal", str(path), "--diagnosis", str(found)]) == 2
+    error = capsys.readouterr().err
+    assert f"{found}: " in error and words in error and "give the diagnosis.json" in error and error.count("\n") == 1
+
+
+def test_files_that_are_not_there_are_said_in_plain_words(tmp_path, capsys):
+    path, _ = sealed(tmp_path)
+    for arguments, words in (
+        (
+            [path, "--diagnosis", tmp_path / "none.json"],
+            "none.json: No such file or directory; give the diagnosis.json",
+        ),
+        ([tmp_path / "none", "--diagnosis", path], "none: No such file or directory; give the sealed file"),
+    ):
+        assert cli.main(["reveal", *map(str, arguments)]) == 2
+        error = capsys.readouterr().err
+        assert words in error and "Errno" not in error and error.count("\n") == 1

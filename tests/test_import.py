@@ -121,7 +121,8 @@ BAD = {
     "clock too coarse": ([GOOD[0], "1,20", "1,21", "2,22"], (), r"line 3, .*fine enough"),
     "row cut short": ([*GOOD, "99.0"], (), r"line 202: has 1 columns, expected 2"),
     "column misspelt": (GOOD, ("--imet-temperature", "temperatur_c"), r"did you mean 'temperature_c'"),
-    "no such column": (["a,b", "1,2", "2,3"], (), r"line 1: no column for time.*it has: a, b"),
+    "no such column": (["a,b", "1,2", "2,3"], (), r"line 1: no column for time; name it by --imet-time .*it has: a, b"),
+    "no temperature": (["t,b", "1,2", "2,3"], (), r"no column for temperature_c; name it by --imet-temperature COLUMN"),
     "start outside": (GOOD, ("--start", "50"), r"--start 50 is not within the recording"),
     "start is a date": (GOOD, ("--start", "2026-05-01"), r"--start 2026-05-01 is not within"),
     "no time": ([GOOD[0], "0,20", ",21", "2,22"], (), r"line 3, column 'time_s': the time is missing"),
@@ -145,6 +146,15 @@ def test_bad_input_names_the_place_and_leaves_nothing_behind(tmp_path, capsys, f
     assert message.count("\n") == 1
     assert __import__("re").search(expected, message), message
     assert not (tmp_path / "campaign").exists()
+
+
+def test_a_hygrometers_columns_are_named_by_its_own_options(tmp_path, capsys):
+    for header, option in (("a,b", "--hyt-time"), ("t,b", "--hyt-humidity")):
+        log = write(tmp_path / "log.csv", [(0, 1), (1, 2)], header=header)
+        assert run("--hyt", log, "--out", tmp_path / "c") == 2
+        assert f"name it by {option} COLUMN" in capsys.readouterr().err
+    assert run("--hyt", tmp_path / "none.csv", "--out", tmp_path / "c") == 2
+    assert "none.csv: No such file or directory; name a CSV file" in capsys.readouterr().err
 
 
 def test_a_campaign_has_one_pair_of_sensors(tmp_path, capsys):

@@ -164,11 +164,12 @@ def test_options_for_emulated_sensors_are_refused_on_a_real_bench(tmp_path, tiny
 
 
 def test_status_of_what_is_not_a_campaign(tmp_path, capsys):
-    assert main(["status", str(tmp_path)]) == 2
-    assert "campaign.json: No such file" in capsys.readouterr().err
+    mend = "give the folder that holds campaign.json"
+    assert f"nope: no such campaign folder; {mend}" in refused(capsys, "status", str(tmp_path / "nope"))
+    assert f"is no campaign (it has no campaign.json); {mend}" in refused(capsys, "status", str(tmp_path))
     (tmp_path / "campaign.json").write_text("{")
-    assert main(["status", str(tmp_path)]) == 2
-    assert "campaign.json, line 1: not JSON" in capsys.readouterr().err
+    error = refused(capsys, "status", str(tmp_path))
+    assert "campaign.json, line 1: not JSON" in error and "mend or restore the file" in error
 
 
 # command -> its arguments, without an --out

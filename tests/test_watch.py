@@ -411,7 +411,11 @@ def test_once(tmp_path, capsys):
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
-    [(["nowhere"], "is no campaign"), (["c", "--every", "0"], "0.05 to 60"), (["c", "--port", "70000"], "0 (any")],
+    [
+        (["nowhere"], "nowhere: no such campaign folder; give"),
+        (["c", "--every", "0"], "0.05 to 60"),
+        (["c", "--port", "70000"], "0 (any"),
+    ],
 )
 def test_bad_input(tmp_path, capsys, monkeypatch, arguments, message):
     made_campaign(tmp_path / "c", [])

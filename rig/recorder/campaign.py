@@ -237,6 +237,9 @@ def read_state(path: Path) -> CampaignState:
 def read_head(path: Path) -> dict[str, Any]:
     """campaign.json of a campaign folder; raises BenchError where it is not there, is damaged, or is something else."""
     file = path / "campaign.json"
+    if not file.is_file():
+        found = "is no campaign (it has no campaign.json)" if path.is_dir() else "no such campaign folder"
+        raise BenchError(f"{path}: {found}; give the folder that holds campaign.json, the --out of shockrig run")
     content = read_json(file)
     if content.get("format") != FORMAT:
         raise BenchError(f'{file}: key format: expected "{FORMAT}", found {repr(content.get("format"))[:40]}; {MEND}')
@@ -248,7 +251,7 @@ def read_json(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(path.read_bytes().decode("utf-8"))
     except OSError as error:
-        raise BenchError(f"{path}: {error.strerror}") from None
+        raise BenchError(f"{path}: {error.strerror}; {MEND}") from None
     except json.JSONDecodeError as error:
         raise BenchError(f"{path}, line {error.lineno}: not JSON: {error.msg}; {MEND}") from None
     except (ValueError, RecursionError) as error:  # also numbers of too many digits

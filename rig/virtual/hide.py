@@ -21,6 +21,7 @@ from rig.virtual.effects import CATALOGUED, KINDS, OUTSIDE, T
 from rig.virtual.truth import HUMIDITY_STEP_PERCENT, Hidden, Truth
 
 FORMAT = "sealed-truth/1"
+MEND = "give the sealed file that hiding wrote"
 COMFORTABLE, LIMIT = "comfortable", "limit"
 LIMIT_SHARES = (0.1, 1.0 / 3.0)
 
@@ -214,14 +215,20 @@ def open_seal(path: Path) -> tuple[Truth, int]:
     """Truth and seed of a sealed file; raises BenchError where it is not one or is damaged."""
     try:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
-        if content.get("format") != FORMAT:
-            raise ValueError(f'format is {content.get("format")!r}, expected "{FORMAT}"')
+        if not isinstance(content, dict) or content.get("format") != FORMAT:
+            found = content.get("format") if isinstance(content, dict) else type(content).__name__
+            raise ValueError(f'key format: expected "{FORMAT}", found {repr(found)[:40]}')
         packed = base64.b64decode(content["sealed"], validate=True)
         if hashlib.sha256(packed).hexdigest() != content["sha256"]:
             raise ValueError("the checksum does not fit: the file was changed after it was sealed")
         inner = json.loads(zlib.decompress(packed))
         return Truth.from_json(inner["truth"]), int(inner["seed"])
-    except (OSError, RecursionError, ValueError, KeyError, TypeError, AttributeError, zlib.error) as error:
-        if isinstance(error, BenchError):
-            raise BenchError(f"{path}: {error}") from error
-        raise BenchError(f"{path}: not a sealed truth: {error}") from error
+    except BenchError as error:
+        raise BenchError(f"{path}: {error}") from error
+    except OSError as error:
+        raise BenchError(f"{path}: {error.strerror}; {MEND}") from error
+    except (RecursionError, ValueError, zlib.error) as error:
+        raise BenchError(f"{path}: not a sealed truth: {error}; {MEND}") from error
+    except (KeyError, TypeError, AttributeError) as error:
+        what = f"key {error} is missing" if isinstance(error, KeyError) else "a value is of another kind"
+        raise BenchError(f"{path}: not a sealed truth: {what}; {MEND}") from error
