@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -14,15 +14,18 @@ from analysis.errors import InputError
 
 @contextmanager
 def whole_folder(out: Path) -> Iterator[Path]:
-    """A temporary folder beside `out` to write to; when all went well its files take their places in `out`.
+    """A temporary folder in or beside `out` to write to; when all went well its files take their places in `out`.
 
     A folder that exists keeps its other files; those of the same names are replaced. Raises InputError where `out`
-    cannot be written.
+    cannot be written: before the work where that is known by then. Nothing is left of what went wrong.
     """
     out = Path(out)
     if out.exists() and not out.is_dir():
         raise InputError(f"--out {out}: is a file; name a folder")
-    partial = out.resolve().with_name(f".{out.resolve().name}.partial-{os.getpid()}")
+    # In a folder that is there already: the one above may be another file system, or closed to us.
+    place = out.resolve() if out.exists() else out.resolve().parent
+    partial = place / f".{out.resolve().name}.partial-{os.getpid()}"
+    new = [folder for folder in partial.parents if not folder.exists()]
     try:
         partial.mkdir(parents=True)
         yield partial
@@ -39,6 +42,9 @@ def whole_folder(out: Path) -> Iterator[Path]:
         raise InputError(f"--out {out}: {error.strerror or error}; name a folder that can be written") from error
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+        for folder in new:
+            with suppress(OSError):  # it holds the results
+                folder.rmdir()
 
 
 def software_version() -> str:

@@ -4,6 +4,11 @@ refused.
 
 import csv
 import json
+import os
+import resource
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -229,6 +234,40 @@ def test_simulate_then_correct_from_the_command_line(tmp_path, capsys):
         assert main(["simulate", "inversion", "--out", str(tmp_path / "no"), *bad]) == 2
     assert "expected" in capsys.readouterr().err
     assert not (tmp_path / "no").exists()
+
+
+@pytest.mark.parametrize("command", [["simulate", "inversion"], ["demo-flights"], ["slips"]])
+def test_an_out_that_is_a_file_is_refused_before_the_work(tmp_path, capsys, command):
+    (tmp_path / "afile").write_text("mine")
+    assert main([*command, "--out", str(tmp_path / "afile")]) == 2
+    said = capsys.readouterr()
+    assert "afile: is a file; name a folder" in said.err and said.err.count("\n") == 1 and not said.out
+    assert (tmp_path / "afile").read_text() == "mine"
+
+
+@pytest.mark.parametrize("out", ["new/folder", "there"])
+def test_a_simulation_that_the_disk_has_no_room_for_leaves_nothing(tmp_path, out):
+    """A limit on file size instead of a full disk."""
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there/flight.csv").write_text("an older one")
+    before = sorted(tmp_path.rglob("*"))
+    done = subprocess.run(
+        [sys.executable, "-m", "protocols.cli", "simulate", "inversion", "--out", str(tmp_path / out)],
+        cwd=Path(__file__).parents[1],
+        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 2 and "File too large" in done.stderr and done.stderr.count("\n") == 1
+    assert sorted(tmp_path.rglob("*")) == before and (tmp_path / "there/flight.csv").read_text() == "an older one"
+
+
+def test_a_simulation_keeps_what_else_is_in_its_folder(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    assert main(["simulate", "inversion", "--out", str(tmp_path), "--set", "top_m=150"]) == 0
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["flight.csv", "notes.txt", "profile.json", "truth.csv"]
 
 
 def test_demo_flights_writes_one_page(tmp_path, capsys):

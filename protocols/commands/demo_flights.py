@@ -24,25 +24,24 @@ def main(args: argparse.Namespace) -> int:
     from analysis.flight.typical import typical_profile
     from analysis.flight.weather import SCENES
     from analysis.profile import read_profile
+    from protocols.folder import whole_folder
 
     profile = read_profile(args.profile) if args.profile else typical_profile()
     if profile.temperature is None or profile.humidity is None:
         raise InputError(
             f"{args.profile}: the demonstration flies both sensors; give a profile with temperature and humidity"
         )
-    trials = {}
-    for scene in SCENES:
-        print(f"flying {scene} ...", file=sys.stderr)
-        trials[scene] = try_scene(scene, profile, [args.seed])[0]
     provenance = {
         "seed": str(args.seed),
         "profile": str(args.profile or "typical pair"),
         "made by": "shockrig demo-flights",
     }
-    try:
-        path = write_flights_report(trials, profile, args.out, provenance)
-    except OSError as error:
-        raise InputError(f"--out {args.out}: {error.strerror}; name a folder that can be written") from error
+    trials = {}
+    with whole_folder(args.out) as folder:
+        for scene in SCENES:
+            print(f"flying {scene} ...", file=sys.stderr)
+            trials[scene] = try_scene(scene, profile, [args.seed])[0]
+        path = args.out / write_flights_report(trials, profile, folder, provenance).name
     print(f"{'scene':<12}{'channel':<13}{'method':<10}{'reading':>9}{'corrected':>11}{'stated':>9}{'95 % holds':>12}")
     for trial in trials.values():
         for s in scores(trial):

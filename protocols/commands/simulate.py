@@ -39,6 +39,7 @@ def main(args: argparse.Namespace) -> int:
     from analysis.flight.typical import typical_profile
     from analysis.flight.weather import SCENES as MAKERS
     from analysis.profile import read_profile, write_profile
+    from protocols.folder import whole_folder
 
     maker = MAKERS[args.scene]
     known = [name for name in inspect.signature(maker).parameters if name != "rng"]
@@ -66,17 +67,12 @@ def main(args: argparse.Namespace) -> int:
             )
     except (ValueError, ZeroDivisionError, OverflowError, IndexError, MemoryError) as error:
         raise InputError(f"--set {' '.join(args.options)}: {error}") from error
-    flown = fly(weather, profile, args.seed, noise=args.noise)
-    try:
-        args.out.mkdir(parents=True, exist_ok=True)
-        for name, frame in (("flight.csv", flown.log), ("truth.csv", flown.truth.round(5))):
-            part = args.out / f".{name}.part"
-            frame.to_csv(part, index=False)
-            part.replace(args.out / name)
+    with whole_folder(args.out) as folder:
+        flown = fly(weather, profile, args.seed, noise=args.noise)
+        flown.log.to_csv(folder / "flight.csv", index=False)
+        flown.truth.round(5).to_csv(folder / "truth.csv", index=False)
         if not args.profile:
-            write_profile(profile, args.out / "profile.json")
-    except OSError as error:
-        raise InputError(f"--out {args.out}: {error.strerror}; name a folder that can be written") from error
+            write_profile(profile, folder / "profile.json")
     print(f"{args.out / 'flight.csv'}: {len(flown.log)} rows of {args.scene} weather, seed {args.seed}")
     print(f"{args.out / 'truth.csv'}: the air at the same instants")
     hint = args.profile or args.out / "profile.json"

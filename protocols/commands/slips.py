@@ -15,17 +15,17 @@ def main(args: argparse.Namespace) -> int:
     """Print the table of slips; with --out write the report too."""
     from analysis.schemes import slips_table
 
-    slips = slips_table()
-    print(as_text(slips))
-    if args.out is not None:
-        from analysis.errors import InputError
-        from analysis.report.slips_page import write_slips_report
+    if args.out is None:
+        print(as_text(slips_table()))
+        return 0
+    from analysis.report.slips_page import write_slips_report
+    from protocols.folder import whole_folder
 
-        try:
-            path = write_slips_report(slips, args.out)
-        except OSError as error:
-            raise InputError(f"--out {args.out}: {error.strerror}; name a folder that can be written") from error
-        print(f"\nreport: {path}")
+    with whole_folder(args.out) as folder:
+        slips = slips_table()
+        path = args.out / write_slips_report(slips, folder).name
+    print(as_text(slips))
+    print(f"\nreport: {path}")
     return 0
 
 
