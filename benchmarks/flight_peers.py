@@ -126,6 +126,7 @@ def peers(reading: np.ndarray, response: Response, noise: float) -> dict[str, li
     try:
         import PyDynamic  # noqa: F401
     except ImportError:
+        print("PyDynamic is not installed, its rows are left out: pip install PyDynamic", file=sys.stderr)
         return found
     cutoff = suggest_cutoff_hz(reading, PERIOD_S, noise)
     found["PyDynamic, suggested cut-off"] = [pydynamic(reading, response, cutoff, order) for order in ORDERS]
