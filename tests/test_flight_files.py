@@ -185,6 +185,72 @@ def test_bad_flights_are_refused_in_one_line_and_leave_nothing(folder, capsys, t
     assert sorted(p.name for p in folder.iterdir()) == before
 
 
+def broken(folder, **cells_by_row):
+    """Rewrite lines of flight.csv: `line_17="x,y"` is what stands there; the rest stays."""
+    lines = (folder / "flight.csv").read_text().splitlines()
+    for line, text in cells_by_row.items():
+        lines[int(line.removeprefix("line_")) - 1] = text
+    (folder / "flight.csv").write_text("\n".join(lines) + "\n")
+    return len(lines) - 1
+
+
+def test_damaged_rows_are_treated_as_missing_and_counted(folder, capsys):
+    rows = cells(folder / "flight.csv")
+    text, short, clock = list(rows[16]), rows[20][:2], list(rows[30])
+    text[1], clock[0] = "2O.1", "1.2.3"
+    count = broken(folder, line_17=",".join(text), line_21=",".join(short), line_31=",".join(clock))
+    assert run(folder) == 0
+    error = capsys.readouterr().err
+    assert f"3 of {count} rows could not be read as numbers throughout and are treated as missing there" in error
+    assert "(first: line 17: temperature_c is '2O.1')" in error
+    out = cells(folder / "out.csv")
+    assert len(out) == count + 1 and out[16][:3] == text[:3]
+    assert "gap" in out[16][-1].split("|") and "gap" in out[20][-1].split("|")
+    assert run(folder, out="out.nc") == 0 and f"3 of {count} rows" in capsys.readouterr().err
+
+
+def test_empty_cells_are_no_damage(folder, capsys):
+    rows = cells(folder / "flight.csv")
+    for line, cell in enumerate(("", " ", "NaN", "N/A", "--", "inf", "1e999"), start=5):
+        rows[line][2] = cell
+    with open(folder / "flight.csv", "w", newline="") as stream:
+        csv.writer(stream).writerows([[*row, ""] for row in rows])  # a comma at the end of every line, header and all
+    assert run(folder) == 0
+    assert "could not be read" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("change", "first"),
+    [
+        (lambda row: [row[0], "ERR", *row[2:]], "line 2: temperature_c is 'ERR'"),
+        (lambda row: row[:1], "line 2: 1 of"),
+        (lambda row: [row[0], *(cell.replace(".", ",") for cell in row[1:])], "line 2: temperature_c is"),
+    ],
+    ids=["text", "short", "decimal commas"],
+)
+def test_a_log_of_which_more_than_half_cannot_be_read_is_refused(folder, capsys, change, first):
+    header, *rows = cells(folder / "flight.csv")
+    bad = len(rows) // 2 + 1
+    with open(folder / "flight.csv", "w", newline="") as stream:
+        csv.writer(stream).writerows([header, *map(change, rows[:bad]), *rows[bad:]])
+    assert run(folder) == 2
+    error = capsys.readouterr().err
+    assert f"flight.csv: {bad} of {len(rows)} rows could not be read as numbers (first: {first}" in error
+    assert "--column QUANTITY=NAME" in error and error.count("\n") == 1
+    assert sorted(p.name for p in folder.iterdir()) == ["flight.csv", "profile.json"]
+
+
+def test_a_column_beside_the_readings_that_cannot_be_read_is_said_and_the_flight_corrected(folder, capsys):
+    header, *rows = cells(folder / "flight.csv")
+    at = header.index("airspeed_m_s")
+    for row in rows:
+        row[at] = "none seen"
+    with open(folder / "flight.csv", "w", newline="") as stream:
+        csv.writer(stream).writerows([header, *rows])
+    assert run(folder) == 0
+    assert f"{len(rows)} of {len(rows)} rows" in capsys.readouterr().err
+
+
 def test_bad_arguments_are_refused(folder, capsys):
     assert run(folder, "--column", "colour=red") == 2
     assert run(folder, "--column", "temperature=nothing") == 2

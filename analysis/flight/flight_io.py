@@ -14,6 +14,7 @@ import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,8 @@ from analysis.flight.correct import FLAGS, Corrected, Flight
 
 Array = NDArray[np.float64]
 BLOCK_ROWS = 20_000
+ESSENTIAL = ("time", "temperature", "humidity")
+MISSING = frozenset(("", "na", "n/a", "null", "none", "-", "--", "---"))  # what loggers write for no value
 OUTPUT_COLUMNS = (
     "temperature_corrected_c",
     "temperature_uncertainty_k",
@@ -147,29 +150,80 @@ def read_layout(path: Path, chosen: Mapping[str, str] | None = None) -> Layout:
 
 def read_blocks(path: Path, layout: Layout, rows: int = BLOCK_ROWS) -> Iterator[list[list[str]]]:
     """The file's rows as text, `rows` at a time; short rows are filled with empty cells."""
+    found = (_filled(row, layout) for _, row in _numbered_rows(path, layout))
+    while block := list(islice(found, rows)):
+        yield block
+
+
+def _numbered_rows(path: Path, layout: Layout) -> Iterator[tuple[int, list[str]]]:
+    """Number of the line and cells of every row under the header that is not empty."""
     width = len(layout.header)
     with open(path, newline="", encoding="utf-8-sig", errors="replace") as stream:
         reader = csv.reader(_clean(stream))
         try:
             if not layout.raw_xq2:
                 next(reader)
-            block: list[list[str]] = []
             for row in reader:
-                if not row:
-                    continue
                 if len(row) > width:
                     raise InputError(
                         f"{path}: line {reader.line_num}: {len(row)} cells under {width} columns; "
                         "mend or delete the line"
                     )
-                block.append(row + [""] * (width - len(row)))
-                if len(block) == rows:
-                    yield block
-                    block = []
+                if row:
+                    yield reader.line_num, row
         except csv.Error as error:
             raise InputError(f"{path}: line {reader.line_num}: {error}; mend or delete the line") from error
-    if block:
-        yield block
+
+
+def _filled(row: list[str], layout: Layout) -> list[str]:
+    return row + [""] * (len(layout.header) - len(row))
+
+
+@dataclass(frozen=True)
+class Damage:
+    """How much of a log can be read: `rows` in all, those that are `damaged` (too short, or text where a number
+    belongs), and those that are `lost` (their time, temperature or humidity is what is damaged); where each begins.
+    """
+
+    rows: int
+    damaged: int
+    first_damaged: str
+    lost: int
+    first_lost: str
+
+
+def look_over(path: Path, layout: Layout) -> Damage:
+    """Count the rows that cannot be read as numbers. An empty cell and what loggers write for one is no damage."""
+    named = 1 + max((place for place, name in enumerate(layout.header) if name), default=0)
+    count, firsts, total = [0, 0], ["", ""], 0
+    found = _numbered_rows(path, layout)
+    while block := list(islice(found, BLOCK_ROWS)):
+        columns = list(zip(*(_filled(row, layout) for _, row in block), strict=True))
+        lengths = np.array([len(row) for _, row in block])
+        texts = {quantity: _text_cells(columns, layout, quantity) for quantity in layout.place}
+        damaged = np.logical_or.reduce([lengths < named, *texts.values()])
+        lost = np.logical_or.reduce(
+            [texts[quantity] | (lengths <= layout.place[quantity]) for quantity in ESSENTIAL if quantity in texts]
+        )
+        for i, mask in enumerate((damaged, lost)):
+            if mask.any() and not count[i]:
+                row = int(np.argmax(mask))
+                place = next((layout.place[quantity] for quantity, text in texts.items() if text[row]), None)
+                cells = f"{lengths[row]} of {named} cells"
+                what = cells if place is None else f"{layout.header[place]} is {repr(columns[place][row])[:40]}"
+                firsts[i] = f"line {block[row][0]}: {what}"
+            count[i] += int(np.count_nonzero(mask))
+        total += len(block)
+    return Damage(total, count[0], firsts[0], count[1], firsts[1])
+
+
+def _text_cells(columns: list[tuple[str, ...]], layout: Layout, quantity: str) -> NDArray[np.bool_]:
+    """True where a cell is neither a number (of the time: nor a date) nor empty."""
+    cells = columns[layout.place[quantity]]
+    unread = np.isnan(_times(columns, layout) if quantity == "time" else _numbers(cells))
+    for row in np.flatnonzero(unread).tolist():
+        unread[row] = cells[row].strip().lower() not in MISSING and not _is_float(cells[row])
+    return unread
 
 
 def _clean(stream: Iterable[str]) -> Iterator[str]:
@@ -227,6 +281,15 @@ def _number(cell: str) -> float:
         return float(cell)
     except ValueError:
         return np.nan
+
+
+def _is_float(cell: str) -> bool:
+    """Also "nan" and what is beyond every number: absurd, but not damaged."""
+    try:
+        float(cell)
+        return True
+    except ValueError:
+        return False
 
 
 def _times(columns: list[tuple[str, ...]], layout: Layout) -> Array:

@@ -12,7 +12,16 @@ import numpy as np
 
 from analysis.errors import InputError
 from analysis.flight.correct import FLAGS, Corrected, Flight, correct
-from analysis.flight.flight_io import BLOCK_ROWS, CsvWriter, Layout, NetcdfWriter, read_blocks, read_layout, to_flight
+from analysis.flight.flight_io import (
+    BLOCK_ROWS,
+    CsvWriter,
+    Layout,
+    NetcdfWriter,
+    look_over,
+    read_blocks,
+    read_layout,
+    to_flight,
+)
 from analysis.profile import Profile
 
 MARGIN_ROWS = 1500  # rows of the neighbours that a block sees: the smoother's longest memory, 60 s, at 20 Hz and more
@@ -59,11 +68,20 @@ def correct_file(
         raise InputError(f"{target}: is a folder; name a file for the corrected flight")
     if target.resolve() == source.resolve():
         raise InputError(f"{target}: the log itself; name another file for the corrected flight")
+    damage = look_over(source, layout)
+    if damage.lost > damage.rows / 2:
+        raise InputError(
+            f"{source}: {damage.lost} of {damage.rows} rows could not be read as numbers (first: {damage.first_lost}); "
+            "mend the log, or name the columns that hold numbers with --column QUANTITY=NAME"
+        )
     try:
         writer = NetcdfWriter(target, layout, history) if target.suffix == ".nc" else CsvWriter(target, layout)
     except OSError as error:
         raise InputError(f"{target}: {error.strerror or error}; name a file in a folder that can be written") from error
     totals = _Totals()
+    if damage.damaged:
+        how_many = f"{damage.damaged} of {damage.rows} rows could not be read as numbers throughout"
+        totals.notes[f"{how_many} and are treated as missing there (first: {damage.first_damaged})"] = None
     try:
         for rows, before, after, flight in _with_margins(source, layout, block_rows):
             found = correct(
