@@ -135,9 +135,7 @@ def _temperature(chain: Chain) -> Array:
     reading = chain.source_c[..., None] + step * _driven(chain, response, chain.time_s)
     for room in chain.rooms:
         excess = room.fraction * (room.temperature_c - chain.destination_c)
-        reading = reading + excess[..., None] * _shared(
-            modes.Modes.exponential, response, _behind(chain), room.time_constant_s
-        )
+        reading = reading + excess[..., None] * _let_in(chain, response, room)
     return reading
 
 
@@ -156,9 +154,7 @@ def _humidity(chain: Chain) -> Array:
         held = held + excess[..., None] * (response.step(time) - response.step(time - wet))
     for room in chain.rooms:
         excess = room.fraction * (room.humidity_percent * saturation_pressure_hpa(room.temperature_c) - destination_hpa)
-        held = held + excess[..., None] * _shared(
-            modes.Modes.exponential, response, _behind(chain), room.time_constant_s
-        )
+        held = held + excess[..., None] * _let_in(chain, response, room)
     return held / saturation_pressure_hpa(_conversion_temperature(chain))
 
 
@@ -206,9 +202,11 @@ def _shared(form, response: modes.Modes, time: Array, *arguments: Array) -> Arra
     return form(modes.Modes(amplitude, rate), *rest)[place]
 
 
-def _behind(chain: Chain) -> Array:
-    """Time since the middle of the transfer, where the room's air is let in."""
-    return chain.time_s if chain.ramp_s is None else chain.time_s - 0.5 * chain.ramp_s[..., None]
+def _let_in(chain: Chain, response: modes.Modes, room: RoomAir) -> Array:
+    """Response to a room's air that comes in with the transfer and decays from its start."""
+    if chain.ramp_s is None:
+        return _shared(modes.Modes.exponential, response, chain.time_s, room.time_constant_s)
+    return _shared(modes.Modes.exponential, response, chain.time_s, room.time_constant_s, chain.ramp_s)
 
 
 def _conversion_temperature(chain: Chain) -> Array:
@@ -219,9 +217,8 @@ def _conversion_temperature(chain: Chain) -> Array:
         progress = np.clip(time / np.maximum(chain.ramp_s[..., None], 1e-6), 0.0, 1.0)
     air = chain.source_c[..., None] + (chain.destination_c - chain.source_c)[..., None] * progress
     for room in chain.rooms:
-        late = _behind(chain)
-        share = room.fraction[..., None] * np.exp(-np.maximum(late, 0) / room.time_constant_s[..., None]) * (late > 0)
-        air = air + share * (room.temperature_c - chain.destination_c)[..., None]
+        share = room.fraction[..., None] * np.exp(-np.maximum(time, 0) / room.time_constant_s[..., None])
+        air = air + progress * share * (room.temperature_c - chain.destination_c)[..., None]
     if chain.at_die_temperature:
         die = chain.channel.die_c
         air = np.where(np.isfinite(die), die, air)

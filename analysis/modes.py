@@ -82,16 +82,29 @@ class Modes:
             out[..., columns] = np.where(during[..., columns], rising, out[..., columns])
         return out
 
-    def exponential(self, t: Array, time_constant_s: ArrayLike) -> Array:
-        """Response to air exp(-t / time_constant) for t > 0, 0 before."""
+    def exponential(self, t: Array, time_constant_s: ArrayLike, duration_s: ArrayLike | None = None) -> Array:
+        """Response to air exp(-t / time_constant) for t > 0, 0 before; with `duration_s` let in by a ramp from 0 to 1.
+
+        With g = lambda - kappa, a mode's share after the ramp T is (exp(-lambda T) - exp(-kappa T)) / (T g^2)
+        exp(-lambda (t - T)) + exp(-kappa t) / g, and while it lasts (exp(-kappa t) (t / g - 1 / g^2) + exp(-lambda t)
+        / g^2) / T.
+        """
         kappa = 1.0 / np.asarray(time_constant_s, dtype=float)[..., None]
         gap = self.rate - kappa
-        gap = np.where(np.abs(gap) < 1e-9 * self.rate, 1e-9 * self.rate, gap)
+        gap = np.where(np.abs(gap) < 1e-5 * self.rate, 1e-5 * self.rate, gap)
         weight = -self.rate / gap
-        late = np.maximum(t, 0.0)
-        body = self._sum(late, -weight)
         constant = np.sum(self.amplitude * weight, axis=-1)[..., None]
-        return np.where(t > 0, body + constant * np.exp(-late * kappa), 0.0)
+        if duration_s is None:
+            late = np.maximum(t, 0.0)
+            return np.where(t > 0, self._sum(late, -weight) + constant * np.exp(-late * kappa), 0.0)
+        duration = np.maximum(np.asarray(duration_s, dtype=float), 1e-6)[..., None]
+        late = np.maximum(t - duration, 0.0)
+        let_in = np.exp(-kappa * duration) * np.expm1(-gap * duration) / (gap * duration)
+        out = self._sum(late, weight * let_in) + constant * np.exp(-np.maximum(t, duration) * kappa)
+        rising, shape = np.maximum(t, 0.0), np.broadcast_shapes(t.shape, out.shape)
+        squared = np.sum(self.amplitude * weight / gap, axis=-1)[..., None]
+        during = np.exp(-rising * kappa) * (constant * rising - squared) + self._sum(rising, weight / gap)
+        return np.where(np.broadcast_to(t < duration, shape), np.where(t > 0, during / duration, 0.0), out)
 
 
 def mix(first: Modes, second: Modes, share: ArrayLike) -> Modes:

@@ -132,3 +132,16 @@ def test_a_ramp_of_no_duration_is_a_step_and_mixing_is_linear():
     mixed = mix(sphere_core(), first_order(np.array([2.0])), np.array([0.25]))
     expected = 0.75 * sphere_core().step(t) + 0.25 * first_order(2.0).step(t)
     assert mixed.step(t)[0] == pytest.approx(expected, abs=1e-8)
+
+
+@pytest.mark.parametrize("duration_s", [0.05, 0.4, 3.0])
+def test_air_let_in_by_a_ramp_is_the_convolution(duration_s):
+    """Against Duhamel's integral by quadrature: the impulse response of the film with the air that comes in."""
+    film = film_mean().scaled(0.05)
+    s = np.linspace(0.0, 70.0, 700_001)
+    air = np.minimum(s / duration_s, 1.0) * np.exp(-s / 7.0)
+    step = film.step(s)
+    times = np.array([0.5, 0.9, 2.5, 6.0, 20.0]) * duration_s
+    expected = [np.trapezoid(np.gradient(air, s)[s <= t] * np.interp(t - s[s <= t], s, step), s[s <= t]) for t in times]
+    assert film.exponential(times, 7.0, duration_s) == pytest.approx(np.array(expected), abs=2e-4)
+    assert film.exponential(times, 7.0, 1e-9) == pytest.approx(film.exponential(times, 7.0), abs=1e-4)
