@@ -97,7 +97,7 @@ def _starts(channel: Channel, effect: str) -> list[dict[str, float]]:
     names = [f"{effect}.{p.name}" for p in parameters]
     starts = [dict(zip(names, values, strict=True)) for values in itertools.product(*(p.starts for p in parameters))]
     told = {f"{effect}.{name}": value for name, value in from_data(channel).items()} if from_data else {}
-    return [told, *starts] if told else starts
+    return [told] if told else starts
 
 
 def _choice(found: Fit, groups: int) -> dict[str, float]:
@@ -305,7 +305,8 @@ def _promising(problem: Problem, current: Fit, names: tuple[str, ...], keep: int
     ranked = sorted(best, key=lambda e: -best[e])
     # Calibration moves two ways and its start is no change at all; a start taken from the data may already be the whole
     # answer, whatever its first order says. Both are always worth a quick fit.
-    always = (e for e in ranked if e == "calibration_error" or CATALOGUE[e].start_from is not None)
+    told = (e for e in ranked if (start := CATALOGUE[e].start_from) is not None and start(channel))
+    always = (*told, *(e for e in ranked if e == "calibration_error"))
     return tuple(dict.fromkeys([*ranked[:keep], *always]))
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from analysis.effects.effect import Effect, Parameter
 
+SPREAD_S = 0.06  # of the jumps' times from run to run, sampling and trigger together
 LEAST_CHANGE_K = 3.0  # of the air, for its jump to stand out in the RH read at its temperature
 
 
@@ -21,7 +22,9 @@ def _when_it_jumps(channel) -> dict[str, float]:
         if near.size > 3:
             steps = np.abs(np.diff(value))[near]
             told.append(0.5 * (time[near] + time[near + 1])[np.argmax(steps)])
-    return {"delay_s": float(np.median(told))} if len(told) >= 3 else {}
+    middle = float(np.median(told)) if len(told) >= 3 else 0.0
+    agree = len(told) >= 3 and np.median(np.abs(np.array(told) - middle)) < SPREAD_S
+    return {"delay_s": middle} if agree else {}
 
 
 EFFECT = Effect(

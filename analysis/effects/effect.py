@@ -53,7 +53,7 @@ class Effect:
     testable : function (channel) -> bool
         Whether the campaign's conditions let the effect act at all.
     start_from : function (channel) -> {parameter: start}, optional
-        A start that only the data can give, tried before those of the parameters; empty where they give none.
+        A start that only the data can give, in place of those of the parameters; empty where they give none.
     refused : function (channel, {parameter: value}) -> bool, optional
         True where a fit that ends there is no finding, whatever it gains.
     from_readings : bool
