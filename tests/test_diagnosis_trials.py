@@ -46,6 +46,18 @@ def test_what_no_catalogue_holds_is_called_unexplained(seed):
         assert not scored.wrong, (seed, name, scored.wrong)
 
 
+def test_a_coarse_resolution_is_no_other_effect():
+    """Rounded to 0.6 %RH beside 0.07 %RH of noise: a plateau's error is one code's, not white noise."""
+    result = trials.trial("quantization", "rough", "comfortable", 7051)
+    assert result["score"].exact, trials.line(7051, result)
+
+
+def test_an_average_that_hides_its_own_noise_is_no_ramp():
+    """A mean over eleven readings leaves less noise than the logger's step: only the response can tell."""
+    result = trials.trial("moving_average", "rough", "comfortable", 7063)
+    assert result["score"].exact, trials.line(7063, result)
+
+
 def test_a_wrong_noise_model_is_caught():
     """Guards the calibration: were correlated noise taken for white, plain campaigns would raise false alarms."""
     from dataclasses import replace
