@@ -132,7 +132,7 @@ def _temperature(chain: Chain) -> Array:
     body = modes.sphere_core() if chain.biot is None else modes.sphere_core_biot(chain.biot)
     response = _with_lags(chain, body.scaled(chain.rate))
     step = (chain.destination_c - chain.source_c)[..., None]
-    reading = chain.source_c[..., None] + step * _driven(chain, response, chain.time_s)
+    reading = chain.source_c[..., None] + step * _driven(response, chain.time_s, chain.ramp_s)
     for room in chain.rooms:
         excess = room.fraction * (room.temperature_c - chain.destination_c)
         reading = reading + excess[..., None] * _let_in(chain, response, room)
@@ -143,11 +143,11 @@ def _humidity(chain: Chain) -> Array:
     body = modes.film_mean() if chain.biot is None else modes.film_mean_biot(chain.biot)
     source_hpa = chain.source_percent * saturation_pressure_hpa(chain.source_c)
     destination_hpa = chain.destination_percent * saturation_pressure_hpa(chain.destination_c)
-    rate, time = chain.rate, chain.time_s
+    rate, time, ramp_s = chain.rate, chain.time_s, chain.ramp_s
     if chain.activity_slope is not None:
-        rate, time = _concentration_dependent(chain, source_hpa, destination_hpa)
+        rate, time, ramp_s = _concentration_dependent(chain, source_hpa, destination_hpa)
     response = _with_lags(chain, body.scaled(rate))
-    held = source_hpa[..., None] + (destination_hpa - source_hpa)[..., None] * _driven(chain, response, time)
+    held = source_hpa[..., None] + (destination_hpa - source_hpa)[..., None] * _driven(response, time, ramp_s)
     if chain.wet_until_s is not None:
         wet = np.maximum(chain.wet_until_s, 0.0)[..., None]
         excess = 100.0 * saturation_pressure_hpa(chain.destination_c) - destination_hpa
@@ -158,16 +158,25 @@ def _humidity(chain: Chain) -> Array:
     return held / saturation_pressure_hpa(_conversion_temperature(chain))
 
 
-def _concentration_dependent(chain: Chain, source_hpa: Array, destination_hpa: Array) -> tuple[Array, Array]:
-    """Rate at the destination's concentration and time warped so that the linear film gives the nonlinear film's
-    mean."""
+def _concentration_dependent(
+    chain: Chain, source_hpa: Array, destination_hpa: Array
+) -> tuple[Array, Array, Array | None]:
+    """Rate at the destination's concentration; time, and the ramp's duration, warped so that the linear film gives the
+    nonlinear film's mean.
+    """
     saturated = saturation_pressure_hpa(chain.destination_c)
     at_source = 1.0 + chain.activity_slope * (source_hpa / saturated / 100.0 - 0.5)
     at_destination = np.maximum(1.0 + chain.activity_slope * (chain.destination_percent / 100.0 - 0.5), 0.05)
     rate = chain.rate * at_destination
     ratio = np.maximum(at_source, 0.05) / at_destination
-    warp = concentration.time_warp(np.maximum(chain.time_s, 0.0) * rate[..., None], ratio[..., None])
-    return rate, chain.time_s * warp
+    if chain.ramp_s is None:
+        return rate, chain.time_s * concentration.time_warp(chain.time_s * rate[..., None], ratio[..., None]), None
+    # A ramp is a step at its middle; while it lasts the film takes up as fast as it does at first.
+    early = concentration.time_warp(np.zeros(()), ratio[..., None])
+    middle = 0.5 * chain.ramp_s[..., None]
+    late = np.maximum(chain.time_s - middle, 0.0)
+    warp = concentration.time_warp(late * rate[..., None], ratio[..., None])
+    return rate, np.minimum(chain.time_s, middle) * early + late * warp, chain.ramp_s * early[..., 0]
 
 
 def _with_lags(chain: Chain, response: modes.Modes) -> modes.Modes:
@@ -176,11 +185,11 @@ def _with_lags(chain: Chain, response: modes.Modes) -> modes.Modes:
     return response
 
 
-def _driven(chain: Chain, response: modes.Modes, time: Array) -> Array:
+def _driven(response: modes.Modes, time: Array, ramp_s: Array | None) -> Array:
     """Response to the unit transfer."""
-    if chain.ramp_s is None:
+    if ramp_s is None:
         return _shared(modes.Modes.step, response, time)
-    return _shared(modes.Modes.ramp, response, time, chain.ramp_s)
+    return _shared(modes.Modes.ramp, response, time, ramp_s)
 
 
 def _shared(form, response: modes.Modes, time: Array, *arguments: Array) -> Array:

@@ -183,7 +183,8 @@ def at_bound(effect: str, values: dict[str, float]) -> tuple[str, ...]:
     for parameter in CATALOGUE[effect].parameters:
         value = values[parameter.name]
         width = 1e-3 * (parameter.high - parameter.low)
-        if value <= parameter.low + (1e-6 if parameter.log else width) or value >= parameter.high - width:
+        above = 1e-6 if parameter.log else min(width, 0.1 * abs(parameter.low) or width)
+        if value <= parameter.low + above or value >= parameter.high - width:
             out.append(parameter.name)
     return tuple(out)
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from analysis.effects.effect import Effect, Parameter
 
+LEAST_DELAY_S = 0.014  # triggers may all be off alike by some milliseconds, and that is no delay of the channel
 SPREAD_S = 0.06  # of the jumps' times from run to run, sampling and trigger together
 LEAST_CHANGE_K = 3.0  # of the air, for its jump to stand out in the RH read at its temperature
 
@@ -37,6 +38,7 @@ EFFECT = Effect(
     equation="reading(t) = true(t - delay)",
     source="a polling loop or a buffer that hands out the previous reading",
     start_from=_when_it_jumps,
+    refused=lambda channel, values: abs(values["delay_s"]) < LEAST_DELAY_S,
     testable=lambda channel: bool(channel.conditions.start_known.any()),
     advice="Time-stamp at the measurement and not at the read-out; request a conversion before every fetch.",
 )

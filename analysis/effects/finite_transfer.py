@@ -20,7 +20,7 @@ EFFECT = Effect(
     id="finite_transfer",
     link="air",
     channels=("temperature", "humidity"),
-    parameters=(Parameter("duration_s", "s", 0.02, 8.0, (0.3, 1.0)),),
+    parameters=(Parameter("duration_s", "s", 0.02, 8.0, (0.06, 0.3, 1.0)),),
     apply=lambda chain, p: replace(chain, ramp_s=_ramp(chain, p)),
     sentence="The air does not change in an instant: the transfer takes {duration_s} s.",
     equation="air(t) = source + (destination - source) min(t / duration, 1)",
