@@ -247,12 +247,15 @@ def _named(problem: Problem, found: Search) -> list[Cause]:
 def _certain(causes: list[Cause], adequacy: Adequacy) -> list[Cause]:
     """Of a model that does not explain everything, only the causes that dwarf what is left keep their name.
 
-    A steady error is never certain beside an unknown remainder: a straight line soaks up part of anything.
+    A steady error is never certain beside an unknown remainder, a straight line soaks up part of anything; nor is an
+    average, which is told from noise that the remainder may be part of.
     """
     return [
         c
         for c in causes
-        if not c.indistinguishable_from and c.effect not in STEADY and c.evidence > 20.0 * adequacy.excess + 200.0
+        if not c.indistinguishable_from
+        and c.effect not in (*STEADY, "moving_average")
+        and c.evidence > 20.0 * adequacy.excess + 200.0
     ]
 
 
@@ -277,9 +280,7 @@ def diagnose(campaign: Campaign, seed: int = 0, progress: Progress = lambda _: N
             continue
         found.append(diagnose_channel(channel, seed, progress))
     if not found:
-        raise InputError(
-            f"{campaign.path}: {TOO_FEW} in either sensor; record more, or see shockrig status"
-        )
+        raise InputError(f"{campaign.path}: {TOO_FEW} in either sensor; record more, or see shockrig status")
     experiments = [run for channel in found for run in next_experiments(channel)]
     return Diagnosis(campaign.name, tuple(found), tuple(experiments), tuple(missing))
 
