@@ -191,6 +191,15 @@ def test_kill_9_at_any_moment_loses_no_whole_record_and_the_campaign_goes_on(tmp
     sound(path, [r.id for r in some.runs])
 
 
+def test_a_recording_killed_while_it_made_its_campaign_goes_on(tmp_path):
+    path = tmp_path / "campaign"
+    path.mkdir()
+    (path / "campaign.json.part").write_text('{"format": "shock-ca')
+    some = plan(1)
+    assert run(fake_bench(), path, some) == [r.id for r in some.runs]
+    assert sorted(p.name for p in path.iterdir() if p.name.endswith(".part")) == []
+
+
 def test_an_interrupted_process_leaves_everything_in_order(tmp_path):
     path = tmp_path / "campaign"
     process = start(path)

@@ -89,7 +89,7 @@ class CampaignFolder:
             self._is_ours = True
             if (path / "campaign.json").exists():
                 _check_same(path, content)
-            elif any(path.iterdir()):
+            elif any(entry.name != "campaign.json.part" for entry in path.iterdir()):  # of a recording killed at once
                 raise BenchError(f"{path}: is neither empty nor a campaign; give another --out")
             else:
                 write_json(path / "campaign.json", content)
