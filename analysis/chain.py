@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 KINEMATIC_VISCOSITY_M2_S = 1.5e-5
 PRANDTL = 0.71
 SHORT_RAMP_S = 0.2  # a change of the air within a sample or two is a jump to whoever samples it
+JUMP_K = 0.3  # change of the air's temperature from which RH jumps with it
 JUMP_S = 0.05  # this near a jump, five times the trigger's uncertainty, nobody knows on which side of it a sample is
 
 
@@ -117,7 +118,7 @@ def at_jump(chain: Chain) -> NDArray[np.bool_]:
     RH read at the air's temperature jumps with it: 10 K are worth as much as the whole transient.
     """
     time = chain.time_s[0]
-    stepped = np.abs(chain.destination_c[0] - chain.source_c[0]) > 0.3
+    stepped = np.abs(chain.destination_c[0] - chain.source_c[0]) > JUMP_K
     ramp = np.zeros(()) if chain.ramp_s is None else chain.ramp_s[0]
     if chain.channel.name == "temperature" or chain.at_die_temperature or np.max(ramp) > SHORT_RAMP_S:
         return np.zeros(time.shape, dtype=bool)

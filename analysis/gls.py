@@ -469,6 +469,12 @@ def rate_start(channel: Channel, layout: Layout = Layout(())) -> Array:
     return trials[np.argmin(by_group, axis=0)]
 
 
+def run_misfit(problem: Problem, found: Fit) -> Array:
+    """Mean square of each run's whitened residuals (R,): about 1 where the model leaves noise alone."""
+    whitened = np.matmul(problem.whitener, found.residual[..., None])[..., 0]
+    return (whitened**2).sum(axis=1) / np.maximum((problem.channel.count > 0).sum(axis=1), 1)
+
+
 def project(problem: Problem, found: Fit, columns: Array) -> tuple[Array, Array]:
     """Scores (C,) and their covariance (C, C) for whitened `columns` (R, n, C).
 

@@ -6,6 +6,7 @@ one scatter matrix, so that one evaluation costs one small Cholesky factor howev
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import linalg, optimize
 
 from analysis.channel import Channel
-from analysis.rounding import Rounding, noise_before_rounding, rounded_autocovariance
+from analysis.rounding import noise_before_rounding, rounded_autocovariance, rounding_covariance
 
 Array = NDArray[np.float64]
 
@@ -249,15 +250,15 @@ def _crude(channel: Channel) -> Noise:
     return Noise(max(float(np.median(spread)), 1e-4), 0.0, 0.0, 1, 0.0, 0, np.zeros(MAX_AVERAGED))
 
 
-def whiteners(channel: Channel, noise: Noise, rounding: Rounding | None = None) -> Array:
+def whiteners(channel: Channel, noise: Noise, signals: Sequence[Array] | None = None) -> Array:
     """Whitening matrices (R, n, n): W y has unit covariance for bins that hold samples, zero rows for empty ones.
 
-    The errors of a coarse step go together as the signal crosses codes; without `rounding`, which knows the signal,
-    they are taken for white.
+    The errors of a coarse step go together as the signal crosses codes; without `signals`, each run's readings at its
+    samples before noise and rounding, they are taken for white.
     """
-    if noise.step:
-        plain = replace(noise, step=0.0)
-        noise = plain if rounding else plain.with_rounding(noise.step)
+    step, noise = noise.step, replace(noise, step=0.0)
+    if step and signals is None:
+        step, noise = 0.0, noise.with_rounding(step)
     period = channel.sampling_period_s
     # The whole length of the longest run: an autocovariance cut short is none.
     longest = max(float(time[-1] - time[0]) for time, _ in channel.samples)
@@ -268,7 +269,7 @@ def whiteners(channel: Channel, noise: Noise, rounding: Rounding | None = None) 
     for run in range(channel.runs):
         count = channel.count[run]
         filled = np.flatnonzero(count)
-        if white_only and rounding is None:
+        if white_only and not step:
             whitener[run, filled, filled] = np.sqrt(count[filled] / gamma[0])
             continue
         used = channel.bin_of[run] >= 0
@@ -276,12 +277,11 @@ def whiteners(channel: Channel, noise: Noise, rounding: Rounding | None = None) 
         index = np.rint((time[used] - time[0]) / period).astype(int)
         lag = np.abs(index[:, None] - index[None, :])
         covariance = np.where(lag < gamma.size, gamma[np.minimum(lag, gamma.size - 1)], 0.0)
-        if rounding is not None:
-            covariance += rounding.covariance(run, used, lag, gamma)
+        if step:
+            covariance += rounding_covariance(signals[run][used], lag, gamma, step)
         starts = np.concatenate([[0], np.cumsum(count[filled])[:-1]])
         summed = np.add.reduceat(np.add.reduceat(covariance, starts, axis=0), starts, axis=1)
         summed /= count[filled][:, None] * count[filled][None, :]
         factor = linalg.cholesky(summed + 1e-12 * gamma[0] * np.eye(filled.size), lower=True)
         whitener[run][np.ix_(filled, filled)] = linalg.solve_triangular(factor, np.eye(filled.size), lower=True)
     return whitener
-

@@ -11,9 +11,6 @@ Widrow and Kollar 2008, Quantization Noise, 10.1017/CBO9780511754661)
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
@@ -24,37 +21,23 @@ HARMONICS = 24
 COARSE_IN_NOISE = 2.0  # below this step in units of the noise the error is as good as white
 
 
-@dataclass(frozen=True)
-class Rounding:
-    """What is needed to know the errors' covariance.
+def rounding_covariance(signal: Array, lag: NDArray[np.int64], gamma: Array, step: float) -> Array:
+    """Covariance (n, n) [unit^2] of what rounding to `step` adds to the errors of a run's samples.
 
-    Attributes
-    ----------
-    step : float
-        To which readings are rounded [channel's unit].
-    signals : sequence of ndarray
-        For each run the reading without noise and rounding at its samples [channel's unit], known to a fraction of a
-        step.
+    `signal` (n,) is the reading without noise and rounding [channel's unit], known to a fraction of a step; the samples
+    are `lag` (n, n) apart, their noise has the autocovariance `gamma` (lags,) before it is rounded.
     """
-
-    step: float
-    signals: Sequence[Array]
-
-    def covariance(self, run: int, used: NDArray[np.bool_], lag: NDArray[np.int64], gamma: Array) -> Array:
-        """Covariance (n, n) [unit^2] of the errors of a run's `used` samples, `lag` apart, for noise of autocovariance
-        `gamma`.
-        """
-        decays = _decays(gamma, self.step)
-        phase = 2.0 * np.pi / self.step * self.signals[run][used]
-        at = np.minimum(lag, gamma.size - 1)
-        total = np.zeros(lag.shape)
-        told = decays[:, 1:].max(axis=1) > 1e-4 * self.step**2  # the others are as good as white
-        for k in np.flatnonzero(told) + 1:
-            decay = decays[k - 1]
-            wave = np.stack([np.cos(k * phase), np.sin(k * phase)], axis=-1)
-            total += decay[at] * (wave @ wave.T)
-        total[np.diag_indices_from(total)] += self.step**2 / 12.0 - decays[told, 0].sum()
-        return total
+    decays = _decays(gamma, step)
+    phase = 2.0 * np.pi / step * signal
+    at = np.minimum(lag, gamma.size - 1)
+    total = np.zeros(lag.shape)
+    told = decays[:, 1:].max(axis=1) > 1e-4 * step**2  # the others are as good as white
+    for k in np.flatnonzero(told) + 1:
+        decay = decays[k - 1]
+        wave = np.stack([np.cos(k * phase), np.sin(k * phase)], axis=-1)
+        total += decay[at] * (wave @ wave.T)
+    total[np.diag_indices_from(total)] += step**2 / 12.0 - decays[told, 0].sum()
+    return total
 
 
 def rounded_autocovariance(gamma: Array, step: float) -> Array:

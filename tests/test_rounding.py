@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from analysis.noise import _autocovariance
-from analysis.rounding import Rounding, noise_before_rounding, rounded_autocovariance
+from analysis.rounding import noise_before_rounding, rounded_autocovariance, rounding_covariance
 
 STEP = 0.5
 
@@ -45,6 +45,6 @@ def test_covariance_of_a_rounded_transient():
     errors = rounded(signal, 0.05, 0.03, 0.9, 40_000, 3)
     gamma = _autocovariance(0.05**2, 0.03**2, 0.9, 1, 40)
     lag = np.abs(np.subtract.outer(np.arange(40), np.arange(40)))
-    own = Rounding(STEP, [signal]).covariance(0, np.ones(40, dtype=bool), lag, gamma) + gamma[lag]
+    own = rounding_covariance(signal, lag, gamma, STEP) + gamma[lag]
     assert own == pytest.approx(errors.T @ errors / 40_000, abs=1e-3)
     assert np.linalg.eigvalsh(own).min() > 0.0

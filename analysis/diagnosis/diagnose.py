@@ -21,9 +21,9 @@ from analysis.diagnosis.gain import Gain, measure_gain
 from analysis.diagnosis.search import Search, at_bound, evidence, price, refit, search
 from analysis.effects import CATALOGUE
 from analysis.errors import InputError
-from analysis.gls import Fit, Layout, Problem, make_problem
+from analysis.gls import Fit, Layout, Problem, make_problem, run_misfit
 from analysis.noise import MAX_AVERAGED, Noise, estimate_noise, whiteners
-from analysis.rounding import COARSE_IN_NOISE, Rounding
+from analysis.rounding import COARSE_IN_NOISE
 from analysis.samples import model_at_samples
 
 Array = NDArray[np.float64]
@@ -118,13 +118,12 @@ def _rounded(ready: Prepared, rough: Fit | None) -> Prepared:
     channel = ready.problem.channel
     for _ in range(2):
         signals = model_at_samples(channel, rough)
-        problem = make_problem(channel, whiteners(channel, ready.noise, Rounding(ready.step, signals)))
+        problem = make_problem(channel, whiteners(channel, ready.noise, signals))
         rough = refit(problem, rough.layout, rough)
     # The covariance is that of runs at any place between two codes. One that rests at the edge of a code, where noise
     # throws it from one to the other, scatters more, and by how much only the run itself tells.
-    whitened = np.matmul(problem.whitener, rough.residual[..., None])[..., 0]
-    excess = (whitened**2).sum(axis=1) / np.maximum((channel.count > 0).sum(axis=1), 1)
-    whitener = problem.whitener / np.sqrt(NOT_GAUSSIAN * np.maximum(excess, 1.0))[:, None, None]
+    excess = np.maximum(run_misfit(problem, rough), 1.0)
+    whitener = problem.whitener / np.sqrt(NOT_GAUSSIAN * excess)[:, None, None]
     return replace(ready, problem=replace(problem, whitener=whitener))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.channel import Channel, bin_means
-from analysis.effects.saturation_clipping import LEAST_CUT_PERCENT
+from analysis.effects.saturation_clipping import LEAST_CUT_PERCENT, highest_air_percent
 from analysis.noise import Noise
 
 Array = NDArray[np.float64]
@@ -139,9 +139,7 @@ def find_flat_top(channel: Channel, step: float) -> Finding | None:
     longest = max((_longest_run(np.abs(y - top) < tolerance) for _, y in channel.samples), default=0)
     if at_top.sum() < LEAST_PILE or longest < 6 or at_top.sum() < 8 * max(below, 1.0):
         return None
-    airs = channel.conditions
-    highest = max(float(airs.source_percent.max()), float(airs.destination_percent.max()))
-    if abs(top - highest) < LEAST_CUT_PERCENT + 0.5 * step:
+    if abs(top - highest_air_percent(channel)) < LEAST_CUT_PERCENT + 0.5 * step:
         return None  # the plateaus in the most humid air stand at one code
     return Finding(
         "saturation_clipping",

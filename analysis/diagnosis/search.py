@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.chain import JUMP_K
 from analysis.channel import Channel
 from analysis.effects import CATALOGUE
-from analysis.gls import Fit, Layout, Problem, fit, predict, project, rate_start, start_theta
+from analysis.gls import Fit, Layout, Problem, fit, predict, project, rate_start, run_misfit, start_theta
 
 Array = NDArray[np.float64]
 
@@ -133,9 +134,8 @@ def _rescanned_starts(problem: Problem, found: Fit) -> Array | None:
     A film's response begins like sqrt(t): no gradient leads a start across a sample that lies at the very transfer.
     """
     channel = problem.channel
-    whitened = np.matmul(problem.whitener, found.residual[..., None])[..., 0]
-    misfits = (whitened**2).sum(axis=1) > STUCK * (channel.count > 0).sum(axis=1)
-    isothermal = np.abs(channel.conditions.destination_c - channel.conditions.source_c) < 0.3
+    misfits = run_misfit(problem, found) > STUCK
+    isothermal = np.abs(channel.conditions.destination_c - channel.conditions.source_c) <= JUMP_K
     misfits &= (channel.name == "temperature") | isothermal  # where RH jumps with the air, samples are muted
     if not misfits.any():
         return None

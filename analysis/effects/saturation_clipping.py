@@ -9,10 +9,14 @@ from analysis.effects.effect import Effect, Parameter
 LEAST_CUT_PERCENT = 0.35  # less than this below the highest air is within what the airs are known to
 
 
-def _within_the_airs(channel, values) -> bool:
+def highest_air_percent(channel) -> float:
+    """The most humid air of a channel's runs [%RH]."""
     air = channel.conditions
-    highest = max(float(air.source_percent.max()), float(air.destination_percent.max()))
-    return values["limit_percent"] > highest - LEAST_CUT_PERCENT
+    return max(float(air.source_percent.max()), float(air.destination_percent.max()))
+
+
+def _within_the_airs(channel, values) -> bool:
+    return values["limit_percent"] > highest_air_percent(channel) - LEAST_CUT_PERCENT
 
 
 EFFECT = Effect(

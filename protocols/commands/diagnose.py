@@ -32,10 +32,6 @@ def main(args: argparse.Namespace) -> int:
     """Diagnose, write, print."""
     from datetime import UTC, datetime
 
-    from analysis.errors import InputError
-
-    if args.seed < 0:
-        raise InputError(f"--seed {args.seed}: expected a whole number that is not negative")
     made_at = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
     diagnosis = write(args.campaign, args.out, args.seed, made_at)
     print(summary(diagnosis))
