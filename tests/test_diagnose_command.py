@@ -5,7 +5,11 @@ elsewhere.
 """
 
 import json
+import os
 import shutil
+import signal
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -165,3 +169,19 @@ def test_one_sensor_alone_is_diagnosed_and_the_other_is_said_to_be_missing(tmp_p
     diagnosis = load(tmp_path / "out", "diagnosis.json")
     assert list(diagnosis["channels"]) == ["temperature"] and diagnosis["channels"]["temperature"]["causes"] == []
     assert "humidity" not in load(tmp_path / "out", "profile.json")
+
+
+def test_ctrl_c_ends_all_processes_with_one_line_and_leaves_nothing(tmp_path):
+    """As a terminal sends it: to the command and to its workers, of which that of the missing sensor has no work."""
+    shutil.copytree(EXAMPLES / "plain-rough", tmp_path / "bead", ignore=shutil.ignore_patterns("hyt.csv"))
+    command = [sys.executable, "-m", "protocols.cli", "diagnose", "bead", "--out", "out"]
+    env = os.environ | {"PYTHONPATH": str(ROOT)}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, cwd=tmp_path, env=env, start_new_session=True, **pipes) as process:
+        while (line := process.stderr.readline()) and "gain" not in line:
+            pass
+        os.killpg(process.pid, signal.SIGINT)
+        printed, errors = process.communicate(timeout=60)
+    assert process.returncode == 130 and printed == ""
+    assert "Traceback" not in errors and errors.splitlines()[-1].endswith("stopped by Ctrl-C")
+    assert [path.name for path in tmp_path.iterdir()] == ["bead"]

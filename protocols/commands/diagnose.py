@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
 from collections.abc import Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
@@ -99,7 +100,9 @@ def _looking(campaign: Path, seed: int, folder: Path) -> Iterator[list[Future[Ch
     # Two processes that each start as many threads as there are cores would stand in each other's way.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    with ProcessPoolExecutor(len(CHANNELS), mp_context=get_context("spawn")) as pool:
+    # Ctrl-C reaches the workers too: they end without a word, this process says what happened.
+    silent = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_DFL)}
+    with ProcessPoolExecutor(len(CHANNELS), mp_context=get_context("spawn"), **silent) as pool:
         yield [pool.submit(_look_at_channel, campaign, name, seed, folder) for name in CHANNELS]
 
 
