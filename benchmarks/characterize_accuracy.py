@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.campaign import read_campaign
-from analysis.characterize import characterize
-from rig.virtual.batch import simulate_campaign
-from rig.virtual.plans import standard_plan
-from rig.virtual.truth import draw_truth
+from shockrig.analysis.characterization.characterize import characterize
+from shockrig.files.campaign import read_campaign
+from shockrig.rig.virtual.batch import simulate_campaign
+from shockrig.rig.virtual.plans import standard_plan
+from shockrig.rig.virtual.truth import draw_truth
 
 QUANTITIES = ("alpha", "D, isothermal shocks", "D, thermal shocks alone")
 

@@ -29,9 +29,9 @@ SHOWN = {
 
 def record(campaign: Path, seed: int) -> None:
     """The standard campaign with the air film, into an empty folder."""
-    from rig.virtual.batch import simulate_campaign
-    from rig.virtual.plans import standard_plan
-    from rig.virtual.truth import Hidden, draw_truth
+    from shockrig.rig.virtual.batch import simulate_campaign
+    from shockrig.rig.virtual.plans import standard_plan
+    from shockrig.rig.virtual.truth import Hidden, draw_truth
 
     rng = np.random.default_rng(seed)
     film = Hidden("convective_film", {"biot_at_5_m_s": BIOT_AT_5_M_S}, ("temperature",))
@@ -41,7 +41,7 @@ def record(campaign: Path, seed: int) -> None:
 
 def main(argv: list[str] | None = None) -> int:
     """Record, diagnose, keep the figures."""
-    from protocols.cli import main as shockrig
+    from shockrig.protocols.cli import main as shockrig
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("demonstration"))

@@ -34,14 +34,14 @@ def trial(kind: str, tier: str, strength: str | float, seed: int, plan: str = "s
 
     `fresh`: also record the same world again and measure there what each channel's extension gains.
     """
-    from analysis.campaign import read_campaign
-    from analysis.diagnosis.diagnose import diagnose
-    from analysis.diagnosis.export import to_json
-    from protocols.reveal import score
-    from rig.virtual.batch import simulate_campaign
-    from rig.virtual.hide import draw_effect, draw_hidden, seal
-    from rig.virtual.plans import standard_plan, wide_plan
-    from rig.virtual.truth import draw_truth
+    from shockrig.analysis.diagnosis.diagnose import diagnose
+    from shockrig.analysis.diagnosis.export import to_json
+    from shockrig.files.campaign import read_campaign
+    from shockrig.protocols.reveal import score
+    from shockrig.rig.virtual.batch import simulate_campaign
+    from shockrig.rig.virtual.hide import draw_effect, draw_hidden, seal
+    from shockrig.rig.virtual.plans import standard_plan, wide_plan
+    from shockrig.rig.virtual.truth import draw_truth
 
     rng = np.random.default_rng(seed)
     which = {"none": "none", "one": 1, "two": 2, "four": 4, "outside": "outside", "ordinary": ORDINARY}.get(kind)
@@ -66,10 +66,10 @@ def gain_on(campaign, found) -> float | None:
     """Share of the explainable error that a channel's extension, as fitted, removes on another campaign's runs."""
     from dataclasses import replace
 
-    from analysis.channel import build_channel
-    from analysis.diagnosis.diagnose import prepare
-    from analysis.diagnosis.gain import run_errors, summarise
-    from analysis.gls import Layout
+    from shockrig.analysis.diagnosis.diagnose import prepare
+    from shockrig.analysis.diagnosis.gain import run_errors, summarise
+    from shockrig.analysis.inference.channel import build_channel
+    from shockrig.analysis.inference.gls import Layout
 
     channel = build_channel(campaign, found.name)
     if not found.causes or channel is None:

@@ -26,19 +26,19 @@ from unittest import mock
 
 import numpy as np
 
-import rig.journal
-import rig.recorder.files
-import rig.recorder.run
-import rig.virtual.world
-from rig.bench import virtual_bench
-from rig.errors import RigError
-from rig.protocol import PlannedRun, Protocol, Record, Soak, Transfer
-from rig.recorder import read_run, read_state
-from rig.recorder.run import JOURNAL
-from rig.runner import SilentObserver, record_campaign
-from rig.seams import Air
-from rig.virtual.faults import I2C_KINDS, SERIAL_KINDS, Fault
-from rig.virtual.truth import Hidden, draw_truth, with_effects
+import shockrig.rig.journal
+import shockrig.rig.recorder.files
+import shockrig.rig.recorder.run
+import shockrig.rig.virtual.world
+from shockrig.rig.bench import virtual_bench
+from shockrig.rig.errors import RigError
+from shockrig.rig.protocol import PlannedRun, Protocol, Record, Soak, Transfer
+from shockrig.rig.recorder import read_run, read_state
+from shockrig.rig.recorder.run import JOURNAL
+from shockrig.rig.runner import SilentObserver, record_campaign
+from shockrig.rig.seams import Air
+from shockrig.rig.virtual.faults import I2C_KINDS, SERIAL_KINDS, Fault
+from shockrig.rig.virtual.truth import Hidden, draw_truth, with_effects
 
 STAGES = ("soak", "transfer", "transient", "end")
 LENGTHS_S = {"blink": 0.15, "spell": 4.0, "for good": math.inf}
@@ -179,7 +179,7 @@ class Book:
     def world(self) -> type:
         book = self
 
-        class Seen(rig.virtual.world.World):
+        class Seen(shockrig.rig.virtual.world.World):
             def bead_temperature_c(self, at_s: float) -> float:
                 return book.note("bead", at_s, super().bead_temperature_c(at_s))
 
@@ -258,7 +258,7 @@ def _utc() -> str:
 def _bench(seed: int, book: Book, faults: dict | None):
     truth = draw_truth(np.random.default_rng(seed))
     truth = with_effects(truth, [Hidden("finite_transfer", {"duration_s": 0.4})])
-    with mock.patch("rig.virtual.world.World", book.world()):
+    with mock.patch("shockrig.rig.virtual.world.World", book.world()):
         return virtual_bench(truth, seed, faults=faults)
 
 
@@ -295,13 +295,15 @@ def _host_fault(kind: str, bench, start_s: float, end_s: float) -> Iterator[Call
     elif kind == "suspend":
         actions.append((start_s, lambda: advance(end_s - start_s)))
     elif kind == "slow_disk":
-        patches.enter_context(mock.patch.object(rig.journal, "os", _Disk(lambda f, d: _slow(f, d, during, advance))))
+        patches.enter_context(
+            mock.patch.object(shockrig.rig.journal, "os", _Disk(lambda f, d: _slow(f, d, during, advance)))
+        )
     elif kind == "disk_hangs":
         hangs = [end_s - start_s]
         write = lambda f, d: (advance(hangs.pop()) if hangs and during() else None, os.write(f, d))[1]  # noqa: E731
-        patches.enter_context(mock.patch.object(rig.journal, "os", _Disk(write)))
+        patches.enter_context(mock.patch.object(shockrig.rig.journal, "os", _Disk(write)))
     elif kind == "disk_full":
-        write_text = rig.recorder.files.write_text
+        write_text = shockrig.rig.recorder.files.write_text
 
         def full(*arguments, **options):
             if during():
@@ -313,8 +315,8 @@ def _host_fault(kind: str, bench, start_s: float, end_s: float) -> Iterator[Call
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             return os.write(file, data)
 
-        patches.enter_context(mock.patch.object(rig.journal, "os", _Disk(write)))
-        patches.enter_context(mock.patch.object(rig.recorder.files, "write_text", full))
+        patches.enter_context(mock.patch.object(shockrig.rig.journal, "os", _Disk(write)))
+        patches.enter_context(mock.patch.object(shockrig.rig.recorder.files, "write_text", full))
     elif kind.startswith("sig"):
         number = getattr(signal, kind.split("_")[0].upper())
         actions.append((start_s, send(number)))
@@ -343,7 +345,7 @@ def attempt(trial: Trial, seed: int, times_s: dict[str, float]) -> Result:
     start_s = times_s[trial.stage]
     end_s = start_s + LENGTHS_S[trial.length]
     faults = {} if trial.part == "host" else {trial.part: [Fault(trial.kind, start_s, end_s)]}
-    plain_reading = rig.recorder.run.Recorder.reading
+    plain_reading = shockrig.rig.recorder.run.Recorder.reading
 
     def reading(recorder, one) -> None:
         plain_reading(recorder, one)
@@ -356,7 +358,10 @@ def attempt(trial: Trial, seed: int, times_s: dict[str, float]) -> Result:
         if trial.kind == "sigkill":
             _killed(trial, seed, start_s, path, result)
         else:
-            with _bench(seed, book, faults) as bench, mock.patch.object(rig.recorder.run.Recorder, "reading", reading):
+            with (
+                _bench(seed, book, faults) as bench,
+                mock.patch.object(shockrig.rig.recorder.run.Recorder, "reading", reading),
+            ):
                 fault = trial.kind if trial.part == "host" else ""
                 with _host_fault(fault, bench, start_s, end_s) as utc, _time_limit(result):
                     _record(bench, path, utc, observer, result)
@@ -401,7 +406,7 @@ def _killed(trial: Trial, seed: int, start_s: float, path: Path, result: Result)
     _, status = os.waitpid(child, 0)
     result.outcome = INTERRUPTED if os.WTERMSIG(status) == signal.SIGKILL else f"status {status}"
     for journal in path.glob("recording/*/" + JOURNAL):
-        whole = rig.journal.read_journal(journal)
+        whole = shockrig.rig.journal.read_journal(journal)
         result.lost += journal.read_bytes().count(b"\n") - len(whole.records)
         result.readings += len(whole.records)
 

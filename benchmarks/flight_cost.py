@@ -17,10 +17,10 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.flight.sensor import fly
-from analysis.flight.typical import typical_profile
-from analysis.flight.weather import convective
-from analysis.profile import write_profile
+from shockrig.analysis.flight.sensor import fly
+from shockrig.analysis.flight.typical import typical_profile
+from shockrig.analysis.flight.weather import convective
+from shockrig.files.profile import write_profile
 
 PANDAS = "import pandas, sys; pandas.read_csv(sys.argv[1]).to_csv(sys.argv[2], index=False)"
 NOTHING = "import analysis.flight.correct, pandas"
@@ -62,7 +62,7 @@ def main() -> int:
             command = [
                 sys.executable,
                 "-m",
-                "protocols.cli",
+                "shockrig.protocols.cli",
                 "correct",
                 str(log),
                 "--profile",

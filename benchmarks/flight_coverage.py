@@ -14,10 +14,10 @@ import sys
 
 import numpy as np
 
-from analysis.flight.scenes import scores, try_scene
-from analysis.flight.typical import typical_profile
-from analysis.flight.weather import SCENES
-from analysis.profile import Effect, Profile, Uncertain
+from shockrig.analysis.flight.scenes import scores, try_scene
+from shockrig.analysis.flight.typical import typical_profile
+from shockrig.analysis.flight.weather import SCENES
+from shockrig.files.profile import Effect, Profile, Uncertain
 
 
 def extended(profile: Profile) -> Profile:

@@ -85,7 +85,7 @@ class Target:
 
 
 def imet(rng: random.Random, folder: Path) -> Callable[[], bool]:
-    from rig.sensors.imet_lines import TABLES, LineAssembler, LineTable, implausible
+    from shockrig.rig.sensors.imet_lines import TABLES, LineAssembler, LineTable, implausible
 
     lines = (
         b"XQ,+095188,+2407,+0294,+2553,2015/10/18,00:38:44,+0000000000,+0000000000,-00017000,00\r\n",
@@ -133,8 +133,8 @@ def imet(rng: random.Random, folder: Path) -> Callable[[], bool]:
 
 
 def frames(rng: random.Random, folder: Path) -> Callable[[], bool]:
-    from rig.seams import Outcome
-    from rig.sensors.hyt271 import decode_frame
+    from shockrig.rig.seams import Outcome
+    from shockrig.rig.sensors.hyt271 import decode_frame
 
     def one() -> bool:
         frame = rng.randbytes(4 if rng.random() < 0.8 else rng.randrange(7))
@@ -156,10 +156,10 @@ def frames(rng: random.Random, folder: Path) -> Callable[[], bool]:
 
 
 def journals(rng: random.Random, folder: Path) -> Callable[[], bool]:
-    from rig.journal import read_journal
-    from rig.recorder import Recorder, read_run
-    from rig.recorder.run import JOURNAL
-    from rig.seams import Air, Move, Outcome, Reading
+    from shockrig.rig.journal import read_journal
+    from shockrig.rig.recorder import Recorder, read_run
+    from shockrig.rig.recorder.run import JOURNAL
+    from shockrig.rig.seams import Air, Move, Outcome, Reading
 
     run = folder / "journal"
     run.mkdir(exist_ok=True)
@@ -208,8 +208,8 @@ def journals(rng: random.Random, folder: Path) -> Callable[[], bool]:
 
 
 def grbl(rng: random.Random, folder: Path) -> Callable[[], bool]:
-    from rig.clock import VirtualClock
-    from rig.stages.grbl import GrblSettings, GrblStage
+    from shockrig.rig.clock import VirtualClock
+    from shockrig.rig.stages.grbl import GrblSettings, GrblStage
 
     lines = (
         b"<Run|MPos:12.000,0.000,0.000|FS:600,0|Pn:X>\r\n", b"<Idle|MPos:-300.000,0.000,0.000|FS:0,0>\r\n", b"ok\r\n",
@@ -245,7 +245,7 @@ def grbl(rng: random.Random, folder: Path) -> Callable[[], bool]:
 
 
 def benches(rng: random.Random, folder: Path) -> Callable[[], bool]:
-    from rig.bench_file import load_bench
+    from shockrig.rig.bench_file import load_bench
 
     texts = tuple(path.read_bytes() for path in sorted((ROOT / "data" / "benches").glob("*.toml")))
     file = folder / "bench.toml"
@@ -270,7 +270,7 @@ def benches(rng: random.Random, folder: Path) -> Callable[[], bool]:
 
 
 def protocols(rng: random.Random, folder: Path) -> Callable[[], bool]:
-    from rig.protocol import Record, Soak, Transfer, parse_protocol
+    from shockrig.rig.protocol import Record, Soak, Transfer, parse_protocol
 
     texts = tuple((ROOT / "data" / "protocols" / f"{name}.toml").read_bytes() for name in ("quick", "manual"))
 
@@ -295,8 +295,8 @@ def protocols(rng: random.Random, folder: Path) -> Callable[[], bool]:
 
 
 def profiles(rng: random.Random, folder: Path) -> Callable[[], bool]:
-    from analysis.flight.typical import typical_profile
-    from analysis.profile import profile_document, read_profile
+    from shockrig.analysis.flight.typical import typical_profile
+    from shockrig.files.profile import profile_document, read_profile
 
     document = profile_document(typical_profile())
     document["temperature"]["effects"] = [
@@ -338,7 +338,7 @@ def _all_finite(part: Any) -> None:
 def campaigns(rng: random.Random, folder: Path) -> Callable[[], bool]:
     import numpy as np
 
-    from analysis.campaign import read_campaign
+    from shockrig.files.campaign import read_campaign
 
     path = folder / "campaign"
     (path / "runs" / "0001").mkdir(parents=True, exist_ok=True)
@@ -388,8 +388,8 @@ def campaigns(rng: random.Random, folder: Path) -> Callable[[], bool]:
 def flights(rng: random.Random, folder: Path) -> Callable[[], bool]:
     import numpy as np
 
-    from analysis.flight.flight_io import read_blocks, read_layout, to_flight
-    from protocols.flight_world import read_flown_air
+    from shockrig.files.flight import read_blocks, read_layout, to_flight
+    from shockrig.protocols.flight_world import read_flown_air
 
     xq2 = b"XQ,095188,2407,0294,2553,2015/10/18,00:38:44,+0000000000,+0000000000,-00017000,00\r\n"
     rows = b"".join(b"%.1f,%.2f,%.3f,6.0,1013.2,%d\n" % (i / 10, 20 - i / 9, 40 + i, i) for i in range(15))
@@ -423,7 +423,7 @@ def flights(rng: random.Random, folder: Path) -> Callable[[], bool]:
 def truths(rng: random.Random, folder: Path) -> Callable[[], bool]:
     import numpy as np
 
-    from rig.virtual.truth import Truth, draw_truth
+    from shockrig.rig.virtual.truth import Truth, draw_truth
 
     text = draw_truth(np.random.default_rng(1)).to_json().encode()
 
@@ -436,8 +436,8 @@ def truths(rng: random.Random, folder: Path) -> Callable[[], bool]:
 
 
 def targets() -> dict[str, Target]:
-    from analysis.errors import InputError
-    from rig.errors import BenchError, StageError
+    from shockrig.files.errors import InputError
+    from shockrig.rig.errors import BenchError, StageError
 
     return {
         "imet": Target(0.5, (), imet),

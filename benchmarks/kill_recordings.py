@@ -20,14 +20,14 @@ import time
 from collections import Counter
 from pathlib import Path
 
-import rig.journal
-from rig.bench import virtual_bench
-from rig.journal import read_journal
-from rig.protocol import PlannedRun, Protocol, Record, Soak, Transfer
-from rig.recorder import read_run, read_state
-from rig.recorder.run import JOURNAL
-from rig.runner import record_campaign
-from rig.seams import Air
+import shockrig.rig.journal
+from shockrig.rig.bench import virtual_bench
+from shockrig.rig.journal import read_journal
+from shockrig.rig.protocol import PlannedRun, Protocol, Record, Soak, Transfer
+from shockrig.rig.recorder import read_run, read_state
+from shockrig.rig.recorder.run import JOURNAL
+from shockrig.rig.runner import record_campaign
+from shockrig.rig.seams import Air
 
 STEPS = (
     Soak(over_s=3, at_most_s=60, probes_within_k=1.0, probes_within_percent=2.0),
@@ -49,13 +49,13 @@ def record(path: Path, seed: int) -> list[str]:
 
 def record_counted(path: Path, seed: int, book: mmap.mmap) -> None:
     """Record, and count in shared memory each record that the journal has taken."""
-    append = rig.journal.JournalWriter.append
+    append = shockrig.rig.journal.JournalWriter.append
 
     def counted(self, entry, now_s):
         append(self, entry, now_s)
         book[:COUNT_BYTES] = (int.from_bytes(book[:COUNT_BYTES], "little") + 1).to_bytes(COUNT_BYTES, "little")
 
-    rig.journal.JournalWriter.append = counted
+    shockrig.rig.journal.JournalWriter.append = counted
     record(path, seed)
 
 

@@ -19,8 +19,8 @@ import pandas as pd
 from scipy.optimize import differential_evolution
 from scipy.signal import lsim
 
-from analysis.humidity import humidity_from_ppmv, ppmv_from_humidity
-from analysis.schemes import film_layers, sphere_layers
+from shockrig.analysis.physics.humidity import humidity_from_ppmv, ppmv_from_humidity
+from shockrig.analysis.physics.schemes import film_layers, sphere_layers
 
 PERIOD_S = 0.1
 SMALLEST_STEP = 1.0  # degC or %RH

@@ -20,10 +20,10 @@ import tempfile
 import time
 from pathlib import Path
 
-from rig.virtual.chips.hyt271 import Hyt271Chip
-from rig.virtual.emulate.i2c_socket import I2cSocket, build_preload
-from rig.virtual.i2c_dev import I2cWire
-from rig.virtual.serial_line import OutputQueue, PtyDevice
+from shockrig.rig.virtual.chips.hyt271 import Hyt271Chip
+from shockrig.rig.virtual.emulate.i2c_socket import I2cSocket, build_preload
+from shockrig.rig.virtual.i2c_dev import I2cWire
+from shockrig.rig.virtual.serial_line import OutputQueue, PtyDevice
 
 BYTE_S = {1: 10 / 57600, 100: 10 / 2_000_000}
 LIMIT_PERCENT = 5.0
@@ -56,7 +56,7 @@ class Counting:
 
 def emulate(folder: Path, factor: int) -> None:
     """The instruments' process: until its standard input is closed."""
-    from rig.clock import RealClock
+    from shockrig.rig.clock import RealClock
 
     clock = RealClock()
     pty = PtyDevice(Counting(0.1 / factor, BYTE_S[factor], clock.now(), factor > 1), clock, tick_s=0.001)
@@ -70,14 +70,14 @@ def emulate(folder: Path, factor: int) -> None:
 
 def record(folder: Path, port: str, factor: int, seconds: float) -> None:
     """The recording process: loop, drivers and journal as in a run, then what it cost and what came."""
-    from rig.buses.i2c import SmbusBus
-    from rig.buses.serial_port import PyserialPort, pyserial_opener
-    from rig.clock import RealClock
-    from rig.recorder import Recorder, read_run
-    from rig.runner import SHORTEST_WAIT_S
-    from rig.sensors.hyt271 import Hyt271, Hyt271Settings
-    from rig.sensors.imet import Imet, ImetSettings
-    from rig.sensors.imet_humidity import ImetHumidity, ImetHumiditySettings
+    from shockrig.rig.buses.i2c import SmbusBus
+    from shockrig.rig.buses.serial_port import PyserialPort, pyserial_opener
+    from shockrig.rig.clock import RealClock
+    from shockrig.rig.recorder import Recorder, read_run
+    from shockrig.rig.runner import SHORTEST_WAIT_S
+    from shockrig.rig.sensors.hyt271 import Hyt271, Hyt271Settings
+    from shockrig.rig.sensors.imet import Imet, ImetSettings
+    from shockrig.rig.sensors.imet_humidity import ImetHumidity, ImetHumiditySettings
 
     clock, baud = RealClock(), round(10 / BYTE_S[factor])
     period_s = 0.1 / factor

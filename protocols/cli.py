@@ -42,7 +42,7 @@ def build_parser(command: str | None) -> argparse.ArgumentParser:
             name, help=summary, description=summary[0].upper() + summary[1:] + ".", allow_abbrev=False
         )
         if name == command:
-            loaded = importlib.import_module(f"protocols.commands.{module}")
+            loaded = importlib.import_module(f"shockrig.protocols.commands.{module}")
             loaded.add_arguments(sub)
             sub.set_defaults(main=loaded.main)
     return parser
@@ -53,8 +53,8 @@ def main(argv: list[str] | None = None) -> int:
     arguments = sys.argv[1:] if argv is None else argv
     command = next((a for a in arguments if not a.startswith("-")), None)
     args = build_parser(command).parse_args(arguments)
-    from analysis.errors import InputError
-    from rig.errors import RigError
+    from shockrig.files.errors import InputError
+    from shockrig.rig.errors import RigError
 
     try:
         _check_common(arguments, args)
@@ -77,7 +77,7 @@ def _check_common(arguments: Sequence[str], args: argparse.Namespace) -> None:
     Looked for in the words themselves, because an empty path is parsed as the folder that one stands in: a script whose
     variable is empty would write there.
     """
-    from analysis.errors import InputError
+    from shockrig.files.errors import InputError
 
     for before, word in zip(("", *arguments), arguments, strict=False):
         option, equals, value = word.partition("=") if word.startswith("--") else (before, "=", word)
@@ -85,7 +85,7 @@ def _check_common(arguments: Sequence[str], args: argparse.Namespace) -> None:
             said = f"{option}: is empty; give a value, or leave it out"
             raise InputError(said if option.startswith("--") else "an argument is empty; give a value")
     if getattr(args, "seed", None) is not None:
-        from rig.bench_file import LARGEST_SEED
+        from shockrig.rig.bench_file import LARGEST_SEED
 
         if not 0 <= args.seed <= LARGEST_SEED:
             expected = f"expected a whole number from 0 to {LARGEST_SEED}, which is what 64 bits hold"

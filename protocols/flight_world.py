@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.effects import CATALOGUE
-from analysis.errors import InputError
-from analysis.flight.sensor import NOISE_K, NOISE_PERCENT, REFERENCE_AIRSPEED_M_S, fly
-from analysis.flight.weather import FINE_STEP_S, Weather
-from analysis.profile import Effect, Profile, Uncertain
-from rig.seams import Air
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.flight.sensor import NOISE_K, NOISE_PERCENT, REFERENCE_AIRSPEED_M_S, fly
+from shockrig.analysis.flight.weather import FINE_STEP_S, Weather
+from shockrig.files.errors import InputError
+from shockrig.files.profile import Effect, Profile, Uncertain
+from shockrig.rig.seams import Air
 
 Array = NDArray[np.float64]
 LONGEST_S = 90_000.0

@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from analysis.errors import InputError
+from shockrig.files.errors import InputError
 
 
 @contextmanager

@@ -14,10 +14,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from analysis.errors import InputError
-from rig.virtual.effects import OUTSIDE
-from rig.virtual.hide import open_seal
-from rig.virtual.truth import Truth
+from shockrig.files.errors import InputError
+from shockrig.rig.virtual.effects import OUTSIDE
+from shockrig.rig.virtual.hide import open_seal
+from shockrig.rig.virtual.truth import Truth
 
 MEND = "give the diagnosis.json that shockrig diagnose wrote"
 CHANNELS = ("temperature", "humidity")

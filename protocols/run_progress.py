@@ -5,10 +5,10 @@ from __future__ import annotations
 import sys
 from typing import Any, TextIO
 
-from rig.protocol import PlannedRun, Step
-from rig.recorder import RunRecord
-from rig.runner import SilentObserver
-from rig.seams import Air, Reading
+from shockrig.rig.protocol import PlannedRun, Step
+from shockrig.rig.recorder import RunRecord
+from shockrig.rig.runner import SilentObserver
+from shockrig.rig.seams import Air, Reading
 
 READINGS_BETWEEN_UPDATES = 50
 

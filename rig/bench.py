@@ -1,6 +1,6 @@
 """The bench that a bench file describes: clock, sensors, stage, reference.
 
-This is the composition root: the one place that puts drivers on buses, and the only importer of rig.virtual. The
+This is the composition root: the one place that puts drivers on buses, and the only importer of `rig.virtual`. The
 emulated instruments stand below the real drivers, smbus2 and pyserial, at the device files.
 """
 
@@ -15,13 +15,13 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from rig.bench_file import BenchConfig, Part, check_bench, load_bench
-from rig.buses.i2c import SmbusBus
-from rig.buses.serial_port import PyserialPort, pyserial_opener
-from rig.clock import RealClock, VirtualClock
-from rig.errors import BenchError, BusError, RigError
-from rig.seams import Chambers, Clock, I2cBus, Operator, Reference, Sensor, SerialPort, Stage
-from rig.stages.manual import ConsoleOperator, PromptedChambers
+from shockrig.rig.bench_file import BenchConfig, Part, check_bench, load_bench
+from shockrig.rig.buses.i2c import SmbusBus
+from shockrig.rig.buses.serial_port import PyserialPort, pyserial_opener
+from shockrig.rig.clock import RealClock, VirtualClock
+from shockrig.rig.errors import BenchError, BusError, RigError
+from shockrig.rig.seams import Chambers, Clock, I2cBus, Operator, Reference, Sensor, SerialPort, Stage
+from shockrig.rig.stages.manual import ConsoleOperator, PromptedChambers
 
 __all__ = ["Bench", "ConnectionFault", "ConnectionFaults", "default_bench", "load_bench", "open_bench", "virtual_bench"]
 
@@ -240,9 +240,9 @@ def _fitted(stage: Part, instruments: Any) -> Part:
 
 
 def _emulate(config: BenchConfig, clock: Clock, truth: Any, faults: Mapping[str, Iterable[Any]]) -> tuple[Any, Any]:
-    from rig.virtual.instruments import VirtualInstruments
-    from rig.virtual.truth import Truth, draw_truth
-    from rig.virtual.world import World
+    from shockrig.rig.virtual.instruments import VirtualInstruments
+    from shockrig.rig.virtual.truth import Truth, draw_truth
+    from shockrig.rig.virtual.world import World
 
     seed = config.virtual.seed
     if truth is None and config.virtual.truth is not None:
@@ -272,7 +272,7 @@ def default_bench(seed: int = 0, clock: str = "virtual") -> BenchConfig:
     """The embedded virtual bench, for whoever has no instrument at hand."""
     import tomllib
 
-    path = resources.files("shockrig_data") / "benches" / "virtual.toml"
+    path = resources.files("shockrig.data") / "benches" / "virtual.toml"
     content = tomllib.loads(path.read_text(encoding="utf-8"))
     content["bench"]["clock"] = clock
     content["virtual"] = {**content.get("virtual", {}), "seed": seed}

@@ -17,23 +17,23 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
-from rig.errors import BenchError
-from rig.keys import nearest, refuse_unknown_keys
+from shockrig.rig.errors import BenchError
+from shockrig.rig.keys import nearest, refuse_unknown_keys
 
 # section -> kind -> module:class. A backend is one file and one line here, or an entry point "SECTION.KIND".
 KINDS: dict[str, dict[str, str]] = {
     "sensors": {
-        "hyt-271": "rig.sensors.hyt271:Hyt271",
-        "imet-xf": "rig.sensors.imet:Imet",
-        "imet-xq2": "rig.sensors.imet:Imet",
-        "imet-xq": "rig.sensors.imet:Imet",
-        "imet-humidity": "rig.sensors.imet_humidity:ImetHumidity",
+        "hyt-271": "shockrig.rig.sensors.hyt271:Hyt271",
+        "imet-xf": "shockrig.rig.sensors.imet:Imet",
+        "imet-xq2": "shockrig.rig.sensors.imet:Imet",
+        "imet-xq": "shockrig.rig.sensors.imet:Imet",
+        "imet-humidity": "shockrig.rig.sensors.imet_humidity:ImetHumidity",
     },
-    "stage": {"manual": "rig.stages.manual:ManualStage", "grbl": "rig.stages.grbl:GrblStage"},
+    "stage": {"manual": "shockrig.rig.stages.manual:ManualStage", "grbl": "shockrig.rig.stages.grbl:GrblStage"},
     "reference": {
-        "set-points": "rig.references:SetPoints",
-        "operator": "rig.references:OperatorEntry",
-        "hyt-271": "rig.references:Hyt271Reference",
+        "set-points": "shockrig.rig.references:SetPoints",
+        "operator": "shockrig.rig.references:OperatorEntry",
+        "hyt-271": "shockrig.rig.references:Hyt271Reference",
     },
 }
 ENTRY_POINTS = "shockrig.instruments"

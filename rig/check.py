@@ -15,12 +15,12 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from rig.bench import Bench, ConnectionFaults
-from rig.clock import VirtualClock
-from rig.errors import BenchError
-from rig.protocol import Protocol
-from rig.runner import SHORTEST_WAIT_S, check_plan
-from rig.seams import Air, Move, Outcome, Reading
+from shockrig.rig.bench import Bench, ConnectionFaults
+from shockrig.rig.clock import VirtualClock
+from shockrig.rig.errors import BenchError
+from shockrig.rig.protocol import Protocol
+from shockrig.rig.runner import SHORTEST_WAIT_S, check_plan
+from shockrig.rig.seams import Air, Move, Outcome, Reading
 
 SETTLE_S = 0.5  # what had gathered while the other instruments were opened is old
 LISTEN_S = 6.0  # an XQ2 speaks once in a second

@@ -16,10 +16,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from rig.errors import BenchError
-from rig.keys import nearest
-from rig.recorder import write_json, write_text
-from rig.recorder.campaign import FORMAT, read_json
+from shockrig.rig.errors import BenchError
+from shockrig.rig.keys import nearest
+from shockrig.rig.recorder import write_json, write_text
+from shockrig.rig.recorder.campaign import FORMAT, read_json
 
 LONGEST_ID = 100
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
-from rig.errors import BenchError
+from shockrig.rig.errors import BenchError
 
 
 def nearest(key: str, known: Iterable[str]) -> str:

@@ -15,9 +15,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from rig.errors import BenchError
-from rig.keys import nearest, refuse_unknown_keys
-from rig.seams import Air
+from shockrig.rig.errors import BenchError
+from shockrig.rig.keys import nearest, refuse_unknown_keys
+from shockrig.rig.seams import Air
 
 FORMAT = "shock-protocol/1"
 
@@ -109,7 +109,7 @@ class Protocol:
 
 def shipped_protocols() -> list[str]:
     """Names of the protocols that come with the package."""
-    folder = resources.files("shockrig_data") / "protocols"
+    folder = resources.files("shockrig.data") / "protocols"
     return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
 
 
@@ -123,7 +123,7 @@ def load_protocol(name_or_path: str | Path) -> Protocol:
     """
     path = Path(name_or_path)
     if str(name_or_path) in shipped_protocols() and not path.is_file():
-        source = resources.files("shockrig_data") / "protocols" / f"{name_or_path}.toml"
+        source = resources.files("shockrig.data") / "protocols" / f"{name_or_path}.toml"
         return parse_protocol(source.read_bytes(), f"{name_or_path}.toml")
     try:
         content = path.read_bytes()
@@ -151,9 +151,7 @@ def parse_protocol(content: bytes, where: str) -> Protocol:
     description = _text(table, "description", where)
     airflow_m_s = _number(table, "airflow_m_s", where, above=0.0, below=100.0)
     faults = _faults(_table(table, "faults", where), f"{where}: faults")
-    recipes = {
-        key: _steps(value, f"{where}: steps.{key}") for key, value in _table(table, "steps", where).items()
-    }
+    recipes = {key: _steps(value, f"{where}: steps.{key}") for key, value in _table(table, "steps", where).items()}
     if not recipes:
         raise BenchError(f'{where}: steps is missing; write e.g. [steps] usual = [{{ do = "soak" }}, ...]')
     entries = table.get("run")

@@ -6,9 +6,9 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-from rig.errors import BenchError
-from rig.seams import Air, Chambers, Operator, Reading
-from rig.sensors.hyt271 import Hyt271, Hyt271Settings
+from shockrig.rig.errors import BenchError
+from shockrig.rig.seams import Air, Chambers, Operator, Reading
+from shockrig.rig.sensors.hyt271 import Hyt271, Hyt271Settings
 
 NEVER_S = math.inf
 

@@ -13,12 +13,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol as TypingProtocol
 
-from rig.bench import Bench
-from rig.errors import BenchError, BusError, RigError
-from rig.protocol import PlannedRun, Protocol, Record, Soak, Step, Transfer
-from rig.recorder import CampaignFolder, Recorder, RecordingError, RunRecord, is_good
-from rig.recorder.run import COMPLETE, INTERRUPTED, SPOILT
-from rig.seams import Air, Move, Reading
+from shockrig.rig.bench import Bench
+from shockrig.rig.errors import BenchError, BusError, RigError
+from shockrig.rig.protocol import PlannedRun, Protocol, Record, Soak, Step, Transfer
+from shockrig.rig.recorder import CampaignFolder, Recorder, RecordingError, RunRecord, is_good
+from shockrig.rig.recorder.run import COMPLETE, INTERRUPTED, SPOILT
+from shockrig.rig.seams import Air, Move, Reading
 
 FIRST_READING_WITHIN_S = 10.0
 REPEAT_AFTER_S = 5.0  # times the attempt: what spoilt a run may pass by itself (a plug, a reset), but not at once

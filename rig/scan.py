@@ -11,10 +11,10 @@ import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from rig.errors import BenchError
-from rig.seams import Clock, I2cBus, Outcome, SerialPort
-from rig.sensors.hyt271 import decode_frame
-from rig.sensors.imet_lines import TABLES, LineAssembler, LineTable, UnknownLine, implausible
+from shockrig.rig.errors import BenchError
+from shockrig.rig.seams import Clock, I2cBus, Outcome, SerialPort
+from shockrig.rig.sensors.hyt271 import decode_frame
+from shockrig.rig.sensors.imet_lines import TABLES, LineAssembler, LineTable, UnknownLine, implausible
 
 USUAL_ADDRESS = 0x28
 # Reserved addresses, and those of memories (SPD, EDID), which are nobody's to try.

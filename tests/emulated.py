@@ -5,14 +5,14 @@ from __future__ import annotations
 import itertools
 from contextlib import contextmanager
 
-from rig.buses.i2c import SmbusBus
-from rig.buses.serial_port import PyserialPort
-from rig.clock import VirtualClock
-from rig.sensors.hyt271 import Hyt271, Hyt271Settings
-from rig.virtual.chips.hyt271 import Hyt271Chip
-from rig.virtual.faults import FaultyI2c
-from rig.virtual.i2c_dev import I2cWire, plug_in, pull_out
-from rig.virtual.serial_line import MemorySerial, OutputQueue
+from shockrig.rig.buses.i2c import SmbusBus
+from shockrig.rig.buses.serial_port import PyserialPort
+from shockrig.rig.clock import VirtualClock
+from shockrig.rig.sensors.hyt271 import Hyt271, Hyt271Settings
+from shockrig.rig.virtual.chips.hyt271 import Hyt271Chip
+from shockrig.rig.virtual.faults import FaultyI2c
+from shockrig.rig.virtual.i2c_dev import I2cWire, plug_in, pull_out
+from shockrig.rig.virtual.serial_line import MemorySerial, OutputQueue
 
 _numbers = itertools.count(1)
 

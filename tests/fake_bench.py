@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from rig.bench import Bench
-from rig.clock import VirtualClock
-from rig.seams import Air, Move, Outcome, Reading
+from shockrig.rig.bench import Bench
+from shockrig.rig.clock import VirtualClock
+from shockrig.rig.seams import Air, Move, Outcome, Reading
 
 TAU_S = {"imet": 1.0, "hyt": 4.0}
 

@@ -13,15 +13,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.bench import ConnectionFaults, default_bench, load_bench, open_bench, virtual_bench
-from rig.bench_file import KINDS, check_bench
-from rig.errors import BenchError
-from rig.references import Hyt271Reference, Hyt271ReferenceSettings, OperatorEntry
-from rig.seams import Air, Outcome, Reading
-from rig.virtual.faults import Fault
-from rig.virtual.truth import Hidden, draw_truth, with_effects
+from shockrig.rig.bench import ConnectionFaults, default_bench, load_bench, open_bench, virtual_bench
+from shockrig.rig.bench_file import KINDS, check_bench
+from shockrig.rig.errors import BenchError
+from shockrig.rig.references import Hyt271Reference, Hyt271ReferenceSettings, OperatorEntry
+from shockrig.rig.seams import Air, Outcome, Reading
+from shockrig.rig.virtual.faults import Fault
+from shockrig.rig.virtual.truth import Hidden, draw_truth, with_effects
 
-BENCHES = Path(str(resources.files("shockrig_data"))) / "benches"
+BENCHES = Path(str(resources.files("shockrig.data"))) / "benches"
 VIRTUAL = (BENCHES / "virtual.toml").read_text()
 SOURCE, DESTINATION = Air(20.0, 20.0), Air(20.0, 55.0)
 
@@ -79,9 +79,9 @@ def test_every_registered_backend_exists(section):
 def test_a_real_bench_imports_nothing_virtual():
     code = f"""
 import sys
-from rig.bench import load_bench, open_bench
+from shockrig.rig.bench import load_bench, open_bench
 open_bench(load_bench({str(BENCHES / "raspberry-pi.toml")!r}))
-print([name for name in sys.modules if name.startswith("rig.virtual") or name in ("scipy", "smbus2", "serial")])
+print([m for m in sys.modules if m.startswith("shockrig.rig.virtual") or m in ("scipy", "smbus2", "serial")])
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

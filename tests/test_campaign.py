@@ -6,10 +6,10 @@ import shutil
 import numpy as np
 import pytest
 
-from analysis.campaign import read_campaign
-from analysis.channel import build_channel, usable_runs
-from analysis.characterize import characterize
-from analysis.errors import InputError
+from shockrig.analysis.characterization.characterize import characterize
+from shockrig.analysis.inference.channel import build_channel, usable_runs
+from shockrig.files.campaign import read_campaign
+from shockrig.files.errors import InputError
 
 ALPHA, DIFFUSIVITY = 9e-8, {5.0: 5e-12, 25.0: 9e-12}
 RADIUS, THICKNESS = 5e-4, 8e-6

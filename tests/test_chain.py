@@ -3,17 +3,22 @@
 import numpy as np
 import pytest
 
-from analysis import concentration
-from analysis.campaign import read_campaign
-from analysis.channel import build_channel
-from analysis.effects import CATALOGUE
-from analysis.gls import Layout, bounds, fit, make_problem, predict, rate_start, start_theta
-from analysis.humidity import dew_point_c, humidity_from_ppmv, ppmv_from_humidity, saturation_pressure_hpa
-from analysis.modes import film_mean, sphere_core
-from analysis.noise import estimate_noise, whiteners
-from rig.virtual.batch import simulate_campaign
-from rig.virtual.plans import standard_plan
-from rig.virtual.truth import SMOOTH, Hidden, draw_truth, with_effects
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.inference.channel import build_channel
+from shockrig.analysis.inference.gls import Layout, bounds, fit, make_problem, predict, rate_start, start_theta
+from shockrig.analysis.inference.noise import estimate_noise, whiteners
+from shockrig.analysis.physics import concentration
+from shockrig.analysis.physics.humidity import (
+    dew_point_c,
+    humidity_from_ppmv,
+    ppmv_from_humidity,
+    saturation_pressure_hpa,
+)
+from shockrig.analysis.physics.modes import film_mean, sphere_core
+from shockrig.files.campaign import read_campaign
+from shockrig.rig.virtual.batch import simulate_campaign
+from shockrig.rig.virtual.plans import standard_plan
+from shockrig.rig.virtual.truth import SMOOTH, Hidden, draw_truth, with_effects
 
 PAIRS = [(effect, channel) for effect, entry in CATALOGUE.items() for channel in entry.channels]
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from analysis.campaign import Air, Campaign, Run, Trace
-from analysis.channel import bin_means, build_channel, estimate_start, group_ambients, usable_runs
+from shockrig.analysis.inference.channel import bin_means, build_channel, estimate_start, group_ambients, usable_runs
+from shockrig.files.campaign import Air, Campaign, Run, Trace
 
 
 def run_of(value, time, start_s=10.0, **changes):

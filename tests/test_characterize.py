@@ -9,16 +9,16 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from analysis.campaign import read_campaign
-from analysis.characterize import characterize
-from analysis.errors import InputError
-from analysis.extension import extension_of, read_extension
-from analysis.modes import response_times, sphere_core, sphere_core_biot
-from analysis.profile import Effect, Uncertain, read_profile
-from protocols.cli import main
-from rig.virtual.batch import simulate_campaign
-from rig.virtual.plans import standard_plan
-from rig.virtual.truth import ROUGH, SMOOTH, Hidden, draw_truth, with_effects
+from shockrig.analysis.characterization.characterize import characterize
+from shockrig.analysis.characterization.extension import extension_of, read_extension
+from shockrig.analysis.physics.modes import response_times, sphere_core, sphere_core_biot
+from shockrig.files.campaign import read_campaign
+from shockrig.files.errors import InputError
+from shockrig.files.profile import Effect, Uncertain, read_profile
+from shockrig.protocols.cli import main
+from shockrig.rig.virtual.batch import simulate_campaign
+from shockrig.rig.virtual.plans import standard_plan
+from shockrig.rig.virtual.truth import ROUGH, SMOOTH, Hidden, draw_truth, with_effects
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = ROOT / "data" / "examples"

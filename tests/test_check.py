@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from protocols.cli import main
-from rig.bench import default_bench, open_bench, virtual_bench
-from rig.check import clock_finding, examine, tree
-from rig.protocol import PlannedRun, Protocol, Record, Soak, Transfer, load_protocol
-from rig.seams import Air
-from rig.virtual.faults import Fault
+from shockrig.protocols.cli import main
+from shockrig.rig.bench import default_bench, open_bench, virtual_bench
+from shockrig.rig.check import clock_finding, examine, tree
+from shockrig.rig.protocol import PlannedRun, Protocol, Record, Soak, Transfer, load_protocol
+from shockrig.rig.seams import Air
+from shockrig.rig.virtual.faults import Fault
 
 
 def examined(tmp_path, faults=None, clock="virtual", wall=time.time, protocol=None, may_move=True):

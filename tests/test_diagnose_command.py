@@ -17,16 +17,16 @@ import jsonschema
 import numpy as np
 import pytest
 
-from analysis.campaign import read_campaign
-from analysis.extension import read_extension
-from analysis.profile import read_profile
-from analysis.report.numbers import measured
-from protocols.cli import main
-from protocols.reveal import score
-from rig.virtual.batch import simulate_campaign
-from rig.virtual.hide import seal
-from rig.virtual.plans import standard_plan
-from rig.virtual.truth import Hidden, draw_truth
+from shockrig.analysis.characterization.extension import read_extension
+from shockrig.analysis.report.numbers import measured
+from shockrig.files.campaign import read_campaign
+from shockrig.files.profile import read_profile
+from shockrig.protocols.cli import main
+from shockrig.protocols.reveal import score
+from shockrig.rig.virtual.batch import simulate_campaign
+from shockrig.rig.virtual.hide import seal
+from shockrig.rig.virtual.plans import standard_plan
+from shockrig.rig.virtual.truth import Hidden, draw_truth
 
 ROOT = Path(__file__).parent.parent
 SCHEMAS = ROOT / "data" / "schemas"
@@ -174,7 +174,7 @@ def test_one_sensor_alone_is_diagnosed_and_the_other_is_said_to_be_missing(tmp_p
 def test_ctrl_c_ends_all_processes_with_one_line_and_leaves_nothing(tmp_path):
     """As a terminal sends it: to the command and to its workers, of which that of the missing sensor has no work."""
     shutil.copytree(EXAMPLES / "plain-rough", tmp_path / "bead", ignore=shutil.ignore_patterns("hyt.csv"))
-    command = [sys.executable, "-m", "protocols.cli", "diagnose", "bead", "--out", "out"]
+    command = [sys.executable, "-m", "shockrig.protocols.cli", "diagnose", "bead", "--out", "out"]
     env = os.environ | {"PYTHONPATH": str(ROOT)}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen(command, cwd=tmp_path, env=env, start_new_session=True, **pipes) as process:

@@ -5,15 +5,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from analysis.diagnosis.diagnose import Cause
-from analysis.diagnosis.gain import Gain
-from analysis.diagnosis.held_out import HeldOut, autocorrelation, drifts, size
-from analysis.diagnosis.in_use import cross_inversion
-from analysis.effects import CATALOGUE
-from analysis.flight.typical import typical_profile
-from analysis.profile import Effect, HumidityProfile, Profile, TemperatureProfile, Uncertain
-from analysis.report.diagnosis_words import NEEDS, cause_sentence, channel_verdict, experiments, listed, worse
-from analysis.report.parameters import RunParameter
+from shockrig.analysis.diagnosis.diagnose import Cause
+from shockrig.analysis.diagnosis.gain import Gain
+from shockrig.analysis.diagnosis.held_out import HeldOut, autocorrelation, drifts, size
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.flight.typical import typical_profile
+from shockrig.analysis.report.crossing import cross_inversion
+from shockrig.analysis.report.diagnosis_words import NEEDS, cause_sentence, channel_verdict, experiments, listed, worse
+from shockrig.analysis.report.parameters import RunParameter
+from shockrig.files.profile import Effect, HumidityProfile, Profile, TemperatureProfile, Uncertain
 
 
 def gain(before, after, floor):

@@ -62,10 +62,10 @@ def test_a_wrong_noise_model_is_caught():
     """Guards the calibration: were correlated noise taken for white, plain campaigns would raise false alarms."""
     from dataclasses import replace
 
-    from analysis.diagnosis.adequacy import judge
-    from analysis.diagnosis.search import plain_fit
-    from analysis.gls import make_problem
-    from analysis.noise import estimate_noise, whiteners
+    from shockrig.analysis.diagnosis.adequacy import judge
+    from shockrig.analysis.diagnosis.search import plain_fit
+    from shockrig.analysis.inference.gls import make_problem
+    from shockrig.analysis.inference.noise import estimate_noise, whiteners
 
     channel = _rough_channel(7040)
     noise = estimate_noise(channel)
@@ -81,11 +81,11 @@ def _rough_channel(seed):
 
     import numpy as np
 
-    from analysis.campaign import read_campaign
-    from analysis.channel import build_channel
-    from rig.virtual.batch import simulate_campaign
-    from rig.virtual.plans import standard_plan
-    from rig.virtual.truth import Noise, draw_truth
+    from shockrig.analysis.inference.channel import build_channel
+    from shockrig.files.campaign import read_campaign
+    from shockrig.rig.virtual.batch import simulate_campaign
+    from shockrig.rig.virtual.plans import standard_plan
+    from shockrig.rig.virtual.truth import Noise, draw_truth
 
     rng = np.random.default_rng(seed)
     from dataclasses import replace

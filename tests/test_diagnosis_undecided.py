@@ -6,13 +6,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.campaign import read_campaign
-from analysis.diagnosis.diagnose import diagnose
-from analysis.diagnosis.export import to_json
-from rig.virtual.batch import simulate_campaign
-from rig.virtual.hide import draw_effect
-from rig.virtual.plans import plan_from_runs, single_airflow_plan
-from rig.virtual.truth import draw_truth
+from shockrig.analysis.diagnosis.diagnose import diagnose
+from shockrig.analysis.diagnosis.export import to_json
+from shockrig.files.campaign import read_campaign
+from shockrig.rig.virtual.batch import simulate_campaign
+from shockrig.rig.virtual.hide import draw_effect
+from shockrig.rig.virtual.plans import plan_from_runs, single_airflow_plan
+from shockrig.rig.virtual.truth import draw_truth
 
 
 @pytest.fixture(scope="module")

@@ -14,12 +14,12 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from analysis.errors import InputError
-from analysis.flight.typical import typical_profile
-from analysis.modes import response_times, sphere_core
-from protocols.flight_world import flight_world, read_flown_air
-from rig.virtual.emulate.i2c_socket import answer
-from rig.virtual.emulate.session import FastClock, Session
+from shockrig.analysis.flight.typical import typical_profile
+from shockrig.analysis.physics.modes import response_times, sphere_core
+from shockrig.files.errors import InputError
+from shockrig.protocols.flight_world import flight_world, read_flown_air
+from shockrig.rig.virtual.emulate.i2c_socket import answer
+from shockrig.rig.virtual.emulate.session import FastClock, Session
 
 needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) to build the preload library with")
 
@@ -32,7 +32,7 @@ def needs(*programs):
 @contextmanager
 def emulating(tmp_path, *arguments):
     """The command in a process of its own; yields it once it has said how to reach its instruments."""
-    command = [sys.executable, "-m", "protocols.cli", "emulate", *arguments, "--folder", str(tmp_path)]
+    command = [sys.executable, "-m", "shockrig.protocols.cli", "emulate", *arguments, "--folder", str(tmp_path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:
             process.hello = ""
@@ -193,7 +193,7 @@ def test_a_grbl_sender_moves_the_emulated_carriage(tmp_path):
     ],
 )
 def test_what_cannot_be_emulated_is_refused(capsys, monkeypatch, tmp_path, arguments, says):
-    from protocols.cli import main
+    from shockrig.protocols.cli import main
 
     monkeypatch.chdir(tmp_path)
     assert main(["emulate", *arguments, "--folder", str(tmp_path)]) == 2

@@ -9,9 +9,10 @@ import pytest
 from fake_bench import fake_bench
 from test_runner import between, plan, run, run_json
 
-from rig.journal import JournalWriter, read_journal
-from rig.recorder import read_state
-from rig.seams import Outcome
+import shockrig.rig.journal
+from shockrig.rig.journal import JournalWriter, read_journal
+from shockrig.rig.recorder import read_state
+from shockrig.rig.seams import Outcome
 
 
 def benchmark(name):
@@ -57,7 +58,7 @@ def test_a_fault_leads_to_what_is_promised(case):
 
 
 def test_every_fault_that_can_be_ordered_has_a_promise():
-    from rig.virtual.faults import I2C_KINDS, SERIAL_KINDS
+    from shockrig.rig.virtual.faults import I2C_KINDS, SERIAL_KINDS
 
     assert set(table.I2C) == set(I2C_KINDS)
     assert set(table.IMET) | {"alarm", "stall"} == set(SERIAL_KINDS) == set(table.STAGE)
@@ -74,7 +75,6 @@ def test_a_value_that_the_world_never_gave_is_found():
 
 def test_a_slow_disk_does_not_hold_up_the_sensors(tmp_path, monkeypatch):
     """A forced write that takes a second, in which ten lines of a 10 Hz sensor come in."""
-    import rig.journal
 
     synced = []
 
@@ -82,7 +82,7 @@ def test_a_slow_disk_does_not_hold_up_the_sensors(tmp_path, monkeypatch):
         time.sleep(1.0)
         synced.append(file)
 
-    monkeypatch.setattr(rig.journal.os, "fdatasync", slow)
+    monkeypatch.setattr(shockrig.rig.journal.os, "fdatasync", slow)
     journal = JournalWriter(tmp_path / "j.log", sync_every_s=0.1)
     longest_s = 0.0
     for i in range(50):
@@ -95,12 +95,11 @@ def test_a_slow_disk_does_not_hold_up_the_sensors(tmp_path, monkeypatch):
 
 
 def test_a_forced_write_that_fails_is_said_by_the_next_record(tmp_path, monkeypatch):
-    import rig.journal
 
     def broken(file):
         raise OSError(5, os.strerror(5))
 
-    monkeypatch.setattr(rig.journal.os, "fdatasync", broken)
+    monkeypatch.setattr(shockrig.rig.journal.os, "fdatasync", broken)
     journal = JournalWriter(tmp_path / "j.log", sync_every_s=0.0)
     journal.append(["one"], 0.0)
     time.sleep(0.05)
@@ -119,7 +118,7 @@ def test_a_sensor_that_gives_one_reading_in_ten_is_not_a_slow_sensor(tmp_path):
 
 
 def test_status_says_what_was_spoilt_and_why_and_that_it_was_recorded_since(tmp_path, capsys):
-    from protocols.cli import main
+    from shockrig.protocols.cli import main
 
     path = tmp_path / "campaign"
     run(fake_bench(hyt_fault=between(60.0, 63.0, Outcome.NOT_ACKNOWLEDGED)), path)

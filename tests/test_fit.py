@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.campaign import read_campaign
-from analysis.channel import build_channel
-from analysis.evolution import Misfit, evolve, half_way, second_opinion
-from analysis.gls import Layout, Problem, fit, make_problem, predict
-from analysis.noise import estimate_noise, whiteners
-from analysis.samples import model_at_samples, rmse_over_samples
-from rig.virtual.batch import simulate_campaign
-from rig.virtual.plans import standard_plan
-from rig.virtual.truth import ROUGH, draw_truth
+from shockrig.analysis.inference.channel import build_channel
+from shockrig.analysis.inference.evolution import Misfit, evolve, half_way, second_opinion
+from shockrig.analysis.inference.gls import Layout, Problem, fit, make_problem, predict
+from shockrig.analysis.inference.noise import estimate_noise, whiteners
+from shockrig.analysis.inference.samples import model_at_samples, rmse_over_samples
+from shockrig.files.campaign import read_campaign
+from shockrig.rig.virtual.batch import simulate_campaign
+from shockrig.rig.virtual.plans import standard_plan
+from shockrig.rig.virtual.truth import ROUGH, draw_truth
 
 PLAIN = Layout(())
 

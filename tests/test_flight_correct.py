@@ -6,20 +6,20 @@ import time
 import numpy as np
 import pytest
 
-from analysis.errors import InputError
-from analysis.flight.correct import METHODS, correct
-from analysis.flight.inverse import RefusedError, low_pass, mended_system, paper_layers, suggest_cutoff_hz
-from analysis.flight.judging import power_spectrum, slope, structure_function
-from analysis.flight.prior import AIR, Passing, Prior, hold, innovation, spectra, transition
-from analysis.flight.response import Response, bead_response, film_response
-from analysis.flight.scenes import scores, to_flight, try_scene
-from analysis.flight.screen import ordered, screen
-from analysis.flight.sensor import fly
-from analysis.flight.smoother import smooth
-from analysis.flight.typical import typical_profile
-from analysis.flight.weather import SCENES, convective, frontal, inversion
-from analysis.profile import DiffusivityRow, Effect, Profile, Uncertain
-from analysis.schemes.sampling import is_minimum_phase, zeros
+from shockrig.analysis.flight.correct import METHODS, correct
+from shockrig.analysis.flight.inverse import RefusedError, low_pass, mended_system, paper_layers, suggest_cutoff_hz
+from shockrig.analysis.flight.judging import power_spectrum, slope, structure_function
+from shockrig.analysis.flight.prior import AIR, Passing, Prior, hold, innovation, spectra, transition
+from shockrig.analysis.flight.response import Response, bead_response, film_response
+from shockrig.analysis.flight.scenes import scores, to_flight, try_scene
+from shockrig.analysis.flight.screen import ordered, screen
+from shockrig.analysis.flight.sensor import fly
+from shockrig.analysis.flight.smoother import smooth
+from shockrig.analysis.flight.typical import typical_profile
+from shockrig.analysis.flight.weather import SCENES, convective, frontal, inversion
+from shockrig.analysis.physics.schemes.sampling import is_minimum_phase, zeros
+from shockrig.files.errors import InputError
+from shockrig.files.profile import DiffusivityRow, Effect, Profile, Uncertain
 
 PROFILE = typical_profile()
 EXACT = Profile(
@@ -71,7 +71,7 @@ def test_smoother_is_the_conditional_mean_of_the_joint_gaussian():
     size = 5 + modes
     start = np.zeros((size, size))
     start[0, 0] = start[1, 1] = 1.5**2
-    from analysis.flight.prior import OU_VARIANCES
+    from shockrig.analysis.flight.prior import OU_VARIANCES
 
     start[2:5, 2:5] = np.diag(0.4**2 * OU_VARIANCES)
     start[5:, 5:] = 1.5**2 * np.eye(modes)

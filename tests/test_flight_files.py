@@ -14,16 +14,17 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from analysis.errors import InputError
-from analysis.flight.correct import FLAGS, correct
-from analysis.flight.flight_io import OUTPUT_COLUMNS, read_layout, to_flight
-from analysis.flight.scenes import to_flight as frame_to_flight
-from analysis.flight.sensor import fly
-from analysis.flight.stream import correct_file
-from analysis.flight.typical import typical_profile
-from analysis.flight.weather import convective, frontal
-from analysis.profile import write_profile
-from protocols.cli import main
+from shockrig.analysis.flight.correct import correct
+from shockrig.files.flight import FLAGS
+from shockrig.analysis.flight.scenes import to_flight as frame_to_flight
+from shockrig.analysis.flight.sensor import fly
+from shockrig.analysis.flight.stream import correct_file
+from shockrig.analysis.flight.typical import typical_profile
+from shockrig.analysis.flight.weather import convective, frontal
+from shockrig.files.errors import InputError
+from shockrig.files.flight import OUTPUT_COLUMNS, read_layout, to_flight
+from shockrig.files.profile import write_profile
+from shockrig.protocols.cli import main
 
 PROFILE = typical_profile()
 
@@ -318,7 +319,7 @@ def test_a_simulation_that_the_disk_has_no_room_for_leaves_nothing(tmp_path, out
     (tmp_path / "there/flight.csv").write_text("an older one")
     before = sorted(tmp_path.rglob("*"))
     done = subprocess.run(
-        [sys.executable, "-m", "protocols.cli", "simulate", "inversion", "--out", str(tmp_path / out)],
+        [sys.executable, "-m", "shockrig.protocols.cli", "simulate", "inversion", "--out", str(tmp_path / out)],
         cwd=Path(__file__).parents[1],
         env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),

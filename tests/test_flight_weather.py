@@ -5,14 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from analysis.errors import InputError
-from analysis.flight.judging import power_spectrum, slope, structure_function
-from analysis.flight.sensor import FINE_STEP_S, fly, fly_many
-from analysis.flight.typical import typical_profile
-from analysis.flight.weather import SCENES, Weather, convective, frontal, inversion, shaped_noise
-from analysis.humidity import ppmv_from_humidity
-from analysis.modes import film_mean, film_mean_biot, first_order, mix, sphere_core, sphere_core_biot
-from analysis.profile import Effect, Profile, Uncertain
+from shockrig.analysis.flight.judging import power_spectrum, slope, structure_function
+from shockrig.analysis.flight.sensor import FINE_STEP_S, fly, fly_many
+from shockrig.analysis.flight.typical import typical_profile
+from shockrig.analysis.flight.weather import SCENES, Weather, convective, frontal, inversion, shaped_noise
+from shockrig.analysis.physics.humidity import ppmv_from_humidity
+from shockrig.analysis.physics.modes import film_mean, film_mean_biot, first_order, mix, sphere_core, sphere_core_biot
+from shockrig.files.errors import InputError
+from shockrig.files.profile import Effect, Profile, Uncertain
 
 PROFILE = typical_profile()
 

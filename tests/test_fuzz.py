@@ -31,12 +31,12 @@ def test_damage_damages():
 
 def test_a_number_of_five_thousand_digits_is_refused_everywhere(tmp_path):
     """Python itself refuses to convert it, with an error of another kind."""
-    from analysis.campaign import read_campaign
-    from analysis.errors import InputError
-    from rig.bench_file import load_bench
-    from rig.errors import BenchError
-    from rig.protocol import parse_protocol
-    from rig.recorder import read_state
+    from shockrig.files.campaign import read_campaign
+    from shockrig.files.errors import InputError
+    from shockrig.rig.bench_file import load_bench
+    from shockrig.rig.errors import BenchError
+    from shockrig.rig.protocol import parse_protocol
+    from shockrig.rig.recorder import read_state
 
     digits = "9" * 5000
     (tmp_path / "campaign.json").write_text('{"format": ' + digits + "}")

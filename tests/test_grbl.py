@@ -8,15 +8,15 @@ import itertools
 import pytest
 from emulated import Replay, memory_port
 
-from rig.buses.serial_port import PyserialPort, pyserial_opener
-from rig.clock import RealClock, VirtualClock
-from rig.errors import StageError
-from rig.seams import Air, Move
-from rig.stages.grbl import GrblSettings, GrblStage
-from rig.stages.manual import ConsoleOperator, ManualSettings, ManualStage, PromptedChambers
-from rig.virtual.chips.grbl import GrblController
-from rig.virtual.faults import Fault, FaultySerial
-from rig.virtual.serial_line import PtyDevice
+from shockrig.rig.buses.serial_port import PyserialPort, pyserial_opener
+from shockrig.rig.clock import RealClock, VirtualClock
+from shockrig.rig.errors import StageError
+from shockrig.rig.seams import Air, Move
+from shockrig.rig.stages.grbl import GrblSettings, GrblStage
+from shockrig.rig.stages.manual import ConsoleOperator, ManualSettings, ManualStage, PromptedChambers
+from shockrig.rig.virtual.chips.grbl import GrblController
+from shockrig.rig.virtual.faults import Fault, FaultySerial
+from shockrig.rig.virtual.serial_line import PtyDevice
 
 WARM, COLD = Air(40.0, 20.0), Air(20.0, 55.0)
 

@@ -5,13 +5,13 @@ import json
 import numpy as np
 import pytest
 
-from analysis.errors import InputError
-from protocols import cli
-from protocols.reveal import score, table
-from rig.errors import BenchError
-from rig.virtual.effects import CATALOGUED, KINDS, OUTSIDE
-from rig.virtual.hide import DRAWS, draw_effect, draw_hidden, open_seal, seal
-from rig.virtual.truth import Hidden, draw_truth, with_effects
+from shockrig.files.errors import InputError
+from shockrig.protocols import cli
+from shockrig.protocols.reveal import score, table
+from shockrig.rig.errors import BenchError
+from shockrig.rig.virtual.effects import CATALOGUED, KINDS, OUTSIDE
+from shockrig.rig.virtual.hide import DRAWS, draw_effect, draw_hidden, open_seal, seal
+from shockrig.rig.virtual.truth import Hidden, draw_truth, with_effects
 
 STEM = Hidden("stem_conduction", {"fraction": 0.04, "time_constant_s": 9.0})
 RAMP = Hidden("finite_transfer", {"duration_s": 0.4})

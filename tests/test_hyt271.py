@@ -14,15 +14,15 @@ from emulated import hyt_bench, ramp_percent, watch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.buses.i2c import LEASE_S, SmbusBus
-from rig.clock import VirtualClock
-from rig.errors import BenchError, BusError
-from rig.seams import Outcome
-from rig.sensors.hyt271 import Hyt271, Hyt271Settings, decode_frame
-from rig.sensors.hyt271_commands import change_address, read_address
-from rig.virtual.chips.hyt271 import Hyt271Chip, encode_frame
-from rig.virtual.faults import Fault
-from rig.virtual.i2c_dev import I2cWire, plug_in, pull_out
+from shockrig.rig.buses.i2c import LEASE_S, SmbusBus
+from shockrig.rig.clock import VirtualClock
+from shockrig.rig.errors import BenchError, BusError
+from shockrig.rig.seams import Outcome
+from shockrig.rig.sensors.hyt271 import Hyt271, Hyt271Settings, decode_frame
+from shockrig.rig.sensors.hyt271_commands import change_address, read_address
+from shockrig.rig.virtual.chips.hyt271 import Hyt271Chip, encode_frame
+from shockrig.rig.virtual.faults import Fault
+from shockrig.rig.virtual.i2c_dev import I2cWire, plug_in, pull_out
 
 
 def test_frame_of_the_application_note():

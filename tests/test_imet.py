@@ -11,16 +11,16 @@ from emulated import Replay, memory_port, ramp_percent, steady_c, watch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rig.buses.serial_port import PyserialPort, pyserial_opener
-from rig.clock import RealClock, VirtualClock
-from rig.errors import BenchError
-from rig.seams import Outcome
-from rig.sensors.imet import Imet, ImetSettings
-from rig.sensors.imet_humidity import ImetHumidity, ImetHumiditySettings
-from rig.sensors.imet_lines import LONGEST_LINE, XF, XQ, XQ2, LineAssembler, LineTable, UnknownLine
-from rig.virtual.chips.imet import ImetUnit, bead_resistance_ohm
-from rig.virtual.faults import Fault, FaultySerial
-from rig.virtual.serial_line import PtyDevice
+from shockrig.rig.buses.serial_port import PyserialPort, pyserial_opener
+from shockrig.rig.clock import RealClock, VirtualClock
+from shockrig.rig.errors import BenchError
+from shockrig.rig.seams import Outcome
+from shockrig.rig.sensors.imet import Imet, ImetSettings
+from shockrig.rig.sensors.imet_humidity import ImetHumidity, ImetHumiditySettings
+from shockrig.rig.sensors.imet_lines import LONGEST_LINE, XF, XQ, XQ2, LineAssembler, LineTable, UnknownLine
+from shockrig.rig.virtual.chips.imet import ImetUnit, bead_resistance_ohm
+from shockrig.rig.virtual.faults import Fault, FaultySerial
+from shockrig.rig.virtual.serial_line import PtyDevice
 
 XQ2_LINE = b"XQ,+095188,+2407,+0294,+2553,2015/10/18,00:38:44,+0000000000,+0000000000,-00017000,00"
 

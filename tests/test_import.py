@@ -5,7 +5,7 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from protocols.cli import main
+from shockrig.protocols.cli import main
 
 ROWS = [(0.05 + 0.1 * i, round(20 + 0.03 * i, 2), round(40 - 0.02 * i, 2)) for i in range(200)]
 
@@ -74,7 +74,7 @@ def test_every_way_of_writing_gives_the_same_run(tmp_path, way):
 
 
 def test_what_is_written_can_be_read_by_the_analysis(tmp_path):
-    from analysis.campaign import read_campaign
+    from shockrig.files.campaign import read_campaign
 
     log = write(tmp_path / "log.csv", ROWS)
     out = tmp_path / "campaign"

@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from rig.bench import virtual_bench
-from rig.clock import VirtualClock
-from rig.seams import Air, Outcome
-from rig.stages.grbl import GrblSettings
-from rig.virtual.instruments import VirtualInstruments, WorldChambers
-from rig.virtual.truth import Truth
+from shockrig.rig.bench import virtual_bench
+from shockrig.rig.clock import VirtualClock
+from shockrig.rig.seams import Air, Outcome
+from shockrig.rig.stages.grbl import GrblSettings
+from shockrig.rig.virtual.instruments import VirtualInstruments, WorldChambers
+from shockrig.rig.virtual.truth import Truth
 
 PLAIN = Truth(thermal_diffusivity_m2_s=7.5e-8, diffusivity_20c_m2_s=8e-12)
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.modes import (
+from shockrig.analysis.physics.modes import (
     film_mean,
     film_mean_biot,
     first_order,

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from analysis.campaign import Air, Campaign, Run, Trace
-from analysis.channel import build_channel
-from analysis.noise import estimate_noise, plateau_pieces, whiteners
+from shockrig.analysis.inference.channel import build_channel
+from shockrig.analysis.inference.noise import estimate_noise, plateau_pieces, whiteners
+from shockrig.files.campaign import Air, Campaign, Run, Trace
 
 PERIOD = 0.1
 

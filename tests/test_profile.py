@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from analysis.errors import InputError
-from analysis.profile import (
+from shockrig.files.errors import InputError
+from shockrig.files.profile import (
     DiffusivityRow,
     Effect,
     HumidityProfile,

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.errors import BenchError
-from rig.protocol import Record, Soak, Transfer, load_protocol, parse_protocol, shipped_protocols
+from shockrig.rig.errors import BenchError
+from shockrig.rig.protocol import Record, Soak, Transfer, load_protocol, parse_protocol, shipped_protocols
 
 
 def vapour_pressure_hpa(air):
@@ -136,7 +136,7 @@ SLIPS = [
     ("temperature_c = 20, humidity_percent = 20", "temp = 20", "run 1: source: unknown key 'temp'"),
     ("for_s = 70", "for_s = nan", "for_s is nan; expected a number"),
     ("for_s = 70", "for_s = 0", "for_s is 0; expected more than 0"),
-    (', for_s = 70 }', " }", "for_s is missing"),
+    (", for_s = 70 }", " }", "for_s is missing"),
     ('  { do = "transfer" },\n', "", "a run has one transfer, this one has 0"),
     ('  { do = "record", for_s = 10 },\n', "", "the plateau before the transfer and the transient after it"),
     ('"shock-protocol/1"', '"shock-protocol/9"', "format is 'shock-protocol/9'"),

@@ -16,10 +16,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_runner import csv, plan, run, run_json
 
-from rig.errors import BenchError
-from rig.journal import JournalWriter, read_journal
-from rig.recorder import read_run, read_state
-from rig.recorder.run import JOURNAL
+from shockrig.rig.errors import BenchError
+from shockrig.rig.journal import JournalWriter, read_journal
+from shockrig.rig.recorder import read_run, read_state
+from shockrig.rig.recorder.run import JOURNAL
 
 values = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text()
 records = st.lists(st.lists(values, min_size=1, max_size=5), min_size=1, max_size=8)
@@ -72,7 +72,7 @@ def test_a_journal_is_never_overwritten(tmp_path):
 
 
 def test_raw_bytes_and_every_outcome_are_kept(tmp_path):
-    from rig.seams import Outcome
+    from shockrig.rig.seams import Outcome
 
     every = [o for o in Outcome if o is not Outcome.OK]
     fault = lambda now: every[int(now * 10) // 37 % len(every)] if int(now * 10) % 37 == 0 else None  # noqa: E731

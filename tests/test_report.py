@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from analysis.report import (
+from shockrig.analysis.report import (
     Details,
     Equation,
     Figure,
@@ -25,9 +25,9 @@ from analysis.report import (
     render,
     save_figure,
 )
-from analysis.report.numbers import power_of_ten
-from analysis.report.parameters import Curve, RunParameter, diffusivity, parameter_by_condition
-from analysis.report.residuals import (
+from shockrig.analysis.report.numbers import power_of_ten
+from shockrig.analysis.report.parameters import Curve, RunParameter, diffusivity, parameter_by_condition
+from shockrig.analysis.report.residuals import (
     BeforeAfter,
     ResidualRun,
     autocorrelation,
@@ -36,8 +36,8 @@ from analysis.report.residuals import (
     log_bins,
     residual_overview,
 )
-from analysis.report.runs import RunPanel, run_panels
-from analysis.report.style import figure_bytes
+from shockrig.analysis.report.runs import RunPanel, run_panels
+from shockrig.analysis.report.style import figure_bytes
 
 EVIL = "\"><script>alert('x')</script><img src=http://example.org/x onerror=alert(1)> & $\\alpha$ </style>"
 

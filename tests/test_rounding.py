@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from analysis.noise import _autocovariance
-from analysis.rounding import noise_before_rounding, rounded_autocovariance, rounding_covariance
+from shockrig.analysis.inference.noise import _autocovariance
+from shockrig.analysis.inference.rounding import noise_before_rounding, rounded_autocovariance, rounding_covariance
 
 STEP = 0.5
 

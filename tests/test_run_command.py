@@ -14,8 +14,8 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from protocols.cli import COMMANDS, main
-from rig.virtual.hide import open_seal
+from shockrig.protocols.cli import COMMANDS, main
+from shockrig.rig.virtual.hide import open_seal
 
 TINY = """
 format = "shock-protocol/1"
@@ -54,7 +54,7 @@ def rows(path):
 
 
 def check_schema(name, path):
-    schema = json.loads((resources.files("shockrig_data") / "schemas" / f"{name}.json").read_text())
+    schema = json.loads((resources.files("shockrig.data") / "schemas" / f"{name}.json").read_text())
     jsonschema.Draft202012Validator.check_schema(schema)
     jsonschema.validate(json.loads(path.read_text()), schema)
 
@@ -157,7 +157,7 @@ def test_what_is_refused_leaves_nothing_behind(tmp_path, tiny, capsys, monkeypat
 
 
 def test_options_for_emulated_sensors_are_refused_on_a_real_bench(tmp_path, tiny, capsys):
-    bench = resources.files("shockrig_data") / "benches" / "manual.toml"
+    bench = resources.files("shockrig.data") / "benches" / "manual.toml"
     for option in (["--seed", "1"], ["--hide", "none"], ["--sealed", "x"], ["--rough"]):
         assert run(tiny, "--bench", bench, "--out", tmp_path / "c", *option) == 2
         assert f"{option[0]} is for emulated instruments" in capsys.readouterr().err
@@ -232,7 +232,7 @@ def test_the_largest_seed_can_be_recorded_with_and_gone_on_with(tmp_path, tiny):
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 128 + signal.SIGTERM)])
 def test_a_signal_leaves_a_campaign_that_goes_on(tmp_path, number, code):
     out = tmp_path / "c"
-    command = [sys.executable, "-m", "protocols.cli", "run", "quick", "--out", str(out)]
+    command = [sys.executable, "-m", "shockrig.protocols.cli", "run", "quick", "--out", str(out)]
     root = Path(__file__).parents[1]
     process = subprocess.Popen(command, cwd=root, stderr=subprocess.PIPE, text=True, env={**os.environ})
     deadline = time.monotonic() + 30

@@ -7,11 +7,12 @@ import math
 import pytest
 from fake_bench import TAU_S, fake_bench
 
-from rig.errors import BenchError, BusError, StageError
-from rig.protocol import Faults, PlannedRun, Protocol, Record, Soak, Transfer
-from rig.recorder import RecordingError, read_state
-from rig.runner import CampaignPaused, SilentObserver, check_plan, record_campaign
-from rig.seams import Air, Outcome
+import shockrig.rig.journal
+from shockrig.rig.errors import BenchError, BusError, StageError
+from shockrig.rig.protocol import Faults, PlannedRun, Protocol, Record, Soak, Transfer
+from shockrig.rig.recorder import RecordingError, read_state
+from shockrig.rig.runner import CampaignPaused, SilentObserver, check_plan, record_campaign
+from shockrig.rig.seams import Air, Outcome
 
 STEPS = (Soak(over_s=6.0, at_most_s=120.0), Record(5.0), Transfer(10.0), Record(20.0))
 
@@ -177,8 +178,6 @@ def test_faults_of_all_instruments_are_said_at_once(tmp_path):
 def test_a_full_disk_keeps_what_was_recorded_and_the_campaign_goes_on_later(tmp_path, monkeypatch):
     import os
 
-    import rig.journal
-
     path, left, write = tmp_path / "campaign", [40_000], os.write
 
     def nearly_full(file, data):
@@ -188,7 +187,7 @@ def test_a_full_disk_keeps_what_was_recorded_and_the_campaign_goes_on_later(tmp_
             raise OSError(errno.ENOSPC, "No space left on device")
         return write(file, data[:taken])
 
-    monkeypatch.setattr(rig.journal.os, "write", nearly_full)
+    monkeypatch.setattr(shockrig.rig.journal.os, "write", nearly_full)
     bench = fake_bench()
     with pytest.raises(RecordingError, match="the disk is full.*run the same command again"):
         run(bench, path)

@@ -6,18 +6,18 @@ import tomllib
 import pytest
 from emulated import Replay, Spy, memory_port, ramp_percent, steady_c
 
-import rig.scan
-from protocols.cli import main
-from rig.bench_file import check_bench
-from rig.buses.i2c import SmbusBus
-from rig.clock import RealClock, VirtualClock
-from rig.errors import BenchError
-from rig.scan import FoundGrbl, FoundHyt, FoundImet, bench_toml, scan_i2c, scan_serial
-from rig.virtual.chips.grbl import BANNER, GrblController
-from rig.virtual.chips.hyt271 import Hyt271Chip, encode_frame
-from rig.virtual.chips.imet import ImetUnit
-from rig.virtual.i2c_dev import I2cWire, plug_in, pull_out
-from rig.virtual.serial_line import PtyDevice
+import shockrig.rig.scan
+from shockrig.protocols.cli import main
+from shockrig.rig.bench_file import check_bench
+from shockrig.rig.buses.i2c import SmbusBus
+from shockrig.rig.clock import RealClock, VirtualClock
+from shockrig.rig.errors import BenchError
+from shockrig.rig.scan import FoundGrbl, FoundHyt, FoundImet, bench_toml, scan_i2c, scan_serial
+from shockrig.rig.virtual.chips.grbl import BANNER, GrblController
+from shockrig.rig.virtual.chips.hyt271 import Hyt271Chip, encode_frame
+from shockrig.rig.virtual.chips.imet import ImetUnit
+from shockrig.rig.virtual.i2c_dev import I2cWire, plug_in, pull_out
+from shockrig.rig.virtual.serial_line import PtyDevice
 
 numbers = itertools.count(1)
 
@@ -207,7 +207,7 @@ def test_a_port_that_cannot_be_opened_hides_no_other():
 
     def make(path, baud):
         if path == "gone":
-            return rig.buses.serial_port.PyserialPort(lambda: open("/dev/ttyNowhere"), clock, baud)
+            return shockrig.rig.buses.serial_port.PyserialPort(lambda: open("/dev/ttyNowhere"), clock, baud)
         return memory_port(unit("imet-xf"), clock, baud)
 
     gone, there = scan_serial(["gone", "there"], make, clock)
@@ -246,7 +246,7 @@ def test_names_are_quoted():
 
 def test_what_is_found_passes_check(tmp_path, capsys, monkeypatch):
     """Through pseudo-terminals and the real pyserial, and a fake device file under the real smbus2, in real time."""
-    monkeypatch.setattr(rig.scan, "LISTEN_S", 0.5)
+    monkeypatch.setattr(shockrig.rig.scan, "LISTEN_S", 0.5)
     clock = RealClock()
     path = f"/dev/i2c-scan-{next(numbers)}"
     plug_in(path, I2cWire([Hyt271Chip(lambda t: 50.0, steady_c)], clock))
@@ -270,7 +270,7 @@ def test_what_is_found_passes_check(tmp_path, capsys, monkeypatch):
 
 
 def test_nothing_found(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(rig.scan, "LISTEN_S", 0.05)
+    monkeypatch.setattr(shockrig.rig.scan, "LISTEN_S", 0.05)
     out = tmp_path / "bench.toml"
     assert main(["scan", "--port", "/dev/ttyNowhere", "--i2c", "/dev/i2c-nowhere", "--out", str(out)]) == 1
     said = capsys.readouterr()

@@ -8,9 +8,9 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import brentq, least_squares
 
-from analysis import schemes
-from analysis.schemes import FILM_SCHEMES, SPHERE_SCHEMES, film_layers, sphere_layers, step_response
-from protocols.cli import main
+from shockrig.analysis.physics import schemes
+from shockrig.analysis.physics.schemes import FILM_SCHEMES, SPHERE_SCHEMES, film_layers, sphere_layers, step_response
+from shockrig.protocols.cli import main
 
 SHARE_63 = 1 - np.exp(-1)
 SPHERE_T98, FILM_T98 = 0.46660, 1.50037

@@ -22,17 +22,17 @@ from fake_bench import fake_bench
 from test_runner import plan
 from test_runner import run as record
 
-from protocols.cli import main
-from protocols.watch.terminal import plot, render
-from protocols.watch.web import WatchServer
-from rig.errors import BenchError
-from rig.journal import JournalWriter
-from rig.protocol import Record
-from rig.runner import SilentObserver
-from rig.watch.follow import Follower
-from rig.watch.run_so_far import thinned
-from rig.watch.status_file import StatusFile, step_entry
-from rig.watch.view import clean
+from shockrig.protocols.cli import main
+from shockrig.protocols.watch.terminal import plot, render
+from shockrig.protocols.watch.web import WatchServer
+from shockrig.rig.errors import BenchError
+from shockrig.rig.journal import JournalWriter
+from shockrig.rig.protocol import Record
+from shockrig.rig.runner import SilentObserver
+from shockrig.rig.watch.follow import Follower
+from shockrig.rig.watch.run_so_far import thinned
+from shockrig.rig.watch.status_file import StatusFile, step_entry
+from shockrig.rig.watch.view import clean
 
 ROOT = Path(__file__).parents[1]
 TINY = """
@@ -55,7 +55,7 @@ destination = { temperature_c = 30, humidity_percent = 30 }
 
 
 def shockrig(*arguments, stdout=subprocess.PIPE):
-    command = [sys.executable, "-m", "protocols.cli", *map(str, arguments)]
+    command = [sys.executable, "-m", "shockrig.protocols.cli", *map(str, arguments)]
     return subprocess.Popen(command, cwd=ROOT, text=True, stderr=subprocess.PIPE, stdout=stdout)
 
 
@@ -102,7 +102,7 @@ def wait_for(what, within_s=20.0):
 
 def in_real_time(tmp_path):
     """Arguments of `run` for a campaign of some ten seconds on the emulated bench, and its folder, of hostile names."""
-    bench = (resources.files("shockrig_data") / "benches" / "virtual.toml").read_text(encoding="utf-8")
+    bench = (resources.files("shockrig.data") / "benches" / "virtual.toml").read_text(encoding="utf-8")
     (tmp_path / "bench.toml").write_text(bench.replace('clock = "virtual"', 'clock = "real"'))
     (tmp_path / "tiny.toml").write_text(TINY)
     out = tmp_path / "<script>document.title='ran'<"

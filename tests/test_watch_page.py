@@ -11,8 +11,8 @@ import time
 import pytest
 from test_watch import STATUS, made_campaign, reading
 
-from protocols.watch.web import WatchServer
-from rig.watch.follow import Follower
+from shockrig.protocols.watch.web import WatchServer
+from shockrig.rig.watch.follow import Follower
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 FLAGS = (
@@ -37,7 +37,7 @@ def server(tmp_path):
     }
     made_campaign(path, records, status)
     campaign = json.loads((path / "campaign.json").read_text())
-    campaign["plan"][0]["note"] = f"<a href=\"javascript:{RAN}\">note</a>"
+    campaign["plan"][0]["note"] = f'<a href="javascript:{RAN}">note</a>'
     campaign["plan"][1]["note"] = f"<img src=x onerror={RAN}>"
     (path / "campaign.json").write_text(json.dumps(campaign))
     follower = Follower(path, time.monotonic)

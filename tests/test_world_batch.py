@@ -7,13 +7,13 @@ import json
 import numpy as np
 import pytest
 
-from rig.errors import BenchError
-from rig.protocol import Protocol, load_protocol
-from rig.seams import Air
-from rig.virtual.batch import simulate_campaign
-from rig.virtual.effects import KINDS, RH, T
-from rig.virtual.physics.moist import humidity_percent, saturation_pressure_hpa
-from rig.virtual.plans import (
+from shockrig.rig.errors import BenchError
+from shockrig.rig.protocol import Protocol, load_protocol
+from shockrig.rig.seams import Air
+from shockrig.rig.virtual.batch import simulate_campaign
+from shockrig.rig.virtual.effects import KINDS, RH, T
+from shockrig.rig.virtual.physics.moist import humidity_percent, saturation_pressure_hpa
+from shockrig.rig.virtual.plans import (
     PlannedRun,
     plan_from_protocol,
     plan_from_runs,
@@ -22,7 +22,7 @@ from rig.virtual.plans import (
     standard_plan,
     wide_plan,
 )
-from rig.virtual.truth import Hidden, Noise, Truth, draw_truth, with_effects
+from shockrig.rig.virtual.truth import Hidden, Noise, Truth, draw_truth, with_effects
 
 QUIET = Truth(
     thermal_diffusivity_m2_s=9e-8,

@@ -6,16 +6,16 @@ import json
 import numpy as np
 import pytest
 
-from rig.clock import VirtualClock
-from rig.errors import BenchError
-from rig.seams import Air
-from rig.virtual.batch import simulate_campaign
-from rig.virtual.effects import KINDS
-from rig.virtual.hide import draw_effect, draw_hidden
-from rig.virtual.physics import chains, course
-from rig.virtual.plans import PlannedRun
-from rig.virtual.truth import ROUGH, Hidden, Noise, Truth, draw_truth, with_effects
-from rig.virtual.world import RECORDED_BEFORE_S, ROOM, World
+from shockrig.rig.clock import VirtualClock
+from shockrig.rig.errors import BenchError
+from shockrig.rig.seams import Air
+from shockrig.rig.virtual.batch import simulate_campaign
+from shockrig.rig.virtual.effects import KINDS
+from shockrig.rig.virtual.hide import draw_effect, draw_hidden
+from shockrig.rig.virtual.physics import chains, course
+from shockrig.rig.virtual.plans import PlannedRun
+from shockrig.rig.virtual.truth import ROUGH, Hidden, Noise, Truth, draw_truth, with_effects
+from shockrig.rig.virtual.world import RECORDED_BEFORE_S, ROOM, World
 
 QUIET = Truth(
     thermal_diffusivity_m2_s=9e-8,

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from analysis.channel import Channel
-from analysis.gls import Fit, Problem, project
-from analysis.noise import Noise
+from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.gls import Fit, Problem, project
+from shockrig.analysis.inference.noise import Noise
 
 Array = NDArray[np.float64]
 

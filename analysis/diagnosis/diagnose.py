@@ -11,20 +11,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.campaign import Campaign
-from analysis.channel import Channel, ChannelName, build_channel
-from analysis.characterize import LEAST_STEP, step_size
-from analysis.diagnosis import readings
-from analysis.diagnosis.adequacy import Adequacy, describe, judge
-from analysis.diagnosis.experiments import propose
-from analysis.diagnosis.gain import Gain, measure_gain
-from analysis.diagnosis.search import Search, at_bound, evidence, price, refit, search
-from analysis.effects import CATALOGUE
-from analysis.errors import InputError
-from analysis.gls import Fit, Layout, Problem, make_problem, run_misfit
-from analysis.noise import MAX_AVERAGED, Noise, estimate_noise, whiteners
-from analysis.rounding import COARSE_IN_NOISE
-from analysis.samples import model_at_samples
+from shockrig.analysis.characterization.characterize import LEAST_STEP, step_size
+from shockrig.analysis.diagnosis import readings
+from shockrig.analysis.diagnosis.adequacy import Adequacy, describe, judge
+from shockrig.analysis.diagnosis.experiments import propose
+from shockrig.analysis.diagnosis.gain import Gain, measure_gain
+from shockrig.analysis.diagnosis.search import Search, at_bound, evidence, price, refit, search
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.inference.channel import Channel, ChannelName, build_channel
+from shockrig.analysis.inference.gls import Fit, Layout, Problem, make_problem, run_misfit
+from shockrig.analysis.inference.noise import MAX_AVERAGED, Noise, estimate_noise, whiteners
+from shockrig.analysis.inference.rounding import COARSE_IN_NOISE
+from shockrig.analysis.inference.samples import model_at_samples
+from shockrig.files.campaign import Campaign
+from shockrig.files.errors import InputError
 
 Array = NDArray[np.float64]
 STEADY = ("calibration_error", "self_heating", "hysteresis", "radiative_heating")

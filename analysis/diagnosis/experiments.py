@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.channel import Channel, Conditions
-from analysis.gls import Fit, Problem, _linearise, _normal_equations, predict
+from shockrig.analysis.inference.channel import Channel, Conditions
+from shockrig.analysis.inference.gls import Fit, Problem, _linearise, _normal_equations, predict
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.diagnose import Cause, ChannelDiagnosis, Diagnosis
+from shockrig.analysis.diagnosis.diagnose import Cause, ChannelDiagnosis, Diagnosis
 
 
 def to_json(diagnosis: Diagnosis) -> dict[str, Any]:

@@ -9,16 +9,24 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from analysis.campaign import Campaign
-from analysis.channel import ChannelName
-from analysis.characterize import ChannelResult, Characterization, Part, Row, choose_runs, joint_rows, to_profile
-from analysis.diagnosis.diagnose import Cause, ChannelDiagnosis
-from analysis.diagnosis.search import plain_fit, refit
-from analysis.extension import Extension
-from analysis.gls import Fit, Problem, make_problem
-from analysis.noise import whiteners
-from analysis.profile import Effect, Profile, Uncertain
-from analysis.samples import rmse_over_samples
+from shockrig.analysis.characterization.characterize import (
+    ChannelResult,
+    Characterization,
+    Part,
+    Row,
+    choose_runs,
+    joint_rows,
+    to_profile,
+)
+from shockrig.analysis.characterization.extension import Extension
+from shockrig.analysis.diagnosis.diagnose import Cause, ChannelDiagnosis
+from shockrig.analysis.diagnosis.search import plain_fit, refit
+from shockrig.analysis.inference.channel import ChannelName
+from shockrig.analysis.inference.gls import Fit, Problem, make_problem
+from shockrig.analysis.inference.noise import whiteners
+from shockrig.analysis.inference.samples import rmse_over_samples
+from shockrig.files.campaign import Campaign
+from shockrig.files.profile import Effect, Profile, Uncertain
 
 
 def plain_result(found: ChannelDiagnosis) -> ChannelResult | None:

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.chain import at_jump, evaluate
-from analysis.channel import Channel
-from analysis.diagnosis.search import plain_fit, refit, search
-from analysis.gls import RATE_SCATTER, Fit, Layout, Problem, build_chain, fit
-from analysis.noise import Noise
+from shockrig.analysis.diagnosis.search import plain_fit, refit, search
+from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.gls import RATE_SCATTER, Fit, Layout, Problem, build_chain, fit
+from shockrig.analysis.inference.noise import Noise
+from shockrig.analysis.physics.chain import at_jump, evaluate
 
 Array = NDArray[np.float64]
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.characterize import ChannelResult
-from analysis.diagnosis.diagnose import ChannelDiagnosis
-from analysis.diagnosis.gain import PLACED_WITHIN, folds
-from analysis.gls import RATE_SCATTER, Fit, Layout, Problem, fit
-from analysis.report.residuals import log_bins
-from analysis.samples import model_at_samples
+from shockrig.analysis.characterization.characterize import ChannelResult
+from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis
+from shockrig.analysis.diagnosis.gain import PLACED_WITHIN, folds
+from shockrig.analysis.inference.gls import RATE_SCATTER, Fit, Layout, Problem, fit
+from shockrig.analysis.inference.samples import model_at_samples
+from shockrig.analysis.report.residuals import log_bins
 
 Array = NDArray[np.float64]
 LAGS = 20

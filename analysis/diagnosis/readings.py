@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.channel import Channel, bin_means
-from analysis.effects.saturation_clipping import LEAST_CUT_PERCENT, highest_air_percent
-from analysis.noise import Noise
+from shockrig.analysis.effects.saturation_clipping import LEAST_CUT_PERCENT, highest_air_percent
+from shockrig.analysis.inference.channel import Channel, bin_means
+from shockrig.analysis.inference.noise import Noise
 
 Array = NDArray[np.float64]
 

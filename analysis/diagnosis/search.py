@@ -13,10 +13,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.chain import JUMP_K
-from analysis.channel import Channel
-from analysis.effects import CATALOGUE
-from analysis.gls import Fit, Layout, Problem, fit, predict, project, rate_start, run_misfit, start_theta
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.gls import (
+    Fit,
+    Layout,
+    Problem,
+    fit,
+    predict,
+    project,
+    rate_start,
+    run_misfit,
+    start_theta,
+)
+from shockrig.analysis.physics.chain import JUMP_K
 
 Array = NDArray[np.float64]
 

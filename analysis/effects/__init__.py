@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import importlib
 
-from analysis.effects.effect import Effect, Parameter
+from shockrig.analysis.effects.effect import Effect, Parameter
 
 __all__ = ["CATALOGUE", "Effect", "Parameter"]
 
@@ -35,4 +35,4 @@ _IDS = (
     "quantization",
 )
 
-CATALOGUE: dict[str, Effect] = {name: importlib.import_module(f"analysis.effects.{name}").EFFECT for name in _IDS}
+CATALOGUE: dict[str, Effect] = {name: importlib.import_module(f"{__name__}.{name}").EFFECT for name in _IDS}

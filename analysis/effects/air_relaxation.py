@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-from analysis.chain import RoomAir
-from analysis.effects.effect import Effect, Parameter
+from shockrig.analysis.effects.effect import Effect, Parameter
+from shockrig.analysis.physics.chain import RoomAir
 
 EFFECT = Effect(
     id="air_relaxation",
@@ -23,8 +23,7 @@ EFFECT = Effect(
         ),
     ),
     sentence=(
-        "Room air comes in with the probes: {fraction} of the destination air at first, gone with "
-        "{time_constant_s} s."
+        "Room air comes in with the probes: {fraction} of the destination air at first, gone with {time_constant_s} s."
     ),
     equation="air(t) = destination + fraction exp(-t / time_constant) (room - destination)",
     source="well-mixed chamber; vapour pressure mixes linearly",

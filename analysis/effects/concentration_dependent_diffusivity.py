@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from analysis.effects.effect import Effect, Parameter
+from shockrig.analysis.effects.effect import Effect, Parameter
 
 EFFECT = Effect(
     id="concentration_dependent_diffusivity",

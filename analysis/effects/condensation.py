@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from analysis.effects.effect import Effect, Parameter
-from analysis.humidity import dew_point_c
+from shockrig.analysis.effects.effect import Effect, Parameter
+from shockrig.analysis.physics.humidity import dew_point_c
 
 
 def warm_after_s(channel) -> np.ndarray:

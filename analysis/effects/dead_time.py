@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from analysis.effects.effect import Effect, Parameter
+from shockrig.analysis.effects.effect import Effect, Parameter
 
 LEAST_DELAY_S = 0.014  # triggers may all be off alike by some milliseconds, and that is no delay of the channel
 SPREAD_S = 0.06  # of the jumps' times from run to run, sampling and trigger together

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from analysis.effects.effect import Effect
+from shockrig.analysis.effects.effect import Effect
 
 EFFECT = Effect(
     id="die_thermal_lag",

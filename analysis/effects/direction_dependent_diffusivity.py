@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from analysis.effects.effect import Effect, Parameter
-from analysis.humidity import saturation_pressure_hpa
+from shockrig.analysis.effects.effect import Effect, Parameter
+from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 
 
 def dries(channel) -> np.ndarray:

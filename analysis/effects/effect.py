@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.chain import Chain
-from analysis.channel import Channel, ChannelName
+from shockrig.analysis.inference.channel import Channel, ChannelName
+from shockrig.analysis.physics.chain import Chain
 
 Array = NDArray[np.float64]
 Link = Literal["air", "exchange", "body", "readout", "logger"]

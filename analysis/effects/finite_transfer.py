@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from analysis.effects.effect import Effect, Parameter
+from shockrig.analysis.effects.effect import Effect, Parameter
 
 
 def _ramp(chain, p) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Readings are rounded to `step`, coarser than the sensor's own 0.01 degC or 100/16383 %RH."""
 
-from analysis.effects.effect import Effect, Parameter, unchanged
+from shockrig.analysis.effects.effect import Effect, Parameter, unchanged
 
 EFFECT = Effect(
     id="quantization",

@@ -3,8 +3,8 @@ irradiance_w_m2."""
 
 from dataclasses import replace
 
-from analysis.chain import relative_ventilation
-from analysis.effects.effect import Effect, Parameter
+from shockrig.analysis.effects.effect import Effect, Parameter
+from shockrig.analysis.physics.chain import relative_ventilation
 
 
 def _apply(chain, p):

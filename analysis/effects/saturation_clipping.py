@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from analysis.effects.effect import Effect, Parameter
+from shockrig.analysis.effects.effect import Effect, Parameter
 
 LEAST_CUT_PERCENT = 0.35  # less than this below the highest air is within what the airs are known to
 

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from analysis.effects.effect import Effect, Parameter
+from shockrig.analysis.effects.effect import Effect, Parameter
 
 EFFECT = Effect(
     id="slow_relaxation",
@@ -14,8 +14,7 @@ EFFECT = Effect(
     ),
     apply=lambda chain, p: replace(chain, lags=(*chain.lags, (p["fraction"], p["time_constant_s"]))),
     sentence=(
-        "The film takes up {fraction} of the water late, with a time constant of {time_constant_s} s "
-        "(non-Fickian)."
+        "The film takes up {fraction} of the water late, with a time constant of {time_constant_s} s (non-Fickian)."
     ),
     equation="mean c = (1 - fraction) Fick + fraction (1 - exp(-t / time_constant))",
     source="Berens and Hopfenberg 1978; RS41 humidity needs two time constants (doi 10.1002/met.70097)",

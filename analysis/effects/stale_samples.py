@@ -1,6 +1,6 @@
 """Each reading is repeated for `hold_samples` rows without the stale flag."""
 
-from analysis.effects.effect import Effect, Parameter, unchanged
+from shockrig.analysis.effects.effect import Effect, Parameter, unchanged
 
 EFFECT = Effect(
     id="stale_samples",

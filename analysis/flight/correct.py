@@ -14,59 +14,24 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from analysis.chain import ventilation
-from analysis.errors import InputError
-from analysis.flight.inverse import Readings, mended, paper
-from analysis.flight.prior import Passing
-from analysis.flight.response import Response, bead_response, by_id, film_response, not_undone
-from analysis.flight.screen import Screened, ordered, screen
-from analysis.flight.sensor import NOISE_K, NOISE_PERCENT, REFERENCE_AIRSPEED_M_S
-from analysis.flight.smooth_channel import Estimate, estimate, lags_behind, typical_period
-from analysis.humidity import saturation_pressure_hpa
-from analysis.profile import HumidityProfile, Profile, TemperatureProfile
+from shockrig.analysis.flight.inverse import Readings, mended, paper
+from shockrig.analysis.flight.prior import Passing
+from shockrig.analysis.flight.response import Response, bead_response, by_id, film_response, not_undone
+from shockrig.analysis.flight.screen import Screened, ordered, screen
+from shockrig.analysis.flight.sensor import NOISE_K, NOISE_PERCENT, REFERENCE_AIRSPEED_M_S
+from shockrig.analysis.flight.smooth_channel import Estimate, estimate, lags_behind, typical_period
+from shockrig.analysis.physics.chain import ventilation
+from shockrig.analysis.physics.humidity import saturation_pressure_hpa
+from shockrig.files.errors import InputError
+from shockrig.files.flight import FLAGS, Corrected, Flight
+from shockrig.files.profile import HumidityProfile, Profile, TemperatureProfile
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-FLAGS = ("gap", "repeated", "implausible", "outside_profile", "not_corrected")
 REFERENCE_C = 20.0  # vapour is carried as relative humidity at this temperature
 LONGEST_FILL_S = 5.0  # farther from a usable sample no value is given
 MOST_COUPLING = 5.0  # vapour and temperature are not told to go together more steeply than this
 IDLE_LAG_SIGMAS = 0.3  # a lag smaller than this share of the noise is not worth undoing
-
-
-@dataclass(frozen=True)
-class Flight:
-    """Rows of a log: arrays (n,), NaN where a value is missing; `temperature_c` the bead's, `humidity_percent` the
-    film's."""
-
-    time_s: Array
-    temperature_c: Array
-    humidity_percent: Array
-    airspeed_m_s: Array
-    die_temperature_c: Array
-
-
-@dataclass(frozen=True)
-class Corrected:
-    """Rows as they came; NaN where a value cannot be given; uncertainties are one standard uncertainty.
-
-    `cutoff_hz`: low-pass of each corrected channel, None where the method has none.
-    """
-
-    temperature_c: Array
-    temperature_uncertainty_k: Array
-    humidity_percent: Array
-    humidity_uncertainty_percent: Array
-    flags: dict[str, Mask]
-    notes: tuple[str, ...] = field(default=())
-    cutoff_hz: dict[str, float | None] = field(default_factory=dict)
-
-    def flag_texts(self) -> list[str]:
-        """For each row its flags joined by "|", empty where there is none."""
-        names = [name for name in FLAGS if self.flags[name].any()]
-        stacked = zip(*(self.flags[name] for name in names), strict=True) if names else ()
-        texts = ["|".join(n for n, on in zip(names, row, strict=True) if on) for row in stacked]
-        return texts or [""] * self.temperature_c.size
 
 
 def _smoother(readings: Readings, cutoff_hz: float | None = None) -> Estimate:

@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 from scipy.signal import firwin, welch
 from scipy.signal.windows import hann
 
-from analysis.errors import InputError
-from analysis.flight.prior import Passing
-from analysis.flight.response import Response
-from analysis.flight.smooth_channel import Estimate, typical_period
-from analysis.schemes.layers import StateSpace, film_layers, sphere_layers
-from analysis.schemes.sampling import (
+from shockrig.analysis.flight.prior import Passing
+from shockrig.analysis.flight.response import Response
+from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
+from shockrig.analysis.physics.schemes.layers import StateSpace, film_layers, sphere_layers
+from shockrig.analysis.physics.schemes.sampling import (
     delay_samples,
     inverse_noise_gain,
     is_minimum_phase,
@@ -27,7 +26,8 @@ from analysis.schemes.sampling import (
     stable_period_s,
     zeros,
 )
-from analysis.schemes.slips import share_time
+from shockrig.analysis.physics.schemes.slips import share_time
+from shockrig.files.errors import InputError
 
 Array = NDArray[np.float64]
 LAYERS = tuple(range(10, 1, -1))  # tried from the finest down
@@ -125,7 +125,7 @@ def paper_layers(channel: str, response: Response, period_s: float) -> tuple[Sta
 
 def response_time_s(response: Response, share: float = 0.63212055882855767, row: int = 0) -> float:
     """Time to `share` of a step at one instant of the flight."""
-    from analysis.modes import Modes, response_times
+    from shockrig.analysis.physics.modes import Modes, response_times
 
     rate = response.rate[row]
     order = np.argsort(rate)

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
-from analysis.flight.inverse import fir_taps, mended_system, transfer_function
-from analysis.flight.response import Response
+from shockrig.analysis.flight.inverse import fir_taps, mended_system, transfer_function
+from shockrig.analysis.flight.response import Response
 
 Array = NDArray[np.float64]
 SPECTRAL_SLOPE, STRUCTURE_SLOPE = -5.0 / 3.0, 2.0 / 3.0

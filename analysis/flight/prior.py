@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.flight.response import Response
+from shockrig.analysis.flight.response import Response
 
 Array = NDArray[np.float64]
 RATES_PER_S = np.array([0.03, 0.5, 8.0])

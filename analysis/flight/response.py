@@ -12,10 +12,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.chain import ventilation
-from analysis.flight.sensor import BENCH_EFFECTS, REFERENCE_AIRSPEED_M_S
-from analysis.modes import Modes, film_mean, film_mean_biot, first_order, mix, sphere_core, sphere_core_biot
-from analysis.profile import Effect, HumidityProfile, TemperatureProfile
+from shockrig.analysis.flight.sensor import BENCH_EFFECTS, REFERENCE_AIRSPEED_M_S
+from shockrig.analysis.physics.chain import ventilation
+from shockrig.analysis.physics.modes import (
+    Modes,
+    film_mean,
+    film_mean_biot,
+    first_order,
+    mix,
+    sphere_core,
+    sphere_core_biot,
+)
+from shockrig.files.profile import Effect, HumidityProfile, TemperatureProfile
 
 Array = NDArray[np.float64]
 BEAD_MODES = 4

@@ -9,12 +9,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.flight.correct import METHODS, Corrected, Flight, correct
-from analysis.flight.inverse import RefusedError
-from analysis.flight.judging import coverage, rmse
-from analysis.flight.sensor import Flown, fly_many
-from analysis.flight.weather import SCENES, Weather
-from analysis.profile import Profile
+from shockrig.analysis.flight.correct import METHODS, correct
+from shockrig.files.flight import Corrected, Flight
+from shockrig.analysis.flight.inverse import RefusedError
+from shockrig.analysis.flight.judging import coverage, rmse
+from shockrig.analysis.flight.sensor import Flown, fly_many
+from shockrig.analysis.flight.weather import SCENES, Weather
+from shockrig.files.profile import Profile
 
 Array = NDArray[np.float64]
 CHANNELS = {"temperature": ("temperature_c", "K"), "humidity": ("humidity_percent", "%RH")}

@@ -14,10 +14,10 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from analysis.errors import InputError
-from analysis.flight.weather import FINE_STEP_S, Weather
-from analysis.humidity import humidity_from_ppmv, ppmv_from_humidity
-from analysis.profile import Effect, HumidityProfile, Profile, TemperatureProfile
+from shockrig.analysis.flight.weather import FINE_STEP_S, Weather
+from shockrig.analysis.physics.humidity import humidity_from_ppmv, ppmv_from_humidity
+from shockrig.files.errors import InputError
+from shockrig.files.profile import Effect, HumidityProfile, Profile, TemperatureProfile
 
 Array = NDArray[np.float64]
 CELLS = 48

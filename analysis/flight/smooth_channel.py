@@ -9,9 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from analysis.flight.prior import UNSEEN_VARIANCE, Passing, Prior, fit_prior, fit_windows, gain_squared, spectra
-from analysis.flight.response import Response
-from analysis.flight.smoother import smooth
+from shockrig.analysis.flight.prior import (
+    UNSEEN_VARIANCE,
+    Passing,
+    Prior,
+    fit_prior,
+    fit_windows,
+    gain_squared,
+    spectra,
+)
+from shockrig.analysis.flight.response import Response
+from shockrig.analysis.flight.smoother import smooth
 
 Array = NDArray[np.float64]
 CORE = 250  # samples of a window that are kept

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.flight.prior import (
+from shockrig.analysis.flight.prior import (
     AIR,
     AIR_STATES,
     OU_VARIANCES,
@@ -23,7 +23,7 @@ from analysis.flight.prior import (
     passing_step,
     transition,
 )
-from analysis.flight.response import Response
+from shockrig.analysis.flight.response import Response
 
 Array = NDArray[np.float64]
 

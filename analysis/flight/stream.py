@@ -10,9 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.errors import InputError
-from analysis.flight.correct import FLAGS, Corrected, Flight, correct
-from analysis.flight.flight_io import (
+from shockrig.analysis.flight.correct import correct
+from shockrig.files.flight import FLAGS, Corrected, Flight
+from shockrig.files.errors import InputError
+from shockrig.files.flight import (
     BLOCK_ROWS,
     CsvWriter,
     Layout,
@@ -22,7 +23,7 @@ from analysis.flight.flight_io import (
     read_layout,
     to_flight,
 )
-from analysis.profile import Profile
+from shockrig.files.profile import Profile
 
 MARGIN_ROWS = 1500  # rows of the neighbours that a block sees: the smoother's longest memory, 60 s, at 20 Hz and more
 

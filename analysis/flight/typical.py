@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 
-from analysis.modes import film_mean, response_times, sphere_core
-from analysis.profile import (
+from shockrig.analysis.physics.modes import film_mean, response_times, sphere_core
+from shockrig.files.profile import (
     BEAD_RADIUS_M,
     FILM_THICKNESS_M,
     DiffusivityRow,

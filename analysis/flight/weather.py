@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 from scipy.ndimage import gaussian_filter1d
 
-from analysis.humidity import STANDARD_PRESSURE_HPA, humidity_from_ppmv, ppmv_from_humidity
+from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA, humidity_from_ppmv, ppmv_from_humidity
 
 Array = NDArray[np.float64]
 FINE_STEP_S = 0.01

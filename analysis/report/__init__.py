@@ -1,6 +1,6 @@
 """Reports and figures: one self-contained HTML page from plain data, and the drawings that go into it."""
 
-from analysis.report.html import (
+from shockrig.analysis.report.html import (
     Details,
     Equation,
     Figure,
@@ -11,8 +11,8 @@ from analysis.report.html import (
     Text,
     render,
 )
-from analysis.report.numbers import measured, plain
-from analysis.report.style import save_figure, write_whole
+from shockrig.analysis.report.numbers import measured, plain
+from shockrig.analysis.report.style import save_figure, write_whole
 
 __all__ = [
     "Details",

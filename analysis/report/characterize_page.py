@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.characterize import ChannelResult, Characterization, Row, to_profile
-from analysis.report.fitted import UNIT, panels, relative_runs, residuals, single_runs
-from analysis.report.html import Cell, Details, Figure, KeyNumber, Report, Section, Table, Text
-from analysis.report.numbers import measured, plain
-from analysis.report.parameters import Curve, diffusivity, parameter_by_condition
-from analysis.report.residuals import residual_overview
-from analysis.report.runs import run_panels
-from analysis.report.style import save_figure
+from shockrig.analysis.characterization.characterize import ChannelResult, Characterization, Row, to_profile
+from shockrig.analysis.report.fitted import UNIT, panels, relative_runs, residuals, single_runs
+from shockrig.analysis.report.html import Cell, Details, Figure, KeyNumber, Report, Section, Table, Text
+from shockrig.analysis.report.numbers import measured, plain
+from shockrig.analysis.report.parameters import Curve, diffusivity, parameter_by_condition
+from shockrig.analysis.report.residuals import residual_overview
+from shockrig.analysis.report.runs import run_panels
+from shockrig.analysis.report.style import save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing

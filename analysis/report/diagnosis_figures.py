@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.diagnosis.in_use import Crossing
-from analysis.report.fitted import UNIT
-from analysis.report.numbers import plain
-from analysis.report.style import BLUE, GREY, INK, ORANGE, RED, styled
+from shockrig.analysis.report.crossing import Crossing
+from shockrig.analysis.report.fitted import UNIT
+from shockrig.analysis.report.numbers import plain
+from shockrig.analysis.report.style import BLUE, GREY, INK, ORANGE, RED, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

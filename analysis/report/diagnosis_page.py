@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from analysis.channel import LeftOut
-from analysis.diagnosis.diagnose import ChannelDiagnosis, Diagnosis
-from analysis.diagnosis.export import correlations
-from analysis.diagnosis.held_out import autocorrelation, drifts, size
-from analysis.diagnosis.in_use import Crossing
-from analysis.diagnosis.search import price
-from analysis.effects import CATALOGUE
-from analysis.report.diagnosis_figures import crossing_figure
-from analysis.report.diagnosis_view import ChannelView
-from analysis.report.diagnosis_words import (
+from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis, Diagnosis
+from shockrig.analysis.diagnosis.export import correlations
+from shockrig.analysis.diagnosis.held_out import autocorrelation, drifts, size
+from shockrig.analysis.diagnosis.search import price
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.inference.channel import LeftOut
+from shockrig.analysis.report.crossing import Crossing
+from shockrig.analysis.report.diagnosis_figures import crossing_figure
+from shockrig.analysis.report.diagnosis_view import ChannelView
+from shockrig.analysis.report.diagnosis_words import (
     NEEDS,
     SENSOR,
     channel_verdict,
@@ -27,10 +27,10 @@ from analysis.report.diagnosis_words import (
     values_text,
     worse,
 )
-from analysis.report.fitted import UNIT, relative_runs
-from analysis.report.html import Cell, Details, Equation, Figure, KeyNumber, Report, Section, Table, Text
-from analysis.report.numbers import measured, plain
-from analysis.report.style import save_figure
+from shockrig.analysis.report.fitted import UNIT, relative_runs
+from shockrig.analysis.report.html import Cell, Details, Equation, Figure, KeyNumber, Report, Section, Table, Text
+from shockrig.analysis.report.numbers import measured, plain
+from shockrig.analysis.report.style import save_figure
 
 # What data sheets of the HYT family promise (IST AHHYTM E2.2.1); a bead is calibrated to about the same.
 ACCURACY = {"temperature": 0.2, "humidity": 1.8}

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.characterize import ChannelResult
-from analysis.diagnosis.diagnose import ChannelDiagnosis
-from analysis.diagnosis.extended import extended_result, plain_result
-from analysis.diagnosis.held_out import HeldOut, autocorrelation, held_out
-from analysis.diagnosis.search import price
-from analysis.report import residuals as drawings
-from analysis.report.diagnosis_words import SENSOR, named
-from analysis.report.fitted import UNIT, conditions, relative_runs
-from analysis.report.parameters import parameter_by_condition
-from analysis.report.style import save_figure
+from shockrig.analysis.characterization.characterize import ChannelResult
+from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis
+from shockrig.analysis.diagnosis.extended import extended_result, plain_result
+from shockrig.analysis.diagnosis.held_out import HeldOut, autocorrelation, held_out
+from shockrig.analysis.diagnosis.search import price
+from shockrig.analysis.report import residuals as drawings
+from shockrig.analysis.report.diagnosis_words import SENSOR, named
+from shockrig.analysis.report.fitted import UNIT, conditions, relative_runs
+from shockrig.analysis.report.parameters import parameter_by_condition
+from shockrig.analysis.report.style import save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing

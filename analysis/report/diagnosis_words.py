@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from analysis.diagnosis.diagnose import TOO_FEW, Cause, ChannelDiagnosis, Diagnosis
-from analysis.diagnosis.search import TIE
-from analysis.effects import CATALOGUE
-from analysis.report.fitted import UNIT
-from analysis.report.numbers import measured, plain
+from shockrig.analysis.diagnosis.diagnose import TOO_FEW, Cause, ChannelDiagnosis, Diagnosis
+from shockrig.analysis.diagnosis.search import TIE
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.report.fitted import UNIT
+from shockrig.analysis.report.numbers import measured, plain
 
 SENSOR = {"temperature": "bead", "humidity": "film"}
 # What a campaign lacks where an effect could not act in it at all.

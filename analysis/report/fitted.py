@@ -6,15 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from analysis.campaign import Campaign
-from analysis.channel import Channel
-from analysis.characterize import ChannelResult
-from analysis.report.numbers import plain
-from analysis.report.parameters import RunParameter
-from analysis.report.residuals import ResidualRun
-from analysis.report.runs import RunPanel
-from analysis.samples import model_at_samples
-from analysis.scatter import alone
+from shockrig.analysis.characterization.characterize import ChannelResult
+from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.samples import model_at_samples
+from shockrig.analysis.inference.scatter import alone
+from shockrig.analysis.report.numbers import plain
+from shockrig.analysis.report.parameters import RunParameter
+from shockrig.analysis.report.residuals import ResidualRun
+from shockrig.analysis.report.runs import RunPanel
+from shockrig.files.campaign import Campaign
 
 UNIT = {"temperature": "K", "humidity": "%RH"}
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.report.numbers import power_of_ten
-from analysis.report.style import BLUE, GREEN, GREY, INK, LIGHT, RED, SKY, literal, styled
+from shockrig.analysis.report.numbers import power_of_ten
+from shockrig.analysis.report.style import BLUE, GREEN, GREY, INK, LIGHT, RED, SKY, literal, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

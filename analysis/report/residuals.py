@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.report.numbers import plain
-from analysis.report.style import BLUE, GREY, INK, LIGHT, ORANGE, RED, literal, styled
+from shockrig.analysis.report.numbers import plain
+from shockrig.analysis.report.style import BLUE, GREY, INK, LIGHT, ORANGE, RED, literal, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.report.style import BLUE, GREY, INK, LIGHT, RED, literal, styled
+from shockrig.analysis.report.style import BLUE, GREY, INK, LIGHT, RED, literal, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.report.style import BLUE, GREEN, GREY, INK, RED, styled
+from shockrig.analysis.report.style import BLUE, GREEN, GREY, INK, RED, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

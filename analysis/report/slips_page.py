@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.modes import film_mean, response_times, sphere_core
-from analysis.report.html import Figure, KeyNumber, Report, Section, Table, Text
-from analysis.report.numbers import plain
-from analysis.report.slips import grid_errors, step_responses, zero_map
-from analysis.report.style import save_figure
-from analysis.schemes.layers import film_layers, sphere_layers, step_response
-from analysis.schemes.measured import Slip, SlipRow
-from analysis.schemes.sampling import sample, zeros
-from analysis.schemes.slips import COLUMNS, PERIOD_S, share_time
+from shockrig.analysis.physics.modes import film_mean, response_times, sphere_core
+from shockrig.analysis.physics.schemes.layers import film_layers, sphere_layers, step_response
+from shockrig.analysis.physics.schemes.measured import Slip, SlipRow
+from shockrig.analysis.physics.schemes.sampling import sample, zeros
+from shockrig.analysis.physics.schemes.slips import COLUMNS, PERIOD_S, share_time
+from shockrig.analysis.report.html import Figure, KeyNumber, Report, Section, Table, Text
+from shockrig.analysis.report.numbers import plain
+from shockrig.analysis.report.slips import grid_errors, step_responses, zero_map
+from shockrig.analysis.report.style import save_figure
 
 SENSORS = {"bead (sphere, core)": (sphere_layers, sphere_core()), "film (mean)": (film_layers, film_mean())}
 SOURCE = "Segales, Chilson and Salazar-Cerreno (2022), doi 10.5194/amt-15-2607-2022"

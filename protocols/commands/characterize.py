@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from analysis.characterize import Characterization
+    from shockrig.analysis.characterization.characterize import Characterization
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,12 +37,12 @@ def main(args: argparse.Namespace) -> int:
 
 def write(campaign: Path, out: Path, seed: int, extend: Path | None, made_at: str) -> Characterization:
     """Characterize a campaign into the folder `out`, whole or not at all."""
-    from analysis.campaign import read_campaign
-    from analysis.characterize import characterize, to_profile
-    from analysis.extension import read_extension
-    from analysis.profile import write_profile
-    from analysis.report.characterize_page import write_characterization
-    from protocols.folder import software_version, whole_folder
+    from shockrig.analysis.characterization.characterize import characterize, to_profile
+    from shockrig.analysis.characterization.extension import read_extension
+    from shockrig.analysis.report.characterize_page import write_characterization
+    from shockrig.files.campaign import read_campaign
+    from shockrig.files.profile import write_profile
+    from shockrig.protocols.folder import software_version, whole_folder
 
     extensions = None if extend is None else read_extension(extend)
     with whole_folder(out) as folder:
@@ -67,8 +67,8 @@ def write(campaign: Path, out: Path, seed: int, extend: Path | None, made_at: st
 
 def summary(result: Characterization) -> str:
     """What the command prints: alpha, the table D(T), response times, what does not fit."""
-    from analysis.report.characterize_page import hint
-    from analysis.report.numbers import measured, plain
+    from shockrig.analysis.report.characterize_page import hint
+    from shockrig.analysis.report.numbers import measured, plain
 
     lines = []
     if (t := result.temperature) is not None:

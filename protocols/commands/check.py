@@ -14,18 +14,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--bench", metavar="BENCH.toml", type=Path, help="bench file (default: the virtual bench)")
     parser.add_argument("--out", metavar="CAMPAIGN", type=Path, default=Path(), help="where you mean to record to")
-    parser.add_argument(
-        "--protocol", default="standard", help="what the disk must have room for (default: standard)"
-    )
+    parser.add_argument("--protocol", default="standard", help="what the disk must have room for (default: standard)")
     parser.add_argument("--still", action="store_true", help="send nothing to the stage")
 
 
 def main(args: argparse.Namespace) -> int:
     import time
 
-    from rig.bench import default_bench, load_bench, open_bench
-    from rig.check import examine, tree
-    from rig.protocol import load_protocol
+    from shockrig.rig.bench import default_bench, load_bench, open_bench
+    from shockrig.rig.check import examine, tree
+    from shockrig.rig.protocol import load_protocol
 
     protocol = load_protocol(args.protocol)
     config = default_bench() if args.bench is None else load_bench(args.bench)

@@ -37,9 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Correct the flight and print what was done."""
-    from analysis.errors import InputError
-    from analysis.flight.stream import correct_file
-    from analysis.profile import read_profile
+    from shockrig.analysis.flight.stream import correct_file
+    from shockrig.files.errors import InputError
+    from shockrig.files.profile import read_profile
 
     columns = {}
     for choice in args.column:

@@ -17,8 +17,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Record the standard campaign, characterize it, diagnose it, print how far all is from the truth."""
-    from rig.errors import BenchError
-    from rig.virtual.hide import open_seal
+    from shockrig.rig.errors import BenchError
+    from shockrig.rig.virtual.hide import open_seal
 
     campaign, sealed = args.out / "campaign", args.out / "campaign.sealed"
     try:
@@ -29,7 +29,7 @@ def main(args: argparse.Namespace) -> int:
     _shockrig("run", "standard", "--out", str(campaign), "--seed", str(args.seed), *hidden)
     _shockrig("characterize", str(campaign), "--out", str(args.out / "characterization"))
     profile = args.out / "characterization" / "profile.json"
-    if importlib.util.find_spec("protocols.commands.diagnose") is not None:
+    if importlib.util.find_spec("shockrig.protocols.commands.diagnose") is not None:
         _shockrig("diagnose", str(campaign), "--out", str(args.out / "diagnosis"))
         profile = args.out / "diagnosis" / "profile.json"
     truth, _ = open_seal(sealed)
@@ -42,7 +42,7 @@ def main(args: argparse.Namespace) -> int:
 
 def against_truth(profile_file: Path, truth) -> str:
     """alpha and D(T) of a profile beside the sealed truth, and how far they are off."""
-    from analysis.profile import read_profile
+    from shockrig.files.profile import read_profile
 
     profile = read_profile(profile_file)
     rows = []
@@ -65,7 +65,7 @@ def against_truth(profile_file: Path, truth) -> str:
 
 def _shockrig(*arguments: str) -> None:
     """One command of the command line, said before it starts."""
-    from protocols.cli import build_parser
+    from shockrig.protocols.cli import build_parser
 
     print(f"$ shockrig {' '.join(arguments)}", flush=True)
     print(f"shockrig {arguments[0]} ...", file=sys.stderr, flush=True)

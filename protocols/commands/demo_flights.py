@@ -18,13 +18,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Fly three scenes, correct them with every method, print the table and write the report."""
-    from analysis.errors import InputError
-    from analysis.flight.page import write_flights_report
-    from analysis.flight.scenes import CHANNELS, scores, try_scene
-    from analysis.flight.typical import typical_profile
-    from analysis.flight.weather import SCENES
-    from analysis.profile import read_profile
-    from protocols.folder import whole_folder
+    from shockrig.analysis.flight.scenes import CHANNELS, scores, try_scene
+    from shockrig.analysis.flight.typical import typical_profile
+    from shockrig.analysis.flight.weather import SCENES
+    from shockrig.analysis.report.flight_page import write_flights_report
+    from shockrig.files.errors import InputError
+    from shockrig.files.profile import read_profile
+    from shockrig.protocols.folder import whole_folder
 
     profile = read_profile(args.profile) if args.profile else typical_profile()
     if profile.temperature is None or profile.humidity is None:

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from analysis.diagnosis.diagnose import Diagnosis
-    from analysis.report.diagnosis_view import ChannelView
+    from shockrig.analysis.diagnosis.diagnose import Diagnosis
+    from shockrig.analysis.report.diagnosis_view import ChannelView
 
 CHANNELS = ("temperature", "humidity")
 
@@ -45,19 +45,19 @@ def write(campaign: Path, out: Path, seed: int, made_at: str) -> Diagnosis:
     """Diagnose a campaign into the folder `out`, whole or not at all."""
     import json
 
-    from protocols.folder import software_version, whole_folder
+    from shockrig.protocols.folder import software_version, whole_folder
 
     with whole_folder(out) as folder, _looking(campaign, seed, folder) as waiting:
-        from analysis.campaign import read_campaign
-        from analysis.channel import usable_runs
-        from analysis.diagnosis.diagnose import TOO_FEW, Diagnosis, next_experiments
-        from analysis.diagnosis.export import to_json
-        from analysis.diagnosis.extended import extended_profile
-        from analysis.diagnosis.in_use import cross_inversion
-        from analysis.errors import InputError
-        from analysis.profile import write_profile
-        from analysis.report.diagnosis_page import write_diagnosis
-        from analysis.report.style import write_whole
+        from shockrig.analysis.diagnosis.diagnose import TOO_FEW, Diagnosis, next_experiments
+        from shockrig.analysis.diagnosis.export import to_json
+        from shockrig.analysis.diagnosis.extended import extended_profile
+        from shockrig.analysis.inference.channel import usable_runs
+        from shockrig.analysis.report.crossing import cross_inversion
+        from shockrig.analysis.report.diagnosis_page import write_diagnosis
+        from shockrig.analysis.report.style import write_whole
+        from shockrig.files.campaign import read_campaign
+        from shockrig.files.errors import InputError
+        from shockrig.files.profile import write_profile
 
         recorded = read_campaign(campaign)
         views = [view for work in waiting if (view := work.result()) is not None]
@@ -107,10 +107,10 @@ def _looking(campaign: Path, seed: int, folder: Path) -> Iterator[list[Future[Ch
 
 
 def _look_at_channel(campaign: Path, name: str, seed: int, folder: Path) -> ChannelView | None:
-    from analysis.campaign import read_campaign
-    from analysis.channel import build_channel
-    from analysis.diagnosis.diagnose import diagnose_channel, enough
-    from analysis.report.diagnosis_view import look_at
+    from shockrig.analysis.diagnosis.diagnose import diagnose_channel, enough
+    from shockrig.analysis.inference.channel import build_channel
+    from shockrig.analysis.report.diagnosis_view import look_at
+    from shockrig.files.campaign import read_campaign
 
     channel = build_channel(read_campaign(campaign), name)
     if channel is None or not enough(channel):
@@ -122,7 +122,7 @@ def _look_at_channel(campaign: Path, name: str, seed: int, folder: Path) -> Chan
 
 def summary(diagnosis: Diagnosis) -> str:
     """What the command prints: verdicts, causes with parameters, gain, what to measure next."""
-    from analysis.report.diagnosis_words import channel_verdict, experiments, missing, terminal_causes
+    from shockrig.analysis.report.diagnosis_words import channel_verdict, experiments, missing, terminal_causes
 
     lines = []
     for found in diagnosis.channels:

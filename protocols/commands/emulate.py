@@ -47,9 +47,9 @@ def main(args: argparse.Namespace) -> int:
     import tempfile
     import time
 
-    from rig.errors import BenchError
-    from rig.virtual.emulate.i2c_socket import build_preload
-    from rig.virtual.emulate.session import FastClock, Options, Session, check_kinds
+    from shockrig.rig.errors import BenchError
+    from shockrig.rig.virtual.emulate.i2c_socket import build_preload
+    from shockrig.rig.virtual.emulate.session import FastClock, Options, Session, check_kinds
 
     if args.build is not None:
         print(f"{build_preload(args.build)}: name it in LD_PRELOAD, and the socket in SHOCKRIG_I2C_{args.bus}")
@@ -116,17 +116,17 @@ def _introduce(args: argparse.Namespace, session: Any) -> None:
 
 def _bench(args: argparse.Namespace) -> Any:
     """A pair of sensors at rest between two chambers; a carriage moves them."""
-    from rig.seams import Air
-    from rig.virtual.emulate.rest import RestingBench
+    from shockrig.rig.seams import Air
+    from shockrig.rig.virtual.emulate.rest import RestingBench
 
     source, destination = (Air(*_air(name, getattr(args, name))) for name in ("source", "destination"))
     return RestingBench(source, destination, args.airflow, PRESSURE_HPA, args.seed)
 
 
 def _flight(args: argparse.Namespace) -> tuple[Any, float]:
-    from analysis.flight.typical import typical_profile
-    from analysis.profile import read_profile
-    from protocols.flight_world import flight_world, read_flown_air
+    from shockrig.analysis.flight.typical import typical_profile
+    from shockrig.files.profile import read_profile
+    from shockrig.protocols.flight_world import flight_world, read_flown_air
 
     profile = typical_profile() if args.profile is None else read_profile(args.profile)
     air = read_flown_air(args.flight)
@@ -138,7 +138,7 @@ def _flight(args: argparse.Namespace) -> tuple[Any, float]:
 
 
 def _air(name: str, text: str) -> tuple[float, float]:
-    from rig.errors import BenchError
+    from shockrig.rig.errors import BenchError
 
     try:
         temperature_c, humidity_percent = (float(part) for part in text.split(","))
@@ -153,8 +153,8 @@ def _fault(text: str) -> Any:
     import math
     import re
 
-    from rig.errors import BenchError
-    from rig.virtual.faults import Fault
+    from shockrig.rig.errors import BenchError
+    from shockrig.rig.virtual.faults import Fault
 
     found = re.fullmatch(r"(\w+)@(\d+(?:\.\d+)?)(?:-(\d+(?:\.\d+)?))?", text)
     if found is None:
@@ -164,7 +164,7 @@ def _fault(text: str) -> Any:
 
 def _link(link: Path, target: str) -> None:
     """Never over a file, which may be somebody's; a link that was left behind is replaced."""
-    from rig.errors import BenchError
+    from shockrig.rig.errors import BenchError
 
     if link.is_symlink():
         link.unlink()

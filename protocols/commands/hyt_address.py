@@ -29,10 +29,10 @@ def main(args: argparse.Namespace) -> int:
     import tempfile
     from pathlib import Path
 
-    from rig.buses.i2c import SmbusBus
-    from rig.clock import RealClock
-    from rig.errors import BusError
-    from rig.sensors.hyt271_commands import change_address, read_address
+    from shockrig.rig.buses.i2c import SmbusBus
+    from shockrig.rig.clock import RealClock
+    from shockrig.rig.errors import BusError
+    from shockrig.rig.sensors.hyt271_commands import change_address, read_address
 
     clock = RealClock()
     path = f"/dev/i2c-{args.bus}" if args.bus.isdigit() else args.bus

@@ -54,8 +54,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    from rig.errors import BenchError
-    from rig.import_csv import CsvLayout, RunFacts, import_run, read_series
+    from shockrig.rig.errors import BenchError
+    from shockrig.rig.import_csv import CsvLayout, RunFacts, import_run, read_series
 
     _check_numbers(args)
     if args.imet is None and args.hyt is None:
@@ -103,9 +103,7 @@ def main(args: argparse.Namespace) -> int:
     }
     sensors = {name: {k: v for k, v in entry.items() if v is not None} for name, entry in described.items()}
     sources = {key: path.name for key, path in (("imet", args.imet), ("hyt", args.hyt)) if path is not None}
-    id_ = import_run(
-        args.out, series, facts, layout(), id_=args.id, name=args.name, sensors=sensors, sources=sources
-    )
+    id_ = import_run(args.out, series, facts, layout(), id_=args.id, name=args.name, sensors=sensors, sources=sources)
     for name, one in series.items():
         left_out = ", ".join(f"{count} {why}" for why, count in one.left_out.items())
         print(f"{name}: {len(one.time_s)} readings over {one.time_s[-1] - one.time_s[0]:.1f} s", file=sys.stderr)
@@ -121,7 +119,7 @@ def _check_numbers(args: argparse.Namespace) -> None:
     """Numbers on the command line must be finite and possible."""
     import math
 
-    from rig.errors import BenchError
+    from shockrig.rig.errors import BenchError
 
     limits = {
         "source_temperature": (-100.0, 150.0),

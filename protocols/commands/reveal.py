@@ -14,7 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    from protocols.reveal import score, table
+    from shockrig.protocols.reveal import score, table
 
     print(table(score(args.sealed, args.diagnosis)))
     return 0

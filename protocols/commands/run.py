@@ -44,11 +44,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    from rig.bench import default_bench, load_bench, open_bench
-    from rig.errors import BenchError
-    from rig.protocol import load_protocol
-    from rig.runner import check_plan
-    from rig.virtual.hide import seal
+    from shockrig.rig.bench import default_bench, load_bench, open_bench
+    from shockrig.rig.errors import BenchError
+    from shockrig.rig.protocol import load_protocol
+    from shockrig.rig.runner import check_plan
+    from shockrig.rig.virtual.hide import seal
 
     protocol = load_protocol(args.protocol)
     config = default_bench() if args.bench is None else load_bench(args.bench)
@@ -84,11 +84,11 @@ def _emulated(args: argparse.Namespace, config: Any) -> tuple[Any, _Sealed]:
 
     import numpy as np
 
-    from rig.bench import open_bench
-    from rig.bench_file import LARGEST_SEED
-    from rig.errors import BenchError
-    from rig.virtual.hide import draw_hidden, open_seal
-    from rig.virtual.truth import ROUGH, SMOOTH, draw_truth, with_effects
+    from shockrig.rig.bench import open_bench
+    from shockrig.rig.bench_file import LARGEST_SEED
+    from shockrig.rig.errors import BenchError
+    from shockrig.rig.virtual.hide import draw_hidden, open_seal
+    from shockrig.rig.virtual.truth import ROUGH, SMOOTH, draw_truth, with_effects
 
     out = (args.out or Path("dry-run")).resolve()
     path = args.sealed or out.with_name(out.name + ".sealed")
@@ -126,7 +126,7 @@ def _free_bytes(out: Path | None) -> int | None:
 
 
 def _print_plan(protocol: Any, bench: Any) -> None:
-    from protocols.run_progress import duration, words
+    from shockrig.protocols.run_progress import duration, words
 
     print(f"{protocol.name}: {protocol.description}")
     print(f"{len(protocol.runs)} runs on {bench.name} with {', '.join(bench.describe())}")
@@ -144,12 +144,12 @@ def _print_plan(protocol: Any, bench: Any) -> None:
 
 
 def _record(args: argparse.Namespace, protocol: Any, bench: Any, sealed: _Sealed | None) -> int:
-    from protocols.run_progress import duration, observer
-    from protocols.watch.beside import LiveObserver
-    from rig.clock import VirtualClock
-    from rig.recorder import read_state
-    from rig.runner import record_campaign
-    from rig.watch.status_file import StatusFile
+    from shockrig.protocols.run_progress import duration, observer
+    from shockrig.protocols.watch.beside import LiveObserver
+    from shockrig.rig.clock import VirtualClock
+    from shockrig.rig.recorder import read_state
+    from shockrig.rig.runner import record_campaign
+    from shockrig.rig.watch.status_file import StatusFile
 
     in_real_time = not isinstance(bench.clock, VirtualClock)
     before = {number: signal.signal(number, _end) for number in (signal.SIGTERM, signal.SIGHUP)}

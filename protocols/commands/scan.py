@@ -25,13 +25,13 @@ def main(args: argparse.Namespace) -> int:
     import tempfile
     import tomllib
 
-    from rig.bench_file import check_bench
-    from rig.buses.i2c import SmbusBus
-    from rig.buses.serial_port import PyserialPort, pyserial_opener
-    from rig.clock import RealClock
-    from rig.errors import BenchError
-    from rig.recorder import write_text
-    from rig.scan import bench_toml, scan_i2c, scan_serial
+    from shockrig.rig.bench_file import check_bench
+    from shockrig.rig.buses.i2c import SmbusBus
+    from shockrig.rig.buses.serial_port import PyserialPort, pyserial_opener
+    from shockrig.rig.clock import RealClock
+    from shockrig.rig.errors import BenchError
+    from shockrig.rig.recorder import write_text
+    from shockrig.rig.scan import bench_toml, scan_i2c, scan_serial
 
     if args.out is not None and args.out.exists():
         raise BenchError(f"{args.out}: is there already; give another --out")

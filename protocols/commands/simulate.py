@@ -34,12 +34,12 @@ def main(args: argparse.Namespace) -> int:
 
     import numpy as np
 
-    from analysis.errors import InputError
-    from analysis.flight.sensor import fly
-    from analysis.flight.typical import typical_profile
-    from analysis.flight.weather import SCENES as MAKERS
-    from analysis.profile import read_profile, write_profile
-    from protocols.folder import whole_folder
+    from shockrig.analysis.flight.sensor import fly
+    from shockrig.analysis.flight.typical import typical_profile
+    from shockrig.analysis.flight.weather import SCENES as MAKERS
+    from shockrig.files.errors import InputError
+    from shockrig.files.profile import read_profile, write_profile
+    from shockrig.protocols.folder import whole_folder
 
     maker = MAKERS[args.scene]
     known = [name for name in inspect.signature(maker).parameters if name != "rng"]

@@ -13,13 +13,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Print the table of slips; with --out write the report too."""
-    from analysis.schemes import slips_table
+    from shockrig.analysis.physics.schemes import slips_table
 
     if args.out is None:
         print(as_text(slips_table()))
         return 0
-    from analysis.report.slips_page import write_slips_report
-    from protocols.folder import whole_folder
+    from shockrig.analysis.report.slips_page import write_slips_report
+    from shockrig.protocols.folder import whole_folder
 
     with whole_folder(args.out) as folder:
         slips = slips_table()
@@ -31,7 +31,7 @@ def main(args: argparse.Namespace) -> int:
 
 def as_text(slips) -> str:
     """The table for a terminal: one block for each slip."""
-    from analysis.report.slips_page import as_table
+    from shockrig.analysis.report.slips_page import as_table
 
     lines = []
     for slip in slips:

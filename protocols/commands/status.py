@@ -11,7 +11,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    from rig.recorder import read_state
+    from shockrig.rig.recorder import read_state
 
     state = read_state(args.campaign)
     planned = f" of {len(state.planned)} planned" if state.planned else ""

@@ -26,9 +26,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     import time
 
-    from analysis.errors import InputError
-    from rig.recorder.campaign import read_head
-    from rig.watch.follow import Follower
+    from shockrig.files.errors import InputError
+    from shockrig.rig.recorder.campaign import read_head
+    from shockrig.rig.watch.follow import Follower
 
     if not 0.05 <= args.every <= 60.0:
         raise InputError(f"--every {args.every:g}: expected 0.05 to 60 s")
@@ -41,7 +41,7 @@ def main(args: argparse.Namespace) -> int:
         if args.web:
             _serve(args, follower)
         else:
-            from protocols.watch.terminal import watch_terminal
+            from shockrig.protocols.watch.terminal import watch_terminal
 
             watch_terminal(follower, time.sleep, args.every, args.once)
     except KeyboardInterrupt:
@@ -52,8 +52,8 @@ def main(args: argparse.Namespace) -> int:
 
 
 def _serve(args: argparse.Namespace, follower: object) -> None:
-    from analysis.errors import InputError
-    from protocols.watch.web import serve
+    from shockrig.files.errors import InputError
+    from shockrig.protocols.watch.web import serve
 
     if not _is_local(args.host):
         print(f"warning: whoever can reach {args.host} can see this page", file=sys.stderr)

@@ -6,9 +6,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-from protocols.run_progress import LineObserver
-from rig.protocol import PlannedRun
-from rig.runner import SilentObserver
+from shockrig.protocols.run_progress import LineObserver
+from shockrig.rig.protocol import PlannedRun
+from shockrig.rig.runner import SilentObserver
 
 LAST_LOOK_WITHIN_S = 3.0
 LEAVE_ALTERNATE_SCREEN = "\x1b[?1049l\x1b[?25h"
@@ -45,7 +45,7 @@ class LiveObserver(SilentObserver):
             self._lines.run_began(run, number, total, now_s)
         elif not self._begun:
             self._begun = True
-            command = [sys.executable, "-P", "-m", "protocols.cli", "watch", str(self._campaign.resolve())]
+            command = [sys.executable, "-P", "-m", "shockrig.protocols.cli", "watch", str(self._campaign.resolve())]
             try:
                 self._view = subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
             except OSError as error:

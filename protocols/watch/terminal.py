@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from protocols.run_progress import duration
-from protocols.watch import step_back
-from rig.watch.follow import Follower
-from rig.watch.view import Health, Trace, View
+from shockrig.protocols.run_progress import duration
+from shockrig.protocols.watch import step_back
+from shockrig.rig.watch.follow import Follower
+from shockrig.rig.watch.view import Health, Trace, View
 
 # bit of a dot by row (0 at the top) and column
 DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))

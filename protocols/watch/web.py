@@ -19,8 +19,8 @@ from importlib import resources
 from typing import Any
 from urllib.parse import urlsplit
 
-from protocols.watch import step_back
-from rig.watch.follow import Follower
+from shockrig.protocols.watch import step_back
+from shockrig.rig.watch.follow import Follower
 
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src data:; "
@@ -46,7 +46,7 @@ class WatchServer(ThreadingHTTPServer):
         self._lock = threading.Lock()
         self._answer = b""
         self._answered_s = float("-inf")
-        folder = resources.files("shockrig_data") / "watch"
+        folder = resources.files("shockrig.data") / "watch"
         self.files = {path: ((folder / name).read_bytes(), kind) for path, (name, kind) in FILES.items()}
         if ":" in host:
             import socket

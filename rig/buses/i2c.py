@@ -11,7 +11,7 @@ import fcntl
 import os
 from pathlib import Path
 
-from rig.seams import Clock
+from shockrig.rig.seams import Clock
 
 LEASE_S = 1.0  # an owner that is no longer polled loses the bus after this
 

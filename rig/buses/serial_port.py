@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from rig.seams import Clock
+from shockrig.rig.seams import Clock
 
 BITS_PER_BYTE = 10  # 8N1: start bit, eight data bits, stop bit
 WRITE_TIMEOUT_S = 0.5

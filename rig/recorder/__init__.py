@@ -1,8 +1,8 @@
 """Recording: a journal that grows while the bench runs, and the campaign files that are made from it."""
 
-from rig.recorder.campaign import CampaignFolder, CampaignState, SetAside, read_state
-from rig.recorder.files import write_json, write_run_files, write_text
-from rig.recorder.run import Recorder, RecordingError, RunRecord, is_good, judge, read_run, sample_time_s
+from shockrig.rig.recorder.campaign import CampaignFolder, CampaignState, SetAside, read_state
+from shockrig.rig.recorder.files import write_json, write_run_files, write_text
+from shockrig.rig.recorder.run import Recorder, RecordingError, RunRecord, is_good, judge, read_run, sample_time_s
 
 __all__ = [
     "CampaignFolder",

@@ -17,10 +17,10 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from rig.errors import BenchError
-from rig.protocol import PlannedRun, Protocol
-from rig.recorder.files import write_json, write_run_files
-from rig.recorder.run import (
+from shockrig.rig.errors import BenchError
+from shockrig.rig.protocol import PlannedRun, Protocol
+from shockrig.rig.recorder.files import write_json, write_run_files
+from shockrig.rig.recorder.run import (
     COMPLETE,
     INTERRUPTED,
     JOURNAL,

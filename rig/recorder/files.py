@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rig.recorder.run import COLUMNS, COMPLETE, RunRecord, sample_time_s
-from rig.seams import Air, Outcome, Reading
+from shockrig.rig.recorder.run import COLUMNS, COMPLETE, RunRecord, sample_time_s
+from shockrig.rig.seams import Air, Outcome, Reading
 
 
 def write_text(path: Path, text: str, sync: bool = False) -> None:

@@ -15,10 +15,10 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from rig.errors import BenchError, RigError
-from rig.journal import JournalWriter, read_journal
-from rig.protocol import Faults
-from rig.seams import Air, Move, Outcome, Reading
+from shockrig.rig.errors import BenchError, RigError
+from shockrig.rig.journal import JournalWriter, read_journal
+from shockrig.rig.protocol import Faults
+from shockrig.rig.seams import Air, Move, Outcome, Reading
 
 FORMAT = "shock-journal/1"
 # sensor -> what its file has after time_s: the quantity that the sensor is there for, then what it may say besides

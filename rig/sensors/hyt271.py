@@ -11,7 +11,7 @@ import errno
 from collections import Counter
 from dataclasses import dataclass
 
-from rig.seams import Clock, I2cBus, Outcome, Reading
+from shockrig.rig.seams import Clock, I2cBus, Outcome, Reading
 
 FULL_SCALE = 16383
 COMMAND_MODE_BIT, STALE_BIT = 0x80, 0x40

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import errno
 
-from rig.errors import BenchError, BusError
-from rig.seams import Clock, I2cBus
+from shockrig.rig.errors import BenchError, BusError
+from shockrig.rig.seams import Clock, I2cBus
 
 SUCCESS = 0x81
 ADDRESS_WORD = 0x1C

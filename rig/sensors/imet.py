@@ -10,8 +10,8 @@ from collections import Counter, deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from rig.seams import Clock, Outcome, Reading, SerialPort
-from rig.sensors.imet_lines import TABLES, Line, LineAssembler, LineTable, UnknownLine, implausible
+from shockrig.rig.seams import Clock, Outcome, Reading, SerialPort
+from shockrig.rig.sensors.imet_lines import TABLES, Line, LineAssembler, LineTable, UnknownLine, implausible
 
 REOPEN_S = 0.25
 ECHO_WITHIN_S = 0.03  # the fastest units speak every 50 ms, a burst of an XF takes 14 ms

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from rig.errors import BenchError
-from rig.seams import Reading
-from rig.sensors.imet import Imet
+from shockrig.rig.errors import BenchError
+from shockrig.rig.seams import Reading
+from shockrig.rig.sensors.imet import Imet
 
 
 @dataclass(frozen=True)

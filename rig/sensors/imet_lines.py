@@ -14,7 +14,7 @@ import string
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from rig.errors import BenchError
+from shockrig.rig.errors import BenchError
 
 NUMBER = re.compile(rb"[+-]?\d+(?:\.\d*)?")
 LETTERS = string.ascii_letters.encode()

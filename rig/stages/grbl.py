@@ -11,8 +11,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 
-from rig.errors import StageError
-from rig.seams import Air, Chambers, Clock, Move, SerialPort
+from shockrig.rig.errors import StageError
+from shockrig.rig.seams import Air, Chambers, Clock, Move, SerialPort
 
 HOLD, RESET, STATUS = b"!", b"\x18", b"?"
 REPORT = re.compile(rb"<([A-Z][a-z]*)(?::\d)?\|MPos:(-?\d{1,9}(?:\.\d{1,9})?)[^>]*>")

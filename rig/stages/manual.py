@@ -7,8 +7,8 @@ import sys
 from dataclasses import dataclass
 from typing import TextIO
 
-from rig.errors import StageError
-from rig.seams import Air, Chambers, Clock, Move, Operator
+from shockrig.rig.errors import StageError
+from shockrig.rig.seams import Air, Chambers, Clock, Move, Operator
 
 LOOK_S = 0.005
 

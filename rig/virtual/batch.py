@@ -16,15 +16,15 @@ from pathlib import Path
 
 import numpy as np
 
-from rig.errors import BenchError
-from rig.virtual.effects import RH, T
-from rig.virtual.logger import Logger, seen_at_s
-from rig.virtual.physics.air import Exposure, air_after
-from rig.virtual.physics.moist import concentration_ppmv
-from rig.virtual.physics.probes import Bodies, Probes
-from rig.virtual.physics.readout import humidity_reading, temperature_reading
-from rig.virtual.plans import PlannedRun
-from rig.virtual.truth import Truth
+from shockrig.rig.errors import BenchError
+from shockrig.rig.virtual.effects import RH, T
+from shockrig.rig.virtual.logger import Logger, seen_at_s
+from shockrig.rig.virtual.physics.air import Exposure, air_after
+from shockrig.rig.virtual.physics.moist import concentration_ppmv
+from shockrig.rig.virtual.physics.probes import Bodies, Probes
+from shockrig.rig.virtual.physics.readout import humidity_reading, temperature_reading
+from shockrig.rig.virtual.plans import PlannedRun
+from shockrig.rig.virtual.truth import Truth
 
 SAMPLING_PERIOD_S = 0.1
 FIRST_RUN_AT = datetime.datetime(2026, 5, 1, tzinfo=datetime.UTC)

@@ -13,11 +13,11 @@ import random
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from rig.seams import Clock
-from rig.virtual.chips.grbl import GrblController
-from rig.virtual.chips.hyt271 import Hyt271Chip
-from rig.virtual.i2c_dev import Wire
-from rig.virtual.serial_line import Device
+from shockrig.rig.seams import Clock
+from shockrig.rig.virtual.chips.grbl import GrblController
+from shockrig.rig.virtual.chips.hyt271 import Hyt271Chip
+from shockrig.rig.virtual.i2c_dev import Wire
+from shockrig.rig.virtual.serial_line import Device
 
 ERRNO = {
     "nack": errno.EREMOTEIO,

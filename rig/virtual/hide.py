@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from rig.errors import BenchError
-from rig.virtual.effects import CATALOGUED, KINDS, OUTSIDE, T
-from rig.virtual.truth import HUMIDITY_STEP_PERCENT, Hidden, Truth
+from shockrig.rig.errors import BenchError
+from shockrig.rig.virtual.effects import CATALOGUED, KINDS, OUTSIDE, T
+from shockrig.rig.virtual.truth import HUMIDITY_STEP_PERCENT, Hidden, Truth
 
 FORMAT = "sealed-truth/1"
 MEND = "give the sealed file that hiding wrote"

@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from types import SimpleNamespace
 from typing import Protocol
 
-from rig.seams import Clock
+from shockrig.rig.seams import Clock
 
 I2C_FUNCS, I2C_RDWR, I2C_M_RD = 0x0705, 0x0707, 0x0001
 FUNCTIONALITY = 0x0EFF0009  # I2C and the SMBus emulation, as bcm2835 and designware advertise it

@@ -10,13 +10,13 @@ import threading
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Protocol
 
-from rig.seams import Air, Clock
-from rig.virtual.chips.grbl import GrblController
-from rig.virtual.chips.hyt271 import Hyt271Chip
-from rig.virtual.chips.imet import ImetUnit
-from rig.virtual.faults import Fault, FaultyI2c, FaultySerial
-from rig.virtual.i2c_dev import I2cWire, plug_in, pull_out
-from rig.virtual.serial_line import Device, MemorySerial, PtyDevice
+from shockrig.rig.seams import Air, Clock
+from shockrig.rig.virtual.chips.grbl import GrblController
+from shockrig.rig.virtual.chips.hyt271 import Hyt271Chip
+from shockrig.rig.virtual.chips.imet import ImetUnit
+from shockrig.rig.virtual.faults import Fault, FaultyI2c, FaultySerial
+from shockrig.rig.virtual.i2c_dev import I2cWire, plug_in, pull_out
+from shockrig.rig.virtual.serial_line import Device, MemorySerial, PtyDevice
 
 SNAP_S = 0.002  # how long a transfer takes where the truth says that it takes no time
 _numbers = itertools.count(1)

@@ -11,8 +11,8 @@ from collections import deque
 
 import numpy as np
 
-from rig.virtual.effects import T
-from rig.virtual.truth import Noise, Truth
+from shockrig.rig.virtual.effects import T
+from shockrig.rig.virtual.truth import Noise, Truth
 
 
 def seen_at_s(truth: Truth, channel: str, time_s, origin_s=0.0):

@@ -11,10 +11,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from rig.errors import BenchError
-from rig.protocol import Protocol, Record, Transfer, load_protocol
-from rig.seams import Air
-from rig.virtual.physics.moist import saturation_pressure_hpa
+from shockrig.rig.errors import BenchError
+from shockrig.rig.protocol import Protocol, Record, Transfer, load_protocol
+from shockrig.rig.seams import Air
+from shockrig.rig.virtual.physics.moist import saturation_pressure_hpa
 
 AMBIENTS_C = (0.0, 10.0, 20.0, 30.0, 40.0)
 AIRFLOW_M_S = 6.0
@@ -74,9 +74,7 @@ def plan_from_protocol(protocol: Protocol) -> list[PlannedRun]:
         lead_s = round(before_s + (i * GOLDEN_RATIO) % 1.0, 4)
         airflow_m_s = AIRFLOW_M_S if run.airflow_m_s is None else run.airflow_m_s
         plan.append(
-            PlannedRun(
-                run.id, run.source, run.destination, airflow_m_s, duration_s=lead_s + after_s, lead_s=lead_s
-            )
+            PlannedRun(run.id, run.source, run.destination, airflow_m_s, duration_s=lead_s + after_s, lead_s=lead_s)
         )
     return plan
 

@@ -15,7 +15,7 @@ import threading
 import tty
 from typing import Protocol
 
-from rig.seams import Clock
+from shockrig.rig.seams import Clock
 
 
 class Device(Protocol):

@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rig.errors import BenchError
-from rig.virtual.effects import KINDS
+from shockrig.rig.errors import BenchError
+from shockrig.rig.virtual.effects import KINDS
 
 SMOOTH, ROUGH = "smooth", "rough"
 CORE_T98 = 0.46660  # alpha t98 / R^2 of a sphere's core after a step

@@ -13,15 +13,15 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rig.errors import BenchError
-from rig.seams import Air, Clock
-from rig.virtual.effects import RH, T
-from rig.virtual.logger import Logger, seen_at_s
-from rig.virtual.physics.air import Exposure
-from rig.virtual.physics.course import ModalCourse, follow
-from rig.virtual.physics.moist import concentration_ppmv, humidity_percent
-from rig.virtual.physics.readout import humidity_reading, temperature_reading
-from rig.virtual.truth import Truth
+from shockrig.rig.errors import BenchError
+from shockrig.rig.seams import Air, Clock
+from shockrig.rig.virtual.effects import RH, T
+from shockrig.rig.virtual.logger import Logger, seen_at_s
+from shockrig.rig.virtual.physics.air import Exposure
+from shockrig.rig.virtual.physics.course import ModalCourse, follow
+from shockrig.rig.virtual.physics.moist import concentration_ppmv, humidity_percent
+from shockrig.rig.virtual.physics.readout import humidity_reading, temperature_reading
+from shockrig.rig.virtual.truth import Truth
 
 ROOM = Air(20.0, 50.0)  # where the probes lie until chambers are first asked for an air
 PAST_KEPT_S = 20.0

@@ -14,12 +14,12 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rig.errors import BenchError
-from rig.journal import decode_line
-from rig.recorder.run import JOURNAL
-from rig.watch.run_so_far import RunSoFar, health, traces
-from rig.watch.status_file import FILE as STATUS_FILE
-from rig.watch.view import RunView, StepView, View, air_words, as_list, clean, finite
+from shockrig.rig.errors import BenchError
+from shockrig.rig.journal import decode_line
+from shockrig.rig.recorder.run import JOURNAL
+from shockrig.rig.watch.run_so_far import RunSoFar, health, traces
+from shockrig.rig.watch.status_file import FILE as STATUS_FILE
+from shockrig.rig.watch.view import RunView, StepView, View, air_words, as_list, clean, finite
 
 SOAK_SHOWN_S = 60.0
 STALLED_AFTER_S = 10.0

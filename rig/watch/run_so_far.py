@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from rig.recorder.run import COLUMNS
-from rig.watch.view import Health, Trace, as_list, clean, finite
+from shockrig.rig.recorder.run import COLUMNS
+from shockrig.rig.watch.view import Health, Trace, as_list, clean, finite
 
 HEALTH_OVER_S = 10.0
 SILENT_AFTER_S = 3.0

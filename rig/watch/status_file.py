@@ -14,11 +14,11 @@ from collections import deque
 from pathlib import Path
 from typing import Any
 
-from rig.protocol import PlannedRun, Protocol, Record, Soak, Step, Transfer
-from rig.recorder import RunRecord, write_json
-from rig.recorder.run import COMPLETE
-from rig.runner import Observer
-from rig.seams import Reading
+from shockrig.rig.protocol import PlannedRun, Protocol, Record, Soak, Step, Transfer
+from shockrig.rig.recorder import RunRecord, write_json
+from shockrig.rig.recorder.run import COMPLETE
+from shockrig.rig.runner import Observer
+from shockrig.rig.seams import Reading
 
 FORMAT = "shock-status/1"
 FILE = "status.json"

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-from rig.virtual.serial_line import OutputQueue
+from shockrig.rig.virtual.serial_line import OutputQueue
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
 WORD = re.compile(r"([A-Z])(-?\d+(?:\.\d+)?)")

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from rig.virtual.serial_line import OutputQueue
+from shockrig.rig.virtual.serial_line import OutputQueue
 
 A, B, C = 1.01118217e-3, 2.61666421e-4, 1.50184525e-7
 

@@ -15,8 +15,8 @@ import subprocess
 import threading
 from pathlib import Path
 
-from rig.errors import BenchError
-from rig.virtual.i2c_dev import I2C_M_RD, Wire
+from shockrig.rig.errors import BenchError
+from shockrig.rig.virtual.i2c_dev import I2C_M_RD, Wire
 
 SOURCE = Path(__file__).with_name("i2c_preload.c")
 LONGEST_PACKET = 65536

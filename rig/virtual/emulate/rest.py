@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from rig.clock import VirtualClock
-from rig.seams import Air
-from rig.virtual.truth import draw_truth
-from rig.virtual.world import World
+from shockrig.rig.clock import VirtualClock
+from shockrig.rig.seams import Air
+from shockrig.rig.virtual.truth import draw_truth
+from shockrig.rig.virtual.world import World
 
 RESTED_S = 3600.0
 

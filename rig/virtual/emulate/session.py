@@ -7,16 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rig.clock import RealClock
-from rig.errors import BenchError
-from rig.virtual.chips.grbl import GrblController
-from rig.virtual.chips.hyt271 import Hyt271Chip
-from rig.virtual.chips.imet import ImetUnit
-from rig.virtual.emulate.i2c_socket import I2cSocket, build_preload
-from rig.virtual.emulate.witness import Witness
-from rig.virtual.faults import I2C_KINDS, SERIAL_KINDS, Fault, FaultyI2c, FaultySerial
-from rig.virtual.i2c_dev import I2cWire
-from rig.virtual.serial_line import PtyDevice
+from shockrig.rig.clock import RealClock
+from shockrig.rig.errors import BenchError
+from shockrig.rig.virtual.chips.grbl import GrblController
+from shockrig.rig.virtual.chips.hyt271 import Hyt271Chip
+from shockrig.rig.virtual.chips.imet import ImetUnit
+from shockrig.rig.virtual.emulate.i2c_socket import I2cSocket, build_preload
+from shockrig.rig.virtual.emulate.witness import Witness
+from shockrig.rig.virtual.faults import I2C_KINDS, SERIAL_KINDS, Fault, FaultyI2c, FaultySerial
+from shockrig.rig.virtual.i2c_dev import I2cWire
+from shockrig.rig.virtual.serial_line import PtyDevice
 
 KINDS = ("imet-xf", "imet-xq2", "imet-xq", "hyt-271", "grbl")
 LINES_HZ = {"imet-xf": 10.0, "imet-xq2": 1.0, "imet-xq": 1.0}

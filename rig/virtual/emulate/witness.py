@@ -13,8 +13,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from rig.errors import BenchError
-from rig.virtual.chips.hyt271 import FULL_SCALE
+from shockrig.rig.errors import BenchError
+from shockrig.rig.virtual.chips.hyt271 import FULL_SCALE
 
 COLUMNS = ("time_s", "unix_s", "instrument", "quantity", "said", "air")
 # instrument -> quantity -> (smallest step, where its scale begins)

@@ -12,8 +12,8 @@ from functools import cached_property
 
 import numpy as np
 
-from rig.virtual.physics.moist import concentration_ppmv, humidity_percent
-from rig.virtual.truth import Truth
+from shockrig.rig.virtual.physics.moist import concentration_ppmv, humidity_percent
+from shockrig.rig.virtual.truth import Truth
 
 DIED_AWAY = 25.0  # time constants, after which an exponential is below the last digit that anybody reads
 

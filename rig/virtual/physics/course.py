@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import eigh_tridiagonal
 
-from rig.virtual.physics.air import Exposure, air_after, shortest_change_s
-from rig.virtual.physics.chains import FIRST_STEP_S, Chain, Stepper
-from rig.virtual.physics.moist import concentration_ppmv
-from rig.virtual.physics.probes import CORE_WEIGHTS, FILM_WIDTHS, SORPTION_HEAT_S, Bodies, Probes
-from rig.virtual.truth import Truth
+from shockrig.rig.virtual.physics.air import Exposure, air_after, shortest_change_s
+from shockrig.rig.virtual.physics.chains import FIRST_STEP_S, Chain, Stepper
+from shockrig.rig.virtual.physics.moist import concentration_ppmv
+from shockrig.rig.virtual.physics.probes import CORE_WEIGHTS, FILM_WIDTHS, SORPTION_HEAT_S, Bodies, Probes
+from shockrig.rig.virtual.truth import Truth
 
 PIECES_PER_CHANGE = 100  # of a changing air, each taken as straight: 1e-5 of the change is neglected
 SHORTEST_RAMP_S = 1e-6  # what is faster is a step: no number of digits would hold its slope

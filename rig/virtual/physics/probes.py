@@ -12,10 +12,10 @@ from functools import cached_property
 
 import numpy as np
 
-from rig.virtual.physics import chains
-from rig.virtual.physics.air import Exposure, air_after
-from rig.virtual.physics.moist import concentration_ppmv, dew_point_c, ventilation
-from rig.virtual.truth import Truth
+from shockrig.rig.virtual.physics import chains
+from shockrig.rig.virtual.physics.air import Exposure, air_after
+from shockrig.rig.virtual.physics.moist import concentration_ppmv, dew_point_c, ventilation
+from shockrig.rig.virtual.truth import Truth
 
 SPHERE_EDGES = chains.sphere_edges()
 CORE_WEIGHTS = chains.core_weights(SPHERE_EDGES)

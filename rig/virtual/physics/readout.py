@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from rig.virtual.effects import RH, T
-from rig.virtual.physics.air import Exposure
-from rig.virtual.physics.moist import ZERO_C_K, dew_point_c, humidity_percent, ventilation
-from rig.virtual.physics.probes import SORPTION_HEAT_S, Bodies
-from rig.virtual.truth import Truth
+from shockrig.rig.virtual.effects import RH, T
+from shockrig.rig.virtual.physics.air import Exposure
+from shockrig.rig.virtual.physics.moist import ZERO_C_K, dew_point_c, humidity_percent, ventilation
+from shockrig.rig.virtual.physics.probes import SORPTION_HEAT_S, Bodies
+from shockrig.rig.virtual.truth import Truth
 
 HYSTERESIS_WIDTH_PERCENT = 5.0
 DEW_MARGIN_K = 0.5  # dew wets a bead that comes from air colder than the destination's dew point by this much

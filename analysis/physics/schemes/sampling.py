@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import cont2discrete
 
-from analysis.schemes.layers import StateSpace
+from shockrig.analysis.physics.schemes.layers import StateSpace
 
 # name -> scipy's name. "zero_order_hold" is exact for an air that is constant over each step.
 METHODS = {

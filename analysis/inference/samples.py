@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.channel import Channel
-from analysis.gls import Fit, predict
+from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.gls import Fit, predict
 
 Array = NDArray[np.float64]
 

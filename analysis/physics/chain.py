@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis import concentration, modes
-from analysis.channel import Channel
-from analysis.humidity import saturation_pressure_hpa
+from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.physics import concentration, modes
+from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 
 Array = NDArray[np.float64]
 

@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.errors import InputError
-from analysis.flight.correct import correct
-from analysis.flight.judging import rmse
-from analysis.flight.scenes import to_flight
-from analysis.flight.sensor import FLOWN_EFFECTS, fly_many
-from analysis.flight.weather import inversion
-from analysis.profile import Profile
+from shockrig.analysis.flight.correct import correct
+from shockrig.analysis.flight.judging import rmse
+from shockrig.analysis.flight.scenes import to_flight
+from shockrig.analysis.flight.sensor import FLOWN_EFFECTS, fly_many
+from shockrig.analysis.flight.weather import inversion
+from shockrig.files.errors import InputError
+from shockrig.files.profile import Profile
 
 Array = NDArray[np.float64]
 COLUMN = {"temperature": "temperature_c", "humidity": "humidity_percent"}

@@ -13,17 +13,18 @@ import csv
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.errors import InputError
-from analysis.flight.correct import FLAGS, Corrected, Flight
+from shockrig.files.errors import InputError
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+FLAGS = ("gap", "repeated", "implausible", "outside_profile", "not_corrected")
 BLOCK_ROWS = 20_000
 ESSENTIAL = ("time", "temperature", "humidity")
 MISSING = frozenset(("", "na", "n/a", "null", "none", "-", "--", "---"))  # what loggers write for no value
@@ -62,6 +63,41 @@ XQ2_FIELDS = (
 )  # fmt: skip
 
 EARLIEST_DATE_S = 5e8  # a clock that says more counts from 1970 (this is 1985)
+
+
+@dataclass(frozen=True)
+class Flight:
+    """Rows of a log: arrays (n,), NaN where a value is missing; `temperature_c` the bead's, `humidity_percent` the
+    film's."""
+
+    time_s: Array
+    temperature_c: Array
+    humidity_percent: Array
+    airspeed_m_s: Array
+    die_temperature_c: Array
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """Rows as they came; NaN where a value cannot be given; uncertainties are one standard uncertainty.
+
+    `cutoff_hz`: low-pass of each corrected channel, None where the method has none.
+    """
+
+    temperature_c: Array
+    temperature_uncertainty_k: Array
+    humidity_percent: Array
+    humidity_uncertainty_percent: Array
+    flags: dict[str, Mask]
+    notes: tuple[str, ...] = field(default=())
+    cutoff_hz: dict[str, float | None] = field(default_factory=dict)
+
+    def flag_texts(self) -> list[str]:
+        """For each row its flags joined by "|", empty where there is none."""
+        names = [name for name in FLAGS if self.flags[name].any()]
+        stacked = zip(*(self.flags[name] for name in names), strict=True) if names else ()
+        texts = ["|".join(n for n, on in zip(names, row, strict=True) if on) for row in stacked]
+        return texts or [""] * self.temperature_c.size
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from analysis.channel import Channel, Conditions
-from analysis.effects import CATALOGUE
-from analysis.gls import Fit, Layout, predict
-from analysis.modes import film_mean, response_times, sphere_core
-from analysis.profile import ResponseTime
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.inference.channel import Channel, Conditions
+from shockrig.analysis.inference.gls import Fit, Layout, predict
+from shockrig.analysis.physics.modes import film_mean, response_times, sphere_core
+from shockrig.files.profile import ResponseTime
 
 SHARES = (1.0 - np.exp(-1.0), 0.90, 0.98)
 RISE = {"temperature": (15.0, 25.0), "humidity": (40.0, 60.0)}  # degC, %RH

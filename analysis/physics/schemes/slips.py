@@ -11,11 +11,11 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import brentq, least_squares
 
-from analysis.modes import Modes, film_mean, response_times, sphere_core
-from analysis.schemes import limits
-from analysis.schemes.layers import StateSpace, film_layers, sphere_layers, step_response
-from analysis.schemes.measured import Slip, SlipRow
-from analysis.schemes.sampling import delay_samples, inverse_noise_gain, sample, stable_period_s, zeros
+from shockrig.analysis.physics.modes import Modes, film_mean, response_times, sphere_core
+from shockrig.analysis.physics.schemes import limits
+from shockrig.analysis.physics.schemes.layers import StateSpace, film_layers, sphere_layers, step_response
+from shockrig.analysis.physics.schemes.measured import Slip, SlipRow
+from shockrig.analysis.physics.schemes.sampling import delay_samples, inverse_noise_gain, sample, stable_period_s, zeros
 
 PERIOD_S = 0.1
 COLUMNS = ("printed", "mended", "collocation")

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, optimize
 
-from analysis.channel import Channel
-from analysis.rounding import noise_before_rounding, rounded_autocovariance, rounding_covariance
+from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.rounding import noise_before_rounding, rounded_autocovariance, rounding_covariance
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.gls import RATE_SCATTER, RATE_SCATTER_LIMIT, RATE_SCATTER_WEIGHT, Fit, Problem
+from shockrig.analysis.inference.gls import RATE_SCATTER, RATE_SCATTER_LIMIT, RATE_SCATTER_WEIGHT, Fit, Problem
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 
-from analysis.channel import Channel
-from analysis.gls import Layout, predict, start_theta
+from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.gls import Layout, predict, start_theta
 
 Array = NDArray[np.float64]
 

@@ -8,16 +8,23 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.flight import figures
-from analysis.flight.correct import METHODS
-from analysis.flight.inverse import RefusedError, mean_response, mended_system, paper_layers
-from analysis.flight.judging import SPECTRAL_SLOPE, STRUCTURE_SLOPE, bode, power_spectrum, slope, structure_function
-from analysis.flight.response import Response, bead_response, film_response
-from analysis.flight.scenes import CHANNELS, Score, Trial, scores
-from analysis.profile import Profile
-from analysis.report.html import Figure, KeyNumber, Report, Section, Table, Text
-from analysis.report.style import save_figure
-from analysis.schemes.sampling import inverse_noise_gain
+from shockrig.analysis.flight.correct import METHODS
+from shockrig.analysis.flight.inverse import RefusedError, mean_response, mended_system, paper_layers
+from shockrig.analysis.flight.judging import (
+    SPECTRAL_SLOPE,
+    STRUCTURE_SLOPE,
+    bode,
+    power_spectrum,
+    slope,
+    structure_function,
+)
+from shockrig.analysis.flight.response import Response, bead_response, film_response
+from shockrig.analysis.flight.scenes import CHANNELS, Score, Trial, scores
+from shockrig.analysis.physics.schemes.sampling import inverse_noise_gain
+from shockrig.analysis.report import flight_figures as figures
+from shockrig.analysis.report.html import Figure, KeyNumber, Report, Section, Table, Text
+from shockrig.analysis.report.style import save_figure
+from shockrig.files.profile import Profile
 
 PERIOD_S = 0.1
 SOURCE = "Segales, Chilson and Salazar-Cerreno (2022), doi 10.5194/amt-15-2607-2022"

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from analysis.channel import ChannelName
-from analysis.effects import CATALOGUE
-from analysis.errors import InputError
-from analysis.gls import Layout
-from analysis.profile import Effect, Uncertain
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.inference.channel import ChannelName
+from shockrig.analysis.inference.gls import Layout
+from shockrig.files.errors import InputError
+from shockrig.files.profile import Effect, Uncertain
 
 FORMAT = "shock-diagnosis/1"
 MEND = "give the diagnosis.json of shockrig diagnose"

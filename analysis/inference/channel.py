@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.campaign import Air, Campaign, Run, Trace
+from shockrig.files.campaign import Air, Campaign, Run, Trace
 
 Array = NDArray[np.float64]
 ChannelName = Literal["temperature", "humidity"]

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.chain import Chain, at_jump, evaluate
-from analysis.channel import Channel
-from analysis.effects import CATALOGUE, Parameter
+from shockrig.analysis.effects import CATALOGUE, Parameter
+from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.physics.chain import Chain, at_jump, evaluate
 
 Array = NDArray[np.float64]
 
@@ -256,9 +256,7 @@ def _linearise(problem: Problem, layout: Layout, theta: Array, deviations: Array
     return _Point(theta, deviations, f[0], jacobian, run_jacobian, objective, residual, muted)
 
 
-def _objective(
-    problem: Problem, layout: Layout, theta: Array, deviations: Array, residual: Array, muted: int
-) -> float:
+def _objective(problem: Problem, layout: Layout, theta: Array, deviations: Array, residual: Array, muted: int) -> float:
     """Penalised sum of squares; a muted bin counts as what noise alone would give, so that no model gains by muting."""
     groups = problem.channel.interpolation.shape[1]
     penalty = ((deviations / problem.scatter) ** 2).sum() + _prior(layout, theta, groups)
@@ -387,9 +385,7 @@ def fit(
 
 def _rescattered(problem: Problem, layout: Layout, point: _Point) -> _Point:
     """The same point under another scatter."""
-    objective = _objective(
-        problem, layout, point.theta, point.deviations, point.whitened_residual, point.muted
-    )
+    objective = _objective(problem, layout, point.theta, point.deviations, point.whitened_residual, point.muted)
     return replace(point, objective=objective)
 
 

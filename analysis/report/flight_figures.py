@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.flight.correct import METHODS
-from analysis.flight.judging import Bode, gathered, power_spectrum, structure_function
-from analysis.flight.scenes import CHANNELS, Trial
-from analysis.report.style import BLUE, GREEN, GREY, INK, ORANGE, RED, styled
-from analysis.schemes.layers import StateSpace
-from analysis.schemes.sampling import poles, zeros
+from shockrig.analysis.flight.correct import METHODS
+from shockrig.analysis.flight.judging import Bode, gathered, power_spectrum, structure_function
+from shockrig.analysis.flight.scenes import CHANNELS, Trial
+from shockrig.analysis.physics.schemes.layers import StateSpace
+from shockrig.analysis.physics.schemes.sampling import poles, zeros
+from shockrig.analysis.report.style import BLUE, GREEN, GREY, INK, ORANGE, RED, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

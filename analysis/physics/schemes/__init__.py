@@ -1,8 +1,15 @@
 """The paper's layered state-space sensors as printed and mended, sampled and inverted, and what its slips cost."""
 
-from analysis.schemes.layers import FILM_SCHEMES, SPHERE_SCHEMES, StateSpace, film_layers, sphere_layers, step_response
-from analysis.schemes.measured import Slip, SlipRow
-from analysis.schemes.sampling import (
+from shockrig.analysis.physics.schemes.layers import (
+    FILM_SCHEMES,
+    SPHERE_SCHEMES,
+    StateSpace,
+    film_layers,
+    sphere_layers,
+    step_response,
+)
+from shockrig.analysis.physics.schemes.measured import Slip, SlipRow
+from shockrig.analysis.physics.schemes.sampling import (
     METHODS,
     delay_samples,
     inverse_noise_gain,
@@ -12,7 +19,7 @@ from analysis.schemes.sampling import (
     stable_period_s,
     zeros,
 )
-from analysis.schemes.slips import slips_table
+from shockrig.analysis.physics.schemes.slips import slips_table
 
 __all__ = [
     "FILM_SCHEMES",

@@ -11,10 +11,10 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import brentq, least_squares
 
-from analysis.chain import ventilation
-from analysis.humidity import saturation_pressure_hpa
-from analysis.modes import Modes, film_mean, first_order, response_times, sphere_core, sphere_core_biot
-from analysis.schemes.measured import Slip, SlipRow
+from shockrig.analysis.physics.chain import ventilation
+from shockrig.analysis.physics.humidity import saturation_pressure_hpa
+from shockrig.analysis.physics.modes import Modes, film_mean, first_order, response_times, sphere_core, sphere_core_biot
+from shockrig.analysis.physics.schemes.measured import Slip, SlipRow
 
 # A glass bead of 0.8 mm in air at 20 degC and 1013 hPa (round handbook values)
 BEAD_RADIUS_M = 4e-4

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.errors import InputError
+from shockrig.files.errors import InputError
 
 Array = NDArray[np.float64]
 

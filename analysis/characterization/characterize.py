@@ -13,16 +13,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.campaign import Campaign
-from analysis.channel import AMBIENT_WIDTH_K, Channel, ChannelName, LeftOut, build_channel, usable_runs
-from analysis.diagnosis.readings import find_repeats
-from analysis.errors import InputError
-from analysis.evolution import RATE_BOUNDS_PER_S, Misfit, Optimum, evolve, second_opinion
-from analysis.extension import CHANNELS, Extension
-from analysis.gls import Fit, Layout, Problem, fit, make_problem, start_theta
-from analysis.humidity import saturation_pressure_hpa
-from analysis.noise import Noise, estimate_noise, whiteners
-from analysis.profile import (
+from shockrig.analysis.characterization.extension import CHANNELS, Extension
+from shockrig.analysis.characterization.response import response_time
+from shockrig.analysis.diagnosis.readings import find_repeats
+from shockrig.analysis.inference.channel import (
+    AMBIENT_WIDTH_K,
+    Channel,
+    ChannelName,
+    LeftOut,
+    build_channel,
+    usable_runs,
+)
+from shockrig.analysis.inference.evolution import RATE_BOUNDS_PER_S, Misfit, Optimum, evolve, second_opinion
+from shockrig.analysis.inference.gls import Fit, Layout, Problem, fit, make_problem, start_theta
+from shockrig.analysis.inference.noise import Noise, estimate_noise, whiteners
+from shockrig.analysis.inference.samples import rmse_over_samples
+from shockrig.analysis.inference.scatter import pooled_scatter
+from shockrig.analysis.physics.humidity import saturation_pressure_hpa
+from shockrig.files.campaign import Campaign
+from shockrig.files.errors import InputError
+from shockrig.files.profile import (
     DiffusivityRow,
     Effect,
     HumidityProfile,
@@ -31,9 +41,6 @@ from analysis.profile import (
     TemperatureProfile,
     Uncertain,
 )
-from analysis.response import response_time
-from analysis.samples import rmse_over_samples
-from analysis.scatter import pooled_scatter
 
 Array = NDArray[np.float64]
 

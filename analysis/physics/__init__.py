@@ -1,0 +1,1 @@
+"""Closed forms: modes, bodies, humidity, the measurement chain, the published schemes."""

@@ -1,0 +1,1 @@
+"""Characterization, diagnosis and flight correction of thermo-hygrometers for weather drones."""
