@@ -15,14 +15,13 @@ import pandas as pd
 import pytest
 
 from shockrig.analysis.flight.correct import correct
-from shockrig.files.flight import FLAGS
 from shockrig.analysis.flight.scenes import to_flight as frame_to_flight
 from shockrig.analysis.flight.sensor import fly
 from shockrig.analysis.flight.stream import correct_file
 from shockrig.analysis.flight.typical import typical_profile
 from shockrig.analysis.flight.weather import convective, frontal
 from shockrig.files.errors import InputError
-from shockrig.files.flight import OUTPUT_COLUMNS, read_layout, to_flight
+from shockrig.files.flight import FLAGS, OUTPUT_COLUMNS, read_layout, to_flight
 from shockrig.files.profile import write_profile
 from shockrig.protocols.cli import main
 

@@ -8,7 +8,7 @@ method, and back with the air's corrected temperature; D follows that temperatur
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray

@@ -10,11 +10,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from shockrig.analysis.flight.correct import METHODS, correct
-from shockrig.files.flight import Corrected, Flight
 from shockrig.analysis.flight.inverse import RefusedError
 from shockrig.analysis.flight.judging import coverage, rmse
 from shockrig.analysis.flight.sensor import Flown, fly_many
 from shockrig.analysis.flight.weather import SCENES, Weather
+from shockrig.files.flight import Corrected, Flight
 from shockrig.files.profile import Profile
 
 Array = NDArray[np.float64]

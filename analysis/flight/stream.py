@@ -11,11 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from shockrig.analysis.flight.correct import correct
-from shockrig.files.flight import FLAGS, Corrected, Flight
 from shockrig.files.errors import InputError
 from shockrig.files.flight import (
     BLOCK_ROWS,
+    FLAGS,
+    Corrected,
     CsvWriter,
+    Flight,
     Layout,
     NetcdfWriter,
     look_over,
