@@ -1,5 +1,4 @@
-"""Reads a campaign folder (`shock-campaign/1`: campaign.json, runs/ID/run.json, imet.csv, hyt.csv) and validates it
-all.
+"""Reads a campaign folder (`shock-campaign/1`: campaign.json, runs/ID/run.json, imet.csv, hyt.csv, air.csv).
 
 Unknown keys and columns are ignored; every error names the file, the line or key, and the mend.
 """
@@ -34,8 +33,18 @@ AIR_HUMIDITIES_PERCENT = (-5.0, 130.0)
 READ_HUMIDITIES_PERCENT = (-10.0, 130.0)
 AIRFLOWS_M_S = (0.0, 150.0)
 PRESSURES_HPA = (1.0, 2000.0)
+AIR_LIMITS = {
+    "temperature_c": TEMPERATURES_C,
+    "humidity_percent": AIR_HUMIDITIES_PERCENT,
+    "airflow_m_s": AIRFLOWS_M_S,
+    "pressure_hpa": PRESSURES_HPA,
+}
 STARTS_S = (-LONGEST_RUN_S, LONGEST_RUN_S)
 DURATIONS_S = (0.0, 3600.0)  # of a transfer
+TIME_CONSTANTS_S = (0.0, 3600.0)  # of a reference
+UNCERTAINTIES = (0.0, 50.0)  # of a reference, in K or %RH
+BODIES = ("sphere", "film", "sphere_mean", "cylinder", "cylinder_mean", "plate", "lumped")
+DEFAULT_BODIES = {"imet": "sphere", "hyt": "film"}
 
 
 @dataclass(frozen=True)
@@ -48,10 +57,11 @@ class Air:
 
 @dataclass(frozen=True)
 class Trace:
-    """What one sensor recorded in one run: arrays of shape (n,), in order of time.
+    """What one instrument recorded in one run: arrays of shape (n,), in order of time.
 
-    `values` maps "temperature_c", "humidity_percent" to arrays; rows without a finite value, rows that the sensor
-    flagged as stale and readings beyond what the sensor can give are dropped and counted in `dropped`.
+    `values` maps "temperature_c", "humidity_percent" (of air.csv also "airflow_m_s", "pressure_hpa") to arrays; rows
+    without a finite value, rows that the sensor flagged as stale and readings beyond what can be are dropped and
+    counted in `dropped`. In the trace of an air a cell that is empty or cannot be is NaN; the rest of its row stays.
     """
 
     time_s: Array
@@ -60,8 +70,21 @@ class Trace:
 
 
 @dataclass(frozen=True)
+class Reference:
+    """What is known of the instrument that measured the airs: its lag and its standard uncertainty (one sigma)."""
+
+    temperature_time_constant_s: float = 0.0
+    temperature_standard_uncertainty_k: float = 0.02
+    humidity_time_constant_s: float = 0.0
+    humidity_standard_uncertainty_percent: float = 0.1
+
+
+@dataclass(frozen=True)
 class Run:
-    """One fast transfer of the probes from `source` to `destination`."""
+    """One fast transfer of the probes from `source` to `destination`, or what they saw in an air that was measured.
+
+    `air` is the air beside the probes where it was measured (air.csv): then it is the input, not a step.
+    """
 
     id: str
     source: Air
@@ -73,11 +96,16 @@ class Run:
     imet: Trace | None
     hyt: Trace | None
     extra: dict[str, Any] = field(default_factory=dict)
+    air: Trace | None = None
+    reference: Reference = Reference()
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """A campaign: several runs on one pair of sensors."""
+    """A campaign: several runs on one pair of sensors.
+
+    `bodies` maps "imet" and "hyt" to the shape that the plain model has, one of `BODIES`.
+    """
 
     name: str
     path: Path
@@ -85,10 +113,11 @@ class Campaign:
     bead_radius_m: float
     film_thickness_m: float
     runs: tuple[Run, ...]
+    bodies: dict[str, str] = field(default_factory=lambda: dict(DEFAULT_BODIES))
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a run: the two airs, airflow, pressure, start and duration of the transfer, samples of each
-        sensor."""
+        """One row a run: the two airs, airflow, pressure, start and duration of the transfer, whether the air
+        was measured, samples of each sensor."""
         return pd.DataFrame(
             [
                 {
@@ -101,6 +130,7 @@ class Campaign:
                     "pressure_hpa": run.pressure_hpa,
                     "start_s": run.start_s,
                     "duration_s": run.duration_s,
+                    "air_measured": run.air is not None,
                     "imet_samples": 0 if run.imet is None else run.imet.time_s.size,
                     "hyt_samples": 0 if run.hyt is None else run.hyt.time_s.size,
                 }
@@ -145,10 +175,26 @@ def read_campaign(path: str | Path) -> Campaign:
         bead_radius_m=DEFAULT_BEAD_RADIUS_M if radius is None else radius,
         film_thickness_m=DEFAULT_FILM_THICKNESS_M if thickness is None else thickness,
         runs=runs,
+        bodies={name: _read_body(sensors.get(name, {}), name, file) for name in DEFAULT_BODIES},
     )
 
 
-_KNOWN_RUN_KEYS = {"format", "id", "started_at", "source", "destination", "airflow_m_s", "pressure_hpa", "transfer"}
+def _read_body(sensor: dict[str, Any], name: str, file: Path) -> str:
+    """The shape of a sensor's plain model; its usual one where none is given."""
+    body = sensor.get("body")
+    if body is None:
+        return DEFAULT_BODIES[name]
+    if not isinstance(body, str) or body not in BODIES:
+        raise InputError(
+            f"{file}: key sensors.{name}.body: expected one of {', '.join(BODIES)}, found {repr(body)[:40]}; "
+            f"name one of them or leave it out ({DEFAULT_BODIES[name]})"
+        )
+    return body
+
+
+_KNOWN_RUN_KEYS = {
+    *("format", "id", "started_at", "source", "destination", "airflow_m_s", "pressure_hpa", "transfer", "reference")
+}
 
 
 def _read_run(folder: Path) -> Run:
@@ -171,7 +217,20 @@ def _read_run(folder: Path) -> Run:
             ("temperature_c",),
         ),
         extra={key: value for key, value in head.items() if key not in _KNOWN_RUN_KEYS},
+        air=_read_measured_air(folder / "air.csv"),
+        reference=_read_reference(head, file),
     )
+
+
+def _read_reference(head: dict[str, Any], file: Path) -> Reference:
+    given = _mapping(head, "reference", file)
+    values = {}
+    for name in Reference.__dataclass_fields__:
+        limits = TIME_CONSTANTS_S if name.endswith("_time_constant_s") else UNCERTAINTIES
+        value = _number(given, name, limits, file, "reference.")
+        if value is not None:
+            values[name] = value
+    return Reference(**values)
 
 
 def _read_id(head: dict[str, Any], file: Path) -> str:
@@ -256,14 +315,7 @@ def _number(head: dict[str, Any], key: str, limits: tuple[float, float], file: P
 def _read_trace(file: Path, limits: dict[str, tuple[float, float]], optional: tuple[str, ...] = ()) -> Trace | None:
     if not file.exists():
         return None
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the header would be cut short
-            frame = pd.read_csv(file, skipinitialspace=True, encoding="utf-8-sig", index_col=False, low_memory=False)
-    except (ValueError, OSError, pd.errors.ParserError, pd.errors.ParserWarning, UnicodeDecodeError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{file}: cannot be read as CSV ({reason}); the first line names the columns") from None
-    frame.columns = [str(column).strip() for column in frame.columns]
+    frame = _read_table(file)
     needed = ["time_s", *(name for name in limits if name not in optional)]
     for column in needed:
         if column not in frame.columns:
@@ -286,6 +338,59 @@ def _read_trace(file: Path, limits: dict[str, tuple[float, float]], optional: tu
         if name not in optional:
             dropped["empty"] += int((keep & ~np.isfinite(columns[name])).sum())
             keep &= np.isfinite(columns[name])
+    return _in_order(file, time, columns, keep, dropped)
+
+
+def _read_measured_air(file: Path) -> Trace | None:
+    """The air beside the probes: the columns of `AIR_LIMITS` that have a value; a cell without one is NaN."""
+    if not file.exists():
+        return None
+    frame = _read_table(file)
+    if "time_s" not in frame.columns or not set(AIR_LIMITS) & set(frame.columns):
+        raise InputError(
+            f"{file}, line 1: expected the column time_s and at least one of {', '.join(AIR_LIMITS)}; "
+            "name the columns so"
+        )
+    time = _numbers(frame, "time_s", file)
+    keep = np.isfinite(time)
+    dropped = {"empty": int((~keep).sum()), "implausible": 0}
+    columns = {}
+    for name, (low, high) in AIR_LIMITS.items():
+        if name not in frame.columns:
+            continue
+        values = _numbers(frame, name, file)
+        with np.errstate(invalid="ignore"):
+            wrong = (values < low) | (values > high)
+        dropped["implausible"] += int((wrong & keep).sum())
+        values = np.where(wrong, np.nan, values)
+        if np.isfinite(values[keep]).any():
+            columns[name] = values
+    known = np.zeros(time.size, dtype=bool)
+    for values in columns.values():
+        known |= np.isfinite(values)
+    dropped["empty"] += int((keep & ~known).sum())
+    trace = _in_order(file, time, columns, keep & known, dropped)
+    if trace.time_s.size < 2:
+        raise InputError(
+            f"{file}: fewer than two rows with a time and a value that can be; restore the file or take it away"
+        )
+    return trace
+
+
+def _read_table(file: Path) -> pd.DataFrame:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the header would be cut short
+            frame = pd.read_csv(file, skipinitialspace=True, encoding="utf-8-sig", index_col=False, low_memory=False)
+    except (ValueError, OSError, pd.errors.ParserError, pd.errors.ParserWarning, UnicodeDecodeError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{file}: cannot be read as CSV ({reason}); the first line names the columns") from None
+    frame.columns = [str(column).strip() for column in frame.columns]
+    return frame
+
+
+def _in_order(file: Path, time: Array, columns: dict[str, Array], keep: Array, dropped: dict[str, int]) -> Trace:
+    """The rows `keep` (bool, shape (n,)) as a trace; an error where their clock goes back or far away."""
     far = np.flatnonzero(keep & (np.abs(time) > LONGEST_RUN_S))
     if far.size:
         raise InputError(

@@ -8,7 +8,7 @@ import pytest
 
 from shockrig.analysis.characterization.characterize import characterize
 from shockrig.analysis.inference.channel import build_channel, usable_runs
-from shockrig.files.campaign import read_campaign
+from shockrig.files.campaign import Air, Reference, read_campaign
 from shockrig.files.errors import InputError
 
 ALPHA, DIFFUSIVITY = 9e-8, {5.0: 5e-12, 25.0: 9e-12}
@@ -54,6 +54,17 @@ def edit_run(folder, **changes):
         for name in above:
             place = place[name]
         place[last] = value
+    file.write_text(json.dumps(head))
+
+
+def write_air(folder, text):
+    (folder / "runs/0001/air.csv").write_text(text)
+
+
+def set_body(folder, sensor, body):
+    file = folder / "campaign.json"
+    head = json.loads(file.read_text())
+    head["sensors"][sensor]["body"] = body
     file.write_text(json.dumps(head))
 
 
@@ -122,6 +133,22 @@ def test_a_whole_campaign_is_read_as_it_stands(small):
             lambda f: (f / "runs/0001/hyt.csv").write_text("time_s,temperature_c\n0,20\n"),
             ["hyt.csv", "line 1", "humidity_percent"],
         ),
+        (lambda f: write_air(f, "time_s,note\n0,1\n1,2\n"), ["air.csv", "line 1", "time_s", "airflow_m_s"]),
+        (lambda f: write_air(f, "temperature_c\n20\n20\n"), ["air.csv", "line 1", "time_s"]),
+        (lambda f: write_air(f, "time_s,temperature_c\n0,20\n1,warm\n"), ["air.csv", "line 3", "'warm'"]),
+        (lambda f: write_air(f, "time_s,temperature_c\n0,20\n1,20\n0.5,20\n"), ["air.csv", "line 4", "goes back"]),
+        (lambda f: write_air(f, "time_s,temperature_c\n0,20\n1,\n2,900\n"), ["air.csv", "fewer than two rows"]),
+        (lambda f: edit_run(f, reference=5), ["run.json", "key reference", "object, found int"]),
+        (
+            lambda f: edit_run(f, reference={"temperature_time_constant_s": -1}),
+            ["run.json", "key reference.temperature_time_constant_s", "0 to 3600"],
+        ),
+        (
+            lambda f: edit_run(f, reference={"humidity_standard_uncertainty_percent": "good"}),
+            ["run.json", "key reference.humidity_standard_uncertainty_percent", "'good'"],
+        ),
+        (lambda f: set_body(f, "imet", "cube"), ["campaign.json", "key sensors.imet.body", "lumped", "'cube'"]),
+        (lambda f: set_body(f, "hyt", ["film"]), ["campaign.json", "key sensors.hyt.body", "sphere_mean"]),
     ],
 )
 def test_bad_input_is_named_with_its_file_and_its_line_or_key(small, breaking, words):
@@ -161,6 +188,38 @@ def test_what_is_not_known_may_be_null_or_left_out(small):
 def test_what_can_be_is_read(small, possible):
     edit_run(small, **possible)
     assert len(read_campaign(small).runs) == 1
+
+
+def test_the_air_as_it_was_measured_is_read_with_what_is_known_of_its_instrument(small):
+    for key in ("source", "destination", "transfer"):
+        edit_run(small, **{key: None})
+    edit_run(small, reference={"temperature_time_constant_s": 0.05, "humidity_standard_uncertainty_percent": 0.3})
+    write_air(
+        small,
+        "time_s,airflow_m_s,temperature_c,pressure_hpa,humidity_percent\n"
+        "-1.0,6.0,40.0,,20.0\n0.0,,39.0,,400\n0.5,,,,\n0.5,6.1,,,\n0.7,,38,,21\n0.7,,38,,21\n",
+    )
+    campaign = read_campaign(small)
+    (run,) = campaign.runs
+    assert run.air.time_s.tolist() == [-1.0, 0.0, 0.5, 0.7]
+    assert list(run.air.values) == ["temperature_c", "humidity_percent", "airflow_m_s"]  # no pressure was ever there
+    np.testing.assert_array_equal(run.air.values["temperature_c"], [40.0, 39.0, np.nan, 38.0])
+    np.testing.assert_array_equal(run.air.values["humidity_percent"], [20.0, np.nan, np.nan, 21.0])
+    np.testing.assert_array_equal(run.air.values["airflow_m_s"], [6.0, np.nan, 6.1, np.nan])
+    assert run.air.dropped == {"empty": 1, "implausible": 1, "repeated_time": 1}
+    assert run.reference == Reference(0.05, 0.02, 0.0, 0.3)
+    assert run.source == run.destination == Air(None, None) and run.start_s is None
+    assert campaign.to_frame().air_measured.tolist() == [True]
+    (small / "runs/0001/air.csv").unlink()
+    assert read_campaign(small).to_frame().air_measured.tolist() == [False]
+
+
+def test_the_body_of_each_sensor_is_read_and_has_its_usual_shape_where_none_is_named(small):
+    assert read_campaign(small).bodies == {"imet": "sphere", "hyt": "film"}
+    set_body(small, "imet", "cylinder_mean")
+    set_body(small, "hyt", "lumped")
+    assert read_campaign(small).bodies == {"imet": "cylinder_mean", "hyt": "lumped"}
+    assert read_campaign(small).runs[0].reference == Reference(0.0, 0.02, 0.0, 0.1)
 
 
 def test_no_folder_says_what_to_give(tmp_path):
