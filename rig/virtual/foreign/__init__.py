@@ -1,0 +1,30 @@
+"""Other people's benches: sensors of any shape in chambers of any kind, recorded as other labs' loggers record them.
+
+The bodies are integrated on a fine grid of finite volumes, exactly in time, and share no code with `analysis`. A bench
+writes a campaign folder as another lab would hand it over, with as much left out as that lab did not write down, and
+returns what is true of it separately.
+"""
+
+from shockrig.rig.virtual.foreign.air import ideal_step, one_approach, ramp, steps_of, two_stage
+from shockrig.rig.virtual.foreign.bodies import KINDS, Body, make_body
+from shockrig.rig.virtual.foreign.lab import Approach, Bench, Logger, Reference, Transfer, Written
+from shockrig.rig.virtual.foreign.recording import Truth, record
+
+__all__ = [
+    "KINDS",
+    "Approach",
+    "Bench",
+    "Body",
+    "Logger",
+    "Reference",
+    "Transfer",
+    "Truth",
+    "Written",
+    "ideal_step",
+    "make_body",
+    "one_approach",
+    "ramp",
+    "record",
+    "steps_of",
+    "two_stage",
+]
