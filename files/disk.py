@@ -1,0 +1,158 @@
+"""Files as a whole: a file that a user names is opened and read within limits, a file of ours is written whole or not
+at all.
+
+Only regular files are read: a pipe would hang, a device never ends, a folder is a slip. All of them, names that are too
+long or loop, and files larger than the stated limit are a clear error before anything is done.
+"""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+import stat
+from contextlib import suppress
+from pathlib import Path
+from typing import BinaryIO
+
+from shockrig.files.errors import InputError
+
+MIB = 1 << 20
+JSON_AT_MOST = 64 * MIB
+TOML_AT_MOST = 16 * MIB
+TABLE_AT_MOST = 1024 * MIB  # of CSV that is held in memory: a day at 200 Hz is a third of it
+STREAM_AT_MOST = 64 * 1024 * MIB  # of CSV that is read in blocks
+
+_KINDS = (
+    (stat.S_ISDIR, "Is a directory"),
+    (stat.S_ISFIFO, "is a pipe"),
+    (stat.S_ISSOCK, "is a socket"),
+    (stat.S_ISCHR, "is a device"),
+    (stat.S_ISBLK, "is a device"),
+)
+
+
+def shown(path: str | os.PathLike[str]) -> str:
+    """A path as a message can carry it: one line, and printable whatever bytes its name has."""
+    text = os.fspath(path)
+    short = text if len(text) <= 400 else f"{text[:200]}...{text[-150:]}"
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in short)
+
+
+def is_there(path: Path) -> bool:
+    """Whether the name is taken by anything at all, a link to nothing included; False where it cannot even be one."""
+    return os.path.lexists(path)
+
+
+def open_regular(path: str | os.PathLike[str], remedy: str, at_most: int = STREAM_AT_MOST) -> BinaryIO:
+    """Open a file for reading as bytes.
+
+    Parameters
+    ----------
+    path : path
+    remedy : str
+        What the user can do where it cannot be read; the end of the message.
+    at_most : int
+        Largest size in bytes.
+
+    Raises
+    ------
+    InputError
+        It is not there, cannot be read, is no regular file, or is larger than `at_most`.
+    """
+    where = shown(path)
+    try:
+        _demand_regular(os.stat(path), where, remedy, at_most)
+        # Between the two looks the name may have become another file: without O_NONBLOCK a pipe would hang here.
+        file = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+    except OSError as error:
+        raise InputError(f"{where}: {_reason(error)}; {remedy}") from None
+    except ValueError as error:  # a NUL, or half a character, in the name
+        raise InputError(f"{where}: is no file name ({error}); {remedy}") from None
+    try:
+        _demand_regular(os.fstat(file), where, remedy, at_most)
+        return os.fdopen(file, "rb")
+    except BaseException:
+        os.close(file)
+        raise
+
+
+def read_bytes(path: str | os.PathLike[str], remedy: str, at_most: int = TABLE_AT_MOST) -> bytes:
+    """The content of a file; arguments and errors as for `open_regular`."""
+    try:
+        with open_regular(path, remedy, at_most) as file:
+            content = file.read(at_most + 1)  # a file that grows, or one of the system's without a size, stops here
+    except OSError as error:
+        raise InputError(f"{shown(path)}: {_reason(error)}; {remedy}") from None
+    if len(content) > at_most:
+        raise InputError(f"{shown(path)}: {_too_large(at_most)}; {remedy}")
+    return content
+
+
+def read_text(path: str | os.PathLike[str], remedy: str, at_most: int = JSON_AT_MOST) -> str:
+    """The content of a UTF-8 file, with or without a byte-order mark; arguments and errors as for `open_regular`."""
+    content = read_bytes(path, remedy, at_most)
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise InputError(
+            f"{shown(path)}, line {line}: not UTF-8 text (byte {error.start}); save it as UTF-8, or {remedy}"
+        ) from None
+
+
+def open_text(path: str | os.PathLike[str], remedy: str, at_most: int = STREAM_AT_MOST) -> io.TextIOWrapper:
+    """A CSV file as a stream for the csv module, bytes that are not UTF-8 replaced; arguments as `open_regular`."""
+    return io.TextIOWrapper(open_regular(path, remedy, at_most), encoding="utf-8-sig", errors="replace", newline="")
+
+
+def write_whole(path: Path, content: str | bytes, sync: bool = False) -> None:
+    """Write a file beside its name (NAME.part), then rename it: it is there whole or not at all.
+
+    `sync` waits for the disk, which guards against a power cut. Half characters of text become question marks. Raises
+    OSError, and then leaves nothing.
+    """
+    data = content.encode("utf-8", "replace") if isinstance(content, str) else content
+    beside = path.with_name(path.name + ".part")
+    try:
+        with beside.open("wb") as file:
+            file.write(data)
+            if sync:
+                file.flush()
+                os.fsync(file.fileno())
+        os.replace(beside, path)
+    except BaseException:
+        with suppress(OSError):
+            beside.unlink(missing_ok=True)
+        raise
+
+
+def sync_folder(path: Path) -> None:
+    """Wait until a folder's own entries are on the disk, after a rename in it. Raises OSError."""
+    folder = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def _demand_regular(found: os.stat_result, where: str, remedy: str, at_most: int) -> None:
+    if not stat.S_ISREG(found.st_mode):
+        kind = next((words for is_kind, words in _KINDS if is_kind(found.st_mode)), "is no regular file")
+        raise InputError(f"{where}: {kind}, expected a file; {remedy}")
+    if found.st_size > at_most:
+        raise InputError(f"{where}: {_too_large(at_most)}; {remedy}")
+
+
+def _too_large(at_most: int) -> str:
+    return f"is larger than {at_most // MIB} MiB, the most that is read"
+
+
+def _reason(error: OSError) -> str:
+    words = {
+        errno.ENOTDIR: "No such file (a part of its path is no folder)",
+        errno.ELOOP: "its links lead in a circle",
+        errno.ENAMETOOLONG: "its name is too long",
+        errno.EACCES: "may not be read (permission denied)",
+    }
+    return words.get(error.errno or 0, error.strerror or str(error))

@@ -1,0 +1,86 @@
+"""What each quantity can be, in one table: the reader, the import, bench and protocol files and the command line ask
+here.
+
+The ranges are wide enough for any chamber, any sensor and any aircraft that a user of this project has: what lies
+outside is a slip of the pen or of the unit, not a measurement. What one instrument can say stands with its driver.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Range:
+    """From `low` to `high`, both included, in the unit that the quantity's name carries.
+
+    `slip` is what a value outside most likely is, as the end of a sentence; empty where nothing is likely.
+    """
+
+    low: float
+    high: float
+    slip: str = ""
+
+    @overload
+    def holds(self, value: float) -> bool: ...
+    @overload
+    def holds(self, value: NDArray[np.float64]) -> NDArray[np.bool_]: ...
+    def holds(self, value: float | NDArray[np.float64]) -> bool | NDArray[np.bool_]:
+        """Whether a value can be, or each of an array of values, same shape; never where it is NaN."""
+        if isinstance(value, np.ndarray):
+            with np.errstate(invalid="ignore"):
+                return (value >= self.low) & (value <= self.high)
+        return self.low <= value <= self.high
+
+    def __str__(self) -> str:
+        return f"{self.low:g} to {self.high:g}"
+
+    def refusal(self, value: float) -> str:
+        """The middle of a message: what came, what can be, and what the slip may be."""
+        return f"{value:g} cannot be; expected {self}{f' ({self.slip}?)' if self.slip else ''}"
+
+
+_KELVIN, _MILLIMETRES, _FRACTION = "is it in kelvin or fahrenheit", "is it in millimetres", "is it in another unit"
+RANGES: Mapping[str, Range] = MappingProxyType(
+    {
+        # of an air, a sensor's body or its die
+        "temperature_c": Range(-100.0, 150.0, _KELVIN),
+        # of an air, as instruments report it: a little below 0, and above 100 where it is supersaturated or they err
+        "humidity_percent": Range(-5.0, 130.0, _FRACTION),
+        # as a polymer film reads it: one that is cold or condensed on reads further out than any air is
+        "humidity_reading_percent": Range(-10.0, 130.0, _FRACTION),
+        # of an air that somebody asks for: a set point, a simulation
+        "humidity_set_percent": Range(0.0, 100.0, _FRACTION),
+        "airflow_m_s": Range(0.0, 150.0, "is it in km/h"),
+        "pressure_hpa": Range(1.0, 2000.0, "is it in pascal"),
+        "bead_radius_m": Range(1e-6, 0.03, _MILLIMETRES),
+        "film_thickness_m": Range(1e-9, 0.003, "is it in millimetres or micrometres"),
+        "time_s": Range(-1e7, 1e7, "is it in milliseconds, or since 1970"),  # on a run's own clock
+        "transfer_s": Range(0.0, 3600.0, "is it in milliseconds"),
+        "step_s": Range(0.0, 86400.0),  # of a protocol
+        "rate_hz": Range(0.01, 1000.0),  # at which a sensor is read
+        # of the instrument that measures the airs
+        "reference_time_constant_s": Range(0.0, 3600.0, "is it in milliseconds"),
+        "reference_uncertainty_k": Range(0.0, 50.0),
+        "reference_uncertainty_percent": Range(0.0, 50.0),
+    }
+)
+
+# What is known of materials. An effective diffusivity (of a housing, behind an air film, or with a length that was
+# guessed) may lie outside and is no error: it is said.
+MATERIALS: Mapping[str, Range] = MappingProxyType(
+    {
+        # of solids: from polymers, 1e-7, to diamond, 1.2e-3 (Carslaw and Jaeger 1959, appendix VI); a factor ten less,
+        # because a bead's is seldom its glass's alone
+        "thermal_diffusivity_m2_s": Range(1e-8, 2e-3, "is the bead's radius in metres"),
+        # of water vapour: from dense polymers (Crank 1975, The Mathematics of Diffusion, chapter 11) to free air,
+        # 2.5e-5 at 20 degC (Massman 1998, doi 10.1016/S1352-2310(97)00391-9)
+        "diffusivity_m2_s": Range(1e-17, 3e-5, "is the film's thickness in metres"),
+    }
+)

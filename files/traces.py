@@ -1,0 +1,180 @@
+"""The CSV files of a run: imet.csv and hyt.csv (what a sensor read), air.csv (the air beside the probes as measured).
+
+`time_s` in seconds on the run's one clock, then the columns of the file; unknown columns are ignored.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from shockrig.files.disk import TABLE_AT_MOST, is_there, open_regular, shown
+from shockrig.files.errors import InputError
+from shockrig.files.ranges import RANGES, Range
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+REMEDY = "restore the file or take it away"
+# What each file has after time_s; of imet.csv and hyt.csv the first is what the sensor is there for.
+SENSOR_COLUMNS: Mapping[str, Mapping[str, Range]] = {
+    "imet": {"temperature_c": RANGES["temperature_c"]},
+    "hyt": {"humidity_percent": RANGES["humidity_reading_percent"], "temperature_c": RANGES["temperature_c"]},
+}
+AIR_COLUMNS: Mapping[str, Range] = {
+    name: RANGES[name] for name in ("temperature_c", "humidity_percent", "airflow_m_s", "pressure_hpa")
+}
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What one instrument recorded in one run: arrays of shape (n,), in order of time.
+
+    `values` maps "temperature_c", "humidity_percent" (of air.csv also "airflow_m_s", "pressure_hpa") to arrays; rows
+    without a finite value, rows that the sensor flagged as stale and readings beyond what can be are dropped and
+    counted in `dropped`. In the trace of an air a cell that is empty or cannot be is NaN; the rest of its row stays.
+    """
+
+    time_s: Array
+    values: dict[str, Array]
+    dropped: dict[str, int] = field(default_factory=dict)
+
+
+def read_sensor(folder: Path, sensor: str) -> Trace | None:
+    """Read runs/ID/`sensor`.csv ("imet" or "hyt"); None where the sensor has no file.
+
+    Raises
+    ------
+    InputError
+        Names file, line and column, and the remedy.
+    """
+    file = folder / f"{sensor}.csv"
+    if not is_there(file):
+        return None
+    limits = SENSOR_COLUMNS[sensor]
+    main, *others = limits
+    frame = _read_table(file)
+    for column in ("time_s", main):
+        if column not in frame.columns:
+            expected = f"expected the columns time_s, {main}; name them so"
+            raise InputError(f"{shown(file)}, line 1: no column {column}; {expected}")
+    time_s = _numbers(frame, "time_s", file)
+    values = {
+        name: _numbers(frame, name, file) if name in frame.columns else np.full(len(frame), np.nan)
+        for name in (main, *others)
+    }
+    keep = np.isfinite(time_s)
+    dropped = {"empty": int((~keep).sum()), "stale": 0, "implausible": 0}
+    if "stale" in frame.columns:
+        stale = _numbers(frame, "stale", file) > 0
+        dropped["stale"] = int((stale & keep).sum())
+        keep &= ~stale
+    for name, readings in values.items():
+        wrong = ~np.isnan(readings) & ~limits[name].holds(readings)
+        dropped["implausible"] += int((wrong & keep).sum())
+        keep &= ~wrong
+    dropped["empty"] += int((keep & np.isnan(values[main])).sum())
+    keep &= ~np.isnan(values[main])
+    return _in_order(file, time_s, values, keep, dropped)
+
+
+def read_air(folder: Path) -> Trace | None:
+    """Read runs/ID/air.csv: the columns of `AIR_COLUMNS` that have a value; None where the air was not measured.
+
+    Raises
+    ------
+    InputError
+        Names file, line and column, and the remedy; also where fewer than two rows hold a value.
+    """
+    file = folder / "air.csv"
+    if not is_there(file):
+        return None
+    frame = _read_table(file)
+    if "time_s" not in frame.columns or not set(AIR_COLUMNS) & set(frame.columns):
+        expected = f"expected the column time_s and at least one of {', '.join(AIR_COLUMNS)}; name them so"
+        raise InputError(f"{shown(file)}, line 1: {expected}")
+    time_s = _numbers(frame, "time_s", file)
+    keep = np.isfinite(time_s)
+    known = np.zeros(time_s.size, dtype=bool)
+    dropped = {"empty": int((~keep).sum()), "implausible": 0}
+    values = {}
+    for name, limits in AIR_COLUMNS.items():
+        if name not in frame.columns:
+            continue
+        column = _numbers(frame, name, file)
+        possible = limits.holds(column)
+        dropped["implausible"] += int((~possible & ~np.isnan(column) & keep).sum())
+        if (possible & keep).any():
+            values[name] = np.where(possible, column, np.nan)
+            known |= possible
+    dropped["empty"] += int((keep & ~known).sum())
+    trace = _in_order(file, time_s, values, keep & known, dropped)
+    if trace.time_s.size < 2:
+        raise InputError(f"{shown(file)}: fewer than two rows with a time and a value that can be; {REMEDY}")
+    return trace
+
+
+def _read_table(file: Path) -> pd.DataFrame:
+    """A CSV file as it stands; its first line names the columns."""
+    try:
+        with open_regular(file, REMEDY, TABLE_AT_MOST) as stream, warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the header would be cut short
+            frame = pd.read_csv(stream, skipinitialspace=True, encoding="utf-8-sig", index_col=False, low_memory=False)
+    except InputError:
+        raise
+    except (ValueError, OSError, pd.errors.ParserError, pd.errors.ParserWarning) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{shown(file)}: cannot be read as CSV ({reason}); the first line names the columns") from None
+    frame.columns = [str(column).strip() for column in frame.columns]
+    return frame
+
+
+def _in_order(file: Path, time_s: Array, values: dict[str, Array], keep: Mask, dropped: dict[str, int]) -> Trace:
+    """The rows `keep` (n,) as a trace; an error where their clock goes back or far away."""
+    far = np.flatnonzero(keep & ~RANGES["time_s"].holds(time_s))
+    if far.size:
+        row = int(far[0])
+        raise InputError(
+            f"{shown(file)}, line {row + 2}: time_s {RANGES['time_s'].refusal(time_s[row])}; "
+            "a run's clock counts seconds from near its start"
+        )
+    kept = np.flatnonzero(keep)
+    back = np.flatnonzero(np.diff(time_s[kept]) < 0)
+    if back.size:
+        line = int(kept[back[0] + 1]) + 2
+        raise InputError(
+            f"{shown(file)}, line {line}: time_s goes back; rows must be in order of time on one monotonic clock"
+        )
+    fresh = kept[np.diff(time_s[kept], prepend=-np.inf) > 0]
+    dropped["repeated_time"] = kept.size - fresh.size
+    counted = {why: count for why, count in dropped.items() if count}
+    return Trace(time_s[fresh], {name: column[fresh] for name, column in values.items()}, counted)
+
+
+def _numbers(frame: pd.DataFrame, column: str, file: Path) -> Array:
+    """A column as floats; empty cells are NaN, anything else that is not a number is an error with its line."""
+    values = frame[column]
+    if isinstance(values, pd.DataFrame):
+        raise InputError(f"{shown(file)}, line 1: column {column} is there twice; name one of them otherwise")
+    if values.dtype.kind in "fiu":
+        numbers = values.to_numpy(dtype=float)
+    else:
+        try:
+            numbers = pd.to_numeric(values, errors="coerce").to_numpy(dtype=float)
+        except OverflowError:
+            raise InputError(f"{shown(file)}: column {column}: too many digits; fix it or leave it empty") from None
+        empty = values.isna() | (values.astype(str).str.strip() == "")
+        wrong = np.flatnonzero(np.isnan(numbers) & ~empty.to_numpy())
+        if wrong.size:
+            found = repr(str(values.iloc[int(wrong[0])]))[:40]
+            raise InputError(
+                f"{shown(file)}, line {int(wrong[0]) + 2}: column {column}: {found} is not a number; "
+                "fix it or leave it empty"
+            )
+    return np.where(np.isfinite(numbers), numbers, np.nan)
