@@ -1,5 +1,7 @@
-"""The command line: parse, call one function, print. A command is one file in protocols/commands and one line in
-COMMANDS."""
+"""The command line: parse, call one function, print.
+
+A command is one file in protocols/commands and one line in COMMANDS.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +9,9 @@ import argparse
 import importlib
 import sys
 from collections.abc import Sequence
+from typing import Any
+
+from shockrig.protocols.parser import Parser, nearest
 
 # command -> (module in protocols.commands, what it does)
 COMMANDS = {
@@ -17,7 +22,7 @@ COMMANDS = {
     "watch": ("watch", "watch a campaign while it is recorded, in the terminal or in the browser"),
     "status": ("status", "say what a campaign holds, what is missing and why"),
     "characterize": ("characterize", "fit alpha and D(T) to a campaign and write the sensor profile"),
-    "diagnose": ("diagnose", "say what the simulation gets wrong, why, and what mending it gains"),
+    "diagnose": ("diagnose", "say what the simulation gets wrong, why, and what correcting it gains"),
     "reveal": ("reveal", "open a sealed truth beside a diagnosis and score it"),
     "correct": ("correct", "correct a flight's temperature and humidity with a profile"),
     "simulate": ("simulate", "simulate weather and a sensor flown through it, to files"),
@@ -25,34 +30,80 @@ COMMANDS = {
     "demo-flights": ("demo_flights", "make the paper's flight figures again, three corrections side by side"),
     "emulate": ("emulate", "emulated instruments that unmodified programs open, or that play a flight"),
     "hyt-address": ("hyt_address", "read a HYT-271's I2C address, or store another one in it"),
-    "slips": ("slips", "show the paper's schemes as printed and mended against the series"),
+    "slips": ("slips", "show the paper's schemes as printed and corrected, against the series"),
 }
 
 
-def build_parser(command: str | None) -> argparse.ArgumentParser:
-    """Parser that knows every command's name and help, and the arguments of `command` alone (its imports are heavy)."""
-    parser = argparse.ArgumentParser(
+OPTIONS = ("-h", "--help", "--version", "--print-completion")  # of shockrig itself
+SHELLS = ("bash", "zsh", "tcsh")
+
+
+def build_parser(command: str | None, *, every: bool = False) -> Parser:
+    """Parser that knows every command's name and help, and the arguments of `command` alone (its imports are heavy).
+
+    With `every` it knows the arguments of all commands, for completion and for the reference.
+    """
+    parser = Parser(
         prog="shockrig",
         description="Characterize, diagnose and correct the thermo-hygrometers that fly on weather drones.",
-        allow_abbrev=False,
+    )
+    parser.add_argument("--version", action=_Version, help="print the version and end")
+    parser.add_argument(
+        "--print-completion",
+        action=_Completion,
+        choices=SHELLS,
+        metavar="SHELL",
+        help=f"print what makes {', '.join(SHELLS[:-1])} or {SHELLS[-1]} complete commands and options, and end",
     )
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name, (module, summary) in COMMANDS.items():
-        sub = subparsers.add_parser(
-            name, help=summary, description=summary[0].upper() + summary[1:] + ".", allow_abbrev=False
-        )
-        if name == command:
+        sub = subparsers.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")
+        if every or name == command:
             loaded = importlib.import_module(f"shockrig.protocols.commands.{module}")
             loaded.add_arguments(sub)
-            sub.set_defaults(main=loaded.main)
+            sub.set_defaults(main=loaded.main, parser=sub)
     return parser
+
+
+class _Version(argparse.Action):
+    """`--version`: print the version of the installed distribution and end."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(nargs=0, default=argparse.SUPPRESS, **settings)
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        from shockrig.protocols.folder import software_version
+
+        print(f"shockrig {software_version()}")
+        parser.exit()
+
+
+class _Completion(argparse.Action):
+    """`--print-completion SHELL`: print the shell's completion script and end; made from the parsers, by shtab."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(default=argparse.SUPPRESS, **settings)
+
+    def __call__(self, parser: argparse.ArgumentParser, namespace: object, values: Any, *_: Any) -> None:
+        from shockrig.protocols.completion import completion_script
+
+        print(completion_script(build_parser(None, every=True), str(values)))
+        parser.exit()
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run one command; 0 on success, 2 on bad arguments or bad input (one line on standard error), 130 on Ctrl-C."""
     arguments = sys.argv[1:] if argv is None else argv
     command = next((a for a in arguments if not a.startswith("-")), None)
-    args = build_parser(command).parse_args(arguments)
+    parser = build_parser(command)
+    if not arguments:
+        parser.error("COMMAND is missing; shockrig --help lists the commands")
+    if arguments[0].startswith("-"):
+        if arguments[0].partition("=")[0] not in OPTIONS:
+            parser.error(parser.unknown(arguments[0]))
+    elif command not in COMMANDS:
+        parser.error(f"no command {command!r}; {nearest(str(command), COMMANDS, 'shockrig --help lists the commands')}")
+    args = parser.parse_args(arguments)
     from shockrig.files.errors import InputError
     from shockrig.rig.errors import RigError
 

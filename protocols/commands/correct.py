@@ -11,13 +11,16 @@ QUANTITIES = ("time", "temperature", "humidity", "airspeed", "die", "pressure", 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    parser.add_argument("flight", type=Path, metavar="FLIGHT.csv")
+    parser.add_argument("flight", type=Path, metavar="FLIGHT.csv", help="log of the flight, one row a sample")
     parser.add_argument("--profile", type=Path, required=True, metavar="P", help="profile.json of the sensors flown")
     parser.add_argument(
         "--out", type=Path, required=True, metavar="F", help="corrected flight; netCDF if it ends in .nc"
     )
     parser.add_argument(
-        "--method", choices=("smoother", "mended", "paper"), default="smoother", help="default: smoother"
+        "--method",
+        choices=("smoother", "mended", "paper"),
+        default="smoother",
+        help="how: optimal smoother (default), or the paper's inverse, corrected or as printed",
     )
     parser.add_argument(
         "--column",

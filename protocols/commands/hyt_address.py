@@ -1,9 +1,11 @@
-"""`shockrig hyt-address`: read a HYT-271's I2C address, or store another one in it."""
+"""shockrig hyt-address: read a HYT-271's I2C address, or store another one in it."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+
+from shockrig.protocols.parser import whole_number
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -19,9 +21,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _address(text: str) -> int:
-    value = int(text, 0)
+    value = whole_number(text)
     if not 0 <= value <= 0x7F:
-        raise argparse.ArgumentTypeError(f"{text} is not from 0x00 to 0x7F")
+        raise argparse.ArgumentTypeError(f"expected 0x00 to 0x7F, found {text}")
     return value
 
 

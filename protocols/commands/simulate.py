@@ -11,12 +11,12 @@ SCENES = ("convective", "frontal", "inversion")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    parser.add_argument("scene", choices=SCENES)
+    parser.add_argument("scene", choices=SCENES, help=f"weather: {', '.join(SCENES)}")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for flight.csv and truth.csv")
     parser.add_argument(
         "--profile", type=Path, metavar="P", help="profile.json of the sensors; a typical pair if left out"
     )
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", metavar="N", type=int, default=0, help="which weather and noise (0)")
     parser.add_argument("--noise", type=float, default=1.0, help="multiplies the profile's noise floors (default 1)")
     parser.add_argument(
         "--set",
