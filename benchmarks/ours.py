@@ -1,0 +1,176 @@
+"""This project as the benchmarks use it: a campaign folder in, its profile and diagnosis as their files say them, and
+errors on runs that the fit never saw. The only place in these benchmarks that knows the analysis from inside.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import tempfile
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+LIMIT_S = 300
+
+
+@dataclass
+class Outcome:
+    """What came of one campaign: the contents of the files, or why there are none.
+
+    `refused` holds the one-line errors that a user would see, `crashed` tracebacks and time-outs, both by command.
+    `found` is the diagnosis itself, for `fresh_errors`.
+    """
+
+    plain: dict[str, Any] | None = None
+    extended: dict[str, Any] | None = None
+    diagnosis: dict[str, Any] | None = None
+    refused: dict[str, str] = field(default_factory=dict)
+    crashed: dict[str, str] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+    found: Any = None
+
+    def tells(self, channel: str) -> dict[str, Any] | None:
+        """The diagnosis of one channel; None where there is none."""
+        return None if self.diagnosis is None else self.diagnosis["channels"].get(channel)
+
+
+class Late(Exception):
+    """A command took longer than its limit."""
+
+
+@contextmanager
+def _limit(seconds: int) -> Iterator[None]:
+    def late(*_: object) -> None:
+        raise Late(f"not done after {seconds} s")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(seconds)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def judge(campaign: str | Path, seed: int = 0, limit_s: int = LIMIT_S, diagnosed: bool = True) -> Outcome:
+    """Characterize and diagnose a campaign, as the two commands do but for their reports."""
+    outcome = Outcome()
+    _try(outcome, "characterize", limit_s, lambda: _characterize(outcome, Path(campaign), seed))
+    if diagnosed:
+        _try(outcome, "diagnose", limit_s, lambda: _diagnose(outcome, Path(campaign), seed))
+    return outcome
+
+
+def _try(outcome: Outcome, command: str, limit_s: int, work: Callable[[], None]) -> None:
+    from shockrig.files.errors import InputError
+
+    started = time.perf_counter()
+    try:
+        with _limit(limit_s):
+            work()
+    except InputError as error:
+        outcome.refused[command] = str(error)
+    except Late as error:
+        outcome.crashed[command] = str(error)
+    except Exception:  # a benchmark counts every fault and goes on
+        outcome.crashed[command] = traceback.format_exc(limit=-3)
+    outcome.seconds[command] = time.perf_counter() - started
+
+
+def _characterize(outcome: Outcome, campaign: Path, seed: int) -> None:
+    from shockrig.analysis.characterization.characterize import characterize, to_profile
+    from shockrig.files.campaign import read_campaign
+
+    outcome.plain = _as_file(to_profile(characterize(read_campaign(campaign), seed)))
+
+
+def _diagnose(outcome: Outcome, campaign: Path, seed: int) -> None:
+    from shockrig.analysis.diagnosis.diagnose import diagnose
+    from shockrig.analysis.diagnosis.export import to_json
+    from shockrig.analysis.diagnosis.extended import extended_profile, extended_result
+    from shockrig.files.campaign import read_campaign
+
+    recorded = read_campaign(campaign)
+    outcome.found = diagnose(recorded, seed)
+    outcome.diagnosis = to_json(outcome.found)
+    results = {found.name: extended_result(found) for found in outcome.found.channels}
+    if any(results.values()):
+        outcome.extended = _as_file(extended_profile(recorded, seed, results, {}))
+
+
+def _as_file(profile: Any) -> dict[str, Any]:
+    from shockrig.files.profile import write_profile
+
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "profile.json"
+        write_profile(profile, file)
+        content: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+        return content
+
+
+def fresh_errors(outcome: Outcome, campaign: str | Path, channel: str) -> tuple[float, float] | None:
+    """Rms errors on another campaign of the same sensor, plain and extended, its runs' starts and airs placed.
+
+    None where the diagnosis has nothing to predict with.
+    """
+    from dataclasses import replace
+
+    import numpy as np
+
+    from shockrig.analysis.diagnosis.diagnose import prepare
+    from shockrig.analysis.diagnosis.gain import run_errors
+    from shockrig.analysis.inference.channel import build_channel
+    from shockrig.analysis.inference.gls import Layout
+    from shockrig.files.campaign import read_campaign
+
+    found = next((c for c in outcome.found.channels if c.name == channel), None) if outcome.found else None
+    fresh = build_channel(read_campaign(campaign), channel)
+    if found is None or fresh is None:
+        return None
+    if fresh.interpolation.shape[1] != found.problem.channel.interpolation.shape[1]:
+        return None
+    problem = prepare(fresh, found.noise.averaged).problem
+    before = run_errors(fresh, problem, replace(found.plain, layout=Layout(())))
+    after = run_errors(fresh, problem, found.final) if found.final.layout.effects else before
+    return float(np.sqrt(before.mean())), float(np.sqrt(after.mean()))
+
+
+def t63(profile: dict[str, Any] | None, channel: str) -> tuple[float, float | None] | None:
+    """A profile's t63 with its standard uncertainty [s], the first ambient's of a film; None where there is none.
+
+    The profile may state the uncertainty as `t63_standard_uncertainty` beside it. Else, where the profile carries no
+    effect, it is that of the rate, to which t63 is inverse; with effects it is then not stated.
+    """
+    part = (profile or {}).get(channel)
+    if not part:
+        return None
+    if channel == "temperature":
+        times, rate = part.get("response_time_s"), part.get("thermal_diffusivity_m2_s")
+    else:
+        times = (part.get("response_time_s") or [None])[0]
+        row = (part.get("diffusivity_table") or [None])[0]
+        rate = row and {"value": row["diffusivity_m2_s"], "standard_uncertainty": row["standard_uncertainty"]}
+    if not times:
+        return None
+    value = times["t63"]
+    stated = times.get("t63_standard_uncertainty")
+    if stated is None and rate and not part.get("effects"):
+        stated = value * rate["standard_uncertainty"] / rate["value"]
+    return value, stated
+
+
+def rate(profile: dict[str, Any] | None, channel: str) -> tuple[float, float] | None:
+    """A profile's alpha or D (the first row's) with its standard uncertainty [m^2/s]; None where there is none."""
+    part = (profile or {}).get(channel)
+    if not part:
+        return None
+    if channel == "temperature":
+        value = part["thermal_diffusivity_m2_s"]
+        return value["value"], value["standard_uncertainty"]
+    row = part["diffusivity_table"][0]
+    return row["diffusivity_m2_s"], row["standard_uncertainty"]
