@@ -26,8 +26,8 @@ from unittest import mock
 
 import numpy as np
 
+import shockrig.files.campaign_write
 import shockrig.rig.journal
-import shockrig.rig.recorder.files
 import shockrig.rig.recorder.run
 import shockrig.rig.virtual.world
 from shockrig.rig.bench import virtual_bench
@@ -303,12 +303,12 @@ def _host_fault(kind: str, bench, start_s: float, end_s: float) -> Iterator[Call
         write = lambda f, d: (advance(hangs.pop()) if hangs and during() else None, os.write(f, d))[1]  # noqa: E731
         patches.enter_context(mock.patch.object(shockrig.rig.journal, "os", _Disk(write)))
     elif kind == "disk_full":
-        write_text = shockrig.rig.recorder.files.write_text
+        write_whole = shockrig.files.campaign_write.write_whole
 
         def full(*arguments, **options):
             if during():
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-            return write_text(*arguments, **options)
+            return write_whole(*arguments, **options)
 
         def write(file: int, data: bytes) -> int:
             if during():
@@ -316,7 +316,7 @@ def _host_fault(kind: str, bench, start_s: float, end_s: float) -> Iterator[Call
             return os.write(file, data)
 
         patches.enter_context(mock.patch.object(shockrig.rig.journal, "os", _Disk(write)))
-        patches.enter_context(mock.patch.object(shockrig.rig.recorder.files, "write_text", full))
+        patches.enter_context(mock.patch.object(shockrig.files.campaign_write, "write_whole", full))
     elif kind.startswith("sig"):
         number = getattr(signal, kind.split("_")[0].upper())
         actions.append((start_s, send(number)))

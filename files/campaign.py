@@ -9,6 +9,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from shockrig.files.campaign_names import (
+    BODIES,
+    CAMPAIGN_FORMAT,
+    DEFAULT_BODIES,
+    RUN_FORMAT,
+    Reference,
+    is_run_id,
+)
 from shockrig.files.disk import is_there, shown
 from shockrig.files.errors import InputError
 from shockrig.files.json_files import JsonObject, read_json
@@ -35,14 +43,9 @@ __all__ = [
     "read_campaign",
 ]
 
-CAMPAIGN_FORMAT = "shock-campaign/1"
-RUN_FORMAT = "shock-run/1"
 DEFAULT_BEAD_RADIUS_M = 4e-4
 DEFAULT_FILM_THICKNESS_M = 1e-5
 DEFAULT_PRESSURE_HPA = 1013.25
-BODIES = ("sphere", "film", "sphere_mean", "cylinder", "cylinder_mean", "plate", "lumped")
-DEFAULT_BODIES = {"imet": "sphere", "hyt": "film"}
-LONGEST_ID = 100
 REMEDY = "fix or restore the file"
 
 
@@ -52,16 +55,6 @@ class Air:
 
     temperature_c: float | None
     humidity_percent: float | None
-
-
-@dataclass(frozen=True)
-class Reference:
-    """What is known of the instrument that measured the airs: its lag and its standard uncertainty (one sigma)."""
-
-    temperature_time_constant_s: float = 0.0
-    temperature_standard_uncertainty_k: float = 0.02
-    humidity_time_constant_s: float = 0.0
-    humidity_standard_uncertainty_percent: float = 0.1
 
 
 _REFERENCE_RANGES = {
@@ -166,17 +159,6 @@ def read_campaign(path: str | Path) -> Campaign:
         film_thickness_m=DEFAULT_FILM_THICKNESS_M if thickness is None else thickness,
         runs=runs,
         bodies=bodies,
-    )
-
-
-def is_run_id(text: object) -> bool:
-    """Whether a text can be a run's id: a plain name, which becomes a folder's and a word of reports."""
-    return (
-        isinstance(text, str)
-        and 0 < len(text) <= LONGEST_ID
-        and text.isprintable()
-        and not text.startswith(".")
-        and not set(text) & {"/", "\\"}
     )
 
 

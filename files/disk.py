@@ -101,9 +101,14 @@ def read_text(path: str | os.PathLike[str], remedy: str, at_most: int = JSON_AT_
         ) from None
 
 
-def open_text(path: str | os.PathLike[str], remedy: str, at_most: int = STREAM_AT_MOST) -> io.TextIOWrapper:
-    """A CSV file as a stream for the csv module, bytes that are not UTF-8 replaced; arguments as `open_regular`."""
-    return io.TextIOWrapper(open_regular(path, remedy, at_most), encoding="utf-8-sig", errors="replace", newline="")
+def open_text(
+    path: str | os.PathLike[str], remedy: str, at_most: int = STREAM_AT_MOST, *, errors: str = "strict"
+) -> io.TextIOWrapper:
+    """Open a CSV file as UTF-8 text, line ends kept, as the csv module wants it.
+
+    `errors` says what becomes of bytes that are not UTF-8, as for `open`; else arguments and errors as `open_regular`.
+    """
+    return io.TextIOWrapper(open_regular(path, remedy, at_most), encoding="utf-8-sig", errors=errors, newline="")
 
 
 def write_whole(path: Path, content: str | bytes, sync: bool = False) -> None:

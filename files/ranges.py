@@ -10,10 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import overload
-
-import numpy as np
-from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
@@ -27,15 +23,8 @@ class Range:
     high: float
     slip: str = ""
 
-    @overload
-    def holds(self, value: float) -> bool: ...
-    @overload
-    def holds(self, value: NDArray[np.float64]) -> NDArray[np.bool_]: ...
-    def holds(self, value: float | NDArray[np.float64]) -> bool | NDArray[np.bool_]:
-        """Whether a value can be, or each of an array of values, same shape; never where it is NaN."""
-        if isinstance(value, np.ndarray):
-            with np.errstate(invalid="ignore"):
-                return (value >= self.low) & (value <= self.high)
+    def holds(self, value: float) -> bool:
+        """Whether a value can be; never where it is NaN."""
         return self.low <= value <= self.high
 
     def __str__(self) -> str:

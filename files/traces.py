@@ -7,16 +7,19 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
-from shockrig.files.disk import TABLE_AT_MOST, is_there, open_regular, shown
+from shockrig.files.disk import TABLE_AT_MOST, is_there, open_text, shown
 from shockrig.files.errors import InputError
 from shockrig.files.ranges import RANGES, Range
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -38,12 +41,14 @@ class Trace:
 
     `values` maps "temperature_c", "humidity_percent" (of air.csv also "airflow_m_s", "pressure_hpa") to arrays; rows
     without a finite value, rows that the sensor flagged as stale and readings beyond what can be are dropped and
-    counted in `dropped`. In the trace of an air a cell that is empty or cannot be is NaN; the rest of its row stays.
+    counted in `dropped`; `impossible` maps a column to the median of its readings that cannot be, which tells a wrong
+    unit. In the trace of an air a cell that is empty or cannot be is NaN; the rest of its row stays.
     """
 
     time_s: Array
     values: dict[str, Array]
     dropped: dict[str, int] = field(default_factory=dict)
+    impossible: dict[str, float] = field(default_factory=dict)
 
 
 def read_sensor(folder: Path, sensor: str) -> Trace | None:
@@ -75,13 +80,16 @@ def read_sensor(folder: Path, sensor: str) -> Trace | None:
         stale = _numbers(frame, "stale", file) > 0
         dropped["stale"] = int((stale & keep).sum())
         keep &= ~stale
+    impossible = {}
     for name, readings in values.items():
-        wrong = ~np.isnan(readings) & ~limits[name].holds(readings)
-        dropped["implausible"] += int((wrong & keep).sum())
+        wrong = ~np.isnan(readings) & ~_possible(readings, limits[name]) & keep
+        dropped["implausible"] += int(wrong.sum())
+        if wrong.any():
+            impossible[name] = float(np.median(readings[wrong]))
         keep &= ~wrong
     dropped["empty"] += int((keep & np.isnan(values[main])).sum())
     keep &= ~np.isnan(values[main])
-    return _in_order(file, time_s, values, keep, dropped)
+    return replace(_in_order(file, time_s, values, keep, dropped), impossible=impossible)
 
 
 def read_air(folder: Path) -> Trace | None:
@@ -108,7 +116,7 @@ def read_air(folder: Path) -> Trace | None:
         if name not in frame.columns:
             continue
         column = _numbers(frame, name, file)
-        possible = limits.holds(column)
+        possible = _possible(column, limits)
         dropped["implausible"] += int((~possible & ~np.isnan(column) & keep).sum())
         if (possible & keep).any():
             values[name] = np.where(possible, column, np.nan)
@@ -122,10 +130,12 @@ def read_air(folder: Path) -> Trace | None:
 
 def _read_table(file: Path) -> pd.DataFrame:
     """A CSV file as it stands; its first line names the columns."""
+    import pandas as pd
+
     try:
-        with open_regular(file, REMEDY, TABLE_AT_MOST) as stream, warnings.catch_warnings():
+        with open_text(file, REMEDY, TABLE_AT_MOST) as stream, warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the header would be cut short
-            frame = pd.read_csv(stream, skipinitialspace=True, encoding="utf-8-sig", index_col=False, low_memory=False)
+            frame = pd.read_csv(stream, skipinitialspace=True, index_col=False, low_memory=False)
     except InputError:
         raise
     except (ValueError, OSError, pd.errors.ParserError, pd.errors.ParserWarning) as error:
@@ -137,7 +147,7 @@ def _read_table(file: Path) -> pd.DataFrame:
 
 def _in_order(file: Path, time_s: Array, values: dict[str, Array], keep: Mask, dropped: dict[str, int]) -> Trace:
     """The rows `keep` (n,) as a trace; an error where their clock goes back or far away."""
-    far = np.flatnonzero(keep & ~RANGES["time_s"].holds(time_s))
+    far = np.flatnonzero(keep & ~_possible(time_s, RANGES["time_s"]))
     if far.size:
         row = int(far[0])
         raise InputError(
@@ -157,8 +167,16 @@ def _in_order(file: Path, time_s: Array, values: dict[str, Array], keep: Mask, d
     return Trace(time_s[fresh], {name: column[fresh] for name, column in values.items()}, counted)
 
 
+def _possible(values: Array, limits: Range) -> Mask:
+    """Which of some values can be (n,); never those that are NaN."""
+    with np.errstate(invalid="ignore"):
+        return (values >= limits.low) & (values <= limits.high)
+
+
 def _numbers(frame: pd.DataFrame, column: str, file: Path) -> Array:
     """A column as floats; empty cells are NaN, anything else that is not a number is an error with its line."""
+    import pandas as pd
+
     values = frame[column]
     if isinstance(values, pd.DataFrame):
         raise InputError(f"{shown(file)}, line 1: column {column} is there twice; name one of them otherwise")

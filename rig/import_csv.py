@@ -16,16 +16,19 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from shockrig.files.campaign_names import CAMPAIGN_FORMAT, is_run_id
+from shockrig.files.campaign_write import campaign_document, run_document, table_text, write_campaign, write_run
+from shockrig.files.disk import is_there, read_bytes
+from shockrig.files.errors import InputError
+from shockrig.files.json_files import read_json
+from shockrig.files.ranges import RANGES
 from shockrig.rig.errors import BenchError
 from shockrig.rig.keys import nearest
-from shockrig.rig.recorder import write_json, write_text
-from shockrig.rig.recorder.campaign import FORMAT, read_json
 
-LONGEST_ID = 100
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 TEMPERATURE_UNITS = {"c": (1.0, 0.0), "k": (1.0, -273.15), "f": (5.0 / 9.0, -160.0 / 9.0)}
 HUMIDITY_UNITS = {"percent": (1.0, 0.0), "fraction": (100.0, 0.0)}
-PLAUSIBLE = {"temperature_c": (-100.0, 150.0), "humidity_percent": (-10.0, 130.0)}
+PLAUSIBLE = {"temperature_c": RANGES["temperature_c"], "humidity_percent": RANGES["humidity_reading_percent"]}
 USUAL_NAMES = {
     "time": ("time_s", "time", "t", "timestamp", "datetime", "date_time", "time_ms"),
     "temperature_c": ("temperature_c", "temperature", "temp", "temp_c", "t_c", "tair"),
@@ -116,8 +119,7 @@ def read_series(path: Path, wanted: Sequence[str], layout: CsvLayout) -> Series:
             if value is not None:
                 scale, offset = units[quantity]
                 value = scale * value + offset
-                low, high = PLAUSIBLE[quantity]
-                if not low <= value <= high:
+                if not PLAUSIBLE[quantity].holds(value):
                     left_out["implausible"] = left_out.get("implausible", 0) + 1
                     value = None
             elif quantity == wanted[0]:
@@ -176,16 +178,11 @@ def import_run(
     if late_s >= min(one.time_s[-1] for one in series.values()):
         raise BenchError("the two files do not overlap in time; both must be on one clock")
     dated = next(iter(series.values())).dated
-    run: dict[str, Any] = {"format": "shock-run/1", "id": ""}
-    if dated:
-        run["started_at"] = datetime.fromtimestamp(begins_s, UTC).isoformat().replace("+00:00", "Z")
+    airs: dict[str, dict[str, float]] = {}
     for place in ("source", "destination"):
         said = {key: getattr(facts, f"{place}_{key}") for key in ("temperature_c", "humidity_percent")}
-        run[place] = {key: value for key, value in said.items() if value is not None}
-    for key in ("airflow_m_s", "pressure_hpa"):
-        if getattr(facts, key) is not None:
-            run[key] = getattr(facts, key)
-    transfer: dict[str, float] = {}
+        airs[place] = {key: value for key, value in said.items() if value is not None}
+    start_s = None
     if facts.start is not None:
         start_s, start_dated = _time(facts.start, layout, "--start")
         if start_dated != dated or not begins_s < start_s < ends_s:
@@ -193,48 +190,55 @@ def import_run(
                 f"--start {facts.start} is not within the recording, which is {ends_s - begins_s:.1f} s long; "
                 "give it on the clock of the files"
             )
-        transfer["start_s"] = round(start_s - begins_s, 6)
-    if facts.duration_s is not None:
-        transfer["duration_s"] = facts.duration_s
-    if transfer:
-        run["transfer"] = transfer
+        start_s = round(start_s - begins_s, 6)
     names = sources or {}
-    run["imported"] = {key: {"file": names.get(key, ""), "left_out": dict(one.left_out)} for key, one in series.items()}
     tables = {key: _table(key, one, begins_s) for key, one in series.items()}
 
     head, changed = _campaign_head(campaign, name, sensors or {}, series)
-    run["id"] = _free_id(campaign, id_)
+    id_ = _free_id(campaign, id_)
+    run = run_document(
+        id_,
+        started_at=datetime.fromtimestamp(begins_s, UTC).isoformat().replace("+00:00", "Z") if dated else None,
+        source=airs["source"],
+        destination=airs["destination"],
+        airflow_m_s=facts.airflow_m_s,
+        pressure_hpa=facts.pressure_hpa,
+        start_s=start_s,
+        duration_s=facts.duration_s,
+        imported={key: {"file": names.get(key, ""), "left_out": dict(one.left_out)} for key, one in series.items()},
+    )
     fresh = not campaign.exists()
-    part = campaign / "runs" / f".{run['id']}.part"
+    part = campaign / "runs" / f".{id_}.part"
     try:
         part.mkdir(parents=True)
-        for key, text in tables.items():
-            write_text(part / f"{key}.csv", text)
-        write_json(part / "run.json", run)
+        write_run(part, run, tables)
         if changed:
-            write_json(campaign / "campaign.json", head)
-        os.rename(part, campaign / "runs" / run["id"])
+            write_campaign(campaign, head)
+        os.rename(part, campaign / "runs" / id_)
     except OSError as error:
         shutil.rmtree(campaign if fresh else part, ignore_errors=True)
         raise BenchError(f"{campaign}: {error.strerror or error}; give another --out or free some space") from None
-    return str(run["id"])
+    return id_
 
 
 def _campaign_head(
     campaign: Path, name: str | None, sensors: Mapping[str, Mapping[str, Any]], series: Mapping[str, Series]
 ) -> tuple[dict[str, Any], bool]:
     file = campaign / "campaign.json"
-    if not file.exists():
+    if not is_there(file):
         if campaign.is_dir() and any(campaign.iterdir()) or campaign.is_file():
             raise BenchError(f"{campaign}: is neither empty nor a campaign; give another --out")
         described = {key: dict(sensors.get(key, {})) for key in series}
-        return {"format": FORMAT, "name": name or campaign.resolve().name, "sensors": described}, True
-    head = read_json(file)
-    if head.get("format") != FORMAT or not isinstance(head.get("sensors", {}), dict):
-        raise BenchError(f'{file}: not a campaign of format "{FORMAT}"; give another --out')
+        return campaign_document(name or campaign.resolve().name, described), True
+    try:
+        content = read_json(file, CAMPAIGN_FORMAT, "give another --out")
+        content.mapping("sensors")
+    except InputError as error:
+        raise BenchError(str(error)) from None
+    head = dict(content.content)
     if name is not None and head.get("name") != name:
         raise BenchError(f"{file}: is named {head.get('name')!r}, not {name!r}; leave --name out or give another --out")
-    known = head.setdefault("sensors", {})
+    known = head["sensors"] = dict(head.get("sensors") or {})
     changed = False
     for key in series:
         here = known.get(key)
@@ -254,7 +258,7 @@ def _free_id(campaign: Path, id_: str | None) -> str:
     if id_ is None:
         taken = [int(p.name) for p in runs.iterdir() if p.name.isdecimal()] if runs.is_dir() else []
         return f"{max(taken, default=0) + 1:04d}"
-    if not 0 < len(id_) <= LONGEST_ID or not id_.isprintable() or id_.startswith(".") or set(id_) & {"/", "\\"}:
+    if not is_run_id(id_):
         raise BenchError(f"--id {repr(id_)[:40]}: expected a name that can be a folder, such as 0001")
     if (runs / id_).exists():
         raise BenchError(f"--id {id_}: this campaign already has that run; leave --id out for the next free one")
@@ -262,28 +266,23 @@ def _free_id(campaign: Path, id_: str | None) -> str:
 
 
 def _table(sensor: str, series: Series, begins_s: float) -> str:
-    if sensor == "imet":
-        names, columns = ["time_s", "temperature_c"], [series.values["temperature_c"]]
-    else:
-        empty = (None,) * len(series.time_s)
-        names = ["time_s", "humidity_percent", "temperature_c", "stale"]
-        columns = [series.values["humidity_percent"], series.values.get("temperature_c", empty), (0,) * len(empty)]
-        if "temperature_c" not in series.values:
-            names.remove("temperature_c")
-            del columns[1]
-    lines = [",".join(names)]
-    for time_s, *cells in zip(series.time_s, *columns, strict=True):
-        texts = ["" if cell is None else "0" if cell == 0 else f"{cell:.6g}" for cell in cells]
-        lines.append(",".join([f"{time_s - begins_s:.4f}", *texts]))
-    return "\n".join(lines) + "\n"
+    """The sensor's CSV file, with the digits that came."""
+    columns: dict[str, Sequence[float | None]] = {"time_s": [time_s - begins_s for time_s in series.time_s]}
+    for name in ("humidity_percent", "temperature_c") if sensor == "hyt" else ("temperature_c",):
+        if name in series.values:
+            columns[name] = [None if value is None else value + 0.0 for value in series.values[name]]  # no -0
+    forms = dict.fromkeys(columns, "%.6g") | {"time_s": "%.4f", "stale": "%d"}
+    if sensor == "hyt":
+        columns["stale"] = [0.0] * len(series.time_s)
+    return table_text(columns, forms)
 
 
 def _rows(path: Path, layout: CsvLayout) -> list[tuple[int, list[str]]]:
     """(line number, cells) of every line that is not a comment."""
     try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise BenchError(f"{path}: {error.strerror}; name a CSV file that can be read") from None
+        content = read_bytes(path, "name a CSV file that can be read")
+    except InputError as error:
+        raise BenchError(str(error)) from None
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:

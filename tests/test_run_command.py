@@ -169,7 +169,7 @@ def test_status_of_what_is_not_a_campaign(tmp_path, capsys):
     assert f"is no campaign (it has no campaign.json); {mend}" in refused(capsys, "status", str(tmp_path))
     (tmp_path / "campaign.json").write_text("{")
     error = refused(capsys, "status", str(tmp_path))
-    assert "campaign.json, line 1: not JSON" in error and "mend or restore the file" in error
+    assert "campaign.json, line 1: not JSON" in error and "fix or restore the file" in error
 
 
 # command -> its arguments, without an --out

@@ -427,7 +427,7 @@ def test_bad_input(tmp_path, capsys, monkeypatch, arguments, message):
 
 @pytest.mark.parametrize(
     ("content", "message"),
-    [(b'{"format":\n', "line 2: not JSON"), (b"\xff\xfe", "not JSON"), (b"[]", "JSON object"), (b"{}", "key format")],
+    [(b'{"format":\n', "line 2: not JSON"), (b"\xff\xfe", "not UTF-8"), (b"[]", "JSON object"), (b"{}", "key format")],
 )
 @pytest.mark.parametrize("way", ["--once", "--web"])
 def test_a_damaged_campaign_is_refused_before_anything_is_shown(tmp_path, capsys, content, message, way):

@@ -25,12 +25,12 @@ def main(args: argparse.Namespace) -> int:
     import tempfile
     import tomllib
 
+    from shockrig.files.disk import write_whole
     from shockrig.rig.bench_file import check_bench
     from shockrig.rig.buses.i2c import SmbusBus
     from shockrig.rig.buses.serial_port import PyserialPort, pyserial_opener
     from shockrig.rig.clock import RealClock
     from shockrig.rig.errors import BenchError
-    from shockrig.rig.recorder import write_text
     from shockrig.rig.scan import bench_toml, scan_i2c, scan_serial
 
     if args.out is not None and args.out.exists():
@@ -67,7 +67,7 @@ def main(args: argparse.Namespace) -> int:
         print(text, end="")
         return 0
     try:
-        write_text(args.out, text)
+        write_whole(args.out, text)
     except OSError as error:
         raise BenchError(f"{args.out}: {error.strerror}; give another --out") from None
     print(f"wrote {args.out}: go through the lines marked SET, then run shockrig check --bench {args.out}")

@@ -1,7 +1,7 @@
 """Recording: a journal that grows while the bench runs, and the campaign files that are made from it."""
 
 from shockrig.rig.recorder.campaign import CampaignFolder, CampaignState, SetAside, read_state
-from shockrig.rig.recorder.files import write_json, write_run_files, write_text
+from shockrig.rig.recorder.files import write_run_files
 from shockrig.rig.recorder.run import Recorder, RecordingError, RunRecord, is_good, judge, read_run, sample_time_s
 
 __all__ = [
@@ -16,7 +16,5 @@ __all__ = [
     "read_run",
     "read_state",
     "sample_time_s",
-    "write_json",
     "write_run_files",
-    "write_text",
 ]

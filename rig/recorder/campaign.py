@@ -9,7 +9,6 @@ set_aside/ID-N/         interrupted and spoilt attempts, kept with status and re
 from __future__ import annotations
 
 import fcntl
-import json
 import os
 import shutil
 from collections.abc import Mapping
@@ -17,9 +16,14 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from shockrig.files.campaign_names import CAMPAIGN_FORMAT
+from shockrig.files.campaign_write import campaign_document, write_campaign
+from shockrig.files.disk import is_there, shown, sync_folder
+from shockrig.files.errors import InputError
+from shockrig.files.json_files import read_json
 from shockrig.rig.errors import BenchError
 from shockrig.rig.protocol import PlannedRun, Protocol
-from shockrig.rig.recorder.files import write_json, write_run_files
+from shockrig.rig.recorder.files import write_run_files
 from shockrig.rig.recorder.run import (
     COMPLETE,
     INTERRUPTED,
@@ -32,8 +36,7 @@ from shockrig.rig.recorder.run import (
     read_run,
 )
 
-FORMAT = "shock-campaign/1"
-MEND = "mend or restore the file"
+REMEDY = "fix or restore the file"
 
 
 @dataclass(frozen=True)
@@ -71,14 +74,13 @@ class CampaignFolder:
         self._protocol = protocol
         self._sync_every_s = sync_every_s
         self._is_ours = False
-        content = {
-            "format": FORMAT,
-            "name": path.name or protocol.name,
-            "sensors": dict(sensors),
-            "protocol": protocol.name,
-            "bench": bench,
-            "plan": [_plan_entry(run) for run in protocol.runs],
-        }
+        content = campaign_document(
+            path.name or protocol.name,
+            sensors,
+            protocol=protocol.name,
+            bench=bench,
+            plan=[_plan_entry(run) for run in protocol.runs],
+        )
         try:
             path.mkdir(parents=True, exist_ok=True)
             self._lock = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
@@ -92,7 +94,7 @@ class CampaignFolder:
             elif any(entry.name != "campaign.json.part" for entry in path.iterdir()):  # of a recording killed at once
                 raise BenchError(f"{path}: is neither empty nor a campaign; give another --out")
             else:
-                write_json(path / "campaign.json", content)
+                write_campaign(path, content)
             for name in ("runs", "recording", "set_aside"):
                 (path / name).mkdir(exist_ok=True)
         except BlockingIOError:
@@ -193,7 +195,7 @@ class CampaignFolder:
         write_run_files(folder, record, sync=self._sync_every_s is not None)
         os.rename(folder, self.path / "runs" / record.id)
         if self._sync_every_s is not None:
-            _sync_folder(self.path / "runs")
+            sync_folder(self.path / "runs")
 
     def _put_aside(self, folder: Path, record: RunRecord) -> Path:
         write_run_files(folder, record, sync=self._sync_every_s is not None)
@@ -221,7 +223,7 @@ def read_state(path: Path) -> CampaignState:
     planned = [str(entry.get("id")) for entry in plan if isinstance(entry, dict)] if isinstance(plan, list) else []
     aside = []
     for folder in _folders(path / "set_aside"):
-        said = read_json(folder / "run.json") if (folder / "run.json").exists() else {}
+        said = _content(folder / "run.json") if is_there(folder / "run.json") else {}
         status = str(said.get("status", INTERRUPTED))
         reason = str(said.get("reason", "nothing could be recovered"))
         aside.append(SetAside(folder.name.rsplit("-", 1)[0], folder, status, reason))
@@ -236,29 +238,18 @@ def read_state(path: Path) -> CampaignState:
 
 def read_head(path: Path) -> dict[str, Any]:
     """campaign.json of a campaign folder; raises BenchError where it is not there, is damaged, or is something else."""
-    file = path / "campaign.json"
-    if not file.is_file():
+    if not is_there(path / "campaign.json"):
         found = "is no campaign (it has no campaign.json)" if path.is_dir() else "no such campaign folder"
-        raise BenchError(f"{path}: {found}; give the folder that holds campaign.json, the --out of shockrig run")
-    content = read_json(file)
-    if content.get("format") != FORMAT:
-        raise BenchError(f'{file}: key format: expected "{FORMAT}", found {repr(content.get("format"))[:40]}; {MEND}')
-    return content
+        raise BenchError(f"{shown(path)}: {found}; give the folder that holds campaign.json, the --out of shockrig run")
+    return _content(path / "campaign.json", CAMPAIGN_FORMAT)
 
 
-def read_json(path: Path) -> dict[str, Any]:
-    """A JSON object from a file; raises BenchError naming the file and the place."""
+def _content(path: Path, expected: str | None = None) -> dict[str, Any]:
+    """A JSON object from a file, of format `expected`; raises BenchError naming the file and the place."""
     try:
-        content = json.loads(path.read_bytes().decode("utf-8"))
-    except OSError as error:
-        raise BenchError(f"{path}: {error.strerror}; {MEND}") from None
-    except json.JSONDecodeError as error:
-        raise BenchError(f"{path}, line {error.lineno}: not JSON: {error.msg}; {MEND}") from None
-    except (ValueError, RecursionError) as error:  # also numbers of too many digits
-        raise BenchError(f"{path}: not JSON: {error}; {MEND}") from None
-    if not isinstance(content, dict):
-        raise BenchError(f"{path}: expected a JSON object, found {type(content).__name__}; {MEND}")
-    return content
+        return dict(read_json(path, expected, REMEDY).content)
+    except InputError as error:
+        raise BenchError(str(error)) from None
 
 
 def _plan_entry(run: PlannedRun) -> dict[str, Any]:
@@ -269,9 +260,7 @@ def _plan_entry(run: PlannedRun) -> dict[str, Any]:
 def _check_same(path: Path, content: Mapping[str, Any]) -> None:
     """A campaign goes on with the sensors and the plan it began with; a longer plan extends it."""
     file = path / "campaign.json"
-    there = read_json(file)
-    if there.get("format") != FORMAT:
-        raise BenchError(f'{file}: format is {there.get("format")!r}, expected "{FORMAT}"')
+    there = _content(file, CAMPAIGN_FORMAT)
     if "plan" not in there:
         raise BenchError(f"{path}: was not recorded by shockrig run and has no plan to go on with; give another --out")
     if there.get("sensors") != content["sensors"]:
@@ -283,7 +272,7 @@ def _check_same(path: Path, content: Mapping[str, Any]) -> None:
             "give the same protocol, or another --out"
         )
     if len(now) > len(before):
-        write_json(file, content)
+        write_campaign(path, content)
 
 
 def _has_a_record(folder: Path) -> bool:
@@ -296,11 +285,3 @@ def _has_a_record(folder: Path) -> bool:
 
 def _folders(path: Path) -> list[Path]:
     return sorted(entry for entry in path.iterdir() if entry.is_dir()) if path.is_dir() else []
-
-
-def _sync_folder(path: Path) -> None:
-    file = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(file)
-    finally:
-        os.close(file)

@@ -2,92 +2,60 @@
 
 from __future__ import annotations
 
-import json
-import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from shockrig.files.campaign_write import run_document, table_text, write_run
 from shockrig.rig.recorder.run import COLUMNS, COMPLETE, RunRecord, sample_time_s
-from shockrig.rig.seams import Air, Outcome, Reading
-
-
-def write_text(path: Path, text: str, sync: bool = False) -> None:
-    """Write a file beside its name, then rename: no reader sees half of it. `sync` guards against a power cut too."""
-    beside = path.with_name(path.name + ".part")
-    try:
-        with beside.open("w", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-            if sync:
-                file.flush()
-                os.fsync(file.fileno())
-        os.replace(beside, path)
-    except OSError:
-        beside.unlink(missing_ok=True)
-        raise
-
-
-def write_json(path: Path, content: Mapping[str, Any], sync: bool = False) -> None:
-    """As `write_text`; numbers must be finite."""
-    write_text(path, json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n", sync)
+from shockrig.rig.seams import Air, Outcome
 
 
 def write_run_files(folder: Path, record: RunRecord, sync: bool = False) -> None:
     """Make the files of a run in its folder; a sensor without readings gets no file."""
-    for sensor, columns in COLUMNS.items():
-        text = _csv(record, sensor, columns)
-        if text is not None:
-            write_text(folder / f"{sensor}.csv", text, sync)
-    write_json(folder / "run.json", run_json(record), sync)
+    tables = {sensor: table for sensor, columns in COLUMNS.items() if (table := _table(record, sensor, columns))}
+    write_run(folder, run_json(record), tables, sync=sync)
 
 
 def run_json(record: RunRecord) -> dict[str, Any]:
     """Content of run.json: the airs as the reference saw them, the transfer on the clock of the CSV files."""
-    header = record.header
-    content: dict[str, Any] = {"format": "shock-run/1", "id": record.id}
-    if record.started_at or header.get("started_at"):
-        content["started_at"] = record.started_at or header["started_at"]
-    content["source"] = _mean_air(record.airs["source"])
-    content["destination"] = _mean_air(record.airs["destination"])
+    header, move = record.header, record.move
     measured_hpa = [r.values["pressure_hpa"] for r in record.recorded("imet") if "pressure_hpa" in r.values]
-    pressure_hpa = round(sum(measured_hpa) / len(measured_hpa), 2) if measured_hpa else header.get("pressure_hpa")
-    for key, value in (("airflow_m_s", header.get("airflow_m_s")), ("pressure_hpa", pressure_hpa)):
-        if value is not None:
-            content[key] = value
-    if record.move is not None and record.zero_s is not None:
-        content["transfer"] = {"start_s": round(record.move.start_s - record.zero_s, 6)}
-        if record.move.end_s is not None:
-            content["transfer"]["duration_s"] = round(record.move.end_s - record.move.start_s, 6)
-    content["status"] = record.status
-    for key, value in (("reason", record.reason), ("damage", record.damage), ("note", header.get("note"))):
-        if value and not (key == "reason" and record.status == COMPLETE):
-            content[key] = value
-    content["planned"] = {key: header.get(key) for key in ("source", "destination")}
-    content["outcomes"] = {sensor: dict(counts) for sensor, counts in record.counts.items()}
-    return content
+    start_s = duration_s = None
+    if move is not None and record.zero_s is not None:
+        start_s = round(move.start_s - record.zero_s, 6)
+        duration_s = None if move.end_s is None else round(move.end_s - move.start_s, 6)
+    return run_document(
+        record.id,
+        started_at=record.started_at or header.get("started_at") or None,
+        source=_mean_air(record.airs["source"]),
+        destination=_mean_air(record.airs["destination"]),
+        airflow_m_s=header.get("airflow_m_s"),
+        pressure_hpa=round(sum(measured_hpa) / len(measured_hpa), 2) if measured_hpa else header.get("pressure_hpa"),
+        start_s=start_s,
+        duration_s=duration_s,
+        status=record.status,
+        reason=record.reason if record.reason and record.status != COMPLETE else None,
+        damage=record.damage or None,
+        note=header.get("note") or None,
+        planned={key: header.get(key) for key in ("source", "destination")},
+        outcomes={sensor: dict(counts) for sensor, counts in record.counts.items()},
+    )
 
 
-def _csv(record: RunRecord, sensor: str, columns: Sequence[str]) -> str | None:
+def _table(record: RunRecord, sensor: str, columns: Sequence[str]) -> str | None:
+    """The sensor's CSV file; None where it has no readings."""
     flagged = sensor == "hyt"
     kept = (Outcome.OK, Outcome.STALE) if flagged else (Outcome.OK,)
     rows = [r for r in record.recorded(sensor) if r.outcome in kept and columns[0] in r.values]
     if not rows:
         return None
-    names = ["time_s", *columns, *(["stale"] if flagged else [])]
-    lines = [",".join(names)]
-    for reading in rows:
-        lines.append(_row(reading, record.zero_s or 0.0, columns, flagged))
-    return "\n".join(lines) + "\n"
-
-
-def _row(reading: Reading, zero_s: float, columns: Sequence[str], flagged: bool) -> str:
-    cells = [f"{sample_time_s(reading) - zero_s:.4f}"]
-    for name in columns:  # four decimals are finer than either sensor's own step
-        value = reading.values.get(name)
-        cells.append("" if value is None else f"{value:.4f}")
+    zero_s = record.zero_s or 0.0
+    table: dict[str, list[float | None]] = {"time_s": [sample_time_s(reading) - zero_s for reading in rows]}
+    table |= {name: [reading.values.get(name) for reading in rows] for name in columns}
     if flagged:
-        cells.append("1" if reading.outcome is Outcome.STALE else "0")
-    return ",".join(cells)
+        table["stale"] = [float(reading.outcome is Outcome.STALE) for reading in rows]
+    return table_text(table, {"stale": "%d"})
 
 
 def _mean_air(airs: Sequence[Air]) -> dict[str, float]:

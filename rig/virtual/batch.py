@@ -8,14 +8,14 @@ into the folder.
 from __future__ import annotations
 
 import datetime
-import json
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from shockrig.files.campaign_write import campaign_document, run_document, table_text, write_campaign, write_run
 from shockrig.rig.errors import BenchError
 from shockrig.rig.virtual.effects import RH, T
 from shockrig.rig.virtual.logger import Logger, seen_at_s
@@ -66,22 +66,29 @@ def simulate_campaign(
             "imet": {"kind": "imet-xf", "serial": "virtual", "bead_radius_m": truth.bead_radius_m},
             "hyt": {"kind": "hyt-271", "serial": "virtual", "film_thickness_m": truth.film_thickness_m},
         }
-        _write_json(partial / "campaign.json", {"format": "shock-campaign/1", "name": name, "sensors": sensors})
+        write_campaign(partial, campaign_document(name, sensors))
         for i, run in enumerate(plan):
             folder = partial / "runs" / run.id
             folder.mkdir()
-            _write_json(
-                folder / "run.json", _run_json(truth, run, i, airs[i], exposure, start_s[i], write_duration, rng)
-            )
+            document = _run_json(truth, run, i, airs[i], exposure, start_s[i], write_duration, rng)
             phases, bead_rng, film_rng, die_rng, lost = own[i].spawn(5)
             bead, film = _sampling(run, phases), _sampling(run, phases)
             one = _Run(truth, exposure, history, i, start_s[i])
             imet = Logger(truth, T, bead_rng).log(bead, one.temperature(bead))
             hyt = Logger(truth, RH, film_rng).log(film, one.humidity(film))
             die = np.round((one.die(film) + truth.die_noise_k * die_rng.standard_normal(film.size)) / 0.01) * 0.01
-            _write_csv(folder / "imet.csv", "time_s,temperature_c", "%.4f,%.4f", _survivors(truth, lost, bead, imet))
-            columns = _survivors(truth, lost, film, hyt, die, np.zeros(film.size))
-            _write_csv(folder / "hyt.csv", "time_s,humidity_percent,temperature_c,stale", "%.4f,%.4f,%.3f,%d", columns)
+            bead_columns = {"time_s": bead, "temperature_c": imet}
+            film_columns = {
+                "time_s": film,
+                "humidity_percent": hyt,
+                "temperature_c": die,
+                "stale": np.zeros(film.size),
+            }
+            tables = {
+                "imet": table_text(_survivors(truth, lost, bead_columns)),
+                "hyt": table_text(_survivors(truth, lost, film_columns), {"temperature_c": "%.3f", "stale": "%d"}),
+            }
+            write_run(folder, document, tables)
         os.rename(partial, out)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
@@ -161,35 +168,29 @@ def _sampling(run: PlannedRun, rng: np.random.Generator) -> np.ndarray:
     return np.round(np.arange(phase, run.duration_s, SAMPLING_PERIOD_S), 4)
 
 
-def _survivors(truth: Truth, rng: np.random.Generator, *columns: np.ndarray) -> np.ndarray:
-    kept = rng.random(columns[0].size) >= truth.missing_fraction
-    return np.column_stack(columns)[kept]
+def _survivors(
+    truth: Truth, rng: np.random.Generator, columns: Mapping[str, np.ndarray]
+) -> dict[str, list[float | None]]:
+    """The rows of a table that are not lost."""
+    kept = rng.random(columns["time_s"].size) >= truth.missing_fraction
+    return {name: values[kept].tolist() for name, values in columns.items()}
 
 
 def _run_json(truth, run, index, airs, exposure, start_s, write_duration, rng) -> dict:
     reported = airs + rng.standard_normal((2, 2)) * (truth.reference_scatter_k, truth.reference_scatter_percent)
-    transfer = {"start_s": round(float(start_s + truth.trigger_jitter_s * rng.standard_normal()), 4)}
-    if write_duration or run.transfer_duration_s is not None:
-        transfer["duration_s"] = round(float(exposure.duration_s[index]), 4)
+    noted_s = round(float(start_s + truth.trigger_jitter_s * rng.standard_normal()), 4)
+    stated = write_duration or run.transfer_duration_s is not None
     source, destination = (
         {"temperature_c": round(float(t), 4), "humidity_percent": round(float(h), 4)} for t, h in reported
     )
-    return {
-        "format": "shock-run/1",
-        "id": run.id,
-        "started_at": (FIRST_RUN_AT + datetime.timedelta(hours=index)).strftime("%Y-%m-%dT%H:%M:%SZ"),
-        "source": source,
-        "destination": destination,
-        "airflow_m_s": run.airflow_m_s,
-        "pressure_hpa": run.pressure_hpa,
-        "transfer": transfer,
+    return run_document(
+        run.id,
+        started_at=(FIRST_RUN_AT + datetime.timedelta(hours=index)).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        source=source,
+        destination=destination,
+        airflow_m_s=run.airflow_m_s,
+        pressure_hpa=run.pressure_hpa,
+        start_s=noted_s,
+        duration_s=round(float(exposure.duration_s[index]), 4) if stated else None,
         **run.extra,
-    }
-
-
-def _write_json(path: Path, content: dict) -> None:
-    path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def _write_csv(path: Path, header: str, row_format: str, rows: np.ndarray) -> None:
-    path.write_text("\n".join([header, *(row_format % tuple(row) for row in rows.tolist())]) + "\n", encoding="utf-8")
+    )
