@@ -17,7 +17,7 @@ from typing import Any
 
 from shockrig.rig.bench_file import BenchConfig, Part, check_bench, load_bench
 from shockrig.rig.buses.i2c import SmbusBus
-from shockrig.rig.buses.serial_port import PyserialPort, pyserial_opener
+from shockrig.rig.buses.serial_port import OpenPort, PyserialPort, pyserial_opener
 from shockrig.rig.clock import RealClock, VirtualClock
 from shockrig.rig.errors import BenchError, BusError, RigError
 from shockrig.rig.seams import Chambers, Clock, I2cBus, Operator, Reference, Sensor, SerialPort, Stage
@@ -98,7 +98,7 @@ class Bench:
                 part.open()
             except OSError as error:
                 own = isinstance(error, RigError)  # says the mend itself
-                mend = "" if own else MENDS.get(error.errno, "check cable and supply")
+                mend = "" if own else MENDS.get(error.errno or 0, "check cable and supply")
                 faults.append(ConnectionFault(self.devices.get(name, name), error.strerror or str(error), mend))
         if faults:
             raise ConnectionFaults(faults)
@@ -147,7 +147,7 @@ class _Parts:
 
     def serial(self, port: str, baud: int) -> SerialPort:
         """The serial port with this name."""
-        opener: Callable[[], object] | str = port
+        opener: Callable[[], OpenPort] | str = port
         if port == "virtual":
             opener = self.instruments.serial_opener(self.name, self.kind, self.settings)
         if isinstance(opener, str):

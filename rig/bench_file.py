@@ -19,6 +19,7 @@ from typing import Any
 
 from shockrig.rig.errors import BenchError
 from shockrig.rig.keys import nearest, refuse_unknown_keys
+from shockrig.rig.seams import Backend
 
 # section -> kind -> module:class. A backend is one file and one line here, or an entry point "SECTION.KIND".
 KINDS: dict[str, dict[str, str]] = {
@@ -49,7 +50,7 @@ class Part:
     """One instrument of a bench: its kind, the class behind it, and that class's settings."""
 
     kind: str
-    backend: Any
+    backend: Backend
     settings: Any
 
 

@@ -41,7 +41,9 @@ class JournalWriter:
         written = os.write(self._file, line)
         while written < len(line):  # a disk about to be full takes a part; the next write says why
             written += os.write(self._file, line[written:])
-        if self._disk is not None and now_s - self._synced_s >= self._sync_every_s:
+        if self._disk is None or self._sync_every_s is None:
+            return
+        if now_s - self._synced_s >= self._sync_every_s:
             if self._syncing is not None:
                 if not self._syncing.done():
                     return  # a slow disk is not hurried by asking twice

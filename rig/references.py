@@ -7,28 +7,14 @@ from collections import deque
 from dataclasses import dataclass
 
 from shockrig.rig.errors import BenchError
-from shockrig.rig.seams import Air, Chambers, Operator, Reading
+from shockrig.rig.seams import Air, Chambers, Operator, Parts, Reading
 from shockrig.rig.sensors.hyt271 import Hyt271, Hyt271Settings
 
 NEVER_S = math.inf
 
 
-@dataclass(frozen=True)
-class SetPointsSettings:
-    """No settings: the airs are what the chambers say they are."""
-
-
-class SetPoints:
-    """The two airs as the chambers report them, or as they were asked for where they cannot report."""
-
-    Settings = SetPointsSettings
-
-    def __init__(self, chambers: Chambers) -> None:
-        self._chambers = chambers
-
-    @classmethod
-    def build(cls, name: str, settings: SetPointsSettings, parts) -> SetPoints:
-        return cls(parts.chambers)
+class _NothingToAsk:
+    """A reference that has no instrument of its own."""
 
     def open(self) -> None:
         pass
@@ -39,14 +25,32 @@ class SetPoints:
     def poll(self) -> list[Reading]:
         return []
 
+    def close(self) -> None:
+        pass
+
+
+@dataclass(frozen=True)
+class SetPointsSettings:
+    """No settings: the airs are what the chambers say they are."""
+
+
+class SetPoints(_NothingToAsk):
+    """The two airs as the chambers report them, or as they were asked for where they cannot report."""
+
+    Settings = SetPointsSettings
+
+    def __init__(self, chambers: Chambers) -> None:
+        self._chambers = chambers
+
+    @classmethod
+    def build(cls, name: str, settings: SetPointsSettings, parts: Parts) -> SetPoints:
+        return cls(parts.chambers)
+
     def source(self) -> Air:
         return self._chambers.airs()[0]
 
     def destination(self) -> Air:
         return self._chambers.airs()[1]
-
-    def close(self) -> None:
-        pass
 
 
 @dataclass(frozen=True)
@@ -54,19 +58,19 @@ class OperatorEntrySettings:
     """No settings: the operator is asked."""
 
 
-class OperatorEntry(SetPoints):
+class OperatorEntry(_NothingToAsk):
     """A person reads both airs off instruments of their own, once for each run, before its recording begins."""
 
     Settings = OperatorEntrySettings
 
     def __init__(self, chambers: Chambers, operator: Operator) -> None:
-        super().__init__(chambers)
+        self._chambers = chambers
         self._operator = operator
         self._asked_for: tuple[Air, Air] | None = None
         self._entered = (Air(None, None), Air(None, None))
 
     @classmethod
-    def build(cls, name: str, settings: OperatorEntrySettings, parts) -> OperatorEntry:
+    def build(cls, name: str, settings: OperatorEntrySettings, parts: Parts) -> OperatorEntry:
         return cls(parts.chambers, parts.operator)
 
     def source(self) -> Air:
@@ -130,7 +134,7 @@ class Hyt271Reference:
         self._recent: deque[Reading] = deque()
 
     @classmethod
-    def build(cls, name: str, settings: Hyt271ReferenceSettings, parts) -> Hyt271Reference:
+    def build(cls, name: str, settings: Hyt271ReferenceSettings, parts: Parts) -> Hyt271Reference:
         return cls(settings, Hyt271("reference", settings, parts.i2c(settings.bus), parts.clock), parts.chambers)
 
     def open(self) -> None:

@@ -18,7 +18,7 @@ from shockrig.rig.errors import BenchError, BusError, RigError
 from shockrig.rig.protocol import PlannedRun, Protocol, Record, Soak, Step, Transfer
 from shockrig.rig.recorder import CampaignFolder, Recorder, RecordingError, RunRecord, is_good
 from shockrig.rig.recorder.run import COMPLETE, INTERRUPTED, SPOILT
-from shockrig.rig.seams import Air, Move, Reading
+from shockrig.rig.seams import Air, Move, Reading, Reference, Sensor
 
 FIRST_READING_WITHIN_S = 10.0
 REPEAT_AFTER_S = 5.0  # times the attempt: what spoilt a run may pass by itself (a plug, a reset), but not at once
@@ -195,9 +195,7 @@ class _Runner:
 
     def _listen(self) -> None:
         self.good = {name: deque() for name in self.bench.describe()}
-        heard_all = self._poll_until(
-            self.bench.clock.now() + FIRST_READING_WITHIN_S, lambda: all(self.good.values()) or None
-        )
+        heard_all = self._poll_until(self.bench.clock.now() + FIRST_READING_WITHIN_S, lambda: all(self.good.values()))
         if not heard_all:
             silent = ", ".join(name for name, readings in self.good.items() if not readings)
             raise BusError(
@@ -264,13 +262,13 @@ class _Runner:
                     if not began:
                         recorder.zero(clock.now(), self.utc())
                         began = True
-                    self._record(step)
+                    self._record(step, recorder)
                 case Transfer():
                     # Transfers at ever other phases of the sampling show together what one cannot: a fast probe's first
                     # tenths of a second. The sensors keep to the clock's grid, so the phase is set on the clock.
                     phase_s = PHASE_S * self.protocol.runs.index(run)
                     self._poll_until(math.ceil(clock.now() - phase_s) + phase_s)
-                    self._transfer(step)
+                    self._transfer(step, recorder)
 
     def _soak(self, step: Soak) -> None:
         """Wait until the reference is stable and the probes have settled in it."""
@@ -291,7 +289,7 @@ class _Runner:
             self._poll_until(now + AIR_EVERY_S)
         raise _Spoilt(f"the soak was not stable after {step.at_most_s:g} s: {waiting}")
 
-    def _record(self, step: Record) -> None:
+    def _record(self, step: Record, recorder: Recorder) -> None:
         """Record; the last seconds note the air too: the source's before the transfer, the destination's after it."""
         end_s = self.bench.clock.now() + step.for_s
         reference = self.bench.reference
@@ -299,29 +297,29 @@ class _Runner:
         self._poll_until(end_s - AIR_MEAN_S)
         while True:
             now = self.bench.clock.now()
-            self.recorder.air(now, place, ask())
+            recorder.air(now, place, ask())
             if now >= end_s:
                 return
             self._poll_until(min(end_s, now + AIR_EVERY_S))
 
-    def _transfer(self, step: Transfer) -> None:
+    def _transfer(self, step: Transfer, recorder: Recorder) -> None:
         self.bench.stage.begin_transfer()
-        self.move = self._poll_until(self.bench.clock.now() + step.at_most_s, lambda: self.move)
+        self._poll_until(self.bench.clock.now() + step.at_most_s, lambda: self.move is not None)
         if self.move is None:
             raise _Spoilt(f"the transfer did not end within {step.at_most_s:g} s")
-        self.recorder.move(self.move)
+        recorder.move(self.move)
 
-    def _poll_until(self, until_s: float, done: Callable[[], object] | None = None):
-        """Poll what is due until a time, or until `done` returns something; returns that or None."""
+    def _poll_until(self, until_s: float, done: Callable[[], bool] = lambda: False) -> bool:
+        """Poll what is due until a time, or until `done` says so; returns whether it did."""
         clock, stage, reference = self.bench.clock, self.bench.stage, self.bench.reference
         sensors = self.bench.sensors
-        asked: Sequence = (*sensors, reference)
+        asked: Sequence[Sensor | Reference] = (*sensors, reference)
         while True:
-            if done is not None and (found := done()):
-                return found
+            if done():
+                return True
             now = clock.now()
             if now >= until_s:
-                return None
+                return False
             due_s = min(stage.due_s(), *(part.due_s() for part in asked))
             clock.sleep_until(min(until_s, max(due_s, now + SHORTEST_WAIT_S)))
             now = clock.now()
@@ -342,7 +340,9 @@ class _Runner:
             self.good[reading.sensor].append((reading.time_s, temperature_c, values.get("humidity_percent", math.nan)))
 
 
-def _unsettled(step: Soak, airs: Sequence[Air], good: dict[str, deque], now_s: float) -> str:
+def _unsettled(
+    step: Soak, airs: Sequence[Air], good: dict[str, deque[tuple[float, float, float]]], now_s: float
+) -> str:
     """What is still moving at the end of a soak's window; empty where nothing is."""
     for name, unit, limit in (
         ("temperature_c", "K", step.reference_within_k),

@@ -10,7 +10,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 
 class Outcome(enum.StrEnum):
@@ -51,6 +51,13 @@ class Air:
 
     temperature_c: float | None
     humidity_percent: float | None
+
+
+def known(value: float | None) -> float:
+    """A quantity of an air where it has to be known; ValueError where it is not."""
+    if value is None:
+        raise ValueError("a temperature or a humidity of the air is not known here")
+    return value
 
 
 @dataclass(frozen=True)
@@ -116,6 +123,10 @@ class Sensor(Protocol):
     """A sensor is polled when it is due; a poll never blocks for longer than one bus transaction."""
 
     name: str
+
+    def describe(self) -> dict[str, Any]:
+        """Its entry in campaign.json: kind, serial number, the length that its diffusivity is quoted for."""
+        ...
 
     def open(self) -> None: ...
 
@@ -192,3 +203,43 @@ class Reference(Protocol):
     def destination(self) -> Air: ...
 
     def close(self) -> None: ...
+
+
+class Parts(Protocol):
+    """What a back end's `build` may ask for: the bench's clock and people, buses by name, sensors built before it."""
+
+    @property
+    def kind(self) -> str:
+        """The kind that the bench file names, where one back end serves several."""
+        ...
+
+    @property
+    def clock(self) -> Clock: ...
+
+    @property
+    def operator(self) -> Operator: ...
+
+    @property
+    def chambers(self) -> Chambers: ...
+
+    @property
+    def sensors(self) -> Mapping[str, Sensor]: ...
+
+    def i2c(self, bus: int | str) -> I2cBus:
+        """The bus with this number or device file."""
+        ...
+
+    def serial(self, port: str, baud: int) -> SerialPort:
+        """The serial port with this name."""
+        ...
+
+
+class Backend(Protocol):
+    """A sensor's, stage's or reference's class as the bench file finds it: settings, and how it is built from them.
+
+    `Settings` is a frozen dataclass whose fields are the keys of the part's section in the bench file.
+    """
+
+    Settings: Any
+
+    def build(self, name: str, settings: Any, parts: Parts) -> Any: ...

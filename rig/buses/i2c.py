@@ -10,8 +10,12 @@ from __future__ import annotations
 import fcntl
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from shockrig.rig.seams import Clock
+
+if TYPE_CHECKING:
+    from smbus2 import SMBus
 
 LEASE_S = 1.0  # an owner that is no longer polled loses the bus after this
 
@@ -34,7 +38,7 @@ class SmbusBus:
         self._clock = clock
         self._lock_path = lock_directory and lock_directory / f"shockrig-{Path(path).name}.lock"
         self._lock_fd: int | None = None
-        self._bus = None
+        self._bus: SMBus | None = None
         self._owner: object | None = None
         self._since_s = 0.0
         self._waiting: dict[int, float] = {}  # id of a refused owner -> when it last asked, oldest first
@@ -95,7 +99,7 @@ class SmbusBus:
         self._device().i2c_rdwr(message)
         return bytes(message)
 
-    def _device(self):
+    def _device(self) -> SMBus:
         if self._bus is None:
             raise OSError(19, f"{self.path} is not open")
         return self._bus

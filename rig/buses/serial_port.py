@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any, Protocol
 
 from shockrig.rig.seams import Clock
 
@@ -10,15 +11,29 @@ BITS_PER_BYTE = 10  # 8N1: start bit, eight data bits, stop bit
 WRITE_TIMEOUT_S = 0.5
 
 
-def pyserial_opener(path: str, baud: int) -> Callable[[], object]:
+def pyserial_opener(path: str, baud: int) -> Callable[[], OpenPort]:
     """Opens the real port, for this process alone."""
 
-    def opener():
+    def opener() -> OpenPort:
         import serial
 
-        return serial.Serial(path, baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True)
+        port: OpenPort = serial.Serial(path, baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True)
+        return port
 
     return opener
+
+
+class OpenPort(Protocol):
+    """What is used of pyserial's Serial."""
+
+    @property
+    def in_waiting(self) -> int: ...
+
+    def read(self, size: int = 1) -> bytes: ...
+
+    def write(self, data: bytes) -> Any: ...
+
+    def close(self) -> None: ...
 
 
 class PyserialPort:
@@ -32,11 +47,11 @@ class PyserialPort:
         How soon a real port is looked at again. An object that knows when bytes will come (next_arrival_s) is asked.
     """
 
-    def __init__(self, opener: Callable[[], object], clock: Clock, baud: int, poll_s: float = 0.002) -> None:
+    def __init__(self, opener: Callable[[], OpenPort], clock: Clock, baud: int, poll_s: float = 0.002) -> None:
         self._opener = opener
         self._clock = clock
         self._poll_s = poll_s
-        self._serial = None
+        self._serial: OpenPort | None = None
         self._looked_s = 0.0
         self.byte_s = BITS_PER_BYTE / baud
 
@@ -59,7 +74,7 @@ class PyserialPort:
     def write(self, data: bytes) -> None:
         self._port().write(data)
 
-    def _port(self):
+    def _port(self) -> OpenPort:
         if self._serial is None:
             raise OSError(19, "the serial port is not open")
         return self._serial

@@ -10,8 +10,9 @@ from __future__ import annotations
 import errno
 from collections import Counter
 from dataclasses import dataclass
+from typing import Any
 
-from shockrig.rig.seams import Clock, I2cBus, Outcome, Reading
+from shockrig.rig.seams import Clock, I2cBus, Outcome, Parts, Reading
 
 FULL_SCALE = 16383
 COMMAND_MODE_BIT, STALE_BIT = 0x80, 0x40
@@ -102,10 +103,10 @@ class Hyt271:
         self._overdue = False  # a request was never answered afresh: its result may still come
 
     @classmethod
-    def build(cls, name: str, settings: Hyt271Settings, parts) -> Hyt271:
+    def build(cls, name: str, settings: Hyt271Settings, parts: Parts) -> Hyt271:
         return cls(name, settings, parts.i2c(settings.bus), parts.clock)
 
-    def describe(self) -> dict:
+    def describe(self) -> dict[str, Any]:
         return {"kind": self.KIND, "serial": self.settings.serial, "film_thickness_m": self.settings.film_thickness_m}
 
     def open(self) -> None:
@@ -161,7 +162,7 @@ class Hyt271:
             return self._failed(error)
         self._attempts = 0
         if self._unconfirmed is not None:
-            return self._compare(frame)
+            return self._compare(self._unconfirmed, frame)
         outcome, values = decode_frame(frame)
         if outcome is Outcome.OK:
             self._unconfirmed, self._copies, self._next_s = frame, 1, self._clock.now()
@@ -169,8 +170,7 @@ class Hyt271:
                 return []
         return self._judge(outcome, values, frame)
 
-    def _compare(self, again: bytes) -> list[Reading]:
-        frame = self._unconfirmed
+    def _compare(self, frame: bytes, again: bytes) -> list[Reading]:
         if again[1:] != frame[1:] or (again[0] ^ frame[0]) & ~STALE_BIT:
             self.counts["unconfirmed"] += 1
             self._doubt = DOUBT_READINGS
@@ -217,21 +217,21 @@ class Hyt271:
         self.counts["retries"] += 1
         return self._again_or(outcome)
 
-    def _again_or(self, outcome: Outcome, frame: bytes = b"", values: dict | None = None) -> list[Reading]:
+    def _again_or(self, outcome: Outcome, frame: bytes = b"", values: dict[str, float] | None = None) -> list[Reading]:
         """Try once more in a moment, unless the deadline would pass: then that was the outcome."""
         again_s = self._clock.now() + self.settings.retry_s
-        if again_s - self._began_s > self.settings.deadline_s:
+        if self._began_s is not None and again_s - self._began_s > self.settings.deadline_s:
             return self._finish(outcome, frame, values)
         self._next_s = again_s
         return []
 
-    def _finish(self, outcome: Outcome, frame: bytes = b"", values: dict | None = None) -> list[Reading]:
+    def _finish(self, outcome: Outcome, frame: bytes = b"", values: dict[str, float] | None = None) -> list[Reading]:
         now = self._clock.now()
         self._bus.release(self)
         if self._requested_s is not None:
             self._overdue = self._unconfirmed is None
         self._doubt = max(self._doubt - 1, 0)
-        requested_s = self._began_s if self._requested_s is None else self._requested_s
+        requested_s = next((at_s for at_s in (self._requested_s, self._began_s) if at_s is not None), now)
         sampled_s = requested_s + self.settings.sampled_after_s if outcome is Outcome.OK else None
         self.counts[str(outcome)] += 1
         self._requested_s = self._began_s = self._unconfirmed = None

@@ -9,8 +9,9 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
-from shockrig.rig.seams import Clock, Outcome, Reading, SerialPort
+from shockrig.rig.seams import Clock, Outcome, Parts, Reading, SerialPort
 from shockrig.rig.sensors.imet_lines import TABLES, Line, LineAssembler, LineTable, UnknownLine, implausible
 
 REOPEN_S = 0.25
@@ -66,10 +67,10 @@ class Imet:
         self._spoken: dict[str, tuple[bytes, float]] = {}  # id -> its last line and when that began
 
     @classmethod
-    def build(cls, name: str, settings: ImetSettings, parts) -> Imet:
+    def build(cls, name: str, settings: ImetSettings, parts: Parts) -> Imet:
         return cls(name, settings, parts.serial(settings.port, settings.baud), parts.clock, parts.kind)
 
-    def describe(self) -> dict:
+    def describe(self) -> dict[str, Any]:
         return {"kind": self.kind, "serial": self.settings.serial, "bead_radius_m": self.settings.bead_radius_m}
 
     def keep_humidity(self, name: str) -> None:
@@ -93,7 +94,7 @@ class Imet:
         now = self._clock.now()
         try:
             if self._reopen_s is not None:
-                return self._reopen(now)
+                return self._reopen(now, self._reopen_s)
             chunk = self._port.read_waiting()
         except OSError as error:
             self.counts[f"errno_{error.errno}"] += 1
@@ -110,8 +111,8 @@ class Imet:
         lines = self._assembler.feed(chunk, now, self._port.byte_s)
         return [reading for line in lines for reading in self._read(line, now, late)]
 
-    def _reopen(self, now: float) -> list[Reading]:
-        if now < self._reopen_s:
+    def _reopen(self, now: float, not_before_s: float) -> list[Reading]:
+        if now < not_before_s:
             return []
         self.open()
         self.counts["reopened"] += 1

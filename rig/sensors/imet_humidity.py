@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 from shockrig.rig.errors import BenchError
-from shockrig.rig.seams import Reading
+from shockrig.rig.seams import Parts, Reading
 from shockrig.rig.sensors.imet import Imet
 
 
@@ -31,13 +32,13 @@ class ImetHumidity:
         self._imet = imet
 
     @classmethod
-    def build(cls, name: str, settings: ImetHumiditySettings, parts) -> ImetHumidity:
+    def build(cls, name: str, settings: ImetHumiditySettings, parts: Parts) -> ImetHumidity:
         imet = parts.sensors.get(settings.through)
         if not isinstance(imet, Imet):
             raise BenchError(f'through = "{settings.through}" names no iMet sensor that stands before it in the file')
         return cls(name, settings, imet)
 
-    def describe(self) -> dict:
+    def describe(self) -> dict[str, Any]:
         return {"kind": "hyt-271", "serial": self.settings.serial, "film_thickness_m": self.settings.film_thickness_m}
 
     def open(self) -> None:

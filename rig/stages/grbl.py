@@ -9,10 +9,11 @@ off ($21=0) the switch at each end says when the probes left the one air and rea
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from shockrig.rig.errors import StageError
-from shockrig.rig.seams import Air, Chambers, Clock, Move, SerialPort
+from shockrig.rig.seams import Air, Chambers, Clock, Move, Parts, SerialPort
 
 HOLD, RESET, STATUS = b"!", b"\x18", b"?"
 REPORT = re.compile(rb"<([A-Z][a-z]*)(?::\d)?\|MPos:(-?\d{1,9}(?:\.\d{1,9})?)[^>]*>")
@@ -96,7 +97,7 @@ class GrblStage:
         self._may_move = False
 
     @classmethod
-    def build(cls, name: str, settings: GrblSettings, parts) -> GrblStage:
+    def build(cls, name: str, settings: GrblSettings, parts: Parts) -> GrblStage:
         return cls(settings, parts.serial(settings.port, settings.baud), parts.clock, parts.chambers)
 
     def open(self) -> None:
@@ -181,13 +182,12 @@ class GrblStage:
         for line in self._lines():
             report = self._report(line)
             if report is not None:
-                return self._follow(report)
-        self._persist()
+                return self._follow(self._transfer, report)
+        self._persist(self._asked_s)
         return None
 
-    def _follow(self, report: Report) -> Move | None:
+    def _follow(self, moving: _Transfer, report: Report) -> Move | None:
         self._check(report)
-        moving = self._transfer
         previous = moving.latest or moving.before
         left_s = moving.left_s
         if left_s is None and self._has_left(report):
@@ -239,44 +239,46 @@ class GrblStage:
 
     def _status(self) -> Report:
         self._asked_s = None
-        self._ask()
+        asked_s = self._ask()
         while True:
             for line in self._lines():
                 report = self._report(line)
                 if report is not None:
                     return report
-            self._persist()
-            self._clock.sleep_until(min(self._port.due_s(), self._asked_s + ASK_AGAIN_S))
+            asked_s = self._persist(asked_s)
+            self._clock.sleep_until(min(self._port.due_s(), asked_s + ASK_AGAIN_S))
 
-    def _persist(self) -> None:
-        """Ask again for a report that does not come, and give up in the end."""
+    def _persist(self, asked_s: float) -> float:
+        """Ask again for a report that does not come, and give up in the end; returns when it was last asked for."""
         now = self._clock.now()
         if now >= self._give_up_s:
             raise StageError(
                 f"the stage controller does not answer on {self.settings.port}: check its cable and supply"
             )
-        if now >= self._asked_s + ASK_AGAIN_S:
-            self._ask()
+        return self._ask() if now >= asked_s + ASK_AGAIN_S else asked_s
 
-    def _ask(self) -> None:
+    def _ask(self) -> float:
+        """Ask for a report; returns when."""
         if self._asked_s is None:
             self._lines()  # a late answer to an earlier question would be dated too late
             self._give_up_s = self._clock.now() + self.settings.reply_s
-        self._asked_s = self._clock.now()
+        asked_s = self._asked_s = self._clock.now()
         self._write(STATUS)
-        self._next_ask_s = self._asked_s + self.settings.poll_s
+        self._next_ask_s = asked_s + self.settings.poll_s
+        return asked_s
 
     def _report(self, line: bytes) -> Report | None:
         found = REPORT.fullmatch(line)
         if not found or self._asked_s is None:
             return None
         pins = PRESSED.search(line)
-        pressed = bool(self.settings.limit_pin) and bool(pins) and self.settings.limit_pin.encode() in pins[1]
+        pin = self.settings.limit_pin
+        pressed = bool(pin) and pins is not None and pin.encode() in pins[1]
         report = Report(self._asked_s, found[1].decode(), float(found[2]), pressed)
         self._asked_s = None
         return report
 
-    def _wait_for(self, wanted, within_s: float, complaint: str) -> None:
+    def _wait_for(self, wanted: Callable[[bytes], bool], within_s: float, complaint: str) -> None:
         deadline_s = self._clock.now() + within_s
         while self._clock.now() <= deadline_s:
             for line in self._lines():

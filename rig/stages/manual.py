@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TextIO
 
 from shockrig.rig.errors import StageError
-from shockrig.rig.seams import Air, Chambers, Clock, Move, Operator
+from shockrig.rig.seams import Air, Chambers, Clock, Move, Operator, Parts
 
 LOOK_S = 0.005
 
@@ -37,7 +37,7 @@ class ManualStage:
         self._next_s = 0.0
 
     @classmethod
-    def build(cls, name: str, settings: ManualSettings, parts) -> ManualStage:
+    def build(cls, name: str, settings: ManualSettings, parts: Parts) -> ManualStage:
         return cls(settings, parts.clock, parts.operator, parts.chambers)
 
     def open(self) -> None:

@@ -84,7 +84,12 @@ def _scaled(
     return lambda rng, channel, weaker: {strength: weaker * draw(rng), **{k: other(rng) for k, other in others.items()}}
 
 
-def _per_channel(strength: str, kelvin: tuple[float, float], percent: tuple[float, float], **others) -> Draw:
+def _per_channel(
+    strength: str,
+    kelvin: tuple[float, float],
+    percent: tuple[float, float],
+    **others: Callable[[np.random.Generator], float],
+) -> Draw:
     return lambda rng, channel, weaker: {
         strength: weaker * _either_sign(*(kelvin if channel == T else percent))(rng),
         **{k: other(rng) for k, other in others.items()},
@@ -155,10 +160,9 @@ def draw_effect(
         weaker = strength
     else:
         weaker = float(np.exp(rng.uniform(*np.log(LIMIT_SHARES)))) if strength == LIMIT else 1.0
+    channels = kind.channels
     if kind.single:
         channels = (channel or str(rng.choice(kind.channels)),)
-    else:
-        channels = kind.channels
     return Hidden(effect, DRAWS[effect](rng, channels[0], weaker), channels)
 
 

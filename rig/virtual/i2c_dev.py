@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import ctypes
 import errno
+import importlib
 import os
 from collections.abc import Iterable
 from types import SimpleNamespace
-from typing import Protocol
+from typing import Any, Protocol
 
 from shockrig.rig.seams import Clock
 
@@ -95,20 +96,18 @@ class _Router:
         self.wires: dict[str, Wire] = {}
         self._open: dict[int, str] = {}
         self._next = FIRST_DESCRIPTOR
-        self._kept: tuple | None = None
+        self._kept: tuple[Any, Any] | None = None
 
     def install(self) -> None:
-        import smbus2.smbus2 as module
-
+        module: Any = importlib.import_module("smbus2.smbus2")  # smbus2's stubs do not tell its own imports
         if self._kept is None:
             self._kept = module.ioctl, module.os
             module.ioctl = self.ioctl
             module.os = SimpleNamespace(open=self.open, close=self.close, O_RDWR=os.O_RDWR)
 
     def uninstall(self) -> None:
-        import smbus2.smbus2 as module
-
         if self._kept is not None:
+            module: Any = importlib.import_module("smbus2.smbus2")
             module.ioctl, module.os = self._kept
             self._kept = None
 
@@ -124,7 +123,7 @@ class _Router:
         if self._open.pop(descriptor, None) is None:
             os.close(descriptor)
 
-    def ioctl(self, descriptor: int, request: int, argument):
+    def ioctl(self, descriptor: int, request: int, argument: Any) -> Any:
         if descriptor not in self._open:
             import fcntl
 

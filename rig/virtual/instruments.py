@@ -10,12 +10,12 @@ import threading
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Protocol
 
-from shockrig.rig.seams import Air, Clock
+from shockrig.rig.seams import Air, Clock, known
 from shockrig.rig.virtual.chips.grbl import GrblController
 from shockrig.rig.virtual.chips.hyt271 import Hyt271Chip
 from shockrig.rig.virtual.chips.imet import ImetUnit
 from shockrig.rig.virtual.faults import Fault, FaultyI2c, FaultySerial
-from shockrig.rig.virtual.i2c_dev import I2cWire, plug_in, pull_out
+from shockrig.rig.virtual.i2c_dev import I2cWire, Wire, plug_in, pull_out
 from shockrig.rig.virtual.serial_line import Device, MemorySerial, PtyDevice
 
 SNAP_S = 0.002  # how long a transfer takes where the truth says that it takes no time
@@ -47,10 +47,10 @@ class _Locked:
         self._world = world
         self._lock = threading.Lock()
 
-    def __getattr__(self, name: str) -> Callable:
+    def __getattr__(self, name: str) -> Callable[..., Any]:
         method = getattr(self._world, name)
 
-        def locked(*arguments):
+        def locked(*arguments: Any) -> Any:
             with self._lock:
                 return method(*arguments)
 
@@ -100,7 +100,7 @@ class _LooseWire:
 
     AWAY_S = 0.05  # longer than the retries of a driver, shorter than the time between readings
 
-    def __init__(self, wire: I2cWire, clock: Clock, fraction: float, seed: int) -> None:
+    def __init__(self, wire: Wire, clock: Clock, fraction: float, seed: int) -> None:
         self._wire = wire
         self._clock = clock
         self._fraction = fraction
@@ -168,13 +168,13 @@ class VirtualInstruments:
         """A device file with a HYT-271 at `address`: the film on trial, or for a reference the air itself."""
         if part == "reference":
             chip = Hyt271Chip(
-                lambda at_s: self.world.air(at_s).humidity_percent,
-                lambda at_s: self.world.air(at_s).temperature_c,
+                lambda at_s: known(self.world.air(at_s).humidity_percent),
+                lambda at_s: known(self.world.air(at_s).temperature_c),
                 address,
             )
         else:
             chip = Hyt271Chip(self.world.film_humidity_percent, self.world.die_temperature_c, address)
-        wire = I2cWire([chip], self._clock)
+        wire: Wire = I2cWire([chip], self._clock)
         if part != "reference" and self._missing_fraction > 0.0:
             wire = _LooseWire(wire, self._clock, self._missing_fraction, self._seed)
         path = f"/dev/i2c-virtual-{next(_numbers)}"
@@ -210,9 +210,9 @@ class VirtualInstruments:
             lost=lambda: losses.random() < self._missing_fraction,
         )
 
-    def serial_opener(self, part: str, kind: str, settings: Any) -> Callable[[], object] | str:
+    def serial_opener(self, part: str, kind: str, settings: Any) -> Callable[[], MemorySerial] | str:
         """What opens an emulated device: a pseudo-terminal's path in real time, else a function."""
-        device = self._device(part, kind, settings)
+        device: Device = self._device(part, kind, settings)
         self.parts[part] = device
         if part in self._faults:
             device = FaultySerial(device, self._faults[part], self._clock, self._seed)

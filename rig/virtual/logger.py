@@ -8,14 +8,19 @@ exp(-dt / tau) + sqrt(1 - exp(-2 dt / tau)) w.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shockrig.rig.virtual.effects import T
 from shockrig.rig.virtual.truth import Noise, Truth
 
+N = TypeVar("N", float, NDArray[Any])  # one time, or several
 
-def seen_at_s(truth: Truth, channel: str, time_s, origin_s=0.0):
+
+def seen_at_s(truth: Truth, channel: str, time_s: N, origin_s: float = 0.0) -> N:
     """True time at which the sensor shows what is stamped `time_s`; the stamps' clock agreed with the true one at
     `origin_s`.
     """
@@ -49,19 +54,19 @@ class Logger:
         """What is logged where the exact readings would be `exact` (n,) at `time_s` (n,)."""
         noisy = exact + self._noise.white * self._rng.standard_normal(time_s.size) + self._autocorrelated(time_s)
         if self._hum:
-            noisy = noisy + self._interference(time_s)
+            noisy = noisy + self._interference(self._hum, time_s)
         if self._last.maxlen == 1 and self._hold == 1:
             return self._round(noisy)
         logged = np.empty_like(noisy)
         for i, reading in enumerate(noisy):
             self._last.append(reading)
             if self._held is None or self._count % self._hold == 0:
-                self._held = float(self._round(np.mean(self._last)))
+                self._held = float(self._round(np.asarray(np.mean(self._last))))
             self._count += 1
             logged[i] = self._held
         return logged
 
-    def _round(self, reading):
+    def _round(self, reading: np.ndarray) -> np.ndarray:
         return np.round(reading / self._step) * self._step if self._step > 0.0 else reading
 
     def _autocorrelated(self, time_s: np.ndarray) -> np.ndarray:
@@ -78,9 +83,8 @@ class Logger:
             out[i] = self._correlated
         return self._noise.correlated * out
 
-    def _interference(self, time_s: np.ndarray) -> np.ndarray:
+    def _interference(self, p: Mapping[str, float], time_s: np.ndarray) -> np.ndarray:
         """Mains hum, aliased by the sampling, and bursts of a second or so in which it is ten times stronger."""
-        p = self._hum
         hum = p["amplitude"] * np.sin(2.0 * np.pi * p["hum_hz"] * time_s + self._phase)
         for i, (time, draw) in enumerate(zip(time_s, self._rng.random(time_s.size), strict=True)):
             if draw < p["burst_share"] / 10.0:  # at 10 Hz a burst of a second spans ten readings

@@ -10,10 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from shockrig.rig.errors import BenchError
 from shockrig.rig.protocol import Protocol, Record, Transfer, load_protocol
-from shockrig.rig.seams import Air
+from shockrig.rig.seams import Air, known
 from shockrig.rig.virtual.physics.moist import saturation_pressure_hpa
 
 AMBIENTS_C = (0.0, 10.0, 20.0, 30.0, 40.0)
@@ -42,8 +43,9 @@ def _thermal(source: Air, destination_c: float) -> tuple[Air, Air]:
     """A thermal shock towards a vapour pressure higher by 17 %: nearly constant, and no chamber is asked for very dry
     air.
     """
-    ratio = float(saturation_pressure_hpa(source.temperature_c) / saturation_pressure_hpa(destination_c))
-    return source, Air(destination_c, round(1.17 * source.humidity_percent * ratio))
+    source_c, percent = known(source.temperature_c), known(source.humidity_percent)
+    ratio = float(saturation_pressure_hpa(source_c) / saturation_pressure_hpa(destination_c))
+    return source, Air(destination_c, round(1.17 * percent * ratio))
 
 
 def _reverse(shock: tuple[Air, Air]) -> tuple[Air, Air]:
@@ -112,16 +114,13 @@ def single_direction_plan() -> list[PlannedRun]:
     """The shocks of the wide campaign that go up in humidity or down in temperature: directions cannot be
     compared.
     """
-    kept = [
-        (r.source, r.destination, r.airflow_m_s)
-        for r in wide_plan()
-        if (
-            r.source.temperature_c == r.destination.temperature_c
-            and r.source.humidity_percent < r.destination.humidity_percent
-        )
-        or r.source.temperature_c > r.destination.temperature_c
-    ]
-    return _number(kept)
+
+    def kept(run: PlannedRun) -> bool:
+        cooling_k = known(run.source.temperature_c) - known(run.destination.temperature_c)
+        wetting = known(run.destination.humidity_percent) - known(run.source.humidity_percent)
+        return cooling_k > 0.0 or (cooling_k == 0.0 and wetting > 0.0)
+
+    return _number((r.source, r.destination, r.airflow_m_s) for r in wide_plan() if kept(r))
 
 
 def single_airflow_plan() -> list[PlannedRun]:
@@ -129,7 +128,7 @@ def single_airflow_plan() -> list[PlannedRun]:
     return _number((r.source, r.destination, AIRFLOW_M_S) for r in wide_plan())
 
 
-def plan_from_runs(runs: Iterable[Mapping], first: int = 1) -> list[PlannedRun]:
+def plan_from_runs(runs: Iterable[Mapping[str, Any]], first: int = 1) -> list[PlannedRun]:
     """A plan from runs in the terms of run.json (such as a diagnosis's `next_experiments`); ids are numbered from
     `first`.
     """

@@ -21,7 +21,8 @@ from shockrig.rig.seams import Clock
 class Device(Protocol):
     """A serial device: bytes out at their times, bytes in."""
 
-    byte_s: float
+    @property
+    def byte_s(self) -> float: ...
 
     def output(self, until_s: float) -> bytes:
         """The bytes that have left the device since the last call, up to `until_s`."""

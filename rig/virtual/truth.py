@@ -12,6 +12,7 @@ import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -43,7 +44,7 @@ class Hidden:
     parameters: Mapping[str, float] = field(default_factory=dict)
     channels: tuple[str, ...] = ()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         kind = KINDS.get(self.effect)
         if kind is None:
             raise BenchError(
@@ -86,7 +87,7 @@ class Truth:
     temperature_step_k: float = 0.01
     humidity_step_percent: float = HUMIDITY_STEP_PERCENT
 
-    def diffusivity_m2_s(self, temperature_c):
+    def diffusivity_m2_s(self, temperature_c: float | np.ndarray) -> np.ndarray:
         """D of the film at `temperature_c` (any shape), m2/s."""
         u = 1.0 / (np.asarray(temperature_c) + 273.15) - 1.0 / 293.15
         return self.diffusivity_20c_m2_s * np.exp(-self.activation_k * u - self.curvature_k2 * u * u)
@@ -145,7 +146,7 @@ def draw_truth(rng: np.random.Generator, tier: str = SMOOTH, effects: Sequence[H
     noise_k, noise_percent = rng.uniform(0.010, 0.025), rng.uniform(0.05, 0.10)
     share = 0.5 if tier == ROUGH else 0.0
     correlation_s = np.exp(rng.uniform(np.log(0.3), np.log(3.0), 2))
-    rough = (
+    rough: dict[str, Any] = (
         {
             "trigger_jitter_s": 0.010,
             "reference_scatter_k": 0.02,

@@ -10,11 +10,12 @@ from __future__ import annotations
 import bisect
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from shockrig.rig.errors import BenchError
-from shockrig.rig.seams import Air, Clock
+from shockrig.rig.seams import Air, Clock, known
 from shockrig.rig.virtual.effects import RH, T
 from shockrig.rig.virtual.logger import Logger, seen_at_s
 from shockrig.rig.virtual.physics.air import Exposure
@@ -33,7 +34,7 @@ class _Stay:
     """One exposure and the probes' course through it."""
 
     began_s: float
-    exposure: Exposure
+    exposure: Exposure[float]
     course: ModalCourse
 
 
@@ -53,7 +54,8 @@ class _Chamber:
 
     def air(self, at_s: float) -> tuple[float, float]:
         left = np.exp(-(at_s - self._since_s) / self._settling_s) if self._settling_s > 0.0 else 0.0
-        return tuple(to + left * (old - to) for old, to in zip(self._from, self._to, strict=True))
+        (old_c, old_ppmv), (to_c, to_ppmv) = self._from, self._to
+        return to_c + left * (old_c - to_c), to_ppmv + left * (old_ppmv - to_ppmv)
 
 
 class World:
@@ -88,7 +90,8 @@ class World:
         self._stays = [_Stay(self._seen_s, still, follow(truth, still))]
 
     def _mixed(self, air: Air) -> tuple[float, float]:
-        return air.temperature_c, float(concentration_ppmv(air.humidity_percent, air.temperature_c, self._pressure_hpa))
+        temperature_c, percent = known(air.temperature_c), known(air.humidity_percent)
+        return temperature_c, float(concentration_ppmv(percent, temperature_c, self._pressure_hpa))
 
     # what the bench does ---------------------------------------------------------------------------------------------
 
@@ -145,11 +148,11 @@ class World:
 
     def _exposure(
         self, here: tuple[float, float], chamber: _Chamber, at_s: float, shock: bool, duration_s: float | None = 0.0
-    ) -> Exposure:
+    ) -> Exposure[float]:
         if duration_s is None:
             duration_s = (self.truth.effect("finite_transfer") or {"duration_s": 0.0})["duration_s"]
         set_point, air = chamber.set_point(), chamber.air(at_s)
-        values = {
+        values: dict[str, float] = {
             "source_c": here[0],
             "source_ppmv": here[1],
             "destination_c": set_point[0],
@@ -162,9 +165,10 @@ class World:
             "unsettled_k": air[0] - set_point[0],
             "unsettled_ppmv": air[1] - set_point[1],
         }
-        return Exposure(**{k: float(v) for k, v in values.items()}, settling_s=self._settling_s or 1.0, shock=shock)
+        numbers: dict[str, Any] = {k: float(v) for k, v in values.items()}
+        return Exposure(**numbers, settling_s=self._settling_s or 1.0, shock=shock)
 
-    def _expose(self, exposure: Exposure, at_s: float, factors: np.ndarray | None = None) -> None:
+    def _expose(self, exposure: Exposure[float], at_s: float, factors: np.ndarray | None = None) -> None:
         last = self._stays[-1]
         course = follow(self.truth, exposure, factors, last.course.state(at_s - last.began_s))
         self._stays.append(_Stay(at_s, exposure, course))
@@ -209,13 +213,15 @@ class World:
     def bead_temperature_c(self, at_s: float) -> float:
         """The bead's reading, degC, with its noise; times must not go back from call to call."""
         stay, since_s = self._seen(T, at_s)
-        return self._log(T, at_s, temperature_reading(self.truth, stay.exposure, stay.course.bodies(since_s), since_s))
+        exact = temperature_reading(self.truth, stay.exposure, stay.course.bodies(since_s), since_s)
+        return self._log(T, at_s, float(exact))
 
     def film_humidity_percent(self, at_s: float) -> float:
         """The film's reading, %RH, with its noise; times must not go back from call to call."""
         stay, since_s = self._seen(RH, at_s)
         bodies, (air_c, _) = stay.course.bodies(since_s), stay.course.air(since_s)
-        return self._log(RH, at_s, humidity_reading(self.truth, stay.exposure, bodies, air_c, since_s))
+        exact = humidity_reading(self.truth, stay.exposure, bodies, air_c, since_s)
+        return self._log(RH, at_s, float(exact))
 
     def die_temperature_c(self, at_s: float) -> float:
         """The die's reading, degC, with its noise."""

@@ -166,7 +166,7 @@ class Follower:
 
     def _times(self, status: Mapping[str, Any], runs: Sequence[RunView]) -> tuple[float | None, ...]:
         """Time in the step, left in the step, and left in the campaign: as a guess and at most."""
-        run, planned_s = self._run, status.get("planned_s")
+        run, planned_s = self._run, status.get("planned_s", {})
         missing = [view.id for view in runs if view.state == "missing"]
         try:
             limits = [(float(s["at_least_s"]), float(s["at_most_s"])) for s in status["steps"]]

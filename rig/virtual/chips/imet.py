@@ -85,7 +85,7 @@ class ImetUnit:
     def _xf(self, at_s: float) -> list[bytes]:
         temperature_c = self._temperature_c(at_s)
         lines = [b"5,%d,%d" % (round(100 * temperature_c), round(bead_resistance_ohm(temperature_c)))]
-        if self._humidity_percent is not None:
+        if self._humidity_percent is not None and self._die_temperature_c is not None:
             lines.append(
                 b"8,%d,%d" % (round(10 * self._humidity_percent(at_s)), round(100 * self._die_temperature_c(at_s)))
             )

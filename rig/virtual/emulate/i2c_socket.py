@@ -14,6 +14,7 @@ import struct
 import subprocess
 import threading
 from pathlib import Path
+from typing import cast
 
 from shockrig.rig.errors import BenchError
 from shockrig.rig.virtual.i2c_dev import I2C_M_RD, Wire
@@ -64,14 +65,14 @@ class I2cSocket:
 
     def _serve(self) -> None:
         with selectors.DefaultSelector() as selector:
-            for source in (self._server, self._wake):
-                selector.register(source, selectors.EVENT_READ)
+            for ours in (self._server, self._wake):
+                selector.register(ours, selectors.EVENT_READ)
             while True:
                 for key, _ in selector.select():
-                    source = key.fileobj
+                    source = cast("socket.socket", key.fileobj)  # nothing else is registered
                     if source is self._wake:
                         for each in selector.get_map().values():
-                            each.fileobj.close()
+                            cast("socket.socket", each.fileobj).close()
                         return
                     if source is self._server:
                         selector.register(self._server.accept()[0], selectors.EVENT_READ)

@@ -15,8 +15,8 @@ from shockrig.rig.virtual.chips.imet import ImetUnit
 from shockrig.rig.virtual.emulate.i2c_socket import I2cSocket, build_preload
 from shockrig.rig.virtual.emulate.witness import Witness
 from shockrig.rig.virtual.faults import I2C_KINDS, SERIAL_KINDS, Fault, FaultyI2c, FaultySerial
-from shockrig.rig.virtual.i2c_dev import I2cWire
-from shockrig.rig.virtual.serial_line import PtyDevice
+from shockrig.rig.virtual.i2c_dev import I2cWire, Wire
+from shockrig.rig.virtual.serial_line import Device, PtyDevice
 
 KINDS = ("imet-xf", "imet-xq2", "imet-xq", "hyt-271", "grbl")
 LINES_HZ = {"imet-xf": 10.0, "imet-xq2": 1.0, "imet-xq": 1.0}
@@ -124,7 +124,7 @@ class Session:
         chip = Hyt271Chip(
             sample("hyt-271", "humidity_percent"), sample("hyt-271", "die_temperature_c"), self._options.address
         )
-        wire = I2cWire([chip], self._clock)
+        wire: Wire = I2cWire([chip], self._clock)
         if faults := self._faults(I2C_KINDS):
             wire = FaultyI2c(wire, faults, self._clock, chip, self._options.seed)
         library = self._folder / PRELOAD
@@ -135,7 +135,7 @@ class Session:
         self.environment = {"LD_PRELOAD": str(library), f"SHOCKRIG_I2C_{self._options.bus}": str(bus.path)}
 
     def _plug_serial(self, kind: str) -> None:
-        device = self._carriage() if kind == "grbl" else self._unit(kind)
+        device: Device = self._carriage() if kind == "grbl" else self._unit(kind)
         if faults := self._faults(SERIAL_KINDS):
             device = FaultySerial(device, faults, self._clock, self._options.seed)
         pty = PtyDevice(device, self._clock)

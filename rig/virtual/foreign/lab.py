@@ -79,7 +79,10 @@ class Written:
 
 @dataclass(frozen=True)
 class Bench:
-    """A lab's whole bench with one sensor on it."""
+    """A lab's whole bench with one sensor on it.
+
+    `rate_scatter`: relative spread of the sensor's rate from run to run (a hand never plunges twice alike).
+    """
 
     channel: Channel
     body: Body
@@ -89,6 +92,7 @@ class Bench:
     written: Written = Written()
     reference: Reference | None = None
     airflow_m_s: float = 5.0
+    rate_scatter: float = 0.0
     other_c: float = 22.0  # temperature of the air where humidity is what changes
     length_m: float | None = None  # radius or thickness to quote alpha or D for; None: the format's default
     name: str = "foreign"

@@ -106,10 +106,11 @@ def course_of(bench: Bench, transfer: Transfer) -> Course:
 
 
 def _record_run(bench: Bench, transfer: Transfer, calibration: float, rng: np.random.Generator, folder: Path) -> None:
-    stated, sensor_rng, air_rng, die_rng = rng.spawn(4)
+    stated, sensor_rng, air_rng, die_rng, hand_rng = rng.spawn(5)
+    body = bench.body.faster(float(np.exp(bench.rate_scatter * hand_rng.standard_normal())))
     course = course_of(bench, transfer)
     time = _stamps(bench.logger, transfer.length_s, sensor_rng)
-    shown = _logged(bench.logger, time, course.shown_by(bench.body, time), sensor_rng)
+    shown = _logged(bench.logger, time, course.shown_by(body, time), sensor_rng)
     if bench.channel == "temperature":
         _write_csv(folder / "imet.csv", "time_s,temperature_c", time, shown)
     else:

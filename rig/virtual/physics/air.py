@@ -9,17 +9,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from shockrig.rig.virtual.physics.moist import concentration_ppmv, humidity_percent
+from shockrig.rig.virtual.physics.moist import Numbers, concentration_ppmv, humidity_percent
 from shockrig.rig.virtual.truth import Truth
 
+N = TypeVar("N", float, np.ndarray)
 DIED_AWAY = 25.0  # time constants, after which an exponential is below the last digit that anybody reads
 
 
 @dataclass(frozen=True)
-class Exposure:
+class Exposure(Generic[N]):
     """What r runs expose the probes to; all arrays (r,), or numbers for one run.
 
     `duration_s` is the time the change takes. `unsettled_k` and `unsettled_ppmv` is how far the destination chamber
@@ -27,32 +29,32 @@ class Exposure:
     carried back, or wait in a chamber.
     """
 
-    source_c: np.ndarray
-    source_ppmv: np.ndarray
-    destination_c: np.ndarray
-    destination_ppmv: np.ndarray
-    airflow_m_s: np.ndarray
-    pressure_hpa: np.ndarray
-    duration_s: np.ndarray
-    irradiance_w_m2: np.ndarray
-    order: np.ndarray
+    source_c: N
+    source_ppmv: N
+    destination_c: N
+    destination_ppmv: N
+    airflow_m_s: N
+    pressure_hpa: N
+    duration_s: N
+    irradiance_w_m2: N
+    order: N
     unsettled_k: np.ndarray | float = 0.0
     unsettled_ppmv: np.ndarray | float = 0.0
     settling_s: float = 1.0
     shock: bool = True
 
     @cached_property
-    def source_percent(self):
+    def source_percent(self) -> np.ndarray:
         """Relative humidity of the source air, %."""
         return humidity_percent(self.source_ppmv, self.source_c, self.pressure_hpa)
 
     @cached_property
-    def destination_percent(self):
+    def destination_percent(self) -> np.ndarray:
         """Relative humidity of the destination air, %."""
         return humidity_percent(self.destination_ppmv, self.destination_c, self.pressure_hpa)
 
 
-def air_after(truth: Truth, exposure: Exposure, since_s) -> tuple[np.ndarray, np.ndarray]:
+def air_after(truth: Truth, exposure: Exposure[Any], since_s: Numbers) -> tuple[np.ndarray, np.ndarray]:
     """Temperature (degC) and vapour (ppmv) of the air at the probes.
 
     `since_s`: time since the transfer began, (), (r,) or (n, r); negative is before it.
@@ -83,7 +85,7 @@ def air_after(truth: Truth, exposure: Exposure, since_s) -> tuple[np.ndarray, np
     )
 
 
-def shortest_change_s(truth: Truth, exposure: Exposure, since_s: float) -> float:
+def shortest_change_s(truth: Truth, exposure: Exposure[Any], since_s: float) -> float:
     """The shortest time constant with which the air changes of itself at `since_s` and later; infinity where it is
     steady but for the transfer.
     """

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.linalg import lapack
@@ -111,7 +112,7 @@ class Stepper:
         drive: Callable[[float], list[np.ndarray]],
         state: list[np.ndarray],
         time_s: float = 0.0,
-        refresh: Callable[[list[np.ndarray]], list] | None = None,
+        refresh: Callable[[list[np.ndarray]], list[tuple[np.ndarray, np.ndarray] | None]] | None = None,
     ):
         self._drive, self._refresh = drive, refresh
         self.start_s = time_s
@@ -127,7 +128,7 @@ class Stepper:
         self._capacity = np.concatenate([block.capacity.ravel() for block in blocks])
         self._links = [(block.link, block.open_end) for block in blocks]
         self._assemble()
-        self._factor: tuple = (None,)
+        self._factor: tuple[Any, ...] = (None,)
         self.restart(state, time_s)
 
     def restart(self, state: list[np.ndarray], time_s: float) -> None:

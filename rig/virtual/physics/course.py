@@ -10,6 +10,7 @@ from __future__ import annotations
 import bisect
 import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.linalg import eigh_tridiagonal
@@ -30,13 +31,19 @@ _FIELDS = [field.name for field in dataclasses.fields(Exposure)]
 
 
 def follow(
-    truth: Truth, exposure: Exposure, rate_factors: np.ndarray | None = None, state: list[np.ndarray] | None = None
+    truth: Truth,
+    exposure: Exposure[float],
+    rate_factors: np.ndarray | None = None,
+    state: list[np.ndarray] | None = None,
 ) -> ModalCourse:
     """The course of the probes through `exposure` (of numbers), from `state` or settled in the source air."""
     if exposure.duration_s < SHORTEST_RAMP_S:
         exposure = dataclasses.replace(exposure, duration_s=0.0)
-    runs = {k: np.array([v]) if isinstance(v, float) else v for k, v in vars(exposure).items() if k in _FIELDS}
-    probes = Probes(truth, dataclasses.replace(exposure, **runs), rate_factors, state)
+    runs: dict[str, Any] = {
+        k: np.array([v]) if isinstance(v, float) else v for k, v in vars(exposure).items() if k in _FIELDS
+    }
+    one_run: Exposure[np.ndarray] = Exposure(**runs)
+    probes = Probes(truth, one_run, rate_factors, state)
     kind = SteppedCourse if truth.effect("concentration_dependent_diffusivity") else ModalCourse
     return kind(truth, exposure, probes)
 
@@ -66,7 +73,7 @@ class _Piece:
 class ModalCourse:
     """In closed form; times may go back as far as has not been forgotten."""
 
-    def __init__(self, truth: Truth, exposure: Exposure, probes: Probes):
+    def __init__(self, truth: Truth, exposure: Exposure[float], probes: Probes):
         self._truth, self._exposure = truth, exposure
         self._wet_until_s = -np.inf if probes.wet_until_s is None else float(probes.wet_until_s[0])
         parts = [modes(block) for block in probes.blocks]
@@ -141,7 +148,7 @@ class ModalCourse:
         now = piece.level + piece.slope * (since_s - piece.start_s)
         return float(now[0]), float(now[2])
 
-    def bodies(self, since_s: float) -> Bodies:
+    def bodies(self, since_s: float) -> Bodies[float]:
         """What the probes have come to, numbers."""
         return Bodies(*(self._outputs @ self._z(self._at(since_s), since_s)).tolist())
 
@@ -171,7 +178,7 @@ class _Moment:
 class SteppedCourse(ModalCourse):
     """As above but for the film, which is stepped as far as somebody asks, and straight between the steps."""
 
-    def __init__(self, truth: Truth, exposure: Exposure, probes: Probes):
+    def __init__(self, truth: Truth, exposure: Exposure[float], probes: Probes):
         super().__init__(truth, exposure, probes)
         self._coarser = 1.0 if exposure.shock else COARSER_WAITING
         self._stepper = Stepper(
@@ -210,7 +217,7 @@ class SteppedCourse(ModalCourse):
         early, late = self._past[after - 1], self._past[after]
         return early, late, min(max((since_s - early.time_s) / (late.time_s - early.time_s), 0.0), 1.0)
 
-    def bodies(self, since_s: float) -> Bodies:
+    def bodies(self, since_s: float) -> Bodies[float]:
         """What the probes have come to, numbers."""
         early, late, share = self._around(since_s)
         return dataclasses.replace(

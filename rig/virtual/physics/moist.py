@@ -8,35 +8,37 @@ F = 2 + 0.6 Re^(1/2) Pr^(1/3), Re = v 2R / nu.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
+Numbers = float | NDArray[np.float64]
 ZERO_C_K = 273.15
 KINEMATIC_VISCOSITY_M2_S = 1.5e-5  # dry air at 20 degC and 1013 hPa
 PRANDTL = 0.71
 
 
-def saturation_pressure_hpa(temperature_c):
+def saturation_pressure_hpa(temperature_c: Numbers) -> np.ndarray:
     """Saturation vapour pressure over water, hPa, at `temperature_c` (any shape)."""
     t = 1.0 - 373.15 / (np.asarray(temperature_c) + ZERO_C_K)
     return 1013.25 * np.exp(t * (13.3185 + t * (-1.9760 + t * (-0.6445 - 0.1299 * t))))
 
 
-def concentration_ppmv(humidity_percent, temperature_c, pressure_hpa):
+def concentration_ppmv(humidity_percent: Numbers, temperature_c: Numbers, pressure_hpa: Numbers) -> np.ndarray:
     """Volume mixing ratio of vapour, ppmv."""
     return 1e4 * humidity_percent * saturation_pressure_hpa(temperature_c) / pressure_hpa
 
 
-def humidity_percent(ppmv, temperature_c, pressure_hpa):
+def humidity_percent(ppmv: Numbers, temperature_c: Numbers, pressure_hpa: Numbers) -> np.ndarray:
     """Relative humidity, %, of a mixing ratio in ppmv at `temperature_c`."""
     return ppmv * pressure_hpa / (1e4 * saturation_pressure_hpa(temperature_c))
 
 
-def dew_point_c(ppmv, pressure_hpa):
+def dew_point_c(ppmv: Numbers, pressure_hpa: Numbers) -> np.ndarray:
     """Temperature at which a mixing ratio in ppmv is saturated, degC, from -45 to 95 degC, by interpolation to 1 mK."""
     grid = np.linspace(-45.0, 95.0, 2801)
     return np.interp(np.log(np.maximum(ppmv * pressure_hpa, 1e-6)), np.log(concentration_ppmv(100.0, grid, 1.0)), grid)
 
 
-def ventilation(airflow_m_s, radius_m):
+def ventilation(airflow_m_s: Numbers, radius_m: float) -> np.ndarray:
     """Nusselt number F of a sphere (Ranz and Marshall 1952), dimensionless."""
     reynolds = airflow_m_s * 2.0 * radius_m / KINEMATIC_VISCOSITY_M2_S
     return 2.0 + 0.6 * np.sqrt(reynolds) * PRANDTL ** (1.0 / 3.0)

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Generic
 
 import numpy as np
 
 from shockrig.rig.virtual.physics import chains
-from shockrig.rig.virtual.physics.air import Exposure, air_after
+from shockrig.rig.virtual.physics.air import Exposure, N, air_after
 from shockrig.rig.virtual.physics.moist import concentration_ppmv, dew_point_c, ventilation
 from shockrig.rig.virtual.truth import Truth
 
@@ -25,17 +26,19 @@ SORPTION_HEAT_S = 0.5  # the heat of sorption spreads into the die this fast
 
 
 @dataclass(frozen=True)
-class Bodies:
-    """What the probes have come to, each (r,) or (n, r): core, stem and die in degC; in ppmv the film's mean, its
-    slow share, and its mean behind the lag with which sorption heat spreads.
+class Bodies(Generic[N]):
+    """What the probes have come to, each (r,) or (n, r), or a number.
+
+    Core, stem and die in degC; in ppmv the film's mean, its slow share, and its mean behind the lag with which sorption
+    heat spreads.
     """
 
-    core_c: np.ndarray
-    film_ppmv: np.ndarray
-    die_c: np.ndarray
-    stem_c: np.ndarray
-    slow_ppmv: np.ndarray
-    warming_ppmv: np.ndarray
+    core_c: N
+    film_ppmv: N
+    die_c: N
+    stem_c: N
+    slow_ppmv: N
+    warming_ppmv: N
 
 
 class Probes:
@@ -52,7 +55,11 @@ class Probes:
     """
 
     def __init__(
-        self, truth: Truth, exposure: Exposure, rate_factors: np.ndarray | None = None, state: list | None = None
+        self,
+        truth: Truth,
+        exposure: Exposure[np.ndarray],
+        rate_factors: np.ndarray | None = None,
+        state: list[np.ndarray] | None = None,
     ):
         runs = exposure.source_c.size
         factors = np.ones((2, runs)) if rate_factors is None else rate_factors
@@ -87,27 +94,27 @@ class Probes:
         refresh = (lambda ahead: [None, self.film_links(ahead[1]), None, None, None, None]) if moves else None
         return chains.Stepper(self.blocks, self._drive, self.start, 0.0, refresh)
 
-    def _bead_rate(self, factor):
+    def _bead_rate(self, factor: np.ndarray) -> np.ndarray:
         rate = self._truth.thermal_diffusivity_m2_s / self._truth.bead_radius_m**2 * factor
         if p := self._truth.effect("unknown_rate_with_temperature"):
             rate = rate * np.exp(p["per_kelvin"] * (self.exposure.destination_c - 20.0))
         return rate
 
-    def _bead_biot(self):
+    def _bead_biot(self) -> np.ndarray:
         p = self._truth.effect("convective_film")
         if p is None or p["biot_at_5_m_s"] == 0.0:  # a film of no strength is no film
             return np.full(self.exposure.source_c.shape, np.inf)
         radius = self._truth.bead_radius_m
         return p["biot_at_5_m_s"] * ventilation(self.exposure.airflow_m_s, radius) / ventilation(5.0, radius)
 
-    def _film_rate(self, factor):
+    def _film_rate(self, factor: np.ndarray) -> np.ndarray:
         e = self.exposure
         rate = self._truth.diffusivity_m2_s(e.destination_c) / self._truth.film_thickness_m**2 * factor
         if p := self._truth.effect("direction_dependent_diffusivity"):
             rate = np.where(e.destination_ppmv < e.source_ppmv, p["ratio_drying_to_wetting"] * rate, rate)
         return rate
 
-    def _vapour_biot(self):
+    def _vapour_biot(self) -> np.ndarray:
         p = self._truth.effect("vapour_boundary_layer")
         if p is None or p["biot_at_5_m_s"] == 0.0:
             return np.full(self.exposure.source_c.shape, np.inf)
@@ -115,7 +122,8 @@ class Probes:
 
     def film_links(self, film: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Links and open end of a film whose D follows the water in its cells, `film` (r, n)."""
-        slope = self._truth.effect("concentration_dependent_diffusivity")["slope_per_unit_activity"]
+        moves = self._truth.effect("concentration_dependent_diffusivity") or {"slope_per_unit_activity": 0.0}
+        slope = moves["slope_per_unit_activity"]
         faces = np.empty_like(film)
         faces[:, :-1] = 0.5 * (film[:, 1:] + film[:, :-1])
         faces[:, -1] = film[:, -1]
@@ -123,7 +131,7 @@ class Probes:
         rate = self._base_rate[:, None] * np.maximum(1.0 + slope * (activity - 0.5), 0.05)
         return chains.film_links(rate, self._film_biot, FILM_EDGES)
 
-    def _wetness(self, die_c):
+    def _wetness(self, die_c: np.ndarray) -> np.ndarray | None:
         """Time since the start until which the film is held wet, (r,), or None: dew forms where the die is colder than
         the destination's dew point.
         """
@@ -150,7 +158,7 @@ class Probes:
         taken_up = self.stepper.state[1] @ FILM_WIDTHS
         return [air_c, film, air_c, air_c, vapour, taken_up]
 
-    def bodies(self) -> Bodies:
+    def bodies(self) -> Bodies[np.ndarray]:
         """What the probes have come to now, arrays (r,)."""
         bead, film, *lags = self.stepper.state
         return Bodies(bead[:, :3] @ CORE_WEIGHTS, film @ FILM_WIDTHS, *(lag[:, 0].copy() for lag in lags))

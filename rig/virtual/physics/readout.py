@@ -6,11 +6,13 @@ temperature, hysteresis, calibration, clipping, in this order.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from shockrig.rig.virtual.effects import RH, T
 from shockrig.rig.virtual.physics.air import Exposure
-from shockrig.rig.virtual.physics.moist import ZERO_C_K, dew_point_c, humidity_percent, ventilation
+from shockrig.rig.virtual.physics.moist import ZERO_C_K, Numbers, dew_point_c, humidity_percent, ventilation
 from shockrig.rig.virtual.physics.probes import SORPTION_HEAT_S, Bodies
 from shockrig.rig.virtual.truth import Truth
 
@@ -18,7 +20,7 @@ HYSTERESIS_WIDTH_PERCENT = 5.0
 DEW_MARGIN_K = 0.5  # dew wets a bead that comes from air colder than the destination's dew point by this much
 
 
-def temperature_reading(truth: Truth, exposure: Exposure, bodies: Bodies, since_s: np.ndarray) -> np.ndarray:
+def temperature_reading(truth: Truth, exposure: Exposure[Any], bodies: Bodies[Any], since_s: Numbers) -> np.ndarray:
     """Reading of the bead, degC; `since_s` (n, r) is the time since the transfer, `bodies` the same shape."""
     reading = bodies.core_c
     if p := truth.effect("stem_conduction"):
@@ -45,13 +47,13 @@ def temperature_reading(truth: Truth, exposure: Exposure, bodies: Bodies, since_
     return _common(truth, T, exposure, reading, since_s)
 
 
-def _stagnation(truth: Truth, exposure: Exposure):
+def _stagnation(truth: Truth, exposure: Exposure[Any]) -> np.ndarray:
     """How much less heat the air carries off than at 5 m/s."""
     return ventilation(5.0, truth.bead_radius_m) / ventilation(exposure.airflow_m_s, truth.bead_radius_m)
 
 
 def humidity_reading(
-    truth: Truth, exposure: Exposure, bodies: Bodies, air_c: np.ndarray, since_s: np.ndarray
+    truth: Truth, exposure: Exposure[Any], bodies: Bodies[Any], air_c: Numbers, since_s: Numbers
 ) -> np.ndarray:
     """Reading of the film, %RH; arrays (n, r)."""
     e = exposure
@@ -72,7 +74,7 @@ def humidity_reading(
     return reading
 
 
-def _common(truth: Truth, channel: str, exposure: Exposure, reading, since_s):
+def _common(truth: Truth, channel: str, exposure: Exposure[Any], reading: np.ndarray, since_s: Numbers) -> np.ndarray:
     """What can befall the readout of either channel."""
     since = np.maximum(since_s, 0.0) * exposure.shock
     if p := truth.effect("unknown_log_creep", channel):
