@@ -67,7 +67,7 @@ def read_flown_air(path: Path) -> Weather:
     span_s = float(time_s[-1] - time_s[0])
     if not 1.0 <= span_s <= LONGEST_S:
         raise InputError(f"{path}: the flight takes {span_s:g} s; 1 s to {LONGEST_S:g} s can be played")
-    fine_s = np.arange(round(span_s / FINE_STEP_S) + 1) * FINE_STEP_S
+    fine_s: Array = np.arange(round(span_s / FINE_STEP_S) + 1.0) * FINE_STEP_S
     air: dict[str, Array] = {}
     for quantity, names in COLUMNS.items():
         name = next((name for name in names if name in frame), None)
@@ -106,14 +106,17 @@ def _numbers(column: Any, path: Path, name: str) -> Array:
     return np.where(np.isfinite(numbers), numbers, np.nan)
 
 
+Course = Callable[[float], Any]  # of a number in flight time, as an array without shape or a float
+
+
 @dataclass(frozen=True)
 class FlightWorld:
     """What the instruments sample; times are the flight's own, from 0 to `end_s`, and hold beyond."""
 
     weather: Weather
-    bead: Callable[[Array], Array]
-    film: Callable[[Array], Array]
-    die: Callable[[Array], Array]
+    bead: Course
+    film: Course
+    die: Course
     noise_k: float
     noise_percent: float
     rng: np.random.Generator
@@ -171,7 +174,7 @@ def flight_world(weather: Weather, profile: Profile, seed: int = 0, noise: float
     log = fly(weather, element, seed, noise=0.0).log
     time_s = log["time_s"].to_numpy()
 
-    def smooth(column: str) -> Callable[[Array], Array]:
+    def smooth(column: str) -> Course:
         return CubicSpline(time_s, log[column].to_numpy(), bc_type="natural")
 
     die_column = "humidity_sensor_temperature_c"

@@ -74,7 +74,7 @@ class Score:
         return all(channel.exact for channel in self.channels.values())
 
 
-def score(sealed: Path, diagnosis: Path | Mapping) -> Score:
+def score(sealed: Path, diagnosis: Path | Mapping[str, Any]) -> Score:
     """Score a diagnosis (diagnosis.json's path or content) against a sealed truth.
 
     Raises InputError where the diagnosis cannot be read, BenchError where the seal cannot.
@@ -92,7 +92,7 @@ def score(sealed: Path, diagnosis: Path | Mapping) -> Score:
     return Score(truth, seed, judged)
 
 
-def _read(path: Path) -> Mapping:
+def _read(path: Path) -> Mapping[str, Any]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -114,7 +114,7 @@ def _of_kind(kind: type, value: Any, where: str, key: str) -> Any:
     return value
 
 
-def _checked_causes(found: Mapping, where: str, key: str) -> dict[str, Mapping]:
+def _checked_causes(found: Mapping[str, Any], where: str, key: str) -> dict[str, Mapping[str, Any]]:
     """Causes of a channel by effect: `parameters`, `probability` and `indistinguishable_from` are as they must be."""
     causes = {}
     for i, cause in enumerate(_of_kind(list, found.get("causes") or [], where, f"{key}.causes")):

@@ -31,14 +31,16 @@ def ppmv_from_humidity(
     humidity_percent: ArrayLike, temperature_c: ArrayLike, pressure_hpa: ArrayLike = STANDARD_PRESSURE_HPA
 ) -> NDArray[np.float64]:
     """Water vapour concentration c = 1e4 H P_s(T) / P_a [ppmv] of air at `humidity_percent` (arrays broadcast)."""
-    return 1e4 * np.asarray(humidity_percent, dtype=float) * saturation_pressure_hpa(temperature_c) / pressure_hpa
+    humidity, pressure = np.asarray(humidity_percent, dtype=float), np.asarray(pressure_hpa, dtype=float)
+    return 1e4 * humidity * saturation_pressure_hpa(temperature_c) / pressure
 
 
 def humidity_from_ppmv(
     ppmv: ArrayLike, temperature_c: ArrayLike, pressure_hpa: ArrayLike = STANDARD_PRESSURE_HPA
 ) -> NDArray[np.float64]:
     """Relative humidity H = c P_a / (1e4 P_s(T)) [%] of air that holds `ppmv` (arrays broadcast)."""
-    return np.asarray(ppmv, dtype=float) * pressure_hpa / (1e4 * saturation_pressure_hpa(temperature_c))
+    vapour, pressure = np.asarray(ppmv, dtype=float), np.asarray(pressure_hpa, dtype=float)
+    return vapour * pressure / (1e4 * saturation_pressure_hpa(temperature_c))
 
 
 def dew_point_c(humidity_percent: ArrayLike, temperature_c: ArrayLike) -> NDArray[np.float64]:

@@ -45,13 +45,13 @@ AVERAGED_TERMS = 8  # last partial sums of an alternating series that are averag
 
 def sphere_core(count: int = 24) -> Modes:
     """Core of a sphere whose surface follows the air: a_n = 2 (-1)^n, lambda_n = n^2 pi^2, per alpha/R^2."""
-    n = np.arange(1, count + 1)
+    n = np.arange(1.0, count + 1.0)
     return _alternating(2.0 * (-1.0) ** n, (n * np.pi) ** 2)
 
 
 def sphere_mean(count: int = 96) -> Modes:
     """Mean of a sphere whose surface follows the air: a_n = -6 / (n pi)^2, lambda_n = n^2 pi^2, per D/R^2."""
-    n = np.arange(1, count + 1)
+    n = np.arange(1.0, count + 1.0)
     return _closed(-6.0 / (n * np.pi) ** 2, (n * np.pi) ** 2)
 
 
@@ -69,14 +69,14 @@ def cylinder_mean(count: int = 96) -> Modes:
 
 def plate_middle(count: int = 24) -> Modes:
     """Middle of a plate, both faces at the air: b = (n + 1/2) pi, a_n = -2 (-1)^n / b, rates b^2 per alpha/L^2."""
-    n = np.arange(count)
+    n = np.arange(float(count))
     b = (n + 0.5) * np.pi
     return _alternating(-2.0 * (-1.0) ** n / b, b**2)
 
 
 def film_mean(count: int = 96) -> Modes:
     """Mean of a film sealed below, surface at the air: b = (n + 1/2) pi, a_n = -2 / b^2, rates b^2 per D/L^2."""
-    b = (np.arange(count) + 0.5) * np.pi
+    b = (np.arange(float(count)) + 0.5) * np.pi
     return _closed(-2.0 / b**2, b**2)
 
 

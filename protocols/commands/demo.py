@@ -6,6 +6,10 @@ import argparse
 import importlib.util
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from shockrig.rig.virtual.truth import Truth
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,7 +44,7 @@ def main(args: argparse.Namespace) -> int:
     return 0
 
 
-def against_truth(profile_file: Path, truth) -> str:
+def against_truth(profile_file: Path, truth: Truth) -> str:
     """alpha and D(T) of a profile beside the sealed truth, and how far they are off."""
     from shockrig.files.profile import read_profile
 

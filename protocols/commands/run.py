@@ -6,6 +6,7 @@ import argparse
 import secrets
 import signal
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -130,7 +131,7 @@ def _print_plan(protocol: Any, bench: Any) -> None:
 
     print(f"{protocol.name}: {protocol.description}")
     print(f"{len(protocol.runs)} runs on {bench.name} with {', '.join(bench.describe())}")
-    steps: tuple = ()
+    steps: tuple[Any, ...] = ()
     for run in protocol.runs:
         if run.steps != steps:
             steps = run.steps
@@ -182,7 +183,7 @@ def _end(number: int, frame: object) -> None:
     raise SystemExit(128 + number)
 
 
-def _utc(clock: Any):
+def _utc(clock: Any) -> Callable[[], str]:
     """Time of day that goes along with the bench clock, which a jump of the host's clock does not touch."""
     from datetime import UTC, datetime, timedelta
 

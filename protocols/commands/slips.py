@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from shockrig.analysis.physics.schemes import Slip
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,14 +34,14 @@ def main(args: argparse.Namespace) -> int:
     return 0
 
 
-def as_text(slips) -> str:
+def as_text(slips: Iterable[Slip]) -> str:
     """The table for a terminal: one block for each slip."""
     from shockrig.analysis.report.slips_page import as_table
 
     lines = []
     for slip in slips:
         table = as_table(slip)
-        rows = [["", *table.columns[1:]], *table.rows]
+        rows = [["", *table.columns[1:]], *([str(cell) for cell in row] for row in table.rows)]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         lines += [slip.title, f"  taken: {slip.printed}", f"  mend:  {slip.mend}", f"  {slip.quantity}:"]
         for case, *numbers in rows:

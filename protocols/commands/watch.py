@@ -6,6 +6,10 @@ import argparse
 import ipaddress
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from shockrig.rig.watch.follow import Follower
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -51,7 +55,7 @@ def main(args: argparse.Namespace) -> int:
     return 0
 
 
-def _serve(args: argparse.Namespace, follower: object) -> None:
+def _serve(args: argparse.Namespace, follower: Follower) -> None:
     from shockrig.files.errors import InputError
     from shockrig.protocols.watch.web import serve
 

@@ -23,7 +23,7 @@ class LiveObserver(SilentObserver):
     def __init__(self, campaign: Path) -> None:
         self._campaign = campaign
         self._lines = LineObserver()
-        self._view: subprocess.Popen | None = None
+        self._view: subprocess.Popen[bytes] | None = None
         self._begun = False
 
     def __enter__(self) -> LiveObserver:

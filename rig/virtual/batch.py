@@ -12,6 +12,7 @@ import os
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -104,7 +105,7 @@ def _true_airs(truth: Truth, plan: Sequence[PlannedRun], rng: np.random.Generato
     return wanted + rng.standard_normal(wanted.shape) * (truth.chamber_scatter_k, truth.chamber_scatter_percent)
 
 
-def _exposure(truth: Truth, plan: Sequence[PlannedRun], airs: np.ndarray) -> Exposure:
+def _exposure(truth: Truth, plan: Sequence[PlannedRun], airs: np.ndarray) -> Exposure[np.ndarray]:
     pressure = np.array([run.pressure_hpa for run in plan], dtype=float)
     hidden = (truth.effect("finite_transfer") or {"duration_s": 0.0})["duration_s"]
     return Exposure(
@@ -120,7 +121,9 @@ def _exposure(truth: Truth, plan: Sequence[PlannedRun], airs: np.ndarray) -> Exp
     )
 
 
-def _integrate(truth: Truth, exposure: Exposure, scatter: np.ndarray, after_s: float) -> dict[str, np.ndarray]:
+def _integrate(
+    truth: Truth, exposure: Exposure[np.ndarray], scatter: np.ndarray, after_s: float
+) -> dict[str, np.ndarray]:
     """History of the bodies: `since_s` (n,) and each field of Bodies (n, runs)."""
     probes = Probes(truth, exposure, scatter)
     stepper = probes.stepper
@@ -136,18 +139,17 @@ def _integrate(truth: Truth, exposure: Exposure, scatter: np.ndarray, after_s: f
 class _Run:
     """One run of the history, read at any times on the run's clock."""
 
-    def __init__(self, truth: Truth, exposure: Exposure, history: dict[str, np.ndarray], index: int, start_s: float):
+    def __init__(
+        self, truth: Truth, exposure: Exposure[np.ndarray], history: dict[str, np.ndarray], index: int, start_s: float
+    ):
         self._truth, self._start_s = truth, start_s
-        self._exposure = Exposure(
-            **{
-                k: v[index : index + 1] if isinstance(v, np.ndarray) else v
-                for k, v in ((k, getattr(exposure, k)) for k in Exposure.__dataclass_fields__)
-            }
-        )
+        fields: dict[str, Any] = {k: getattr(exposure, k) for k in Exposure.__dataclass_fields__}
+        own: dict[str, Any] = {k: v[index : index + 1] if isinstance(v, np.ndarray) else v for k, v in fields.items()}
+        self._exposure: Exposure[np.ndarray] = Exposure(**own)
         self._since = history["since_s"]
         self._columns = {k: v[:, index] for k, v in history.items() if k != "since_s"}
 
-    def _bodies(self, since: np.ndarray) -> Bodies:
+    def _bodies(self, since: np.ndarray) -> Bodies[np.ndarray]:
         return Bodies(**{k: np.interp(since, self._since, column)[:, None] for k, column in self._columns.items()})
 
     def temperature(self, time_s: np.ndarray) -> np.ndarray:
@@ -176,13 +178,23 @@ def _survivors(
     return {name: values[kept].tolist() for name, values in columns.items()}
 
 
-def _run_json(truth, run, index, airs, exposure, start_s, write_duration, rng) -> dict:
+def _run_json(
+    truth: Truth,
+    run: PlannedRun,
+    index: int,
+    airs: np.ndarray,
+    exposure: Exposure[np.ndarray],
+    start_s: float,
+    write_duration: bool,
+    rng: np.random.Generator,
+) -> dict[str, Any]:
     reported = airs + rng.standard_normal((2, 2)) * (truth.reference_scatter_k, truth.reference_scatter_percent)
     noted_s = round(float(start_s + truth.trigger_jitter_s * rng.standard_normal()), 4)
     stated = write_duration or run.transfer_duration_s is not None
     source, destination = (
         {"temperature_c": round(float(t), 4), "humidity_percent": round(float(h), 4)} for t, h in reported
     )
+    extra: dict[str, Any] = dict(run.extra)
     return run_document(
         run.id,
         started_at=(FIRST_RUN_AT + datetime.timedelta(hours=index)).strftime("%Y-%m-%dT%H:%M:%SZ"),
@@ -192,5 +204,5 @@ def _run_json(truth, run, index, airs, exposure, start_s, write_duration, rng) -
         pressure_hpa=run.pressure_hpa,
         start_s=noted_s,
         duration_s=round(float(exposure.duration_s[index]), 4) if stated else None,
-        **run.extra,
+        **extra,
     )

@@ -78,7 +78,7 @@ def start_at_sample(t98_s: float = 1.0) -> Slip:
     rows = [
         SlipRow(
             f"true start {1e3 * late:+.0f} ms from the sample",
-            printed=refit(modes, lambda t, late=late: modes.step(t - late), free_start=False),
+            printed=refit(modes, _late(modes, late), free_start=False),
             exact=1.0,
         )
         for late in (-0.05, -0.025, 0.025, 0.05)
@@ -95,6 +95,11 @@ def start_at_sample(t98_s: float = 1.0) -> Slip:
     )
 
 
+def _late(modes: Modes, late_s: float) -> Callable[[np.ndarray], np.ndarray]:
+    """The response of `modes` to a step that comes `late_s` after zero."""
+    return lambda time_s: modes.step(time_s - late_s)
+
+
 def refit(modes: Modes, response: Callable[[np.ndarray], np.ndarray], free_start: bool) -> float:
     """Fitted over true time constant: a step of `modes` fitted to another `response` (10 t98, dense samples)."""
     t98 = response_times(modes)[2]
@@ -105,7 +110,7 @@ def refit(modes: Modes, response: Callable[[np.ndarray], np.ndarray], free_start
         start = p[1] * t98 if free_start else 0.0
         return modes.step((time - start) * np.exp(-p[0])) - reading
 
-    fit = least_squares(residual, [0.0, 0.03] if free_start else [0.0], xtol=1e-10, diff_step=1e-4)
+    fit = least_squares(residual, [0.0, 0.03] if free_start else [0.0], xtol=1e-10, diff_step=np.array(1e-4))
     return float(np.exp(fit.x[0]))
 
 
@@ -145,7 +150,11 @@ def sphere_misfit(biot: float) -> float:
     time = np.linspace(0.0, 2 * t98, 400)[1:]
     reading = film.step(time)
     start = response_times(sphere_core())[0] / response_times(film)[0]
-    fit = least_squares(lambda p: sphere_core().scaled(np.exp(p[0])).step(time) - reading, [np.log(start)])
+
+    def residual(p: np.ndarray) -> np.ndarray:
+        return sphere_core().scaled(np.exp(p[0])).step(time) - reading
+
+    fit = least_squares(residual, [np.log(start)])
     return float(np.sqrt(np.mean(fit.fun**2)))
 
 

@@ -6,13 +6,15 @@ makes it unstable; sampling creates such zeros (Astrom, Hagander and Sternby 198
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 from scipy.signal import cont2discrete
 
 from shockrig.analysis.physics.schemes.layers import StateSpace
 
 # name -> scipy's name. "zero_order_hold" is exact for an air that is constant over each step.
-METHODS = {
+METHODS: dict[str, Literal["zoh", "euler", "bilinear", "backward_diff"]] = {
     "zero_order_hold": "zoh",
     "explicit_euler": "euler",
     "trapezoidal": "bilinear",

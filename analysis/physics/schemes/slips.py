@@ -99,8 +99,8 @@ def fitted_diffusivity(layers: tuple[int, ...] = (8, 64)) -> Slip:
     sensors = (("alpha", sphere_layers, sphere_core(), 1.0), ("D", film_layers, film_mean(), 20.0))
     for name, build, modes, t98_s in sensors:
         for count in layers:
-            fitted = [fitted_ratio(build(scheme, count), modes, t98_s) for scheme in COLUMNS]
-            rows.append(SlipRow(f"{name}, N = {count}, t98 = {t98_s:g} s", *fitted, exact=1.0))
+            printed, mended, collocation = (fitted_ratio(build(scheme, count), modes, t98_s) for scheme in COLUMNS)
+            rows.append(SlipRow(f"{name}, N = {count}, t98 = {t98_s:g} s", printed, mended, collocation, exact=1.0))
     return Slip(
         "fitted_diffusivity",
         "A diffusivity that depends on the number of layers",
@@ -120,7 +120,11 @@ def fitted_ratio(system: StateSpace, modes: Modes, t98_s: float) -> float:
     rate = response_times(modes)[2] / t98_s
     time_s = np.arange(0.037, 6 * t98_s, PERIOD_S)
     reading = modes.scaled(rate).step(time_s)
-    fit = least_squares(lambda p: step_response(system, np.exp(p[0]) * rate * time_s) - reading, [0.0], xtol=1e-12)
+
+    def residual(p: np.ndarray) -> np.ndarray:
+        return step_response(system, np.exp(p[0]) * rate * time_s) - reading
+
+    fit = least_squares(residual, [0.0], xtol=1e-12)
     return float(np.exp(fit.x[0]))
 
 
@@ -233,12 +237,11 @@ def _t63_rows(
     build: Callable[[str, int], StateSpace], slipped: str, layers: tuple[int, ...], modes: Modes
 ) -> tuple[SlipRow, ...]:
     exact = response_times(modes)[0]
-    return tuple(
-        SlipRow(
-            f"N = {n}", *(share_time(build(scheme, n)) for scheme in (slipped, "mended", "collocation")), exact=exact
-        )
-        for n in layers
-    )
+    rows = []
+    for n in layers:
+        printed, mended, collocation = (share_time(build(scheme, n)) for scheme in (slipped, "mended", "collocation"))
+        rows.append(SlipRow(f"N = {n}", printed, mended, collocation, exact=exact))
+    return tuple(rows)
 
 
 def _outermost(system: StateSpace, method: str) -> float:
