@@ -145,3 +145,61 @@ def test_air_let_in_by_a_ramp_is_the_convolution(duration_s):
     expected = [np.trapezoid(np.gradient(air, s)[s <= t] * np.interp(t - s[s <= t], s, step), s[s <= t]) for t in times]
     assert film.exponential(times, 7.0, duration_s) == pytest.approx(np.array(expected), abs=2e-4)
     assert film.exponential(times, 7.0, 1e-9) == pytest.approx(film.exponential(times, 7.0), abs=1e-4)
+
+
+@pytest.mark.parametrize("modes", [sphere_core(), sphere_core_biot(np.array([0.1, 2.0]))])
+def test_a_core_s_steady_lag_does_not_depend_on_the_number_of_modes(modes):
+    """R^2 / (6 alpha) at the core, 1 / (3 Bi) more behind an air film: minus the sum of a / lambda."""
+    lag = -(modes.amplitude / modes.rate).sum(axis=-1)
+    expected = 1 / 6 if lag.ndim == 0 else 1 / 6 + 1 / (3 * np.array([0.1, 2.0]))
+    assert lag == pytest.approx(expected, rel=1e-9)
+
+
+DRIVES = {
+    "step": lambda modes, t, a, b, **mean: modes.step(t, **mean),
+    "integral": lambda modes, t, a, b, **mean: modes.integral(t, **mean),
+    "ramp": lambda modes, t, a, b, **mean: modes.ramp(t, a, **mean),
+    "exponential": lambda modes, t, a, b, **mean: modes.exponential(t, b, **mean),
+    "let in": lambda modes, t, a, b, **mean: modes.exponential(t, b, a, **mean),
+}
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+@given(
+    samples=st.integers(1, 30),
+    period_s=st.floats(0.01, 2.0),
+    phase=st.floats(0.0, 1.0),
+    ramp_s=st.floats(1e-3, 8.0),
+    decay_s=st.floats(0.05, 60.0),
+)
+@settings(max_examples=25, deadline=None)
+def test_a_running_mean_is_the_mean_of_its_readings(drive, samples, period_s, phase, ramp_s, decay_s):
+    """Before, while and after the change lies among the readings, for rows of their own start, rate and ramp."""
+    modes = mix(film_mean(24).scaled(np.array([[0.03], [0.8]])), first_order(np.array([[0.9, 7.0]])), 0.3)
+    t = period_s * (np.arange(-3.0, 60.0) + phase) - np.array([[[0.0], [0.37]], [[-1.9], [5.0 * period_s]]])
+    ramp, decay = np.array([[ramp_s], [1.7]]), np.array([[decay_s, 3.0]])
+    form = DRIVES[drive]
+    readings = [form(modes, t - j * period_s, ramp, decay) for j in range(samples)]
+    found = form(modes, t, ramp, decay, samples=samples, period_s=period_s)
+    # The plain forms leave out what has died away to 2e-9, mode by mode.
+    assert found == pytest.approx(np.mean(readings, axis=0), abs=2e-8 * (1.0 + period_s * (drive == "integral")))
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+@pytest.mark.parametrize("samples", [2, 7, 24])
+def test_a_running_mean_is_exact_where_nothing_is_left_out(drive, samples, monkeypatch):
+    monkeypatch.setattr("shockrig.analysis.physics.exponentials.DIED_OUT", 60.0)
+    modes = mix(film_mean(24).scaled(np.array([[0.03], [0.8]])), first_order(np.array([[0.9, 7.0]])), 0.3)
+    t = 0.1 * np.arange(-5.0, 400.0) + np.array([[[0.0312], [0.37]], [[-1.9], [0.5]]])
+    ramp, decay = np.array([[0.83], [1.7]]), np.array([[40.0, 3.0]])
+    form = DRIVES[drive]
+    readings = [form(modes, t - 0.1 * j, ramp, decay) for j in range(samples)]
+    found = form(modes, t, ramp, decay, samples=samples, period_s=0.1)
+    assert found == pytest.approx(np.mean(readings, axis=0), rel=1e-12, abs=1e-12)
+
+
+def test_a_running_mean_over_a_step_alone_is_a_ramp():
+    """A lag that is nothing beside the readings' distance: the mean counts the readings after the step."""
+    t = 0.1 * np.arange(-3.0, 12.0) + 0.05
+    counted = np.clip(np.arange(-2, 13), 0, 8) / 8
+    assert first_order(1e-4).step(t, samples=8, period_s=0.1) == pytest.approx(counted, abs=1e-9)

@@ -36,9 +36,9 @@ class Body:
     surface_to_volume : float
         Surface over volume times that length; behind a large resistance the rate is this times the Biot number.
     held : () -> Modes
-        Surface at the air; one set of modes (K,).
-    behind : (Biot number array of any shape) -> Modes
-        Surface behind a transfer resistance; modes of shape (..., K).
+        Surface at the air; one set of modes (K,). A shape takes the number of modes as an argument.
+    behind : (Biot numbers, any shape, positive) -> Modes
+        Surface behind a transfer resistance; modes of shape (..., K). A shape takes the number of modes as well.
     """
 
     name: str
@@ -46,8 +46,8 @@ class Body:
     diffusivity: str
     length: str
     surface_to_volume: float
-    held: Callable[[], Modes]
-    behind: Callable[[ArrayLike], Modes]
+    held: Callable[..., Modes]
+    behind: Callable[..., Modes]
 
     @property
     def symbol(self) -> str:

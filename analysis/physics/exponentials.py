@@ -118,7 +118,8 @@ class Modes:
         series = amplitude if samples == 1 else amplitude * _geometric(steps, np.asarray(samples))
         # Columns are cut into blocks of similar need, so that late times cost a few exponentials and early ones many.
         slowest = self.rate.reshape(-1, self.rate.shape[-1]).min(axis=0)
-        needed = np.searchsorted(slowest, DIED_OUT / np.maximum(times.min(axis=0), 1e-9), side="right")
+        died_out = DIED_OUT + np.log(max(np.abs(amplitude).max(initial=0.0), 1.0))  # lags in series have large ones
+        needed = np.searchsorted(slowest, died_out / np.maximum(times.min(axis=0), 1e-9), side="right")
         need = 2 ** np.ceil(np.log2(needed.clip(1, slowest.size))).astype(int)
         for kept in np.unique(need[whole]):
             columns = _slice(whole & (need == kept))
