@@ -347,8 +347,12 @@ def campaigns(rng: random.Random, folder: Path) -> Callable[[], bool]:
         "source": {"temperature_c": 40.0, "humidity_percent": 20.0},
         "destination": {"temperature_c": 20.0, "humidity_percent": 55.0},
         "airflow_m_s": 6.0, "pressure_hpa": 1013.25, "transfer": {"start_s": 1.53, "duration_s": 0.4},
+        "reference": {"temperature_time_constant_s": 0.05, "humidity_standard_uncertainty_percent": 0.3},
     }  # fmt: skip
-    sensors = {"imet": {"kind": "imet-xf", "bead_radius_m": 4e-4}, "hyt": {"kind": "hyt-271", "film_thickness_m": 1e-5}}
+    sensors = {
+        "imet": {"kind": "imet-xf", "bead_radius_m": 4e-4, "body": "cylinder_mean"},
+        "hyt": {"kind": "hyt-271", "film_thickness_m": 1e-5},
+    }
     sound = {
         "campaign.json": json.dumps({"format": "shock-campaign/1", "name": "x", "sensors": sensors}).encode(),
         "runs/0001/run.json": json.dumps(run, indent=1).encode(),
@@ -356,6 +360,8 @@ def campaigns(rng: random.Random, folder: Path) -> Callable[[], bool]:
         + b"".join(b"%.4f,%.2f\n" % (i / 10, 40 - i) for i in range(20)),
         "runs/0001/hyt.csv": b"time_s,humidity_percent,temperature_c,stale\n"
         + b"".join(b"%.4f,%.4f,20.1,%d\n" % (i / 10, 20 + i, i % 7 == 0) for i in range(20)),
+        "runs/0001/air.csv": b"time_s,temperature_c,airflow_m_s\n"
+        + b"".join(b"%.4f,%.4f,%s\n" % (i / 10, 40 - i, b"6.0" if i % 3 else b"") for i in range(20)),
     }
 
     def one() -> bool:
@@ -365,6 +371,8 @@ def campaigns(rng: random.Random, folder: Path) -> Callable[[], bool]:
         campaign = read_campaign(path)
         demand(finite(campaign.bead_radius_m, campaign.film_thickness_m), "lengths")
         demand(campaign.bead_radius_m > 0 and campaign.film_thickness_m > 0, "lengths")
+        bodies = {"sphere", "film", "sphere_mean", "cylinder", "cylinder_mean", "plate", "lumped"}
+        demand(set(campaign.bodies) == {"imet", "hyt"} and set(campaign.bodies.values()) <= bodies, "bodies")
         for one_run in campaign.runs:
             for air in (one_run.source, one_run.destination):
                 demand(
@@ -380,6 +388,13 @@ def campaigns(rng: random.Random, folder: Path) -> Callable[[], bool]:
                     main = "humidity_percent" if trace is one_run.hyt else "temperature_c"
                     demand(bool(np.all(np.isfinite(trace.values[main]))), "values")
                     demand(all(v.shape == trace.time_s.shape for v in trace.values.values()), "shapes")
+            reference = vars(one_run.reference).values()
+            demand(finite(*reference) and min(reference) >= 0, f"{one_run.reference}")
+            if one_run.air is not None:
+                air = np.array(list(one_run.air.values.values()))
+                demand(one_run.air.time_s.size >= 2 and bool(np.all(np.diff(one_run.air.time_s) > 0)), "air's times")
+                demand(air.size > 0 and not np.any(np.isinf(air)), "air's values")
+                demand(bool(np.all(np.isfinite(air).any(axis=0)) and np.all(np.isfinite(air).any(axis=1))), "empty air")
         return True
 
     return one
@@ -388,7 +403,8 @@ def campaigns(rng: random.Random, folder: Path) -> Callable[[], bool]:
 def flights(rng: random.Random, folder: Path) -> Callable[[], bool]:
     import numpy as np
 
-    from shockrig.files.flight import read_blocks, read_layout, to_flight
+    from shockrig.files.flight import read_layout
+    from shockrig.files.flight_rows import read_blocks, to_flight
     from shockrig.protocols.flight_world import read_flown_air
 
     xq2 = b"XQ,095188,2407,0294,2553,2015/10/18,00:38:44,+0000000000,+0000000000,-00017000,00\r\n"

@@ -16,6 +16,7 @@ from shockrig.files.campaign_names import (
     RUN_FORMAT,
     Reference,
     is_run_id,
+    read_body,
 )
 from shockrig.files.disk import is_there, shown
 from shockrig.files.errors import InputError
@@ -141,7 +142,7 @@ def read_campaign(path: str | Path) -> Campaign:
     sensors = dict(head.children("sensors"))
     radius = head.mapping("sensors").mapping("imet").number("bead_radius_m", RANGES["bead_radius_m"])
     thickness = head.mapping("sensors").mapping("hyt").number("film_thickness_m", RANGES["film_thickness_m"])
-    bodies = {name: _read_body(head.mapping("sensors").mapping(name), name) for name in DEFAULT_BODIES}
+    bodies = {name: read_body(head.mapping("sensors").mapping(name), name) for name in DEFAULT_BODIES}
     folders = _run_folders(folder / "runs")
     runs = tuple(_read_run(one) for one in folders)
     first: dict[str, Path] = {}
@@ -220,14 +221,3 @@ def _read_airs(air: JsonObject) -> Air:
 def _read_reference(given: JsonObject) -> Reference:
     stated = {name: given.number(name, limits) for name, limits in _REFERENCE_RANGES.items()}
     return Reference(**{name: value for name, value in stated.items() if value is not None})
-
-
-def _read_body(sensor: JsonObject, name: str) -> str:
-    """The shape of a sensor's plain model; its usual one where none is given."""
-    body = sensor.get("body")
-    if body is None:
-        return DEFAULT_BODIES[name]
-    if not isinstance(body, str) or body not in BODIES:
-        remedy = f"name one of them or leave it out ({DEFAULT_BODIES[name]})"
-        raise sensor.error("body", f"one of {', '.join(BODIES)}", body, remedy)
-    return body

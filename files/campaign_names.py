@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from shockrig.files.json_files import JsonObject
+
 CAMPAIGN_FORMAT = "shock-campaign/1"
 RUN_FORMAT = "shock-run/1"
 BODIES = ("sphere", "film", "sphere_mean", "cylinder", "cylinder_mean", "plate", "lumped")
@@ -31,3 +33,14 @@ def is_run_id(text: object) -> bool:
         and not text.startswith(".")
         and not set(text) & {"/", "\\"}
     )
+
+
+def read_body(sensor: JsonObject, name: str) -> str:
+    """The shape of a sensor's plain model, its usual one where none is stated; InputError for an unknown one."""
+    body = sensor.get("body")
+    if body is None:
+        return DEFAULT_BODIES[name]
+    if not isinstance(body, str) or body not in BODIES:
+        remedy = f"name one of them or leave it out ({DEFAULT_BODIES[name]})"
+        raise sensor.error("body", f"one of {', '.join(BODIES)}", body, remedy)
+    return body

@@ -112,24 +112,29 @@ def open_text(
 
 
 def write_whole(path: Path, content: str | bytes, sync: bool = False) -> None:
-    """Write a file beside its name (NAME.part), then rename it: it is there whole or not at all.
+    """Write a file beside its name, then rename it: it is there whole or not at all.
 
     `sync` waits for the disk, which guards against a power cut. Half characters of text become question marks. Raises
     OSError, and then leaves nothing.
     """
     data = content.encode("utf-8", "replace") if isinstance(content, str) else content
-    beside = path.with_name(path.name + ".part")
+    part = beside(path)
     try:
-        with beside.open("wb") as file:
+        with part.open("wb") as file:
             file.write(data)
             if sync:
                 file.flush()
                 os.fsync(file.fileno())
-        os.replace(beside, path)
+        os.replace(part, path)
     except BaseException:
         with suppress(OSError):
-            beside.unlink(missing_ok=True)
+            part.unlink(missing_ok=True)
         raise
+
+
+def beside(path: Path) -> Path:
+    """Where a file is written until it is whole: NAME.part in the same folder, which a rename puts into its place."""
+    return path.with_name(path.name + ".part")
 
 
 def sync_folder(path: Path) -> None:

@@ -21,7 +21,8 @@ from shockrig.analysis.flight.stream import correct_file
 from shockrig.analysis.flight.typical import typical_profile
 from shockrig.analysis.flight.weather import convective, frontal
 from shockrig.files.errors import InputError
-from shockrig.files.flight import FLAGS, OUTPUT_COLUMNS, read_layout, to_flight
+from shockrig.files.flight import FLAGS, OUTPUT_COLUMNS, read_layout
+from shockrig.files.flight_rows import to_flight
 from shockrig.files.profile import write_profile
 from shockrig.protocols.cli import main
 

@@ -12,19 +12,10 @@ import numpy as np
 
 from shockrig.analysis.flight.correct import correct
 from shockrig.files.errors import InputError
-from shockrig.files.flight import (
-    BLOCK_ROWS,
-    FLAGS,
-    Corrected,
-    CsvWriter,
-    Flight,
-    Layout,
-    NetcdfWriter,
-    look_over,
-    read_blocks,
-    read_layout,
-    to_flight,
-)
+from shockrig.files.flight import FLAGS, Corrected, Flight, FlightColumns, read_layout
+from shockrig.files.flight_csv import CsvWriter
+from shockrig.files.flight_netcdf import NetcdfWriter
+from shockrig.files.flight_rows import BLOCK_ROWS, look_over, read_blocks, to_flight
 from shockrig.files.profile import Profile
 
 MARGIN_ROWS = 1500  # rows of the neighbours that a block sees: the smoother's longest memory, 60 s, at 20 Hz and more
@@ -115,7 +106,9 @@ def correct_file(
     return totals.summary()
 
 
-def _with_margins(source: Path, layout: Layout, block_rows: int) -> Iterator[tuple[list[list[str]], int, int, Flight]]:
+def _with_margins(
+    source: Path, layout: FlightColumns, block_rows: int
+) -> Iterator[tuple[list[list[str]], int, int, Flight]]:
     """Each block's rows, how many rows of margin lie before and after it, and the numbers of all of them."""
     tail: list[list[str]] = []
     current: list[list[str]] | None = None

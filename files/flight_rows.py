@@ -1,0 +1,188 @@
+"""The rows of a flight's log: read in blocks as text, so that memory does not grow with the flight, and as numbers.
+
+What is no number is missing. A row is damaged where it is cut short or has text where a number belongs.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.files.disk import open_text, shown
+from shockrig.files.errors import InputError
+from shockrig.files.flight import REMEDY, Flight, FlightColumns, squeeze, without_nul
+
+Array = NDArray[np.float64]
+BLOCK_ROWS = 20_000
+ESSENTIAL = ("time", "temperature", "humidity")
+MISSING = frozenset(("", "na", "n/a", "null", "none", "-", "--", "---"))  # what loggers write for no value
+
+
+def read_blocks(path: Path, layout: FlightColumns, rows: int = BLOCK_ROWS) -> Iterator[list[list[str]]]:
+    """The file's rows as text, `rows` at a time; short rows are filled with empty cells."""
+    found = (_filled(row, layout) for _, row in _numbered_rows(path, layout))
+    while block := list(islice(found, rows)):
+        yield block
+
+
+def _numbered_rows(path: Path, layout: FlightColumns) -> Iterator[tuple[int, list[str]]]:
+    """Number of the line and cells of every row under the header that is not empty."""
+    width = len(layout.header)
+    with open_text(path, REMEDY, errors="replace") as stream:
+        reader = csv.reader(without_nul(stream))
+        try:
+            if not layout.raw_xq2:
+                next(reader)
+            for row in reader:
+                if len(row) > width:
+                    raise InputError(
+                        f"{shown(path)}, line {reader.line_num}: {len(row)} cells under {width} columns; "
+                        "fix or delete the line"
+                    )
+                if row:
+                    yield reader.line_num, row
+        except csv.Error as error:
+            raise InputError(f"{shown(path)}, line {reader.line_num}: {error}; fix or delete the line") from error
+
+
+def _filled(row: list[str], layout: FlightColumns) -> list[str]:
+    return row + [""] * (len(layout.header) - len(row))
+
+
+@dataclass(frozen=True)
+class Damage:
+    """How much of a log can be read.
+
+    `rows` in all; those that are `damaged` (too short, or text where a number belongs); those that are `lost` (their
+    time, temperature or humidity is what is damaged); and where each of the two begins.
+    """
+
+    rows: int
+    damaged: int
+    first_damaged: str
+    lost: int
+    first_lost: str
+
+
+def look_over(path: Path, layout: FlightColumns) -> Damage:
+    """Count the rows that cannot be read as numbers. An empty cell and what loggers write for one is no damage."""
+    named = 1 + max((place for place, name in enumerate(layout.header) if name), default=0)
+    count, firsts, total = [0, 0], ["", ""], 0
+    found = _numbered_rows(path, layout)
+    while block := list(islice(found, BLOCK_ROWS)):
+        columns = list(zip(*(_filled(row, layout) for _, row in block), strict=True))
+        lengths = np.array([len(row) for _, row in block])
+        texts = {quantity: _text_cells(columns, layout, quantity) for quantity in layout.place}
+        damaged = np.logical_or.reduce([lengths < named, *texts.values()])
+        lost = np.logical_or.reduce(
+            [texts[quantity] | (lengths <= layout.place[quantity]) for quantity in ESSENTIAL if quantity in texts]
+        )
+        for i, mask in enumerate((damaged, lost)):
+            if mask.any() and not count[i]:
+                row = int(np.argmax(mask))
+                place = next((layout.place[quantity] for quantity, text in texts.items() if text[row]), None)
+                cells = f"{lengths[row]} of {named} cells"
+                what = cells if place is None else f"{layout.header[place]} is {repr(columns[place][row])[:40]}"
+                firsts[i] = f"line {block[row][0]}: {what}"
+            count[i] += int(np.count_nonzero(mask))
+        total += len(block)
+    return Damage(total, count[0], firsts[0], count[1], firsts[1])
+
+
+def _text_cells(columns: list[tuple[str, ...]], layout: FlightColumns, quantity: str) -> NDArray[np.bool_]:
+    """True where a cell is neither a number (of the time: nor a date) nor empty."""
+    cells = columns[layout.place[quantity]]
+    unread = np.isnan(_times(columns, layout) if quantity == "time" else numbers_of(cells))
+    for row in np.flatnonzero(unread).tolist():
+        unread[row] = cells[row].strip().lower() not in MISSING and not _is_float(cells[row])
+    return unread
+
+
+def to_flight(rows: list[list[str]], layout: FlightColumns) -> Flight:
+    """Numbers of some rows; what is no number is missing.
+
+    Units are brought to s, degC, %RH and m/s by the columns' names.
+    """
+    columns: list[tuple[str, ...]] = list(zip(*rows, strict=True)) if rows else [()] * len(layout.header)
+
+    def numbers(quantity: str) -> Array:
+        if quantity not in layout.place:
+            return np.full(len(rows), np.nan)
+        return numbers_of(columns[layout.place[quantity]])
+
+    temperature, humidity, die = numbers("temperature"), numbers("humidity"), numbers("die")
+    if layout.raw_xq2:
+        temperature, humidity, die = temperature / 100, humidity / 10, die / 100
+    else:
+        for quantity, values in (("temperature", temperature), ("die", die)):
+            name = squeeze(layout.header[layout.place[quantity]]) if quantity in layout.place else ""
+            if name.endswith(("kelvin", "temperaturek", "tempk")):
+                values -= 273.15
+    return Flight(_times(columns, layout), temperature, humidity, numbers("airspeed"), die)
+
+
+def numeric_places(path: Path, layout: FlightColumns) -> frozenset[int]:
+    """Columns of a log in which every cell is a number or empty, and not all are empty."""
+    places, filled = set(range(len(layout.header))), set()
+    for rows in read_blocks(path, layout):
+        for place, cells in enumerate(zip(*rows, strict=True)):
+            told = [cell for cell in cells if cell.strip()]
+            if told:
+                filled.add(place)
+            if place in places and np.isnan(numbers_of(told)).any():
+                places.discard(place)
+    return frozenset(places & filled)
+
+
+def numbers_of(cells: Iterable[str]) -> Array:
+    cells = list(cells)
+    try:
+        values = np.array(cells, dtype=float)
+    except ValueError:
+        values = np.array([_number(cell) for cell in cells])
+    values[~np.isfinite(values)] = np.nan
+    return values
+
+
+def _number(cell: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        return np.nan
+
+
+def _is_float(cell: str) -> bool:
+    """Also "nan" and what is beyond every number: absurd, but not damaged."""
+    try:
+        float(cell)
+        return True
+    except ValueError:
+        return False
+
+
+def _times(columns: list[tuple[str, ...]], layout: FlightColumns) -> Array:
+    """Seconds, from a number (s, ms or us by the column's name) or a date and time."""
+    place = layout.place["time"]
+    cells = columns[place]
+    values = numbers_of(cells)
+    if len(cells) and np.isnan(values).mean() > 0.5:
+        import pandas as pd
+
+        text = pd.Series(cells, dtype=str)
+        if layout.date_place is not None and layout.date_place != place:
+            text = pd.Series(columns[layout.date_place], dtype=str).str.strip() + " " + text.str.strip()
+        try:
+            stamps = pd.to_datetime(text, errors="coerce", utc=True, format="mixed")
+            seconds = (stamps - pd.Timestamp(0, tz="UTC")).dt.total_seconds()
+            return np.asarray(seconds, dtype=np.float64)
+        except (ValueError, OverflowError) as error:  # a year that cannot be is not always made a missing time
+            raise InputError(f"{layout.source}: times cannot be read as dates ({error}); fix that row") from error
+    name = squeeze(layout.header[place])
+    scale = 1e-6 if name.endswith("us") and name != "status" else 1e-3 if name.endswith(("timems", "stampms")) else 1.0
+    return values * scale

@@ -1,0 +1,192 @@
+"""What is known of a pair of sensors: alpha of the bead, D(T) of the film, response times, noise, the model's effects.
+
+Between the rows of its table D is read as ln D over 1/T. docs/flights.md says how a flight uses it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.files.campaign_names import DEFAULT_BODIES
+from shockrig.files.causes import Effect, Uncertain
+from shockrig.files.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+
+BEAD_RADIUS_M = 4e-4
+FILM_THICKNESS_M = 1e-5
+AMBIENT_TOLERANCE_K = 1.0  # destinations within 1 K of one another are one ambient, so a row holds that far
+GROWTH_PER_KELVIN = 0.05  # of D's relative uncertainty beyond the table, where the outer row is held
+
+
+@dataclass(frozen=True)
+class ResponseTime:
+    """Seconds to 63, 90 and 98 % of a step (t63_s is the exact 1 - 1/e)."""
+
+    t63_s: float
+    t90_s: float
+    t98_s: float
+
+
+@dataclass(frozen=True)
+class TemperatureProfile:
+    """The bead: a sphere of radius `bead_radius_m`, read at its core."""
+
+    thermal_diffusivity_m2_s: Uncertain
+    bead_radius_m: float = BEAD_RADIUS_M
+    response_time_s: ResponseTime | None = None
+    noise_k: float | None = None
+    sampling_period_s: float | None = None
+    effects: tuple[Effect, ...] = ()
+
+
+@dataclass(frozen=True)
+class DiffusivityRow:
+    """One ambient temperature of the table D(T)."""
+
+    ambient_temperature_c: float
+    diffusivity_m2_s: float
+    standard_uncertainty: float
+    runs: int | None = None
+    response_time_s: ResponseTime | None = None
+
+
+@dataclass(frozen=True)
+class HumidityProfile:
+    """The film: vapour diffuses into `film_thickness_m`, the reading is its mean; D depends on temperature."""
+
+    diffusivity_table: tuple[DiffusivityRow, ...]
+    film_thickness_m: float = FILM_THICKNESS_M
+    noise_percent: float | None = None
+    sampling_period_s: float | None = None
+    effects: tuple[Effect, ...] = ()
+
+    @property
+    def temperature_range_c(self) -> tuple[float, float]:
+        """Lowest and highest temperature that the table speaks for (its outer rows and 1 K beyond)."""
+        return (
+            self.diffusivity_table[0].ambient_temperature_c - AMBIENT_TOLERANCE_K,
+            self.diffusivity_table[-1].ambient_temperature_c + AMBIENT_TOLERANCE_K,
+        )
+
+    def covers(self, temperature_c: float | np.ndarray) -> np.ndarray:
+        """True where the table speaks for `temperature_c`, same shape; never where it is NaN."""
+        low, high = self.temperature_range_c
+        temperature_c = np.asarray(temperature_c, dtype=float)
+        return (temperature_c >= low) & (temperature_c <= high)
+
+    def diffusivity_m2_s(self, temperature_c: float | np.ndarray, *, outside: str = "raise") -> tuple[Any, Any]:
+        """D and its standard uncertainty at `temperature_c`: ln D linear in 1/T between the table's rows.
+
+        The uncertainty carries the rows' own and the curvature that a straight line between two rows cannot know (the
+        second difference of the rows around, zero at the rows themselves and for an Arrhenius law).
+
+        Parameters
+        ----------
+        temperature_c : float or array
+            Air temperature.
+        outside : {"raise", "nan", "hold"}
+            Beyond the table and 1 K around it: raise, give NaN, or hold the outer row's D with an uncertainty that
+            grows by 5 % for each kelvin (for those who flag such values, as `correct` does).
+
+        Returns
+        -------
+        (D, standard uncertainty) in m2/s, floats or arrays as `temperature_c`.
+
+        Raises
+        ------
+        InputError
+            If `outside` is "raise" and a temperature lies beyond the table.
+        """
+        wanted = np.asarray(temperature_c, dtype=float)
+        low, high = self.temperature_range_c
+        covered = self.covers(wanted)
+        if outside == "raise" and not np.all(covered):
+            worst = wanted[~covered].flat[0] if wanted.ndim else float(wanted)
+            raise InputError(
+                f"profile: humidity.diffusivity_table speaks for {low:g} to {high:g} degC, not for {worst:g} degC; "
+                "characterize the sensor at that ambient temperature"
+            )
+        rows = self.diffusivity_table
+        node_c = np.array([r.ambient_temperature_c for r in rows])
+        node = 1.0 / (node_c + 273.15)
+        ln_d = np.log([r.diffusivity_m2_s for r in rows])
+        relative = np.array([r.standard_uncertainty / r.diffusivity_m2_s for r in rows])
+        inside_c = np.clip(wanted, node_c[0], node_c[-1])
+        x = 1.0 / (inside_c + 273.15)
+        if len(rows) == 1:
+            value, sigma = np.full(wanted.shape, ln_d[0]), np.full(wanted.shape, relative[0])
+        else:
+            left = np.clip(np.searchsorted(node_c, inside_c, side="right") - 1, 0, len(rows) - 2)
+            weight = (x - node[left]) / (node[left + 1] - node[left])
+            value = (1 - weight) * ln_d[left] + weight * ln_d[left + 1]
+            bend = _curvature(node, ln_d)
+            sag = 0.5 * np.maximum(bend[left], bend[left + 1]) * np.abs((x - node[left]) * (node[left + 1] - x))
+            rows_part = np.hypot((1 - weight) * relative[left], weight * relative[left + 1])
+            sigma = np.hypot(rows_part, sag / math.sqrt(3))
+        sigma = np.hypot(sigma, GROWTH_PER_KELVIN * np.abs(wanted - inside_c))
+        diffusivity = np.exp(value)
+        uncertainty = diffusivity * sigma
+        if outside != "hold":
+            diffusivity, uncertainty = np.where(covered, diffusivity, np.nan), np.where(covered, uncertainty, np.nan)
+        if wanted.ndim == 0:
+            return float(diffusivity), float(uncertainty)
+        return diffusivity, uncertainty
+
+    def to_frame(self) -> pd.DataFrame:
+        """The table as a DataFrame, one row for each ambient temperature, columns as in the file."""
+        import pandas as pd
+
+        def seconds(row: DiffusivityRow, name: str) -> float:
+            return getattr(row.response_time_s, name) if row.response_time_s else math.nan
+
+        rows = self.diffusivity_table
+        return pd.DataFrame(
+            {
+                "ambient_temperature_c": [r.ambient_temperature_c for r in rows],
+                "diffusivity_m2_s": [r.diffusivity_m2_s for r in rows],
+                "standard_uncertainty": [r.standard_uncertainty for r in rows],
+                "runs": pd.array([r.runs for r in rows], dtype="Int64"),
+                "t63_s": [seconds(r, "t63_s") for r in rows],
+                "t90_s": [seconds(r, "t90_s") for r in rows],
+                "t98_s": [seconds(r, "t98_s") for r in rows],
+            }
+        )
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A pair of sensors; either part may be missing."""
+
+    temperature: TemperatureProfile | None = None
+    humidity: HumidityProfile | None = None
+    sensors: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    provenance: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+
+    @property
+    def bodies(self) -> dict[str, str]:
+        """The shape that each sensor's plain model has, "imet" and "hyt", as in a campaign."""
+        stated = {name: self.sensors.get(name) for name in DEFAULT_BODIES}
+        return {
+            name: str(sensor["body"]) if isinstance(sensor, Mapping) and sensor.get("body") else DEFAULT_BODIES[name]
+            for name, sensor in stated.items()
+        }
+
+
+def _curvature(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """|second derivative| of y(x) at each node, from divided differences; zero with fewer than three nodes."""
+    if len(x) < 3:
+        return np.zeros(len(x))
+    slope = np.diff(y) / np.diff(x)
+    second = np.abs(np.diff(slope) / (0.5 * (x[2:] - x[:-2])))
+    return np.concatenate([second[:1], second, second[-1:]])
