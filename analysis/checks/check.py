@@ -1,0 +1,68 @@
+"""All plain checks of a campaign before any fit. A new check is one function and one line in `CHECKS`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+from shockrig.analysis.checks.clocks import (
+    clocks_without_starts,
+    starts_and_clocks,
+    starts_in_milliseconds,
+    times_in_milliseconds,
+)
+from shockrig.analysis.checks.copies import copied_runs
+from shockrig.analysis.checks.finding import InputFinding
+from shockrig.analysis.checks.rates import response_times
+from shockrig.analysis.checks.sensors import dead_sensors, impossible_readings, saturated_sensors
+from shockrig.analysis.checks.signals import View, look
+from shockrig.analysis.checks.swaps import airs_swapped, columns_and_sensors_swapped
+from shockrig.analysis.checks.units import (
+    everything_a_fraction,
+    everything_in_fahrenheit,
+    everything_in_kelvin,
+    mixed_units,
+)
+from shockrig.files.campaign import Campaign
+
+# In this order: what one of them stops, the later ones no longer look at, so that one fault is said once.
+CHECKS: tuple[Callable[[View], Iterable[InputFinding]], ...] = (
+    everything_in_kelvin,
+    impossible_readings,
+    everything_a_fraction,
+    mixed_units,
+    columns_and_sensors_swapped,
+    everything_in_fahrenheit,
+    times_in_milliseconds,
+    starts_in_milliseconds,
+    dead_sensors,
+    saturated_sensors,
+    airs_swapped,
+    copied_runs,
+    starts_and_clocks,
+    clocks_without_starts,
+    response_times,
+)
+
+
+def check_campaign(campaign: Campaign) -> tuple[InputFinding, ...]:
+    """Look for wrong units, swaps, dead sensors, wrong starts, copies and other sensors' runs; no model is fitted.
+
+    Checks that need what the campaign does not record (starts, airs, airflow, a second sensor) are silent.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        As `shockrig.files.campaign.read_campaign` returns it.
+
+    Returns
+    -------
+    tuple of InputFinding
+        In the order of `CHECKS`; empty where nothing looks wrong.
+    """
+    view = look(campaign)
+    findings: list[InputFinding] = []
+    for check in CHECKS:
+        found = list(check(view))
+        findings += found
+        view = view.without(found)
+    return tuple(findings)

@@ -1,0 +1,80 @@
+"""One run filed several times: noise that two runs have in common.
+
+What a straight line through the readings just before does not foretell is compared, so that hum and slow drifts, which
+runs may share, count for nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from shockrig.analysis.checks.finding import InputFinding
+from shockrig.analysis.checks.signals import COLUMNS, FILES, HUMIDITY, TEMPERATURE, Array, Seen, View
+from shockrig.analysis.checks.thresholds import limit
+
+ORDER = 8  # readings that foretell the next one: two tones and a slow noise
+
+
+def copied_runs(view: View) -> Iterator[InputFinding]:
+    """Runs that are copies of another: equal noise in a sensor's readings."""
+    originals: dict[str, str] = {}
+    places: dict[str, list[str]] = {}
+    for column in (TEMPERATURE, HUMIDITY):
+        kept: list[tuple[Seen, Array]] = []
+        for seen in view.column(column):
+            noise = _innovations(seen.value)
+            if noise is None:
+                continue
+            twin = next((s for s, n in kept if _correlation(n, noise) > limit("copy_correlation")), None)
+            if twin is None:
+                kept.append((seen, noise))
+            else:
+                originals.setdefault(seen.run.id, originals.get(twin.run.id, twin.run.id))
+                places.setdefault(seen.run.id, []).append(FILES[column])
+    for original in dict.fromkeys(originals.values()):
+        runs = tuple(run for run, first in originals.items() if first == original)
+        files = sorted({place for run in runs for place in places[run]}, reverse=True)
+        channel = None if len(files) > 1 else ("temperature" if files[0] == FILES[TEMPERATURE] else "humidity")
+        same = all(_equal(view, original, run, column) for run in runs for column in COLUMNS)
+        yield InputFinding(
+            "run_copied",
+            channel,
+            runs,
+            "stop",
+            f"{' and '.join(files)} of {view.words(runs)} {'repeats' if len(runs) == 1 else 'repeat'} the "
+            f"{'readings' if same else 'noise'} of run {original}, which no second measurement does: keep run "
+            f"{original} and leave the copies out.",
+        )
+
+
+def _equal(view: View, first: str, second: str, column: str) -> bool:
+    a, b = view.seen.get((first, column)), view.seen.get((second, column))
+    return a is None or b is None or np.array_equal(a.value, b.value)
+
+
+def _innovations(value: Array) -> Array | None:
+    """What `ORDER` readings do not foretell of the next one; None where too few readings change to tell runs apart."""
+    changes = np.diff(value)
+    if np.count_nonzero(changes) < limit("copy_readings") or value.size < 4 * ORDER:
+        return None
+    past = np.lib.stride_tricks.sliding_window_view(changes, ORDER)[:-1]
+    ahead = changes[ORDER:]
+    # the transient would decide the prediction: rows far beyond the usual change are left out
+    usual = 6.0 * max(float(np.percentile(np.abs(changes), 75)), 1e-12)
+    calm = (np.abs(ahead) < usual) & (np.abs(past) < usual).all(axis=1)
+    if calm.sum() < limit("copy_readings"):
+        return None
+    weights = np.linalg.lstsq(past[calm], ahead[calm], rcond=1e-6)[0]
+    return np.where(calm, ahead - past @ weights, 0.0)
+
+
+def _correlation(first: Array, second: Array) -> float:
+    if first.size != second.size:
+        return 0.0
+    both = (first != 0.0) & (second != 0.0)
+    if both.sum() < limit("copy_readings"):
+        return 0.0
+    a, b = first[both], second[both]
+    return float(a @ b / np.sqrt((a @ a) * (b @ b)))

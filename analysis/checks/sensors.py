@@ -1,0 +1,158 @@
+"""Dead and saturated sensors: readings that stay while the air moves, or stop at a rail short of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from shockrig.analysis.checks.finding import InputFinding
+from shockrig.analysis.checks.signals import (
+    CHANNEL_OF,
+    COLUMNS,
+    DIE,
+    FILES,
+    HUMIDITY,
+    TEMPERATURE,
+    UNITS,
+    Seen,
+    View,
+    stated,
+)
+from shockrig.analysis.checks.thresholds import limit
+from shockrig.files.campaign import Run
+
+
+def impossible_readings(view: View) -> Iterator[InputFinding]:
+    """Columns most of whose readings were dropped as beyond what a sensor can give."""
+    for sensor, column in (("imet", TEMPERATURE), ("hyt", HUMIDITY)):
+        lost = {}
+        for run in view.campaign.runs:
+            trace = getattr(run, sensor)
+            if trace is not None and trace.impossible and trace.dropped.get("implausible", 0) > trace.time_s.size:
+                lost[run.id] = next(iter(trace.impossible.items()))
+        if lost:
+            name, value = next(iter(lost.values()))
+            yield InputFinding(
+                "dead_sensor",
+                CHANNEL_OF[column],
+                tuple(lost),
+                "stop",
+                f"Most readings of {FILES[column]} in {view.words(lost)} cannot be ({name} is {value:.6g}, say) and are "
+                "dropped: the sensor is dead or not connected, or the column is another quantity.",
+            )
+
+
+def dead_sensors(view: View) -> Iterator[InputFinding]:
+    """Readings that stay the same, or hardly move, although the air stepped or the sensor's other runs show noise."""
+    for column in COLUMNS:
+        columns = view.column(column)
+        lively = [seen for seen in columns if _share_of_mode(seen) < 0.5]
+        dead = []
+        for seen in columns:
+            step = _air_step(view, seen)
+            large = limit("dead_air_step_percent" if column == HUMIDITY else "dead_air_step_k")
+            stuck = _share_of_mode(seen) >= limit("dead_share")
+            if stuck and (abs(step) >= large or (column != DIE and len(lively) > 0.5 * len(columns))):
+                dead.append(seen)
+            elif (
+                abs(step) >= large
+                and _watched_s(seen) > limit("dead_after_s")
+                and _moves_by(seen) < (limit("dead_follows") * abs(step))
+            ):
+                dead.append(seen)
+        if not dead and len(columns) > 1 and all(_share_of_mode(seen) >= limit("dead_share") for seen in columns):
+            dead = columns if column != DIE and _others_move(view, column) else []
+        if dead:
+            yield _dead(view, column, dead)
+
+
+def saturated_sensors(view: View) -> Iterator[InputFinding]:
+    """Readings that end at one extreme value, without noise, well short of the air: the end of the sensor's range.
+
+    A flat top of the humidity a few %RH short is left to the diagnosis, which knows `saturation_clipping`.
+    """
+    for column in (TEMPERATURE, HUMIDITY):
+        flat = [(seen, found) for seen in view.column(column) if (found := _rail(view, seen)) is not None]
+        if flat:
+            runs = tuple(seen.run.id for seen, _ in flat)
+            seen, (rail, air) = flat[0]
+            yield InputFinding(
+                "saturated_sensor",
+                CHANNEL_OF[column],
+                runs,
+                "stop",
+                f"{FILES[column]} of {view.words(runs)} stops at exactly {rail:.4g} {UNITS[column]}, where the air is "
+                f"{air:.4g} in run {seen.run.id}: the sensor or its logger is at the end of its range; leave these "
+                "runs out, or record them within it.",
+            )
+
+
+def _dead(view: View, column: str, dead: list[Seen]) -> InputFinding:
+    runs = tuple(seen.run.id for seen in dead)
+    first = dead[0]
+    name = COLUMNS[column][1]
+    step = _air_step(view, first)
+    moved = (
+        f"while the air moves by {step:+.1f} {'%RH' if column == HUMIDITY else 'K'}" if step else "without any noise"
+    )
+    return InputFinding(
+        "dead_sensor",
+        CHANNEL_OF[column],
+        runs,
+        "warn" if column == DIE else "stop",
+        f"{name} in {FILES[column]} stays at {first.before:.4g} {UNITS[column]} in {view.words(runs)}, {moved}: the "
+        "sensor is dead, or was not in the air; leave these runs out.",
+    )
+
+
+def _share_of_mode(seen: Seen) -> float:
+    return float(np.unique(seen.value, return_counts=True)[1].max() / seen.value.size)
+
+
+def _watched_s(seen: Seen) -> float:
+    start = seen.run.start_s
+    return float(seen.time_s[-1] - (seen.time_s[0] if start is None else start))
+
+
+def _moves_by(seen: Seen) -> float:
+    """How far the readings ever go from where they begin, noise left out (95 %)."""
+    return max(float(np.percentile(np.abs(seen.value - seen.before), 95)) - 3.0 * seen.noise, 0.0)
+
+
+def _air_step(view: View, seen: Seen) -> float:
+    """The step of the air in a run, stated or shown by the other temperature; 0 where it is not known."""
+    if seen.run.air is not None:
+        return 0.0
+    source, destination = stated(seen.run, seen.column)
+    if source is not None and destination is not None:
+        return destination - source
+    other = _other_thermometer(view, seen.run, seen.column)
+    return other.step if other is not None and other.moves else 0.0
+
+
+def _other_thermometer(view: View, run: Run, column: str) -> Seen | None:
+    return view.get(run, {TEMPERATURE: DIE, DIE: TEMPERATURE}.get(column, ""))
+
+
+def _others_move(view: View, column: str) -> bool:
+    return any(seen.moves for other in COLUMNS if other != column for seen in view.column(other))
+
+
+def _rail(view: View, seen: Seen) -> tuple[float, float] | None:
+    """The extreme value at which many readings stand, and the air that lies beyond it; None where there is none."""
+    short = limit("flat_short_percent" if seen.column == HUMIDITY else "flat_short_k")
+    airs = stated(seen.run, seen.column)
+    other = _other_thermometer(view, seen.run, seen.column)
+    if other is not None and None in airs:
+        airs = other.before, other.after
+    if seen.run.air is not None or seen.noise == 0.0 and seen.value.min() == seen.value.max():
+        return None
+    for rail, side in ((float(seen.value.max()), 1.0), (float(seen.value.min()), -1.0)):
+        if (seen.value == rail).mean() < limit("flat_share"):
+            continue
+        at_end = (seen.before == rail, seen.after == rail)
+        for air, here in zip(airs, at_end, strict=True):
+            if here and air is not None and side * (air - rail) > short:
+                return rail, air
+    return None

@@ -1,0 +1,119 @@
+"""Things in one another's place: source and destination, the two sensors' readings, the columns of hyt.csv."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from shockrig.analysis.checks.finding import InputFinding
+from shockrig.analysis.checks.signals import DIE, HUMIDITY, TEMPERATURE, Seen, View, stated
+from shockrig.analysis.checks.thresholds import limit
+from shockrig.files.campaign import Run
+
+Levels = tuple[float, float]
+
+
+def airs_swapped(view: View) -> Iterator[InputFinding]:
+    """`source` and `destination` of run.json in one another's place: the readings go from the one to the other."""
+    runs, shown = [], ""
+    for run in view.campaign.runs:
+        if run.air is not None:
+            continue
+        votes = [vote for column in (TEMPERATURE, HUMIDITY, DIE) if (vote := _direction(view, run, column)) != 0]
+        if votes and max(votes) < 0:
+            runs.append(run.id)
+            shown = shown or _course(view, run)
+    if runs:
+        yield InputFinding(
+            "airs_swapped",
+            None,
+            tuple(runs),
+            "stop",
+            f"source and destination in run.json of {view.words(runs)} seem swapped ({shown}): exchange them.",
+        )
+
+
+def columns_and_sensors_swapped(view: View) -> Iterator[InputFinding]:
+    """Humidity where a temperature should be: the columns of hyt.csv, or the readings of imet.csv and hyt.csv."""
+    columns, sensors = [], []
+    for run in view.campaign.runs:
+        bead, film, die = (view.get(run, column) for column in (TEMPERATURE, HUMIDITY, DIE))
+        warm, moist = _known(stated(run, TEMPERATURE)), _known(stated(run, HUMIDITY))
+        if run.air is not None or film is None:
+            continue
+        if die is not None and _exchanged(die, film, warm, moist, bead):
+            columns.append(run.id)
+        elif bead is not None and _exchanged(bead, film, warm, moist, die):
+            sensors.append(run.id)
+    for kind, runs, what, remedy, channel in (
+        ("columns_swapped", columns, "The columns of hyt.csv", "rename its columns", "humidity"),
+        ("sensors_swapped", sensors, "The readings of imet.csv and hyt.csv", "exchange them", None),
+    ):
+        if len(runs) > 0.5 * len(view.column(HUMIDITY)) or (runs and _told_by_airs(view, runs)):
+            film = view.seen[runs[0], HUMIDITY]
+            yield InputFinding(
+                kind,
+                channel,
+                tuple(runs),
+                "stop",
+                f"{what} seem swapped in {view.words(runs)} (humidity_percent goes from {film.before:.1f} to "
+                f"{film.after:.1f} in run {runs[0]}, which is its temperature): {remedy}.",
+            )
+
+
+def _direction(view: View, run: Run, column: str) -> int:
+    """1: the readings go from the stated source to the stated destination; -1: the other way round; 0: not known."""
+    seen = view.get(run, column)
+    source, destination = stated(run, column)
+    if seen is None or not seen.moves or source is None or destination is None:
+        return 0
+    step = destination - source
+    if abs(step) < limit("swap_percent" if column == HUMIDITY else "swap_k"):
+        return 0
+    if seen.step * step > 0:
+        return 1
+    near = abs(seen.before - destination) < abs(seen.before - source)
+    return -1 if near and abs(seen.step) > 0.2 * abs(step) else 0
+
+
+def _course(view: View, run: Run) -> str:
+    column = next(c for c in (TEMPERATURE, HUMIDITY, DIE) if _direction(view, run, c) < 0)
+    seen, (source, destination) = view.seen[run.id, column], stated(run, column)
+    unit = "%RH" if column == HUMIDITY else "°C"
+    return (
+        f"run {run.id} states {source:.1f} to {destination:.1f} {unit} and its readings go from {seen.before:.1f} to "
+        f"{seen.after:.1f}"
+    )
+
+
+def _known(values: tuple[float | None, float | None]) -> Levels | None:
+    source, destination = values
+    return None if source is None or destination is None else (source, destination)
+
+
+def _exchanged(t: Seen, h: Seen, warm: Levels | None, moist: Levels | None, third: Seen | None) -> bool:
+    """Whether a temperature column `t` holds the humidity and the humidity column `h` the temperature.
+
+    Told by the stated airs where there are any, else by the third column, which is then a temperature.
+    """
+    readings = (t.before, t.after), (h.before, h.after)
+    if warm is not None and moist is not None:
+        as_it_is = _off(readings[0], warm) + _off(readings[1], moist)
+        exchanged = _off(readings[0], moist) + _off(readings[1], warm)
+        return exchanged < limit("agree_percent") + limit("agree_k") and as_it_is > 3.0 * exchanged + 10.0
+    if third is None:
+        return False
+    course = (third.before, third.after)
+    return _off(readings[1], course) < limit("agree_k") < 10.0 < _off(readings[0], course)
+
+
+def _off(levels: Levels, others: Levels) -> float:
+    """How far two plateaus are from two others: the larger of the two distances before, half of that after."""
+    return max(abs(levels[0] - others[0]), 0.5 * abs(levels[1] - others[1]))
+
+
+def _told_by_airs(view: View, runs: list[str]) -> bool:
+    """Whether run.json states both airs of those runs, so that a few of them are told from the rest."""
+    named = [run for run in view.campaign.runs if run.id in set(runs)]
+    return bool(np.all([_known(stated(run, TEMPERATURE)) and _known(stated(run, HUMIDITY)) for run in named]))
