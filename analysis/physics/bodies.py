@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shockrig.analysis.physics import modes
-from shockrig.analysis.physics.exponentials import Modes, first_order, response_times
+from shockrig.analysis.physics.exponentials import Modes, response_times
+from shockrig.analysis.physics.lags import first_order
 
 __all__ = ["BODIES", "Body"]
 

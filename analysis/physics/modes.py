@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import j0, j1, jn_zeros
 
-from shockrig.analysis.physics.exponentials import Modes, first_order, in_series, mix, response_times, two_lags
+from shockrig.analysis.physics.exponentials import Modes, response_times
+from shockrig.analysis.physics.lags import first_order, in_series, mix, two_lags
 
 __all__ = [
     "Modes",
