@@ -1,7 +1,7 @@
 """Linear responses that are sums of exponentials: S(t) = 1 + sum_k a_k exp(-lambda_k t) to a unit step of the air.
 
 What air that steps, ramps or decays makes of them, also where a logger writes the mean of its last readings: the sum
-over equally spaced readings of exp(-lambda t) is a geometric series, so that a mean of 24 costs two to five evaluations.
+over equally spaced readings of exp(-lambda t) is a geometric series, so a mean of 24 costs two to five evaluations.
 """
 
 from __future__ import annotations
