@@ -89,6 +89,7 @@ def test_the_blocks_in_which_it_is_computed_leave_no_seams(count, monkeypatch):
     at = np.concatenate([AT, time])
     whole = respond(modes, time, value, at)
     monkeypatch.setattr(driven, "STATES_AT_ONCE", 1)
+    monkeypatch.setattr(driven, "READ_AT_ONCE", 1000)
     assert respond(modes, time, value, at) == pytest.approx(whole, abs=1e-12)
 
 

@@ -18,9 +18,11 @@ __all__ = ["beside_lagging_reference", "noise_passed", "respond", "undo_lag", "u
 
 Array = NDArray[np.float64]
 
-FORGOTTEN = 40.0  # exp(-40) of a mode is below the rounding of what it is added to
+FORGOTTEN = 36.0  # exp(-36) of a mode is the rounding of what it is added to
+EVEN = 1e-9  # relative spread of a trace's distances that is but rounding of its clock
 JUMP_S = 1e-150  # a jump is a straight piece of this length
-STATES_AT_ONCE = 600_000  # states of modes held in memory at a time: about what a second-level cache takes
+STATES_AT_ONCE = 600_000  # states of modes at the trace's samples, held in memory at a time
+READ_AT_ONCE = 60_000  # states of modes between them, of which several arrays should fit a processor's cache
 
 
 def respond(
@@ -103,7 +105,7 @@ def respond(
                 before = slope[row, np.maximum(index - 1, 0), None] / rate[:, None, slow:kept]
                 begun = np.where((index > first)[..., None], before, state[:, None, slow:kept])
                 held = np.concatenate([held, begun], axis=-1)
-            following = rising[..., None] / rate[:, None, :kept]
+            following = rising[..., None] * (1.0 / rate)[:, None, :kept]
             z = held + np.expm1(-rate[:, None, :kept] * since[..., None]) * (held - following)
             reading = values[row, index] + rising * (since + steady[:, kept, None])
             reading += np.matmul(z, amplitude[:, :kept, None])[..., 0]
@@ -117,10 +119,10 @@ def _alike(rate: Array, since_s: Array) -> Iterator[tuple[NDArray[np.int64], int
     """Columns that need equally many modes so long after a sample, in blocks, with that number; none for infinity."""
     most = rate.shape[-1]
     need = np.searchsorted(rate.min(axis=0), FORGOTTEN / np.maximum(since_s, 1e-300), side="right")
-    need = np.minimum(2 ** np.ceil(np.log2(np.maximum(need, 1))).astype(int), most)
+    need = np.minimum(-(-np.maximum(need, 1) // 8) * 8, most)
     for kept in np.unique(need).tolist():
         columns = np.flatnonzero((need == kept) & np.isfinite(since_s))
-        blocks = 1 + columns.size * len(rate) * kept // STATES_AT_ONCE
+        blocks = 1 + columns.size * len(rate) * kept // READ_AT_ONCE
         yield from ((some, kept) for some in np.array_split(columns, blocks) if some.size)
 
 
@@ -138,22 +140,28 @@ def _scan(rate: Array, length_s: Array, slope: Array, state: Array) -> Array:
     long = int(np.ceil(np.sqrt(length_s.size)))
     blocks = length_s.size // long + 1
     spare = long * blocks - length_s.size
-    length_s = np.append(length_s, np.ones(spare)).reshape(blocks, long).T
+    even = np.expm1(-rate * length_s[0]) if np.ptp(length_s) < EVEN * length_s[0] else None
+    length_s = np.append(length_s, np.ones(spare)).reshape(blocks, long).T[..., None, None]
     slope = np.append(slope, np.zeros((len(slope), spare)), axis=1).T.reshape(blocks, long, -1).swapaxes(0, 1)
-    kept = np.expm1(-rate * length_s[..., None, None])
-    gain = -kept * (slope[..., None] / rate)
-    kept += 1.0
+    states = np.empty((long, blocks, *rate.shape))
+    slowness = 1.0 / rate
     end = np.zeros((blocks, *rate.shape))
-    for i in range(long):
-        end = kept[i] * end + gain[i]
-    whole = np.exp(-rate * length_s.sum(axis=0)[:, None, None])
+    change = np.empty_like(end)
+    for i in range(long):  # z changes by (exp(-rate D) - 1) (z - slope / rate)
+        forgotten = np.expm1(-rate * length_s[i], out=states[i]) if even is None else even
+        np.subtract(end, np.multiply(slope[i, ..., None], slowness, out=change), out=change)
+        end += np.multiply(change, forgotten, out=change)
+    whole = np.exp(-rate * length_s.sum(axis=0))
     begun = np.empty_like(end)
     for block in range(blocks):
         begun[block] = state
         state = whole[block] * state + end[block]
-    states = kept  # each is read once more before its place is taken
     for i in range(long):
-        states[i], begun = begun, kept[i] * begun + gain[i]
+        forgotten = states[i] if even is None else even
+        np.subtract(begun, np.multiply(slope[i, ..., None], slowness, out=change), out=change)
+        np.multiply(change, forgotten, out=change)
+        states[i] = begun
+        begun += change
     return states
 
 
