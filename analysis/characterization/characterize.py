@@ -1,7 +1,7 @@
 """Characterization of a pair of sensors from one campaign: alpha of the bead, D(T) of the film, noise, response times.
 
-Per channel: differential evolution on the RMSE of Eq. (17) for each ambient (doi 10.5194/amt-15-2607-2022), a second
-opinion, then generalised least squares, which counts the noise's autocorrelation and each run's own deviations.
+Per channel: differential evolution on the RMSE of Eq. (17) for each ambient (doi 10.5194/amt-15-2607-2022), a
+cross-check, then generalised least squares, which counts the noise's autocorrelation and each run's own deviations.
 """
 
 from __future__ import annotations
@@ -13,23 +13,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.characterization.extension import CHANNELS, Extension
+from shockrig.analysis.characterization.extension import Extension
 from shockrig.analysis.characterization.response import response_time
-from shockrig.analysis.diagnosis.readings import find_repeats
-from shockrig.analysis.inference.channel import (
-    AMBIENT_WIDTH_K,
-    Channel,
-    ChannelName,
-    LeftOut,
-    build_channel,
-    usable_runs,
-)
-from shockrig.analysis.inference.evolution import RATE_BOUNDS_PER_S, Misfit, Optimum, evolve, second_opinion
-from shockrig.analysis.inference.gls import Fit, Layout, Problem, fit, make_problem, start_theta
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.inference.channel import Channel, LeftOut
+from shockrig.analysis.inference.effect import Readings
+from shockrig.analysis.inference.evolution import Misfit, Optimum, cross_check, evolve
+from shockrig.analysis.inference.fit import Fit, fit
+from shockrig.analysis.inference.gather import build_channel, usable_runs
+from shockrig.analysis.inference.model import Model, Structure
 from shockrig.analysis.inference.noise import Noise, estimate_noise, whiteners
+from shockrig.analysis.inference.problem import Problem, make_problem
+from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName, RunEffect
+from shockrig.analysis.inference.rate_scatter import posterior_scatter
 from shockrig.analysis.inference.samples import rmse_over_samples
-from shockrig.analysis.inference.scatter import pooled_scatter
-from shockrig.analysis.physics.humidity import saturation_pressure_hpa
+from shockrig.analysis.inference.scan import RATE_BOUNDS_PER_S
 from shockrig.files.campaign import Campaign
 from shockrig.files.errors import InputError
 from shockrig.files.profile import (
@@ -44,7 +42,6 @@ from shockrig.files.profile import (
 
 Array = NDArray[np.float64]
 
-LEAST_STEP = {"temperature": 0.3, "humidity": 1.0}  # K, %RH: a smaller change of the air says nothing of a rate
 STEP_IN_NOISE = 10.0
 LEAST_ISOTHERMAL = 2
 FAR_ABOVE_NOISE = 1.15  # residual over noise from which the model is not the whole story
@@ -53,9 +50,8 @@ WORST_RELATIVE = 0.5  # a diffusivity known no better than this is none
 
 THERMAL_SHOCK = "thermal shock: the film's own temperature lags; the isothermal shocks of this ambient are used"
 # Where an ambient has thermal shocks alone, ppmv is turned into RH at the air's temperature or at the die's own.
-THERMAL_MODELS = {
-    "thermal shocks, read at the air's temperature": Extension(),
-    "thermal shocks, read at the die's temperature": Extension(Layout(("die_thermal_lag",))),
+THERMAL_MODELS = {"thermal shocks, read at the air's temperature": Extension()} | {
+    effect.thermal_reading: Extension(Structure((effect,))) for effect in CATALOGUE.values() if effect.thermal_reading
 }
 
 
@@ -64,7 +60,7 @@ class Row:
     """One ambient of one channel: the diffusivity [m^2/s] with its standard uncertainty, and what it rests on.
 
     `basis` is "all runs", "isothermal shocks", or how thermal shocks alone were read where there was nothing else.
-    `evolution` and `second` are the two optimisers' findings, where they were asked.
+    `evolution` and `check` are the two optimisers' findings, where they were asked.
     """
 
     ambient_c: float
@@ -74,7 +70,7 @@ class Row:
     runs: tuple[str, ...]
     basis: str
     evolution: Optimum | None = None
-    second: Optimum | None = None
+    check: Optimum | None = None
 
 
 @dataclass(frozen=True)
@@ -92,8 +88,8 @@ class Part:
     @property
     def strain(self) -> float:
         """Root mean square of the runs' start times and airs, as fitted, in units of what is known of them."""
-        others = [k for k in range(self.problem.scatter.shape[1]) if k != 1]  # 1 is the rate, whose scatter is fitted
-        return float(np.sqrt(np.mean((self.fit.deviations / self.problem.scatter)[:, others] ** 2)))
+        scaled = np.delete(self.fit.deviations / self.problem.scatter, RunEffect.RATE, axis=1)  # its scatter is fitted
+        return float(np.sqrt(np.mean(scaled**2)))
 
 
 @dataclass(frozen=True)
@@ -148,7 +144,7 @@ class ChannelResult:
     @property
     def disagreement(self) -> float | None:
         """Largest relative difference between the two optimisers' rates; None where they were not asked."""
-        pairs = [(row.evolution, row.second) for row in self.rows if row.evolution and row.second]
+        pairs = [(row.evolution, row.check) for row in self.rows if row.evolution and row.check]
         return max((abs(float(np.expm1(b.log_rate - a.log_rate))) for a, b in pairs), default=None)
 
 
@@ -164,7 +160,7 @@ class Characterization:
 
     def channels(self) -> dict[ChannelName, ChannelResult]:
         """The channels that are there, by name."""
-        return {name: found for name in CHANNELS if (found := getattr(self, name)) is not None}
+        return {name: found for name in QUANTITIES if (found := getattr(self, name)) is not None}
 
 
 def characterize(
@@ -192,7 +188,7 @@ def characterize(
     say = progress or (lambda text: None)
     found: dict[ChannelName, ChannelResult] = {}
     missing: dict[ChannelName, str] = {}
-    for name in CHANNELS:
+    for name in QUANTITIES:
         try:
             found[name] = characterize_channel(campaign, name, seed, (extensions or {}).get(name, Extension()), say)
         except _Unusable as reason:
@@ -210,7 +206,7 @@ def _with_shared_scatter(found: dict[ChannelName, ChannelResult]) -> dict[Channe
     good = {name: result for name, result in found.items() if result.explained}
     if not good:
         return found
-    scatter = pooled_scatter((part.problem, part.fit) for result in good.values() for part in result.parts)
+    scatter = posterior_scatter([part.fit.own_rates() for result in good.values() for part in result.parts])
     return found | {name: _with_scatter(result, scatter) for name, result in good.items()}
 
 
@@ -218,14 +214,12 @@ def _with_scatter(result: ChannelResult, scatter: float) -> ChannelResult:
     parts: list[Part] = []
     rows = {row.runs: row for row in result.rows}
     for part in result.parts:
-        columns = part.problem.scatter.copy()
-        columns[:, 1] = scatter
-        problem = replace(part.problem, scatter=columns)
-        found = fit(problem, part.fit.layout, part.fit.theta, part.fit.deviations, adapt_scatter=False)
+        problem = part.problem.with_rate_scatter(scatter)
+        found = fit(problem, part.fit.structure, part.fit.theta, part.fit.deviations, adapt_scatter=False)
         parts.append(Part(problem, found, rmse_over_samples(part.channel, found)))
         for row in joint_rows(parts[-1], result.noise, "")[0]:
             searched = rows[row.runs]
-            rows[row.runs] = replace(row, basis=searched.basis, evolution=searched.evolution, second=searched.second)
+            rows[row.runs] = replace(row, basis=searched.basis, evolution=searched.evolution, check=searched.check)
     effects = _effects(Extension(causes=result.effects), parts[0])
     return replace(result, parts=tuple(parts), rows=tuple(rows.values()), effects=effects)
 
@@ -241,18 +235,21 @@ def characterize_channel(
     whole = build_channel(campaign, name)
     if whole is None:
         raise _Unusable(_common_reason(usable_runs(campaign, name)[1]))
-    if "stale_samples" in extension.layout.effects:
-        whole = find_repeats(whole)[0]
+    for effect in extension.structure.effects:
+        if effect.dated and effect.in_readings:
+            whole = effect.in_readings(Readings(whole))[0].channel
     say(f"{name}: {whole.runs} runs, noise from the plateaus")
     noise = estimate_noise(whole)
-    rounding = {parameter: value for effect, parameter, value in extension.layout.fixed if effect == "quantization"}
-    if rounding:
-        noise = noise.with_rounding(rounding["step"])
+    rounding = 0.0
+    for effect in extension.structure.effects:
+        if effect.rounded_to:
+            rounding = effect.rounded_to(extension.structure.held_values(effect.id))
+            noise = noise.with_rounding(rounding)
     groups, set_aside = choose_runs(whole, noise, extension)
     rows: list[Row] = []
     parts: list[Part] = []
     for channel, models in groups:
-        part, found, undetermined = _fit_part(channel, noise, models, seed, rounding.get("step", 0.0), say)
+        part, found, undetermined = _fit_part(channel, noise, models, seed, rounding, say)
         rows += found
         set_aside += undetermined
         if found:
@@ -272,14 +269,14 @@ def choose_runs(
     whole: Channel, noise: Noise, extension: Extension
 ) -> tuple[list[tuple[Channel, dict[str, Extension]]], list[LeftOut]]:
     """Runs that are fitted together, each set with the models to try by the name of their basis; and runs set aside."""
-    step = step_size(whole)
-    keep = step >= max(LEAST_STEP[whole.name], STEP_IN_NOISE * noise.standard_deviation)
-    quantity, unit = ("temperature", "K") if whole.name == "temperature" else ("humidity", "%RH")
-    reasons = {int(i): f"no {quantity} step ({step[i]:.2g} {unit})" for i in np.flatnonzero(~keep)}
+    quantity = whole.quantity
+    step = np.abs(quantity.step(whole.conditions))
+    keep = (step >= max(quantity.least_step, STEP_IN_NOISE * noise.standard_deviation)) | whole.measured
+    reasons = {int(i): f"no {quantity.name} step ({step[i]:.2g} {quantity.unit})" for i in np.flatnonzero(~keep)}
     alone = np.zeros(whole.runs, dtype=bool)
-    plain_film = whole.name == "humidity" and not extension.layout.effects
+    plain_film = whole.jumps_with_air and not extension.structure.effects and not whole.measured.any()
     if plain_film:
-        isothermal = is_isothermal(whole)
+        isothermal = whole.isothermal
         for g in range(whole.ambients_c.size):
             here = keep & (whole.ambient == g)
             if (here & isothermal).sum() >= LEAST_ISOTHERMAL:
@@ -289,7 +286,7 @@ def choose_runs(
         keep[list(reasons)] = False
     basis = "isothermal shocks" if plain_film else "all runs"
     choices = [(keep & ~alone, {basis: extension}), (keep & alone, THERMAL_MODELS)]
-    groups = [(_regrouped(whole.select(mask)), models) for mask, models in choices if mask.any()]
+    groups = [(whole.select(mask).without_lost_ambients(), models) for mask, models in choices if mask.any()]
     return groups, [*whole.left_out, *(LeftOut(whole.run_ids[i], whole.name, reasons[i]) for i in sorted(reasons))]
 
 
@@ -306,10 +303,10 @@ def _fit_part(
     for basis, extension in models.items():
         optima, late_s = [], np.zeros(channel.runs)
         for g, ambient_c in enumerate(channel.ambients_c):
-            misfit = Misfit(channel.select(channel.ambient == g), extension.layout, dict(extension.starts or {}))
-            where = f" at {ambient_c:.0f} degC" if channel.name == "humidity" else ""
+            misfit = Misfit(channel.select(channel.ambient == g), extension.structure, dict(extension.starts or {}))
+            where = "" if channel.quantity.pooled else f" at {ambient_c:.0f} degC"
             say(f"{channel.name}: differential evolution over {misfit.channel.runs} runs{where}")
-            optima.append((evolve(misfit, np.random.default_rng([seed, g])), second_opinion(misfit)))
+            optima.append((evolve(misfit, np.random.default_rng([seed, g])), cross_check(misfit)))
             late_s[channel.ambient == g] = misfit.late_s(optima[-1][0].log_rate)
         searched[basis] = optima, late_s
     basis = min(searched, key=lambda name: sum(first.rmse**2 for first, _ in searched[name][0]))
@@ -317,43 +314,13 @@ def _fit_part(
     say(f"{channel.name}: generalised least squares over {channel.runs} runs")
     problem = make_problem(channel, whiteners(channel, noise), rounding=rounding)
     log_rates = np.array([first.log_rate for first, _ in optima])
-    start = start_theta(channel, extension.layout, log_rates, dict(extension.starts or {}))
-    deviations = np.zeros(problem.scatter.shape)
-    deviations[:, 0] = late_s
-    found = fit(problem, extension.layout, start, deviations)
+    start = Model(channel, extension.structure).start(log_rates, dict(extension.starts or {}))
+    deviations = channel.at_rest()
+    deviations[:, RunEffect.START] = late_s
+    found = fit(problem, extension.structure, start, deviations)
     part = Part(problem, found, rmse_over_samples(channel, found))
     rows, undetermined = joint_rows(part, noise, basis, optima)
     return part, rows, undetermined
-
-
-def _regrouped(channel: Channel) -> Channel:
-    """The channel without the ambients that lost all their runs."""
-    groups = np.unique(channel.ambient)
-    if groups.size == channel.interpolation.shape[1]:
-        return channel
-    # A run's small distance from its ambient is bridged towards a neighbour; where that is gone, it counts as none.
-    weights = channel.interpolation[:, groups]
-    weights = weights / weights.sum(axis=1, keepdims=True)
-    return replace(
-        channel,
-        ambient=np.searchsorted(groups, channel.ambient),
-        ambients_c=channel.ambients_c[groups],
-        interpolation=weights,
-    )
-
-
-def step_size(channel: Channel) -> Array:
-    """Size of each run's step (R,): K, or %RH at the destination's temperature that the film has to take up or give."""
-    c = channel.conditions
-    if channel.name == "temperature":
-        return np.abs(c.destination_c - c.source_c)
-    held = c.source_percent * saturation_pressure_hpa(c.source_c) / saturation_pressure_hpa(c.destination_c)
-    return np.abs(c.destination_percent - held)
-
-
-def is_isothermal(channel: Channel) -> NDArray[np.bool_]:
-    """Runs (R,) whose two airs have one temperature, within the width of an ambient."""
-    return np.abs(channel.conditions.destination_c - channel.conditions.source_c) <= AMBIENT_WIDTH_K
 
 
 def _common_reason(left_out: tuple[LeftOut, ...] | list[LeftOut]) -> str:
@@ -377,7 +344,7 @@ def joint_rows(
     enlarged = ratio if ratio > FAR_ABOVE_NOISE else 1.0
     rows: list[Row] = []
     undetermined: list[LeftOut] = []
-    for g, (first, second) in enumerate(optima or [(None, None)] * channel.ambients_c.size):
+    for g, (first, check) in enumerate(optima or [(None, None)] * channel.ambients_c.size):
         runs = tuple(channel.run_ids[i] for i in np.flatnonzero(channel.ambient == g))
         relative = enlarged * float(np.sqrt(max(found.covariance[g, g], 0.0)))
         low, high = np.log(RATE_BOUNDS_PER_S)
@@ -396,14 +363,14 @@ def joint_rows(
                 runs=runs,
                 basis=basis,
                 evolution=first,
-                second=second,
+                check=check,
             )
         )
     return rows, undetermined
 
 
 def _effects(extension: Extension, part: Part) -> tuple[Effect, ...]:
-    values = part.fit.values(part.channel.interpolation.shape[1])
+    values = part.fit.values()
     fitted = []
     for cause in extension.causes:
         parameters = dict(cause.parameters)

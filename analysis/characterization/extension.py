@@ -10,21 +10,20 @@ from pathlib import Path
 from typing import Any
 
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.inference.channel import ChannelName
-from shockrig.analysis.inference.gls import Layout
+from shockrig.analysis.inference.model import PLAIN, Held, Structure
+from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
 from shockrig.files.errors import InputError
 from shockrig.files.profile import Effect, Uncertain
 
 FORMAT = "shock-diagnosis/1"
 MEND = "give the diagnosis.json of shockrig diagnose"
-CHANNELS: tuple[ChannelName, ...] = ("temperature", "humidity")
 
 
 @dataclass(frozen=True)
 class Extension:
-    """Extended model of one channel: its layout, starts by "effect.parameter", and the causes as they were named."""
+    """Extended model of one channel: its structure, starts by "effect.parameter", and the causes as they were named."""
 
-    layout: Layout = Layout(())
+    structure: Structure = PLAIN
     starts: Mapping[str, float] | None = None
     causes: tuple[Effect, ...] = ()
 
@@ -49,7 +48,7 @@ def read_extension(path: str | Path) -> dict[ChannelName, Extension]:
         raise InputError(f'{file}: key format: expected "{FORMAT}", found {found!r}; {MEND}')
     channels = _mapping(content.get("channels"), file, "channels")
     extensions: dict[ChannelName, Extension] = {}
-    for name in CHANNELS:
+    for name in QUANTITIES:
         if name in channels:
             causes = _mapping(channels[name], file, f"channels.{name}").get("causes") or []
             if not isinstance(causes, list):
@@ -86,7 +85,8 @@ def _extension(causes: list[Any], name: ChannelName, file: Path) -> Extension:
 def extension_of(causes: list[Effect] | tuple[Effect, ...]) -> Extension:
     """The model that carries `causes`; what single readings show (rounding, repeats, averages) is held, not fitted."""
     causes = tuple({cause.effect: cause for cause in causes}.values())
-    fixed, starts = [], {}
+    held: list[Held] = []
+    starts: dict[str, float] = {}
     for cause in causes:
         entry = CATALOGUE[cause.effect]
         for parameter in entry.parameters:
@@ -95,10 +95,11 @@ def extension_of(causes: list[Effect] | tuple[Effect, ...]) -> Extension:
             else:
                 value = parameter.starts[0]
             if entry.from_readings:
-                fixed.append((cause.effect, parameter.name, value))
+                held.append(Held(cause.effect, parameter.name, value))
             else:
                 starts[f"{cause.effect}.{parameter.name}"] = value
-    return Extension(Layout(tuple(c.effect for c in causes), tuple(fixed)), starts, causes)
+    structure = Structure(tuple(CATALOGUE[c.effect] for c in causes), tuple(held))
+    return Extension(structure, starts, causes)
 
 
 def _mapping(value: Any, file: Path, key: str) -> dict[str, Any]:

@@ -9,66 +9,99 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.inference.channel import Channel, Conditions
-from shockrig.analysis.inference.gls import Fit, Layout, predict
-from shockrig.analysis.physics.modes import film_mean, response_times, sphere_core
+from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.fit import Fit
+from shockrig.analysis.inference.model import Held, Model, Point, Structure
+from shockrig.analysis.physics.bodies import BODIES
+from shockrig.analysis.physics.modes import response_times
 from shockrig.files.profile import ResponseTime
 
+Array = NDArray[np.float64]
+
 SHARES = (1.0 - np.exp(-1.0), 0.90, 0.98)
-RISE = {"temperature": (15.0, 25.0), "humidity": (40.0, 60.0)}  # degC, %RH
+USUAL = {"temperature_c": 20.0, "humidity_percent": 50.0}  # of the quantity that does not step
+STEPS = 6000
 
 
 def response_time(channel: Channel, found: Fit, ambient: int) -> ResponseTime:
     """Times [s] to 1 - 1/e, 90 and 98 % of a rising step at one ambient (its index), including the sensor's effects."""
-    rate = float(np.exp(found.theta[ambient]))
-    of_sensor = [e for e in found.layout.effects if CATALOGUE[e].of_sensor]
-    if not of_sensor:
-        modes = sphere_core() if channel.name == "temperature" else film_mean()
-        return ResponseTime(*(float(t) for t in response_times(modes.scaled(rate))))
-    groups = channel.interpolation.shape[1]
-    values = found.values(groups)
-    layout = Layout(tuple(of_sensor), tuple((e, p, v) for e in of_sensor for p, (v, _) in values[e].items()))
-    lags = [v for e in of_sensor for p, (v, _) in values[e].items() if p == "time_constant_s"]
-    slowest = 1.0 / rate + max(lags, default=0.0)
-    time = np.concatenate([[-100.0], np.geomspace(1e-3 / rate, 60.0 * slowest, 6000)])
+    times = _times(channel, found.structure, found.theta, ambient)
+    return ResponseTime(*times)
+
+
+def response_uncertainty(channel: Channel, found: Fit, ambient: int) -> tuple[float, float, float]:
+    """Standard uncertainties [s] of `response_time`, from the covariance of all parameters that move it."""
+    base = np.array(_times(channel, found.structure, found.theta, ambient))
+    of_sensor = set(found.structure.of_sensor().names)
+    moving = [ambient] + [found.model.place(name) for name in found.structure.names if name in of_sensor]
+    spread = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
+    low, high = found.model.bounds()
+    slopes = np.zeros((3, found.theta.size))
+    for i in moving:
+        step = max(min(0.2 * spread[i], 0.05), 1e-5)
+        ends = []
+        for sign in (1.0, -1.0):
+            theta = found.theta.copy()
+            theta[i] = np.clip(theta[i] + sign * step, low[i], high[i])
+            ends.append((theta[i], np.array(_times(channel, found.structure, theta, ambient))))
+        width = ends[0][0] - ends[1][0]
+        slopes[:, i] = (ends[0][1] - ends[1][1]) / width if width > 0 else 0.0
+    variance = np.einsum("ki,ij,kj->k", slopes, found.covariance, slopes)
+    first, second, third = np.minimum(np.sqrt(np.maximum(variance, 0.0)), 1e3 * base)
+    return float(first), float(second), float(third)
+
+
+def _times(channel: Channel, structure: Structure, theta: Array, ambient: int) -> tuple[float, float, float]:
+    rate = float(np.exp(theta[ambient]))
+    kept = structure.of_sensor()
+    if not kept.effects:
+        t63, t90, t98 = response_times(BODIES[channel.body].held().scaled(rate))
+        return float(t63), float(t90), float(t98)
+    whole = Model(channel, structure)
+    values = whole.values(theta, np.zeros((theta.size, theta.size)))
+    held = tuple(Held(e.id, name, value) for e in kept.effects for name, (value, _) in values[e.id].items())
+    lags = [value for e in kept.effects for name, (value, _) in values[e.id].items() if name == "time_constant_s"]
+    slowest = 1.0 / rate + sum(lags)
+    time = np.concatenate([[-100.0 * slowest], np.geomspace(1e-3 / rate, 60.0 * slowest, STEPS)])
     step = _one_step(channel, ambient, time)
-    width = found.deviations.shape[1]
-    reading = predict(step, layout, found.theta[:groups], np.zeros((1, width)))[0, 0]
+    model = Model(step, Structure(kept.effects, held))
+    reading = model.predict(Point(theta[model.rates], step.at_rest()))[0, 0]
     share = (reading - reading[0]) / (reading[-1] - reading[0])
     # The last crossing counts: a reading that overshoots has not settled yet.
     times = []
     for wanted in SHARES:
-        last = int(np.flatnonzero(share < wanted)[-1])
+        last = min(int(np.flatnonzero(share < wanted)[-1]), share.size - 2)
         times.append(float(np.interp(wanted, share[last : last + 2], time[last : last + 2])))
-    return ResponseTime(*times)
+    return times[0], times[1], times[2]
 
 
-def _one_step(channel: Channel, ambient: int, time: np.ndarray) -> Channel:
+def _one_step(channel: Channel, ambient: int, time: Array) -> Channel:
     """A channel of one ideal run: a rising step at one ambient and the median airflow."""
     one = channel.select(np.array([int(np.flatnonzero(channel.ambient == ambient)[0])]))
-    c = one.conditions
-    low, high = RISE[channel.name]
     here = np.array([float(channel.ambients_c[ambient])])
     changed = {
         "airflow_m_s": np.array([float(np.median(channel.conditions.airflow_m_s))]),
         "irradiance_w_m2": np.zeros(1),
-        "source_c": np.array([low]) if channel.name == "temperature" else here,
-        "destination_c": np.array([high]) if channel.name == "temperature" else here,
-        "source_percent": np.array([50.0 if channel.name == "temperature" else low]),
-        "destination_percent": np.array([50.0 if channel.name == "temperature" else high]),
+        "source_c": here,
+        "destination_c": here,
+        "source_percent": np.array([USUAL["humidity_percent"]]),
+        "destination_percent": np.array([USUAL["humidity_percent"]]),
     }
-    conditions = Conditions(**{k: changed.get(k, getattr(c, k)) for k in Conditions.__dataclass_fields__})
+    for name, level in zip(channel.quantity.air_fields, channel.quantity.rise, strict=True):
+        changed[name] = np.array([level])
     shape = (1, time.size)
-    weights = np.zeros((1, channel.interpolation.shape[1]))
+    weights = np.zeros((1, channel.rates))
     weights[0, ambient] = 1.0
     return replace(
         one,
         time_s=time[None, :],
         value=np.zeros(shape),
-        count=np.ones(shape, dtype=int),
+        count=np.ones(shape, dtype=np.int64),
         die_c=np.full(shape, np.nan),
-        conditions=conditions,
+        conditions=replace(one.conditions, **changed),
         interpolation=weights,
+        air=(None,),
+        wet_until_s=np.full(1, np.nan),
     )

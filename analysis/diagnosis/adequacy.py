@@ -9,22 +9,23 @@ spectrum.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from shockrig.analysis.diagnosis.thresholds import level
 from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.gls import Fit, Problem, project
+from shockrig.analysis.inference.fit import Fit
 from shockrig.analysis.inference.noise import Noise
+from shockrig.analysis.inference.problem import Problem
+from shockrig.analysis.inference.quantity import RUN_EFFECT_NAMES, RunEffect
 
 Array = NDArray[np.float64]
 
-# Below this, what is left is no accident. The model's own approximations and the noise estimate cost some of the
-# nominal level, so it is set far below the one in a hundred that is promised.
-REJECT = 1e-6
-MOST_RATE_SCATTER = 0.022
+WINDOWS_S = (0.0, 0.15, 0.6, 2.5, 10.0, 30.0, 1e9)
 KNOTS_S = (0.0, 0.15, 0.4, 1.0, 2.5, 6.0, 15.0, 40.0, 120.0)
 
 
@@ -34,7 +35,7 @@ class Check:
 
     name: str
     statistic: float
-    freedom: float
+    degrees: float
     p: float
 
 
@@ -48,7 +49,7 @@ class Adequacy:
 
     @property
     def passed(self) -> bool:
-        return self.p > REJECT
+        return self.p > level("adequacy")
 
     @property
     def worst(self) -> Check:
@@ -60,17 +61,13 @@ def judge(problem: Problem, found: Fit, noise: Noise) -> Adequacy:
     response = _response(problem, found)
     checks = [response, *_deviations(problem, found), *_readings(problem, found, noise)]
     p = min(1.0, min(c.p for c in checks) * len(checks))
-    return Adequacy(tuple(checks), p, max(response.statistic - response.freedom, 0.0))
+    return Adequacy(tuple(checks), p, max(response.statistic - response.degrees, 0.0))
 
 
 def factors(channel: Channel) -> dict[str, Array]:
     """What a residual may vary with: factor name -> value of each run (R,), centred and scaled."""
     c = channel.conditions
-    if channel.name == "temperature":
-        step = c.destination_c - c.source_c
-    else:
-        step = c.destination_percent - c.source_percent
-    thermal = c.destination_c - c.source_c
+    step, thermal = channel.quantity.air_step(c), c.thermal_step_k
 
     def scaled(x: Array) -> Array:
         spread = x.std()
@@ -86,10 +83,10 @@ def factors(channel: Channel) -> dict[str, Array]:
     }
 
 
-def time_basis(time: Array) -> Array:
+def time_basis(time: Array, tempo: float = 1.0) -> Array:
     """Hat functions in log time since the transfer, and one for the plateau before it: (..., K)."""
-    knots = np.log(np.array(KNOTS_S[1:]))
-    late = np.log(np.maximum(time, 0.02))
+    knots = np.log(np.array(KNOTS_S[1:]) * tempo)
+    late = np.log(np.maximum(time, 0.02 * tempo))
     hats = [np.interp(late, knots, row) for row in np.eye(knots.size)]
     columns = [np.where(time <= 0, 1.0, 0.0)] + [np.where(time > 0, h, 0.0) for h in hats]
     return np.stack(columns, axis=-1)
@@ -104,16 +101,16 @@ def _factor_rows(channel: Channel) -> dict[str, Array]:
         "the step and the airflow": f["step"] * f["airflow"],
         "the size of the step": np.abs(f["step"]),
     }
-    if channel.name == "humidity":
+    if channel.jumps_with_air:
         return rows | {"the change of temperature": f["temperature change"]}
     return rows | {"the ambient": f["ambient"], "the airflow": f["airflow"]}
 
 
 def _response(problem: Problem, found: Fit) -> Check:
-    basis = time_basis(problem.channel.time_s)
+    basis = time_basis(problem.channel.time_s, problem.channel.tempo)
     columns = np.concatenate([basis * row[:, None, None] for row in _factor_rows(problem.channel).values()], axis=-1)
-    statistic, freedom = _score(*project(problem, found, np.matmul(problem.whitener, columns)))
-    return Check("mean response", statistic, freedom, float(special.chdtrc(freedom, statistic)))
+    statistic, degrees = _score(*found.scores(problem, problem.whiten(columns)))
+    return Check("mean response", statistic, degrees, float(special.chdtrc(degrees, statistic)))
 
 
 def _score(right: Array, normal: Array) -> tuple[float, int]:
@@ -127,67 +124,69 @@ def _score(right: Array, normal: Array) -> tuple[float, int]:
     return float((score**2 / values[keep]).sum()), int(keep.sum())
 
 
+def varies_with(problem: Problem, found: Fit) -> list[str]:
+    """What the residuals of a fit vary with, most first."""
+    channel, by_factor = problem.channel, {}
+    basis = time_basis(channel.time_s, channel.tempo)
+    for name, row in _factor_rows(channel).items():
+        statistic, degrees = _score(*found.scores(problem, problem.whiten(basis * row[:, None, None])))
+        by_factor[name] = max(statistic - degrees, 0.0)
+    most = max(by_factor.values())
+    return [n for n, v in sorted(by_factor.items(), key=lambda i: -i[1]) if v > max(0.2 * most, 15.0)]
+
+
+def when_largest(channel: Channel, found: Fit, noise: Noise) -> tuple[float, float]:
+    """The window of time after the transfer [s] in which residuals are largest above what the noise would give."""
+    late = np.where(channel.time_s > 0, channel.time_s, np.nan)
+    windows = [(a * channel.tempo, b * channel.tempo) for a, b in itertools.pairwise(WINDOWS_S)]
+    excess = []
+    for low, high in windows:
+        inside = (channel.count > 0) & (late > low) & (late <= high)
+        expected = noise.standard_deviation**2 / np.maximum(channel.count[inside], 1)
+        excess.append(float((found.residual[inside] ** 2 - expected).mean()) if inside.any() else 0.0)
+    begins, ends = windows[int(np.argmax(excess))]
+    return begins, min(ends, float(np.nanmax(late)))
+
+
 def describe(problem: Problem, found: Fit, noise: Noise, adequacy: Adequacy) -> dict[str, object]:
     """What is left, without physics: its size, when in the run it is largest, and what it varies with."""
     channel = problem.channel
-    basis = time_basis(channel.time_s)
-    filled = channel.count > 0
-    late = np.where(channel.time_s > 0, channel.time_s, np.nan)
     weight = channel.count
     size = float(np.sqrt((weight * found.residual**2).sum() / weight.sum()))
-    by_factor = {}
-    for name, row in _factor_rows(channel).items():
-        statistic, freedom = _score(*project(problem, found, np.matmul(problem.whitener, basis * row[:, None, None])))
-        by_factor[name] = max(statistic - freedom, 0.0)
-    most = max(by_factor.values())
-    # Mean square in each window of time, above what the noise of its bins would give.
-    windows = list(zip((0.0, 0.15, 0.6, 2.5, 10.0, 30.0), (0.15, 0.6, 2.5, 10.0, 30.0, 1e9), strict=True))
-    excess = []
-    for low, high in windows:
-        inside = filled & (late > low) & (late <= high)
-        expected = noise.standard_deviation**2 / np.maximum(weight[inside], 1)
-        excess.append(float((found.residual[inside] ** 2 - expected).mean()) if inside.any() else 0.0)
-    worst = windows[int(np.argmax(excess))]
-    unit = "K" if channel.name == "temperature" else "%RH"
+    begins, ends = when_largest(channel, found, noise)
     return {
         "size_rms": size,
-        "size_peak": float(np.abs(np.where(filled, found.residual, 0.0)).max()),
-        "unit": unit,
+        "size_peak": float(np.abs(np.where(weight > 0, found.residual, 0.0)).max()),
+        "unit": channel.quantity.unit,
         "in_units_of_the_noise": size / noise.standard_deviation,
         "test": adequacy.worst.name,
         "p": adequacy.p,
-        "largest_from_s": worst[0],
-        "largest_until_s": min(worst[1], float(np.nanmax(late))),
-        "varies_with": [n for n, v in sorted(by_factor.items(), key=lambda i: -i[1]) if v > max(0.2 * most, 15.0)],
+        "largest_from_s": begins,
+        "largest_until_s": ends,
+        "varies_with": varies_with(problem, found),
     }
 
 
 def _deviations(problem: Problem, found: Fit) -> list[Check]:
     channel = problem.channel
-    weight = 1.0 / problem.scatter**2
-    weight[:, 1] = 1.0 / found.rate_scatter**2
-    uu = np.einsum("rna,rnb->rab", found.run_jacobian, found.run_jacobian)
-    uu[:, np.arange(uu.shape[1]), np.arange(uu.shape[1])] += weight
-    variance = np.diagonal(np.linalg.inv(uu), axis1=1, axis2=2)
-    prior = 1.0 / weight
-    names = ["start", "rate", "source", "destination", "destination temperature"][: prior.shape[1]]
+    variance, prior = found.arrow.run_variances(), 1.0 / found.arrow.weight
     f = factors(channel)
     design = np.column_stack([f["run order"], np.sign(f["step"]), f["ambient"], f["airflow"], f["amplitude"]])
     design = design - design.mean(axis=0)
     # Runs that differ a little are no effect; rates that differ by several percent are.
-    wide = found.rate_scatter > MOST_RATE_SCATTER
+    wide = found.rate_scatter > level("rate_scatter")
     checks = [Check("scatter of the runs' rate", found.rate_scatter, 1.0, 0.0 if wide else 1.0)]
-    for k, name in enumerate(names):
+    for k, name in enumerate(RUN_EFFECT_NAMES[: prior.shape[1]]):
         spread = np.maximum(prior[:, k] - variance[:, k], 0.0)
         told = spread > 0.2 * prior[:, k]
         if told.sum() < 4:
             continue
         z = found.deviations[told, k] / np.sqrt(spread[told])
-        if name != "rate":  # the scatter of the rate is estimated, that of the others is stated
+        if k != RunEffect.RATE:  # the scatter of the rate is estimated, that of the others is stated
             # Stated uncertainties are good to about a third: the scale of the test is widened by that.
-            total, freedom = float((z**2).sum()) / 1.7, float(told.sum())
-            p = float(special.chdtrc(freedom, total))
-            checks.append(Check(f"scatter of the runs' {name}", total, freedom, p))
+            total, degrees = float((z**2).sum()) / level("stated_scatter"), float(told.sum())
+            p = float(special.chdtrc(degrees, total))
+            checks.append(Check(f"scatter of the runs' {name}", total, degrees, p))
         z = z - z.mean()
         columns = design[told] - design[told].mean(axis=0)
         columns = columns[:, columns.std(axis=0) > 1e-9]
@@ -197,9 +196,9 @@ def _deviations(problem: Problem, found: Fit) -> list[Check]:
         rank = int(np.linalg.matrix_rank(columns))
         left = float(((z - columns @ coefficients) ** 2).sum())
         explained = float((z**2).sum()) - left
-        freedom = z.size - 1 - rank
-        ratio = (explained / rank) / max(left / freedom, 0.3)
-        p = float(special.fdtrc(rank, freedom, ratio))
+        degrees = z.size - 1 - rank
+        ratio = (explained / rank) / max(left / degrees, 0.3)
+        p = float(special.fdtrc(rank, degrees, ratio))
         checks.append(Check(f"the runs' {name} against order and condition", ratio, rank, p))
     return checks
 

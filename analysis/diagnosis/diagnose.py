@@ -1,6 +1,7 @@
 """The diagnosis of a campaign, channel by channel: search, judge what is left, measure the gain on runs not seen.
 
-Everything below is a function of the campaign's files alone.
+Everything below is a function of the campaign's files alone. A cause is named only where unseen runs are predicted
+better with it: what is tried and does not help there is dropped, and said to have been tried.
 """
 
 from __future__ import annotations
@@ -9,29 +10,28 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from shockrig.analysis.characterization.characterize import LEAST_STEP, step_size
-from shockrig.analysis.diagnosis import readings
 from shockrig.analysis.diagnosis.adequacy import Adequacy, describe, judge
 from shockrig.analysis.diagnosis.experiments import propose
-from shockrig.analysis.diagnosis.gain import Gain, measure_gain
-from shockrig.analysis.diagnosis.search import Search, at_bound, evidence, price, refit, search
+from shockrig.analysis.diagnosis.gain import Gain, measure_gain, worse_without
+from shockrig.analysis.diagnosis.limits import cannot_tell
+from shockrig.analysis.diagnosis.prepare import Prepared, likelier_average, prepare, with_rounding
+from shockrig.analysis.diagnosis.remainder import Remainder, Tolerance, measure_remainder
+from shockrig.analysis.diagnosis.search import Search, at_bound, evidence, refit, search
+from shockrig.analysis.diagnosis.thresholds import level, penalty
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.inference.channel import Channel, ChannelName, build_channel
-from shockrig.analysis.inference.gls import Fit, Layout, Problem, make_problem, run_misfit
-from shockrig.analysis.inference.noise import MAX_AVERAGED, Noise, estimate_noise, whiteners
-from shockrig.analysis.inference.rounding import COARSE_IN_NOISE
-from shockrig.analysis.inference.samples import model_at_samples
+from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.effect import Finding, unchanged
+from shockrig.analysis.inference.fit import Fit
+from shockrig.analysis.inference.gather import build_channel
+from shockrig.analysis.inference.noise import Noise
+from shockrig.analysis.inference.problem import Problem
+from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
 from shockrig.files.campaign import Campaign
 from shockrig.files.errors import InputError
 
-Array = NDArray[np.float64]
-STEADY = ("calibration_error", "self_heating", "hysteresis", "radiative_heating")
-NOT_GAUSSIAN = 1.5  # codes are less certain evidence than their variance says
-HIDDEN_BY_ROUNDING = 0.5  # of the step: less noise than this from reading to reading cannot be told from rounding
-LEAST_RUNS = 3
-TOO_FEW = "fewer than three usable runs with a step of the air"
+NO_STEP = "no usable run with a step of the air"
+MOST_CERTAIN = 0.995
 Progress = Callable[[str], None]
 
 
@@ -50,17 +50,11 @@ class Cause:
 
 
 @dataclass(frozen=True)
-class Prepared:
-    """A channel ready to be searched: what its readings show is taken care of. `step` is what they are rounded to, and
-    `rounds_coarsely` whether that is coarse beside the noise.
-    """
+class Tried:
+    """An effect that lowers the misfit and is not named, and why."""
 
-    problem: Problem
-    noise: Noise
-    layout: Layout
-    findings: tuple[readings.Finding, ...]
-    step: float
-    rounds_coarsely: bool
+    effect: str
+    why: str
 
 
 @dataclass(frozen=True)
@@ -74,11 +68,14 @@ class ChannelDiagnosis:
     search: Search
     adequacy: Adequacy
     plain_adequacy: Adequacy
+    remainder: Remainder
     problem: Problem
     noise: Noise
     plain: Fit
     final: Fit
     untestable: tuple[str, ...]
+    cannot_tell: tuple[str, ...] = ()
+    tried: tuple[Tried, ...] = ()
     discrepancy: dict[str, object] | None = None
 
 
@@ -92,196 +89,213 @@ class Diagnosis:
     missing: tuple[str, ...] = ()
 
 
-def prepare(channel: Channel, averaged: int | None = None) -> Prepared:
-    """Precheck of the readings. `averaged` takes the logger to average over so many, whatever its noise says."""
-    step, coarse = readings.find_rounding(channel)
-    mended, repeats = readings.find_repeats(channel)
-    flat = readings.find_flat_top(mended, step)
-    lengths = () if averaged is None else (averaged,)
-    noise = estimate_noise(mended, step or readings.NORMAL_STEP[channel.name], lengths, averaged)
-    average = readings.find_average(mended, noise)
-    findings = tuple(f for f in (flat, average, repeats, coarse) if f is not None)
-    fixed = tuple((f.effect, name, value) for f in findings for name, (value, _) in f.parameters.items())
-    coarsely = coarse is not None and step > COARSE_IN_NOISE * noise.standard_deviation
-    if coarsely:
-        noise = estimate_noise(mended, step, averaged=averaged, coarse=True)
-    problem = make_problem(mended, whiteners(mended, noise), rounding=step if coarsely else 0.0)
-    return Prepared(problem, noise, Layout(tuple(f.effect for f in findings), fixed), findings, step, coarsely)
-
-
-def _rounded(ready: Prepared, rough: Fit | None) -> Prepared:
-    """The same with what a coarse rounding does to errors: which codes a run crosses, and when, is known once something
-    like its signal is, that of the fit `rough`.
-    """
-    if rough is None:
-        return ready
-    channel = ready.problem.channel
-    for _ in range(2):
-        signals = model_at_samples(channel, rough)
-        problem = make_problem(channel, whiteners(channel, ready.noise, signals))
-        rough = refit(problem, rough.layout, rough)
-    # The covariance is that of runs at any place between two codes. One that rests at the edge of a code, where noise
-    # throws it from one to the other, scatters more, and by how much only the run itself tells.
-    excess = np.maximum(run_misfit(problem, rough), 1.0)
-    whitener = problem.whitener / np.sqrt(NOT_GAUSSIAN * excess)[:, None, None]
-    return replace(ready, problem=replace(problem, whitener=whitener))
-
-
-def likelier_average(before: Prepared, found: Search, adequate: bool) -> int | None:
-    """Length of a running mean that, by response and noise together, explains a channel better than `found`; or None.
-
-    Where rounding hides the noise, only the response shows that a logger averages; a ramp of the air looks much alike.
-    """
-    if before.noise.averaged > 1:
-        return None
-    problem, period = before.problem, before.problem.channel.sampling_period_s
-    values = found.final.values(problem.channel.interpolation.shape[1])
-    lengths = set()
-    if "finite_transfer" in values:
-        ramp = values["finite_transfer"]["duration_s"][0] / period
-        lengths |= {int(ramp), int(ramp) + 1, int(ramp) + 2}
-    if "dead_time" in values:
-        lengths |= {int(2 * values["dead_time"]["delay_s"][0] / period) + k for k in (0, 1, 2)}
-    if not lengths and adequate:
-        return None
-    likely = before.noise.log_likelihood_by_average
-    lengths |= {int(n) + 1 for n in np.flatnonzero(likely > likely[0] - 40)}
-    lengths = {n for n in lengths if 2 <= n <= MAX_AVERAGED}
-    if not lengths:
-        return None
-    rounding = before.step or readings.NORMAL_STEP[problem.channel.name]
-    if before.noise.increment < HIDDEN_BY_ROUNDING * rounding:
-        # Readings that mostly repeat the one before: what rounding leaves of the noise is not that of any model.
-        likely = np.zeros(MAX_AVERAGED)
-    else:
-        likely = estimate_noise(problem.channel, rounding, tuple(lengths)).log_likelihood_by_average
-    kept = tuple(e for e in found.final.layout.effects if e not in ("finite_transfer", "dead_time"))
-    cost = found.final.deviance + sum(price(e) for e in found.necessity)
-    best = None
-    for n in sorted(lengths):
-        layout = Layout((*kept, "moving_average"), (*before.layout.fixed, ("moving_average", "samples", float(n))))
-        trial = refit(problem, layout, replace(found.final, layout=Layout(kept, before.layout.fixed)))
-        total = trial.deviance + 2 * (likely[0] - likely[n - 1]) + price("moving_average")
-        total += sum(price(e) for e in kept if e in found.necessity)
-        if total < cost - 6.0:
-            cost, best = total, n
-    return best
-
-
-def diagnose_channel(channel: Channel, seed: int = 0, progress: Progress = lambda _: None) -> ChannelDiagnosis:
+def diagnose_channel(
+    channel: Channel, progress: Progress = lambda _: None, tolerance: Tolerance | None = None
+) -> ChannelDiagnosis:
     """Diagnose one channel."""
     ready = prepare(channel)
     progress(f"{channel.name}: searching the catalogue")
-    rough = search(ready.problem, ready.layout, thorough=False).final if ready.rounds_coarsely else None
-    ready = _rounded(ready, rough)
-    found = search(ready.problem, ready.layout)
+    rough = search(ready.problem, ready.structure, thorough=False).final if ready.rounds_coarsely else None
+    ready = with_rounding(ready, rough)
+    found = search(ready.problem, ready.structure)
     adequacy = judge(ready.problem, found.final, ready.noise)
     averaged = likelier_average(ready, found, adequacy.passed)
     if averaged is not None:
-        ready = _rounded(prepare(channel, averaged), rough)
-        found = search(ready.problem, ready.layout)
+        ready = with_rounding(prepare(channel, averaged), rough)
+        found = search(ready.problem, ready.structure)
         adequacy = judge(ready.problem, found.final, ready.noise)
-    problem, noise, base, findings = ready.problem, ready.noise, ready.layout, ready.findings
-    plain_adequacy = judge(problem, found.plain, noise)
-    causes = [_from_readings(f) for f in findings] + _named(problem, found)
-    verdict = "explained" if causes else "adequate"
-    final = found.final
-    if not adequacy.passed:
-        verdict = "unexplained"
-        causes = _certain(causes, adequacy)
-        named = tuple(e for e in final.layout.effects if e in {c.effect for c in causes})
-        if named != final.layout.effects:
-            # What is not named is not carried either.
-            final = refit(problem, Layout(named, base.fixed), found.plain)
+    plain_adequacy = judge(ready.problem, found.plain, ready.noise)
     progress(f"{channel.name}: measuring the gain on unseen runs")
-    gain = measure_gain(channel, problem, base, final, noise, seed, choose=verdict == "explained")
+    kept = _kept(channel, ready, found, adequacy)
+    if kept.final is not found.final:
+        adequacy = judge(ready.problem, kept.final, ready.noise)
+    remainder = measure_remainder(ready.problem, kept.final, ready.noise, adequacy, kept.gain, tolerance or Tolerance())
+    spoilt = not adequacy.passed and remainder.material
+    verdict = "unexplained" if spoilt else "explained" if kept.causes else "adequate"
     return ChannelDiagnosis(
         name=channel.name,
         verdict=verdict,
-        causes=tuple(causes),
-        gain=gain,
+        causes=kept.causes,
+        gain=kept.gain,
         search=found,
         adequacy=adequacy,
         plain_adequacy=plain_adequacy,
-        problem=problem,
-        noise=noise,
+        remainder=remainder,
+        problem=ready.problem,
+        noise=ready.noise,
         plain=found.plain,
-        final=final,
+        final=kept.final,
         untestable=tuple(
-            e for e, effect in CATALOGUE.items() if channel.name in effect.channels and not effect.testable(channel)
+            id_ for id_, effect in CATALOGUE.items() if channel.name in effect.channels and not effect.acts_in(channel)
         ),
-        discrepancy=None if adequacy.passed else describe(problem, found.final, noise, adequacy),
+        cannot_tell=cannot_tell(channel),
+        tried=kept.tried,
+        discrepancy=None if adequacy.passed else describe(ready.problem, kept.final, ready.noise, adequacy),
     )
 
 
-def _from_readings(finding: readings.Finding) -> Cause:
-    return Cause(finding.effect, finding.parameters, 0.995, (), np.inf, (), finding.evidence)
+@dataclass(frozen=True)
+class _Kept:
+    """What of a search may be named: the causes, the model that carries them, its gain, and what was dropped."""
+
+    causes: tuple[Cause, ...]
+    final: Fit
+    gain: Gain
+    tried: tuple[Tried, ...]
+
+
+def _kept(channel: Channel, ready: Prepared, found: Search, adequacy: Adequacy) -> _Kept:
+    """The causes that unseen runs bear out."""
+    problem, base, final = ready.problem, ready.structure, found.final
+    tried: list[Tried] = []
+    from_readings = {f.effect: _from_readings(f) for f in ready.findings}
+    named = {c.effect: c for c in _named(problem, found)}
+    if not adequacy.passed:
+        certain = {c.effect for c in named.values() if _certain(c, adequacy)}
+        tried += [
+            Tried(e, "it helps, and is not certain beside what is left unexplained") for e in named if e not in certain
+        ]
+        final = _reduced(problem, final, set(from_readings) | certain)
+    choose = adequacy.passed
+    while True:
+        gain = measure_gain(channel, problem, base, found.plain, final, ready.noise, choose)
+        dropped = _dropped(problem, final, gain, from_readings)
+        if not dropped:
+            break
+        tried += dropped
+        final = _reduced(problem, final, set(final.structure.ids) - {t.effect for t in dropped})
+        choose = False
+    values = final.values()
+    causes = [
+        replace(from_readings.get(e) or named[e], parameters=from_readings[e].parameters if e in from_readings else v)
+        for e, v in values.items()
+    ]
+    return _Kept(tuple(causes), final, gain, tuple(tried))
+
+
+def _reduced(problem: Problem, found: Fit, ids: set[str]) -> Fit:
+    """The fit with only the effects `ids`."""
+    structure = found.structure.keeping(ids)
+    return found if structure.ids == found.structure.ids else refit(problem, structure, found)
+
+
+def _dropped(problem: Problem, final: Fit, gain: Gain, from_readings: dict[str, Cause]) -> list[Tried]:
+    """Effects of a model that may not be named, and why; one that unseen runs speak against goes alone."""
+    values = final.values()
+    # What leaves the mean response alone is told by the readings and has no part in a prediction.
+    tested = [e for e in final.structure.ids if CATALOGUE[e].apply is not unchanged]
+    if not tested:
+        return []
+    for effect in tested:
+        if effect not in from_readings and (why := _says_nothing(effect, values[effect])):
+            return [Tried(effect, why)]
+    if not gain.measured:
+        return [Tried(e, "it could not be tried on a run that was not fitted") for e in tested]
+    added = [e for e in tested if e in gain.without]
+    worst = [e for e in added if not worse_without(gain, e)]
+    if worst:
+        least = min(worst, key=lambda e: float(np.nanmean(gain.without[e] - gain.run_kept)))
+        return [Tried(least, "without it unseen runs are predicted no worse")]
+    if not gain.real and added:
+        return [Tried(e, "unseen runs are not predicted better by more than runs differ") for e in added]
+    return []
+
+
+def _says_nothing(effect: str, parameters: dict[str, tuple[float, float]]) -> str:
+    """Why a fitted effect says nothing: at the end of its range, or anywhere in it."""
+    entry = CATALOGUE[effect]
+    ends = at_bound(entry, {name: value for name, (value, _) in parameters.items()})
+    if ends:
+        return f"its {ends[0]} stands at the end of its range"
+    for parameter in entry.parameters:
+        value, spread = parameters[parameter.name]
+        if parameter.log and spread > level("anything") * abs(value):
+            return f"its {parameter.name} may be anything"
+    return ""
+
+
+def _from_readings(finding: Finding) -> Cause:
+    return Cause(finding.effect, finding.parameters, MOST_CERTAIN, (), np.inf, (), finding.evidence)
 
 
 def _named(problem: Problem, found: Search) -> list[Cause]:
-    groups = problem.channel.interpolation.shape[1]
-    values = found.final.values(groups)
+    values, channel = found.final.values(), problem.channel
     causes = []
-    for effect in found.final.layout.effects:
-        if effect not in found.necessity:
-            continue
-        rivals = found.rivals.get(effect, {})
-        ties = {e: rivals[e] for e in found.ties.get(effect, {})}
-        weights = np.exp(-0.5 * np.clip(np.array([0.0, *rivals.values()]), 0, 200))
-        worth = evidence(problem, found.necessity[effect])
-        real = 1.0 / (1.0 + np.exp(-0.5 * (worth - price(effect)) - 2.0))
+    for effect, standing in found.standing.items():
+        weights = np.exp(-0.5 * np.clip(np.array([0.0, *standing.rivals.values()]), 0, 200))
+        worth = evidence(problem, standing.necessity)
+        real = 1.0 / (1.0 + np.exp(-0.5 * (worth - penalty(CATALOGUE[effect], channel)) - 2.0))
         causes.append(
             Cause(
                 effect=effect,
                 parameters=values[effect],
-                probability=float(np.clip(real * weights[0] / weights.sum(), 0.01, 0.995)),
-                indistinguishable_from=tuple(sorted(ties, key=ties.__getitem__)),
-                evidence=found.necessity[effect],
-                at_bound=at_bound(effect, {name: value for name, (value, _) in values[effect].items()}),
+                probability=float(np.clip(real * weights[0] / weights.sum(), 0.01, MOST_CERTAIN)),
+                indistinguishable_from=tuple(sorted(standing.ties, key=lambda e: standing.rivals[e])),
+                evidence=standing.necessity,
+                at_bound=at_bound(CATALOGUE[effect], {name: value for name, (value, _) in values[effect].items()}),
             )
         )
     return causes
 
 
-def _certain(causes: list[Cause], adequacy: Adequacy) -> list[Cause]:
-    """Of a model that does not explain everything, only the causes that dwarf what is left keep their name.
+def _certain(cause: Cause, adequacy: Adequacy) -> bool:
+    """Whether a cause keeps its name beside something unexplained: only what dwarfs it does.
 
     A steady error is never certain beside an unknown remainder, a straight line soaks up part of anything; nor is an
-    average, which is told from noise that the remainder may be part of.
+    average, which is told from noise that the remainder may be part of. What only says how the response behaves does
+    not claim a cause.
     """
-    return [
-        c
-        for c in causes
-        if not c.indistinguishable_from
-        and c.effect not in (*STEADY, "moving_average")
-        and c.evidence > 20.0 * adequacy.excess + 200.0
-    ]
+    effect = CATALOGUE[cause.effect]
+    if effect.shape:
+        return True
+    if effect.steady or effect.averages or cause.indistinguishable_from:
+        return False
+    return cause.evidence > level("certain_excess") * adequacy.excess + level("certain_least")
 
 
 def enough(channel: Channel) -> bool:
-    """Whether a channel's runs can be diagnosed at all: at least three with a step of the air."""
-    return int((step_size(channel) >= LEAST_STEP[channel.name]).sum()) >= LEAST_RUNS
+    """Whether a channel's runs can be diagnosed at all: at least one with a step of the air, or a measured air."""
+    step = np.abs(channel.quantity.step(channel.conditions))
+    return bool((step >= channel.quantity.least_step).any() or channel.measured.any())
 
 
-def diagnose(campaign: Campaign, seed: int = 0, progress: Progress = lambda _: None) -> Diagnosis:
+def diagnose(campaign: Campaign, progress: Progress = lambda _: None, tolerance: Tolerance | None = None) -> Diagnosis:
     """Diagnose every channel of a campaign that has usable runs.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    progress : function of a sentence, optional
+    tolerance : Tolerance, optional
+        From which size on something that is left spoils a verdict.
 
     Raises
     ------
     InputError
         Where no run of either sensor can be used.
     """
-    found, missing = [], []
-    for name in ("temperature", "humidity"):
+    found = []
+    for name in QUANTITIES:
         channel = build_channel(campaign, name)
-        if channel is None or not enough(channel):
-            missing.append(name)
-            continue
-        found.append(diagnose_channel(channel, seed, progress))
-    if not found:
-        raise InputError(f"{campaign.path}: {TOO_FEW} in either sensor; record more, or see shockrig status")
-    experiments = [run for channel in found for run in next_experiments(channel)]
-    return Diagnosis(campaign.name, tuple(found), tuple(experiments), tuple(missing))
+        if channel is not None and enough(channel):
+            found.append(diagnose_channel(channel, progress, tolerance))
+    return gathered(campaign, found)
+
+
+def gathered(campaign: Campaign, channels: list[ChannelDiagnosis]) -> Diagnosis:
+    """The diagnosis of a campaign from those of its channels.
+
+    Raises
+    ------
+    InputError
+        Where there are none.
+    """
+    if not channels:
+        raise InputError(f"{campaign.path}: {NO_STEP} in either sensor; record more, or see shockrig status")
+    names = {channel.name for channel in channels}
+    experiments = [run for channel in channels for run in next_experiments(channel)]
+    missing = tuple(name for name in QUANTITIES if name not in names)
+    return Diagnosis(campaign.name, tuple(channels), tuple(experiments), missing)
 
 
 def next_experiments(channel: ChannelDiagnosis) -> list[dict[str, object]]:
@@ -289,8 +303,8 @@ def next_experiments(channel: ChannelDiagnosis) -> list[dict[str, object]]:
     named = {cause.effect for cause in channel.causes}
     pairs = [
         (channel.final, rival)
-        for effect, ties in channel.search.ties.items()
+        for effect, standing in channel.search.standing.items()
         if effect in named
-        for rival in ties.values()
+        for rival in standing.ties.values()
     ]
     return propose(channel.problem, pairs)

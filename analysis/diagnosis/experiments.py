@@ -11,14 +11,19 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.inference.channel import Channel, Conditions
-from shockrig.analysis.inference.gls import Fit, Problem, _linearise, _normal_equations, predict
+from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.fit import Fit, linearise
+from shockrig.analysis.inference.gather import TRIGGER_SCATTER_S
+from shockrig.analysis.inference.model import Point
+from shockrig.analysis.inference.problem import Problem
+from shockrig.analysis.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
 
 REPEATS = 2  # of each proposed run
 DECIDED = 12.0  # expected drop in deviance from which on a choice is safe
 MOST_KINDS = 2
+USUAL_C = 20.0  # about which runs are proposed
 
 
 def propose(problem: Problem, ties: list[tuple[Fit, Fit]]) -> list[dict[str, object]]:
@@ -56,9 +61,8 @@ def propose(problem: Problem, ties: list[tuple[Fit, Fit]]) -> list[dict[str, obj
 def _menu(channel: Channel) -> list[dict[str, object]]:
     """Runs that a bench can do: both directions, more and less airflow, larger and smaller steps, a slowed transfer."""
     c = channel.conditions
-    middle = (
-        float(channel.ambients_c[np.argmin(np.abs(channel.ambients_c - 20.0))]) if channel.name == "humidity" else 20.0
-    )
+    ambients = np.array([USUAL_C]) if channel.quantity.pooled else channel.ambients_c
+    middle = float(ambients[np.argmin(np.abs(ambients - USUAL_C))])
     flow = float(np.median(c.airflow_m_s))
 
     def run(reason, source, destination, airflow=flow, duration=None):
@@ -96,17 +100,14 @@ def _menu(channel: Channel) -> list[dict[str, object]]:
 def _separation(problem: Problem, chosen: Fit, rival: Fit, run: dict[str, object]) -> float:
     """Expected drop in deviance for `REPEATS` such runs, were `chosen` true and `rival` fitted anew."""
     new = hypothetical(problem, run)
-    deviations = np.zeros(new.scatter.shape)
-    truth = predict(new.channel, chosen.layout, chosen.theta, deviations)
-    rival_point = _linearise(new, rival.layout, rival.theta, deviations)
-    difference = np.matmul(new.whitener, (truth[0] - rival_point.prediction)[..., None])[..., 0]
-    point = replace(rival_point, whitened_residual=difference)
-    normal_new, right, solved, uu = _normal_equations(new, rival.layout, point)
-    ju = rival_point.run_jacobian
-    hidden_by_run = np.linalg.solve(uu, np.einsum("rna,rn->ra", ju, difference)[..., None])[..., 0]
-    total = float((difference**2).sum() - (np.einsum("rna,rn->ra", ju, difference) * hidden_by_run).sum())
+    at_rest = new.channel.at_rest()
+    truth = chosen.model.on(new.channel).predict(Point(chosen.theta, at_rest))[0]
+    there, arrow = linearise(new, rival.structure, Point(rival.theta, at_rest))
+    difference = new.whiten(truth - there)
+    right, _ = arrow.right_sides(difference, at_rest, np.zeros(rival.theta.size))
+    total = arrow.hidden(difference)
     known = np.linalg.pinv(rival.covariance, hermitian=True)
-    absorbed = float(right @ np.linalg.lstsq(known + normal_new * REPEATS, right, rcond=None)[0]) * REPEATS
+    absorbed = float(right @ np.linalg.lstsq(known + arrow.normal * REPEATS, right, rcond=None)[0]) * REPEATS
     return max(REPEATS * (total - absorbed), 0.0)
 
 
@@ -122,13 +123,13 @@ def hypothetical(problem: Problem, run: dict[str, object]) -> Problem:
     fields["source_percent"][:] = source["humidity_percent"]
     fields["destination_percent"][:] = destination["humidity_percent"]
     fields["airflow_m_s"][:] = run["airflow_m_s"]
-    fields["start_scatter_s"][:] = 0.010
+    fields["start_scatter_s"][:] = TRIGGER_SCATTER_S
     fields["ramp_own_s"][:] = run["transfer"].get("duration_s", np.nan)
     fields["ramp_ratio"][:] = 1.0
     conditions = Conditions(**fields)
     nearest = int(np.argmin(np.abs(channel.ambients_c - destination["temperature_c"])))
-    weights = np.zeros((1, channel.interpolation.shape[1]))
-    weights[0, nearest if channel.name == "humidity" else 0] = 1.0
+    weights = np.zeros((1, channel.rates))
+    weights[0, 0 if channel.quantity.pooled else nearest] = 1.0
     time = one.channel.time_s
     die = np.where(
         time > 0,
@@ -139,8 +140,9 @@ def hypothetical(problem: Problem, run: dict[str, object]) -> Problem:
     new = replace(
         one.channel,
         conditions=conditions,
+        air=(None,),
         interpolation=weights,
         die_c=die if np.isfinite(channel.die_c).any() else one.channel.die_c,
-        ambient=np.array([nearest]),
+        ambient=np.array([0 if channel.quantity.pooled else nearest]),
     )
     return replace(one, channel=new)

@@ -37,6 +37,23 @@ def _channel(channel: ChannelDiagnosis) -> dict[str, Any]:
     }
     names, matrix = correlations(channel)
     content["correlations"] = {"parameters": names, "matrix": [[round(float(x), 4) for x in row] for row in matrix]}
+    left = channel.remainder
+    content["remainder"] = _finite(
+        {
+            "rms": left.rms,
+            "peak": left.peak,
+            "unit": left.unit,
+            "significant": left.significant,
+            "material": left.material,
+            "tolerance": left.tolerance,
+            "from_s": left.from_s,
+            "until_s": left.until_s,
+            "varies_with": list(left.varies_with),
+        }
+    )
+    content["discovered"] = []
+    content["cannot_tell"] = list(channel.cannot_tell)
+    content["tried"] = [{"effect": tried.effect, "why_not": tried.why} for tried in channel.tried]
     if channel.verdict == "unexplained":
         content["discrepancy"] = _finite(channel.discrepancy or {})
     return content
@@ -44,11 +61,10 @@ def _channel(channel: ChannelDiagnosis) -> dict[str, Any]:
 
 def correlations(channel: ChannelDiagnosis) -> tuple[list[str], NDArray[np.float64]]:
     """Names of the final model's parameters (alpha, or D at each ambient; then the effects') and their correlations."""
-    if channel.name == "temperature":
-        names = ["alpha"]
-    else:
-        names = [f"D at {round(float(t), 1) + 0.0:.1f} degC" for t in channel.problem.channel.ambients_c]
-    names += [f"{effect}.{parameter.name}" for effect, parameter in channel.final.layout.parameters]
+    data = channel.problem.channel
+    of = data.quantity
+    ambients = [f"{of.symbol} at {round(float(t), 1) + 0.0:.1f} degC" for t in data.ambients_c]
+    names = [*([of.symbol] if of.pooled else ambients), *channel.final.structure.names]
     covariance = channel.final.covariance
     # A parameter that the data do not see has no finite uncertainty, and none of its correlations means anything.
     deviation = np.sqrt(np.clip(np.nan_to_num(np.diag(covariance), posinf=0.0), 0.0, None))

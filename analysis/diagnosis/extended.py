@@ -6,7 +6,6 @@ With the causes in the model alpha and D are the material's; without them they a
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 from shockrig.analysis.characterization.characterize import (
@@ -20,10 +19,11 @@ from shockrig.analysis.characterization.characterize import (
 )
 from shockrig.analysis.characterization.extension import Extension
 from shockrig.analysis.diagnosis.diagnose import Cause, ChannelDiagnosis
-from shockrig.analysis.diagnosis.search import plain_fit, refit
-from shockrig.analysis.inference.channel import ChannelName
-from shockrig.analysis.inference.gls import Fit, Problem, make_problem
+from shockrig.analysis.diagnosis.search import plain_fit
+from shockrig.analysis.inference.fit import Fit
 from shockrig.analysis.inference.noise import whiteners
+from shockrig.analysis.inference.problem import Problem, make_problem
+from shockrig.analysis.inference.quantity import ChannelName
 from shockrig.analysis.inference.samples import rmse_over_samples
 from shockrig.files.campaign import Campaign
 from shockrig.files.profile import Effect, Profile, Uncertain
@@ -39,7 +39,7 @@ def plain_result(found: ChannelDiagnosis) -> ChannelResult | None:
     groups, set_aside = choose_runs(found.problem.channel, found.noise, Extension())
     for channel, models in groups:
         problem = make_problem(channel, whiteners(channel, found.noise))
-        tried = {basis: _part(problem, plain_fit(problem, model.layout)) for basis, model in models.items()}
+        tried = {basis: _part(problem, plain_fit(problem, model.structure)) for basis, model in models.items()}
         basis = min(tried, key=lambda name: tried[name].rmse)
         told, undetermined = joint_rows(tried[basis], found.noise, basis)
         set_aside += undetermined
@@ -51,24 +51,10 @@ def plain_result(found: ChannelDiagnosis) -> ChannelResult | None:
 
 def extended_result(found: ChannelDiagnosis) -> ChannelResult | None:
     """The channel under the model that carries the named causes (none: the plain one, on all runs)."""
-    part = _part(found.problem, carried_fit(found))
+    part = _part(found.problem, found.final)
     rows, undetermined = joint_rows(part, found.noise, "all runs")
     effects = tuple(_effect(cause) for cause in found.causes)
     return _result(found, rows, [part], effects, [*found.problem.channel.left_out, *undetermined])
-
-
-def carried_fit(found: ChannelDiagnosis) -> Fit:
-    """The fit with the named causes and no others: whatever else an unexplained channel was tried with is dropped."""
-    named = {cause.effect for cause in found.causes}
-    layout = found.final.layout
-    if named >= set(layout.effects):
-        return found.final
-    kept = replace(
-        layout,
-        effects=tuple(e for e in layout.effects if e in named),
-        fixed=tuple(f for f in layout.fixed if f[0] in named),
-    )
-    return refit(found.problem, kept, found.final)
 
 
 def extended_profile(

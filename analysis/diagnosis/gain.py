@@ -1,30 +1,52 @@
-"""What an extension gains, on runs that took part neither in fitting nor in choosing it (nested folds by condition)."""
+"""What an extension gains, on runs that took part neither in fitting nor in choosing it (nested folds by condition).
+
+A run's own start, rate and airs are placed where they fit best within two of their stated uncertainties, the same way
+for every model; errors are over single samples.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
-from shockrig.analysis.diagnosis.search import plain_fit, refit, search
+from shockrig.analysis.diagnosis.search import reconsider
+from shockrig.analysis.inference.bins import as_single_samples
 from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.gls import RATE_SCATTER, Fit, Layout, Problem, build_chain, fit
+from shockrig.analysis.inference.fit import Fit, fit
+from shockrig.analysis.inference.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.inference.noise import Noise
+from shockrig.analysis.inference.problem import Problem
+from shockrig.analysis.inference.rate_scatter import RATE_SCATTER
 from shockrig.analysis.physics.chain import at_jump, evaluate
 
 Array = NDArray[np.float64]
 
 FOLDS = 3
-DRAWS = 2000
 PLACED_WITHIN = 2.0  # standard uncertainties
+CONFIDENCE = 0.975  # one-sided, of what is called a gain
 
 
 @dataclass(frozen=True)
 class Gain:
     """Held-out errors [K or %RH] over the samples after the transfer, before and after, and what share is explained.
 
-    `explained_fraction` = (before^2 - after^2) / (before^2 - floor^2), with a 95 % interval from a bootstrap over runs.
+    Attributes
+    ----------
+    before, after, noise_floor : float
+    explained_fraction : float
+        (before^2 - after^2) / (before^2 - floor^2), from 0 to 1.
+    interval_95 : (float, float)
+        Of that share in the next campaign of the same plan.
+    real : bool
+        Whether the error falls by more than runs differ; without that nothing is gained.
+    run_before, run_after : ndarray (R,)
+        Mean squares of single runs; NaN where a run could not be held out.
+    without : dict
+        {effect: mean squares of single runs (R,) when the model does without it}.
     """
 
     before: float
@@ -32,118 +54,181 @@ class Gain:
     noise_floor: float
     explained_fraction: float
     interval_95: tuple[float, float]
+    real: bool
     run_before: Array
     run_after: Array
+    run_kept: Array
+    without: dict[str, Array] = field(default_factory=dict)
+
+    @property
+    def measured(self) -> bool:
+        """Whether any run could be held out."""
+        return bool(np.isfinite(self.run_before).any())
 
 
 def folds(channel: Channel, count: int = FOLDS) -> NDArray[np.int64]:
     """Fold of each run (R,): runs of one ambient are spread over the folds, so that each training part knows its D."""
+    count = max(min(count, channel.runs), 1)
     fold = np.zeros(channel.runs, dtype=int)
     place = 0
     for ambient in np.unique(channel.ambient):
-        index = np.flatnonzero(channel.ambient == ambient)
-        for i in index:
+        for i in np.flatnonzero(channel.ambient == ambient):
             fold[i] = place % count
             place += 1
     return fold
 
 
+def kinds(channel: Channel) -> NDArray[np.int64]:
+    """What kind of shock each run is (R,): up or down, isothermal or not. An effect acts in some kinds alone."""
+    up = channel.quantity.step(channel.conditions) > 0
+    return 2 * channel.isothermal.astype(int) + up.astype(int)
+
+
 def measure_gain(
-    channel: Channel, problem: Problem, base: Layout, final: Fit, noise: Noise, seed: int, choose: bool
+    channel: Channel, problem: Problem, base: Structure, plain: Fit, final: Fit, noise: Noise, choose: bool
 ) -> Gain:
-    """Held-out gain of the extension `final`: in each fold it is chosen again without the runs held out.
+    """Held-out gain of the extension `final` over `plain`: in each fold it is judged again without the runs held out.
 
     `channel` is the channel as recorded, `problem` the one that was searched (repeats taken out). Without `choose` the
-    effects of `final` are only fitted again, not chosen (where the search ended in none that explain the data).
+    effects of `final` are only fitted again (where the search ended in none that explain the data).
     """
     fold = folds(problem.channel)
-    before, after = np.full(channel.runs, np.nan), np.full(channel.runs, np.nan)
-    for k in range(fold.max() + 1):
+    before, after, kept = (np.full(channel.runs, np.nan) for _ in range(3))
+    added = [e for e in final.structure.ids if e not in base.ids]
+    without = {effect: np.full(channel.runs, np.nan) for effect in added}
+    for k in range(int(fold.max()) + 1):
         train = fold != k
         # The rate at an ambient that the training part never saw is not the extension's business.
         test = np.flatnonzero((fold == k) & np.isin(channel.ambient, channel.ambient[train]))
-        if train.sum() < 3 or not test.size:
+        if not train.any() or not test.size:
             continue
         part = problem.select(train)
-        if choose:
-            chosen = search(part, base, thorough=False, most=len(final.layout.effects) - len(base.effects) + 1)
-            plain, extended = chosen.plain, chosen.final
-        else:
-            plain = extended = plain_fit(part, base)
-        if not choose and final.layout.effects != base.effects:
-            extended = refit(part, final.layout, replace(final, deviations=final.deviations[train]))
+        simple, same = (fit(part, f.structure, f.theta, f.deviations[train]) for f in (plain, final))
+        extended, one_less = same, {}
+        if added:
+            extended, one_less = reconsider(part, base, same)
         held, bins = channel.select(test), problem.select(test)
-        before[test] = run_errors(held, bins, replace(plain, layout=Layout(())))
-        after[test] = run_errors(held, bins, extended) if extended.layout.effects else before[test]
-    return summarise(before, after, noise.standard_deviation, seed)
+        before[test] = run_errors(held, bins, _with(simple, PLAIN))
+        kept[test] = run_errors(held, bins, same) if same.structure.ids else before[test]
+        after[test] = run_errors(held, bins, extended) if choose and extended is not same else kept[test]
+        for effect, fitted in one_less.items():
+            without[effect][test] = run_errors(held, bins, fitted)
+    return summarise(before, after, noise.standard_deviation, kinds(channel), kept, without)
+
+
+def _with(found: Fit, structure: Structure) -> Fit:
+    """The same rates under a structure without free parameters."""
+    return replace(found, model=Model(found.model.channel, structure), theta=found.log_rates)
 
 
 def run_errors(held: Channel, bins: Problem, found: Fit) -> Array:
     """Mean square error of each held run [unit^2], sample by sample.
 
     The model's parameters are those of `found`; a run's own start and airs are placed where they fit best within
-    `PLACED_WITHIN` of their stated uncertainties (`bins` holds the run's data for that), the same way for every model.
+    `PLACED_WITHIN` of their stated uncertainties (`bins` holds the run's data for that).
     """
-    scatter = bins.scatter.copy()
-    scatter[:, 1] = RATE_SCATTER
-    placed = fit(replace(bins, scatter=scatter), found.layout, found.theta, adapt_scatter=False, hold_theta=True)
-    samples = single_samples(held, found.layout)
-    deviations = np.clip(placed.deviations, -PLACED_WITHIN * scatter, PLACED_WITHIN * scatter)
-    chain = build_chain(samples, found.layout, found.theta[None], deviations[None])
+    deviations = placed(bins, found)
+    samples = as_single_samples(held, _dated(held, found.structure))
+    chain = found.model.on(samples).chain(Point(found.theta[None], deviations[None]))
     counted = samples.count * ~at_jump(chain)
-    return (counted * (samples.value - evaluate(chain)[0]) ** 2).sum(axis=1) / counted.sum(axis=1)
+    squares = (samples.value - evaluate(chain, held.quantity.reading)[0]) ** 2
+    return np.asarray((counted * squares).sum(axis=1) / np.maximum(counted.sum(axis=1), 1))
 
 
-def single_samples(channel: Channel, layout: Layout) -> Channel:
-    """The channel with every sample a bin of its own; under held repeats each is dated when it was fresh."""
-    hold = next((int(v) for e, _, v in layout.fixed if e == "stale_samples"), 1)
-    width = max(t.size for t, _ in channel.samples)
-    shape = (channel.runs, width)
-    time, value, count = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=int)
-    die = np.full(shape, np.nan)
-    for i, (t, y) in enumerate(channel.samples):
-        dated = _fresh_times(t, y, hold, channel.sampling_period_s) if hold > 1 else t
-        time[i, : t.size], value[i, : t.size] = dated, y
-        time[i, t.size :] = dated[-1]
-        count[i, : t.size] = channel.bin_of[i] >= 0
-        if channel.die_samples:
-            die[i, : t.size] = channel.die_samples[i]
-    return replace(channel, time_s=time, value=value, count=count, die_c=die)
+def placed(bins: Problem, found: Fit) -> Array:
+    """Random effects (R, U) of runs that a model was not fitted to."""
+    problem = bins.with_rate_scatter(RATE_SCATTER)
+    reached = fit(problem, found.structure, found.theta, adapt_scatter=False, hold_theta=True)
+    limit = PLACED_WITHIN * problem.scatter
+    return np.clip(reached.deviations, -limit, limit)
 
 
-def _fresh_times(time: Array, value: Array, hold: int, period: float) -> Array:
-    index = np.rint((time - time[0]) / period).astype(int)
-    changed = index[np.flatnonzero(np.abs(np.diff(value)) > 1e-9) + 1]
-    phase = int(np.argmax(np.bincount(changed % hold, minlength=hold))) if changed.size else 0
-    return time - ((index - phase) % hold) * period
+def _dated(channel: Channel, structure: Structure) -> list[Array]:
+    """Times at which the readings were fresh."""
+    dating = [e for e in structure.effects if e.dated]
+    times = [t for t, _ in channel.samples]
+    for effect in dating:
+        assert effect.dated is not None
+        values = structure.held_values(effect.id)
+        times = [
+            effect.dated(t, y, channel.sampling_period_s, values)
+            for t, (_, y) in zip(times, channel.samples, strict=True)
+        ]
+    return times
 
 
-def summarise(before: Array, after: Array, floor: float, seed: int) -> Gain:
-    """Errors over all held runs and the share explained, with a bootstrap over runs."""
+def summarise(
+    before: Array,
+    after: Array,
+    floor: float,
+    kind: NDArray[np.int64],
+    kept: Array | None = None,
+    without: Mapping[str, Array] | None = None,
+) -> Gain:
+    """Errors over all held runs and the share explained."""
     told = np.isfinite(before)
-    run_before, run_after = before[told], after[told]
+    kept = after if kept is None else kept
     if not told.any():
-        return Gain(floor, floor, floor, 0.0, (0.0, 0.0), before, after)
-
+        return Gain(floor, floor, floor, 0.0, (0.0, 0.0), False, before, after, kept, dict(without or {}))
+    run_before, run_after = before[told], after[told]
     # A model cannot do better than the noise; where it seems to, the noise was stated too high.
-    floor = min(floor, float(np.sqrt(run_after.mean())))
-
-    def share(mean_before: Array, mean_after: Array) -> Array:
-        return (mean_before - mean_after) / np.maximum(mean_before - floor**2, 0.02 * floor**2)
-
-    value = float(share(run_before.mean(), run_after.mean()))
-    rng = np.random.default_rng(seed)
-    # What is stated must hold for the next campaign, which is a draw of runs as much as this one is: two draws count.
-    pick = rng.integers(0, run_before.size, (2, DRAWS, run_before.size))
-    drawn_before, drawn_after = (x[pick].mean(axis=-1).sum(axis=0) - x.mean() for x in (run_before, run_after))
-    low, high = np.quantile(share(drawn_before, drawn_after), [0.02, 0.98])
-    high = max(min(high, 1.0), value)
+    floor = min(floor, float(np.sqrt(min(run_after.mean(), run_before.mean()))))
+    gained, spread, degrees = _mean_and_spread(run_before - run_after, kind[told])
+    share, interval = _share(gained, spread, degrees, run_after, floor)
     return Gain(
         before=float(np.sqrt(run_before.mean())),
         after=float(np.sqrt(run_after.mean())),
         noise_floor=floor,
-        explained_fraction=value,
-        interval_95=(float(min(low, value)), float(max(high, value))),
+        explained_fraction=share,
+        interval_95=interval,
+        real=gained > float(stats.t.ppf(CONFIDENCE, degrees)) * spread and gained > 0,
         run_before=before,
         run_after=after,
+        run_kept=kept,
+        without=dict(without or {}),
     )
+
+
+def _mean_and_spread(gains: Array, kind: NDArray[np.int64]) -> tuple[float, float, int]:
+    """Mean gain over runs, its standard uncertainty and degrees of freedom; runs are compared with their own kind.
+
+    What a campaign records is a design, not a draw: an effect that acts in a quarter of the runs does so in the next
+    campaign too.
+    """
+    squares, degrees = 0.0, 0
+    groups = [gains[kind == k] for k in np.unique(kind)]
+    singles = np.concatenate([g for g in groups if g.size == 1]) if any(g.size == 1 for g in groups) else np.array([])
+    groups = [g for g in groups if g.size > 1] + ([singles] if singles.size > 1 else [])
+    inside = np.concatenate(groups) if groups else gains
+    for group in groups:
+        squares += group.size * float(group.var(ddof=1))
+        degrees += group.size - 1
+    if not degrees:
+        return float(gains.mean()), float("inf"), 1
+    return float(gains.mean()), float(np.sqrt(squares) / inside.size), degrees
+
+
+def _share(
+    gained: float, spread: float, degrees: int, run_after: Array, floor: float
+) -> tuple[float, tuple[float, float]]:
+    """Share explained with a 95 % interval for the next campaign, which is a draw of runs as much as this one is."""
+    if gained <= 0:
+        return 0.0, (0.0, 0.0)
+    least = 0.02 * floor**2
+    left = max(float(run_after.mean()) - floor**2, 0.0)
+    share = gained / max(gained + left, least)
+    # Twice the variance; on a logarithmic scale, since neither gain nor remainder can be less than nothing.
+    wide = float(stats.t.ppf(0.975, degrees)) * np.sqrt(2.0)
+    relative = min(wide * spread / gained, 8.0)
+    low, high = gained * np.exp(-relative), gained * np.exp(relative)
+    own = float(run_after.std(ddof=1) / np.sqrt(run_after.size)) if run_after.size > 1 else float(run_after.mean())
+    most = max(float(run_after.mean()) + wide * own - floor**2, least)
+    least_left = max(float(run_after.mean()) - wide * own - floor**2, 0.0)
+    return min(share, 1.0), (float(min(low / (low + most), share)), float(max(high / (high + least_left), share)))
+
+
+def worse_without(gain: Gain, effect: str) -> bool:
+    """Whether unseen runs are predicted worse without an effect than with it."""
+    without, kept = gain.without[effect], gain.run_kept
+    told = np.isfinite(without) & np.isfinite(kept)
+    return bool(told.any() and without[told].mean() > kept[told].mean())

@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.characterization.characterize import ChannelResult
 from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis
-from shockrig.analysis.diagnosis.gain import PLACED_WITHIN, folds
-from shockrig.analysis.inference.gls import RATE_SCATTER, Fit, Layout, Problem, fit
+from shockrig.analysis.diagnosis.gain import folds, placed
+from shockrig.analysis.inference.bins import log_bins
+from shockrig.analysis.inference.fit import Fit, fit
+from shockrig.analysis.inference.model import PLAIN, Model, Structure
+from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.inference.samples import model_at_samples
-from shockrig.analysis.report.residuals import log_bins
 
 Array = NDArray[np.float64]
 LAGS = 20
@@ -45,11 +47,11 @@ def held_out(found: ChannelDiagnosis) -> HeldOut:
     for k in range(fold.max() + 1):
         train = fold != k
         test = np.flatnonzero((fold == k) & np.isin(channel.ambient, channel.ambient[train]))
-        if train.sum() < 3 or not test.size:
+        if not train.any() or not test.size:
             continue
-        before |= _residuals(problem, train, test, found.plain, Layout(()))
-        if found.final.layout.effects:
-            after |= _residuals(problem, train, test, found.final, found.final.layout)
+        before |= _residuals(problem, train, test, found.plain, PLAIN)
+        if found.final.structure.effects:
+            after |= _residuals(problem, train, test, found.final, found.final.structure)
     after = after or before
     told = sorted(before)
     return HeldOut(
@@ -61,15 +63,13 @@ def held_out(found: ChannelDiagnosis) -> HeldOut:
     )
 
 
-def _residuals(problem: Problem, train: Array, test: Array, whole: Fit, layout: Layout) -> dict[int, Array]:
-    """`layout` is what predicts: the plain model goes without what the single readings have shown."""
-    own = fit(problem.select(train), whole.layout, whole.theta, whole.deviations[train])
-    scatter = problem.scatter[test].copy()
-    scatter[:, 1] = RATE_SCATTER
-    bins = replace(problem.select(test), scatter=scatter)
-    placed = fit(bins, layout, own.theta, adapt_scatter=False, hold_theta=True)
-    within = np.clip(placed.deviations, -PLACED_WITHIN * scatter, PLACED_WITHIN * scatter)
-    models = model_at_samples(bins.channel, replace(placed, deviations=within))
+def _residuals(problem: Problem, train: Array, test: Array, whole: Fit, structure: Structure) -> dict[int, Array]:
+    """`structure` is what predicts: the plain model goes without what the single readings have shown."""
+    own = fit(problem.select(train), whole.structure, whole.theta, whole.deviations[train])
+    bins = problem.select(test)
+    theta = own.theta if structure.ids else own.log_rates
+    predicting = replace(own, model=Model(bins.channel, structure), theta=theta)
+    models = model_at_samples(bins.channel, replace(predicting, deviations=placed(bins, predicting)))
     return {int(i): problem.channel.samples[i][1] - model for i, model in zip(test, models, strict=True)}
 
 
@@ -145,7 +145,7 @@ def drifts(runs: list, result: ChannelResult) -> list[Drift]:
         "direction": np.array([1.0 if r.direction == "up" else 0.0 for r in runs]),
         "amplitude": np.array([r.amplitude for r in runs], dtype=float),
     }
-    if result.channel.name == "temperature":
+    if result.channel.quantity.pooled:
         columns["ambient"] = np.array([r.ambient_c for r in runs], dtype=float)
     columns = {k: (x - x.min()) / np.ptp(x) for k, x in columns.items() if np.isfinite(x).all() and np.ptp(x) > 1e-6}
     values = np.log([r.value for r in runs])

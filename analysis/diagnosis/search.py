@@ -2,45 +2,35 @@
 helps.
 
 Models are compared by their marginal deviance (each run's deviations integrated out), so that run-to-run scatter
-competes with every named cause on equal terms. A gain must pay for its parameters; see `price`.
+competes with every named cause on equal terms. A gain must pay for its parameters; see `thresholds.penalty`.
 """
 
 from __future__ import annotations
 
-import itertools
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.analysis.diagnosis.thresholds import TIE, penalty
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.gls import (
-    Fit,
-    Layout,
-    Problem,
-    fit,
-    predict,
-    project,
-    rate_start,
-    run_misfit,
-    start_theta,
-)
-from shockrig.analysis.physics.chain import JUMP_K
+from shockrig.analysis.inference.effect import Effect
+from shockrig.analysis.inference.fit import Fit, fit
+from shockrig.analysis.inference.model import PLAIN, Model, Point, Structure
+from shockrig.analysis.inference.problem import Problem
+from shockrig.analysis.inference.scan import open_starts, rescanned_starts, rough_point
 
 Array = NDArray[np.float64]
+Starts = Sequence[Mapping[str, float]]
 
-PLAIN = Layout(())
 MOST_EFFECTS = 6
-ENTRY_PRICE = 11.0  # drop in deviance that an effect without parameters must bring
-PARAMETER_PRICE = 3.0  # and as much again for each of its parameters
-RARE = ("clock_drift",)  # a crystal is good to 100 ppm; what acts on a transient needs a hundred times that
-RARE_PRICE = 8.0
-QUICK_STEPS = 7  # of Gauss and Newton, to rank candidates
-NUDGES_S = (-0.02, -0.01, 0.01, 0.02)
-STUCK = 1.7  # mean square of a run's whitened residuals from which its start is looked for anew
-START_GRID = np.linspace(-3.0, 3.0, 25)  # in standard deviations of a start
-TIE = 6.0  # models whose deviances differ by less explain the data equally well
+QUICK_STEPS = 4  # of Gauss and Newton, to rank candidates
+WORTH_A_FIT = 0.25  # share of its penalty that a candidate must reach to first order
+QUICK_STARTS = 2  # of a candidate that are fitted: those that score best to first order
+PLAINLY_WRONG = 3.0  # objective per bin from which a fit's deviations mean nothing
+FINISHED = 3  # candidates that are carried to the end of their fits
 
 
 @dataclass(frozen=True)
@@ -54,143 +44,124 @@ class Move:
 
 
 @dataclass(frozen=True)
-class Search:
-    """Outcome of a search.
+class Standing:
+    """How an effect that was found stands among the others.
 
     Attributes
     ----------
-    plain, final : Fit
-        The model that the search began from and the one that it ended with.
-    moves : tuple of Move
-    necessity : dict
-        For each effect found: how much the deviance rises without it, all else refitted.
+    necessity : float
+        How much the deviance rises without it, all else refitted.
     rivals : dict
-        For each effect found: {other effect: rise in deviance when it stands in its place} for the close ones.
+        {other effect: rise in deviance when it stands in its place} for the close ones.
     ties : dict
-        For each effect found: {other effect: the fit with it in its place} where that explains the data equally well.
+        {other effect: the fit with it in its place} where that explains the data equally well.
     """
+
+    necessity: float
+    rivals: dict[str, float] = field(default_factory=dict)
+    ties: dict[str, Fit] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Search:
+    """Outcome of a search: the model that it began from, the one that it ended with, its moves, and how each effect
+    found stands."""
 
     plain: Fit
     final: Fit
     moves: tuple[Move, ...]
-    necessity: dict[str, float]
-    rivals: dict[str, dict[str, float]]
-    ties: dict[str, dict[str, Fit]]
-
-
-def price(effect: str) -> float:
-    """Drop in deviance that an effect must bring to be named; more for the one that real loggers hardly ever have."""
-    rare = RARE_PRICE if effect in RARE else 0.0
-    return ENTRY_PRICE + PARAMETER_PRICE * len(CATALOGUE[effect].parameters) + rare
+    standing: dict[str, Standing]
 
 
 def evidence(problem: Problem, gain: float) -> float:
-    """A drop in deviance as Student evidence, (nu + 1) ln(1 + gain / nu).
+    """A drop in deviance as Student's log-likelihood ratio, (nu + 1) ln(1 + gain / nu).
 
     What limits a weak effect is the scatter of a few dozen runs, known from these runs alone: a drop that would be
     plain against a known scatter counts for less.
     """
-    freedom = max(problem.channel.runs - problem.channel.interpolation.shape[1], 4)
-    return float((freedom + 1) * np.log1p(gain / freedom)) if gain > 0 else float(gain)
+    degrees = max(problem.channel.runs - problem.channel.rates, 4)
+    return float((degrees + 1) * np.log1p(gain / degrees)) if gain > 0 else float(gain)
 
 
-def testable(channel: Channel) -> tuple[str, ...]:
+def candidates_of(channel: Channel) -> tuple[Effect, ...]:
     """Effects of the mean response that this campaign can show in this channel."""
-    return tuple(
-        name
-        for name, effect in CATALOGUE.items()
-        if channel.name in effect.channels and not effect.from_readings and effect.testable(channel)
-    )
-
-
-def _starts(channel: Channel, effect: str) -> list[dict[str, float]]:
-    parameters, from_data = CATALOGUE[effect].parameters, CATALOGUE[effect].start_from
-    names = [f"{effect}.{p.name}" for p in parameters]
-    starts = [dict(zip(names, values, strict=True)) for values in itertools.product(*(p.starts for p in parameters))]
-    told = {f"{effect}.{name}": value for name, value in from_data(channel).items()} if from_data else {}
-    return [told] if told else starts
-
-
-def _choice(found: Fit, groups: int) -> dict[str, float]:
-    return {
-        f"{effect}.{p.name}": float(np.exp(found.theta[i]) if p.log else found.theta[i])
-        for i, (effect, p) in enumerate(found.layout.parameters, start=groups)
-    }
+    return tuple(e for e in CATALOGUE.values() if not e.from_readings and e.acts_in(channel))
 
 
 def refit(
-    problem: Problem, layout: Layout, near: Fit, choice: dict[str, float] | None = None, iterations: int = 30
+    problem: Problem,
+    structure: Structure,
+    near: Fit,
+    choice: Mapping[str, float] | None = None,
+    iterations: int = 30,
+    rates: float = 0.0,
 ) -> Fit:
-    """Fit `layout` from the parameters of `near`, with `choice` for what is new; from two starts of the deviations.
+    """Fit `structure` from the parameters of `near`, with `choice` for what is new; from two starts of the deviations.
 
-    An effect can hide in the runs' own deviations, and the deviations in an effect: hence both starts.
+    An effect can hide in the runs' own deviations, and the deviations in an effect: hence both starts. `rates` is added
+    to the ln rates of `near`.
     """
-    groups = problem.channel.interpolation.shape[1]
-    theta = start_theta(problem.channel, layout, near.theta[:groups], _choice(near, groups) | (choice or {}))
-    fits = [fit(problem, layout, theta, _fresh(problem, near), iterations)]
-    if near.objective < 3.0 * problem.channel.count.size:
-        fits.append(fit(problem, layout, theta, near.deviations, iterations))
+    theta = Model(problem.channel, structure).start(near.log_rates + rates, near.choice | dict(choice or {}))
+    fits = [fit(problem, structure, theta, _fresh(problem, near), iterations)]
+    if near.objective < PLAINLY_WRONG * problem.channel.count.size:
+        fits.append(fit(problem, structure, theta, near.deviations, iterations))
     best = min(fits, key=lambda f: f.deviance)
-    if best.objective < 3.0 * problem.channel.count.size and best.converged:
-        moved = _rescanned_starts(problem, best)
+    if best.objective < PLAINLY_WRONG * problem.channel.count.size and best.converged:
+        moved = rescanned_starts(problem, best)
         if moved is not None:
-            best = min((best, fit(problem, layout, best.theta, moved, iterations)), key=lambda f: f.deviance)
+            best = min((best, fit(problem, structure, best.theta, moved, iterations)), key=lambda f: f.deviance)
     return best
 
 
-def _rescanned_starts(problem: Problem, found: Fit) -> Array | None:
-    """Deviations with the start of each misfitting run where it fits best, looked for on a grid; None where all fit.
-
-    A film's response begins like sqrt(t): no gradient leads a start across a sample that lies at the very transfer.
-    """
-    channel = problem.channel
-    misfits = run_misfit(problem, found) > STUCK
-    isothermal = np.abs(channel.conditions.destination_c - channel.conditions.source_c) <= JUMP_K
-    misfits &= (channel.name == "temperature") | isothermal  # where RH jumps with the air, samples are muted
-    if not misfits.any():
-        return None
-    index = np.flatnonzero(misfits)
-    part, late = problem.select(index), found.deviations[index]
-    tried = np.tile(late, (START_GRID.size, 1, 1))
-    tried[:, :, 0] = START_GRID[:, None] * part.scatter[:, 0]
-    prediction = predict(part.channel, found.layout, found.theta, tried)
-    left = np.matmul(part.whitener, (part.channel.value - prediction)[..., None])[..., 0]
-    cost = (left**2).sum(axis=-1) + START_GRID[:, None] ** 2
-    moved = found.deviations.copy()
-    moved[index, 0] = tried[np.argmin(cost, axis=0), np.arange(index.size), 0]
-    return moved
+def _quick(problem: Problem, structure: Structure, near: Fit, start: Mapping[str, float], rates: float) -> Fit:
+    """A few steps from one start, to rank it: from the deviations of `near` where these mean anything."""
+    theta = Model(problem.channel, structure).start(near.log_rates + rates, near.choice | dict(start))
+    fits = near.objective < PLAINLY_WRONG * problem.channel.count.size
+    deviations = near.deviations if fits else _fresh(problem, near)
+    return fit(problem, structure, theta, deviations, QUICK_STEPS)
 
 
-def add(problem: Problem, current: Fit, effect: str) -> Fit:
-    """Best fit of the current model with one more effect: a few steps from each of its starts, the best one
-    finished."""
-    layout = replace(current.layout, effects=(*current.layout.effects, effect))
-    tries = (refit(problem, layout, current, start, QUICK_STEPS) for start in _starts(problem.channel, effect))
-    return min(tries, key=lambda f: f.deviance)
+def _named(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
+    return {f"{effect.id}.{name}": value for name, value in values.items()}
 
 
-def finish(problem: Problem, found: Fit) -> Fit:
-    """The fit carried to its end, where it was left early; from several delays where a jump hides the way to the
-    best."""
-    jumps = "dead_time" in found.layout.effects and problem.channel.name == "humidity"
-    if found.converged and not jumps:
-        return found
-    starts = (found.deviations, _fresh(problem, found))
-    fits = [found, *(fit(problem, found.layout, found.theta, d) for d in starts)]
-    if jumps:
-        groups = problem.channel.interpolation.shape[1]
-        place = groups + [f"{e}.{p.name}" for e, p in found.layout.parameters].index("dead_time.delay_s")
-        for nudge in NUDGES_S:
-            theta = found.theta.copy()
-            theta[place] += nudge
-            fits.append(fit(problem, found.layout, theta, starts[1]))
+def _rate_shift(effect: Effect, channel: Channel) -> float:
+    return float(np.log(effect.rate_factor(channel))) if effect.rate_factor else 0.0
+
+
+def add(problem: Problem, current: Fit, effect: Effect, starts: Starts | None = None) -> Fit:
+    """Best fit of the current model with one more effect: a few steps from each of its starts."""
+    structure, rates = current.structure.adding(effect), _rate_shift(effect, problem.channel)
+    tried = effect.starts(problem.channel) if starts is None else starts
+    fits = (_quick(problem, structure, current, _named(effect, start), rates) for start in tried)
     return min(fits, key=lambda f: f.deviance)
 
 
-def at_bound(effect: str, values: dict[str, float]) -> tuple[str, ...]:
+def finish(problem: Problem, found: Fit) -> Fit:
+    """The fit carried to its end, where it was left early; from several values where the objective has steps."""
+    channel = problem.channel
+    nudged = [
+        (f"{effect.id}.{name}", offset)
+        for effect in found.structure.effects
+        if effect.nudges
+        for name, offsets in effect.nudges(channel).items()
+        for offset in offsets
+    ]
+    if found.converged and not nudged:
+        return found
+    fresh = _fresh(problem, found)
+    fits = [found, fit(problem, found.structure, found.theta, found.deviations)]
+    for name, offset in nudged:
+        theta = found.theta.copy()
+        theta[found.model.place(name)] += offset
+        fits.append(fit(problem, found.structure, theta, fresh))
+    return min(fits, key=lambda f: f.deviance)
+
+
+def at_bound(effect: Effect, values: Mapping[str, float]) -> tuple[str, ...]:
     """Parameters of an effect that stand at a bound of their range."""
     out = []
-    for parameter in CATALOGUE[effect].parameters:
+    for parameter in effect.parameters:
         value = values[parameter.name]
         width = 1e-3 * (parameter.high - parameter.low)
         above = 1e-6 if parameter.log else min(width, 0.1 * abs(parameter.low) or width)
@@ -201,51 +172,200 @@ def at_bound(effect: str, values: dict[str, float]) -> tuple[str, ...]:
 
 def drop(problem: Problem, current: Fit, effect: str) -> Fit:
     """Best fit of the current model without one of its effects."""
-    layout = replace(current.layout, effects=tuple(e for e in current.layout.effects if e != effect))
-    return refit(problem, layout, current)
+    return refit(problem, current.structure.dropping(effect), current)
 
 
-def plain_fit(problem: Problem, layout: Layout = PLAIN) -> Fit:
-    """Fit of the plain model (with the effects of the readings that `layout` holds fixed)."""
-    theta = rate_start(problem.channel, layout)
-    return fit(problem, layout, theta, _unrecorded_starts(problem, layout, theta), iterations=40)
+def plain_fit(problem: Problem, structure: Structure = PLAIN) -> Fit:
+    """Fit of the plain model (with the effects of the readings that `structure` holds fixed)."""
+    start = rough_point(problem, structure)
+    return fit(problem, structure, start.theta, start.deviations, iterations=40)
 
 
 def _fresh(problem: Problem, near: Fit) -> Array:
     """Deviations to begin from: none, but for the starts that nobody recorded, which stay where they were found."""
-    return np.where(_open_starts(problem), near.deviations, 0.0)
+    return np.where(open_starts(problem), near.deviations, 0.0)
 
 
-def _open_starts(problem: Problem) -> NDArray[np.bool_]:
-    """True for the deviations (R, U) that are start times which nobody recorded."""
-    mask = np.zeros(problem.scatter.shape, dtype=bool)
-    mask[:, 0] = ~problem.channel.conditions.start_known
-    return mask
+class Stepwise:
+    """A search under way: its problem, what may be added, and the moves so far."""
+
+    def __init__(self, problem: Problem, base: Structure, candidates: Sequence[Effect]):
+        self.problem, self.base = problem, frozenset(base.ids)
+        self.candidates = tuple(candidates)
+        self.moves: list[Move] = []
+        self._drops: tuple[Fit | None, dict[str, Fit]] = (None, {})
+
+    def worth(self, gain: float, effect: str) -> float:
+        """By how much a drop in deviance is more than an effect's penalty."""
+        return evidence(self.problem, gain) - penalty(CATALOGUE[effect], self.problem.channel)
+
+    def added(self, current: Fit) -> list[str]:
+        """Effects of a model that the search itself has added."""
+        return [e for e in current.structure.ids if e not in self.base]
+
+    def promising(self, current: Fit, keep: int) -> dict[str, Starts]:
+        """The candidates that, to first order, lower the objective most, with their best starts: one prediction each.
+
+        Each is added at its weakest start; what the model's own parameters and the runs' deviations could do is taken
+        out.
+        """
+        channel, base = self.problem.channel, current.model.predict(current.point)[0]
+        taken = set(current.structure.ids)
+        columns, owners = [], []
+        for effect in self.candidates:
+            if effect.id in taken or effect.excludes & taken:
+                continue
+            model = Model(channel, current.structure.adding(effect))
+            rates = current.log_rates + _rate_shift(effect, channel)
+            for start in effect.starts(channel):
+                weak = {k: v if (w := effect.parameter(k).weakest) is None else w for k, v in start.items()}
+                theta = model.start(rates, current.choice | _named(effect, weak))
+                columns.append(model.predict(Point(theta, current.deviations))[0] - base)
+                owners.append((effect, start))
+        if not columns:
+            return {}
+        right, normal = current.scores(self.problem, self.problem.whiten(np.stack(columns, axis=-1)))
+        size = np.diag(normal)
+        gain = np.where(size > 1e-12, right**2 / np.maximum(size, 1e-12), 0.0)
+        scored: dict[str, list[tuple[float, Mapping[str, float]]]] = {}
+        for (effect, start), value in zip(owners, gain, strict=True):
+            scored.setdefault(effect.id, []).append((float(value), start))
+        reached = {e: max(value for value, _ in values) for e, values in scored.items()}
+        ranked = sorted(scored, key=lambda e: -reached[e])
+        # A start taken from the data may already be the whole answer, whatever its first order says.
+        always = [
+            e
+            for e in ranked
+            if CATALOGUE[e].always_tried or ((told := CATALOGUE[e].start_from) is not None and told(channel))
+        ]
+        worth = [e for e in ranked if reached[e] > WORTH_A_FIT * penalty(CATALOGUE[e], channel)]
+        chosen = dict.fromkeys([*worth[:keep], *always])
+        return {e: self._best_starts(CATALOGUE[e], scored[e]) for e in chosen}
+
+    @staticmethod
+    def _best_starts(effect: Effect, scored: list[tuple[float, Mapping[str, float]]]) -> Starts:
+        if any(p.weakest is not None for p in effect.parameters):
+            return [start for _, start in scored]  # scored at one value: the scores do not tell the starts apart
+        return [start for _, start in sorted(scored, key=lambda s: -s[0])[:QUICK_STARTS]]
+
+    def trials(self, current: Fit, promising: Mapping[str, Starts]) -> dict[str, Fit]:
+        """The current model with each other effect added; fits at a bound, or refused by the effect, are left out."""
+        found = {}
+        for id_, starts in promising.items():
+            effect = CATALOGUE[id_]
+            trial = add(self.problem, current, effect, starts)
+            values = {name: value for name, (value, _) in trial.values()[id_].items()}
+            # A parameter at its bound is no finding, unless the effect vanishes there and its gain with it.
+            if at_bound(effect, values) or (effect.refused and effect.refused(self.problem.channel, values)):
+                continue
+            found[id_] = trial
+        return found
+
+    def forward(self, current: Fit, keep: int) -> tuple[Fit, bool]:
+        """With the best candidate, if one is worth its penalty."""
+        promising = self.promising(current, keep)
+        trials = self.trials(current, promising)
+        if not trials:
+            return current, False
+        for effect in self._ahead(trials):
+            trials[effect] = finish(self.problem, trials[effect])
+        # What a better start alone gains is not the candidate's: the current model is fitted again from where it led.
+        ahead = min(trials.values(), key=lambda f: f.deviance)
+        own = ahead.choice
+        theta = current.model.start(ahead.log_rates, {name: own[name] for name in current.structure.names})
+        again = fit(self.problem, current.structure, theta, ahead.deviations, iterations=30)
+        if again.deviance < current.deviance - 1.0:
+            # A better start is worth as much to the candidates.
+            current = again
+            for effect in self._ahead(trials):
+                anew = add(self.problem, current, CATALOGUE[effect], promising[effect])
+                trials[effect] = min((trials[effect], anew), key=lambda f: f.deviance)
+        gains = {e: current.deviance - f.deviance for e, f in trials.items()}
+        best = max(gains, key=lambda e: self.worth(gains[e], e))
+        ranked = tuple(sorted(gains.items(), key=lambda item: -item[1]))
+        if self.worth(gains[best], best) > 0:
+            self.moves.append(Move("add", best, gains[best], ranked))
+            # An effect can hide in the runs' own deviations: the one that is taken is fitted from none as well.
+            return refit(self.problem, trials[best].structure, trials[best]), True
+        self.moves.append(Move("stop", "", 0.0, ranked))
+        return current, False
+
+    @staticmethod
+    def _ahead(trials: Mapping[str, Fit]) -> list[str]:
+        return sorted(trials, key=lambda e: trials[e].deviance)[:FINISHED]
+
+    def dropped(self, current: Fit, effect: str) -> Fit:
+        """The current model without one of its effects, fitted once."""
+        if self._drops[0] is not current:
+            self._drops = (current, {})
+        known = self._drops[1]
+        if effect not in known:
+            known[effect] = drop(self.problem, current, effect)
+        return known[effect]
+
+    def backward(self, current: Fit) -> Fit:
+        """Without the effects that, now that others are there, no longer earn their place."""
+        while True:
+            removable = self.added(current)
+            if len(removable) < 2:
+                return current
+            trials = {e: self.dropped(current, e) for e in removable}
+            excess = {e: self.worth(f.deviance - current.deviance, e) for e, f in trials.items()}
+            worst = min(excess, key=excess.__getitem__)
+            if excess[worst] > 0:
+                return current
+            self.moves.append(Move("remove", worst, current.deviance - trials[worst].deviance, ()))
+            current = trials[worst]
+
+    def exchange(self, current: Fit, swap: bool = True) -> tuple[Fit, dict[str, Standing], bool]:
+        """Each effect found against every other in its place: how it stands, and whether another does better."""
+        standing: dict[str, Standing] = {}
+        channel = self.problem.channel
+        for effect in self.added(current):
+            without = self.dropped(current, effect)
+            necessity = without.deviance - current.deviance
+            promising = self.promising(without, 5)
+            promising.pop(effect, None)
+            others = self.trials(without, {e: s for e, s in promising.items() if e not in current.structure.ids})
+            for e, f in others.items():
+                if f.deviance - current.deviance < max(0.1 * necessity, 30.0):
+                    others[e] = finish(self.problem, f)
+            rises = {e: f.deviance - current.deviance for e, f in others.items()}
+            own = CATALOGUE[effect].rarity(channel)
+            likely = {e: r + CATALOGUE[e].rarity(channel) - own for e, r in rises.items()}
+            standing[effect] = Standing(
+                necessity=necessity,
+                rivals={e: r for e, r in likely.items() if r < max(0.5 * necessity, 2 * TIE)},
+                ties={e: others[e] for e, r in likely.items() if r < TIE},
+            )
+            if swap and rises:
+                best = min(rises, key=lambda e: rises[e] + penalty(CATALOGUE[e], channel))
+                better = penalty(CATALOGUE[effect], channel) - penalty(CATALOGUE[best], channel) - rises[best]
+                if better > 0.5:
+                    self.moves.append(Move("swap", f"{effect} -> {best}", -rises[best], ()))
+                    return self.backward(finish(self.problem, others[best])), {}, True
+        return current, standing, False
 
 
-def _unrecorded_starts(problem: Problem, layout: Layout, theta: Array) -> Array:
-    """Deviations with each unrecorded start where the plain model, at its rough rate, leaves least."""
-    deviations = np.zeros(problem.scatter.shape)
-    channel = problem.channel
-    if channel.conditions.start_known.all():
-        return deviations
-    late_s = np.arange(-0.8, 0.81, 0.04) * max(1.0, channel.sampling_period_s / 0.1)
-    groups = channel.interpolation.shape[1]
-    for _ in range(2):
-        tried = np.tile(deviations, (late_s.size, 1, 1))
-        tried[:, ~channel.conditions.start_known, 0] = late_s[:, None]
-        prediction = predict(channel, layout, np.tile(theta, (late_s.size, 1)), tried)
-        squares = (channel.count * (channel.value - prediction) ** 2).sum(axis=-1)
-        best = late_s[np.argmin(squares, axis=0)]
-        deviations[:, 0] = np.where(channel.conditions.start_known, 0.0, best)
-        theta[:groups] = fit(problem, layout, theta, deviations, iterations=10).theta[:groups]
-    return deviations
+def reconsider(problem: Problem, base: Structure, found: Fit) -> tuple[Fit, dict[str, Fit]]:
+    """A model judged again on other runs: without effects that no longer earn their place, with one that does.
+
+    Returns the model, and the fits without each of the effects that `found` has beyond `base`.
+    """
+    looking = Stepwise(problem, base, candidates_of(problem.channel))
+    without = {e: looking.dropped(found, e) for e in looking.added(found)}
+    current = found
+    if len(without) == 1:  # a search takes no step back from a single effect, a judge does
+        ((effect, one_less),) = without.items()
+        current = found if looking.worth(one_less.deviance - found.deviance, effect) > 0 else one_less
+    current = looking.backward(current)
+    return looking.forward(current, 3)[0], without
 
 
 def search(
     problem: Problem,
-    base: Layout = PLAIN,
-    names: tuple[str, ...] | None = None,
+    base: Structure = PLAIN,
+    candidates: Sequence[Effect] | None = None,
     thorough: bool = True,
     most: int = MOST_EFFECTS,
 ) -> Search:
@@ -254,153 +374,32 @@ def search(
     Parameters
     ----------
     problem : Problem
-    base : Layout
+    base : Structure
         Effects that the readings themselves have shown; they are never taken away.
-    names : tuple of str, optional
-        Candidates; all that can be tested if not given.
+    candidates : sequence of Effect, optional
+        All that can be tested if not given.
     thorough : bool
         Whether each effect found is tried against others in its place, and more candidates are fitted at each step
         than the few that score best to first order: needed for a verdict.
     most : int
         How many effects may be added.
     """
-    names = testable(problem.channel) if names is None else names
+    looking = Stepwise(problem, base, candidates_of(problem.channel) if candidates is None else candidates)
     plain = current = plain_fit(problem, base)
-    moves: list[Move] = []
-    necessity: dict[str, float] = {}
-    rivals: dict[str, dict[str, float]] = {}
-    ties: dict[str, dict[str, Fit]] = {}
+    standing: dict[str, Standing] = {}
     seen: set[frozenset[str]] = set()
-    while len(current.layout.effects) - len(base.effects) < most:
-        current, added = _forward(problem, current, _promising(problem, current, names, 7 if thorough else 4), moves)
+    while len(looking.added(current)) < most:
+        current, added = looking.forward(current, 7 if thorough else 4)
         if added:
-            current = _backward(problem, current, base, moves)
+            current = looking.backward(current)
             continue
         if not thorough:
             break
-        current, necessity, rivals, ties, swapped = _exchange(problem, current, base, names, moves)
-        if not swapped or frozenset(current.layout.effects) in seen:
+        current, standing, swapped = looking.exchange(current)
+        state = frozenset(current.structure.ids)
+        if not swapped or state in seen:
             break
-        seen.add(frozenset(current.layout.effects))
-    if thorough and current.layout.effects and set(necessity) != set(current.layout.effects) - set(base.effects):
-        current, necessity, rivals, ties, _ = _exchange(problem, current, base, names, moves, swap=False)
-    return Search(plain, current, tuple(moves), necessity, rivals, ties)
-
-
-def _promising(problem: Problem, current: Fit, names: tuple[str, ...], keep: int) -> tuple[str, ...]:
-    """The candidates that, to first order, lower the objective most: one prediction each, no fit.
-
-    Each is added at its weakest start; what the model's own parameters and the runs' deviations could do is taken out.
-    """
-    channel = problem.channel
-    groups = channel.interpolation.shape[1]
-    base = predict(channel, current.layout, current.theta, current.deviations)[0]
-    columns, owners = [], []
-    for effect in names:
-        if effect in current.layout.effects:
-            continue
-        layout = replace(current.layout, effects=(*current.layout.effects, effect))
-        for start in _starts(channel, effect):
-            weak = {k: _weaker(effect, k.split(".")[1], v) for k, v in start.items()}
-            theta = start_theta(channel, layout, current.theta[:groups], _choice(current, groups) | weak)
-            columns.append(predict(channel, layout, theta, current.deviations)[0] - base)
-            owners.append(effect)
-    if not columns:
-        return ()
-    right, normal = project(problem, current, np.matmul(problem.whitener, np.stack(columns, axis=-1)))
-    size = np.diag(normal)
-    gain = np.where(size > 1e-12, right**2 / np.maximum(size, 1e-12), 0.0)
-    best: dict[str, float] = {}
-    for effect, value in zip(owners, gain, strict=True):
-        best[effect] = max(best.get(effect, 0.0), float(value))
-    ranked = sorted(best, key=lambda e: -best[e])
-    # Calibration moves two ways and its start is no change at all; a start taken from the data may already be the whole
-    # answer, whatever its first order says. Both are always worth a quick fit.
-    told = (e for e in ranked if (start := CATALOGUE[e].start_from) is not None and start(channel))
-    always = (*told, *(e for e in ranked if e == "calibration_error"))
-    return tuple(dict.fromkeys([*ranked[:keep], *always]))
-
-
-def _weaker(effect: str, name: str, start: float) -> float:
-    parameter = next(p for p in CATALOGUE[effect].parameters if p.name == name)
-    if name == "biot_at_5_m_s":
-        return max(parameter.starts)
-    return start
-
-
-def _forward(problem: Problem, current: Fit, names: tuple[str, ...], moves: list[Move]) -> tuple[Fit, bool]:
-    trials = _additions(problem, current, names)
-    if not trials:
-        return current, False
-    for effect in sorted(trials, key=lambda e: trials[e].deviance)[:3]:
-        trials[effect] = finish(problem, trials[effect])
-    # What a better start alone gains is not the candidate's: the current model is fitted again from where it led.
-    ahead = min(trials.values(), key=lambda f: f.deviance)
-    again = refit(problem, current.layout, ahead)
-    if again.deviance < current.deviance - 1.0:
-        # A better start is worth as much to the candidates.
-        current = again
-        for effect in sorted(trials, key=lambda e: trials[e].deviance)[:3]:
-            trials[effect] = min((trials[effect], add(problem, current, effect)), key=lambda f: f.deviance)
-    gains = {e: current.deviance - f.deviance for e, f in trials.items()}
-    best = max(gains, key=lambda e: evidence(problem, gains[e]) - price(e))
-    ranked = tuple(sorted(gains.items(), key=lambda item: -item[1]))
-    taken = evidence(problem, gains[best]) > price(best)
-    moves.append(Move("add" if taken else "stop", best if taken else "", gains[best] if taken else 0.0, ranked))
-    return (trials[best], True) if taken else (current, False)
-
-
-def _additions(problem: Problem, current: Fit, names: tuple[str, ...]) -> dict[str, Fit]:
-    """The current model with each other effect added; fits at a bound, or refused by the effect, are left out."""
-    groups = problem.channel.interpolation.shape[1]
-    trials = {}
-    for effect in names:
-        if effect in current.layout.effects:
-            continue
-        found = add(problem, current, effect)
-        refused = CATALOGUE[effect].refused
-        values = {name: value for name, (value, _) in found.values(groups)[effect].items()}
-        # A parameter at its bound is no finding, unless the effect vanishes there and its gain with it.
-        if at_bound(effect, values) or (refused is not None and refused(problem.channel, values)):
-            continue
-        trials[effect] = found
-    return trials
-
-
-def _backward(problem: Problem, current: Fit, base: Layout, moves: list[Move]) -> Fit:
-    """Without the effects that, now that others are there, no longer earn their place."""
-    while True:
-        removable = [e for e in current.layout.effects if e not in base.effects]
-        if len(removable) < 2:
-            return current
-        trials = {e: drop(problem, current, e) for e in removable}
-        excess = {e: evidence(problem, f.deviance - current.deviance) - price(e) for e, f in trials.items()}
-        worst = min(excess, key=excess.__getitem__)
-        if excess[worst] > 0:
-            return current
-        moves.append(Move("remove", worst, current.deviance - trials[worst].deviance, ()))
-        current = trials[worst]
-
-
-def _exchange(problem, current, base, names, moves, swap=True):
-    """Each effect found against every other in its place: how much it is needed, who could stand for it, and swaps."""
-    necessity: dict[str, float] = {}
-    rivals: dict[str, dict[str, float]] = {}
-    ties: dict[str, dict[str, Fit]] = {}
-    for effect in [e for e in current.layout.effects if e not in base.effects]:
-        without = drop(problem, current, effect)
-        necessity[effect] = without.deviance - current.deviance
-        free = tuple(e for e in names if e not in current.layout.effects)
-        others = _additions(problem, without, _promising(problem, without, free, 5))
-        for e, f in others.items():
-            if f.deviance - current.deviance < max(0.1 * necessity[effect], 30.0):
-                others[e] = finish(problem, f)
-        rises = {e: f.deviance - current.deviance for e, f in others.items()}
-        rivals[effect] = {e: r for e, r in rises.items() if r < max(0.5 * necessity[effect], 2 * TIE)}
-        ties[effect] = {e: others[e] for e, r in rises.items() if r < TIE}
-        if swap and rises:
-            best = min(rises, key=lambda e: rises[e] + price(e))
-            if rises[best] + price(best) - price(effect) < -0.5:
-                moves.append(Move("swap", f"{effect} -> {best}", -rises[best], ()))
-                return _backward(problem, finish(problem, others[best]), base, moves), {}, {}, {}, True
-    return current, necessity, rivals, ties, False
+        seen.add(state)
+    if thorough and set(standing) != set(looking.added(current)):
+        current, standing, _ = looking.exchange(current, swap=False)
+    return Search(plain, current, tuple(looking.moves), standing)

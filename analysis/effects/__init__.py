@@ -5,22 +5,30 @@ To add an effect, add its file and its line here; the contract tests then run ov
 
 from __future__ import annotations
 
+import copyreg
 import importlib
+from collections.abc import Iterable
+from dataclasses import replace
 
-from shockrig.analysis.effects.effect import Effect, Parameter
+from shockrig.analysis.inference.effect import Effect, Parameter
+from shockrig.analysis.inference.model import Held, Structure
 
-__all__ = ["CATALOGUE", "Effect", "Parameter"]
+__all__ = ["CATALOGUE", "Effect", "Parameter", "by_id", "structure_of"]
 
-_IDS = (
+# In the order of the chain.
+_FILES = (
     "finite_transfer",
     "air_relaxation",
     "convective_film",
     "vapour_boundary_layer",
+    "series_lag",
     "condensation",
+    "other_body",
     "direction_dependent_diffusivity",
     "concentration_dependent_diffusivity",
     "slow_relaxation",
     "stem_conduction",
+    "parallel_lag",
     "evaporative_cooling",
     "self_heating",
     "radiative_heating",
@@ -35,4 +43,29 @@ _IDS = (
     "quantization",
 )
 
-CATALOGUE: dict[str, Effect] = {name: importlib.import_module(f"{__name__}.{name}").EFFECT for name in _IDS}
+
+def _entries() -> Iterable[Effect]:
+    for name in _FILES:
+        module = importlib.import_module(f"{__name__}.{name}")
+        yield from getattr(module, "EFFECTS", None) or (module.EFFECT,)
+
+
+CATALOGUE: dict[str, Effect] = {effect.id: replace(effect, order=i) for i, effect in enumerate(_entries())}
+
+
+def by_id(id_: str) -> Effect:
+    """An entry of the catalogue."""
+    return CATALOGUE[id_]
+
+
+def _reduced(effect: Effect) -> tuple[object, ...]:
+    return by_id, (effect.id,)
+
+
+# Effects are pickled by name, as functions are.
+copyreg.pickle(Effect, _reduced)  # type: ignore[arg-type]
+
+
+def structure_of(ids: Iterable[str], held: Iterable[tuple[str, str, float]] = ()) -> Structure:
+    """A model's structure from ids, and (effect, parameter, value) of what is held."""
+    return Structure(tuple(CATALOGUE[id_] for id_ in ids), tuple(Held(*one) for one in held))

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from shockrig.analysis.effects.effect import Effect, Parameter
+from shockrig.analysis.inference.effect import Effect, Parameter
 from shockrig.analysis.physics.chain import RoomAir
 
 EFFECT = Effect(
@@ -10,10 +10,10 @@ EFFECT = Effect(
     link="air",
     channels=("temperature", "humidity"),
     parameters=(
-        Parameter("fraction", "1", 0.001, 0.5, (0.03,)),
+        Parameter("fraction", "1", 0.001, 0.5, (0.03,), percent=True),
         Parameter("time_constant_s", "s", 0.3, 90.0, (3.0, 12.0), log=True, none=None),
-        Parameter("room_temperature_c", "degC", -10.0, 45.0, (22.0,), none=None),
-        Parameter("room_humidity_percent", "%RH", 0.0, 100.0, (45.0,), none=None),
+        Parameter("room_temperature_c", "degC", -10.0, 45.0, (22.0,), none=None, prior=(21.0, 8.0)),
+        Parameter("room_humidity_percent", "%RH", 0.0, 100.0, (45.0,), none=None, prior=(45.0, 20.0)),
     ),
     apply=lambda chain, p: replace(
         chain,
@@ -29,4 +29,6 @@ EFFECT = Effect(
     source="well-mixed chamber; vapour pressure mixes linearly",
     advice="Seal the transfer port, raise the chamber's airflow, or bring the room to the destination's state.",
     of_sensor=False,
+    testable=lambda channel: bool((channel.conditions.airs_known & ~channel.measured).any()),
+    needs="needs runs whose airs were recorded, and not measured all along",
 )

@@ -2,12 +2,12 @@
 
 from dataclasses import replace
 
-from shockrig.analysis.effects.effect import Effect, Parameter
+from shockrig.analysis.inference.effect import Effect, InFlight, Parameter
 
 
 def _apply(chain, p):
     gain, offset = p["gain"][..., None], p["offset"][..., None]
-    return replace(chain, readouts=(*chain.readouts, lambda reading: reading * (1 + gain) + offset))
+    return replace(chain, readouts=(*chain.readouts, lambda reading, time: reading * (1 + gain) + offset))
 
 
 EFFECT = Effect(
@@ -15,12 +15,19 @@ EFFECT = Effect(
     link="readout",
     channels=("temperature", "humidity"),
     parameters=(
-        Parameter("gain", "1", -0.3, 0.3, (0.0,)),
+        Parameter("gain", "1", -0.3, 0.3, (0.0,), percent=True),
         Parameter("offset", "channel's unit", -15.0, 15.0, (0.0,)),
     ),
     apply=_apply,
     sentence="The calibration is off: gain {gain}, offset {offset}, the same at every airflow and direction.",
     equation="reading = true (1 + gain) + offset",
     source="two-point calibration",
+    testable=lambda channel: bool(channel.conditions.airs_known.all()),
+    needs="needs runs whose airs were recorded",
+    steady=True,
+    always_tried=True,
+    in_flight=InFlight(
+        undo=lambda p, reading, airspeed, length: (reading - p.get("offset", 0.0)) / (1.0 + p.get("gain", 0.0))
+    ),
     advice="Calibrate at two points against the reference, and enter the result.",
 )

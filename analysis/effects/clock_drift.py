@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.analysis.effects.effect import Effect, Parameter
+from shockrig.analysis.inference.effect import RARE, Effect, Parameter
 
 
 def _apply(chain, p):
@@ -20,7 +20,10 @@ EFFECT = Effect(
     apply=_apply,
     sentence="This channel's clock runs fast by {ppm} parts per million.",
     equation="t_stamp = t (1 + ppm 1e-6)",
-    source="a logger with its own oscillator",
+    source="a logger with its own oscillator; a crystal is good to 100 ppm, what acts on a transient needs far more",
+    of_sensor=False,
+    rare=RARE,
+    needs="needs runs whose start was recorded on the clock of the readings",
     testable=lambda channel: bool(channel.conditions.start_known.any()),
     advice="Stamp all channels with one clock, or log a time mark at both ends of every run.",
 )

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from shockrig.analysis.effects.effect import Effect, Parameter
+from shockrig.analysis.inference.effect import Effect, InFlight, Parameter
 
 EFFECT = Effect(
     id="concentration_dependent_diffusivity",
@@ -16,5 +16,6 @@ EFFECT = Effect(
     ),
     equation="D = D0 (1 + slope (a - 1/2)), a = c / c_sat(destination)",
     source="Crank 1975, chapter 9",
+    in_flight=InFlight(left=True),
     advice="Take small steps at several levels, up and down, and quote D at half saturation.",
 )

@@ -5,29 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.analysis.effects.effect import Effect, Parameter
-from shockrig.analysis.physics.humidity import dew_point_c
-
-
-def warm_after_s(channel) -> np.ndarray:
-    """When each run's die passes the dew point of the destination [s] (R,); NaN where it never was below it."""
-    air = channel.conditions
-    dew = dew_point_c(np.clip(air.destination_percent, 1.0, 100.0), air.destination_c)
-    warm = np.full(channel.runs, np.nan)
-    for run, (time, _) in enumerate(channel.samples):
-        die = channel.die_samples[run] if channel.die_samples else np.full(time.size, np.nan)
-        below = (time > 0) & (die < dew[run])
-        if air.source_c[run] < dew[run] and below.any():
-            last = int(np.flatnonzero(below)[-1])
-            ahead = min(last + 1, time.size - 1)
-            rise = die[ahead] - die[last]
-            share = np.clip((dew[run] - die[last]) / rise, 0.0, 1.0) if rise > 0 else 0.0
-            warm[run] = time[last] + share * (time[ahead] - time[last])
-    return warm
+from shockrig.analysis.inference.effect import Effect, InFlight, Parameter
 
 
 def _apply(chain, p):
-    warm = warm_after_s(chain.channel)
+    warm = chain.channel.wet_until_s
     return replace(chain, wet_until_s=np.where(np.isfinite(warm), np.nan_to_num(warm) + p["drying_time_s"], 0.0))
 
 
@@ -44,5 +26,7 @@ EFFECT = Effect(
     equation="c(L, t) = saturation until the die passes the dew point, and drying_time longer",
     source="psychrometry; the die is the coldest part in the destination air",
     advice="Keep the sensor above the destination's dew point before the transfer.",
-    testable=lambda channel: bool(np.isfinite(warm_after_s(channel)).any()),
+    in_flight=InFlight(left=True),
+    testable=lambda channel: bool((np.isfinite(channel.wet_until_s) & channel.conditions.airs_known).any()),
+    needs="needs runs from cold air into air whose dew point lies above the film's own temperature",
 )

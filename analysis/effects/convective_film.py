@@ -2,14 +2,14 @@
 
 from dataclasses import replace
 
-from shockrig.analysis.effects.effect import Effect, Parameter
-from shockrig.analysis.physics.chain import relative_ventilation
+from shockrig.analysis.inference.effect import Effect, InFlight, Parameter
+from shockrig.analysis.physics.chain import relative_ventilation, ventilation_ratio
 
 EFFECT = Effect(
     id="convective_film",
     link="exchange",
     channels=("temperature",),
-    parameters=(Parameter("biot_at_5_m_s", "1", 0.005, 60.0, (0.1, 1.0, 6.0), log=True, none=None),),
+    parameters=(Parameter("biot_at_5_m_s", "1", 0.005, 60.0, (0.1, 1.0, 6.0), log=True, none=None, weakest=6.0),),
     apply=lambda chain, p: replace(chain, biot=p["biot_at_5_m_s"] * relative_ventilation(chain.channel)),
     sentence=(
         "The bead does not follow the air at once: the air film around it (Biot {biot_at_5_m_s} at 5 m/s) makes it "
@@ -17,5 +17,10 @@ EFFECT = Effect(
     ),
     equation="k dT/dr = h (T_air - T) at r = R, Bi = h R / k = Bi(5 m/s) F(v) / F(5 m/s), F = 2 + 0.6 Re^1/2 Pr^1/3",
     source="Ranz and Marshall 1952; Carslaw and Jaeger 1959, section 9.4",
+    testable=lambda channel: bool(channel.conditions.airflow_known.all()),
+    needs="needs runs whose airflow was recorded",
+    in_flight=InFlight(
+        biot=lambda p, airspeed, radius: p["biot_at_5_m_s"] * ventilation_ratio(airspeed, radius),
+    ),
     advice="State the airflow with every response time; correct flights at their own airspeed.",
 )

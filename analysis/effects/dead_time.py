@@ -4,16 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.analysis.effects.effect import Effect, Parameter
+from shockrig.analysis.inference.effect import Effect, InFlight, Parameter
 
 LEAST_DELAY_S = 0.014  # triggers may all be off alike by some milliseconds, and that is no delay of the channel
 SPREAD_S = 0.06  # of the jumps' times from run to run, sampling and trigger together
+NUDGES_S = (-0.02, -0.01, 0.01, 0.02)  # the objective has steps where a sample crosses the jump
 LEAST_CHANGE_K = 3.0  # of the air, for its jump to stand out in the RH read at its temperature
 
 
 def _when_it_jumps(channel) -> dict[str, float]:
     """A delay moves the jump that RH makes with the air's temperature, and no fit finds its way over a jump."""
-    if channel.name != "humidity":
+    if not channel.jumps_with_air:
         return {}
     air, period = channel.conditions, channel.sampling_period_s
     told = []
@@ -38,6 +39,10 @@ EFFECT = Effect(
     equation="reading(t) = true(t - delay)",
     source="a polling loop or a buffer that hands out the previous reading",
     start_from=_when_it_jumps,
+    nudges=lambda channel: {"delay_s": NUDGES_S} if channel.jumps_with_air else {},
+    like_average=lambda p, period_s: {int(2 * p["delay_s"] / period_s) + k for k in (0, 1, 2)},
+    needs="needs runs whose start was recorded on the clock of the readings",
+    in_flight=InFlight(delay_s=lambda p, period_s: max(p["delay_s"], 0.0)),
     refused=lambda channel, values: abs(values["delay_s"]) < LEAST_DELAY_S,
     testable=lambda channel: bool(channel.conditions.start_known.any()),
     advice="Time-stamp at the measurement and not at the read-out; request a conversion before every fetch.",

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.analysis.effects.effect import Effect, Parameter
+from shockrig.analysis.inference.effect import Effect, InFlight, Parameter
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 
 
@@ -27,6 +27,8 @@ EFFECT = Effect(
     sentence="The film does not dry as fast as it wets: D is {ratio_drying_to_wetting} times as large in drying.",
     equation="D(drying) = ratio D(wetting)",
     source="sorption hysteresis of polymers; Crank 1975, chapter 9",
+    in_flight=InFlight(left=True),
+    needs="needs runs that wet the film and runs that dry it",
     advice="Report rising and falling response times apart.",
     testable=lambda channel: bool(dries(channel).any() and (~dries(channel)).any()),
 )

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.analysis.effects.effect import Effect, Parameter
+from shockrig.analysis.inference.effect import Effect, InFlight, Parameter
 from shockrig.analysis.physics.humidity import dew_point_c
 
 
@@ -18,8 +18,7 @@ def wetted(channel) -> np.ndarray:
 
 
 def _apply(chain, p):
-    def cooled(reading):
-        late = chain.time_s
+    def cooled(reading, late):
         decay = np.exp(-np.maximum(late, 0) / p["time_constant_s"][..., None]) * (late > 0)
         return reading - (p["depression_k"] * wetted(chain.channel))[..., None] * decay
 
@@ -45,5 +44,7 @@ EFFECT = Effect(
     ),
     source="a wet thermistor cools below its bath by 0.2 to 0.5 K for up to a minute",
     advice="Keep the probes above the destination's dew point before the transfer.",
-    testable=lambda channel: bool((wetted(channel) > 0).any()),
+    in_flight=InFlight(left=True),
+    testable=lambda channel: bool(((wetted(channel) > 0) & channel.conditions.airs_known).any()),
+    needs="needs a source air so moist that dew forms in the destination air",
 )

@@ -8,12 +8,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.analysis.effects.effect import Effect, Parameter
+from shockrig.analysis.inference.effect import Effect, Parameter
 
 
 def _ramp(chain, p) -> np.ndarray:
     air = chain.channel.conditions
     return np.where(np.isfinite(air.ramp_own_s), air.ramp_own_s, p["duration_s"] * air.ramp_ratio)
+
+
+def _triggered(channel) -> bool:
+    return bool((channel.conditions.start_known & ~channel.measured).any())
 
 
 EFFECT = Effect(
@@ -27,4 +31,7 @@ EFFECT = Effect(
     source="ramp response: integral of the step response over the duration",
     advice="Move the probes faster, or log both ends of the transfer so that its duration is known.",
     of_sensor=False,
+    testable=_triggered,
+    needs="needs runs whose start was recorded: a slow transfer and a late start look alike",
+    like_average=lambda p, period_s: {int(p["duration_s"] / period_s) + k for k in (0, 1, 2)},
 )

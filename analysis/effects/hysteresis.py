@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.analysis.effects.effect import Effect, Parameter
+from shockrig.analysis.inference.effect import Effect, InFlight, Parameter
 
 SET_IN_PERCENT = 5.0
 
 
 def _apply(chain, p):
-    def held_back(reading):
+    def held_back(reading, time):
         change = reading - chain.source_percent[..., None]
         return reading - p["rh_percent"][..., None] * np.tanh(change / SET_IN_PERCENT)
 
@@ -26,5 +26,9 @@ EFFECT = Effect(
     sentence="The reading remembers where it came from: low by {rh_percent} %RH after a rise, high by it after a fall.",
     equation="H = H_film - rh tanh(change / 5 %RH)",
     source="sorption hysteresis; data sheets allow 1 %RH",
+    testable=lambda channel: bool(channel.conditions.airs_known.all()),
+    needs="needs runs whose airs were recorded",
+    steady=True,
+    in_flight=InFlight(uncertainty=lambda p: p["rh_percent"], left=True),
     advice="Approach calibration points from both sides and state both.",
 )

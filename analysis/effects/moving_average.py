@@ -2,12 +2,27 @@
 
 from dataclasses import replace
 
-from shockrig.analysis.effects.effect import Effect, Parameter
+from shockrig.analysis.inference.effect import Effect, Finding, InFlight, Parameter, Readings
 
 
 def _apply(chain, p):
     # A whole number of readings, the same for every candidate: it comes from the noise and is not searched.
     return replace(chain, averaged=max(int(round(float(p["samples"].flat[0]))), 1))
+
+
+def seen_in_noise(known: Readings) -> Finding | None:
+    """A running mean in the logger, from the correlation of the noise."""
+    noise = known.noise
+    if noise is None or noise.averaged == 1:
+        return None
+    likelihood = noise.log_likelihood_by_average
+    gain = float(likelihood[noise.averaged - 1] - likelihood[0])
+    return Finding(
+        "moving_average",
+        {"samples": (float(noise.averaged), 0.1)},
+        f"the plateaus' noise is that of a mean over {noise.averaged} readings "
+        f"(log likelihood {gain:+.0f} against plain noise)",
+    )
 
 
 EFFECT = Effect(
@@ -20,5 +35,7 @@ EFFECT = Effect(
     equation="reading_i = mean(reading_(i-n+1) .. reading_i)",
     source="running mean in firmware",
     advice="Switch the averaging off and average afterwards, centred.",
-    from_readings=True,
+    in_noise=seen_in_noise,
+    averages=lambda p: int(round(p["samples"])),
+    in_flight=InFlight(delay_s=lambda p, period_s: 0.5 * max(p["samples"] - 1.0, 0.0) * period_s),
 )

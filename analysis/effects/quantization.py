@@ -1,6 +1,24 @@
 """Readings are rounded to `step`, coarser than the sensor's own 0.01 degC or 100/16383 %RH."""
 
-from shockrig.analysis.effects.effect import Effect, Parameter, unchanged
+import numpy as np
+
+from shockrig.analysis.inference.effect import Effect, Finding, InFlight, Parameter, Readings, unchanged
+
+COARSE = 1.5  # rounding is named from this many times the sensor's own step on
+
+
+def coarse_step(known: Readings) -> tuple[Readings, Finding | None]:
+    """The step to which all readings are rounded, where it is coarser than the sensor's own, where that is known."""
+    step, normal = known.step, known.channel.quantity.resolution
+    if step < COARSE * normal or not known.channel.known_sensor:
+        return known, None
+    unit = known.channel.quantity.unit
+    return known, Finding(
+        "quantization",
+        {"step": (step, max(0.002 * step, 1e-5))},
+        f"all readings are multiples of {step:.4g} {unit}, the sensor resolves {normal:.3g} {unit}",
+    )
+
 
 EFFECT = Effect(
     id="quantization",
@@ -12,5 +30,7 @@ EFFECT = Effect(
     equation="reading = step round(reading / step)",
     source="too few digits in the log or bits in the converter",
     advice="Log all the digits that the sensor gives.",
-    from_readings=True,
+    in_readings=coarse_step,
+    rounded_to=lambda p: p["step"],
+    in_flight=InFlight(noise=lambda p: p["step"] / np.sqrt(12.0)),
 )

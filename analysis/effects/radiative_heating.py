@@ -3,14 +3,14 @@ irradiance_w_m2."""
 
 from dataclasses import replace
 
-from shockrig.analysis.effects.effect import Effect, Parameter
+from shockrig.analysis.inference.effect import Effect, InFlight, Parameter
 from shockrig.analysis.physics.chain import relative_ventilation
 
 
 def _apply(chain, p):
     irradiance = chain.channel.conditions.irradiance_w_m2
     rise = (p["kelvin_per_w_m2_at_5_m_s"] * irradiance / relative_ventilation(chain.channel))[..., None]
-    return replace(chain, readouts=(*chain.readouts, lambda reading: reading + rise))
+    return replace(chain, readouts=(*chain.readouts, lambda reading, time: reading + rise))
 
 
 EFFECT = Effect(
@@ -23,5 +23,8 @@ EFFECT = Effect(
     equation="T = T_bead + kappa E F(5 m/s) / F(v)",
     source="absorbed irradiance over h A, Ranz and Marshall 1952",
     advice="Shade the bead, or log the irradiance with every run and in flight.",
+    steady=True,
+    in_flight=InFlight(left=True),
+    needs="needs runs under light, with irradiance_w_m2 in run.json",
     testable=lambda channel: bool((channel.conditions.irradiance_w_m2 > 0).any()),
 )

@@ -4,9 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.analysis.effects.effect import Effect, Parameter
+from shockrig.analysis.inference.effect import Effect, Finding, InFlight, Parameter, Readings
 
 LEAST_CUT_PERCENT = 0.35  # less than this below the highest air is within what the airs are known to
+LEAST_PILE = 12  # readings at one ceiling that make a flat top
+LEAST_ROW = 6  # of them in a row
+TOLERANCE_PERCENT = 1e-4
 
 
 def highest_air_percent(channel) -> float:
@@ -19,13 +22,41 @@ def _within_the_airs(channel, values) -> bool:
     return values["limit_percent"] > highest_air_percent(channel) - LEAST_CUT_PERCENT
 
 
+def flat_top(known: Readings) -> tuple[Readings, Finding | None]:
+    """A ceiling at which readings pile up, above which none lies."""
+    channel, step = known.channel, known.step
+    everything = np.concatenate([y for _, y in channel.samples])
+    top = float(everything.max())
+    at_top = np.abs(everything - top) < TOLERANCE_PERCENT
+    # Without a ceiling the highest readings thin out: as many just below it as at it is what rounding does.
+    width = max(step, 2 * TOLERANCE_PERCENT)
+    below = ((everything < top - TOLERANCE_PERCENT) & (everything > top - 3.5 * width)).sum() / 3.0
+    longest = max((_longest_row(np.abs(y - top) < TOLERANCE_PERCENT) for _, y in channel.samples), default=0)
+    if at_top.sum() < LEAST_PILE or longest < LEAST_ROW or at_top.sum() < 8 * max(below, 1.0):
+        return known, None
+    if abs(top - highest_air_percent(channel)) < LEAST_CUT_PERCENT + 0.5 * step:
+        return known, None  # the plateaus in the most humid air stand at one code
+    if not channel.conditions.airs_known.any():
+        return known, None  # the highest plateau itself is all that is known of the most humid air
+    return known, Finding(
+        "saturation_clipping",
+        {"limit_percent": (top, max(step / np.sqrt(12.0), 1e-3))},
+        f"{int(at_top.sum())} readings stand at exactly {top:.2f} %RH, {longest} in a row, and none above",
+    )
+
+
+def _longest_row(mask) -> int:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
+    return int((edges[1::2] - edges[::2]).max()) if edges.size else 0
+
+
 EFFECT = Effect(
     id="saturation_clipping",
     link="readout",
     channels=("humidity",),
     parameters=(Parameter("limit_percent", "%RH", 20.0, 130.0, (95.0,), none=None),),
     apply=lambda chain, p: replace(
-        chain, readouts=(*chain.readouts, lambda reading: np.minimum(reading, p["limit_percent"][..., None]))
+        chain, readouts=(*chain.readouts, lambda reading, time: np.minimum(reading, p["limit_percent"][..., None]))
     ),
     sentence="The reading stops at {limit_percent} %RH, whatever the air.",
     equation="reading = min(reading, limit)",
@@ -33,4 +64,8 @@ EFFECT = Effect(
     advice="Raise the limit in firmware; until then values at it are lower bounds.",
     refused=_within_the_airs,
     start_from=lambda channel: {"limit_percent": float(np.quantile(channel.value[channel.count > 0], 0.97))},
+    testable=lambda channel: bool(channel.conditions.airs_known.any()),
+    needs="needs runs whose airs were recorded",
+    in_readings=flat_top,
+    in_flight=InFlight(ceiling=lambda p: p["limit_percent"]),
 )

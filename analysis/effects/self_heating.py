@@ -2,13 +2,13 @@
 
 from dataclasses import replace
 
-from shockrig.analysis.effects.effect import Effect, Parameter
-from shockrig.analysis.physics.chain import relative_ventilation
+from shockrig.analysis.inference.effect import Effect, InFlight, Parameter
+from shockrig.analysis.physics.chain import relative_ventilation, ventilation_ratio
 
 
 def _apply(chain, p):
     rise = (p["rise_k_at_5_m_s"] / relative_ventilation(chain.channel))[..., None]
-    return replace(chain, readouts=(*chain.readouts, lambda reading: reading + rise))
+    return replace(chain, readouts=(*chain.readouts, lambda reading, time: reading + rise))
 
 
 EFFECT = Effect(
@@ -20,5 +20,11 @@ EFFECT = Effect(
     sentence="The measuring current warms the bead by {rise_k_at_5_m_s} K at 5 m/s, and more in slower air.",
     equation="T = T_bead + rise(5 m/s) F(5 m/s) / F(v)",
     source="power over h A, Ranz and Marshall 1952",
+    testable=lambda channel: bool((channel.conditions.airflow_known & channel.conditions.airs_known).all()),
+    needs="needs runs whose airs and airflow were recorded",
+    steady=True,
+    in_flight=InFlight(
+        undo=lambda p, reading, airspeed, radius: reading - p["rise_k_at_5_m_s"] / ventilation_ratio(airspeed, radius)
+    ),
     advice="Lower the excitation, or pulse it; check at two excitation powers.",
 )

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.analysis.effects.effect import Effect, Parameter
+from shockrig.analysis.inference.effect import Effect, InFlight, Parameter
 
 EFFECT = Effect(
     id="vapour_boundary_layer",
     link="exchange",
     channels=("humidity",),
-    parameters=(Parameter("biot_at_5_m_s", "1", 0.2, 400.0, (8.0, 40.0), log=True, none=None),),
+    parameters=(Parameter("biot_at_5_m_s", "1", 0.2, 400.0, (8.0, 40.0), log=True, none=None, weakest=40.0),),
     apply=lambda chain, p: replace(
         chain, biot=p["biot_at_5_m_s"] * np.sqrt(np.maximum(chain.channel.conditions.airflow_m_s, 0.05) / 5.0)
     ),
@@ -20,5 +20,10 @@ EFFECT = Effect(
     ),
     equation="D dc/dx = h (c_air - c) at x = L, h L / D = Bi(5 m/s) (v / 5 m/s)^1/2",
     source="laminar boundary layer; Carslaw and Jaeger 1959, section 3.11",
+    testable=lambda channel: bool(channel.conditions.airflow_known.all()),
+    needs="needs runs whose airflow was recorded",
+    in_flight=InFlight(
+        biot=lambda p, airspeed, thickness: p["biot_at_5_m_s"] * np.sqrt(np.maximum(airspeed, 0.05) / 5.0),
+    ),
     advice="Take off the filter cap or aspirate harder; state the airflow with every response time.",
 )

@@ -1,4 +1,4 @@
-"""Global search for the rates: differential evolution on the RMSE of Eq. (17), and another optimiser as second opinion.
+"""Global search for the rates: differential evolution on the RMSE of Eq. (17), and another optimiser as cross-check.
 
 RMSE = sqrt(mean over samples of (reading - model)^2) (Segales et al. 2022, doi 10.5194/amt-15-2607-2022). A generation
 of candidates is one array operation over all runs of an ambient; start times and airs are taken as recorded, and where
@@ -14,18 +14,17 @@ from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 
 from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.gls import Layout, predict, start_theta
+from shockrig.analysis.inference.model import PLAIN, Model, Point, Structure
+from shockrig.analysis.inference.quantity import RunEffect
+from shockrig.analysis.inference.scan import RATE_BOUNDS_PER_S
+from shockrig.analysis.physics.bodies import BODIES
+from shockrig.analysis.physics.modes import response_times
 
 Array = NDArray[np.float64]
 
-RATE_BOUNDS_PER_S = (2e-4, 30.0)  # t63 of a bead from 6 ms to 14 min, of a film from 11 ms to 27 min
 POPULATION = 15
 GENERATIONS = 60
-LATE_S = np.arange(
-    -0.4, 0.8001, 0.04
-)  # starts that are tried where none is recorded, in sampling periods if those are longer
-PLAIN = Layout(())
-HALF_WAY = {"temperature": 0.13879, "humidity": 0.19673}  # alpha t50 / R^2 of a core, D t50 / L^2 of a film's mean
+LATE_S = np.arange(-0.4, 0.8001, 0.04)  # starts that are tried where none is recorded, at tempo 1
 
 
 @dataclass(frozen=True)
@@ -43,13 +42,11 @@ class Misfit:
     `parameters` are an extended model's effect parameters by "effect.parameter"; they stay as they are.
     """
 
-    def __init__(self, channel: Channel, layout: Layout = PLAIN, parameters: dict[str, float] | None = None):
-        self.channel, self.layout = channel, layout
-        groups = channel.interpolation.shape[1]
-        self._template = start_theta(channel, layout, np.zeros(groups), parameters)
-        self._groups = groups
+    def __init__(self, channel: Channel, structure: Structure = PLAIN, parameters: dict[str, float] | None = None):
+        self.channel, self.model = channel, Model(channel, structure)
+        self._template = self.model.start(np.zeros(channel.rates), parameters)
         known = channel.conditions.start_known
-        self._late_s = np.zeros(1) if known.all() else LATE_S * max(1.0, channel.sampling_period_s)
+        self._late_s = np.zeros(1) if known.all() else LATE_S * max(channel.tempo, channel.sampling_period_s)
         self._fixed = np.where(known, int(np.argmin(np.abs(self._late_s))), -1)
         self._within, self._samples = _scatter_within_bins(channel)
 
@@ -57,11 +54,11 @@ class Misfit:
         """Sum of squares (S, K, R) for ln rates (S,) and the starts tried (K,)."""
         tried, runs = self._late_s.size, self.channel.runs
         theta = np.tile(self._template, (len(log_rates) * tried, 1))
-        theta[:, : self._groups] = np.repeat(np.asarray(log_rates), tried)[:, None]
-        deviations = np.zeros((tried, runs, 4 if self.channel.name == "temperature" else 5))
-        deviations[..., 0] = self._late_s[:, None]
+        theta[:, self.model.rates] = np.repeat(np.asarray(log_rates), tried)[:, None]
+        deviations = np.zeros((tried, *self.channel.at_rest().shape))
+        deviations[..., RunEffect.START] = self._late_s[:, None]
         deviations = deviations if tried == 1 else np.tile(deviations, (len(log_rates), 1, 1))
-        off = self.channel.value - predict(self.channel, self.layout, theta, deviations)
+        off = self.channel.value - self.model.predict(Point(theta, deviations))
         return np.einsum("brn,brn,rn->br", off, off, self.channel.count).reshape(-1, tried, runs)
 
     def __call__(self, log_rates: Array) -> Array:
@@ -109,7 +106,7 @@ def evolve(misfit: Misfit, rng: np.random.Generator) -> Optimum:
     return Optimum(float(result.x[0]), float(result.fun), POPULATION * (int(result.nit) + 1))
 
 
-def second_opinion(misfit: Misfit) -> Optimum:
+def cross_check(misfit: Misfit) -> Optimum:
     """Best rate by nlopt's SBPLX, started from when the readings are half-way: it shares nothing with `evolve`."""
     import nlopt
 
@@ -128,10 +125,13 @@ def second_opinion(misfit: Misfit) -> Optimum:
 def half_way(channel: Channel) -> float:
     """ln rate [1/s] from the time to half of the way between first and last reading: the median over the runs."""
     times = []
-    for time, value, count in zip(channel.time_s, channel.value, channel.count, strict=True):
+    for run, (time, value, count) in enumerate(zip(channel.time_s, channel.value, channel.count, strict=True)):
         after = (count > 0) & (time > 0)
         before = (count > 0) & (time < 0)
+        if channel.air[run] is not None or not before.any():
+            times.append(float(np.ptp(time)) / 30.0)  # driven all along: only the order of magnitude is known
+            continue
         level, end = np.mean(value[before]), np.mean(value[after][-3:])
         beyond = np.abs(value[after] - level) > 0.5 * abs(end - level)
         times.append(float(time[after][np.argmax(beyond)]))
-    return float(np.log(HALF_WAY[channel.name] / max(np.median(times), 1e-3)))
+    return float(np.log(response_times(BODIES[channel.body].held(), (0.5,))[0] / max(np.median(times), 1e-3)))

@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 PIECE = 84  # samples in a piece of plateau where it is that long: long against the noise's memory
 SHORTEST_PIECE = 10
 MAX_AVERAGED = 24
+MOST_SAMPLES = 3000  # of a run, beyond which no matrix over all of them is made
 # (ln of total over observed variance, logit of the correlated share, logit of the memory) for a quick look
 QUICK = tuple((x, s, m) for x in (-0.3, 0.0, 0.4) for s, m in ((-5.0, 0.0), (0.0, 2.0)))
 
@@ -100,8 +101,10 @@ def plateau_pieces(channel: Channel, late_share: float = 1 / 3) -> tuple[Array, 
     early: list[Array] = []
     late: list[Array] = []
     period = channel.sampling_period_s
-    for time, value in channel.samples:
-        for part, pieces in ((time < -2 * period, early), (time > (1 - late_share) * time[-1], late)):
+    for (time, value), air in zip(channel.samples, channel.air, strict=True):
+        # Air that was measured all along drives the sensor all along: what bends less than noise does is in pieces.
+        parts = [(time < -2 * period, early), (time > (1 - late_share) * time[-1], late)] if air is None else []
+        for part, pieces in parts or [(np.ones(time.size, dtype=bool), late)]:
             t, y = time[part], value[part]
             for stretch in np.split(np.arange(t.size), np.flatnonzero(np.diff(t) > 3.3 * period) + 1):
                 if stretch.size < 2:
@@ -266,6 +269,7 @@ def whiteners(channel: Channel, noise: Noise, signals: Sequence[Array] | None = 
     bins = channel.count.shape[1]
     whitener = np.zeros((channel.runs, bins, bins))
     white_only = noise.averaged == 1 and noise.correlated < 0.03 * noise.standard_deviation
+    twice_summed = _twice_summed(gamma)
     for run in range(channel.runs):
         count = channel.count[run]
         filled = np.flatnonzero(count)
@@ -275,6 +279,11 @@ def whiteners(channel: Channel, noise: Noise, signals: Sequence[Array] | None = 
         used = channel.bin_of[run] >= 0
         time = channel.samples[run][0]
         index = np.rint((time[used] - time[0]) / period).astype(int)
+        if index.size > MOST_SAMPLES:
+            summed = _contiguous(twice_summed, index, count[filled])
+            factor = linalg.cholesky(summed + 1e-12 * gamma[0] * np.eye(filled.size), lower=True)
+            whitener[run][np.ix_(filled, filled)] = linalg.solve_triangular(factor, np.eye(filled.size), lower=True)
+            continue
         lag = np.abs(index[:, None] - index[None, :])
         covariance = np.where(lag < gamma.size, gamma[np.minimum(lag, gamma.size - 1)], 0.0)
         if step:
@@ -285,3 +294,24 @@ def whiteners(channel: Channel, noise: Noise, signals: Sequence[Array] | None = 
         factor = linalg.cholesky(summed + 1e-12 * gamma[0] * np.eye(filled.size), lower=True)
         whitener[run][np.ix_(filled, filled)] = linalg.solve_triangular(factor, np.eye(filled.size), lower=True)
     return whitener
+
+
+def _twice_summed(gamma: Array) -> Array:
+    """H(k) with gamma(k) = H(k+1) - 2 H(k) + H(k-1), H even: sums over two stretches are differences of it."""
+    rise = np.cumsum(np.concatenate([[0.5 * gamma[0]], gamma[1:]]))
+    return np.concatenate([[0.0], np.cumsum(rise)])
+
+
+def _contiguous(twice_summed: Array, index: NDArray[np.int64], count: NDArray[np.int64]) -> Array:
+    """Covariance of the means of bins (m, m) whose samples are taken to follow one another without a gap.
+
+    For records too long for a matrix over all samples; a few missing ones change the noise of a bin's mean little.
+    """
+    first = index[np.concatenate([[0], np.cumsum(count)[:-1]])]
+    last = first + count
+
+    def at(lag: NDArray[np.int64]) -> Array:
+        return np.asarray(twice_summed[np.minimum(np.abs(lag), twice_summed.size - 1)])
+
+    a, b, c, d = first[:, None], last[:, None], first[None, :], last[None, :]
+    return (at(b - c) + at(a - d) - at(b - d) - at(a - c)) / (count[:, None] * count[None, :])

@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.analysis.inference.bins import as_single_samples
 from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.gls import Fit, predict
+from shockrig.analysis.inference.fit import Fit
 
 Array = NDArray[np.float64]
 
 
 def model_at_samples(channel: Channel, found: Fit) -> tuple[Array, ...]:
     """Model readings [channel's unit] at each run's samples, each run's own deviations included."""
-    most = max(time.size for time, _ in channel.samples)
-    time = np.stack([np.pad(t, (0, most - t.size), mode="edge") for t, _ in channel.samples])
-    die = np.full(time.shape, np.nan)
-    for i, smooth in enumerate(channel.die_samples):
-        die[i, : smooth.size] = smooth
-    whole = replace(channel, time_s=time, value=np.zeros(time.shape), count=np.ones(time.shape, dtype=int), die_c=die)
-    model = predict(whole, found.layout, found.theta, found.deviations)[0]
+    model = found.model.on(as_single_samples(channel)).predict(found.point)[0]
     return tuple(model[i, : t.size] for i, (t, _) in enumerate(channel.samples))
 
 

@@ -9,21 +9,73 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache, partial
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.physics import concentration, modes
+from shockrig.analysis.physics.bodies import Body
+from shockrig.analysis.physics.conditions import Conditions
+from shockrig.analysis.physics.driven import respond
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 
 Array = NDArray[np.float64]
 
 KINEMATIC_VISCOSITY_M2_S = 1.5e-5
 PRANDTL = 0.71
+REFERENCE_AIRFLOW_M_S = 5.0  # at which Biot numbers and warmings are stated
 SHORT_RAMP_S = 0.2  # a change of the air within a sample or two is a jump to whoever samples it
 JUMP_K = 0.3  # change of the air's temperature from which RH jumps with it
+GAUSS_NODES = 5  # for the mean of readings that all lie well after the transfer
+NODES_FROM = 2.0  # lengths of the averaging after which they do
 JUMP_S = 0.05  # this near a jump, five times the trigger's uncertainty, nobody knows on which side of it a sample is
+
+
+@dataclass(frozen=True)
+class MeasuredAir:
+    """The air beside the probes as it was measured: (m,) arrays, straight lines between; NaN columns are not known.
+
+    `time_s` counts from the run's nominal start, like the readings.
+    """
+
+    time_s: Array
+    temperature_c: Array
+    humidity_percent: Array
+
+
+class Recorded(Protocol):
+    """What the chain needs of a channel: what its runs were, and what the sensor itself reported."""
+
+    @property
+    def conditions(self) -> Conditions: ...
+    @property
+    def body(self) -> str: ...
+    @property
+    def time_s(self) -> Array: ...
+    @property
+    def count(self) -> NDArray[np.int64]: ...
+    @property
+    def wet_until_s(self) -> Array: ...
+    @property
+    def air(self) -> tuple[MeasuredAir | None, ...]: ...
+    @property
+    def sampling_period_s(self) -> float: ...
+    @property
+    def length_m(self) -> float: ...
+    @property
+    def jumps_with_air(self) -> bool: ...
+
+
+@dataclass(frozen=True)
+class Airs:
+    """The two airs of each run and candidate, (B, R): degC and %RH."""
+
+    source_c: Array
+    destination_c: Array
+    source_percent: Array
+    destination_percent: Array
 
 
 @dataclass(frozen=True)
@@ -42,8 +94,14 @@ class Chain:
 
     Attributes
     ----------
-    channel : Channel
-        Conditions, die temperatures and the sampling period.
+    channel : Recorded
+        Conditions, die temperatures, measured airs and the sampling period.
+    body : Body
+        The shape that takes up heat or vapour; its rates are multiplied by `rate`.
+    air_offset : ndarray (B, R)
+        What is added to a measured air [the channel's unit]: its reference's own error.
+    die_c : ndarray (R, n)
+        The sensor's own temperature at the readings; NaN where there is none.
     time_s : ndarray (B, R, n)
         Time since the air began to change, later links' delays taken off.
     source_c, destination_c, source_percent, destination_percent : ndarray (B, R)
@@ -59,31 +117,37 @@ class Chain:
         Relative slope of D with water activity.
     lags : tuple of (share, time constant [s]), each (B, 1)
         Parts of the body that follow the air as a first-order lag.
+    series : tuple of time constants [s], each (B, 1)
+        First-order lags in series with the body: a sheath, a housing, a cap.
     wet_until_s : ndarray (B, R) or None
         Until when a film with dew on it sees saturated air [s]; 0 or less for runs without dew.
     at_die_temperature : bool
         Whether ppmv is turned into RH at the die's temperature.
-    readouts : tuple of functions reading (B, R, n) -> reading
+    readouts : tuple of functions (reading (B, R, n), time_s (B, R, n)) -> reading
         Applied in order.
     averaged : int
         Each logged value is the mean of this many readings.
     """
 
-    channel: Channel
+    channel: Recorded
     time_s: Array
     source_c: Array
     destination_c: Array
     source_percent: Array
     destination_percent: Array
     rate: Array
+    body: Body
+    air_offset: Array
+    die_c: Array
     ramp_s: Array | None = None
     rooms: tuple[RoomAir, ...] = ()
     biot: Array | None = None
     activity_slope: Array | None = None
     lags: tuple[tuple[Array, Array], ...] = ()
+    series: tuple[Array, ...] = ()
     wet_until_s: Array | None = None
     at_die_temperature: bool = False
-    readouts: tuple[Callable[[Array], Array], ...] = ()
+    readouts: tuple[Callable[[Array, Array], Array], ...] = ()
     averaged: int = 1
 
 
@@ -93,23 +157,61 @@ def ventilation(airflow_m_s: Array, radius_m: float) -> Array:
     return 2.0 + 0.6 * np.sqrt(reynolds) * PRANDTL ** (1 / 3)
 
 
-def relative_ventilation(channel: Channel) -> Array:
+def ventilation_ratio(airflow_m_s: Array, radius_m: float) -> Array:
+    """F(v) / F(5 m/s), shape of `airflow_m_s`."""
+    return ventilation(airflow_m_s, radius_m) / ventilation(np.array(REFERENCE_AIRFLOW_M_S), radius_m)
+
+
+def relative_ventilation(channel: Recorded) -> Array:
     """F(v) / F(5 m/s) of each run (R,)."""
-    radius = channel.length_m
-    return ventilation(channel.conditions.airflow_m_s, radius) / ventilation(np.array(5.0), radius)
+    return ventilation_ratio(channel.conditions.airflow_m_s, channel.length_m)
 
 
-def evaluate(chain: Chain) -> Array:
-    """Readings of the chain, shape (B, R, n) [degC or %RH]."""
-    if chain.averaged > 1:
-        period = chain.channel.sampling_period_s
-        one = replace(chain, averaged=1)
-        shifted = (evaluate(replace(one, time_s=chain.time_s - j * period)) for j in range(chain.averaged))
-        return sum(shifted) / chain.averaged
-    reading = _temperature(chain) if chain.channel.name == "temperature" else _humidity(chain)
+def evaluate(chain: Chain, reading_of: Callable[[Chain], Array]) -> Array:
+    """Readings of the chain, shape (B, R, n) [degC or %RH]; `reading_of` is `temperature_reading` or its like."""
+    if chain.averaged > 1 and chain.channel.jumps_with_air:
+        return _running_mean(chain, reading_of)
+    reading = reading_of(chain)
+    # What the readout adds to a mean of readings, it adds at their middle.
+    middle = 0.5 * (chain.averaged - 1) * chain.channel.sampling_period_s
     for readout in chain.readouts:
-        reading = readout(reading)
+        reading = readout(reading, chain.time_s - middle)
     return reading
+
+
+def _running_mean(chain: Chain, reading_of: Callable[[Chain], Array]) -> Array:
+    """Mean of the last n readings: all of them while the air's change lies among them, Gauss nodes for them after."""
+    n, period = chain.averaged, chain.channel.sampling_period_s
+    single = replace(chain, averaged=1)
+
+    def at(shift_s: float, columns: NDArray[np.int64]) -> Array:
+        moved = replace(single, time_s=chain.time_s[..., columns] - shift_s, die_c=chain.die_c[:, columns])
+        return evaluate(moved, reading_of)
+
+    late = chain.time_s.reshape(-1, chain.time_s.shape[-1]).min(axis=0) > NODES_FROM * n * period
+    late &= n > GAUSS_NODES
+    driven = any(air is not None for air in chain.channel.air)
+    whole, few = np.flatnonzero(~late | driven), np.flatnonzero(late & (not driven))
+    out = np.zeros(np.broadcast_shapes(chain.time_s.shape, (*chain.rate.shape, 1)))
+    if whole.size:
+        out[..., whole] = sum(at(j * period, whole) for j in range(n)) / n
+    if few.size:
+        nodes, weights = discrete_gauss(n, GAUSS_NODES)
+        out[..., few] = sum(w * at(float(j) * period, few) for j, w in zip(nodes, weights, strict=True))
+    return out
+
+
+@cache
+def discrete_gauss(count: int, nodes: int) -> tuple[Array, Array]:
+    """Nodes and weights that give the mean over 0, 1, ..., count-1 of every polynomial of degree < 2 nodes exactly.
+
+    Golub and Welsch (1969, doi 10.1090/S0025-5718-69-99647-1) for the discrete Chebyshev (Gram) polynomials, whose
+    recurrence has b_k = k^2 (count^2 - k^2) / (4 (4 k^2 - 1)).
+    """
+    k = np.arange(1, nodes)
+    beside = np.sqrt(k**2 * (count**2 - k**2) / (4.0 * (4.0 * k**2 - 1.0)))
+    values, vectors = np.linalg.eigh(np.diag(beside, 1) + np.diag(beside, -1))
+    return values + 0.5 * (count - 1), vectors[0] ** 2
 
 
 def at_jump(chain: Chain) -> NDArray[np.bool_]:
@@ -120,7 +222,7 @@ def at_jump(chain: Chain) -> NDArray[np.bool_]:
     time = chain.time_s[0]
     stepped = np.abs(chain.destination_c[0] - chain.source_c[0]) > JUMP_K
     ramp = np.zeros(()) if chain.ramp_s is None else chain.ramp_s[0]
-    if chain.channel.name == "temperature" or chain.at_die_temperature or np.max(ramp) > SHORT_RAMP_S:
+    if not chain.channel.jumps_with_air or chain.at_die_temperature or np.max(ramp) > SHORT_RAMP_S:
         return np.zeros(time.shape, dtype=bool)
     # A logger that averages spreads the jump over the readings that it averages.
     shifts = chain.channel.sampling_period_s * np.arange(chain.averaged)
@@ -129,26 +231,29 @@ def at_jump(chain: Chain) -> NDArray[np.bool_]:
     return stepped[:, None] & np.any(late, axis=0) & (chain.channel.count > 0)
 
 
-def _temperature(chain: Chain) -> Array:
-    body = modes.sphere_core() if chain.biot is None else modes.sphere_core_biot(chain.biot)
-    response = _with_lags(chain, body.scaled(chain.rate))
+def temperature_reading(chain: Chain) -> Array:
+    """Temperature that the body shows, before the readout (B, R, n) [degC]."""
+    response = _response(chain, chain.rate)
     step = (chain.destination_c - chain.source_c)[..., None]
-    reading = chain.source_c[..., None] + step * _driven(response, chain.time_s, chain.ramp_s)
+    reading = chain.source_c[..., None] + step * _driven(chain, response, chain.time_s, chain.ramp_s)
     for room in chain.rooms:
         excess = room.fraction * (room.temperature_c - chain.destination_c)
         reading = reading + excess[..., None] * _let_in(chain, response, room)
+    for run, air in _measured(chain):
+        trace = air.temperature_c + chain.air_offset[:, run, None]
+        _drive_by(chain, reading, run, response, air.time_s, trace, chain.time_s)
     return reading
 
 
-def _humidity(chain: Chain) -> Array:
-    body = modes.film_mean() if chain.biot is None else modes.film_mean_biot(chain.biot)
+def humidity_reading(chain: Chain) -> Array:
+    """Relative humidity that the film shows, before the readout (B, R, n) [%RH]."""
     source_hpa = chain.source_percent * saturation_pressure_hpa(chain.source_c)
     destination_hpa = chain.destination_percent * saturation_pressure_hpa(chain.destination_c)
     rate, time, ramp_s = chain.rate, chain.time_s, chain.ramp_s
     if chain.activity_slope is not None:
         rate, time, ramp_s = _concentration_dependent(chain, source_hpa, destination_hpa)
-    response = _with_lags(chain, body.scaled(rate))
-    held = source_hpa[..., None] + (destination_hpa - source_hpa)[..., None] * _driven(response, time, ramp_s)
+    response = _response(chain, rate)
+    held = source_hpa[..., None] + (destination_hpa - source_hpa)[..., None] * _driven(chain, response, time, ramp_s)
     if chain.wet_until_s is not None:
         wet = np.maximum(chain.wet_until_s, 0.0)[..., None]
         excess = 100.0 * saturation_pressure_hpa(chain.destination_c) - destination_hpa
@@ -156,7 +261,42 @@ def _humidity(chain: Chain) -> Array:
     for room in chain.rooms:
         excess = room.fraction * (room.humidity_percent * saturation_pressure_hpa(room.temperature_c) - destination_hpa)
         held = held + excess[..., None] * _let_in(chain, response, room)
+    for run, air in _measured(chain):
+        saturated = saturation_pressure_hpa(_known_temperature(chain, air, run))
+        trace = (air.humidity_percent + chain.air_offset[:, run, None]) * saturated
+        _drive_by(chain, held, run, response, air.time_s, trace, time)
     return held / saturation_pressure_hpa(_conversion_temperature(chain))
+
+
+def _response(chain: Chain, rate: Array) -> modes.Modes:
+    """Response of body, lags in parallel and lags in series to the air."""
+    body = chain.body.held() if chain.biot is None else chain.body.behind(chain.biot)
+    response = body.scaled(rate)
+    for time_constant_s in chain.series:
+        response = modes.in_series(response, time_constant_s)
+    for share, time_constant_s in chain.lags:
+        response = modes.mix(response, modes.first_order(time_constant_s), share)
+    return response
+
+
+def _measured(chain: Chain) -> list[tuple[int, MeasuredAir]]:
+    return [(run, air) for run, air in enumerate(chain.channel.air) if air is not None]
+
+
+def _known_temperature(chain: Chain, air: MeasuredAir, run: int) -> Array:
+    """Temperature of a measured air (m,); the destination's where nobody measured it."""
+    return np.where(np.isfinite(air.temperature_c), air.temperature_c, chain.channel.conditions.destination_c[run])
+
+
+def _drive_by(
+    chain: Chain, out: Array, run: int, response: modes.Modes, time_s: Array, trace: Array, at_s: Array
+) -> None:
+    """Put a run's response to its measured air (B, m) in its place in `out` (B, R, n)."""
+    amplitude, rate = (
+        x[..., min(run, x.shape[-2] - 1), :] if x.ndim > 1 else x for x in (response.amplitude, response.rate)
+    )
+    mean = {"samples": chain.averaged, "period_s": chain.channel.sampling_period_s}
+    out[:, run] = respond(modes.Modes(amplitude, rate), time_s, trace, at_s[:, run], **mean)
 
 
 def _concentration_dependent(
@@ -180,20 +320,23 @@ def _concentration_dependent(
     return rate, np.minimum(chain.time_s, middle) * early + late * warp, chain.ramp_s * early[..., 0]
 
 
-def _with_lags(chain: Chain, response: modes.Modes) -> modes.Modes:
-    for share, time_constant_s in chain.lags:
-        response = modes.mix(response, modes.first_order(time_constant_s), share)
-    return response
-
-
-def _driven(response: modes.Modes, time: Array, ramp_s: Array | None) -> Array:
-    """Response to the unit transfer."""
+def _driven(chain: Chain, response: modes.Modes, time: Array, ramp_s: Array | None) -> Array:
+    """Response to the unit transfer, in the mean of the readings that the logger averages."""
+    mean = {"samples": chain.averaged, "period_s": chain.channel.sampling_period_s}
     if ramp_s is None:
-        return _shared(modes.Modes.step, response, time)
-    return _shared(modes.Modes.ramp, response, time, ramp_s)
+        return _shared(partial(modes.Modes.step, **mean), response, time)
+    return _shared(partial(modes.Modes.ramp, **mean), response, time, ramp_s)
 
 
-def _shared(form, response: modes.Modes, time: Array, *arguments: Array) -> Array:
+def _let_in(chain: Chain, response: modes.Modes, room: RoomAir) -> Array:
+    """Response to a room's air that comes in with the transfer and decays from its start."""
+    mean = {"samples": chain.averaged, "period_s": chain.channel.sampling_period_s}
+    let_in = () if chain.ramp_s is None else (chain.ramp_s,)
+    form = partial(modes.Modes.exponential, **mean)
+    return _shared(form, response, chain.time_s, room.time_constant_s, *let_in)
+
+
+def _shared(form: Callable[..., Array], response: modes.Modes, time: Array, *arguments: Array) -> Array:
     """A closed form for all candidates; those that differ only in what it is multiplied with share one evaluation."""
     keys = (response.amplitude, response.rate, time, *arguments)
     count = max(key.shape[0] if key.ndim > 1 else 1 for key in keys)
@@ -209,14 +352,7 @@ def _shared(form, response: modes.Modes, time: Array, *arguments: Array) -> Arra
     place = np.zeros(count, dtype=int)
     place[own] = np.arange(1, pick.size)
     amplitude, rate, *rest = (key[pick] if full else key for key, full in zip(keys, whole, strict=True))
-    return form(modes.Modes(amplitude, rate), *rest)[place]
-
-
-def _let_in(chain: Chain, response: modes.Modes, room: RoomAir) -> Array:
-    """Response to a room's air that comes in with the transfer and decays from its start."""
-    if chain.ramp_s is None:
-        return _shared(modes.Modes.exponential, response, chain.time_s, room.time_constant_s)
-    return _shared(modes.Modes.exponential, response, chain.time_s, room.time_constant_s, chain.ramp_s)
+    return np.asarray(form(modes.Modes(amplitude, rate), *rest)[place])
 
 
 def _conversion_temperature(chain: Chain) -> Array:
@@ -229,7 +365,10 @@ def _conversion_temperature(chain: Chain) -> Array:
     for room in chain.rooms:
         share = room.fraction[..., None] * np.exp(-np.maximum(time, 0) / room.time_constant_s[..., None])
         air = air + progress * share * (room.temperature_c - chain.destination_c)[..., None]
+    for run, measured in _measured(chain):
+        if np.isfinite(measured.temperature_c).all():
+            air = np.array(np.broadcast_to(air, np.broadcast_shapes(air.shape, time.shape)))
+            air[:, run] = np.interp(time[:, run], measured.time_s, measured.temperature_c)
     if chain.at_die_temperature:
-        die = chain.channel.die_c
-        air = np.where(np.isfinite(die), die, air)
+        air = np.where(np.isfinite(chain.die_c), chain.die_c, air)
     return air

@@ -8,14 +8,14 @@ from pathlib import Path
 from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis, Diagnosis
 from shockrig.analysis.diagnosis.export import correlations
 from shockrig.analysis.diagnosis.held_out import autocorrelation, drifts, size
-from shockrig.analysis.diagnosis.search import price
+from shockrig.analysis.diagnosis.thresholds import TIE, penalty
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.channel import LeftOut
+from shockrig.analysis.inference.quantity import QUANTITIES
 from shockrig.analysis.report.crossing import Crossing
 from shockrig.analysis.report.diagnosis_figures import crossing_figure
 from shockrig.analysis.report.diagnosis_view import ChannelView
 from shockrig.analysis.report.diagnosis_words import (
-    NEEDS,
     SENSOR,
     channel_verdict,
     experiments,
@@ -24,6 +24,7 @@ from shockrig.analysis.report.diagnosis_words import (
     missing,
     named,
     ordered,
+    remainder_sentence,
     values_text,
     worse,
 )
@@ -109,8 +110,14 @@ def _channel(view: ChannelView) -> list:
     def figure(name: str) -> list[Figure]:
         return [Figure(*view.figures[name])] if name in view.figures else []
 
+    blocks.append(Text(remainder_sentence(found)))
     if found.causes:
         blocks.append(_causes_table(found))
+    if found.cannot_tell:
+        blocks.append(Text("What these runs cannot tell: " + " ".join(found.cannot_tell), "warning"))
+    if found.tried:
+        rows = [[named(t.effect), t.why] for t in found.tried]
+        blocks.append(Table(("effect", "why not"), rows, "What was tried, helps the fit, and is not named"))
     blocks += figure("before_after")
     if view.held.run_ids:
         blocks.append(Text(_size_words(view)))
@@ -128,7 +135,9 @@ def _channel(view: ChannelView) -> list:
     blocks += _equations(found)
     blocks.append(Details("Every test of what is left", [_tests(found)]))
     if found.untestable:
-        rows = [[named(e), NEEDS.get(e, "this campaign's conditions do not let it act")] for e in found.untestable]
+        rows = [
+            [named(e), CATALOGUE[e].needs or "this campaign's conditions do not let it act"] for e in found.untestable
+        ]
         blocks.append(Table(("effect", "why"), rows, "Effects that this campaign cannot show, and so says nothing of"))
     return blocks
 
@@ -164,7 +173,7 @@ def _size_words(view: ChannelView) -> str:
         )
 
     text = words("plain", view.held.before)
-    if found.final.layout.effects:
+    if found.final.structure.effects:
         text += "\n\n" + words("extended", view.held.after)
     return text
 
@@ -180,7 +189,7 @@ def _noise_words(view: ChannelView) -> str:
     )
     before = float(autocorrelation(view.held, view.held.before, period, 1)[0][0])
     text += f"What the plain model leaves is correlated by {_coefficient(before)}"
-    if found.final.layout.effects:
+    if found.final.structure.effects:
         after = float(autocorrelation(view.held, view.held.after, period, 1)[0][0])
         text += f", what the extended model leaves by {_coefficient(after)}"
     verdict = found.plain_adequacy.passed
@@ -190,7 +199,7 @@ def _noise_words(view: ChannelView) -> str:
         else ". To the model-free tests what the plain model leaves is more than noise "
         f"(p {_chance(found.plain_adequacy.p)})"
     )
-    if not verdict and found.final.layout.effects:
+    if not verdict and found.final.structure.effects:
         left = "nothing but noise" if found.adequacy.passed else "still something"
         text += f"; the extended model leaves {left} (p {_chance(found.adequacy.p)})"
     return text + "."
@@ -210,7 +219,7 @@ def _chance(p: float) -> str:
 
 
 def _drift_words(view: ChannelView) -> str:
-    letter = "alpha" if view.found.name == "temperature" else "D"
+    letter = QUANTITIES[view.found.name].symbol
     sentences = []
     sides = (("plain", view.plain), ("extended", view.extended if view.found.causes else None))
     for words, result in sides:
@@ -235,26 +244,35 @@ def _drift_words(view: ChannelView) -> str:
 
 def _rivals(view: ChannelView, figure: list[Figure]) -> list:
     found = view.found
-    rows = []
+    channel = found.problem.channel
+    rows: list = []
     for cause in ordered(found.causes):
-        rivals = sorted(found.search.rivals.get(cause.effect, {}).items(), key=lambda item: item[1])
+        standing = found.search.standing.get(cause.effect)
+        rivals = sorted(standing.rivals.items(), key=lambda item: item[1]) if standing else []
         rows += [
             [named(rival), f"in place of {named(cause.effect)}", max(rise, 0.0), worse(rise)]
             for rival, rise in rivals[:4]
         ]
-        if not rivals and cause.effect in found.search.necessity:
+        if not rivals and standing:
             text = "no other effect explains even half of what it does"
             rows.append(["–", f"in place of {named(cause.effect)}", None, text])
     last = next((m for m in reversed(found.search.moves) if m.kind == "stop"), None)
-    shown = [(e, g) for e, g in (last.candidates if last else ()) if e not in found.final.layout.effects][:4]
+    shown = [(e, g) for e, g in (last.candidates if last else ()) if e not in found.final.structure.ids][:4]
     rows += [
-        [named(e), "on top of the model found", -max(g, 0.0), f"too little: at least {plain(price(e), 2)} is asked"]
+        [
+            named(e),
+            "on top of the model found",
+            -max(g, 0.0),
+            f"too little: at least {plain(penalty(CATALOGUE[e], channel), 2)} is asked",
+        ]
         for e, g in shown
     ]
     if not rows:
         return figure
     columns = ("runner-up", "tried", "change of deviance", "why it lost")
-    caption = "Deviance: −2 ln of how likely the data are; positive is worse. A difference below 6 is a tie."
+    caption = (
+        f"Deviance: −2 ln of how likely the data are; positive is worse. A difference below {plain(TIE, 2)} is a tie."
+    )
     return [Table(columns, rows, caption), *figure]
 
 
@@ -300,7 +318,8 @@ def _material(views: Sequence[ChannelView]) -> list:
         after = {r.ambient_c: r for r in view.extended.rows} if view.extended else {}
         for ambient in sorted(before.keys() | after.keys()):
             b, a = before.get(ambient), after.get(ambient)
-            label = "alpha" if view.found.name == "temperature" else f"D at {round(ambient, 1) + 0.0:.1f} °C"
+            of = QUANTITIES[view.found.name]
+            label = of.symbol if of.pooled else f"{of.symbol} at {round(ambient, 1) + 0.0:.1f} °C"
             change = _signed(100 * (b.diffusivity_m2_s / a.diffusivity_m2_s - 1)) + " %" if a and b else "–"
             rows.append([label, *(_diffusivity(r) for r in (b, a)), change, *(r and r.response.t63_s for r in (b, a))])
         if not view.found.causes:

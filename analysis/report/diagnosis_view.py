@@ -13,7 +13,8 @@ from shockrig.analysis.characterization.characterize import ChannelResult
 from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis
 from shockrig.analysis.diagnosis.extended import extended_result, plain_result
 from shockrig.analysis.diagnosis.held_out import HeldOut, autocorrelation, held_out
-from shockrig.analysis.diagnosis.search import price
+from shockrig.analysis.diagnosis.thresholds import penalty
+from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.report import residuals as drawings
 from shockrig.analysis.report.diagnosis_words import SENSOR, named
 from shockrig.analysis.report.fitted import UNIT, conditions, relative_runs
@@ -50,7 +51,7 @@ def _draw(
     unit, noise, channel = UNIT[found.name], found.noise.standard_deviation, found.problem.channel
     sensor, figures = SENSOR[found.name], {}
     if held.run_ids:
-        extended = bool(found.final.layout.effects)
+        extended = bool(found.final.structure.effects)
         both = zip(held.run_ids, held.time_s, held.before, held.after, strict=True)
         if extended:
             figures["before_after"] = (
@@ -86,7 +87,7 @@ def _draw(
             "the plateaus. A model that leaves nothing leaves the noise.",
             f"Autocorrelation of the residuals of the {sensor}",
         )
-    letter = "alpha" if found.name == "temperature" else "D"
+    letter = channel.quantity.symbol
     for name, result, words in (("by_condition", before, "plain"), ("by_condition_extended", after, "extended")):
         if result is None or (result is after and not found.causes):
             continue
@@ -103,7 +104,11 @@ def _draw(
         names, values, kept = zip(*scores, strict=True)
         figures["causes"] = (
             drawings.cause_bars(
-                [named(n) for n in names], values, kept, min(price(n) for n in names), "drop in deviance"
+                [named(n) for n in names],
+                values,
+                kept,
+                min(penalty(CATALOGUE[n], channel) for n in names),
+                "drop in deviance",
             ),
             "Filled: how much worse the data are explained without the cause, all else refitted. Open: how much better "
             "they would be explained with the candidate added to the model found. The line is the least that is asked; "
@@ -125,7 +130,7 @@ def _overview(found: ChannelDiagnosis, held: HeldOut, residuals: Sequence[np.nda
 
 def _evidence(found: ChannelDiagnosis) -> list[tuple[str, float, bool]]:
     """(effect, drop in deviance, kept) of the causes and of the candidates that the search tried last."""
-    kept = [(e, max(v, 0.0), True) for e, v in found.search.necessity.items()]
-    held = set(found.final.layout.effects)
+    kept = [(e, max(s.necessity, 0.0), True) for e, s in found.search.standing.items()]
+    held = set(found.final.structure.ids)
     last = next((m for m in reversed(found.search.moves) if m.kind == "stop"), None)
     return kept + [(e, max(g, 0.0), False) for e, g in (last.candidates if last else ()) if e not in held]

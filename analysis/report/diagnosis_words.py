@@ -4,25 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
-from shockrig.analysis.diagnosis.diagnose import TOO_FEW, Cause, ChannelDiagnosis, Diagnosis
-from shockrig.analysis.diagnosis.search import TIE
+from shockrig.analysis.diagnosis.diagnose import NO_STEP, Cause, ChannelDiagnosis, Diagnosis
+from shockrig.analysis.diagnosis.thresholds import TIE
 from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.inference.effect import Parameter
+from shockrig.analysis.inference.quantity import QUANTITIES
 from shockrig.analysis.report.fitted import UNIT
 from shockrig.analysis.report.numbers import measured, plain
 
-SENSOR = {"temperature": "bead", "humidity": "film"}
-# What a campaign lacks where an effect could not act in it at all.
-NEEDS = {
-    "clock_drift": "needs runs whose start was recorded on the clock of the readings",
-    "condensation": "needs runs from cold air into air whose dew point lies above the film's own temperature",
-    "dead_time": "needs runs whose start was recorded on the clock of the readings",
-    "die_thermal_lag": "needs runs whose temperature changes, and the die's own temperature in hyt.csv",
-    "direction_dependent_diffusivity": "needs runs that wet the film and runs that dry it",
-    "evaporative_cooling": "needs a source air so moist that dew forms in the destination air",
-    "radiative_heating": "needs runs under light, with irradiance_w_m2 in run.json",
-}
-SHARES = {"fraction", "gain"}  # written in percent
+SENSOR = {name: quantity.noun for name, quantity in QUANTITIES.items()}
 
 
 def named(effect: str) -> str:
@@ -35,19 +27,19 @@ def listed(words: Sequence[str], last: str = "and") -> str:
     return " ".join([", ".join(words[:-1]), last, words[-1]]) if len(words) > 1 else "".join(words)
 
 
-def value_text(channel: str, parameter: str, unit: str, value: float, spread: float) -> str:
+def value_text(channel: str, parameter: Parameter, value: float, spread: float) -> str:
     """A parameter with its uncertainty, without its unit where the sentence gives it."""
-    if parameter in SHARES:
+    if parameter.percent:
         return measured(100 * value, 100 * spread) + " %"
     text = measured(value, spread)
-    return f"{text} {UNIT[channel]}" if unit == "channel's unit" else text
+    return f"{text} {UNIT[channel]}" if parameter.unit == "channel's unit" else text
 
 
 def cause_sentence(channel: str, cause: Cause) -> str:
     """What the cause is, with its parameters, how sure, and who could stand in its place."""
     effect = CATALOGUE[cause.effect]
     texts = {
-        p.name: value_text(channel, p.name, p.unit, *cause.parameters[p.name])
+        p.name: value_text(channel, p, *cause.parameters[p.name])
         for p in effect.parameters
         if p.name in cause.parameters
     }
@@ -67,7 +59,7 @@ def cause_sentence(channel: str, cause: Cause) -> str:
 def values_text(channel: str, cause: Cause) -> str:
     """A cause's parameters by name, with uncertainties and units."""
     values = [
-        f"{p.name} {value_text(channel, p.name, p.unit, *cause.parameters[p.name])}"
+        f"{p.name} {value_text(channel, p, *cause.parameters[p.name])}"
         + ("" if p.unit in ("1", "channel's unit") else f" {p.unit}")
         + (" (at its bound)" if p.name in cause.at_bound else "")
         for p in CATALOGUE[cause.effect].parameters
@@ -104,6 +96,11 @@ def channel_verdict(found: ChannelDiagnosis, whole: bool = True) -> str:
     """The verdict on one channel; without `whole` only the strongest of many causes is spelled out."""
     gain, unit, sensor = found.gain, UNIT[found.name], SENSOR[found.name]
     causes = ordered(found.causes)
+    if found.verdict == "adequate" and not gain.measured:
+        return (
+            f"The plain diffusion model fits the {sensor}'s readings; there is no run left to try it on, so nothing is "
+            "said of unseen ones."
+        )
     if found.verdict == "adequate":
         return (
             f"The plain diffusion model describes the {sensor}: it predicts unseen runs to {plain(gain.before, 2)} "
@@ -125,7 +122,7 @@ def unexplained(found: ChannelDiagnosis, whole: bool = True) -> str:
     unit, sensor = UNIT[found.name], SENSOR[found.name]
     text = f"Something is left in the {sensor}'s readings that no catalogued effect explains"
     left = found.discrepancy or {}
-    parts = []
+    parts: list[str] = []
     if "size_rms" in left:
         parts.append(
             f"{plain(float(left['size_rms']), 2)} {unit} rms beside a noise of "
@@ -150,6 +147,22 @@ def unexplained(found: ChannelDiagnosis, whole: bool = True) -> str:
     return f"{text}: {'; '.join(parts)}." if parts else f"{text}."
 
 
+def remainder_sentence(found: ChannelDiagnosis) -> str:
+    """What is left on unseen runs, and whether it matters."""
+    left = found.remainder
+    size = f"{plain(left.rms, 2)} {left.unit} rms above the noise, at most {plain(left.peak, 2)} {left.unit}"
+    if not left.significant:
+        return f"Left on unseen runs: {size}; no more than chance leaves."
+    if left.material:
+        return (
+            f"Left on unseen runs: {size}, which is more than the tolerance of {plain(left.tolerance, 2)} {left.unit}."
+        )
+    return (
+        f"Left on unseen runs: {size}. Statistics sees it; at a tolerance of {plain(left.tolerance, 2)} {left.unit} it "
+        "does not matter."
+    )
+
+
 def headline(diagnosis: Diagnosis) -> str:
     """The sentence of the page's head: both channels, the strongest cause of each spelled out."""
     return " ".join([*(channel_verdict(c, whole=False) for c in diagnosis.channels), *missing(diagnosis)])
@@ -157,7 +170,7 @@ def headline(diagnosis: Diagnosis) -> str:
 
 def missing(diagnosis: Diagnosis) -> list[str]:
     """A sentence for each channel that could not be diagnosed."""
-    return [f"The {SENSOR[name]} could not be diagnosed: {TOO_FEW}." for name in diagnosis.missing]
+    return [f"The {SENSOR[name]} could not be diagnosed: {NO_STEP}." for name in diagnosis.missing]
 
 
 def worse(rise: float) -> str:
@@ -170,7 +183,7 @@ def worse(rise: float) -> str:
     return "explains these data far worse"
 
 
-def experiment(run: dict) -> str:
+def experiment(run: dict[str, Any]) -> str:
     """A run to measure next, in a line."""
     airs = [
         f"{plain(run[k]['temperature_c'], 3)} °C, {plain(run[k]['humidity_percent'], 3)} %RH"
@@ -185,7 +198,7 @@ def experiment(run: dict) -> str:
     return text + (f" ({run['reason']})" if run.get("reason") else "")
 
 
-def experiments(runs: Sequence[dict]) -> list[str]:
+def experiments(runs: Sequence[dict[str, Any]]) -> list[str]:
     """Runs to measure next, repeats counted together."""
     lines: dict[str, int] = {}
     for run in runs:

@@ -8,45 +8,44 @@ import numpy as np
 
 from shockrig.analysis.characterization.characterize import ChannelResult
 from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.quantity import QUANTITIES
 from shockrig.analysis.inference.samples import model_at_samples
-from shockrig.analysis.inference.scatter import alone
 from shockrig.analysis.report.numbers import plain
 from shockrig.analysis.report.parameters import RunParameter
 from shockrig.analysis.report.residuals import ResidualRun
 from shockrig.analysis.report.runs import RunPanel
-from shockrig.files.campaign import Campaign
+from shockrig.files.campaign import Campaign, Trace
 
-UNIT = {"temperature": "K", "humidity": "%RH"}
+UNIT = {name: quantity.unit for name, quantity in QUANTITIES.items()}
 
 
 def conditions(channel: Channel, i: int) -> tuple[str, float, float | None, float]:
     """Direction, ambient, airflow and size of a run's step."""
     c = channel.conditions
-    key = "c" if channel.name == "temperature" else "percent"
-    step = float(getattr(c, f"destination_{key}")[i] - getattr(c, f"source_{key}")[i])
+    step = float(channel.quantity.air_step(c)[i])
     airflow = float(c.airflow_m_s[i]) if c.airflow_known[i] else None
     return "up" if step > 0 else "down", float(c.destination_c[i]), airflow, abs(step)
 
 
 def panels(campaign: Campaign, found: ChannelResult) -> list[RunPanel]:
     """Every run of a channel with its fit; those left out with the reason."""
-    name = found.channel.name
+    quantity = found.channel.quantity
     drawn: dict[str, RunPanel] = {}
     for part in found.parts:
         channel = part.channel
         for i, model in enumerate(model_at_samples(channel, part.fit)):
             direction, ambient_c, airflow, size = conditions(channel, i)
             flow = "" if airflow is None else f", {airflow:g} m/s"
-            condition = f"{round(ambient_c)} °C, {direction} {plain(size, 2)} {UNIT[name]}{flow}"
+            condition = f"{round(ambient_c)} °C, {direction} {plain(size, 2)} {quantity.unit}{flow}"
             time, value = channel.samples[i]
             drawn[channel.run_ids[i]] = RunPanel(channel.run_ids[i], condition, time, value, model)
     reasons = {entry.run: entry.reason for entry in found.set_aside}
     for run in campaign.runs:
-        trace = run.imet if name == "temperature" else run.hyt
+        trace: Trace | None = getattr(run, quantity.sensor)
         if run.id in drawn or trace is None or not trace.time_s.size:
             continue
         time = trace.time_s - (run.start_s if run.start_s is not None else float(trace.time_s[0]))
-        value = trace.values["temperature_c" if name == "temperature" else "humidity_percent"]
+        value = trace.values[quantity.column]
         note = reasons.get(run.id, "left out")
         drawn[run.id] = RunPanel(run.id, "left out", time, value, note=note)
     return list(drawn.values())
@@ -67,13 +66,13 @@ def single_runs(found: ChannelResult) -> list[RunParameter]:
     runs = []
     for part in found.parts:
         channel = part.channel
-        own, spread = alone(part.problem, part.fit)
-        joint = channel.interpolation @ part.fit.theta[: channel.interpolation.shape[1]]
+        alone = part.fit.own_rates()
+        joint = channel.interpolation @ part.fit.log_rates
         for i, run in enumerate(channel.run_ids):
             # A run that says nothing of its rate may put it anywhere; its uncertainty drops it below.
-            value = float(np.exp(np.clip(joint[i] + own[i], -60.0, 60.0)) * channel.length_m**2)
+            value = float(np.exp(np.clip(joint[i] + alone.own[i], -60.0, 60.0)) * channel.length_m**2)
             direction, ambient_c, airflow, size = conditions(channel, i)
-            runs.append(RunParameter(run, value, value * float(spread[i]), direction, ambient_c, airflow, size))
+            runs.append(RunParameter(run, value, value * float(alone.spread[i]), direction, ambient_c, airflow, size))
     return [run for run in runs if run.standard_uncertainty < 0.3 * run.value]
 
 

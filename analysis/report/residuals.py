@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from shockrig.analysis.inference.bins import log_bins
 from shockrig.analysis.report.numbers import plain
 from shockrig.analysis.report.style import BLUE, GREY, INK, LIGHT, ORANGE, RED, literal, styled
 
@@ -80,22 +81,6 @@ def residual_overview(
     for axes in panels[:, 0]:
         axes.set_ylabel(f"residual, {unit}")
     return figure
-
-
-def log_bins(time_s: np.ndarray, values: np.ndarray, bins: int = 24) -> tuple[np.ndarray, np.ndarray]:
-    """Means of `values` (n,) in bins of equal width in log time from 0.05 s on; empty bins are left out."""
-    time_s, values = np.asarray(time_s, dtype=float), np.asarray(values, dtype=float)
-    keep = (time_s >= 0.05) & np.isfinite(values)
-    time_s, values = time_s[keep], values[keep]
-    if time_s.size == 0:
-        return np.empty(0), np.empty(0)
-    edges = np.geomspace(0.05, max(time_s.max(), 0.1) * 1.0001, bins + 1)
-    where = np.digitize(time_s, edges) - 1
-    count = np.bincount(where, minlength=bins)[:bins]
-    filled = count > 0
-    mean_time = np.bincount(where, time_s, minlength=bins)[:bins][filled] / count[filled]
-    mean = np.bincount(where, values, minlength=bins)[:bins][filled] / count[filled]
-    return mean_time, mean
 
 
 @dataclass(frozen=True)

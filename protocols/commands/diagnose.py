@@ -15,9 +15,11 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from shockrig.analysis.diagnosis.diagnose import Diagnosis
+    from shockrig.analysis.diagnosis.remainder import Tolerance
+    from shockrig.analysis.inference.quantity import ChannelName
     from shockrig.analysis.report.diagnosis_view import ChannelView
 
-CHANNELS = ("temperature", "humidity")
+CHANNELS: tuple[ChannelName, ...] = ("temperature", "humidity")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,47 +28,55 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", metavar="DIR", type=Path, required=True, help="folder for diagnosis, extended profile, plots, report"
     )
-    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the bootstrap behind the intervals (0)")
+    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the flight in the report (0)")
+    for option, unit, accuracy in (("--tolerance-k", "K", 0.03), ("--tolerance-percent", "%RH", 0.2)):
+        parser.add_argument(
+            option,
+            metavar=unit.strip("%"),
+            type=float,
+            default=accuracy,
+            help=f"from which size on something left unexplained matters ({accuracy:g} {unit.replace('%', '%%')})",
+        )
 
 
 def main(args: argparse.Namespace) -> int:
     """Diagnose, write, print."""
     from datetime import UTC, datetime
 
+    from shockrig.analysis.diagnosis.remainder import Tolerance
+    from shockrig.files.errors import InputError
+
     made_at = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
-    diagnosis = write(args.campaign, args.out, args.seed, made_at)
+    for option, value in (("--tolerance-k", args.tolerance_k), ("--tolerance-percent", args.tolerance_percent)):
+        if not 0.0 <= value < 1e6:
+            raise InputError(f"{option} {value:g}: expected a number from 0 on")
+    diagnosis = write(args.campaign, args.out, args.seed, made_at, Tolerance(args.tolerance_k, args.tolerance_percent))
     print(summary(diagnosis))
     for name in ("report.html", "diagnosis.json", "profile.json"):
         print(f"{name.split('.')[0]}: {args.out / name}")
     return 0
 
 
-def write(campaign: Path, out: Path, seed: int, made_at: str) -> Diagnosis:
+def write(campaign: Path, out: Path, seed: int, made_at: str, tolerance: Tolerance | None = None) -> Diagnosis:
     """Diagnose a campaign into the folder `out`, whole or not at all."""
     import json
 
     from shockrig.protocols.folder import software_version, whole_folder
 
-    with whole_folder(out) as folder, _looking(campaign, seed, folder) as waiting:
-        from shockrig.analysis.diagnosis.diagnose import TOO_FEW, Diagnosis, next_experiments
+    with whole_folder(out) as folder, _looking(campaign, tolerance, folder) as waiting:
+        from shockrig.analysis.diagnosis.diagnose import NO_STEP, gathered
         from shockrig.analysis.diagnosis.export import to_json
         from shockrig.analysis.diagnosis.extended import extended_profile
-        from shockrig.analysis.inference.channel import usable_runs
+        from shockrig.analysis.inference.gather import usable_runs
         from shockrig.analysis.report.crossing import cross_inversion
         from shockrig.analysis.report.diagnosis_page import write_diagnosis
         from shockrig.analysis.report.style import write_whole
         from shockrig.files.campaign import read_campaign
-        from shockrig.files.errors import InputError
         from shockrig.files.profile import write_profile
 
         recorded = read_campaign(campaign)
         views = [view for work in waiting if (view := work.result()) is not None]
-        found = tuple(view.found for view in views)
-        if not found:
-            raise InputError(f"{campaign}: {TOO_FEW} in either sensor; record more, or see shockrig status")
-        missing = tuple(name for name in CHANNELS if name not in {c.name for c in found})
-        experiments = tuple(run for channel in found for run in next_experiments(channel))
-        diagnosis = Diagnosis(recorded.name, found, experiments, missing)
+        diagnosis = gathered(recorded, [view.found for view in views])
         content = json.dumps(to_json(diagnosis), indent=2, allow_nan=False) + "\n"
         write_whole(folder / "diagnosis.json", content.encode())
         provenance = {
@@ -76,7 +86,7 @@ def write(campaign: Path, out: Path, seed: int, made_at: str) -> Diagnosis:
             "seed": seed,
         }
         _say("extended profile, a flight with it, report")
-        reasons = dict.fromkeys(missing, TOO_FEW)
+        reasons = dict.fromkeys(diagnosis.missing, NO_STEP)
         plain = {view.found.name: view.plain for view in views}
         extended = {view.found.name: view.extended for view in views}
         reasons |= {name: "no run determines the diffusivity" for name, result in extended.items() if result is None}
@@ -87,7 +97,7 @@ def write(campaign: Path, out: Path, seed: int, made_at: str) -> Diagnosis:
         else:
             crossings, notes = [], ["No run determines a diffusivity, so there is no profile to fly."]
         left_out = [entry for name in CHANNELS for entry in usable_runs(recorded, name)[1]]
-        used = {f"runs used, {c.name}": ", ".join(c.problem.channel.run_ids) for c in found}
+        used = {f"runs used, {c.name}": ", ".join(c.problem.channel.run_ids) for c in diagnosis.channels}
         write_diagnosis(
             diagnosis, views, crossings, notes, left_out, folder, {"campaign": recorded.name, **provenance, **used}
         )
@@ -95,7 +105,7 @@ def write(campaign: Path, out: Path, seed: int, made_at: str) -> Diagnosis:
 
 
 @contextmanager
-def _looking(campaign: Path, seed: int, folder: Path) -> Iterator[list[Future[ChannelView | None]]]:
+def _looking(campaign: Path, tolerance: Tolerance | None, folder: Path) -> Iterator[list[Future[ChannelView | None]]]:
     """Both channels at once, in processes of their own that start before this one has read anything."""
     # Two processes that each start as many threads as there are cores would stand in each other's way.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -103,26 +113,35 @@ def _looking(campaign: Path, seed: int, folder: Path) -> Iterator[list[Future[Ch
     # Ctrl-C reaches the workers too: they end without a word, this process says what happened.
     silent = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_DFL)}
     with ProcessPoolExecutor(len(CHANNELS), mp_context=get_context("spawn"), **silent) as pool:
-        yield [pool.submit(_look_at_channel, campaign, name, seed, folder) for name in CHANNELS]
+        yield [pool.submit(_look_at_channel, campaign, name, tolerance, folder) for name in CHANNELS]
 
 
-def _look_at_channel(campaign: Path, name: str, seed: int, folder: Path) -> ChannelView | None:
+def _look_at_channel(
+    campaign: Path, name: ChannelName, tolerance: Tolerance | None, folder: Path
+) -> ChannelView | None:
     from shockrig.analysis.diagnosis.diagnose import diagnose_channel, enough
-    from shockrig.analysis.inference.channel import build_channel
+    from shockrig.analysis.inference.gather import build_channel
     from shockrig.analysis.report.diagnosis_view import look_at
     from shockrig.files.campaign import read_campaign
 
     channel = build_channel(read_campaign(campaign), name)
     if channel is None or not enough(channel):
         return None
-    found = diagnose_channel(channel, seed, _say)
+    found = diagnose_channel(channel, _say, tolerance)
     _say(f"{name}: held-out residuals and plots")
     return look_at(found, folder)
 
 
 def summary(diagnosis: Diagnosis) -> str:
     """What the command prints: verdicts, causes with parameters, gain, what to measure next."""
-    from shockrig.analysis.report.diagnosis_words import channel_verdict, experiments, missing, terminal_causes
+    from shockrig.analysis.report.diagnosis_words import (
+        channel_verdict,
+        experiments,
+        missing,
+        named,
+        remainder_sentence,
+        terminal_causes,
+    )
 
     lines = []
     for found in diagnosis.channels:
@@ -132,6 +151,9 @@ def summary(diagnosis: Diagnosis) -> str:
             low, high = gain.interval_95
             share = f"{100 * gain.explained_fraction:.1f} % ({100 * low:.1f} to {100 * high:.1f} %)"
             lines.append(f"  of the explainable error removed on unseen runs: {share}")
+        lines.append(f"  {remainder_sentence(found)}")
+        lines += [f"  tried and not named: {named(tried.effect)}: {tried.why}" for tried in found.tried]
+        lines += [f"  cannot be told: {sentence}" for sentence in found.cannot_tell]
         left_out = len(found.problem.channel.left_out)
         if left_out:
             lines.append(f"  {found.problem.channel.runs} runs used, {left_out} left out (the report says why)")

@@ -1,0 +1,60 @@
+"""What a channel's runs cannot tell, whatever is in them: said before anything is fitted."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shockrig.analysis.inference.channel import Channel
+
+FEW_RUNS = 6
+SAME_AIRFLOW = 1.2  # ratio between airflows below which they are one
+
+
+def cannot_tell(channel: Channel) -> tuple[str, ...]:
+    """Sentences, each on one thing that the campaign leaves open and what it would have needed."""
+    c, sensor = channel.conditions, channel.quantity.noun
+    said = []
+    if channel.runs == 1:
+        said.append("One run: nothing can be tried on a run that was not fitted, so no cause is named.")
+    elif channel.runs <= FEW_RUNS:
+        said.append(f"{channel.runs} runs: only what is plain in each of them can be told, and uncertainties are wide.")
+    if channel.runs > 1 and not has_repeats(channel):
+        said.append("No condition was repeated: how much runs differ by chance is taken from what sensors usually do.")
+    if not c.start_known.all():
+        said.append(
+            "The start of the transfer was not recorded: it is estimated from the readings, so a delay, a slow "
+            f"transfer and a lag before the {sensor} cannot be told apart. Log the trigger."
+        )
+    if not c.airs_known.all():
+        said.append(
+            "The airs were not recorded: plateaus are taken for them, so errors of the calibration cannot be seen, nor "
+            "an air that still moves. Log a reference beside the probes."
+        )
+    if not c.airflow_known.all():
+        said.append(
+            f"The airflow was not recorded: what an exchange with the air does to the {sensor} cannot be told from its "
+            "own body or a housing. Log the airflow, and vary it."
+        )
+    elif channel.runs > 1 and c.airflow_m_s.max() < SAME_AIRFLOW * max(c.airflow_m_s.min(), 1e-9):
+        said.append("All runs have one airflow: what depends on it cannot be told from what does not. Vary it.")
+    step = channel.quantity.step(c)
+    if channel.runs > 1 and not channel.measured.any() and (np.all(step > 0) or np.all(step < 0)):
+        said.append("All steps go one way: what depends on the direction cannot be told from what does not.")
+    if channel.measured.any():
+        said.append("The air was measured: slow transfers and room air are in the trace, and are not looked for.")
+    return tuple(said)
+
+
+def has_repeats(channel: Channel) -> bool:
+    """Whether any two runs had the same airs and airflow, within what chambers reach."""
+    c = channel.conditions
+    keys = np.column_stack(
+        [
+            np.round(c.source_c),
+            np.round(c.destination_c),
+            np.round(c.source_percent / 3.0),
+            np.round(c.destination_percent / 3.0),
+            np.round(np.log(np.maximum(c.airflow_m_s, 0.05)) / 0.2),
+        ]
+    )
+    return np.unique(keys, axis=0).shape[0] < channel.runs

@@ -1,0 +1,119 @@
+"""A channel made ready to be searched: what its single readings show is taken care of, its noise known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from shockrig.analysis.diagnosis.search import Search, refit
+from shockrig.analysis.diagnosis.thresholds import level, penalty
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.effect import Effect, Finding, Readings
+from shockrig.analysis.inference.fit import Fit, run_misfit
+from shockrig.analysis.inference.model import Held, Structure
+from shockrig.analysis.inference.noise import MAX_AVERAGED, Noise, estimate_noise, whiteners
+from shockrig.analysis.inference.problem import Problem, make_problem
+from shockrig.analysis.inference.readings import rounding_step
+from shockrig.analysis.inference.rounding import COARSE_IN_NOISE
+from shockrig.analysis.inference.samples import model_at_samples
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A channel ready to be searched. `step` is what its readings are rounded to, and `rounds_coarsely` whether that is
+    coarse beside the noise."""
+
+    problem: Problem
+    noise: Noise
+    structure: Structure
+    findings: tuple[Finding, ...]
+    step: float
+    rounds_coarsely: bool
+
+
+def prepare(channel: Channel, averaged: int | None = None) -> Prepared:
+    """Precheck of the readings. `averaged` takes the logger to average over so many, whatever its noise says."""
+    known, findings = Readings(channel, rounding_step(channel)), []
+    # From the log back to the air: what the logger did last is undone first.
+    for effect in reversed(CATALOGUE.values()):
+        if effect.in_readings and channel.name in effect.channels:
+            known, finding = effect.in_readings(known)
+            findings += [finding] if finding else []
+    lengths = () if averaged is None else (averaged,)
+    noise = estimate_noise(known.channel, known.step or channel.quantity.resolution, lengths, averaged)
+    known = replace(known, noise=noise)
+    for effect in CATALOGUE.values():
+        if effect.in_noise and channel.name in effect.channels and (finding := effect.in_noise(known)):
+            findings.append(finding)
+    coarsely = known.step > COARSE_IN_NOISE * noise.standard_deviation
+    if coarsely:
+        noise = estimate_noise(known.channel, known.step, averaged=averaged, coarse=True)
+    problem = make_problem(known.channel, whiteners(known.channel, noise), rounding=known.step if coarsely else 0.0)
+    held = tuple(Held(f.effect, name, value) for f in findings for name, (value, _) in f.parameters.items())
+    structure = Structure(tuple(CATALOGUE[f.effect] for f in findings), held)
+    return Prepared(problem, noise, structure, tuple(findings), known.step, coarsely)
+
+
+def with_rounding(ready: Prepared, rough: Fit | None) -> Prepared:
+    """The same with what a coarse rounding does to errors: which codes a run crosses, and when, is known once something
+    like its signal is, that of the fit `rough`.
+    """
+    if rough is None:
+        return ready
+    problem, channel = ready.problem, ready.problem.channel
+    for _ in range(2):
+        signals = model_at_samples(channel, rough)
+        problem = make_problem(channel, whiteners(channel, ready.noise, signals))
+        rough = refit(problem, rough.structure, rough)
+    # The covariance is that of runs at any place between two codes. One that rests at the edge of a code, where noise
+    # throws it from one to the other, scatters more, and by how much only the run itself tells.
+    excess = np.maximum(run_misfit(problem, rough), 1.0)
+    whitener = problem.whitener / np.sqrt(level("not_gaussian") * excess)[:, None, None]
+    return replace(ready, problem=replace(problem, whitener=whitener))
+
+
+def _averaging() -> Effect:
+    """The entry of the catalogue that is a running mean."""
+    return next(e for e in CATALOGUE.values() if e.averages)
+
+
+def likelier_average(before: Prepared, found: Search, adequate: bool) -> int | None:
+    """Length of a running mean that, by response and noise together, explains a channel better than `found`; or None.
+
+    Where rounding hides the noise, only the response shows that a logger averages; a ramp of the air looks much alike.
+    """
+    problem, channel = before.problem, before.problem.channel
+    if before.noise.averaged > 1 or channel.measured.any():
+        return None
+    lengths, alike = set(), set()
+    for id_, parameters in found.final.values().items():
+        if (looks := CATALOGUE[id_].like_average) is not None:
+            lengths |= looks({name: value for name, (value, _) in parameters.items()}, channel.sampling_period_s)
+            alike.add(id_)
+    if not lengths and adequate:
+        return None
+    likely = before.noise.log_likelihood_by_average
+    lengths |= {int(n) + 1 for n in np.flatnonzero(likely > likely[0] - level("average_unlikely"))}
+    lengths = {n for n in lengths if 2 <= n <= MAX_AVERAGED}
+    if not lengths:
+        return None
+    rounding = before.step or channel.quantity.resolution
+    if before.noise.increment < level("hidden_noise") * rounding:
+        # Readings that mostly repeat the one before: what rounding leaves of the noise is not that of any model.
+        likely = np.zeros(MAX_AVERAGED)
+    else:
+        likely = estimate_noise(channel, rounding, tuple(lengths)).log_likelihood_by_average
+    average = _averaging()
+    kept = found.final.structure.keeping(set(found.final.structure.ids) - alike - {average.id})
+    start = refit(problem, kept, found.final, iterations=4)
+    cost = found.final.deviance + sum(penalty(CATALOGUE[e], channel) for e in found.standing)
+    own = penalty(average, channel) + sum(penalty(CATALOGUE[e], channel) for e in kept.ids if e in found.standing)
+    best = None
+    for n in sorted(lengths):
+        trial = refit(problem, kept.adding(average, Held(average.id, average.parameters[0].name, float(n))), start)
+        total = trial.deviance + 2 * (likely[0] - likely[n - 1]) + own
+        if total < cost - level("average_gain"):
+            cost, best = total, n
+    return best

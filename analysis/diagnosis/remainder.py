@@ -1,0 +1,74 @@
+"""What the model with all its causes still leaves on held-out runs: its size above the noise, and whether it matters.
+
+Statistics finds 0.02 %RH in thirty runs; whether that matters is for the user to say, by a tolerance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from shockrig.analysis.diagnosis.adequacy import Adequacy, varies_with, when_largest
+from shockrig.analysis.diagnosis.gain import Gain
+from shockrig.analysis.inference.fit import Fit
+from shockrig.analysis.inference.noise import Noise
+from shockrig.analysis.inference.problem import Problem
+
+PEAK_TOLERANCES = 5.0  # a peak matters from this many times the tolerance of the rms on
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """From which size on a remainder matters: a tenth of the sensors' stated accuracy unless the user says else."""
+
+    temperature_k: float = 0.03
+    humidity_percent: float = 0.2
+
+    def of(self, unit: str) -> float:
+        """In a channel's unit, K or %RH."""
+        return self.temperature_k if unit == "K" else self.humidity_percent
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What is left on unseen runs: rms above the noise and peak [unit], and what it varies with."""
+
+    rms: float
+    peak: float
+    unit: str
+    significant: bool
+    tolerance: float
+    from_s: float
+    until_s: float
+    varies_with: tuple[str, ...]
+
+    @property
+    def material(self) -> bool:
+        """Whether it is as large as the tolerance: a significant one always is where none is allowed."""
+        if self.tolerance == 0:
+            return self.significant
+        return self.rms >= self.tolerance or self.peak >= PEAK_TOLERANCES * self.tolerance
+
+
+def measure_remainder(
+    problem: Problem, found: Fit, noise: Noise, adequacy: Adequacy, gain: Gain, tolerance: Tolerance
+) -> Remainder:
+    """The remainder of a fitted model; its peak is the largest mean over a bin that noise does not explain."""
+    channel = problem.channel
+    unit = channel.quantity.unit
+    filled = channel.count > 0
+    spread = noise.standard_deviation / np.sqrt(np.maximum(channel.count, 1))
+    # Four standard deviations of the bin's own noise are what the largest of a few thousand bins may show by chance.
+    beyond = np.where(filled, np.abs(found.residual) - 4.0 * spread, 0.0)
+    begins, ends = when_largest(channel, found, noise)
+    return Remainder(
+        rms=float(np.sqrt(max(gain.after**2 - gain.noise_floor**2, 0.0))),
+        peak=float(max(beyond.max(initial=0.0), 0.0)),
+        unit=unit,
+        significant=not adequacy.passed,
+        tolerance=tolerance.of(unit),
+        from_s=begins,
+        until_s=ends,
+        varies_with=tuple(varies_with(problem, found)),
+    )

@@ -1,0 +1,42 @@
+"""The sensing body has another shape than campaign.json says: one entry for each shape that it could have."""
+
+from dataclasses import replace
+from functools import cache
+
+from shockrig.analysis.inference.effect import Effect, InFlight
+from shockrig.analysis.physics.bodies import BODIES
+
+
+@cache
+def _t63(name: str) -> float:
+    """Dimensionless time to 63 % of a step."""
+    return BODIES[name].landmarks[0]
+
+
+def _entry(name: str) -> Effect:
+    body = BODIES[name]
+
+    def with_body(chain, p):
+        return replace(chain, body=body)
+
+    return Effect(
+        id=f"body_{name}",
+        link="body",
+        channels=("temperature", "humidity"),
+        parameters=(),
+        apply=with_body,
+        sentence=f"The sensor responds like {body.sentence}, not like the body that campaign.json states.",
+        equation=f"the closed form of {body.sentence}; its rate is {body.symbol}",
+        source="Carslaw and Jaeger 1959, chapters 3, 7 and 9",
+        advice=f'Set sensors.*.body to "{name}" in campaign.json if that is what the sensor is.',
+        testable=lambda channel: channel.body != name,
+        needs="is what campaign.json states already",
+        in_flight=InFlight(body=name),
+        rare_in_known=True,
+        shape=True,
+        rate_factor=lambda channel: _t63(name) / _t63(channel.body),
+        excludes=frozenset(f"body_{other}" for other in BODIES if other != name),
+    )
+
+
+EFFECTS = tuple(_entry(name) for name in BODIES)

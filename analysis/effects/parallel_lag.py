@@ -1,0 +1,24 @@
+"""A share of the response follows as a slow first-order lag: two time constants in parallel, whatever makes them."""
+
+from dataclasses import replace
+
+from shockrig.analysis.inference.effect import Effect, InFlight, Parameter
+
+EFFECT = Effect(
+    id="parallel_lag",
+    link="body",
+    channels=("temperature", "humidity"),
+    parameters=(
+        Parameter("fraction", "1", 0.001, 0.9, (0.05, 0.3), percent=True),
+        Parameter("time_constant_s", "s", 0.05, 3000.0, (3.0, 10.0, 50.0, 300.0), log=True, none=None),
+    ),
+    apply=lambda chain, p: replace(chain, lags=(*chain.lags, (p["fraction"], p["time_constant_s"]))),
+    sentence="{fraction} of the response follows with a time constant of its own, {time_constant_s} s.",
+    equation="reading = (1 - fraction) body + fraction (1 - exp(-t / time_constant))",
+    source="two exponentials; what makes the second one (support, housing, film, air) these runs do not say",
+    advice="Record the airflow and vary it: a support's share depends on it, a film's own does not.",
+    in_flight=InFlight(lag=lambda p: (p["fraction"], p["time_constant_s"])),
+    shape=True,
+    testable=lambda channel: not channel.conditions.airflow_known.all(),
+    needs="is looked for where the airflow was not recorded; its named causes are where it was",
+)

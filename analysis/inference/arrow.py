@@ -1,0 +1,133 @@
+"""Normal equations of a model with random effects for each run: an arrow matrix, solved by eliminating each run's
+block.
+
+With J the sensitivities to theta, U those to a run's random effects, L^-1 their weights, all whitened:
+
+    [ J'J + prior   J'U        ] [ theta ]
+    [ U'J           U'U + L^-1 ] [ u_i   ]
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.inference.quantity import RunEffect
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Arrow:
+    """The equations at one point.
+
+    Attributes
+    ----------
+    jacobian : ndarray (R, n, P)
+        Whitened sensitivities of the prediction to theta.
+    run_jacobian : ndarray (R, n, U)
+        Likewise to each run's random effects.
+    weight : ndarray (R, U)
+        1 / variance of the random effects.
+    prior_weight : ndarray (P,)
+        1 / variance of what is known of theta; 0 where nothing is.
+    """
+
+    jacobian: Array
+    run_jacobian: Array
+    weight: Array
+    prior_weight: Array
+
+    @cached_property
+    def _turned(self) -> Array:
+        return self.run_jacobian.transpose(0, 2, 1)
+
+    @cached_property
+    def blocks(self) -> Array:
+        """U'U + L^-1 of each run (R, U, U)."""
+        blocks = self._turned @ self.run_jacobian
+        index = np.arange(blocks.shape[-1])
+        blocks[:, index, index] += self.weight
+        return np.asarray(blocks)
+
+    @cached_property
+    def _coupled(self) -> tuple[Array, Array]:
+        """U'J (R, U, P) and the blocks' solution of it."""
+        coupled = self._turned @ self.jacobian
+        return coupled, np.linalg.solve(self.blocks, coupled)
+
+    @cached_property
+    def normal(self) -> Array:
+        """Normal matrix of theta, the runs' random effects eliminated (P, P)."""
+        coupled, solved = self._coupled
+        tall, flat = (x.reshape(-1, x.shape[-1]) for x in (self.jacobian, coupled))
+        reduced = tall.T @ tall - flat.T @ solved.reshape(flat.shape)
+        return np.asarray(reduced + np.diag(self.prior_weight))
+
+    def right_sides(self, residual: Array, deviations: Array, pull: Array) -> tuple[Array, Array]:
+        """Right side of theta (P,), and the runs' steps at an unmoved theta (R, U).
+
+        `residual` (R, n) is whitened and taken at `deviations` (R, U); `pull` (P,) is what the prior adds for theta.
+        """
+        own = (self._turned @ residual[..., None])[..., 0] - self.weight * deviations
+        steps = np.linalg.solve(self.blocks, own[..., None])[..., 0]
+        coupled, _ = self._coupled
+        right = self.jacobian.reshape(-1, self.jacobian.shape[-1]).T @ residual.ravel()
+        right = right - coupled.reshape(-1, coupled.shape[-1]).T @ steps.ravel() + pull
+        return right, steps
+
+    def run_steps(self, steps: Array, move: Array) -> Array:
+        """The runs' steps (R, U) when theta moves by `move` (P,)."""
+        return np.asarray(steps - self._coupled[1] @ move)
+
+    def covariance(self) -> Array:
+        """Of theta (P, P); a parameter that the data do not see gets a huge variance and leaves the others alone."""
+        scale = np.sqrt(np.maximum(np.diag(self.normal), 1e-12))
+        correlation = self.normal / scale[:, None] / scale
+        inverse = np.linalg.pinv(correlation + 1e-12 * np.eye(scale.size), rcond=1e-11, hermitian=True)
+        return np.asarray(inverse / scale[:, None] / scale)
+
+    def run_variances(self) -> Array:
+        """Variances of the runs' random effects at a given theta (R, U)."""
+        return np.asarray(np.diagonal(np.linalg.inv(self.blocks), axis1=1, axis2=2))
+
+    def log_determinant(self) -> float:
+        """Of the runs' blocks, all together."""
+        return float(np.linalg.slogdet(self.blocks)[1].sum())
+
+    def common(self, effect: RunEffect) -> Array:
+        """Right side of theta (P,) for a random effect that is one unit off in every run alike."""
+        column = self.run_jacobian[..., effect]
+        own = np.linalg.solve(self.blocks, (self._turned @ column[..., None]))[..., 0]
+        coupled, _ = self._coupled
+        whole = self.jacobian.reshape(-1, self.jacobian.shape[-1]).T @ column.ravel()
+        return np.asarray(whole - coupled.reshape(-1, coupled.shape[-1]).T @ own.ravel())
+
+    def hidden(self, difference: Array) -> float:
+        """Squared length of whitened values (R, n) that the runs' random effects cannot take up."""
+        own = (self._turned @ difference[..., None])[..., 0]
+        taken = np.linalg.solve(self.blocks, own[..., None])[..., 0]
+        return float((difference**2).sum() - (own * taken).sum())
+
+    def scores(self, columns: Array, residual: Array, deviations: Array) -> tuple[Array, Array]:
+        """Scores (C,) and their covariance (C, C) for whitened `columns` (R, n, C).
+
+        What the residual says of each direction once theta and the runs' random effects have had their say.
+        """
+        both = np.concatenate([self.jacobian, columns], axis=-1)
+        coupled = self._turned @ both
+        solved = np.linalg.solve(self.blocks, coupled)
+        tall, flat, reduced = (x.reshape(-1, both.shape[-1]) for x in (both, coupled, solved))
+        whole = tall.T @ tall - flat.T @ reduced
+        # The residual is taken at the runs' estimated deviations; the marginal score wants it at zero deviations.
+        at_zero = residual + (self.run_jacobian @ deviations[..., None])[..., 0]
+        right = tall.T @ at_zero.ravel() - reduced.T @ (self._turned @ at_zero[..., None]).ravel()
+        p = self.jacobian.shape[-1]
+        scale = np.sqrt(np.maximum(np.diag(whole)[:p], 1e-300))
+        outer = np.outer(scale, scale)
+        inverse = np.linalg.pinv(whole[:p, :p] / outer, rcond=1e-10, hermitian=True) / outer
+        normal = whole[p:, p:] - whole[p:, :p] @ inverse @ whole[:p, p:]
+        return right[p:] - whole[p:, :p] @ inverse @ right[:p], normal

@@ -1,0 +1,249 @@
+"""What an effect is: one change to one link of the chain, with everything that is peculiar to it.
+
+Nothing outside of an effect's own file knows its name; whoever asks, asks for what stands here.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.noise import Noise
+from shockrig.analysis.inference.quantity import ChannelName
+from shockrig.analysis.physics.chain import Chain
+
+Array = NDArray[np.float64]
+Link = Literal["air", "exchange", "body", "readout", "logger"]
+Values = Mapping[str, float]
+RARE = 8.0  # added to the penalty of what real benches hardly ever have: odds of one in fifty
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of an effect.
+
+    Attributes
+    ----------
+    name, unit : str
+    low, high : float
+        Ends of its range.
+    starts : tuple of float
+        Values that a fit begins from.
+    log : bool
+        Whether a positive scale is fitted in its logarithm.
+    none : float or None
+        The value at which the effect vanishes, where it has one.
+    weakest : float or None
+        The start at which the effect changes least, where that is not the first: first-order scores are taken there.
+    prior : (mean, standard deviation) or None
+        What is known of it before any data.
+    percent : bool
+        Whether reports write it in percent.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    starts: tuple[float, ...]
+    log: bool = False
+    none: float | None = 0.0
+    weakest: float | None = None
+    prior: tuple[float, float] | None = None
+    percent: bool = False
+
+    def encoded(self, value: float) -> float:
+        """A value on the scale that is fitted."""
+        return float(np.log(value)) if self.log else value
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What the readings themselves show: an effect's id, its parameters as (value, standard uncertainty), evidence."""
+
+    effect: str
+    parameters: dict[str, tuple[float, float]]
+    evidence: str
+
+
+@dataclass(frozen=True)
+class Readings:
+    """What is known of a channel's single readings: what they are rounded to, their noise, and the channel itself."""
+
+    channel: Channel
+    step: float = 0.0
+    noise: Noise | None = None
+
+
+@dataclass(frozen=True)
+class InFlight:
+    """What an effect means for a correction, by functions of its parameters' values; None where it means nothing.
+
+    Attributes
+    ----------
+    body : str
+        The shape of the sensing body, where it is another than the profile states.
+    series_s : values -> time constant [s]
+        A first-order lag in series with the body.
+    biot : (values, airspeed (n,) [m/s], body's length [m]) -> ndarray (n,)
+        Biot number of the exchange along the flight.
+    lag : values -> (share, time constant [s])
+        A part of the reading that follows as a first-order lag.
+    undo : (values, reading, airspeed, body's length) -> reading
+        Takes off what the readout added.
+    delay_s : (values, sampling period [s]) -> float
+    noise : values -> float
+        Standard deviation added to a reading.
+    ceiling : values -> float
+        Readings at or above it say only that the air is as humid.
+    uncertainty : values -> float
+        Standard uncertainty of what cannot be undone.
+    at_die : bool
+        Whether vapour is turned into humidity at the sensor's own temperature.
+    left : bool
+        Whether it is left in the reading, and said to be.
+    """
+
+    body: str = ""
+    biot: Callable[[Values, Array, float], Array] | None = None
+    series_s: Callable[[Values], float] | None = None
+    lag: Callable[[Values], tuple[float, float]] | None = None
+    undo: Callable[[Values, Array, Array, float], Array] | None = None
+    delay_s: Callable[[Values, float], float] | None = None
+    noise: Callable[[Values], float] | None = None
+    ceiling: Callable[[Values], float] | None = None
+    uncertainty: Callable[[Values], float] | None = None
+    at_die: bool = False
+    left: bool = False
+
+    @property
+    def needs_airspeed(self) -> bool:
+        """Whether what it does depends on the airspeed."""
+        return self.biot is not None or self.undo is not None
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One entry of the catalogue.
+
+    Attributes
+    ----------
+    id, link, channels, parameters
+    apply : (chain, {name: ndarray (B, 1)}) -> chain
+        The chain with the effect added.
+    sentence : str
+        What a colleague would say, with {name} places for parameters.
+    equation, source, advice : str
+        The equation added, where it comes from, and what to do about it on the bench.
+    of_sensor : bool
+        True where it belongs to the sensor, False where it belongs to the bench or its logger.
+    in_flight : InFlight or None
+        How a correction treats it; None where it does not fly.
+    testable : channel -> bool
+        Whether the campaign's conditions let the effect act at all.
+    needs : str
+        What a campaign lacks where they do not.
+    start_from : channel -> {parameter: start}
+        A start that only the data can give, in place of those of the parameters; empty where they give none.
+    nudges : channel -> {parameter: offsets}
+        Where the objective has steps, starts beside the one found from which the fit is finished.
+    refused : (channel, {parameter: value}) -> bool
+        True where a fit that ends there is no finding, whatever it gains.
+    in_readings, in_noise : Readings -> (Channel, Finding or None)
+        For what single readings show (repeats, rounding, flat tops) before, and (averages) after the noise is known.
+    dated : (times, readings, period [s], values) -> times
+        When the readings of a log were fresh.
+    rounded_to, averages : values -> float, int
+        What it means for the noise: a rounding step, a number of readings in a mean.
+    like_average : (values, period [s]) -> set of int
+        Lengths of a running mean that would look alike.
+    thermal_reading : str
+        How a thermal shock reads with it, where that is a choice for ambients with thermal shocks alone.
+    steady : bool
+        Whether it is the same at all times: a straight line in the reading, which soaks up part of anything.
+    rare : float
+        What is added to the penalty of an effect that real benches hardly ever have.
+    rate_factor : channel -> float
+        By how much the rate is larger with the effect than without, for a fit to begin there.
+    shape : bool
+        Whether it only says how the response behaves, and not what makes it behave so.
+    rare_in_known : bool
+        Whether it is rare in the sensors whose bodies are known, and as likely as any other in those that are not.
+    excludes : frozenset of str
+        Effects that cannot stand beside it.
+    always_tried : bool
+        Whether a first-order score says nothing of it, so that it is always fitted.
+    order : int
+        Its place in the chain, set by the catalogue.
+    """
+
+    id: str
+    link: Link
+    channels: tuple[ChannelName, ...]
+    parameters: tuple[Parameter, ...]
+    apply: Callable[[Chain, Mapping[str, Array]], Chain]
+    sentence: str
+    equation: str
+    source: str
+    advice: str
+    of_sensor: bool = True
+    in_flight: InFlight | None = None
+    testable: Callable[[Channel], bool] | None = None
+    needs: str = ""
+    start_from: Callable[[Channel], Values] | None = None
+    nudges: Callable[[Channel], Mapping[str, tuple[float, ...]]] | None = None
+    refused: Callable[[Channel, Values], bool] | None = None
+    in_readings: Callable[[Readings], tuple[Readings, Finding | None]] | None = None
+    in_noise: Callable[[Readings], Finding | None] | None = None
+    dated: Callable[[Array, Array, float, Values], Array] | None = None
+    rounded_to: Callable[[Values], float] | None = None
+    averages: Callable[[Values], int] | None = None
+    like_average: Callable[[Values, float], set[int]] | None = None
+    thermal_reading: str = ""
+    steady: bool = False
+    rare: float = 0.0
+    rate_factor: Callable[[Channel], float] | None = None
+    shape: bool = False
+    rare_in_known: bool = False
+    excludes: frozenset[str] = frozenset()
+    always_tried: bool = False
+    order: int = 0
+
+    @property
+    def from_readings(self) -> bool:
+        """Whether single readings show it, and not the mean response."""
+        return self.in_readings is not None or self.in_noise is not None
+
+    def acts_in(self, channel: Channel) -> bool:
+        """Whether it belongs to the channel and the campaign's conditions let it act."""
+        return channel.name in self.channels and (self.testable is None or self.testable(channel))
+
+    def rarity(self, channel: Channel) -> float:
+        """What is added to its penalty in a channel."""
+        return self.rare + (RARE if self.rare_in_known and channel.known_sensor else 0.0)
+
+    def starts(self, channel: Channel) -> list[dict[str, float]]:
+        """Parameter values to begin a fit from: one set that the data tell, or all that are declared."""
+        told = dict(self.start_from(channel)) if self.start_from else {}
+        if told:
+            return [told]
+        names = [p.name for p in self.parameters]
+        return [dict(zip(names, v, strict=True)) for v in itertools.product(*(p.starts for p in self.parameters))]
+
+    def parameter(self, name: str) -> Parameter:
+        """A parameter by name."""
+        return next(p for p in self.parameters if p.name == name)
+
+
+def unchanged(chain: Chain, values: Mapping[str, Array]) -> Chain:
+    """The chain as it is, for effects of the single readings that leave the mean response alone."""
+    return chain
+
+
+PAPER = "Segales et al. 2022, doi 10.5194/amt-15-2607-2022"

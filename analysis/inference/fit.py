@@ -1,0 +1,258 @@
+"""Generalised least squares of a model on one channel, with each run's own small deviations as random effects.
+
+minimise  sum_i |W_i (y_i - f_i(theta, u_i))|^2 + u_i' Lambda_i^-1 u_i
+by damped Gauss-Newton steps over theta and all u_i together, linearised at each run's own estimate u_i.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.inference.arrow import Arrow
+from shockrig.analysis.inference.model import Model, Point, Structure
+from shockrig.analysis.inference.problem import Problem
+from shockrig.analysis.inference.quantity import RunEffect
+from shockrig.analysis.inference.rate_scatter import OwnRates, likeliest, prior_cost
+from shockrig.analysis.physics.chain import at_jump, evaluate
+
+Array = NDArray[np.float64]
+
+# A trigger is good to 10 ms from run to run; this much of it may be the same in every run, and no fit can see that.
+COMMON_START_SCATTER_S = 0.004
+MOST_TRIES = 7  # of a step, each damped more
+LONGEST_RUN_STEP = 20.0  # of a run's random effects, in standard deviations
+ADAPTED_FROM = 0.06  # relative change of the rates' scatter from which on it is taken over
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted model.
+
+    Attributes
+    ----------
+    model : Model
+    theta : ndarray (P,)
+    covariance : ndarray (P, P)
+        Of theta, the runs' deviations integrated out.
+    deviations : ndarray (R, U)
+    objective : float
+        Penalised sum of squares.
+    deviance : float
+        -2 log marginal likelihood up to a constant that all models of the problem share.
+    rate_scatter : float
+        Run-to-run scatter of the rate that the fit settled on.
+    residual : ndarray (R, n)
+        y - f [channel's unit]; zero where a bin is empty.
+    arrow : Arrow
+        The normal equations at the end, under that scatter.
+    converged : bool
+    """
+
+    model: Model
+    theta: Array
+    covariance: Array
+    deviations: Array
+    objective: float
+    deviance: float
+    rate_scatter: float
+    residual: Array
+    arrow: Arrow
+    converged: bool
+
+    @property
+    def structure(self) -> Structure:
+        """What the model adds to the plain chain."""
+        return self.model.structure
+
+    @property
+    def point(self) -> Point:
+        """Where the fit ended."""
+        return Point(self.theta, self.deviations)
+
+    @property
+    def log_rates(self) -> Array:
+        """ln rates of the ambients (G,)."""
+        return self.theta[self.model.rates]
+
+    @property
+    def choice(self) -> dict[str, float]:
+        """{"effect.parameter": value}."""
+        return self.model.choice(self.theta)
+
+    def values(self) -> dict[str, dict[str, tuple[float, float]]]:
+        """{effect: {parameter: (value, standard uncertainty)}} in the parameters' own units."""
+        return self.model.values(self.theta, self.covariance)
+
+    def own_rates(self) -> OwnRates:
+        """What each run alone says of its rate."""
+        return _own_rates(self.arrow, self.deviations, self.model)
+
+    def scores(self, problem: Problem, columns: Array) -> tuple[Array, Array]:
+        """Scores (C,) of whitened columns (R, n, C) and their covariance, see `Arrow.scores`."""
+        return self.arrow.scores(columns, problem.whiten(self.residual), self.deviations)
+
+
+@dataclass(frozen=True)
+class _Linearised:
+    """Prediction and whitened sensitivities at a point."""
+
+    point: Point
+    prediction: Array
+    jacobian: Array
+    run_jacobian: Array
+    residual: Array
+    muted: int
+
+    def arrow(self, problem: Problem, model: Model) -> Arrow:
+        return Arrow(self.jacobian, self.run_jacobian, 1.0 / problem.scatter**2, model.priors()[1])
+
+    def objective(self, problem: Problem, model: Model) -> float:
+        """Penalised sum of squares; a muted bin counts as what noise alone would give, so that no model gains by
+        muting."""
+        (mean, weight), point = model.priors(), self.point
+        penalty = ((point.deviations / problem.scatter) ** 2).sum() + (weight * (point.theta - mean) ** 2).sum()
+        return float((self.residual**2).sum() + self.muted + penalty)
+
+
+def _linearise(problem: Problem, model: Model, point: Point) -> _Linearised:
+    """From one batch of perturbed candidates."""
+    channel, theta = problem.channel, point.theta
+    rates, step = channel.rates, model.steps()
+    run_step = np.array(channel.quantity.run_steps)
+    free, width = theta.size - rates, run_step.size
+    count = 1 + free + width
+    thetas = np.tile(theta, (count, 1))
+    deviations = np.tile(point.deviations, (count, 1, 1))
+    for k in range(free):
+        thetas[1 + k, rates + k] += step[rates + k]
+    for k in range(width):
+        deviations[1 + free + k, :, k] += run_step[k]
+    chain = model.chain(Point(thetas, deviations))
+    f = np.broadcast_to(evaluate(chain, channel.quantity.reading), (count, *channel.time_s.shape))
+    mute = at_jump(chain)
+    if mute.any():
+        f = np.where(mute, channel.value, f)
+    whitened = np.matmul(problem.whitener, np.moveaxis(f, 0, -1))
+    base = whitened[..., 0]
+    run_jacobian = (whitened[..., 1 + free :] - base[..., None]) / run_step
+    jacobian = np.empty((*base.shape, theta.size))
+    jacobian[..., :rates] = run_jacobian[..., RunEffect.RATE, None] * channel.interpolation[:, None, :]
+    jacobian[..., rates:] = (whitened[..., 1 : 1 + free] - base[..., None]) / step[rates:]
+    residual = problem.whiten(channel.value - f[0])
+    return _Linearised(point, f[0], jacobian, run_jacobian, residual, int(mute.sum()))
+
+
+def linearise(problem: Problem, structure: Structure, point: Point) -> tuple[Array, Arrow]:
+    """Prediction (R, n) at a point, and the normal equations there: what a design needs of runs not made yet."""
+    model = Model(problem.channel, structure)
+    at = _linearise(problem, model, point)
+    return at.prediction, at.arrow(problem, model)
+
+
+def fit(
+    problem: Problem,
+    structure: Structure,
+    theta: Array,
+    deviations: Array | None = None,
+    iterations: int = 25,
+    tolerance: float = 0.02,
+    adapt_scatter: bool = True,
+    hold_theta: bool = False,
+) -> Fit:
+    """Fit theta and the runs' deviations jointly from one start.
+
+    Parameters
+    ----------
+    problem, structure : what is fitted
+    theta : ndarray (P,)
+        Start, on the scale that is fitted.
+    deviations : ndarray (R, U), optional
+        Start of the runs' deviations; zero if not given.
+    iterations : int
+        At most so many steps.
+    tolerance : float
+        Drop of the objective at which a fit ends.
+    adapt_scatter : bool
+        Whether the scatter of the rate is estimated along (as a variance component with its prior), or held.
+    hold_theta : bool
+        Only the runs' deviations are fitted: what a run says of its own start and airs under a given model.
+    """
+    model = Model(problem.channel, structure)
+    low, high = model.bounds()
+    prior_mean, prior_weight = model.priors()
+    reach, furthest = model.reach(), LONGEST_RUN_STEP * problem.scatter
+    start = Point(np.clip(theta, low, high), problem.channel.at_rest() if deviations is None else deviations)
+    at = _linearise(problem, model, start)
+    objective = at.objective(problem, model)
+    damping, converged = 1e-3, False
+    for _ in range(iterations):
+        arrow = at.arrow(problem, model)
+        pull = prior_weight * (prior_mean - at.point.theta)
+        right, steps = arrow.right_sides(at.residual, at.point.deviations, pull)
+        # Parameters that stand at a bound and are pushed outwards are held there.
+        held = ((at.point.theta <= low) & (right < 0)) | ((at.point.theta >= high) & (right > 0))
+        free = ~held & (not hold_theta)
+        scale = np.diag(arrow.normal)[free]
+        for _ in range(MOST_TRIES):
+            damped = arrow.normal[np.ix_(free, free)] + np.diag(damping * scale + 1e-9)
+            move = np.zeros(theta.size)
+            move[free] = np.linalg.lstsq(damped, right[free], rcond=None)[0]
+            trial = np.clip(at.point.theta + np.clip(move, -reach, reach), low, high)
+            shift = np.clip(arrow.run_steps(steps, trial - at.point.theta), -furthest, furthest)
+            new = _linearise(problem, model, Point(trial, at.point.deviations + shift))
+            reached = new.objective(problem, model)
+            if np.isfinite(reached) and reached <= objective + 1e-9:
+                break
+            damping = min(damping * 12, 1e6)
+        else:
+            converged = True
+            break
+        gain, at, objective = objective - reached, new, reached
+        damping = max(damping / 8, 1e-9)
+        if adapt_scatter:
+            scatter = likeliest(_own_rates(at.arrow(problem, model), at.point.deviations, model))
+            if abs(np.log(scatter / problem.rate_scatter)) >= ADAPTED_FROM:
+                problem = problem.with_rate_scatter(scatter)
+                objective = at.objective(problem, model)
+                continue
+        # Where the model is plainly wrong, the last digits of its misfit tell nothing.
+        if gain < max(tolerance, 2e-4 * (objective - 2 * problem.channel.count.size)):
+            converged = True
+            break
+    return _finished(problem, model, at, objective, converged)
+
+
+def _own_rates(arrow: Arrow, deviations: Array, model: Model) -> OwnRates:
+    """Each run's information and estimate of its rate, the prior taken off again."""
+    weight = arrow.weight[:, RunEffect.RATE]
+    information = np.maximum(1.0 / arrow.run_variances()[:, RunEffect.RATE] - weight, 1e-9)
+    own = deviations[:, RunEffect.RATE] * (information + weight) / information
+    return OwnRates(own, 1.0 / np.sqrt(information), model.channel.ambient)
+
+
+def _finished(problem: Problem, model: Model, at: _Linearised, objective: float, converged: bool) -> Fit:
+    arrow = at.arrow(problem, model)
+    covariance = arrow.covariance()
+    moved = covariance @ arrow.common(RunEffect.START) * COMMON_START_SCATTER_S
+    complexity = arrow.log_determinant() + 2 * float(np.log(problem.scatter).sum())
+    return Fit(
+        model=model,
+        theta=at.point.theta,
+        covariance=covariance + np.outer(moved, moved),
+        deviations=at.point.deviations,
+        objective=objective,
+        deviance=objective + complexity + float(prior_cost(np.array(problem.rate_scatter))),
+        rate_scatter=problem.rate_scatter,
+        residual=np.where(problem.channel.count > 0, problem.channel.value - at.prediction, 0.0),
+        arrow=arrow,
+        converged=converged,
+    )
+
+
+def run_misfit(problem: Problem, found: Fit) -> Array:
+    """Mean square of each run's whitened residuals (R,): about 1 where the model leaves noise alone."""
+    squares = problem.whiten(found.residual) ** 2
+    return np.asarray(squares.sum(axis=1) / np.maximum((problem.channel.count > 0).sum(axis=1), 1))

@@ -1,0 +1,324 @@
+"""From a campaign's runs to a channel: which can be used, when they began, what their airs were."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from shockrig.analysis.inference.bins import bin_means, edges_after_transfer, even_edges, place
+from shockrig.analysis.inference.channel import Channel, LeftOut, between_ambients, group_ambients
+from shockrig.analysis.inference.die import past_dew_s, smooth_dies
+from shockrig.analysis.inference.quantity import HUMIDITY, QUANTITIES, TEMPERATURE, ChannelName, Quantity
+from shockrig.analysis.inference.starts import estimate_start, half_way_s
+from shockrig.analysis.physics.chain import MeasuredAir
+from shockrig.analysis.physics.conditions import Conditions
+from shockrig.analysis.physics.driven import undo_lag
+from shockrig.files.campaign import Air, Campaign, Run, Trace
+
+Array = NDArray[np.float64]
+
+# Stated uncertainty of a trigger (formats.md section 1 promises it), and how little is known of a start that is
+# estimated from the run itself: one sigma.
+TRIGGER_SCATTER_S = 0.010
+UNKNOWN_START_SCATTER_S = 0.5
+ORDINARY_HALF_WAY_S = (0.25, 8.0)  # of the sensors that the bins and the limits below were laid out for
+UNKNOWN_AIRFLOW_M_S = 5.0
+FEWEST_SAMPLES = 30
+
+
+@dataclass(frozen=True)
+class UsableRun:
+    """A run that a channel can use: its trace, its start on the clock of the files [s], and its measured air."""
+
+    run: Run
+    trace: Trace
+    start_s: float
+    air: MeasuredAir | None
+
+
+def usable_runs(campaign: Campaign, name: ChannelName) -> tuple[list[UsableRun], list[LeftOut]]:
+    """Runs of a campaign that can be used for a channel, and those left out with the reason."""
+    return _usable(campaign, QUANTITIES[name])[:2]
+
+
+def _usable(campaign: Campaign, quantity: Quantity) -> tuple[list[UsableRun], list[LeftOut], float]:
+    timed: list[UsableRun] = []
+    reasons: dict[str, str] = {}
+    for run in campaign.runs:
+        one = _timed(run, quantity)
+        if isinstance(one, str):
+            reasons[run.id] = one
+        else:
+            timed.append(one)
+    tempo = _tempo(timed, quantity)
+    usable = []
+    for one in timed:
+        reason = _unfit(one, quantity, tempo)
+        if reason is None:
+            usable.append(one)
+        else:
+            reasons[one.run.id] = reason
+    left_out = [LeftOut(run.id, quantity.name, reasons[run.id]) for run in campaign.runs if run.id in reasons]
+    return usable, left_out, tempo
+
+
+def _timed(run: Run, quantity: Quantity) -> UsableRun | str:
+    """A run with its start, or why it cannot be used."""
+    trace = run.imet if quantity is TEMPERATURE else run.hyt
+    if trace is None:
+        return f"no {quantity.file}"
+    if trace.time_s.size < FEWEST_SAMPLES:
+        return f"only {trace.time_s.size} usable samples in {quantity.file}"
+    if run.air is not None and quantity.column in run.air.values:
+        start = run.start_s if run.start_s is not None else float(trace.time_s[0])
+        air = _measured_air(run, quantity, start)
+        return air if isinstance(air, str) else UsableRun(run, trace, start, air)
+    start_s = run.start_s if run.start_s is not None else _found_start(run)
+    if start_s is None:
+        return "no transfer.start_s, and no step stands out of the noise to estimate it from"
+    return UsableRun(run, trace, start_s, None)
+
+
+def _found_start(run: Run) -> float | None:
+    """Start of a run that nobody triggered: the earliest that its sensors show."""
+    traces = [(run.imet, TEMPERATURE.column), (run.hyt, HUMIDITY.column)]
+    found = [estimate_start(t.time_s, t.values[column]) for t, column in traces if t is not None]
+    told = [start for start in found if start is not None]
+    return min(told) if told else None
+
+
+def _measured_air(run: Run, quantity: Quantity, start_s: float) -> MeasuredAir | str:
+    """A run's air as it was, its reference's own lag undone; or why it is of no use."""
+    trace = run.air
+    assert trace is not None
+    columns = {q.column: np.asarray(trace.values.get(q.column, np.full(trace.time_s.size, np.nan))) for q in _BOTH}
+    good = np.isfinite(columns[quantity.column])
+    if good.sum() < 5:
+        return f"air.csv has only {int(good.sum())} values of {quantity.column}"
+    time = trace.time_s[good] - start_s
+    lags = {
+        TEMPERATURE.column: run.reference.temperature_time_constant_s,
+        HUMIDITY.column: run.reference.humidity_time_constant_s,
+    }
+    values = {}
+    for column, value in columns.items():
+        known = np.isfinite(value[good])
+        filled = np.interp(time, time[known], value[good][known]) if known.sum() >= 2 else np.full(time.size, np.nan)
+        values[column] = undo_lag(time, filled, lags[column]) if lags[column] > 0 and known.any() else filled
+    if np.diff(time).size and (np.diff(time) <= 0).any():
+        return "the times of air.csv do not run forward"
+    return MeasuredAir(time, values[TEMPERATURE.column], values[HUMIDITY.column])
+
+
+_BOTH = (TEMPERATURE, HUMIDITY)
+
+
+def _tempo(timed: list[UsableRun], quantity: Quantity) -> float:
+    """How much slower or faster the sensor is than the ordinary ones; 1 for these."""
+    halves = [
+        half_way_s(one.trace.time_s - one.start_s, one.trace.values[quantity.column])
+        for one in timed
+        if one.air is None
+    ]
+    told = [half for half in halves if np.isfinite(half)]
+    if not told:
+        return 1.0
+    half = max(float(np.median(told)), 1e-3)
+    fast, slow = ORDINARY_HALF_WAY_S
+    return half / fast if half < fast else half / slow if half > slow else 1.0
+
+
+def _unfit(one: UsableRun, quantity: Quantity, tempo: float) -> str | None:
+    """Why a run cannot be used; None where it can."""
+    time, value, start = one.trace.time_s, one.trace.values[quantity.column], one.start_s
+    if one.air is not None:
+        return None
+    period = float(np.median(np.diff(time)))
+    before = time < start - min(0.05, 0.5 * period)
+    fewest = 8 if period < 0.5 else 4
+    if before.sum() < fewest or start - time[0] < min(tempo, 1.0):
+        return f"the plateau before the transfer is missing ({int(before.sum())} samples)"
+    if time[-1] - start < min(5.0 * tempo, 5.0) or (time > start).sum() < 20:
+        return f"too short: {max(time[-1] - start, 0):.1f} s after the transfer"
+    if not quantity.pooled and not all(_has_temperature(one.run, air) for air in (one.run.source, one.run.destination)):
+        return "an air's temperature is unknown, and no thermometer recorded it"
+    near = time[(time > start - 2 * period - 0.5 * tempo) & (time < start + 3.0 * tempo + 6 * period)]
+    gap = float(np.diff(near).max()) if near.size > 1 else np.inf
+    if gap > max(0.8 * tempo, 5 * period):
+        return f"a gap of {gap:.1f} s over the transfer"
+    end = value[time > time[-1] - max(5.0 * min(tempo, 1.0), 5 * period)].mean()
+    drift = _drift(value[before])
+    step = abs(end - value[before].mean())
+    known = all(getattr(air, quantity.column) is not None for air in (one.run.source, one.run.destination))
+    limit = max(quantity.settled_within, (0.02 if known else 0.05) * step)
+    if abs(drift) > limit:
+        return f"not settled before the transfer: the plateau drifts by {drift:+.2f} {quantity.unit}"
+    return None
+
+
+def _has_temperature(run: Run, air: Air) -> bool:
+    """Whether the temperature of an air is recorded, or can be taken from a plateau."""
+    return air.temperature_c is not None or any(
+        trace is not None and np.isfinite(trace.values["temperature_c"]).any() for trace in (run.imet, run.hyt)
+    )
+
+
+def _drift(value: Array) -> float:
+    """Drift over the plateau before the transfer: last third minus first third, by medians."""
+    third = max(value.size // 3, 1)
+    return float(np.median(value[-third:]) - np.median(value[:third]))
+
+
+def build_channel(campaign: Campaign, name: ChannelName) -> Channel | None:
+    """Gather one channel of a campaign; None where no run can be used (the reasons are then lost: see
+    `usable_runs`)."""
+    quantity = QUANTITIES[name]
+    usable, left_out, tempo = _usable(campaign, quantity)
+    if not usable:
+        return None
+    starts = np.array([one.start_s for one in usable])
+    conditions = _conditions(usable, quantity, tempo)
+    period = float(np.median(np.concatenate([np.diff(one.trace.time_s) for one in usable])))
+    # Times of the samples carry their own rounding; the nominal grid is used for lags only, never for the response.
+    samples = tuple(
+        (one.trace.time_s - start, one.trace.values[quantity.column]) for one, start in zip(usable, starts, strict=True)
+    )
+    first, last = min(float(t[0]) for t, _ in samples), max(float(t[-1]) for t, _ in samples)
+    air = tuple(one.air for one in usable)
+    driven = [(t, y, a) for (t, y), a in zip(samples, air, strict=True) if a is not None]
+    if driven:
+        edges = even_edges(first, last, period, min(_driven_response_s(t, y, a, quantity) for t, y, a in driven))
+    else:
+        edges = edges_after_transfer(first, last, period, tempo)
+    bin_of = place(samples, edges, conditions.start_scatter_s)
+    time, value, count = bin_means([t for t, _ in samples], [y for _, y in samples], bin_of)
+    die_samples: tuple[Array, ...] = ()
+    die, wet = np.full(time.shape, np.nan), np.full(len(usable), np.nan)
+    if quantity is HUMIDITY:
+        dies = [one.trace.values["temperature_c"] for one in usable]
+        die_samples = tuple(dies) if driven else smooth_dies([t for t, _ in samples], dies, tempo)
+        die = bin_means([t for t, _ in samples], list(die_samples), bin_of)[1]
+        die = np.where(count > 0, die, np.nan)
+        wet = past_dew_s(conditions, [t for t, _ in samples], die_samples)
+    ambient, ambients = group_ambients(conditions.destination_c)
+    interpolation = between_ambients(conditions.destination_c, ambient, ambients)
+    if quantity.pooled:
+        ambient, ambients = np.zeros(len(usable), dtype=int), np.array([float(np.mean(conditions.destination_c))])
+        interpolation = np.ones((len(usable), 1))
+    sensor = campaign.sensors.get(quantity.sensor, {})
+    return Channel(
+        quantity=quantity,
+        body=campaign.bodies[quantity.sensor],
+        kind=str(sensor.get("kind") or ""),
+        run_ids=tuple(one.run.id for one in usable),
+        time_s=time,
+        value=value,
+        count=count,
+        die_c=die,
+        conditions=conditions,
+        ambient=ambient,
+        ambients_c=ambients,
+        interpolation=interpolation,
+        sampling_period_s=round(period, 4),
+        length_m=campaign.bead_radius_m if quantity is TEMPERATURE else campaign.film_thickness_m,
+        tempo=tempo,
+        samples=samples,
+        bin_of=bin_of,
+        air=air,
+        wet_until_s=wet,
+        die_samples=die_samples,
+        left_out=tuple(left_out),
+    )
+
+
+def _driven_response_s(time: Array, value: Array, air: MeasuredAir, quantity: Quantity) -> float:
+    """Rough time constant of a sensor behind a measured air [s]: the first-order lag that leaves least."""
+    trace = air.temperature_c if quantity is TEMPERATURE else air.humidity_percent
+    step = max((time[-1] - time[0]) / 4000.0, 1e-3)
+    grid = np.arange(time[0], time[-1] + step, step)
+    driving, reading = np.interp(grid, air.time_s, trace), np.interp(grid, time, value)
+
+    def misfit(tau: float) -> float:
+        keep = np.exp(-step / tau)
+        lagged = lfilter([1 - keep], [1, -keep], driving, zi=[keep * reading[0]])[0]
+        return float(np.var(reading - lagged))
+
+    return min(np.geomspace(step, 0.5 * (time[-1] - time[0]), 40), key=misfit)
+
+
+def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float) -> Conditions:
+    def plateau(trace: Trace, column: str, start: float, after: bool) -> float:
+        time = trace.time_s
+        spacing = float(np.median(np.diff(time)))
+        last = time > time[-1] - max(5.0 * min(tempo, 1.0), 5 * spacing)
+        values = trace.values[column][last if after else time < start - min(0.2, 2 * spacing)]
+        values = values[np.isfinite(values)]
+        return float(values.mean()) if values.size else np.nan
+
+    def air(kind: str, of: Quantity) -> tuple[Array, Array]:
+        values, scatters = [], []
+        for one in usable:
+            run, value = one.run, getattr(getattr(one.run, kind), of.column)
+            scatter = of.air_scatter if value is not None else of.unknown_air_scatter
+            if one.air is not None:
+                trace = one.air.temperature_c if of is TEMPERATURE else one.air.humidity_percent
+                known = trace[np.isfinite(trace)]
+                if known.size:
+                    value = float(known[0] if kind == "source" else known[-max(known.size // 20, 1) :].mean())
+                    scatter = (
+                        run.reference.temperature_standard_uncertainty_k
+                        if of is TEMPERATURE
+                        else run.reference.humidity_standard_uncertainty_percent
+                    )
+            if value is None:
+                found = run.hyt if of is HUMIDITY else (run.imet or run.hyt)
+                value = plateau(found, of.column, one.start_s, kind == "destination") if found is not None else np.nan
+                if not np.isfinite(value):
+                    value = 20.0 if of is TEMPERATURE else 50.0
+            values.append(value)
+            scatters.append(max(scatter, 1e-6))
+        return np.array(values), np.array(scatters)
+
+    runs = [one.run for one in usable]
+    source_c, source_c_scatter = air("source", TEMPERATURE)
+    destination_c, destination_c_scatter = air("destination", TEMPERATURE)
+    source_percent, source_percent_scatter = air("source", HUMIDITY)
+    destination_percent, destination_percent_scatter = air("destination", HUMIDITY)
+    driven = np.array([one.air is not None for one in usable])
+    start_known = np.array([run.start_s is not None for run in runs]) | driven
+    spacing = float(np.median([np.median(np.diff(one.trace.time_s)) for one in usable]))
+    unknown_start = UNKNOWN_START_SCATTER_S * max(tempo, spacing)
+    airs_known = np.array(
+        [all(getattr(air, quantity.column) is not None for air in (run.source, run.destination)) for run in runs]
+    )
+    duration = np.array([np.nan if run.duration_s is None else run.duration_s for run in runs])
+    all_timed = bool((np.nan_to_num(duration) > 0).all())
+    return Conditions(
+        source_c=source_c,
+        destination_c=destination_c,
+        source_percent=source_percent,
+        destination_percent=destination_percent,
+        airflow_m_s=np.array([UNKNOWN_AIRFLOW_M_S if run.airflow_m_s is None else run.airflow_m_s for run in runs]),
+        pressure_hpa=np.array([run.pressure_hpa for run in runs]),
+        start_s=np.array([one.start_s for one in usable]),
+        start_scatter_s=np.where(start_known, TRIGGER_SCATTER_S, unknown_start),
+        source_c_scatter=source_c_scatter,
+        destination_c_scatter=destination_c_scatter,
+        source_percent_scatter=source_percent_scatter,
+        destination_percent_scatter=destination_percent_scatter,
+        airflow_known=np.array([run.airflow_m_s is not None for run in runs]),
+        start_known=start_known,
+        airs_known=airs_known | driven,
+        irradiance_w_m2=np.array([_extra(run, "irradiance_w_m2") for run in runs]),
+        duration_s=duration,
+        ramp_ratio=duration / np.median(duration) if all_timed else np.ones(len(runs)),
+        ramp_own_s=np.full(len(runs), np.nan) if all_timed else np.where(duration > 0, duration, np.nan),
+    )
+
+
+def _extra(run: Run, key: str) -> float:
+    value = run.extra.get(key)
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else 0.0

@@ -1,0 +1,28 @@
+"""What single readings show without any model: the step that a log is rounded to."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shockrig.analysis.inference.channel import Channel
+
+
+def rounding_step(channel: Channel) -> float:
+    """Step to which all readings are rounded [channel's unit]; 0 where none is found."""
+    values = np.unique(np.round(np.concatenate([y for _, y in channel.samples]), 6))
+    gaps = np.diff(values)
+    gaps = gaps[gaps > 2e-4]
+    if gaps.size < 3:
+        return 0.0
+    # Counted from gap to gap, so that the digits that a file leaves out do not add up over thousands of steps.
+    near = gaps[gaps < 1.3 * np.quantile(gaps, 0.02)]
+    smallest = float(near.mean())
+    for step in smallest / np.arange(1, 4):
+        whole = np.concatenate([[0.0], np.cumsum(np.rint(np.diff(values) / step))])
+        if np.ptp(whole) < 3:
+            continue
+        step = float(np.polyfit(whole, values, 1)[0])
+        off = np.abs(values - step * np.rint(values / step))
+        if np.quantile(off, 0.97) < max(0.04 * step, 1.2e-4) and step > 3e-4:
+            return step
+    return 0.0

@@ -1,0 +1,81 @@
+"""When a run that nobody triggered began, and how fast its sensor is: from the shape of the readings alone.
+
+A start is looked for over the whole record: the plateau before it is level, what follows is a sum of relaxations that
+begin at it, and the start that leaves least is taken.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+SCAN = 160  # starts that are tried over a record, before the search narrows
+NARROWINGS = 3
+POINTS = 700  # of a record, beyond which it is averaged for the scan
+RELAXATIONS = 5
+STEP_IN_NOISE = 10.0  # a smaller change is no step to time
+
+
+def estimate_start(time_s: Array, value: Array) -> float | None:
+    """Start of the transient in one trace (n,) [s]; None where no step stands out of the noise."""
+    if time_s.size < 20:
+        return None
+    noise = 1.4826 * float(np.median(np.abs(np.diff(value)))) / np.sqrt(2.0)
+    tail = max(value.size // 20, 5)
+    lowest, highest = np.quantile(value, [0.01, 0.99])
+    step = max(abs(float(np.median(value[-tail:]) - np.median(value[:tail]))), 0.0)
+    if step < max(STEP_IN_NOISE * noise, 0.3 * (highest - lowest), 1e-9):
+        return None
+    low, high = float(time_s[3]), float(time_s[-4])
+    best = low
+    for _ in range(1 + NARROWINGS):
+        starts = np.linspace(low, high, SCAN)
+        # Near the start single samples count; far from it their averages do.
+        time, level, count = _thinned(time_s, value, 0.5 * (low + high), 2.0 * (high - low))
+        costs = [_misfit(time, level, count, start) for start in starts]
+        best = float(starts[int(np.argmin(costs))])
+        reach = 3.0 * (high - low) / SCAN
+        low, high = max(best - reach, float(time_s[3])), min(best + reach, float(time_s[-4]))
+    return best
+
+
+def _thinned(time: Array, value: Array, middle: float, reach: float) -> tuple[Array, Array, Array]:
+    """The record with what is far from the middle averaged, (time, value, samples in each)."""
+    if time.size <= POINTS:
+        return time, value, np.ones(time.size)
+    near = np.abs(time - middle) < reach
+    group = np.arange(time.size) // (1 + time.size // (POINTS // 2))
+    if near.sum() < POINTS:
+        group = np.where(near, group.max() + 1 + np.arange(time.size), group)
+    _, group = np.unique(group, return_inverse=True)
+    count = np.bincount(group).astype(float)
+    order = np.argsort(np.bincount(group, time) / count, kind="stable")
+    return tuple((x / count)[order] for x in (np.bincount(group, time), np.bincount(group, value))) + (count[order],)
+
+
+def _misfit(time: Array, value: Array, count: Array, start: float) -> float:
+    """Weighted sum of squares of a level and, from `start` on, relaxations of all speeds."""
+    late = np.maximum(time - start, 0.0)
+    longest = float(late[-1])
+    after = late[late > 0]
+    shortest = max(float(after[min(2, after.size - 1)]), 1e-4 * longest)
+    taus = np.geomspace(shortest, max(longest, 1.1 * shortest), RELAXATIONS)
+    root = np.sqrt(count)
+    basis = np.column_stack([np.ones(time.size), -np.expm1(-late[:, None] / taus)]) * root[:, None]
+    coefficients, *_ = np.linalg.lstsq(basis, value * root, rcond=1e-9)
+    return float(((value * root - basis @ coefficients) ** 2).sum())
+
+
+def half_way_s(time_s: Array, value: Array) -> float:
+    """Time from 0, the start, to half of the way between the plateau before it and the last readings [s]."""
+    before, after = value[time_s < 0], time_s >= 0
+    if not before.size or after.sum() < 5:
+        return float("nan")
+    level, end = float(np.median(before)), float(np.median(value[-max(value.size // 20, 3) :]))
+    share = (value[after] - level) * np.sign(end - level)
+    # The median of a few readings in a row, so that one spike is no crossing.
+    smooth = np.array([np.median(share[max(i - 1, 0) : i + 2]) for i in range(share.size)])
+    beyond = smooth > 0.5 * abs(end - level)
+    return float(time_s[after][np.argmax(beyond)]) if beyond.any() else float("nan")
