@@ -20,7 +20,7 @@ import traceback
 import warnings
 import zlib
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -327,10 +327,54 @@ def profiles(rng: random.Random, folder: Path) -> Callable[[], bool]:
     return one
 
 
+def diagnoses(rng: random.Random, folder: Path) -> Callable[[], bool]:
+    from shockrig.files.diagnosis import read_diagnosis
+
+    estimate = {"value": 1.4, "standard_uncertainty": 0.1}
+    cause = {"effect": "stem_conduction", "probability": 0.99, "parameters": {"time_constant_s": estimate}}
+    unlisted = {
+        "behaves_as": "lag_in_series", "driver": "air_humidity", "time_constant_s": estimate,
+        "size": {**estimate, "unit": "1"}, "depends_on": [{"factor": "airflow", "form": "power", **estimate}],
+        "nearest_catalogued": {"effect": "stem_conduction", "likeness": 0.9}, "probability": 0.97,
+        "seen_over": {"airflow_m_s": [2.5, 12.0]},
+    }  # fmt: skip
+    gain = {"held_out_rmse_before": 0.21, "held_out_rmse_after": 0.02, "interval_95": [0.98, 1.0]}
+    left = {"rms": 0.1, "peak": 0.2, "unit": "K", "significant": True, "material": False, "tolerance": 0.03}
+    channels = {
+        "temperature": {"verdict": "explained", "causes": [cause], "gain": gain, "remainder": left},
+        "humidity": {"verdict": "described", "causes": [], "discovered": [unlisted | {"alternatives": [unlisted]}]},
+    }
+    text = json.dumps({"format": "shock-diagnosis/1", "campaign": "x", "channels": channels}, indent=1).encode()
+    file = folder / "diagnosis.json"
+
+    def one() -> bool:
+        file.write_bytes(damage(rng, text))
+        found = read_diagnosis(file)
+        demand(bool(found.channels) and set(found.channels) <= {"temperature", "humidity"}, "channels")
+        for channel in found.channels.values():
+            demand(channel.verdict in (None, "adequate", "explained", "described", "unexplained"), "verdict")
+            _all_finite((channel.causes, channel.discovered, channel.gain, channel.remainder))
+            for effect in (*channel.causes, *channel.discovered):
+                demand(effect.probability is None or 0 <= effect.probability <= 1, "probability")
+            for stated in (value for effect in channel.causes for value in effect.parameters.values()):
+                demand(stated.standard_uncertainty >= 0, "uncertainty")
+            if channel.gain is not None and channel.gain.interval_95 is not None:
+                demand(channel.gain.interval_95[0] <= channel.gain.interval_95[1], "interval")
+        return True
+
+    return one
+
+
 def _all_finite(part: Any) -> None:
     if is_dataclass(part):
         for entry in fields(part):
             _all_finite(getattr(part, entry.name))
+    elif isinstance(part, tuple | list):
+        for entry in part:
+            _all_finite(entry)
+    elif isinstance(part, Mapping):
+        for entry in part.values():
+            _all_finite(entry)
     elif isinstance(part, float):
         demand(math.isfinite(part), f"{part}")
 
@@ -460,7 +504,8 @@ def targets() -> dict[str, Target]:
         "frames": Target(0.3, (), frames),
         "grbl": Target(0.12, (StageError,), grbl),
         "journals": Target(0.03, (BenchError,), journals),
-        "profiles": Target(0.02, (InputError,), profiles),
+        "profiles": Target(0.015, (InputError,), profiles),
+        "diagnoses": Target(0.005, (InputError,), diagnoses),
         "benches": Target(0.01, (BenchError,), benches),
         "protocols": Target(0.01, (BenchError,), protocols),
         "truths": Target(0.004, (BenchError,), truths),

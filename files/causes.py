@@ -1,5 +1,4 @@
-"""An effect as a profile and a diagnosis state it: its id, its parameters with uncertainties, its probability, and the
-effects that explain the same data as well.
+"""An effect as a profile and a diagnosis state it: id, parameters, probability, and what explains the data as well.
 
 {"effect": ID, "probability": 0.99, "parameters": {NAME: {"value": V, "standard_uncertainty": U}},
  "indistinguishable_from": [ID, ...]}; names of parameters carry their units.
@@ -71,9 +70,9 @@ def read_effect(
         raise item.error("effect", "the id of an effect", name, "name one")
     if catalogue is not None:
         if name not in catalogue:
-            raise item.error("effect", f"one of the catalogue ({', '.join(catalogue)})", name, "take it out")
+            raise item.refuse("effect", f"{name!r} is not in the catalogue ({', '.join(catalogue)})", "take it out")
         if channel is not None and channel not in catalogue[name]:
-            raise item.error("effect", f"an effect that acts on the {channel} channel", name, "take it out")
+            raise item.refuse("effect", f"{name} does not act on the {channel} channel", "take it out")
     parameters = {}
     stated = item.mapping("parameters")
     for key in stated.content:

@@ -65,6 +65,8 @@ def open_regular(path: str | os.PathLike[str], remedy: str, at_most: int = STREA
         _demand_regular(os.stat(path), where, remedy, at_most)
         # Between the two looks the name may have become another file: without O_NONBLOCK a pipe would hang here.
         file = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+    except InputError:
+        raise
     except OSError as error:
         raise InputError(f"{where}: {_reason(error)}; {remedy}") from None
     except ValueError as error:  # a NUL, or half a character, in the name

@@ -9,7 +9,7 @@ import json
 import math
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -106,10 +106,15 @@ class JsonObject:
     content: Mapping[str, Any]
     source: str
     path: str = ""  # of this object in the file, such as "sensors.imet."
+    remedy: str = ""  # of all that is wrong in this file; empty: what fits the single fault
+
+    def refuse(self, key: str, what: str, remedy: str = "fix it or leave it out") -> InputError:
+        """The error of one key, to be raised: what is wrong with it, and the remedy."""
+        return InputError(f"{self.source}: key {self.path}{key}: {what}; {self.remedy or remedy}")
 
     def error(self, key: str, expected: str, found: object, remedy: str = "fix it or leave it out") -> InputError:
         """The error of one key, to be raised: what was expected of it, what was found, the remedy."""
-        return InputError(f"{self.source}: key {self.path}{key}: expected {expected}, found {_short(found)}; {remedy}")
+        return self.refuse(key, f"expected {expected}, found {_short(found)}", remedy)
 
     def get(self, key: str) -> Any:
         """The value as it stands; None where there is none."""
@@ -122,11 +127,11 @@ class JsonObject:
             return None
         if not isinstance(value, dict):
             raise self.error(key, "an object", value, "write it as {...}")
-        return JsonObject(value, self.source, f"{self.path}{key}.")
+        return JsonObject(value, self.source, f"{self.path}{key}.", self.remedy)
 
     def mapping(self, key: str) -> JsonObject:
         """As `child`, an empty object where there is none."""
-        return self.child(key) or JsonObject({}, self.source, f"{self.path}{key}.")
+        return self.child(key) or JsonObject({}, self.source, f"{self.path}{key}.", self.remedy)
 
     def children(self, key: str) -> Iterator[tuple[str, JsonObject]]:
         """Names and objects of the object under `key` that are there."""
@@ -142,7 +147,7 @@ class JsonObject:
         for i, item in enumerate(self.sequence(key)):
             if not isinstance(item, dict):
                 raise self.error(f"{key}[{i}]", "an object", item, "write it as {...}")
-            items.append(JsonObject(item, self.source, f"{self.path}{key}[{i}]."))
+            items.append(JsonObject(item, self.source, f"{self.path}{key}[{i}].", self.remedy))
         return items
 
     def sequence(self, key: str) -> list[Any]:
@@ -159,6 +164,20 @@ class JsonObject:
         value = self.get(key)
         if value is not None and not isinstance(value, str):
             raise self.error(key, what, value)
+        return value
+
+    def word(self, key: str, words: Collection[str]) -> str:
+        """The text under `key`, which must be one of `words`."""
+        value = self.get(key)
+        if not isinstance(value, str) or value not in words:
+            raise self.error(key, f"one of {', '.join(words)}", value, "name one of them")
+        return value
+
+    def yes_or_no(self, key: str) -> bool:
+        """True or false under `key`, which must be there."""
+        value = self.get(key)
+        if not isinstance(value, bool):
+            raise self.error(key, "true or false", value, "say which")
         return value
 
     def texts(self, key: str, what: str = "a list of text") -> tuple[str, ...]:
@@ -188,7 +207,7 @@ class JsonObject:
         if not is_number(value) or (positive and value <= 0) or (at_least is not None and value < at_least):
             raise self.error(key, wanted, value)
         if within is not None and not within.holds(value):
-            raise InputError(f"{self.source}: key {self.path}{key}: {within.refusal(value)}; fix it or leave it out")
+            raise self.refuse(key, within.refusal(value))
         return float(value)
 
     def demand(self, key: str, value: float | None, expected: str = "a number") -> float:

@@ -53,6 +53,10 @@ def read_profile(path: str | os.PathLike[str]) -> Profile:
     ------
     InputError
         Names the file, the key, what was expected and the remedy.
+
+    See Also
+    --------
+    write_profile : with an example of both.
     """
     return _profile(read_json(path, FORMAT, REMEDY))
 
@@ -71,6 +75,18 @@ def write_profile(profile: Profile, path: str | os.PathLike[str]) -> None:
         A number is not finite.
     OSError
         The disk does not take it.
+
+    Examples
+    --------
+    A bead of 0.4 mm that is known alone, written and read:
+
+    >>> import tempfile
+    >>> from shockrig.files.profile import Profile, TemperatureProfile, Uncertain, read_profile, write_profile
+    >>> profile = Profile(temperature=TemperatureProfile(Uncertain(7.5e-8, 2e-10), bead_radius_m=4e-4))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_profile(profile, f"{folder}/profile.json")
+    ...     read_profile(f"{folder}/profile.json").temperature.thermal_diffusivity_m2_s
+    Uncertain(value=7.5e-08, standard_uncertainty=2e-10)
     """
     write_json(Path(path), profile_document(profile), indent=2)
 

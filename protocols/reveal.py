@@ -1,5 +1,4 @@
-"""A sealed truth beside a diagnosis: what was named, what was missed, what was made up, and how far the parameters are
-off.
+"""A sealed truth beside a diagnosis: what was named, missed or made up, and how far the parameters are off.
 
 Per channel an effect at work there is `named`, `listed` (only among a named cause's look-alikes) or `missed`; a cause
 that is not at work and has no such look-alike is `wrong`. Errors are in units of the stated standard uncertainty.
@@ -7,20 +6,16 @@ that is not at work and has no such look-alike is `wrong`. Errors are in units o
 
 from __future__ import annotations
 
-import json
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from shockrig.files.diagnosis import REMEDY, StatedChannel, diagnosis_from_document, read_diagnosis
 from shockrig.files.errors import InputError
 from shockrig.rig.virtual.effects import OUTSIDE
 from shockrig.rig.virtual.hide import open_seal
 from shockrig.rig.virtual.truth import Truth
-
-MEND = "give the diagnosis.json that shockrig diagnose wrote"
-CHANNELS = ("temperature", "humidity")
 
 
 @dataclass(frozen=True)
@@ -80,69 +75,19 @@ def score(sealed: Path, diagnosis: Path | Mapping[str, Any]) -> Score:
     Raises InputError where the diagnosis cannot be read, BenchError where the seal cannot.
     """
     truth, seed = open_seal(Path(sealed))
-    where, content = (
-        ("diagnosis", diagnosis) if isinstance(diagnosis, Mapping) else (str(diagnosis), _read(Path(diagnosis)))
-    )
-    if content.get("format") != "shock-diagnosis/1":
-        raise InputError(
-            f'{where}: key format: expected "shock-diagnosis/1", found {repr(content.get("format"))[:40]}; {MEND}'
-        )
-    channels = _of_kind(Mapping, content.get("channels"), where, "channels")
-    judged = {name: _score_channel(truth, name, channels[name], where) for name in CHANNELS if name in channels}
+    stated = diagnosis_from_document(dict(diagnosis)) if isinstance(diagnosis, Mapping) else read_diagnosis(diagnosis)
+    where = "diagnosis" if isinstance(diagnosis, Mapping) else str(diagnosis)
+    judged = {name: _score_channel(truth, name, channel, where) for name, channel in stated.channels.items()}
     return Score(truth, seed, judged)
 
 
-def _read(path: Path) -> Mapping[str, Any]:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}; {MEND}") from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: is not JSON ({error}); {MEND}") from error
-    if not isinstance(content, dict):
-        raise InputError(f"{path}: expected a JSON object, found {type(content).__name__}; {MEND}")
-    return content
-
-
-def _of_kind(kind: type, value: Any, where: str, key: str) -> Any:
-    """The value of a key, which must be a Mapping, a list, text, or a number that is finite."""
-    is_number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
-    if not (is_number if kind is float else isinstance(value, kind)):
-        words = {Mapping: "an object", list: "a list", str: "text", float: "a finite number"}[kind]
-        found = type(value).__name__ if isinstance(value, Mapping | list) else repr(value)[:40]
-        raise InputError(f"{where}: key {key}: expected {words}, found {found}; {MEND}")
-    return value
-
-
-def _checked_causes(found: Mapping[str, Any], where: str, key: str) -> dict[str, Mapping[str, Any]]:
-    """Causes of a channel by effect: `parameters`, `probability` and `indistinguishable_from` are as they must be."""
-    causes = {}
-    for i, cause in enumerate(_of_kind(list, found.get("causes") or [], where, f"{key}.causes")):
-        here = f"{key}.causes[{i}]"
-        effect = _of_kind(str, _of_kind(Mapping, cause, where, here).get("effect"), where, f"{here}.effect")
-        if cause.get("probability") is not None:
-            _of_kind(float, cause["probability"], where, f"{here}.probability")
-        for alike in _of_kind(list, cause.get("indistinguishable_from") or [], where, f"{here}.indistinguishable_from"):
-            _of_kind(str, alike, where, f"{here}.indistinguishable_from")
-        parameters = _of_kind(Mapping, cause.get("parameters") or {}, where, f"{here}.parameters")
-        for name, stated in parameters.items():
-            if stated is None:
-                continue
-            _of_kind(Mapping, stated, where, f"{here}.parameters.{name}")
-            for entry in ("value", "standard_uncertainty"):
-                if stated.get(entry) is not None:
-                    _of_kind(float, stated[entry], where, f"{here}.parameters.{name}.{entry}")
-        causes[effect] = cause
-    return causes
-
-
-def _score_channel(truth: Truth, channel: str, found: Any, where: str) -> ChannelScore:
-    key = f"channels.{channel}"
-    verdict = _of_kind(str, _of_kind(Mapping, found, where, key).get("verdict"), where, f"{key}.verdict")
-    causes = _checked_causes(found, where, key)
+def _score_channel(truth: Truth, channel: str, found: StatedChannel, where: str) -> ChannelScore:
+    if found.verdict is None:
+        raise InputError(f"{where}: key channels.{channel}.verdict: expected text, found nothing; {REMEDY}")
+    causes = {cause.effect: cause for cause in found.causes}
     at_work = {h.effect: h.parameters for h in truth.effects if channel in h.channels}
     nameable = [effect for effect in at_work if effect not in OUTSIDE]
-    alike = {effect: set(cause.get("indistinguishable_from") or ()) for effect, cause in causes.items()}
+    alike = {effect: set(cause.indistinguishable_from) for effect, cause in causes.items()}
     named = [effect for effect in nameable if effect in causes]
     listed = [e for e in nameable if e not in causes and any(e in others for others in alike.values())]
     missed = [e for e in nameable if e not in named and e not in listed]
@@ -150,24 +95,22 @@ def _score_channel(truth: Truth, channel: str, found: Any, where: str) -> Channe
     errors = []
     for effect in named:
         for name, true in at_work[effect].items():
-            stated = (causes[effect].get("parameters") or {}).get(name)
-            if stated is None or stated.get("value") is None:
-                continue
-            value, sigma = float(stated["value"]), stated.get("standard_uncertainty")
-            errors.append(ParameterError(effect, name, true, value, (value - true) / sigma if sigma else None))
+            stated = causes[effect].parameters.get(name)
+            if stated is not None:
+                sigma = stated.standard_uncertainty
+                sigmas = (stated.value - true) / sigma if sigma else None
+                errors.append(ParameterError(effect, name, true, stated.value, sigmas))
     return ChannelScore(
         channel=channel,
         hidden=tuple(at_work),
         expected_verdict="unexplained" if len(nameable) < len(at_work) else "explained" if at_work else "adequate",
-        verdict=verdict,
+        verdict=found.verdict,
         named=tuple(named),
         listed=tuple(listed),
         missed=tuple(missed),
         wrong=tuple(wrong),
         errors=tuple(errors),
-        probabilities=tuple(
-            (e, float(c["probability"]), e in at_work) for e, c in causes.items() if c.get("probability") is not None
-        ),
+        probabilities=tuple((e, c.probability, e in at_work) for e, c in causes.items() if c.probability is not None),
     )
 
 

@@ -7,8 +7,8 @@ from test_faults import benchmark
 
 fuzz = benchmark("fuzz_parsers")
 COUNTS = {
-    "imet": 4000, "frames": 5000, "grbl": 1500, "journals": 300, "profiles": 250, "benches": 150, "protocols": 250,
-    "truths": 150, "campaigns": 60, "flights": 120,
+    "imet": 4000, "frames": 5000, "grbl": 1500, "journals": 300, "profiles": 250, "diagnoses": 250, "benches": 150,
+    "protocols": 250, "truths": 150, "campaigns": 60, "flights": 120,
 }  # fmt: skip
 
 

@@ -192,21 +192,27 @@ def test_the_command_prints_a_table(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"channels": []}, "key channels: expected an object, found list"),
-        ({"channels": {"temperature": []}}, "key channels.temperature: expected an object, found list"),
-        ({"causes": {}, "verdict": None}, "key channels.temperature.verdict: expected text"),
-        ({"causes": {"x": 1}}, "key channels.temperature.causes: expected a list, found dict"),
+        ({"channels": []}, "key channels: expected an object, found a list"),
+        ({"channels": {"temperature": []}}, "key channels.temperature: expected an object, found a list"),
+        ({"verdict": None}, "key channels.temperature.verdict: expected text"),
+        ({"causes": {"x": 1}}, "key channels.temperature.causes: expected a list, found an object"),
         ({"causes": ["stem"]}, "key channels.temperature.causes[0]: expected an object, found 'stem'"),
-        ({"causes": [{}]}, "causes[0].effect: expected text, found None"),
-        ({"causes": [{"effect": ["a"]}]}, "causes[0].effect: expected text, found list"),
+        ({"causes": [{}]}, "causes[0].effect: expected the id of an effect, found nothing"),
+        ({"causes": [{"effect": ["a"]}]}, "causes[0].effect: expected the id of an effect, found a list"),
         ({"causes": [{"effect": "a", "probability": "high"}]}, "causes[0].probability: expected a finite number"),
-        ({"causes": [{"effect": "a", "parameters": [1]}]}, "causes[0].parameters: expected an object, found list"),
-        ({"causes": [{"effect": "a", "parameters": {"b": 1}}]}, "causes[0].parameters.b: expected an object, found 1"),
+        ({"causes": [{"effect": "a", "parameters": [1]}]}, "causes[0].parameters: expected an object, found a list"),
+        (
+            {"causes": [{"effect": "a", "parameters": {"b": "1"}}]},
+            "causes[0].parameters.b: expected an object",
+        ),
         (
             {"causes": [{"effect": "a", "parameters": {"b": {"value": True}}}]},
             "causes[0].parameters.b.value: expected a finite number, found True",
         ),
-        ({"causes": [{"effect": "a", "indistinguishable_from": [{}]}]}, "indistinguishable_from: expected text"),
+        (
+            {"causes": [{"effect": "a", "indistinguishable_from": [{}]}]},
+            "indistinguishable_from: expected a list",
+        ),
     ],
 )
 def test_a_diagnosis_of_other_things_is_named_by_its_key(tmp_path, capsys, change, words):
