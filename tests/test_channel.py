@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
-from shockrig.analysis.inference.channel import bin_means, build_channel, estimate_start, group_ambients, usable_runs
+from shockrig.analysis.inference.bins import bin_means
+from shockrig.analysis.inference.channel import group_ambients
+from shockrig.analysis.inference.gather import build_channel, usable_runs
+from shockrig.analysis.inference.starts import estimate_start
 from shockrig.files.campaign import Air, Campaign, Run, Trace
 
 
@@ -84,8 +87,10 @@ def test_runs_that_cannot_be_used_say_why(run, words):
 @pytest.mark.parametrize("start", [8.013, 10.0, 12.77])
 def test_a_start_that_nobody_recorded_is_estimated(start):
     rng = np.random.default_rng(2)
-    run = run_of(lag(TIME, start) + 0.01 * rng.standard_normal(TIME.size), TIME, start_s=None)
-    assert estimate_start(run, "temperature") == pytest.approx(start, abs=0.15)
+    value = lag(TIME, start) + 0.01 * rng.standard_normal(TIME.size)
+    assert estimate_start(TIME, value) == pytest.approx(start, abs=0.15)
+    (used,), _ = usable_runs(campaign_of(run_of(value, TIME, start_s=None)), "temperature")
+    assert used.start_s == pytest.approx(start, abs=0.15)
 
 
 def test_selecting_runs_selects_everything_that_belongs_to_them():

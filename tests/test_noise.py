@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shockrig.analysis.inference.channel import build_channel
+from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.noise import estimate_noise, plateau_pieces, whiteners
 from shockrig.files.campaign import Air, Campaign, Run, Trace
 

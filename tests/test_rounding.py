@@ -1,9 +1,9 @@
-"""Rounded readings against a lottery: random places between two codes, noise, and what rounding makes of it."""
+"""Rounded readings against a Monte Carlo: random places between two codes, noise, and what rounding makes of it."""
 
 import numpy as np
 import pytest
 
-from shockrig.analysis.inference.noise import _autocovariance
+from shockrig.analysis.inference.noise import Noise
 from shockrig.analysis.inference.rounding import noise_before_rounding, rounded_autocovariance, rounding_covariance
 
 STEP = 0.5
@@ -22,6 +22,10 @@ def rounded(signal, sigma_white, sigma_slow, memory, draws, seed):
     return STEP * np.rint(noisy / STEP) - exact
 
 
+def unrounded(sigma_white, sigma_slow, memory, lags):
+    return Noise(sigma_white, sigma_slow, memory, 1, 0.0, 1, np.zeros(1)).autocovariance(lags)
+
+
 @pytest.mark.parametrize("sigma", [0.01, 0.05, 0.2])
 def test_noise_is_found_from_what_flips(sigma):
     errors = rounded(np.zeros(40), sigma, 0.0, 0.0, 60_000, 1)
@@ -33,7 +37,7 @@ def test_noise_is_found_from_what_flips(sigma):
 
 def test_autocovariance_of_a_rounded_plateau():
     errors = rounded(np.zeros(60), 0.04, 0.04, 0.95, 30_000, 2)
-    gamma = _autocovariance(0.04**2, 0.04**2, 0.95, 1, 60)
+    gamma = unrounded(0.04, 0.04, 0.95, 60)
     shown = [np.mean(errors[:, 0] * errors[:, lag]) for lag in (0, 1, 5, 20, 59)]
     expected = rounded_autocovariance(gamma, STEP)[[0, 1, 5, 20, 59]]
     assert expected == pytest.approx(shown, abs=5e-4)
@@ -43,7 +47,7 @@ def test_autocovariance_of_a_rounded_plateau():
 def test_covariance_of_a_rounded_transient():
     signal = 3.0 * (1.0 - np.exp(-np.arange(40) / 12.0))
     errors = rounded(signal, 0.05, 0.03, 0.9, 40_000, 3)
-    gamma = _autocovariance(0.05**2, 0.03**2, 0.9, 1, 40)
+    gamma = unrounded(0.05, 0.03, 0.9, 40)
     lag = np.abs(np.subtract.outer(np.arange(40), np.arange(40)))
     own = rounding_covariance(signal, lag, gamma, STEP) + gamma[lag]
     assert own == pytest.approx(errors.T @ errors / 40_000, abs=1e-3)
