@@ -42,12 +42,13 @@ class World:
     words: str
 
     def is_false(self, cause: dict) -> bool:
-        """Whether a named cause was not in this world."""
+        """Whether a cause was not in this world, nor anything that it is said to be indistinguishable from."""
         effect = cause["effect"]
         if effect == "quantization":
             step = cause["parameters"]["step"]["value"]
             return abs(step - self.bench.logger.rounding) > 0.1 * self.bench.logger.rounding
-        return not any(text in effect for text in self.allowed)
+        told = (effect, *cause.get("indistinguishable_from", ()))
+        return not any(text in name for name in told for text in self.allowed)
 
 
 def draw(name: str, seed: int) -> World:
@@ -102,9 +103,7 @@ def draw(name: str, seed: int) -> World:
     plan = _plan(rng, channel, runs + FRESH_RUNS, slowest, logger.period_s)
     bench = Bench(channel, body, approach, logger, plan[:runs], replace(known, body=declared), reference, name=name)
     wrong = "" if declared in (None, kind) else f" called {declared}"
-    extra = (
-        f" in {'' if sheath is None else 'a sheath'}{'' if slow is None else 'two shares'}" if sheath or slow else ""
-    )
+    extra = (" in a sheath" if sheath else "") + (" with a slow share" if slow else "")
     words = (
         f"{kind}{wrong}{extra} t63 {t63:.3g} s at {period:.3g} s, {runs} runs, rounding {logger.rounding:g}, noise "
         f"{np.hypot(logger.white, logger.correlated):.2g}, "

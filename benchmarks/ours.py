@@ -57,12 +57,12 @@ def _limit(seconds: int) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
-def judge(campaign: str | Path, seed: int = 0, limit_s: int = LIMIT_S, diagnosed: bool = True) -> Outcome:
+def judge(campaign: str | Path, seed: int = 0, limit_s: int = LIMIT_S, characterized: bool = True) -> Outcome:
     """Characterize and diagnose a campaign, as the two commands do but for their reports."""
     outcome = Outcome()
-    _try(outcome, "characterize", limit_s, lambda: _characterize(outcome, Path(campaign), seed))
-    if diagnosed:
-        _try(outcome, "diagnose", limit_s, lambda: _diagnose(outcome, Path(campaign), seed))
+    if characterized:
+        _try(outcome, "characterize", limit_s, lambda: _characterize(outcome, Path(campaign), seed))
+    _try(outcome, "diagnose", limit_s, lambda: _diagnose(outcome, Path(campaign), seed))
     return outcome
 
 

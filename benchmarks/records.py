@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 COLUMN = {"temperature": ("imet.csv", "temperature_c"), "humidity": ("hyt.csv", "humidity_percent")}
-MOST_SAMPLES = 800  # of a run in a fit; errors are over all of them
+MOST_SAMPLES = 400  # of a run in a fit; errors are over all of them
 
 
 @dataclass(frozen=True)

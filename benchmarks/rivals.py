@@ -4,88 +4,29 @@ dead time, by least squares over the training runs, and judged on runs that took
 Shares no code with `analysis`. A run's own start and two plateaus are placed by `place`, in training and, with all else
 held, on held-out runs: the plateaus by linear least squares, the start by search, both within two standard
 uncertainties of what the campaign states (10 ms; 0.02 K or 0.1 %RH), freely where it states nothing. Where the air was
-measured the trace drives the models, and the two plateaus are an offset and a scale of the reading.
+measured the trace drives the models; offset and scale of the reading stand for the plateaus, and a run that had not
+settled when its record began has that departure as a third coefficient.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from records import Record, smooth
+from rival_models import Model, Modes, models
 from scipy.optimize import least_squares, minimize_scalar
 
 Array = NDArray[np.float64]
-Modes = tuple[Array, Array]  # weights with sum 1, rates [1/s]
 
 WITHIN = 2.0  # standard uncertainties
 START_KNOWN_S = 0.01
 AIR_KNOWN = {"temperature": 0.02, "humidity": 0.1}
-TERMS = 60
 TINY_S = 1e-9
-
-
-# --- the models: shared parameters -> modes -------------------------------------------------------------------------
-
-
-def _one_lag(p: Array) -> Modes:
-    return np.ones(1), np.exp(-p[:1])
-
-
-def _two_lags(p: Array) -> Modes:
-    slow, fast = np.exp(p[0]), np.exp(p[0]) / (1.0 + 1e-3 + np.exp(p[1]))
-    return np.array([slow, -fast]) / (slow - fast), 1.0 / np.array([slow, fast])
-
-
-def _two_exponentials(p: Array) -> Modes:
-    share = 1.0 / (1.0 + np.exp(-p[2]))
-    return np.array([1.0 - share, share]), np.exp(-np.array([p[0], p[0] + np.exp(p[1])]))
-
-
-def _sphere(p: Array) -> Modes:
-    n = np.arange(1, TERMS + 1)
-    return -2.0 * (-1.0) ** n, (n * np.pi) ** 2 * np.exp(-p[0])
-
-
-def _film(p: Array) -> Modes:
-    k = (np.arange(TERMS) + 0.5) * np.pi
-    return 2.0 / k**2, k**2 * np.exp(-p[0])
-
-
-@dataclass(frozen=True)
-class Model:
-    """A rival: its modes from its parameters, and the starts to try, given a first guess of ln t63 [s]."""
-
-    name: str
-    modes: Callable[[Array], Modes]
-    starts: tuple[tuple[float, ...], ...]  # relative to ln t63 in the first parameter
-
-    def guesses(self, log_t63: float) -> list[Array]:
-        return [np.array([log_t63 + s[0], *s[1:]]) for s in self.starts]
-
-
-MODELS = {
-    "one lag": Model("one lag", _one_lag, ((0.0,), (-1.0,))),
-    "two lags": Model("two lags", _two_lags, ((-0.2, 1.0), (-0.5, 0.0), (0.0, 3.0))),
-    "two exponentials": Model(
-        "two exponentials",
-        _two_exponentials,
-        ((-0.3, 0.5, -1.0), (-0.2, 1.0, -2.5), (-1.0, 0.0, 0.0), (-0.1, -0.5, 0.5)),
-    ),
-    "ideal body": Model("ideal body", _sphere, ((1.77,), (0.8,))),
-}
-
-
-def models(channel: str) -> dict[str, Model]:
-    """The rivals of a channel: the ideal body is a sphere read at its core, or a film read as its mean."""
-    if channel == "temperature":
-        return MODELS
-    return MODELS | {"ideal body": Model("ideal body", _film, ((1.14,), (0.2,)))}
-
-
-# --- replies, placing, fitting --------------------------------------------------------------------------------------
+SMALL = 1e-4  # of a parameter, to see what it does
+WIDE = 4.0  # in ln: how far a parameter may go from its first guess
 
 
 def reply(modes: Modes, record: Record, start_s: float, dead_s: float) -> Array:
@@ -118,36 +59,55 @@ def reply(modes: Modes, record: Record, start_s: float, dead_s: float) -> Array:
 
 def place(modes: Modes, record: Record, dead_s: float, channel: str) -> tuple[float, Array, Array]:
     """A run's own start, its two plateaus and the residuals (n,) where it fits best under a model that is held."""
-
-    def missed(start_s: float) -> tuple[Array, Array]:
-        shown = reply(modes, record, start_s, dead_s)
-        ends = _plateaus(shown, record, channel)
-        return record.value - ends[0] - (ends[1] - ends[0]) * shown, ends
-
     if record.air is not None:
-        return record.onset_s, *missed(record.onset_s)[::-1]
-    slowest = float(1.0 / modes[1].min())
-    if record.start_s is not None:
-        low, high = record.start_s - WITHIN * START_KNOWN_S, record.start_s + WITHIN * START_KNOWN_S
-    else:
-        period = float(np.median(np.diff(record.time_s)))
-        low, high = record.onset_s - 2.0 * slowest - 5.0 * period, record.onset_s + slowest + 5.0 * period
+        return record.onset_s, *levels(modes, record, record.onset_s, dead_s, channel)
+
+    def square(start_s: float) -> float:
+        return float((levels(modes, record, start_s, dead_s, channel)[1] ** 2).sum())
+
     # The misfit over the start has one valley near the truth but may be flat far off: a scan, then a search.
-    scan = np.linspace(low, high, 9 if record.start_s is not None else 33)
-    squares = [float((missed(s)[0] ** 2).sum()) for s in scan]
+    scan = np.linspace(*_range_of_start(modes, record), 7 if record.start_s is not None else 17)
+    squares = [square(s) for s in scan]
     best = int(np.argmin(squares))
     around = scan[max(best - 1, 0)], scan[min(best + 1, scan.size - 1)]
-    found = minimize_scalar(lambda s: float((missed(s)[0] ** 2).sum()), bounds=around, method="bounded")
+    found = minimize_scalar(square, bounds=around, method="bounded", options={"xatol": 1e-4 * (around[1] - around[0])})
     start = float(found.x) if found.fun < squares[best] else float(scan[best])
-    return start, *missed(start)[::-1]
+    return start, *levels(modes, record, start, dead_s, channel)
+
+
+def _range_of_start(modes: Modes, record: Record) -> tuple[float, float]:
+    """Where a run's start may lie [s]."""
+    if record.start_s is not None:
+        return record.start_s - WITHIN * START_KNOWN_S, record.start_s + WITHIN * START_KNOWN_S
+    late = float((modes[0] / modes[1]).sum()) + 5.0 * float(np.median(np.diff(record.time_s)))
+    return record.onset_s - 2.0 * late, record.onset_s + late
+
+
+def levels(modes: Modes, record: Record, start_s: float, dead_s: float, channel: str) -> tuple[Array, Array]:
+    """A run's plateaus and residuals (n,) where everything else is held."""
+    if record.air is not None:
+        return _place_in_air(modes, record, dead_s)
+    shown = reply(modes, record, start_s, dead_s)
+    ends = _plateaus(shown, record, channel)
+    return ends, record.value - ends[0] - (ends[1] - ends[0]) * shown
+
+
+def _place_in_air(modes: Modes, record: Record, dead_s: float) -> tuple[Array, Array]:
+    """Offset and scale of a reading in a measured air, and what it had not yet settled from when the record began."""
+    weights, rates = modes
+    first = min(record.time_s[0], record.air[0][0]) if record.air else record.time_s[0]
+    unsettled = np.exp(-(record.time_s - first)[:, None] * rates) @ weights
+    design = np.column_stack([np.ones(record.time_s.size), reply(modes, record, first, dead_s), unsettled])
+    ends = np.linalg.lstsq(design, record.value, rcond=None)[0]
+    return ends, record.value - design @ ends
 
 
 def _plateaus(shown: Array, record: Record, channel: str) -> Array:
     """Source and destination (2,) by linear least squares, held to what is known of them."""
     design = np.column_stack([1.0 - shown, shown])
     ends = np.linalg.lstsq(design, record.value, rcond=None)[0]
-    known = [None, None] if record.air is not None else [record.source, record.destination]
-    free = [i for i in (0, 1)]
+    known = [record.source, record.destination]
+    free = [0, 1]
     for i in (0, 1):
         if known[i] is None:
             continue
@@ -194,32 +154,56 @@ def fit_rival(model: Model, records: Sequence[Record], channel: str) -> Fitted:
     """
     thin = [r.thinned() for r in records]
     datable = any(r.start_s is not None or r.air is not None for r in records)
-    guess = np.log(np.median([_rough_t63(r) for r in records]))
-
-    def residuals(p: Array) -> Array:
-        shared, dead = (p[:-1], np.exp(p[-1])) if datable else (p, 0.0)
-        parts = [place(model.modes(shared), r, dead, channel)[2] / np.sqrt(r.time_s.size) for r in thin]
-        return np.nan_to_num(np.concatenate(parts), nan=1e6, posinf=1e6, neginf=-1e6)
-
-    best = None
-    for start in model.guesses(float(guess)):
-        first = np.append(start, guess - 4.0) if datable else start
-        bounds = first - 9.0, first + 9.0
-        found = least_squares(residuals, first, bounds=bounds, x_scale=0.3, diff_step=1e-4, max_nfev=60)
-        if best is None or found.cost < best.cost:
-            best = found
-    shared, dead = (best.x[:-1], float(np.exp(best.x[-1]))) if datable else (best.x, 0.0)
+    guess = float(np.log(np.median([_rough_t63(r) for r in records])))
+    tried = [_descend(model, thin, channel, first, guess, datable) for first in model.guesses(guess)]
+    best = min(tried, key=lambda found: found[0])[1]
+    shared, dead = (best[:-1], float(np.exp(best[-1]))) if datable else (best, 0.0)
     fitted = Fitted(model, channel, shared, dead, 0.0)
     return Fitted(model, channel, shared, dead, _mean_rmse(errors(fitted, records)))
 
 
+def _descend(
+    model: Model, records: Sequence[Record], channel: str, first: Array, guess: float, datable: bool
+) -> tuple[float, Array]:
+    """Least squares from one first guess: its cost and the shared parameters, the log of the dead time last.
+
+    Every run's start is a parameter of its own that moves that run alone; its plateaus follow from the rest.
+    """
+    shared = np.append(first, guess - 4.0) if datable else first
+    n = shared.size
+    windows = np.array([_range_of_start(model.modes(first), r) for r in records])
+    steps = SMALL * np.append(np.ones(n), windows[:, 1] - windows[:, 0])
+    ends = np.cumsum([r.time_s.size for r in records])
+
+    def missed(p: Array, i: int) -> Array:
+        modes, dead = (model.modes(p[: n - 1]), np.exp(p[n - 1])) if datable else (model.modes(p[:n]), 0.0)
+        return levels(modes, records[i], p[n + i], dead, channel)[1] / np.sqrt(records[i].time_s.size)
+
+    def residuals(p: Array) -> Array:
+        return np.concatenate([missed(p, i) for i in range(len(records))])
+
+    def jacobian(p: Array) -> Array:
+        now, table = residuals(p), np.zeros((ends[-1], p.size))
+        for k in range(p.size):
+            moved = p.copy()
+            moved[k] += steps[k]
+            for i in range(len(records)) if k < n else [k - n] if records[k - n].air is None else []:
+                rows = slice(ends[i] - records[i].time_s.size, ends[i])
+                table[rows, k] = (missed(moved, i) - now[rows]) / steps[k]
+        return table
+
+    begin = np.append(shared, [place(model.modes(first), r, 0.0, channel)[0] for r in records])
+    low, high = np.append(shared - WIDE, windows[:, 0]), np.append(shared + WIDE, windows[:, 1])
+    scale = np.append(np.full(n, 0.3), 0.1 * (windows[:, 1] - windows[:, 0]))
+    begin = np.clip(begin, low, high)
+    found = least_squares(residuals, begin, jacobian, bounds=(low, high), x_scale=scale, max_nfev=80)
+    return float(found.cost), found.x[:n]
+
+
 def _rough_t63(record: Record) -> float:
     end = np.median(record.value[-max(record.value.size // 20, 1) :])
-    first = (
-        np.median(record.value[record.time_s <= record.onset_s])
-        if record.onset_s > record.time_s[0]
-        else record.value[0]
-    )
+    before = record.value[record.time_s <= record.onset_s]
+    first = np.median(before) if before.size else record.value[0]
     share = (smooth(record.value) - first) / (end - first if end != first else 1.0)
     late = np.flatnonzero((share > 0.632) & (record.time_s > record.onset_s))
     reached = record.time_s[late[0]] if late.size else record.time_s[-1]

@@ -206,6 +206,20 @@ def test_measured_air_is_the_course_behind_the_references_own_lag(tmp_path):
     assert stated == {"temperature_time_constant_s": 2.0, "temperature_standard_uncertainty_k": 0.0}
 
 
+def test_rates_scatter_from_run_to_run_as_asked_for(tmp_path):
+    plan = (Transfer(0.0, 1.0, 1.0, 4.0),) * 60
+    quiet = Logger(0.5, 0.0, 0.0)
+    record(
+        Bench("temperature", make_body("lumped", 2.0), Approach(), quiet, plan, rate_scatter=0.05), 2, tmp_path / "c"
+    )
+    rates = []
+    for run in read_campaign(tmp_path / "c").runs:
+        late = run.imet.time_s > 1.5
+        rates.append(np.mean(-np.log1p(-run.imet.values["temperature_c"][late]) / (run.imet.time_s[late] - 1.0)))
+    assert np.std(np.log(rates)) == pytest.approx(0.05, rel=0.3)
+    assert np.mean(rates) == pytest.approx(0.5, rel=0.03)
+
+
 def test_the_same_seed_gives_the_same_files(tmp_path):
     loud = Logger(0.1, 0.01, 0.03, 0.02, 1.0, 0.05)
     for name in "ab":

@@ -116,7 +116,7 @@ def test_runs_that_took_no_part_are_predicted_to_the_noise_by_the_true_model_alo
     write(tmp_path, np.random.default_rng(6), lambda t: 0.7 * lag(1.5)(t) + 0.3 * lag(12.0)(t), known=False)
     runs = records.read_records(tmp_path, "temperature")
     found = rivals.held_out(runs, "temperature", folds=2)
-    assert set(found) == set(rivals.MODELS)
+    assert set(found) == set(rivals.models("temperature"))
     for name, by_run in found.items():
         assert set(by_run) == {r.id for r in runs}
         worst = max(by_run.values())
@@ -135,3 +135,22 @@ def test_a_held_run_keeps_what_it_states(tmp_path, known):
     record = records.read_records(tmp_path, "temperature")[0]
     _, ends, _ = rivals.place((np.ones(1), np.array([1 / 3.0])), record, 0.0, "temperature")
     assert ends[1] == pytest.approx(record.destination - 0.04 if known else 20.0, abs=0.01)
+
+
+def test_a_record_that_begins_before_the_sensor_has_settled(tmp_path):
+    """In a steady measured air a warm sensor cools: its departure at the first sample is its own, the lag shared."""
+    write(tmp_path, np.random.default_rng(8), lag(4.0), known=False, air=lambda t: (t > 0).astype(float), runs=1)
+    folder = tmp_path / "runs" / "0001"
+    folder.mkdir()
+    time = np.arange(0.0, 40.0, 0.25)
+    value = 20.0 + 3.0 * np.exp(-time / 4.0)
+    columns = {"imet.csv": value, "air.csv": np.full(time.size, 20.0)}
+    for file, column in columns.items():
+        rows = np.column_stack([time, column])
+        np.savetxt(folder / file, rows, "%.5f", ",", header="time_s,temperature_c", comments="")
+    (folder / "run.json").write_text(json.dumps({"format": "shock-run/1", "id": "0001"}))
+    runs = records.read_records(tmp_path, "temperature")
+    found = rivals.fit_rival(rivals.models("temperature")["one lag"], runs[:1], "temperature")
+    assert rivals.errors(found, runs[1:])["0001"] < (3.0 * NOISE) ** 2
+    wrong = rivals.Fitted(found.model, "temperature", found.parameters + np.log(1.5), found.dead_s, 0.0)
+    assert rivals.errors(wrong, runs[1:])["0001"] > (3.0 * NOISE) ** 2

@@ -1,0 +1,147 @@
+"""Steps that other people measured: runs predicted that took no part, beside what one would fit without this project.
+
+    python benchmarks/real_data.py --logs /path/to/real [--keep DIR] [--only TEXT]
+
+Per set: the error on held-out runs of the plain and of the extended model and of each rival (`rivals.py`; the same
+runs, the same folds), the ratio to the best rival, the verdict, what is named, t63. A set of one run has no held-out
+error: there the rivals' error is that on the run itself.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+RATIO = 1.05
+FOLDS = 3
+DEFAULT_LOGS = Path(__file__).parent.parent / "data" / "real"
+
+
+def folds_of(runs: int) -> int:
+    """Three, or each of two runs in turn; 0 where there is nothing to leave out."""
+    return 0 if runs < 2 else min(runs, FOLDS)
+
+
+def part_of(campaign: Path, out: Path, ids: list[str]) -> Path:
+    """The campaign with the runs `ids` (names of their folders) alone."""
+    (out / "runs").mkdir(parents=True)
+    shutil.copy(campaign / "campaign.json", out / "campaign.json")
+    for name in ids:
+        shutil.copytree(campaign / "runs" / name, out / "runs" / name)
+    return out
+
+
+def our_held_out(campaign: Path, channel: str, folds: int, scratch: Path, limit_s: int) -> tuple[float, float] | str:
+    """Rms errors on held-out runs, plain and extended, each fold diagnosed without them; or why there are none."""
+    from ours import fresh_errors, judge
+
+    names = sorted(p.name for p in (campaign / "runs").iterdir())
+    squares = []
+    for k in range(folds):
+        train = [n for i, n in enumerate(names) if i % folds != k]
+        test = [n for i, n in enumerate(names) if i % folds == k]
+        outcome = judge(part_of(campaign, scratch / f"train{k}", train), 0, limit_s, characterized=False)
+        if "diagnose" in outcome.refused or "diagnose" in outcome.crashed:
+            return (outcome.refused | outcome.crashed)["diagnose"].strip().splitlines()[-1].rsplit("/", 1)[-1][:90]
+        found = fresh_errors(outcome, part_of(campaign, scratch / f"test{k}", test), channel)
+        if found is None:
+            return "no prediction of other runs"
+        squares += [(found[0] ** 2, found[1] ** 2)] * len(test)
+    before, after = np.sqrt(np.mean(squares, axis=0))
+    return float(before), float(after)
+
+
+def judge_set(real, logs: Path, keep: Path | None, limit_s: int) -> dict:
+    """Everything the table says of one set."""
+    from ours import judge, t63
+    from records import read_records
+    from rivals import fit_rival, held_out, models
+
+    with tempfile.TemporaryDirectory() as folder:
+        home = (keep or Path(folder)) / real.name.replace(" ", "_").replace(",", "")
+        campaign = home / "campaign"
+        if not campaign.exists():
+            home.mkdir(parents=True, exist_ok=True)
+            real.make(logs, campaign)
+        runs = read_records(campaign, real.channel)
+        folds = folds_of(len(runs))
+        if folds:
+            by_run = held_out(runs, real.channel, folds)
+            rivals = {name: float(np.sqrt(np.mean(np.square(list(e.values()))))) for name, e in by_run.items()}
+        else:
+            rivals = {name: fit_rival(m, runs, real.channel).train_rmse for name, m in models(real.channel).items()}
+        ours = our_held_out(campaign, real.channel, folds, Path(folder) / "folds", limit_s) if folds else "one run"
+        outcome = judge(campaign, 0, limit_s)
+        return {
+            "runs": len(runs),
+            "folds": folds,
+            "rivals": rivals,
+            "ours": ours,
+            "told": outcome.tells(real.channel),
+            "t63": t63(outcome.extended, real.channel) or t63(outcome.plain, real.channel),
+            "failed": outcome.refused | outcome.crashed,
+            "rival_t63": {name: fit_rival(m, runs, real.channel).t63_s for name, m in models(real.channel).items()},
+        }
+
+
+def report(real, r: dict) -> list[str]:
+    """A set's lines in the table."""
+    best = min(r["rivals"], key=r["rivals"].__getitem__)
+    kind = f"held out in {r['folds']} folds" if r["folds"] else "on the run itself"
+    lines = [f"{real.name}: {r['runs']} runs, errors {kind}"]
+    lines.append("  " + ", ".join(f"{name} {error:.3g}" for name, error in r["rivals"].items()))
+    if isinstance(r["ours"], str):
+        lines.append(f"  ours: none ({r['ours']})")
+    else:
+        before, after = r["ours"]
+        ratio = after / r["rivals"][best]
+        mark = "ok" if ratio <= RATIO else "WORSE"
+        lines.append(f"  ours: plain {before:.3g}, extended {after:.3g}: {ratio:.2f} of the best rival ({best}) {mark}")
+    told = r["told"]
+    if told is None:
+        lines.append(
+            "  no diagnosis: " + "; ".join(f"{k}: {v.strip().splitlines()[-1][-110:]}" for k, v in r["failed"].items())
+        )
+    else:
+        names = [f"{c['effect']} ({c['probability']:.2f})" for c in told["causes"]]
+        names += [f"discovered {d['behaves_as']}" for d in told.get("discovered") or []]
+        wrong = [c["effect"] for c in told["causes"] if c["effect"] in real.forbidden]
+        marked = f"; FORBIDDEN {wrong}" if wrong else ""
+        lines.append(f"  {told['verdict']}: {', '.join(names) or 'nothing named'}{marked}")
+    value, spread = r["t63"] or (None, None)
+    shown = "-" if value is None else f"{value:.4g}" + ("" if spread is None else f" +- {spread:.2g}")
+    known = "" if real.published_t63_s is None else f"; published or true {real.published_t63_s:.4g}"
+    rivals = ", ".join(f"{name} {seconds:.4g}" for name, seconds in r["rival_t63"].items())
+    lines.append(f"  t63, s: {shown}{known}; rivals, dead time left out: {rivals}")
+    return lines
+
+
+def main(argv: list[str] | None = None) -> int:
+    from real_sets import real_sets
+
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--logs", type=Path, default=DEFAULT_LOGS, help="folder that holds haar/ and rbr/ as published")
+    parser.add_argument("--keep", type=Path, help="folder to keep the campaigns in")
+    parser.add_argument("--only", default="", help="sets whose name contains this text")
+    parser.add_argument("--limit", type=int, default=300, help="seconds for one command (300)")
+    args = parser.parse_args(argv)
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    worse = 0
+    for real in (s for s in real_sets() if args.only in s.name):
+        found = judge_set(real, args.logs, args.keep, args.limit)
+        print("\n".join(report(real, found)), flush=True)
+        if not isinstance(found["ours"], str):
+            worse += found["ours"][1] > RATIO * min(found["rivals"].values())
+    print(f"\nsets with an error above {RATIO:g} of the best rival's: {worse}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
