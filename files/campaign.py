@@ -25,7 +25,11 @@ from shockrig.files.ranges import RANGES
 from shockrig.files.traces import Trace, read_air, read_sensor
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import pandas as pd
+    import xarray as xr
+    from matplotlib.figure import Figure
 
 __all__ = [
     "BODIES",
@@ -126,6 +130,23 @@ class Campaign:
             ]
         ).set_index("id")
 
+    def to_xarray(self) -> xr.Dataset:
+        """All readings as labelled arrays, for each sensor (run, sample), filled up with NaN; needs xarray."""
+        from shockrig.files.views import campaign_dataset
+
+        return campaign_dataset(self)
+
+    def plot(self, runs: Sequence[str] | None = None) -> Figure:
+        """Readings against the time since the transfer; `runs` are the ids to show, all where left out."""
+        from shockrig.files.views import plot_campaign
+
+        return plot_campaign(self, runs)
+
+    def _repr_html_(self) -> str:
+        from shockrig.files.views import campaign_card
+
+        return campaign_card(self)
+
 
 def read_campaign(path: str | Path) -> Campaign:
     """Read and validate a campaign folder.
@@ -134,6 +155,15 @@ def read_campaign(path: str | Path) -> Campaign:
     ------
     InputError
         A file is missing, is not of its format, or holds a value that cannot be: names file, line or key, remedy.
+
+    Examples
+    --------
+    >>> import shockrig
+    >>> campaign = shockrig.read_campaign(shockrig.example("plain-rough"))
+    >>> len(campaign.runs)
+    33
+    >>> campaign.to_frame().loc["0011", ["destination_temperature_c", "airflow_m_s"]].astype(float).round(1).to_list()
+    [20.0, 6.0]
     """
     folder = Path(path)
     if not is_there(folder):

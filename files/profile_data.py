@@ -20,6 +20,8 @@ from shockrig.files.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
@@ -181,6 +183,29 @@ class Profile:
             name: str(sensor["body"]) if isinstance(sensor, Mapping) and sensor.get("body") else DEFAULT_BODIES[name]
             for name, sensor in stated.items()
         }
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row for the bead (alpha) and one for each ambient of the film (D), with uncertainty, response times."""
+        from shockrig.files.views import profile_frame
+
+        return profile_frame(self)
+
+    def to_xarray(self) -> xr.Dataset:
+        """D(T), response times and alpha as labelled arrays with units; needs xarray."""
+        from shockrig.files.views import profile_dataset
+
+        return profile_dataset(self)
+
+    def plot(self) -> Figure:
+        """D over temperature with its uncertainty and as it is interpolated; response times."""
+        from shockrig.files.views import plot_profile
+
+        return plot_profile(self)
+
+    def _repr_html_(self) -> str:
+        from shockrig.files.views import profile_card
+
+        return profile_card(self)
 
 
 def _curvature(x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -1,1 +1,85 @@
-"""Characterization, diagnosis and flight correction of thermo-hygrometers for weather drones."""
+"""Characterization, diagnosis and flight correction of thermo-hygrometers for weather drones.
+
+    import shockrig
+
+    found = shockrig.characterize("campaign")            # alpha of the bead, D(T) of the film
+    why = shockrig.diagnose("campaign")                  # what that model gets wrong, and which effects cause it
+    sensors = shockrig.characterize("campaign", extend=why)
+    flight = shockrig.correct("flight.csv", sensors)     # corrected, with uncertainty
+    flight.plot()
+
+Results show themselves in a notebook, and as tables (`to_frame`), labelled arrays (`to_xarray`) and figures (`plot`).
+What is named here is imported when it is first used, so that `import shockrig` takes no time.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from shockrig.files.campaign import Campaign, read_campaign
+    from shockrig.files.errors import InputError
+    from shockrig.files.profile import Profile, read_profile, write_profile
+    from shockrig.notebook import (
+        Characterized,
+        CorrectedFlight,
+        Diagnosed,
+        characterize,
+        correct,
+        diagnose,
+        example,
+    )
+
+__all__ = [
+    "Campaign",
+    "Characterized",
+    "CorrectedFlight",
+    "Diagnosed",
+    "InputError",
+    "Profile",
+    "__version__",
+    "characterize",
+    "correct",
+    "diagnose",
+    "example",
+    "read_campaign",
+    "read_profile",
+    "write_profile",
+]
+
+__version__: str
+
+_HOMES = {
+    "Campaign": "files.campaign",
+    "Characterized": "notebook",
+    "CorrectedFlight": "notebook",
+    "Diagnosed": "notebook",
+    "InputError": "files.errors",
+    "Profile": "files.profile",
+    "characterize": "notebook",
+    "correct": "notebook",
+    "diagnose": "notebook",
+    "example": "notebook",
+    "read_campaign": "files.campaign",
+    "read_profile": "files.profile",
+    "write_profile": "files.profile",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """A public name, imported from its home when it is first asked for (PEP 562)."""
+    if name == "__version__":
+        from importlib.metadata import version
+
+        value: Any = version("shockrig")
+    elif name in _HOMES:
+        value = getattr(importlib.import_module(f"shockrig.{_HOMES[name]}"), name)
+    else:
+        raise AttributeError(f"module 'shockrig' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

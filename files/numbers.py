@@ -1,0 +1,61 @@
+"""Numbers as a person writes them: as many digits as the uncertainty allows, powers of ten apart, a true minus sign."""
+
+from __future__ import annotations
+
+import math
+
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def plain(value: float | int | str | None, digits: int = 4) -> str:
+    """`value` to `digits` significant digits; an en dash for None or what is not a number."""
+    if value is None:
+        return "–"
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int):
+        return str(value).replace("-", "−")
+    value = float(value)
+    if math.isnan(value):
+        return "–"
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    if value == 0:
+        return "0"
+    # rounded first, so that 9.9999 is 10.00 and not 10.000
+    mantissa, exponent_text = f"{value:.{digits - 1}e}".split("e")
+    exponent = int(exponent_text)
+    if not -4 <= exponent < 6:
+        return f"{mantissa} × 10{str(exponent).translate(_SUPERSCRIPT)}".replace("-", "−")
+    return _number(value, max(0, digits - 1 - exponent))
+
+
+def measured(value: float, standard_uncertainty: float | None, unit: str = "") -> str:
+    """Value ± one standard uncertainty (two digits of it) and the unit, e.g. "(7.500 ± 0.020) × 10⁻⁸ m²/s"."""
+    tail = f" {unit}" if unit else ""
+    if standard_uncertainty is None or not (standard_uncertainty > 0 and math.isfinite(standard_uncertainty)):
+        return plain(value) + tail
+    largest = max(abs(value), standard_uncertainty)
+    exponent = 0 if 1e-3 <= largest < 1e5 else math.floor(math.log10(largest))
+    scaled, spread = value / 10.0**exponent, standard_uncertainty / 10.0**exponent
+    decimals = max(0, 1 - math.floor(math.log10(spread)))
+    text = f"{_number(scaled, decimals)} ± {_number(spread, decimals)}"
+    if exponent:
+        text = f"({text}) × 10{str(exponent).translate(_SUPERSCRIPT)}"
+    elif unit:
+        text = f"({text})"
+    return text + tail
+
+
+def power_of_ten(value: float) -> tuple[float, str]:
+    """Scale of an axis that reaches `value`, and its power for the label ("10⁻¹² "; empty where none is needed)."""
+    if value == 0 or 1e-2 <= abs(value) < 1e4:
+        return 1.0, ""
+    exponent = math.floor(math.log10(abs(value)))
+    return 10.0**exponent, f"10{str(exponent).translate(_SUPERSCRIPT)} "
+
+
+def _number(value: float, decimals: int) -> str:
+    return f"{value:.{decimals}f}".replace("-", "−")

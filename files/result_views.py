@@ -1,0 +1,177 @@
+"""How a diagnosis and a corrected flight show themselves in a notebook, from the content of their files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from shockrig.files.figures import BLUE, INK, ORANGE, literal, notebook_figure, styled
+from shockrig.files.flight import Corrected, Flight
+from shockrig.files.numbers import plain
+from shockrig.files.views import card, require_xarray
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+CHANNEL_UNITS = {"temperature": "K", "humidity": "%RH"}
+CAUSE_COLUMNS = (
+    "channel",
+    "verdict",
+    "effect",
+    "probability",
+    "parameter",
+    "value",
+    "standard_uncertainty",
+    "indistinguishable_from",
+)
+
+
+def causes_frame(document: Mapping[str, Any]) -> pd.DataFrame:
+    """One row for each parameter of each named cause of a diagnosis; a channel without causes has one row as well."""
+    import pandas as pd
+
+    rows: list[tuple[Any, ...]] = []
+    for channel, found in document["channels"].items():
+        verdict = found["verdict"]
+        for cause in found["causes"]:
+            alike = ", ".join(cause.get("indistinguishable_from") or ())
+            named = (channel, verdict, cause["effect"], cause.get("probability"))
+            parameters = cause.get("parameters") or {"": {}}
+            for name, estimate in parameters.items():
+                rows.append((*named, name, estimate.get("value"), estimate.get("standard_uncertainty"), alike))
+        if not found["causes"]:
+            rows.append((channel, verdict, "", None, "", None, None, ""))
+    return pd.DataFrame(rows, columns=list(CAUSE_COLUMNS)).set_index("channel")
+
+
+def gain_frame(document: Mapping[str, Any]) -> pd.DataFrame:
+    """The error on unseen runs before and after the extension, one row a channel, in its unit (K or %RH)."""
+    import pandas as pd
+
+    rows = {}
+    for channel, found in document["channels"].items():
+        gain = found.get("gain") or {}
+        low, high = gain.get("interval_95") or (None, None)
+        rows[channel] = {
+            "unit": CHANNEL_UNITS[channel],
+            "held_out_rmse_before": gain.get("held_out_rmse_before"),
+            "held_out_rmse_after": gain.get("held_out_rmse_after"),
+            "noise_floor": gain.get("noise_floor"),
+            "explained_fraction": gain.get("explained_fraction"),
+            "low_95": low,
+            "high_95": high,
+        }
+    return pd.DataFrame.from_dict(rows, orient="index").rename_axis("channel")
+
+
+def diagnosis_card(document: Mapping[str, Any]) -> str:
+    """Verdict and error of each channel, and the causes."""
+    facts = []
+    for channel, row in gain_frame(document).iterrows():
+        words = [str(document["channels"][channel]["verdict"])]
+        before, after, noise = (row[name] for name in ("held_out_rmse_before", "held_out_rmse_after", "noise_floor"))
+        if before is not None and after is not None and noise is not None:
+            errors = f"{plain(before, 3)} {row.unit} on unseen runs, {plain(after, 3)} with its causes"
+            words.append(f"{errors} (noise {plain(noise, 3)})")
+        facts.append((str(channel), ": ".join(words)))
+    next_runs = document.get("next_experiments") or []
+    if next_runs:
+        facts.append(("to measure next", f"{len(next_runs)} runs"))
+    return card(f"Diagnosis of {document.get('campaign', '')}", facts, causes_frame(document).drop(columns="verdict"))
+
+
+@styled
+def plot_diagnosis(document: Mapping[str, Any]) -> Figure:
+    """The error on unseen runs before and after the extension, beside the noise, a panel for each channel."""
+    gain = gain_frame(document)
+    figure = notebook_figure(4.4 * max(len(gain), 1), 2.4)
+    panels = figure.subplots(1, max(len(gain), 1), squeeze=False)[0]
+    for axes, (channel, row) in zip(panels, gain.iterrows(), strict=False):
+        values = [row["held_out_rmse_before"], row["held_out_rmse_after"]]
+        known = [np.nan if value is None else float(value) for value in values]
+        axes.barh(["plain", "with its causes"], known, color=(ORANGE, BLUE), height=0.55)
+        if row["noise_floor"] is not None:
+            axes.axvline(float(row["noise_floor"]), color=INK, lw=1.0, label="noise")
+            axes.legend(loc="best")
+        axes.invert_yaxis()
+        axes.set_xlabel(f"error on unseen runs, {row['unit']}")
+        axes.set_title(literal(f"{channel}: {document['channels'][channel]['verdict']}"))
+    return figure
+
+
+def flight_frame(flight: Flight, corrected: Corrected) -> pd.DataFrame:
+    """Readings and corrected values of a flight row by row, columns as in the file; flags joined by "|"."""
+    import pandas as pd
+
+    return pd.DataFrame(
+        {
+            "time_s": flight.time_s,
+            "temperature_c": flight.temperature_c,
+            "humidity_percent": flight.humidity_percent,
+            "temperature_corrected_c": corrected.temperature_c,
+            "temperature_uncertainty_k": corrected.temperature_uncertainty_k,
+            "humidity_corrected_percent": corrected.humidity_percent,
+            "humidity_uncertainty_percent": corrected.humidity_uncertainty_percent,
+            "flags": corrected.flag_texts(),
+        }
+    )
+
+
+def flight_dataset(flight: Flight, corrected: Corrected) -> xr.Dataset:
+    """The same as labelled arrays over time with units and, where CF has them, standard names; a mask for each flag."""
+    xarray = require_xarray()
+    units = {"_c": "degC", "_k": "K", "_percent": "%"}
+    standard = {"temperature_corrected_c": "air_temperature", "humidity_corrected_percent": "relative_humidity"}
+    frame = flight_frame(flight, corrected)
+    variables = {}
+    for name in frame.columns.drop(["time_s", "flags"]):
+        attributes = {"units": next(unit for ending, unit in units.items() if name.endswith(ending))}
+        if name in standard:
+            attributes["standard_name"] = standard[name]
+        variables[name] = ("time", frame[name].to_numpy(), attributes)
+    variables |= {f"flag_{name}": ("time", mask, {}) for name, mask in corrected.flags.items()}
+    return xarray.Dataset(variables, {"time": ("time", flight.time_s, {"units": "s"})})
+
+
+def flight_card(flight: Flight, corrected: Corrected) -> str:
+    """How long the flight is, by how much it was corrected, what the correction had to say."""
+    frame = flight_frame(flight, corrected)
+    facts = [("rows", str(len(frame)))]
+    for name, unit, uncertainty in (("temperature", "K", "uncertainty_k"), ("humidity", "%RH", "uncertainty_percent")):
+        ending = "c" if name == "temperature" else "percent"
+        change = np.abs(frame[f"{name}_corrected_{ending}"] - frame[f"{name}_{ending}"])
+        stated = frame[f"{name}_{uncertainty}"]
+        if stated.notna().any():
+            words = f"changed by up to {plain(change.max(), 3)} {unit}"
+            words += f", standard uncertainty {plain(stated.median(), 2)} {unit}"
+            facts.append((name, words))
+    facts += [("note", note) for note in corrected.notes]
+    return card("Corrected flight", facts, frame, rows=5)
+
+
+@styled
+def plot_flight(flight: Flight, corrected: Corrected) -> Figure:
+    """Reading and corrected value with its 95 % band against time, a panel for each quantity."""
+    figure = notebook_figure(9.2, 4.6)
+    above, below = figure.subplots(2, 1, sharex=True)
+    for axes, reading, value, sigma, words in (
+        (above, flight.temperature_c, corrected.temperature_c, corrected.temperature_uncertainty_k, "temperature, °C"),
+        (
+            below,
+            flight.humidity_percent,
+            corrected.humidity_percent,
+            corrected.humidity_uncertainty_percent,
+            "relative humidity, %",
+        ),
+    ):
+        axes.plot(flight.time_s, reading, color=ORANGE, lw=0.9, label="reading")
+        axes.fill_between(flight.time_s, value - 1.96 * sigma, value + 1.96 * sigma, color=BLUE, alpha=0.2, lw=0)
+        axes.plot(flight.time_s, value, color=BLUE, lw=0.9, label="corrected, 95 %")
+        axes.set_ylabel(words)
+    above.legend(loc="best")
+    below.set_xlabel("time, s")
+    return figure
