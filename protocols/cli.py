@@ -9,9 +9,12 @@ import argparse
 import importlib
 import sys
 from collections.abc import Sequence
-from typing import Any
 
 from shockrig.protocols.parser import Parser, nearest
+
+TYPE_CHECKING = False  # as in shockrig/__init__.py
+if TYPE_CHECKING:
+    from typing import Any
 
 # command -> (module in protocols.commands, what it does)
 COMMANDS = {

@@ -10,7 +10,10 @@ import argparse
 import re
 import sys
 from collections.abc import Iterable, Sequence
-from typing import Any, NoReturn
+
+TYPE_CHECKING = False  # as in shockrig/__init__.py
+if TYPE_CHECKING:
+    from typing import Any, NoReturn
 
 EXPECTED = {"int": "a whole number", "float": "a number", "Path": "a path"}
 
