@@ -151,7 +151,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--seeds", type=int, default=20, help="how many of each class, in a row (20)")
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--limit", type=int, default=300, help="seconds for one command (300)")
+    parser.add_argument("--limit", type=int, default=300, help="seconds of the processor for one command (300)")
     parser.add_argument("--state", type=Path, help="file of the trials done: kept, and gone on with")
     parser.add_argument("--keep", help="folder to keep the campaigns in")
     args = parser.parse_args(argv)

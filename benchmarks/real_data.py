@@ -129,7 +129,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--logs", type=Path, default=DEFAULT_LOGS, help="folder that holds haar/ and rbr/ as published")
     parser.add_argument("--keep", type=Path, help="folder to keep the campaigns in")
     parser.add_argument("--only", default="", help="sets whose name contains this text")
-    parser.add_argument("--limit", type=int, default=300, help="seconds for one command (300)")
+    parser.add_argument("--limit", type=int, default=300, help="seconds of the processor for one command (300)")
     args = parser.parse_args(argv)
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
