@@ -97,9 +97,11 @@ def draw(name: str, seed: int) -> World:
         how = "one" if name == "chamber_60" else str(rng.choice(["one", "ramp", "two"]))
         approach = Approach(how, tau, tau * float(rng.uniform(3.0, 8.0)), float(rng.uniform(0.1, 0.4)))
         reference = _reference(rng, channel, min(t63, tau))
-    logger = _logger(rng, channel, period, t63)
     body = make_body(kind, t63, sheath=sheath, slow=slow)
     slowest = max(body.time_to_s(0.98), 4.0 * approach.first_s, 4.0 * approach.second_s * (approach.kind == "two"))
+    if approach.kind != "step":
+        period = max(period, slowest / 1500.0)  # nobody logs an hour's approach at the pace of a fast sensor
+    logger = _logger(rng, channel, period, t63)
     plan = _plan(rng, channel, runs + FRESH_RUNS, slowest, logger.period_s)
     bench = Bench(channel, body, approach, logger, plan[:runs], replace(known, body=declared), reference, name=name)
     wrong = "" if declared in (None, kind) else f" called {declared}"
