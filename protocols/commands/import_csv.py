@@ -1,4 +1,5 @@
-"""shockrig import: another logger's CSV files -> one run of a campaign, new or existing."""
+"""shockrig import: other loggers' files -> a campaign. Logs with many steps by a map (import_log), or one run at a time
+from CSV files of one sensor each (here)."""
 
 from __future__ import annotations
 
@@ -11,14 +12,20 @@ DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t"}
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
-        "Columns are named, or numbered from 1; usual names are found without help. Both files must be on one clock; "
-        "they may be one file. Example: shockrig import --imet log.csv --hyt log.csv --imet-temperature T_bead "
-        "--source-temperature 40 --destination-temperature 20 --start 12.4 --out mine"
+        "First look: shockrig import LOG --look writes LOG.toml, a map of what is recognised, and LOG.png with the "
+        "steps that are seen. Then: shockrig import LOG --map LOG.toml --out mine. One run at a time (columns are "
+        "named, or numbered from 1; usual names are found without help): shockrig import --imet log.csv --hyt log.csv "
+        "--imet-temperature T_bead --source-temperature 40 --destination-temperature 20 --start 12.4 --out mine"
     )
-    files = parser.add_argument_group("files")
+    logs = parser.add_argument_group("logs with any number of sensors and steps")
+    logs.add_argument("logs", metavar="LOG", type=Path, nargs="*", help="text files of any layout, all of one")
+    logs.add_argument("--look", action="store_true", help="write a first map and a picture of the log into --out (.)")
+    logs.add_argument("--map", metavar="MAP.toml", type=Path, help="what the columns are and which steps make runs")
+    logs.add_argument("--sensor", metavar="NAME", help="of several sensors only this one; --out is then its campaign")
+    files = parser.add_argument_group("one run at a time")
     files.add_argument("--imet", metavar="FILE", type=Path, help="CSV file of the thermometer")
     files.add_argument("--hyt", metavar="FILE", type=Path, help="CSV file of the hygrometer (may be the same file)")
-    files.add_argument("--out", metavar="CAMPAIGN", type=Path, required=True, help="campaign folder, new or existing")
+    files.add_argument("--out", metavar="CAMPAIGN", type=Path, help="campaign folder; new, or (one run) existing")
     files.add_argument("--id", help="id of the run (default: the next free number)")
     columns = parser.add_argument_group("columns")
     columns.add_argument("--imet-time", metavar="COLUMN")
@@ -58,8 +65,12 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.rig.import_csv import CsvLayout, RunFacts, import_run, read_series
 
     _check_numbers(args)
+    if args.logs or args.look or args.map is not None or args.sensor is not None:
+        return _import_logs(args)
     if args.imet is None and args.hyt is None:
-        raise BenchError("no file: give --imet FILE, --hyt FILE or both")
+        raise BenchError("no file: give LOG and --look, or for one run --imet FILE, --hyt FILE or both")
+    if args.out is None:
+        raise BenchError("--out: is missing; name the campaign's folder")
 
     def layout(**columns: str | None) -> CsvLayout:
         return CsvLayout(
@@ -115,25 +126,55 @@ def main(args: argparse.Namespace) -> int:
     return 0
 
 
+def _import_logs(args: argparse.Namespace) -> int:
+    """Logs by a map, or a first look at them."""
+    from shockrig.protocols.commands.import_log import import_by_map, look
+    from shockrig.rig.errors import BenchError
+
+    if not args.logs:
+        raise BenchError("no LOG given; --look, --map and --sensor need one, such as shockrig import LOG --look")
+    # Every other option belongs to the other way of importing: it would have no effect here.
+    here = ("logs", "look", "map", "sensor", "out", "name")
+    for name, default in _defaults().items():
+        if name not in here and getattr(args, name) != default:
+            raise BenchError(f"--{name.replace('_', '-')}: is for one run at a time; with LOG state it in the map")
+    if args.look:
+        return look(args)
+    if args.map is None:
+        raise BenchError(f"no --map: run shockrig import {args.logs[0]} --look first, which writes one to correct")
+    if args.out is None:
+        raise BenchError("--out: is missing; name the campaign's folder")
+    return import_by_map(args)
+
+
+def _defaults() -> dict[str, object]:
+    """The options' values where nothing was said."""
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    return vars(parser.parse_args([]))
+
+
 def _check_numbers(args: argparse.Namespace) -> None:
     """Numbers on the command line must be finite and possible."""
     import math
 
+    from shockrig.files.ranges import RANGES, Range
     from shockrig.rig.errors import BenchError
 
     limits = {
-        "source_temperature": (-100.0, 150.0),
-        "source_humidity": (0.0, 110.0),
-        "destination_temperature": (-100.0, 150.0),
-        "destination_humidity": (0.0, 110.0),
-        "airflow": (0.0, 100.0),
-        "pressure": (1.0, 1200.0),
-        "duration": (0.0, 600.0),
-        "bead_radius": (1e-6, 0.1),
-        "film_thickness": (1e-9, 0.01),
-        "skip_lines": (0, 10**6),
+        "source_temperature": RANGES["temperature_c"],
+        "source_humidity": RANGES["humidity_percent"],
+        "destination_temperature": RANGES["temperature_c"],
+        "destination_humidity": RANGES["humidity_percent"],
+        "airflow": RANGES["airflow_m_s"],
+        "pressure": RANGES["pressure_hpa"],
+        "duration": RANGES["transfer_s"],
+        "bead_radius": RANGES["bead_radius_m"],
+        "film_thickness": RANGES["film_thickness_m"],
+        "skip_lines": Range(0, 10**6),
     }
-    for name, (low, high) in limits.items():
+    for name, possible in limits.items():
         value = getattr(args, name)
-        if value is not None and not (math.isfinite(value) and low <= value <= high):
-            raise BenchError(f"--{name.replace('_', '-')} {value:g}: expected a number from {low:g} to {high:g}")
+        if value is not None and not possible.holds(value):
+            slip = f"; {possible.slip}?" if possible.slip and math.isfinite(value) else ""
+            raise BenchError(f"--{name.replace('_', '-')} {value:g}: expected a number from {possible}{slip}")

@@ -1,0 +1,173 @@
+"""shockrig import LOG...: logs with many steps and sensors, looked at (--look) or made into campaigns (--map)."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from shockrig.files.errors import InputError
+
+if TYPE_CHECKING:
+    from shockrig.rig.logs.campaigns import Imported, SensorCampaign
+    from shockrig.rig.logs.channels import SensorLog
+    from shockrig.rig.logs.found import LogStep
+    from shockrig.rig.logs.mapping import LogMap
+
+
+def look(args: argparse.Namespace) -> int:
+    """Write a first map and a picture of every log; with --map only the pictures, of the steps that the map has."""
+    from shockrig.analysis.report.style import figure_bytes
+    from shockrig.files.disk import is_there, shown
+    from shockrig.protocols.folder import whole_folder
+    from shockrig.protocols.log_picture import draw_log
+    from shockrig.rig.logs.channels import read_sensors
+    from shockrig.rig.logs.first_map import look_at
+    from shockrig.rig.logs.found import steps_of
+    from shockrig.rig.logs.mapping import read_map
+
+    folder = args.out or Path(".")
+    map_path = args.map or folder / f"{args.logs[0].stem}.toml"
+    text = None
+    if args.map is not None:
+        map_ = read_map(args.map)
+        logs = [read_sensors(path, map_) for path in args.logs]
+        steps = [steps_of(one, map_, len(logs) > 1) for one in logs]
+    else:
+        if is_there(map_path):
+            raise InputError(
+                f"{shown(map_path)}: is there already and may hold your corrections; look with --map, move it away, or "
+                "give another --out"
+            )
+        seen = look_at(args.logs, map_path)
+        map_, text, logs, steps = seen.map, seen.text, list(seen.logs), list(seen.steps)
+    with whole_folder(folder) as partial:
+        for one, those in zip(logs, steps, strict=True):
+            used = [is_used(step, map_) for step in those]
+            (partial / f"{one.log.path.stem}.png").write_bytes(figure_bytes(draw_log(one, those, used)))
+        if text is not None:
+            (partial / map_path.name).write_text(text, encoding="utf-8")
+    for one, those in zip(logs, steps, strict=True):
+        _say_log(one, those, map_)
+    for one in logs:
+        print(f"picture: {folder / f'{one.log.path.stem}.png'}")
+    names = " ".join(str(path) for path in args.logs)
+    print(f"map: {map_path}{' (check columns, units and steps in it)' if text is not None else ''}")
+    print(f"next: shockrig import {names} --map {map_path} --out CAMPAIGN")
+    return 0
+
+
+def import_by_map(args: argparse.Namespace) -> int:
+    """Make a campaign of each sensor that the map wants, whole or not at all."""
+    from shockrig.files.disk import shown
+    from shockrig.protocols.folder import software_version, whole_folder
+    from shockrig.rig.logs.campaigns import import_logs, write_sensor_campaign
+    from shockrig.rig.logs.mapping import read_map
+
+    out: Path = args.out
+    if out.is_file() or (out.is_dir() and any(out.iterdir())):
+        raise InputError(f"--out {shown(out)}: is there already; give another name, and all logs of a campaign at once")
+    map_ = read_map(args.map)
+    imported = import_logs(args.logs, map_, args.sensor)
+    several = args.sensor is None and len(map_.wanted) > 1
+    made = [campaign for campaign in imported.campaigns if campaign.runs]
+    name = args.name or map_.name or out.resolve().name
+    with whole_folder(out) as partial:
+        for campaign in made:
+            place = partial / campaign.sensor if several else partial
+            place.mkdir(exist_ok=True)
+            called = f"{name} {campaign.sensor}" if several else name
+            write_sensor_campaign(place, campaign, imported, called, software_version())
+    for one, those in zip(imported.logs, imported.steps, strict=True):
+        _say_log(one, those, map_)
+    for campaign in imported.campaigns:
+        place = out / campaign.sensor if several else out
+        _say_campaign(campaign, place)
+    _say_unknown(imported)
+    places = [out / campaign.sensor if several else out for campaign in made]
+    for place in places:
+        print(f"next: shockrig diagnose {place} --out {place}-diagnosis")
+    return 0
+
+
+def is_used(one: LogStep, map_: LogMap) -> bool:
+    """Whether a step makes a run of any sensor that the map wants."""
+    if one.said is not None:
+        return one.said.is_used
+    staged = one.step.stages > 1 and any(map_.sensors[name].reference for name in map_.wanted)
+    return not one.step.why_not or staged
+
+
+def _when(sensors: SensorLog, one: LogStep) -> str:
+    import math
+
+    from shockrig.rig.logs.stamps import to_map
+
+    unsure_s = one.step.uncertainty_s
+    digits = min(max(math.ceil(-math.log10(max(unsure_s, 1e-3))), 0), 3)
+    at = to_map(sensors.log.clock, sensors.log.origin_s, one.step.at_s, digits).strip('"')
+    return f"{at} ± {unsure_s:.2g} s"
+
+
+def _say_log(sensors: SensorLog, steps: Sequence[LogStep], map_: LogMap) -> None:
+    from shockrig.rig.logs.first_map import said_of
+
+    log = sensors.log
+    names = ", ".join(sensors.readings)
+    print(f"{log.path.name}: {log.time_s.size} rows, one every {log.period_s:.4g} s; sensors {names}")
+    for said in (*log.remarks, *(said for readings in sensors.readings.values() for said in readings.remarks)):
+        print(f"  {said}")
+    if log.clock.doubt:
+        print(f"  time: {log.clock.doubt}")
+    how = "stated by the map" if any(one.said is not None for one in steps) else "seen"
+    print(f"  {len(steps)} step{'' if len(steps) == 1 else 's'} {how}")
+    for one in steps:
+        why = "" if is_used(one, map_) else f"  not used: {one.step.why_not or 'the map says so'}"
+        print(f"  {one.number:3d}  {_when(sensors, one)}{why}")
+        if not why:
+            for move in one.step.moves:
+                print(f"         {said_of(move)}")
+
+
+def _say_campaign(campaign: SensorCampaign, place: Path) -> None:
+    count = len(campaign.runs)
+    print(f"{place}: sensor {campaign.sensor}, {count} run{'' if count == 1 else 's'}")
+    for number, run in enumerate(campaign.runs, start=1):
+        seen_s = run.step.step.at_s
+        readings = ", ".join(f"{name} {size}" for name, size in run.readings.items())
+        print(
+            f"  {number:04d}  {run.log} step {run.step.number}: {seen_s - run.begin_s:.4g} s before, "
+            f"{run.end_s - seen_s:.4g} s after; readings: {readings}"
+        )
+        for said in run.remarks:
+            print(f"        {said}")
+    for one in campaign.left_out:
+        print(f"  left out  {one.log} step {one.step.number}: {one.why}")
+    if not campaign.runs:
+        print("  no campaign is written for it")
+
+
+def _say_unknown(imported: Imported) -> None:
+    """What was not recorded, and where it can be stated."""
+    runs = [run for campaign in imported.campaigns for run in campaign.runs]
+    count = len(runs)
+    measured = [run for run in runs if "air" in run.tables]
+    rest = [run for run in runs if "air" not in run.tables]
+    if measured:
+        print(f"air measured beside the sensor (air.csv): {len(measured)} of {count} runs")
+    missing = {
+        "when the transfer began (estimated run by run)": (
+            "[[step]] start",
+            [r for r in rest if "transfer" not in r.document],
+        ),
+        "the two airs (taken from the plateaus)": (
+            "[[step]] source, destination",
+            [r for r in rest if not {"source", "destination"} <= set(r.document)],
+        ),
+        "the airflow": ("airflow_m_s", [r for r in runs if "airflow_m_s" not in r.document]),
+        "the pressure": ("pressure_hpa", [r for r in runs if "pressure_hpa" not in r.document]),
+    }
+    for what, (key, those) in missing.items():
+        if those:
+            print(f"not known: {what}, {len(those)} of {count} runs; state {key} in the map if it is known")

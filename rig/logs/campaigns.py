@@ -1,0 +1,124 @@
+"""Logs and a map made into campaigns, one for each sensor, and written."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from shockrig.files.campaign_write import campaign_document, write_campaign, write_run
+from shockrig.files.disk import TABLE_AT_MOST, read_bytes, shown
+from shockrig.rig.errors import BenchError
+from shockrig.rig.keys import nearest
+from shockrig.rig.logs.channels import SensorLog, read_sensors
+from shockrig.rig.logs.found import LogStep, steps_of
+from shockrig.rig.logs.mapping import LogMap
+from shockrig.rig.logs.runs import ImportedRun, LeftOut, runs_of
+
+
+@dataclass(frozen=True)
+class SensorCampaign:
+    """What one sensor's campaign will hold, and what was left out of it and why."""
+
+    sensor: str
+    runs: tuple[ImportedRun, ...]
+    left_out: tuple[LeftOut, ...]
+
+
+@dataclass(frozen=True)
+class Imported:
+    """Logs as read by a map, their steps, and a campaign for each sensor that has runs."""
+
+    map: LogMap
+    logs: tuple[SensorLog, ...]
+    steps: tuple[tuple[LogStep, ...], ...]
+    campaigns: tuple[SensorCampaign, ...]
+
+
+def import_logs(paths: Sequence[Path], map_: LogMap, sensor: str | None = None) -> Imported:
+    """Read logs by a map and cut them into runs.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+    map_ : LogMap
+    sensor : str, optional
+        The one sensor to make a campaign of; all that the map wants where it is not given.
+
+    Raises
+    ------
+    BenchError
+        A log cannot be read by the map, or nothing in it makes a run: names file or key, and the remedy.
+    """
+    where = shown(map_.path)
+    if sensor is not None and sensor not in map_.sensors:
+        raise BenchError(f"--sensor {sensor}: {where} has no [sensor.{sensor}]{nearest(sensor, map_.sensors)}")
+    names = [path.name for path in paths]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise BenchError(f"{twice}: is given twice; give every log once, and logs of one name other names")
+    unknown = next((step for step in map_.steps if step.log is not None and step.log not in names), None)
+    if unknown is not None and not any(step.log in (None, *names) for step in map_.steps):
+        raise BenchError(
+            f"{where}: key step[{unknown.number}].log: {unknown.log!r} is not among the logs given "
+            f"({', '.join(names)}); correct it there"
+        )
+    logs = tuple(read_sensors(path, map_) for path in paths)
+    steps = tuple(steps_of(one, map_, len(paths) > 1) for one in logs)
+    campaigns = []
+    for name in (sensor,) if sensor is not None else map_.wanted:
+        runs: list[ImportedRun] = []
+        left_out: list[LeftOut] = []
+        for one, those in zip(logs, steps, strict=True):
+            made, not_made = runs_of(one, those, map_, name)
+            runs += made
+            left_out += not_made
+        campaigns.append(SensorCampaign(name, tuple(runs), tuple(left_out)))
+    if not any(campaign.runs for campaign in campaigns):
+        first = next((one for campaign in campaigns for one in campaign.left_out), None)
+        if first is None:
+            raise BenchError(
+                f"{', '.join(map(shown, paths))}: no step is seen in it; look at it (--look --map {where}), then state "
+                "[[step]] at = ... or a smaller [steps] least_temperature_k, least_humidity_percent in the map"
+            )
+        raise BenchError(
+            f"{first.log}: no step of it makes a run: step {first.step.number} {first.why}; "
+            f"look at it (--look --map {where}) and correct the map"
+        )
+    return Imported(map_, logs, steps, tuple(campaigns))
+
+
+def write_sensor_campaign(folder: Path, campaign: SensorCampaign, imported: Imported, name: str, software: str) -> None:
+    """Write one campaign into a folder that is there and empty. Raises OSError where the disk does not take it."""
+    map_ = imported.map
+    sensor = map_.sensors[campaign.sensor]
+    described: dict[str, Mapping[str, Any]] = {}
+    for key, instrument in (("imet", sensor.thermometer), ("hyt", sensor.hygrometer)):
+        if any(key in run.tables for run in campaign.runs):
+            described[key] = instrument
+    document = campaign_document(
+        name,
+        described,
+        imported={
+            "map": map_.path.name,
+            "sensor": campaign.sensor,
+            "reference": list(sensor.reference),
+            "logs": [
+                {"file": one.log.path.name, "sha256": _digest(one.log.path), "rows": int(one.log.time_s.size)}
+                for one in imported.logs
+            ],
+            "software": software,
+        },
+    )
+    for number, run in enumerate(campaign.runs, start=1):
+        id_ = f"{number:04d}"
+        place = folder / "runs" / id_
+        place.mkdir(parents=True)
+        write_run(place, {**run.document, "id": id_}, run.tables)
+    write_campaign(folder, document)
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(read_bytes(path, "restore it", TABLE_AT_MOST)).hexdigest()

@@ -1,0 +1,145 @@
+"""Change points of one channel: where it leaves what it was doing, at whatever time scale that shows.
+
+A sensor that settles goes on in its direction with lessening speed. So, from a straight line through the readings
+before a moment, those after it may lie anywhere between "stay where it was" and "go on as it did"; what lies outside
+that cone by more than the noise, the least step and the channel's usual wandering is a change. Windows of a few blocks
+are laid over the readings, over means of two, of four and so on, and the narrowest window that shows a change has it
+(narrowest over threshold: Baranowski, Chen and Fryzlewicz 2019, doi 10.1111/rssb.12322), so that each is found as
+sharply as it can be timed, whether the sensor takes a tenth of a second or an hour.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+from scipy.signal import find_peaks
+
+Array = NDArray[np.float64]
+
+WINDOW = 5  # blocks on either side
+SIGMAS = 6.0  # of the noise: over a million readings and all scales less than one false change is expected
+WANDERING = 8.0  # times the channel's usual departure from the cone at that scale
+GOES_ON = 0.1  # of a departure, passed in the window before it, shows that the way had begun
+GRID_AT_MOST = 4_000_000
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change point: about when, and the width of the window that showed it (s on one side).
+
+    `goes_on`: the channel was on its way in that direction already, and only went faster.
+    """
+
+    time_s: float
+    width_s: float
+    goes_on: bool = False
+
+
+@dataclass(frozen=True)
+class Channel:
+    """Readings of one sensor and quantity in one piece of a log, without spikes: arrays (n,), in order of time.
+
+    `noise` is the standard deviation of one reading, `least` the smallest step that counts, in the quantity's unit.
+    """
+
+    name: str
+    quantity: str
+    time_s: Array
+    value: Array
+    noise: float
+    least: float
+
+    @property
+    def period_s(self) -> float:
+        return float(np.median(np.diff(self.time_s)))
+
+
+def noise_of(value: Array) -> float:
+    """Standard deviation of one reading, from second differences; at least what the readings' rounding makes of it."""
+    if value.size < 4:
+        return 0.0
+    second = np.diff(value, 2)
+    scatter = 1.4826 * float(np.median(np.abs(second - np.median(second)))) / np.sqrt(6.0)
+    steps = np.abs(np.diff(value))
+    tiny = 1e-9 * max(1.0, float(np.abs(value).max()))
+    if (steps <= tiny).mean() < 0.2 or (steps <= tiny).all():
+        return scatter
+    # Equal neighbours are those of a rounded channel: its least difference is the rounding.
+    return max(scatter, float(np.quantile(steps[steps > tiny], 0.05)) / np.sqrt(12.0))
+
+
+def without_spikes(time_s: Array, value: Array, noise: float, least: float) -> tuple[Array, Array]:
+    """Times and readings without single or double readings far off their neighbours: absurd ones are no steps."""
+    if value.size < 5:
+        return time_s, value
+    around = np.asarray(median_filter(value, 5, mode="mirror"))
+    calm = np.abs(value - around) <= max(8.0 * noise, 0.5 * least)
+    return time_s[calm], value[calm]
+
+
+def find_changes(channel: Channel) -> tuple[Change, ...]:
+    """All change points of a channel, in order of time."""
+    time_s, value = channel.time_s, channel.value
+    if value.size < 2 * WINDOW + 2 or np.ptp(value) < channel.least:
+        return ()
+    period = max(channel.period_s, float(time_s[-1] - time_s[0]) / GRID_AT_MOST)
+    grid_s = np.arange(time_s[0], time_s[-1] + 0.5 * period, period)
+    blocks = np.interp(grid_s, time_s, value)
+    width = period
+    found: list[Change] = []
+    taken = np.zeros(0)
+    while blocks.size >= 2 * WINDOW + 1:
+        departure, run_up = _departure(blocks)
+        count = width / period
+        noisy = SIGMAS * channel.noise * np.sqrt(14.0 / (WINDOW * count))
+        usual = WANDERING * float(np.median(np.abs(departure)))
+        score = np.abs(departure) / max(channel.least, noisy, usual)
+        # The window around an edge i covers blocks i-WINDOW to i+WINDOW-1; its edge lies between two blocks.
+        edge_s = time_s[0] + width * (np.arange(departure.size) + WINDOW) - 0.5 * period
+        if taken.size:
+            nearest = (
+                np.abs(edge_s[:, None] - taken[None, :]).min(axis=1) if taken.size < 200 else _nearest(edge_s, taken)
+            )
+            score[nearest < (WINDOW + 1) * width] = 0.0
+        peaks, _ = find_peaks(np.concatenate([[0.0], score, [0.0]]), height=1.0, distance=WINDOW)
+        goes_on = run_up * np.sign(departure) > GOES_ON * np.abs(departure)
+        found += [Change(float(edge_s[k]), WINDOW * width, bool(goes_on[k])) for k in peaks - 1]
+        taken = np.sort(np.concatenate([taken, edge_s[peaks - 1]]))
+        if blocks.size % 2:
+            blocks = blocks[:-1]
+        blocks = 0.5 * (blocks[0::2] + blocks[1::2])
+        width *= 2.0
+    kept: list[Change] = []
+    for change in sorted(found, key=lambda one: one.time_s):
+        # A response that gathers speed (a core, two lags) has begun once, whatever windows see of it.
+        if kept and change.goes_on and change.time_s - kept[-1].time_s <= 4.0 * change.width_s:
+            continue
+        kept.append(change)
+    return tuple(kept)
+
+
+def _departure(blocks: Array) -> tuple[Array, Array]:
+    """How far the mean after each edge lies outside the cone that the line before it leaves open, and how far that line
+    runs over its window."""
+    m = WINDOW
+    place = np.arange(m) - (m - 1) / 2.0
+    windows = np.lib.stride_tricks.sliding_window_view(blocks, m)
+    before, after = windows[:-m], windows[m:].mean(axis=1)
+    level = before.mean(axis=1)
+    slope = before @ place / (place @ place)
+    stay = level + slope * (m - 1) / 2.0
+    go_on = level + slope * m
+    # Where a response has just ended, the line through it ends beyond the level that it came to.
+    last = before[:, -1]
+    low, high = np.minimum(np.minimum(stay, go_on), last), np.maximum(np.maximum(stay, go_on), last)
+    return np.asarray(after - np.clip(after, low, high)), slope * m
+
+
+def _nearest(moments: Array, taken: Array) -> Array:
+    """How far each moment is from the nearest of `taken`, which are in order."""
+    place = np.searchsorted(taken, moments)
+    before, after = taken[np.maximum(place - 1, 0)], taken[np.minimum(place, taken.size - 1)]
+    return np.asarray(np.minimum(np.abs(moments - before), np.abs(moments - after)))

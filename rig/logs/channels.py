@@ -1,0 +1,228 @@
+"""From a log to its sensors' readings: which rows are a sensor's, and the channels that steps are sought in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.files.disk import shown
+from shockrig.rig.errors import BenchError
+from shockrig.rig.keys import nearest
+from shockrig.rig.logs.changes import Channel, noise_of, without_spikes
+from shockrig.rig.logs.clocks import guess_clock, guess_format
+from shockrig.rig.logs.log import Column, Log, read_log
+from shockrig.rig.logs.mapping import LogMap, SensorMap, columns_of
+from shockrig.rig.logs.stamps import EPOCH, NUMBERS, Clock
+from shockrig.rig.logs.text import Scan, scan
+from shockrig.rig.logs.units import UNITS, quantity_of, unit_in_name
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+LEAST_STEP = {"temperature": 0.5, "humidity": 2.0}  # K and %RH: below that, rooms do it by themselves
+LEAST_SHARE = 0.03  # of the channel's range
+HELD_SHARE = 0.6  # of a channel's changes come at one distance where each reading is repeated that often
+HELD_CHANGES = 30
+
+
+@dataclass(frozen=True)
+class Readings:
+    """What one sensor read in a log: rows of the log, in order of time within each piece, and the columns by key.
+
+    `held` is how often the log repeats each reading (1: not at all); the repeats are left out of `rows`.
+    """
+
+    sensor: str
+    rows: Index
+    values: Mapping[str, Array]  # key of the map -> (n,) for `rows`
+    held: int
+    remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class SensorLog:
+    """A log read by a map: the log, its sensors' readings, references that are columns included."""
+
+    log: Log
+    readings: Mapping[str, Readings]
+
+    def channels(self, piece: int, least: Mapping[str, float]) -> list[Channel]:
+        """The channels of one piece (from 0) in which steps are sought, named SENSOR.KEY."""
+        rows = self.log.pieces[piece]
+        channels = []
+        for name, readings in self.readings.items():
+            inside = (readings.rows >= rows.start) & (readings.rows < rows.stop)
+            for key in ("temperature", "humidity"):
+                if key not in readings.values:
+                    continue
+                value = readings.values[key][inside]
+                there = np.isfinite(value)
+                value, time_s = value[there], self.log.time_s[readings.rows[inside][there]]
+                if value.size < 4:
+                    continue
+                # Of the whole range but its outermost readings: one absurd reading must not hide every step.
+                low, high = np.quantile(value, [0.002, 0.998])
+                threshold = least.get(key, max(LEAST_STEP[key], LEAST_SHARE * float(high - low)))
+                noise = noise_of(value)
+                time_s, value = without_spikes(time_s, value, noise, threshold)
+                channels.append(Channel(f"{name}.{key}", key, time_s, value, noise, threshold))
+        return channels
+
+
+def read_sensors(path: Path, map_: LogMap, scanned: Scan | None = None) -> SensorLog:
+    """Read a log by a map.
+
+    Raises
+    ------
+    BenchError
+        Names the file, the column or the key, and the remedy.
+    """
+    lines = scanned or scan(path, map_.layout)
+    sensors = {name: _by_name(columns_of(sensor), lines) for name, sensor in map_.sensors.items()}
+    sensors |= _reference_columns(map_, lines)
+    columns: dict[str, Column] = {}
+    for name, of_sensor in sensors.items():
+        for key, column in of_sensor.items():
+            # A unit that only the header names is taken from there.
+            if name not in map_.sensors or map_.sensors[name].columns[key][1] is None:
+                unit = unit_in_name(column.name)
+                if unit in UNITS[column.quantity]:
+                    column = Column(column.name, column.quantity, str(unit))
+            of_sensor[key] = column
+            if columns.setdefault(column.name, column) != column:
+                raise BenchError(
+                    f"{shown(map_.path)}: column {column.name!r} is named twice with different quantities or units; "
+                    "state one unit for it"
+                )
+    log = read_log(
+        path, map_.layout, list(columns.values()), clock=_clock(map_, lines), scanned=lines, stamps=map_.stamps
+    )
+    readings = {}
+    for name, of_sensor in sensors.items():
+        sensor = map_.sensors.get(name, SensorMap(name, {}))
+        readings[name] = _readings(log, sensor, {key: column.name for key, column in of_sensor.items()})
+    return SensorLog(log, readings)
+
+
+def _by_name(columns: Mapping[str, Column], lines: Scan) -> dict[str, Column]:
+    """Columns that the map numbers from 1 by their names."""
+    named = {}
+    for key, column in columns.items():
+        name = column.name
+        if name not in lines.names and name.isdecimal() and 1 <= int(name) <= len(lines.names):
+            name = lines.names[int(name) - 1]
+        named[key] = Column(name, column.quantity, column.unit)
+    return named
+
+
+def _reference_columns(map_: LogMap, lines: Scan) -> dict[str, dict[str, Column]]:
+    """References that are a column's name and not a sensor's, as sensors of that one column."""
+    found: dict[str, dict[str, Column]] = {}
+    for sensor in map_.sensors.values():
+        for name in sensor.reference:
+            if name in map_.sensors or name in found:
+                continue
+            where = f"{shown(map_.path)}: key sensor.{sensor.name}.reference"
+            if name not in lines.names:
+                raise BenchError(f"{where}: no sensor or column {name!r}{nearest(name, [*map_.sensors, *lines.names])}")
+            unit = unit_in_name(name)
+            quantity = quantity_of(name, unit)
+            if quantity not in ("temperature", "humidity"):
+                raise BenchError(
+                    f"{where}: what the column {name!r} measures is not to be seen from its name; give it a "
+                    "[sensor.NAME] table and name that"
+                )
+            found[name] = {quantity: Column(name, quantity, unit or next(iter(UNITS[quantity])))}
+    return found
+
+
+def _clock(map_: LogMap, lines: Scan) -> Clock | None:
+    """The clock as far as the map states it; None where it says nothing."""
+    if not map_.time and map_.time_format is None and map_.time_unit is None:
+        return None
+    names = []
+    for name in map_.time:
+        if name not in lines.names and name.isdecimal() and 1 <= int(name) <= len(lines.names):
+            name = lines.names[int(name) - 1]
+        if name not in lines.names:
+            raise BenchError(f"{shown(map_.path)}: key log.time: no column {name!r}{nearest(name, lines.names)}")
+        names.append(name)
+    rows = lines.sample()
+    guessed = guess_clock(lines.names, rows, lines.units)
+    if not names and guessed is None:
+        raise BenchError(
+            f"{shown(map_.path)}: key log.time: is missing, and {shown(lines.path)} does not show it; add it"
+        )
+    columns = tuple(names) or (guessed.columns if guessed else ())
+    cells = [
+        " ".join(parts) for parts in zip(*([row[lines.names.index(n)] for row in rows] for n in columns), strict=True)
+    ]
+    format_ = map_.time_format or (NUMBERS if map_.time_unit is not None else None)
+    if format_ is None and guessed is not None and guessed.columns == columns:
+        return guessed
+    format_ = format_ or guess_format(cells)[0] or NUMBERS
+    unit = map_.time_unit
+    if format_ == NUMBERS and unit is None:
+        said = unit_in_name(columns[0])
+        unit = said if said in UNITS["time"] else "s"
+    unit = unit or "s"
+    numbers = [float(cell) for cell in cells if cell.replace(".", "", 1).isdecimal()]
+    low, high = EPOCH.get(unit, (np.inf, np.inf))
+    since_1970 = format_ == NUMBERS and bool(numbers) and bool(low < float(np.median(numbers)) < high)
+    return Clock(columns, format_, unit, since_1970)
+
+
+def _readings(log: Log, sensor: SensorMap, names: Mapping[str, str]) -> Readings:
+    """Rows of a log that are readings of one sensor."""
+    columns = {key: log.values[name] for key, name in names.items()}
+    main = [key for key in ("temperature", "humidity") if key in columns]
+    there = np.zeros(log.time_s.size, dtype=bool)
+    for key in main:
+        there |= np.isfinite(columns[key])
+    remarks = []
+    if sensor.zero_is_missing:
+        absent = there & np.all([columns[key] == 0.0 for key in main], axis=0)
+        if absent.any():
+            remarks.append(f"{int(absent.sum())} rows in which {sensor.name} reads nothing but zeros left out")
+            there &= ~absent
+    rows = np.flatnonzero(there)
+    values = {key: column[rows] for key, column in columns.items()}
+    held = sensor.held or held_for([values[key] for key in main])
+    if held > 1:
+        keep = _first_of_held([values[key] for key in main], held)
+        remarks.append(
+            f"{sensor.name}: each reading stands in about {held} rows; the {int((~keep).sum())} repeats are left out"
+        )
+        rows, values = rows[keep], {key: value[keep] for key, value in values.items()}
+    return Readings(sensor.name, rows, values, held, tuple(remarks))
+
+
+def held_for(columns: list[Array]) -> int:
+    """How many rows each reading stands in: 1, or the distance at which nearly all changes follow one another."""
+    size = columns[0].size if columns else 0
+    if size < 2:
+        return 1
+    changed = np.zeros(size - 1, dtype=bool)
+    for column in columns:
+        changed |= (np.diff(column) != 0) & ~(np.isnan(column[1:]) & np.isnan(column[:-1]))
+    distances = np.diff(np.flatnonzero(changed))
+    if distances.size < HELD_CHANGES:
+        return 1
+    usual = int(np.bincount(distances).argmax())
+    # One row more or less: the two clocks are not in step.
+    near = (np.abs(distances - usual) <= 1).mean()
+    return usual if usual > 1 and (distances == usual).mean() >= HELD_SHARE and near >= 0.8 else 1
+
+
+def _first_of_held(columns: list[Array], held: int) -> NDArray[np.bool_]:
+    """The rows in which a reading is new: it changed, or it has stood for as long as readings do."""
+    size = columns[0].size
+    changed = np.ones(size, dtype=bool)
+    changed[1:] = np.any([np.diff(column) != 0 for column in columns], axis=0)
+    starts = np.flatnonzero(changed)
+    since = np.arange(size) - np.repeat(starts, np.diff(np.append(starts, size)))
+    return np.asarray(since % held == 0) & (changed | (since >= held))

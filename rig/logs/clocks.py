@@ -1,0 +1,153 @@
+"""Which columns of a log tell the time, and how, found out from their names and some of their cells."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from datetime import UTC, datetime
+from itertools import product
+
+import numpy as np
+
+from shockrig.rig.logs.stamps import EPOCH, ISO, NUMBERS, OF_DAY, Clock
+from shockrig.rig.logs.text import NUMBER
+from shockrig.rig.logs.units import UNITS, bare_name, unit_in_name
+
+NAMES = (
+    "time", "timestamp", "datetime", "date_time", "date time", "date-time", "t", "date", "datum", "zeit", "uhrzeit",
+    "elapsed", "elapsed time", "seconds", "millis", "epoch", "unixtime", "unix", "ms", "fecha", "hora",
+    "heure", "clock", "tms",
+)  # fmt: skip
+_DATES = (
+    "%Y/%m/%d", "%d/%m/%Y", "%m/%d/%Y", "%d.%m.%Y", "%d-%m-%Y", "%m-%d-%Y", "%d/%m/%y", "%m/%d/%y", "%d.%m.%y",
+    "%Y.%m.%d", "%d-%b-%Y", "%d %b %Y", "%b %d %Y", "%d-%b-%y", "%Y%m%d", "%Y-%m-%d",
+)  # fmt: skip
+_BETWEEN = (" ", "T", ", ", "-", "_", ",", "")
+_TIMES = ("%H:%M:%S.%f", "%H:%M:%S", "%I:%M:%S %p", "%I:%M:%S.%f %p", "%H:%M", "%I:%M %p", "%H.%M.%S", "%H%M%S")
+
+
+def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequence[str]) -> Clock | None:
+    """The clock of a log from its columns' names and some rows of cells; None where there is none to be seen."""
+    if not rows:
+        return None
+    columns = {name: [row[k] for row in rows] for k, name in enumerate(names)}
+    unit_of = {name: unit_in_name(name) or unit_in_name(f"x [{units[k]}]") for k, name in enumerate(names)}
+    called = [name for name in names if _is_called_time(name)]
+    for name in [*called, *names[:3]]:
+        format_, doubt = guess_format(columns[name])
+        if format_ is None:
+            continue
+        if "%H" in format_ or "%I" in format_ or format_ == ISO and any(":" in cell for cell in columns[name]):
+            return Clock((name,), format_, doubt=doubt)
+        if format_ != OF_DAY:  # a date alone: the time of day stands in another column
+            for other in [*called, *names]:
+                if other != name and guess_format(columns[other])[0] == OF_DAY:
+                    return _joined(name, other, columns, doubt)
+            return Clock((name,), format_, doubt=doubt)
+    for name in called:
+        if guess_format(columns[name])[0] == OF_DAY:
+            return Clock((name,), OF_DAY)
+    for name in [*called, *names]:
+        clock = _counted(name, columns[name], unit_of[name], named=name in called)
+        if clock is not None:
+            return clock
+    return None
+
+
+def guess_format(cells: Sequence[str]) -> tuple[str | None, str]:
+    """Format of a column of dates or times of day, and what is in doubt; None where they are neither."""
+    texts = [cell.strip() for cell in cells if cell.strip()]
+    if not texts or sum(NUMBER.fullmatch(text) is not None for text in texts) > len(texts) / 2:
+        return None, ""
+    some = texts[:: max(1, len(texts) // 40)]
+    if _share(_is_iso, some) > 0.9:
+        return ISO, ""
+    if _share(lambda text: re.fullmatch(r"\d{1,3}:\d{2}(:\d{2}([.,]\d+)?)?", text) is not None, some) > 0.9:
+        return OF_DAY, ""
+    every = (day + (between + hour if hour else "") for day, between, hour in product(_DATES, _BETWEEN, (*_TIMES, "")))
+    fitting = [
+        f for f in dict.fromkeys(every) if _fits(some[0], f) and sum(_fits(t, f) for t in some) > 0.9 * len(some)
+    ]
+    if not fitting:
+        return None, ""
+    # Day and month the wrong way round make a log of hours last for months, or go back.
+    spans = {format_: _span_s(some, format_) for format_ in fitting}
+    least = min(spans.values())
+    best = [format_ for format_ in spans if spans[format_] <= least * 1.01 + 1.0]
+    doubt = ""
+    if len({format_.find("%d") < format_.find("%m") for format_ in best if "%m" in format_}) > 1:
+        american = "%p" in best[0]
+        best.sort(key=lambda format_: (format_.find("%d") < format_.find("%m")) == american)
+        first, second = ("month", "day") if american else ("day", "month")
+        doubt = f"the {first} is taken to stand before the {second}; nothing in the log tells"
+    return best[0], doubt
+
+
+def _is_called_time(name: str) -> bool:
+    low = bare_name(name).lower()
+    return (
+        low in NAMES
+        or re.match(r"(time|date|zeit|datum)(\b|_|stamp)", low) is not None
+        or low.endswith(("time", "_ms"))
+    )
+
+
+def _joined(date_: str, time_: str, columns: Mapping[str, Sequence[str]], doubt: str) -> Clock:
+    both = [f"{a.strip()} {b.strip()}" for a, b in zip(columns[date_], columns[time_], strict=True)]
+    format_, doubt_both = guess_format(both)
+    return Clock((date_, time_), format_ or ISO, doubt=doubt or doubt_both)
+
+
+def _counted(name: str, cells: Sequence[str], unit: str | None, named: bool) -> Clock | None:
+    """A clock of plain numbers: called a time, or ever rising."""
+    texts = [cell.strip().replace(",", ".") for cell in cells]
+    if _share(lambda text: NUMBER.fullmatch(text) is not None, texts) < 0.9:
+        return None
+    values = np.array([float(text) for text in texts if NUMBER.fullmatch(text)])
+    steps = np.diff(values)
+    if not (steps >= 0).mean() > 0.95 or values[-1] <= values[0] or (not named and not (steps > 0).mean() > 0.95):
+        return None
+    for epoch_unit, (low, high) in EPOCH.items():
+        if low < np.median(values) < high:
+            return Clock((name,), NUMBERS, epoch_unit, since_1970=True)
+    time_unit = unit if unit in UNITS["time"] else "ms" if bare_name(name).lower() in ("millis", "ms", "tms") else None
+    if time_unit is not None:
+        return Clock((name,), NUMBERS, time_unit)
+    doubt = "no unit is named; taken as seconds"
+    if np.median(steps[steps > 0]) >= 20 and (values == np.round(values)).all():
+        doubt += (
+            f', of which {np.median(steps[steps > 0]):g} pass between readings: if they are ms, say time_unit = "ms"'
+        )
+    return Clock((name,), NUMBERS, "s", doubt=doubt)
+
+
+def _share(test: Callable[[str], bool], texts: Sequence[str]) -> float:
+    return sum(map(bool, map(test, texts))) / len(texts) if texts else 0.0
+
+
+def _is_iso(text: str) -> bool:
+    if not re.match(r"\d{4}-\d{2}-\d{2}", text):
+        return False
+    try:
+        datetime.fromisoformat(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _fits(text: str, format_: str) -> bool:
+    try:
+        _moment(text, format_)
+    except ValueError:
+        return False
+    return True
+
+
+def _moment(text: str, format_: str) -> datetime:
+    return datetime.strptime(re.sub(r"(\.\d{6})\d+", r"\1", text), format_).replace(tzinfo=UTC)
+
+
+def _span_s(texts: Sequence[str], format_: str) -> float:
+    moments = [_moment(text, format_).timestamp() for text in texts if _fits(text, format_)]
+    back = sum(b < a for a, b in zip(moments, moments[1:], strict=False))
+    return max(moments) - min(moments) + 1e9 * (back > len(moments) / 4)

@@ -1,0 +1,204 @@
+"""A first MAP.toml for a log, with what is recognised in it and the steps that are seen: for a person to check."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from shockrig.files.disk import shown
+from shockrig.rig.errors import BenchError
+from shockrig.rig.logs.channels import SensorLog, read_sensors
+from shockrig.rig.logs.found import LogStep, steps_of
+from shockrig.rig.logs.guess import Guess, guess_log, likely_reference
+from shockrig.rig.logs.mapping import FORMAT, LogMap, parse_map
+from shockrig.rig.logs.onset import Move
+from shockrig.rig.logs.stamps import ISO, NUMBERS, to_map
+from shockrig.rig.logs.text import Layout, Scan, scan
+
+WIDTH, LONGEST = 44, 120  # where comments stand, and how long a line may be
+UNIT_SHOWN = {"temperature": "degC", "humidity": "%RH"}
+
+
+@dataclass(frozen=True)
+class Look:
+    """What was seen of logs: the map's text, the same read, and for each log its readings and steps."""
+
+    text: str
+    map: LogMap
+    logs: tuple[SensorLog, ...]
+    steps: tuple[tuple[LogStep, ...], ...]
+
+
+def look_at(paths: Sequence[Path], map_path: Path) -> Look:
+    """Recognise logs of one layout and find their steps; `map_path` is where the map will stand.
+
+    Raises
+    ------
+    BenchError
+        A log cannot be read, has no sensor or no time, or another layout than the first.
+    """
+    scans = [scan(path, Layout()) for path in paths]
+    for other in scans[1:]:
+        if other.names != scans[0].names:
+            raise BenchError(
+                f"{shown(other.path)}: has other columns than {shown(scans[0].path)}; look at each by itself"
+            )
+    guess = guess_log(scans[0])
+    if guess.clock is None or not guess.sensors:
+        what = "times" if guess.clock is None else "temperatures or humidities"
+        has = ", ".join(scans[0].names)
+        raise BenchError(
+            f"{shown(paths[0])}: no column of {what} is recognised (it has: {has}); write a map by hand, [log] time = "
+            '"..." and [sensor.NAME] temperature = "...", as docs/importing.md shows'
+        )
+    head = _head(scans, guess, map_path)
+    text = head + _sensors(guess, {}, None)
+    map_ = parse_map(text, map_path)
+    logs = [read_sensors(one.path, map_, one) for one in scans]
+    steps = [steps_of(one, map_) for one in logs]
+    times = t63_of([step for those in steps for step in those])
+    text = head + _sensors(guess, times, likely_reference(guess.sensors)) + _steps_text(logs, steps)
+    return Look(text, parse_map(text, map_path), tuple(logs), tuple(steps))
+
+
+def t63_of(steps: Sequence[LogStep]) -> dict[str, dict[str, float]]:
+    """Quantity -> sensor -> median time to 63 % over the steps that came in one stage."""
+    times: dict[str, dict[str, list[float]]] = {}
+    for one in steps:
+        for move in one.step.moves if not one.step.why_not else ():
+            name, key = move.channel.rsplit(".", 1)
+            times.setdefault(key, {}).setdefault(name, []).append(move.t63_s + move.at_s - one.step.at_s)
+    return {key: {name: float(np.median(those)) for name, those in of.items()} for key, of in times.items()}
+
+
+def _line(content: str, comment: str = "") -> str:
+    if not comment:
+        return content + "\n"
+    line = f"{content:<{WIDTH}}# {comment}".rstrip() + "\n"
+    return line if len(line) <= LONGEST else f"# {comment}:\n{content}\n"
+
+
+def _text(value: str) -> str:
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _head(scans: Sequence[Scan], guess: Guess, map_path: Path) -> str:
+    assert guess.clock is not None
+    clock, first = guess.clock, scans[0]
+    names = " ".join(one.path.name for one in scans)
+    lines = [
+        f"# {names}: what shockrig import recognises. Check it, correct it, then\n",
+        f"#   shockrig import {names} --map {map_path.name} --out CAMPAIGN\n",
+        _line(f"format = {_text(FORMAT)}"),
+        _line(f"name = {_text(first.path.stem)}"),
+        "\n",
+        _line("[log]", f"known as {guess.known_as}" if guess.known_as else "what is left out is found out"),
+    ]
+    times = ", ".join(_text(name) for name in clock.columns)
+    lines.append(_line(f"time = {times if len(clock.columns) == 1 else f'[{times}]'}"))
+    if clock.format == NUMBERS:
+        lines.append(
+            _line(f"time_unit = {_text(clock.unit)}", clock.doubt or ("since 1970" if clock.since_1970 else ""))
+        )
+    else:
+        lines.append(
+            _line(f"time_format = {_text(clock.format)}", clock.doubt or ("ISO 8601" if clock.format == ISO else ""))
+        )
+    lines += [f"# {_shorter(said)}\n" for said in first.metadata[:12]]
+    return "".join(lines)
+
+
+def _sensors(guess: Guess, times: dict[str, dict[str, float]], by_name: str | None) -> str:
+    fastest = {key: min(of, key=lambda name: of[name]) for key, of in times.items() if len(of) > 1}
+    suggested = by_name or fastest.get("temperature") or fastest.get("humidity")
+    lines = []
+    for sensor in guess.sensors:
+        lines += ["\n", _line(f"[sensor.{sensor.name}]", "; ".join(sensor.notes))]
+        for key, (column, unit, how) in sensor.columns.items():
+            lines.append(_line(f"{key} = {_text(column)}"))
+            lines.append(_line(f"{key}_unit = {_text(unit)}", how))
+        lines += [_line(f"{key} = {value}") for key, value in sensor.extra.items()]
+        if {"temperature", "humidity"} <= set(sensor.columns) and "die_temperature" not in sensor.columns:
+            column = _text(sensor.columns["temperature"][0])
+            lines.append(_line(f"# die_temperature = {column}", "if one chip measures both"))
+        if suggested is not None and suggested != sensor.name:
+            took = [f"63 % of {key} after {of[suggested]:.3g} s" for key, of in times.items() if suggested in of]
+            quick = fastest.get("temperature", fastest.get("humidity")) == suggested
+            why = f"{'the fastest here' if quick else 'by its name'}{': ' if took else ''}{', '.join(took)}"
+            lines.append(_line(f"# reference = {_text(suggested)}", f"if it measured the air beside this one ({why})"))
+            if by_name and fastest and by_name not in fastest.values():
+                quicker = next(iter(fastest.values()))
+                if quicker != sensor.name:
+                    lines.append(_line(f"# reference = {_text(quicker)}", "the fastest here"))
+        for kind, quantity, length in (
+            ("thermometer", "temperature", "bead_radius_m"),
+            ("hygrometer", "humidity", "film_thickness_m"),
+        ):
+            if quantity in sensor.columns and kind not in sensor.extra:
+                lines.append(_line(f'# {kind} = {{ kind = "", serial = "" }}', f"also body, {length}"))
+    lines += ["\n"] if guess.unused else []
+    lines += [f"# not used: {_shorter(name)} ({why})\n" for name, why in guess.unused]
+    return "".join(lines)
+
+
+def _steps_text(logs: Sequence[SensorLog], steps: Sequence[Sequence[LogStep]]) -> str:
+    lines = ["\n"]
+    for sensors, those in zip(logs, steps, strict=True):
+        log = sensors.log
+        span_s = float(sum(log.time_s[rows.stop - 1] - log.time_s[rows.start] for rows in log.pieces))
+        lines.append(
+            f"# {log.path.name}: {log.time_s.size} rows over {span_s:.6g} s, one every {log.period_s:.4g} s; "
+            f"{len(those)} step{'s' if len(those) != 1 else ''} seen\n"
+        )
+        lines += [
+            f"# {_shorter(said)}\n"
+            for said in (*log.remarks, *(r for s in sensors.readings.values() for r in s.remarks))
+        ]
+        for one in those:
+            lines.append(_step_text(sensors, one, len(log.pieces) > 1))
+    lines += [
+        "\n",
+        _line("[runs]", "what holds for every run, where it is known; a [[step]] may say otherwise"),
+        _line("# airflow_m_s = 5.0"),
+        _line("# pressure_hpa = 1013.0", "where no column has it"),
+        _line("# before_s = 60.0", "how much of the log a run takes before and after its step"),
+        _line("# after_s = 300.0"),
+    ]
+    return "".join(lines)
+
+
+def _step_text(sensors: SensorLog, one: LogStep, in_pieces: bool) -> str:
+    log, step = sensors.log, one.step
+    digits = int(np.clip(np.ceil(-np.log10(max(step.uncertainty_s, 1e-3))) + 1, 0, 3))
+    lines = [
+        "\n",
+        _line("[[step]]", f"{one.number}"),
+        _line(f"log = {_text(log.path.name)}"),
+        _line(f"at = {to_map(log.clock, log.origin_s, step.at_s, digits)}", "when it was first seen, not a trigger"),
+        _line(f"uncertainty_s = {step.uncertainty_s:.2g}"),
+    ]
+    if in_pieces:
+        lines.append(_line(f"piece = {step.piece + 1}"))
+    moved = one.moved()
+    if len(moved) < len(sensors.readings):
+        lines.append(_line(f"sensors = [{', '.join(map(_text, moved))}]", "those that moved"))
+    if step.why_not:
+        beside = "; true beside a reference that measured the air" if step.stages > 1 else ""
+        lines.append(_line("use = false", f"{step.why_not}{beside}"))
+    lines += [f"# {said_of(move)}\n" for move in step.moves]
+    return "".join(lines)
+
+
+def said_of(move: Move) -> str:
+    """One line on what a channel did at a step."""
+    unit = UNIT_SHOWN[move.quantity]
+    return f"{move.channel}: {move.before:.4g} to {move.after:.4g} {unit}, 63 % after {move.t63_s:.3g} s"
+
+
+def _shorter(text: str) -> str:
+    line = " ".join(text.split())
+    return line if len(line) <= 110 else line[:107] + "..."

@@ -1,0 +1,135 @@
+"""The steps of a log read by a map: those that the map states, or those that are found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from shockrig.files.disk import shown
+from shockrig.rig.errors import BenchError
+from shockrig.rig.logs.changes import Change, Channel
+from shockrig.rig.logs.channels import SensorLog
+from shockrig.rig.logs.mapping import LogMap, StepMap
+from shockrig.rig.logs.onset import Move, fit_onset
+from shockrig.rig.logs.stamps import to_map, to_seconds
+from shockrig.rig.logs.steps import Step, find_steps
+
+
+@dataclass(frozen=True)
+class LogStep:
+    """A step of a log and what the map says of it (None where it was found); `number` counts the log's from 1.
+
+    `begin_s`, `end_s` and `start_s` are what the map states of the run and its trigger, on the log's clock.
+    """
+
+    number: int
+    step: Step
+    said: StepMap | None = None
+    begin_s: float | None = None
+    end_s: float | None = None
+    start_s: float | None = None
+
+    def moved(self) -> tuple[str, ...]:
+        """The sensors that moved; of a step that the map gives to some sensors, these."""
+        if self.said is not None and self.said.sensors:
+            return self.said.sensors
+        return tuple(dict.fromkeys(move.channel.rsplit(".", 1)[0] for move in self.step.moves))
+
+
+def steps_of(sensors: SensorLog, map_: LogMap, several: bool = False) -> tuple[LogStep, ...]:
+    """Steps of a log in order of time.
+
+    Parameters
+    ----------
+    sensors : SensorLog
+    map_ : LogMap
+        Its `[[step]]` tables for this log are the steps; where it has none they are found.
+    several : bool
+        Whether other logs are read by the same map: then each step must name its log.
+
+    Raises
+    ------
+    BenchError
+        A step of the map is not on this log's clock: names the key and the remedy.
+    """
+    said = _of_this_log(sensors.log.path, map_, several)
+    pieces = [sensors.channels(k, map_.least) for k in range(len(sensors.log.pieces))]
+    if not said:
+        found = [step for k, channels in enumerate(pieces) for step in find_steps(channels, k, map_.merge_s)]
+        return tuple(LogStep(n, step) for n, step in enumerate(found, start=1))
+    placed = sorted((_place(sensors, map_, step) for step in said), key=lambda item: (item[1], item[2]))
+    steps = []
+    for n, (one, piece, at_s) in enumerate(placed):
+        where = f"{shown(map_.path)}: key step[{one.number}]"
+        others = [other_s for _, other, other_s in placed if other == piece]
+        since_s = max((s for s in others if s < at_s), default=-np.inf)
+        until_s = min((s for s in others if s > at_s), default=np.inf)
+        moves = _moves(pieces[piece], at_s, one.uncertainty_s, since_s, until_s)
+        unsure_s = one.uncertainty_s if one.uncertainty_s is not None else sensors.log.period_s / np.sqrt(12.0)
+        times = [
+            None if value is None else _on_clock(sensors, value, f"{where}.{key}")
+            for key, value in (("from", one.begin), ("until", one.end), ("start", one.start))
+        ]
+        if times[0] is not None and times[0] >= at_s or times[1] is not None and times[1] <= at_s:
+            raise BenchError(
+                f"{where}: from, at and until must follow one another; fix them or leave from and until out"
+            )
+        steps.append(LogStep(n + 1, Step(piece, at_s, float(unsure_s), moves), one, *times))
+    return tuple(steps)
+
+
+def _of_this_log(path: Path, map_: LogMap, several: bool) -> list[StepMap]:
+    nameless = next((step for step in map_.steps if step.log is None), None)
+    if several and nameless is not None:
+        raise BenchError(
+            f"{shown(map_.path)}: key step[{nameless.number}].log: is missing; with several logs say "
+            f'log = "{path.name}"'
+        )
+    return [step for step in map_.steps if step.log in (None, path.name)]
+
+
+def _on_clock(sensors: SensorLog, value: object, where: str) -> float:
+    return to_seconds(sensors.log.clock, sensors.log.origin_s, value, where)
+
+
+def _place(sensors: SensorLog, map_: LogMap, step: StepMap) -> tuple[StepMap, int, float]:
+    """The piece of the log in which a step lies, and its time."""
+    log = sensors.log
+    where = f"{shown(map_.path)}: key step[{step.number}]"
+    at_s = _on_clock(sensors, step.at, f"{where}.at")
+    spans = [(float(log.time_s[rows.start]), float(log.time_s[rows.stop - 1])) for rows in log.pieces]
+    if step.piece is not None:
+        if step.piece > len(spans):
+            raise BenchError(
+                f"{where}.piece: {step.piece}, but {shown(log.path)} has {len(spans)}; fix it or leave it out"
+            )
+        candidates = [step.piece - 1]
+    else:
+        candidates = [k for k, (begin, end) in enumerate(spans) if begin <= at_s <= end]
+    if len(candidates) > 1:
+        raise BenchError(
+            f"{where}.at: {step.at} is there {len(candidates)} times, the clock starts anew; add piece = N"
+        )
+    if not candidates or not spans[candidates[0]][0] <= at_s <= spans[candidates[0]][1]:
+        first, last = (to_map(log.clock, log.origin_s, s) for s in (spans[0][0], spans[-1][1]))
+        raise BenchError(f"{where}.at: {step.at} is not within the readings of {shown(log.path)} ({first} to {last})")
+    return step, candidates[0], at_s
+
+
+def _moves(
+    channels: Sequence[Channel], at_s: float, unsure_s: float | None, since_s: float, until_s: float
+) -> tuple[Move, ...]:
+    """What every channel did at a step that was stated."""
+    moves = []
+    for channel in channels:
+        begin_s, end_s = max(since_s, float(channel.time_s[0])), min(until_s, float(channel.time_s[-1]))
+        width_s = max(2.0 * (unsure_s or 0.0), 5.0 * channel.period_s)
+        if not begin_s < at_s < end_s or ((channel.time_s > at_s) & (channel.time_s <= end_s)).sum() < 3:
+            continue
+        move = fit_onset(channel, Change(at_s, width_s), begin_s, end_s)
+        if abs(move.size) >= channel.least:
+            moves.append(move)
+    return tuple(moves)

@@ -1,0 +1,147 @@
+"""What a log's header and first values show: which columns are a sensor's, what they measure, in which units."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.rig.logs.clocks import guess_clock
+from shockrig.rig.logs.known import adjust
+from shockrig.rig.logs.stamps import Clock
+from shockrig.rig.logs.text import NUMBER, Scan
+from shockrig.rig.logs.units import UNITS, bare_name, known_unit, quantity_of, unit_in_name
+
+Array = NDArray[np.float64]
+
+_WORDS = re.compile(
+    r"(air[ _-]*)?(temperature|temperatur|temp|thermistor|tair)"
+    r"|(rel(ative)?[ _.-]*)?(humidity|humid|luftfeuchte|feuchte|rh|hum)"
+    r"|(baro(metric)?[ _-]*)?(pressure|press|pres|druck)",
+    re.I,
+)
+REFERENCE_WORDS = ("ctrl", "control", "ref", "standard", "chilled", "mirror")
+
+
+@dataclass
+class SensorGuess:
+    """Columns of one sensor as guessed: key of the map -> (column, unit, how the unit is known)."""
+
+    name: str
+    columns: dict[str, tuple[str, str, str]] = field(default_factory=dict)
+    extra: dict[str, str] = field(default_factory=dict)  # further keys as TOML values
+    notes: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Guess:
+    """A first reading of a log: its clock, its sensors, the format it is known by, and what was not used and why."""
+
+    clock: Clock | None
+    sensors: tuple[SensorGuess, ...]
+    known_as: str | None
+    unused: tuple[tuple[str, str], ...]
+
+
+def guess_log(lines: Scan) -> Guess:
+    """Group the columns of a log into sensors, by what their names have in common beside the quantity."""
+    rows = lines.sample()
+    clock = guess_clock(lines.names, rows, lines.units)
+    times = clock.columns if clock is not None else ()
+    sensors: dict[str, SensorGuess] = {}
+    shared: list[tuple[str, str, str, str]] = []
+    unused: list[tuple[str, str]] = []
+    for k, name in enumerate(lines.names):
+        if name in times:
+            continue
+        values = _numbers([row[k] for row in rows], lines.decimal)
+        named = unit_in_name(name) or known_unit(lines.units[k])
+        quantity = quantity_of(name, named)
+        if quantity is None or quantity == "time":
+            unused.append((name, "not a temperature, humidity, pressure or airflow by its name"))
+            continue
+        if values.size < 2 or (values == 0.0).all():
+            unused.append((name, "holds nothing" if values.size < 2 else "holds nothing but zeros: not connected?"))
+            continue
+        unit, how = guess_unit(quantity, named, values)
+        key = sensor_key(name)
+        if quantity in ("pressure", "airflow") and not key:
+            shared.append((quantity, name, unit, how))
+            continue
+        sensor = sensors.setdefault(key, SensorGuess(key))
+        place = quantity
+        if quantity in sensor.columns and " #" in name:
+            # A name that is there again is most often a slip for the sensor whose columns come last.
+            last = list(sensors.values())[-1]
+            if quantity not in last.columns:
+                last.notes.append(f"{name} is taken for this one's: its name is there twice")
+                sensor = last
+        if quantity in sensor.columns:
+            place = "die_temperature" if quantity == "temperature" and "die_temperature" not in sensor.columns else ""
+            if not place or "humidity" not in sensor.columns and not re.search(r"hum|die|board|intern", name, re.I):
+                key = f"{key}-{sum(other.startswith(key) for other in sensors) + 1}".strip("-")
+                sensor = sensors.setdefault(key, SensorGuess(key))
+                place = quantity
+        sensor.columns[place] = (name, unit, how)
+    known_as = adjust(lines.names, list(sensors.values()))
+    useful = [sensor for sensor in sensors.values() if {"temperature", "humidity"} & set(sensor.columns)]
+    for sensor in sensors.values():
+        if sensor not in useful:  # a barometer by itself serves all
+            shared += [(key, *column) for key, column in sensor.columns.items()]
+    for quantity, name, unit, how in shared:
+        if quantity in UNITS and quantity not in ("temperature", "humidity"):
+            for sensor in useful:
+                sensor.columns.setdefault(quantity, (name, unit, how))
+    for sensor in useful:
+        if not sensor.name or sensor.name.isdecimal():
+            main = [column for key, (column, _, _) in sensor.columns.items() if key in ("temperature", "humidity")]
+            bare = re.sub(r"[^A-Za-z0-9]+", "-", bare_name(main[0])).strip("-")
+            sensor.name = (bare if len(main) == 1 and bare else "sensor") + (sensor.name if len(main) > 1 else "")
+    return Guess(clock, tuple(useful), known_as, tuple(unused))
+
+
+def guess_unit(quantity: str, named: str | None, values: Array) -> tuple[str, str]:
+    """A column's unit and how it is known."""
+    if named in UNITS[quantity]:
+        return str(named), "named in the log"
+    middle = float(np.median(values))
+    taken = "not named in the log: taken for granted"
+    if quantity == "temperature":
+        if 200.0 < middle < 400.0:
+            return "K", f"not named in the log: half of the readings are above {middle:.4g}"
+        return "degC", taken + ("; if it is fahrenheit, say degF" if middle > 55.0 else "")
+    if quantity == "humidity":
+        if 0.0 <= values.min() and values.max() <= 1.2:
+            return "fraction", f"not named in the log: no reading is above {values.max():.3g}"
+        return "percent", taken
+    if quantity == "pressure":
+        for unit, low, high in (("Pa", 1e4, 1.2e5), ("hPa", 250.0, 1200.0), ("kPa", 40.0, 120.0), ("inHg", 15.0, 33.0)):
+            if low < middle < high:
+                return unit, f"not named in the log: it reads about {middle:.4g}"
+        return "hPa", taken
+    return next(iter(UNITS[quantity])), taken
+
+
+def sensor_key(name: str) -> str:
+    """What is left of a column's name without quantity and unit, as a name that TOML takes bare."""
+    bare = bare_name(name).replace("#", " ")
+    left = _WORDS.sub(" ", bare) if _WORDS.search(bare) else ("" if re.fullmatch(r"[tT]", bare) else bare)
+    return re.sub(r"[^A-Za-z0-9]+", "-", left).strip("-")
+
+
+def likely_reference(sensors: Sequence[SensorGuess]) -> str | None:
+    """The sensor whose name says that it is the reference, if there is one."""
+    for sensor in sensors:
+        if len(sensors) > 1 and any(word in sensor.name.lower() for word in REFERENCE_WORDS):
+            return sensor.name
+    return None
+
+
+def _numbers(cells: Sequence[str], decimal: str) -> Array:
+    texts = [cell.strip() for cell in cells]
+    if decimal == ",":
+        texts = [text.replace(",", ".") for text in texts]
+    return np.array([float(text) for text in texts if NUMBER.fullmatch(text) and "," not in text])

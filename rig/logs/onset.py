@@ -1,0 +1,174 @@
+"""When a change began, as one channel saw it, and how well that is known.
+
+A line (what the channel was doing) plus two lags in series behind a step at t0 is fitted to the readings around the
+change, for all t0 and time constants of a grid; what is stated is the mean and the spread of t0 over all of them,
+weighted by how well they fit. So a start between two readings is known to the distance of the readings, and a slow
+start is known as badly as a dead time can be told from a second lag.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.rig.logs.changes import Change, Channel
+
+Array = NDArray[np.float64]
+
+POINTS = 160  # of readings, or means of them, that a fit takes
+FEWEST = 8.0  # independent ones that they count for at least
+STARTS, LAGS = 61, 17
+RATIOS = (0.0, 0.05, 0.15, 0.4, 0.99)  # of the second time constant to the first
+# A body that is warmed from its surface hides the start of it: the core of a sphere shows 1 % of the step only after a
+# fifth of its t63 (Carslaw and Jaeger 1959, eq. 9.3(5)), and is timed late by as much. Which body it is is not known.
+HIDDEN_SHARE = 0.2
+GOOD_FIT = 0.015  # rms of what the lags leave, as a share of the readings' range
+
+
+@dataclass(frozen=True)
+class Move:
+    """What one channel did at a step: when it began (s on the log's clock, one standard uncertainty), from which level
+    to which, and the time to 63 % of that."""
+
+    channel: str
+    quantity: str
+    at_s: float
+    uncertainty_s: float
+    before: float
+    after: float
+    t63_s: float
+
+    @property
+    def size(self) -> float:
+        return self.after - self.before
+
+
+def fit_onset(channel: Channel, change: Change, since_s: float, until_s: float) -> Move:
+    """Fit the start of a change.
+
+    Parameters
+    ----------
+    channel : Channel
+    change : Change
+    since_s, until_s : float
+        From the change before (or the channel's first reading) to the next one (or its last), in s of the log.
+    """
+    time_s, value, period = channel.time_s, channel.value, channel.period_s
+    early = change.time_s - 1.5 * change.width_s
+    stretch = (time_s >= max(since_s, change.time_s - 8.0 * change.width_s)) & (time_s <= max(early, since_s))
+    if stretch.sum() < 3:
+        stretch = (time_s >= since_s) & (time_s < change.time_s - 0.5 * period)
+    before = float(np.median(value[stretch])) if stretch.any() else float(value[0])
+    following = (time_s > change.time_s) & (time_s <= until_s)
+    after = _settled(time_s[following] - change.time_s, value[following], before)
+    most_s = _reached(time_s[following], value[following], before, after, 0.7, until_s) - change.time_s
+    reach_s = min(max(most_s, 0.0) + 2.0 * change.width_s, until_s - change.time_s)
+    noise = max(channel.noise, 1e-3 * abs(after - before))
+    while True:
+        moments, readings = _around(channel, change, since_s, reach_s)
+        low = max(change.time_s - 2.0 * change.width_s, float(moments[0]))
+        high = min(change.time_s + change.width_s, float(moments[-1]))
+        lags_s = np.geomspace(0.1 * period, max(4.0 * reach_s, period), LAGS)
+        starts_s = np.linspace(low, high, STARTS)
+        at_s, spread_s, left = _posterior(moments, readings, starts_s, lags_s, noise)
+        # What two lags cannot follow (stages, an overshoot, air that changes) is not let in to spoil the start.
+        if left <= max(2.0 * noise, GOOD_FIT * float(np.ptp(readings))) or reach_s <= 1.5 * change.width_s:
+            break
+        reach_s *= 0.5
+    low, high = max(low, at_s - 4.0 * spread_s - period), min(high, at_s + 4.0 * spread_s + period)
+    at_s, spread_s, _ = _posterior(moments, readings, np.linspace(low, high, STARTS), lags_s, noise)
+    t63_s = max(_reached(time_s[following], value[following], before, after, 1.0 - np.exp(-1.0), until_s) - at_s, 0.0)
+    uncertainty_s = float(np.hypot(np.hypot(spread_s, HIDDEN_SHARE * t63_s), 0.1 * period))
+    return Move(channel.name, channel.quantity, at_s, uncertainty_s, before, after, t63_s)
+
+
+def _around(channel: Channel, change: Change, since_s: float, reach_s: float) -> tuple[Array, Array]:
+    """Times and readings to fit: as much of them before the change as the rise takes, at most `POINTS`."""
+    time_s, value = channel.time_s, channel.value
+    lead_s = max(4.0 * change.width_s, reach_s)
+    if since_s > time_s[0]:
+        since_s += 0.3 * (change.time_s - since_s)  # what the change before left behind
+    inside = (time_s >= max(change.time_s - lead_s, since_s)) & (time_s <= change.time_s + reach_s)
+    if inside.sum() < 6:
+        near = int(np.searchsorted(time_s, change.time_s))
+        inside = np.zeros(time_s.size, dtype=bool)
+        inside[max(0, near - 4) : near + 4] = True
+    return _thinned(time_s[inside], value[inside])
+
+
+def _settled(since_s: Array, value: Array, before: float) -> float:
+    """The level that a move comes to: where it changes by less than a tenth over as long again as it took.
+
+    A slow drift or ramp that follows is no part of it.
+    """
+    if value.size < 3:
+        return float(np.median(value)) if value.size else before
+    excursion = float(np.abs(value - before).max())
+    for took_s in np.geomspace(max(since_s[2], since_s[-1] / 1e5), since_s[-1] / 2.0, 120) if since_s[-1] > 0 else ():
+        near = np.abs(since_s - took_s) <= max(0.1 * took_s, since_s[1] - since_s[0])
+        later = np.abs(since_s - 2.0 * took_s) <= max(0.2 * took_s, since_s[1] - since_s[0])
+        if not near.any() or not later.any():
+            continue
+        there, then = float(np.median(value[near])), float(np.median(value[later]))
+        if abs(there - before) >= 0.5 * excursion and abs(then - there) < 0.1 * abs(there - before):
+            return then
+    return float(np.median(value[since_s >= 0.9 * since_s[-1]]))
+
+
+def _reached(time_s: Array, value: Array, before: float, after: float, share: float, else_s: float) -> float:
+    """When a share of the way is first behind for good (for three readings in a row)."""
+    if time_s.size == 0 or after == before:
+        return else_s
+    done = (value - before) / (after - before) >= share
+    held = done.copy()
+    for shift in (1, 2):
+        held[:-shift] &= done[shift:]
+    first = np.flatnonzero(held)
+    return float(time_s[first[0]]) if first.size else else_s
+
+
+def _thinned(time_s: Array, value: Array) -> tuple[Array, Array]:
+    """Means of neighbouring readings, so that at most `POINTS` are left."""
+    group = int(np.ceil(time_s.size / POINTS))
+    if group <= 1:
+        return time_s, value
+    whole = time_s.size // group * group
+    return time_s[:whole].reshape(-1, group).mean(axis=1), value[:whole].reshape(-1, group).mean(axis=1)
+
+
+def _posterior(time_s: Array, value: Array, starts_s: Array, lags_s: Array, noise: float) -> tuple[float, float, float]:
+    """Mean and standard deviation of t0 over the grid, and the rms of what the best fit leaves."""
+    n = time_s.size
+    line = np.linalg.qr(np.column_stack([np.ones(n), time_s - time_s.mean()]))[0]
+    rest = value - line @ (line.T @ value)
+    since = np.maximum(time_s[None, :] - starts_s[:, None], 0.0)
+    ratio = np.array(RATIOS)
+    shape = _two_lags(since[:, None, None, :], lags_s[None, :, None, None], ratio[None, None, :, None])
+    shape = shape - (shape @ line) @ line.T
+    power = (shape**2).sum(axis=-1)
+    along = shape @ rest
+    with np.errstate(invalid="ignore", divide="ignore"):
+        gained = np.where(power > 1e-12 * n, along**2 / power, 0.0)
+    left = np.maximum(rest @ rest - gained, 0.0) + 0.5 * n * noise**2
+    best = np.unravel_index(int(np.argmin(left)), left.shape)
+    residual = rest - along[best] / max(float(power[best]), 1e-300) * shape[best]
+    energy = float(residual @ residual)
+    together = float(residual[1:] @ residual[:-1]) / energy if energy > 0 else 0.0
+    # Residuals that hang together, of noise or of a shape that the lags have not, count for as many fewer readings.
+    effective = max(n * (1.0 - max(together, 0.0)) / (1.0 + max(together, 0.0)), 0.25 * n, FEWEST)
+    weight = np.exp(-0.5 * effective * np.log(left / left.min())).sum(axis=(1, 2))
+    weight /= weight.sum()
+    mean = float(weight @ starts_s)
+    width = float(starts_s[1] - starts_s[0]) if starts_s.size > 1 else 0.0
+    spread = float(np.sqrt(weight @ (starts_s - mean) ** 2 + width**2 / 12.0))
+    return mean, spread, float(np.sqrt(energy / n))
+
+
+def _two_lags(since_s: Array, first_s: Array, ratio: Array) -> Array:
+    """Step response of two lags in series, the second `ratio` < 1 times the first."""
+    slow = np.exp(-since_s / first_s)
+    with np.errstate(divide="ignore", under="ignore"):
+        fast = np.where(ratio > 0, np.exp(-since_s / np.maximum(first_s * ratio, 1e-12)), 0.0)
+    return np.asarray(np.where(since_s > 0, 1.0 - (slow - ratio * fast) / (1.0 - ratio), 0.0))

@@ -1,0 +1,149 @@
+"""Rows brought into order of time: disordered and repeated stamps, clocks that start anew, gaps.
+
+Nothing is done silently: every change is counted in a remark.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Index = NDArray[np.intp]
+
+GAP_PERIODS = 60.0  # a hole of so many sampling periods may hide a step and what followed
+FEW_ROWS = 5  # of which one or two may bear an absurd stamp
+LOCAL = 100  # a row that belongs so many rows away arrived late; farther away the clock was set
+
+
+@dataclass(frozen=True)
+class Ordered:
+    """Rows in order of time, and the pieces of them that hang together."""
+
+    time_s: Array
+    values: Mapping[str, Array]
+    pieces: tuple[slice, ...]
+    remarks: tuple[str, ...]
+
+
+def in_order(time_s: Array, values: Mapping[str, Array], lines: Sequence[int], stamps: str) -> Ordered:
+    """Sort, drop, spread and divide; arguments as `read_log` has them, arrays of shape (n,).
+
+    Where the clock goes back for good (the logger started anew, or was set), the rows after it are a piece of their
+    own; `time_s` is in order within each piece only.
+    """
+    remarks: list[str] = []
+    number = np.asarray(lines)
+    keep = np.isfinite(time_s)
+    if not keep.all():
+        first = int(number[np.flatnonzero(~keep)[0]])
+        remarks.append(f"{int((~keep).sum())} rows without a time left out (the first in line {first})")
+    rows = np.flatnonzero(keep)
+    absurd = rows[_absurd(time_s[rows])]
+    if absurd.size:
+        remarks.append(f"{absurd.size} rows with absurd stamps left out (the first in line {int(number[absurd[0]])})")
+        rows = np.setdiff1d(rows, absurd, assume_unique=True)
+    sessions = _sessions(time_s, rows)
+    parts: list[Index] = []
+    spread: list[Array] = []
+    late = same = differing = spread_rows = 0
+    for session in sessions:
+        order = session[np.argsort(time_s[session], kind="stable")]
+        late += int((np.diff(time_s[session]) < 0).sum())
+        part, again = _without_repeats(time_s, values, order)
+        same += again
+        moments, n_spread, part, n_differing = _spread(time_s[part], part, stamps)
+        spread_rows += n_spread
+        differing += n_differing
+        parts.append(part)
+        spread.append(moments)
+    if late:
+        remarks.append(f"{late} rows were out of order and are sorted by their stamps")
+    if same:
+        remarks.append(f"{same} rows repeat a stamp and its readings and are left out")
+    if differing:
+        remarks.append(f"{differing} rows bear the stamp of the row before with other readings and are left out")
+    if spread_rows:
+        remarks.append(
+            f"{spread_rows} rows share coarse stamps and are spread evenly between them: times are good to half a stamp"
+        )
+    pieces: list[slice] = []
+    begin = 0
+    holes: list[float] = []
+    for moments in spread:
+        steps = np.diff(moments)
+        period = float(np.median(steps)) if steps.size else 1.0
+        cuts = np.flatnonzero(steps > GAP_PERIODS * period) + 1
+        holes += list(steps[cuts - 1])
+        edges = [0, *map(int, cuts), moments.size]
+        pieces += [slice(begin + a, begin + b) for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a]
+        begin += moments.size
+    if len(sessions) > 1:
+        first = int(number[sessions[1][0]])
+        remarks.append(
+            f"the clock starts anew {len(sessions) - 1} times (first in line {first}); the rest is a piece by itself"
+        )
+    if holes:
+        remarks.append(f"{len(holes)} gaps, the longest of {max(holes):.6g} s; a step within one cannot be timed")
+    index = np.concatenate(parts)
+    return Ordered(
+        np.concatenate(spread), {name: column[index] for name, column in values.items()}, tuple(pieces), tuple(remarks)
+    )
+
+
+def _absurd(moments: Array) -> Mask:
+    """Stamps of one or two rows that lie far from those before and after them, which agree."""
+    steps = np.abs(np.diff(moments))
+    if moments.size < FEW_ROWS or not (steps > 0).any():
+        return np.zeros(moments.size, dtype=bool)
+    around = median_filter(moments, FEW_ROWS, mode="nearest")
+    return np.asarray(np.abs(moments - around) > LOCAL * np.median(steps[steps > 0]))
+
+
+def _sessions(time_s: Array, rows: Index) -> list[Index]:
+    """Rows divided where the clock goes back and stays back for longer than rows that merely came late explain."""
+    moments = time_s[rows]
+    highest = np.maximum.accumulate(moments)
+    edges = [0]
+    for k in map(int, np.flatnonzero(np.diff(moments) < 0) + 1):
+        so_far = highest[k - 1] if edges[-1] == 0 else moments[edges[-1] : k].max()
+        following = moments[k : k + LOCAL]
+        if following.size > FEW_ROWS and following.max() < so_far:
+            edges.append(k)
+    return [rows[a:b] for a, b in zip(edges, [*edges[1:], rows.size], strict=True)]
+
+
+def _without_repeats(time_s: Array, values: Mapping[str, Array], order: Index) -> tuple[Index, int]:
+    """Rows that repeat stamp and readings of the one before left out."""
+    if order.size < 2:
+        return order, 0
+    same = np.diff(time_s[order]) == 0
+    for column in values.values():
+        ordered = column[order]
+        same &= (ordered[1:] == ordered[:-1]) | (np.isnan(ordered[1:]) & np.isnan(ordered[:-1]))
+    return order[np.concatenate([[True], ~same])], int(same.sum())
+
+
+def _spread(moments: Array, rows: Index, stamps: str) -> tuple[Array, int, Index, int]:
+    """Times of rows, how many were spread, the rows that stay, and how many were left out for their stamp."""
+    distinct, first, count = np.unique(moments, return_index=True, return_counts=True)
+    if distinct.size == moments.size:
+        return moments, 0, rows, 0
+    usual = int(np.median(count[1:-1])) if count.size > 2 else int(count.max())
+    if stamps == "first" or (stamps == "auto" and usual < 2):
+        return distinct, 0, rows[first], moments.size - distinct.size
+    steps = np.diff(distinct)
+    width = float(np.median(steps)) if steps.size else 1.0
+    span = np.minimum(np.append(steps, width), 1.5 * width)
+    share = np.maximum(count, 1)
+    place = np.arange(moments.size) - np.repeat(first, count)
+    if usual > 1:  # the first stamp is that of a second under way, the last of one cut off
+        share[[0, -1]] = np.maximum(share[[0, -1]], usual)
+        place[: count[0]] += share[0] - count[0]
+    spread = np.repeat(distinct, count) + (place + 0.5) / np.repeat(share, count) * np.repeat(span, count)
+    return spread, int((np.repeat(count, count) > 1).sum()), rows, 0

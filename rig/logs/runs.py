@@ -1,0 +1,275 @@
+"""From steps to runs: the stretch of the log around each step, the files of the run, and what became of the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.files.campaign_write import run_document, table_text
+from shockrig.files.json_files import known
+from shockrig.rig.logs.channels import SensorLog
+from shockrig.rig.logs.found import LogStep
+from shockrig.rig.logs.mapping import LogMap, SensorMap
+from shockrig.rig.logs.stamps import to_map
+from shockrig.rig.logs.steps import READINGS_AFTER, READINGS_BEFORE
+
+Array = NDArray[np.float64]
+
+LEAD_READINGS, LEAD_T63 = 100, 2.0  # what a run has before its step, where the log has it
+LEAD_T63_MEASURED = 6.0  # beside a measured air: the sensor has forgotten what was before that
+TAIL_READINGS, TAIL_T63 = 100, 20.0  # and after it
+SETTLED = 0.05  # of the step may pass in the stretch before it ...
+FEWEST_SETTLED = 20  # ... which has so many readings at least
+MEASURED = {
+    "temperature": "temperature_c",
+    "humidity": "humidity_percent",
+    "airflow": "airflow_m_s",
+    "pressure": "pressure_hpa",
+}
+
+
+@dataclass(frozen=True)
+class ImportedRun:
+    """A run ready to be written: content of run.json but for its id, its tables, and what a user should know of it."""
+
+    log: str
+    step: LogStep
+    begin_s: float
+    end_s: float
+    document: Mapping[str, Any]
+    tables: Mapping[str, str]
+    readings: Mapping[str, int]
+    remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A step that made no run, and why."""
+
+    log: str
+    step: LogStep
+    why: str
+
+
+def runs_of(
+    sensors: SensorLog, steps: Sequence[LogStep], map_: LogMap, name: str
+) -> tuple[list[ImportedRun], list[LeftOut]]:
+    """Runs of the sensor `name` from one log, in order of time, and the steps that made none."""
+    sensor = map_.sensors[name]
+    runs: list[ImportedRun] = []
+    left_out: list[LeftOut] = []
+    for one in steps:
+        log = sensors.log.path.name
+        why = _why_not(one, name, bool(sensor.reference))
+        if why:
+            left_out.append(LeftOut(log, one, why))
+            continue
+        begin_s, end_s = window(sensors, steps, one, map_, name)
+        if one.begin_s is None:
+            begin_s = _settled_since(sensors, one, name, begin_s)
+        inside = _inside(sensors, name, one.step.piece, begin_s, end_s)
+        moments = sensors.log.time_s[sensors.readings[name].rows[inside]]
+        before, after = int((moments < one.step.at_s).sum()), int((moments >= one.step.at_s).sum())
+        if before < READINGS_BEFORE or after < READINGS_AFTER:
+            least = f"{READINGS_BEFORE} and {READINGS_AFTER} are needed"
+            why = f"{name} has {before} readings before it and {after} after it; {least}"
+            left_out.append(LeftOut(log, one, why))
+            continue
+        runs.append(_run(sensors, one, map_, sensor, begin_s, end_s))
+    return runs, left_out
+
+
+def window(sensors: SensorLog, steps: Sequence[LogStep], one: LogStep, map_: LogMap, name: str) -> tuple[float, float]:
+    """From where to where a run goes, on the log's clock.
+
+    From a settled stretch before the step (of the time since the step before only the second half) until the next step
+    is near, or the sensor has long settled.
+    """
+    log = sensors.log
+    rows = log.pieces[one.step.piece]
+    at_s = one.step.at_s
+    here = [other.step for other in steps if other.step.piece == one.step.piece]
+    begins_s, ends_s = float(log.time_s[rows.start]), float(log.time_s[rows.stop - 1])
+    last_s = max((other.at_s + other.lasted_s for other in here if other.at_s < at_s), default=None)
+    following = min((other for other in here if other.at_s > at_s), key=lambda other: other.at_s, default=None)
+    readings = sensors.readings[name]
+    moments = log.time_s[readings.rows]
+    period_s = float(np.median(np.diff(moments))) if moments.size > 1 else log.period_s
+    t63_s = max((move.t63_s for move in one.step.moves if move.channel.rsplit(".", 1)[0] == name), default=0.0)
+    lead = LEAD_T63_MEASURED if map_.sensors[name].reference else LEAD_T63
+    lead_s = map_.before_s if map_.before_s is not None else max(LEAD_READINGS * period_s, lead * t63_s)
+    tail_s = map_.after_s if map_.after_s is not None else max(TAIL_READINGS * period_s, TAIL_T63 * t63_s)
+    begin_s = max(at_s - lead_s, begins_s if last_s is None else last_s + 0.5 * (at_s - last_s))
+    end_s = min(at_s + tail_s, ends_s)
+    if following is not None:
+        end_s = min(end_s, following.at_s - max(2.0 * following.uncertainty_s, 2.0 * period_s))
+    return (
+        one.begin_s if one.begin_s is not None else begin_s,
+        one.end_s if one.end_s is not None else end_s,
+    )
+
+
+def _settled_since(sensors: SensorLog, one: LogStep, name: str, begin_s: float) -> float:
+    """A later begin, where the sensor had not settled at `begin_s`: the latest halves of the stretch are tried."""
+    at_s = one.step.at_s - 2.0 * one.step.uncertainty_s
+    for _ in range(4):
+        inside = _inside(sensors, name, one.step.piece, begin_s, at_s)
+        if inside.sum() < 2 * FEWEST_SETTLED or not drifts(one, sensors, name, inside):
+            break
+        begin_s += 0.5 * (at_s - begin_s)
+    return begin_s
+
+
+def drifts(one: LogStep, sensors: SensorLog, name: str, inside: NDArray[np.bool_]) -> dict[str, float]:
+    """Key -> by how much a channel that steps drifts over the readings `inside`, where that is much of the step."""
+    found = {}
+    readings = sensors.readings[name]
+    for move in one.step.moves:
+        of, key = move.channel.rsplit(".", 1)
+        if of != name:
+            continue
+        value = readings.values[key][inside]
+        value = value[np.isfinite(value)]
+        quarter = value.size // 4
+        if quarter < 2:
+            continue
+        drift = float(np.median(value[-quarter:]) - np.median(value[:quarter]))
+        if abs(drift) > SETTLED * abs(move.size):
+            found[key] = drift
+    return found
+
+
+def _why_not(one: LogStep, name: str, is_measured: bool) -> str:
+    """Why a step makes no run of a sensor; empty where it does."""
+    if one.said is not None and not one.said.is_used:
+        return "the map says use = false"
+    if name not in one.moved():
+        return f"{name} did not move"
+    # Stages do no harm where the air was measured: it is then the input as it was.
+    return "" if is_measured and one.step.stages > 1 else one.step.why_not
+
+
+def _inside(sensors: SensorLog, name: str, piece: int, begin_s: float, end_s: float) -> NDArray[np.bool_]:
+    rows = sensors.log.pieces[piece]
+    readings = sensors.readings[name]
+    moments = sensors.log.time_s[readings.rows]
+    return (readings.rows >= rows.start) & (readings.rows < rows.stop) & (moments >= begin_s) & (moments <= end_s)
+
+
+def _run(
+    sensors: SensorLog, one: LogStep, map_: LogMap, sensor: SensorMap, begin_s: float, end_s: float
+) -> ImportedRun:
+    log, readings = sensors.log, sensors.readings[sensor.name]
+    inside = _inside(sensors, sensor.name, one.step.piece, begin_s, end_s)
+    moments = log.time_s[readings.rows[inside]]
+    zero_s = float(moments[0])
+    values = {key: value[inside] for key, value in readings.values.items()}
+    tables, counts = {}, {}
+    for file, main, others in (("imet", "temperature", ()), ("hyt", "humidity", ("die_temperature",))):
+        if main not in values or np.isfinite(values[main]).sum() < 2:
+            continue
+        there = np.isfinite(values[main])
+        columns = {"time_s": moments[there] - zero_s, MEASURED[main]: values[main][there]}
+        for key in others:
+            if key in values:
+                columns["temperature_c"] = values[key][there]
+        if file == "hyt":
+            columns["stale"] = np.zeros(int(there.sum()))
+        tables[file] = _table(columns)
+        counts[file] = int(there.sum())
+    air = air_columns(sensors, sensor, one.step.piece, begin_s, end_s)
+    if air:
+        air["time_s"] = air["time_s"] - zero_s
+        tables["air"] = _table(air)
+        counts["air"] = int(air["time_s"].size)
+    facts = {**map_.facts, **(one.said.facts if one.said is not None else {})}
+    for key in ("pressure", "airflow"):
+        measured = values.get(key, np.zeros(0))
+        if np.isfinite(measured).any() and (one.said is None or MEASURED[key] not in one.said.facts):
+            facts[MEASURED[key]] = round(float(np.nanmedian(measured)), 2)
+    started_at = None
+    if log.clock.is_dated:
+        started_at = datetime.fromtimestamp(round(log.origin_s + zero_s, 6), UTC).isoformat().replace("+00:00", "Z")
+    stated = {key: value for name in _references(sensor, map_) for key, value in name.as_reference.items()}
+    document = run_document(
+        "",
+        started_at=started_at,
+        source=facts.get("source"),
+        destination=facts.get("destination"),
+        airflow_m_s=facts.get("airflow_m_s"),
+        pressure_hpa=facts.get("pressure_hpa"),
+        start_s=None if one.start_s is None else round(one.start_s - zero_s, 6),
+        duration_s=facts.get("duration_s"),
+        **known(
+            step_seen_s=round(one.step.at_s - zero_s, 4),
+            step_seen_standard_uncertainty_s=round(one.step.uncertainty_s, 4),
+        ),
+        imported={
+            "log": log.path.name,
+            "step": one.number,
+            "at": to_map(log.clock, log.origin_s, one.step.at_s).strip('"'),
+            "sensor": sensor.name,
+        },
+    )
+    if stated and air:
+        document["reference"] = stated
+    return ImportedRun(
+        log.path.name, one, begin_s, end_s, document, tables, counts, _remarks(sensors, one, sensor.name, begin_s)
+    )
+
+
+def air_columns(sensors: SensorLog, sensor: SensorMap, piece: int, begin_s: float, end_s: float) -> dict[str, Array]:
+    """Columns of air.csv from the sensor's references, on the log's clock; empty where it has none.
+
+    One reading more on either side, so that the air is known at the run's ends; readings of several references stand in
+    rows of their own, with empty cells for one another.
+    """
+    log = sensors.log
+    pieces = log.pieces[piece]
+    found: dict[str, tuple[Array, Array]] = {}
+    for name in sensor.reference:
+        readings = sensors.readings[name]
+        mine = (readings.rows >= pieces.start) & (readings.rows < pieces.stop)
+        moments = log.time_s[readings.rows[mine]]
+        first = max(int(np.searchsorted(moments, begin_s)) - 1, 0)
+        last = min(int(np.searchsorted(moments, end_s, side="right")) + 1, moments.size)
+        for key, column in MEASURED.items():
+            if key in readings.values and column not in found:
+                value = readings.values[key][mine][first:last]
+                there = np.isfinite(value)
+                if there.sum() >= 2:
+                    found[column] = moments[first:last][there], value[there]
+    if not {"temperature_c", "humidity_percent"} & set(found):
+        return {}
+    time_s = np.unique(np.concatenate([moments for moments, _ in found.values()]))
+    columns = {"time_s": time_s}
+    for column in MEASURED.values():
+        if column in found:
+            columns[column] = np.full(time_s.size, np.nan)
+            columns[column][np.searchsorted(time_s, found[column][0])] = found[column][1]
+    return columns
+
+
+def _references(sensor: SensorMap, map_: LogMap) -> list[SensorMap]:
+    return [map_.sensors[name] for name in sensor.reference if name in map_.sensors]
+
+
+def _table(columns: Mapping[str, Array]) -> str:
+    """Values as finely as the log has them, up to seven digits; the flag as 0."""
+    forms = {name: "%d" if name == "stale" else "%.7g" for name in columns if name != "time_s"}
+    return table_text({name: values.tolist() for name, values in columns.items()}, forms)
+
+
+def _remarks(sensors: SensorLog, one: LogStep, name: str, begin_s: float) -> tuple[str, ...]:
+    """What a user should know of a run: a sensor that had not settled before the step."""
+    until_s = one.step.at_s - 2.0 * one.step.uncertainty_s
+    found = drifts(one, sensors, name, _inside(sensors, name, one.step.piece, begin_s, until_s))
+    return tuple(
+        f"{key} had not settled: {drift:+.2g} in the {until_s - begin_s:.3g} s before it"
+        for key, drift in found.items()
+    )

@@ -1,0 +1,158 @@
+"""Times of a log in seconds: dates in one column or several, seconds since 1970, seconds, milliseconds, hours:minutes.
+
+A log's own clock is kept: numbers stay as they are but for their unit, dates count from the log's first stamp.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, date, datetime, time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.rig.errors import BenchError
+from shockrig.rig.logs.units import UNITS
+
+Array = NDArray[np.float64]
+
+ISO, NUMBERS, OF_DAY = "iso", "number", "time of day"
+EPOCH = {"s": (5e8, 5e9), "ms": (5e11, 5e12), "us": (5e14, 5e15)}  # 1985 to 2128, as counted since 1970
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Which columns tell the time and how.
+
+    `format` is "iso", "number" (of `unit`), "time of day" or a strptime format for the columns joined by a blank.
+    `since_1970`: the numbers are dates. `doubt` says what was taken for granted, for the user to check.
+    """
+
+    columns: tuple[str, ...]
+    format: str
+    unit: str = "s"
+    since_1970: bool = False
+    doubt: str = ""
+
+    @property
+    def is_dated(self) -> bool:
+        return self.since_1970 or self.format not in (NUMBERS, OF_DAY)
+
+
+def read_stamps(clock: Clock, columns: Mapping[str, NDArray[Any]], where: str) -> tuple[Array, float]:
+    """Seconds of every row, NaN where a stamp cannot be read, and the seconds since 1970 from which they count.
+
+    Parameters
+    ----------
+    clock : Clock
+    columns : mapping
+        Name -> cells (text) or numbers, shape (n,).
+    where : str
+        File and column for messages.
+
+    Raises
+    ------
+    BenchError
+        Hardly any of the stamps fits the clock.
+    """
+    import pandas as pd
+
+    seconds: Array
+    if clock.format == NUMBERS:
+        cells = pd.Series(columns[clock.columns[0]])
+        values = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=float)
+        origin = 0.0
+        seconds = values * UNITS["time"][clock.unit][0]
+        if clock.since_1970 and np.isfinite(values).any():
+            # Subtracted before the unit is taken: a double of 1.7e15 microseconds still holds every one of them.
+            first = float(values[np.isfinite(values)][0])
+            origin = first * UNITS["time"][clock.unit][0]
+            seconds = (values - first) * UNITS["time"][clock.unit][0]
+    else:
+        joined = pd.Series(columns[clock.columns[0]], dtype="str").str.strip()
+        for name in clock.columns[1:]:
+            joined = joined + " " + pd.Series(columns[name], dtype="str").str.strip()
+        if clock.format == OF_DAY:
+            seconds, origin = _of_day_s(joined), 0.0
+        else:
+            kind = "ISO8601" if clock.format == ISO else clock.format
+            moments = pd.to_datetime(joined, format=kind, errors="coerce", utc=True)
+            known = moments.dropna()
+            if known.empty:
+                seconds, origin = np.full(len(moments), np.nan, dtype=np.float64), 0.0
+            else:
+                origin = float(known.iloc[0].value) / 1e9
+                seconds = np.asarray((moments - known.iloc[0]).dt.total_seconds(), dtype=np.float64)
+    if np.isfinite(seconds).sum() < max(2, 0.5 * seconds.size):
+        bad = np.flatnonzero(~np.isfinite(seconds))
+        example = " ".join(str(columns[name][int(bad[0])]) for name in clock.columns) if bad.size else "nothing"
+        raise BenchError(
+            f"{where}: {example!r} does not fit {clock.format!r}; state [log] time_format (a strptime format, "
+            f'"{ISO}" or "{OF_DAY}") or time_unit in the map'
+        )
+    return seconds, origin
+
+
+def to_seconds(clock: Clock, origin_s: float, value: object, where: str) -> float:
+    """A time that a user wrote into a map, on the log's clock in s; `where` names the key for messages.
+
+    A number is one of the log's own unit; a date may be one of TOML or text, ISO 8601 or in the log's format.
+    """
+    if isinstance(value, time):
+        value = value.isoformat()
+    if isinstance(value, datetime):
+        if clock.is_dated:
+            return _epoch_s(value) - origin_s
+    elif isinstance(value, date):
+        raise BenchError(f"{where}: {value} has no time of day; write as 2024-05-23T14:45:20.5")
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        if not clock.is_dated or clock.since_1970:
+            return float(value) * UNITS["time"][clock.unit][0] - origin_s
+    elif isinstance(value, str):
+        if clock.format == OF_DAY:
+            import pandas as pd
+
+            seconds = float(_of_day_s(pd.Series([value]))[0])
+            if np.isfinite(seconds):
+                return seconds
+        elif clock.is_dated:
+            for read in (datetime.fromisoformat, lambda text: datetime.strptime(text, clock.format)):
+                try:
+                    return _epoch_s(read(value)) - origin_s
+                except ValueError:
+                    continue
+    wanted = "a date and time such as 2024-05-23T14:45:20.5" if clock.is_dated else f"a number, in {clock.unit}"
+    if clock.format == OF_DAY:
+        wanted = 'text such as "14:45:20.5"'
+    raise BenchError(f"{where}: {value!r} is no time on this log's clock; expected {wanted}, as the log itself counts")
+
+
+def to_map(clock: Clock, origin_s: float, seconds: float, digits: int = 2) -> str:
+    """A time of the log as a TOML value in the log's own terms, to `digits` decimals of a second."""
+    if clock.format == OF_DAY:
+        hours, rest = divmod(round(seconds, digits), 3600.0)
+        return f'"{int(hours):02d}:{int(rest // 60):02d}:{rest % 60:0{3 + digits if digits else 2}.{digits}f}"'
+    if clock.is_dated and not clock.since_1970:
+        moment = datetime.fromtimestamp(round(origin_s + seconds, digits), UTC)
+        return moment.strftime("%Y-%m-%dT%H:%M:%S") + (f".{moment.microsecond:06d}"[: digits + 1] if digits else "")
+    factor = UNITS["time"][clock.unit][0]
+    places = max(0, digits + round(np.log10(factor)))
+    return f"{(origin_s + seconds) / factor:.{places}f}"
+
+
+def _of_day_s(texts: Any) -> Array:
+    """Hours:minutes:seconds to s; past midnight they go on."""
+    parts = texts.str.replace(",", ".", regex=False).str.extract(r"^(\d{1,3}):(\d{2})(?::(\d{2}(?:\.\d+)?))?$")
+    numbers = parts.astype(float).to_numpy()
+    seconds = 3600.0 * numbers[:, 0] + 60.0 * numbers[:, 1] + np.nan_to_num(numbers[:, 2])
+    known = np.isfinite(seconds)
+    back = np.diff(seconds[known], prepend=seconds[known][0] if known.any() else 0.0) < -43200.0
+    seconds[known] += 86400.0 * np.cumsum(back)
+    return np.asarray(seconds, dtype=float)
+
+
+def _epoch_s(moment: datetime) -> float:
+    """Seconds since 1970; a time without a zone is taken as UTC, which only shifts started_at."""
+    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()

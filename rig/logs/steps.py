@@ -1,0 +1,214 @@
+"""Steps of a log: the changes of all its channels put together, each timed, and judged whether it makes a run.
+
+Changes of different channels are one step where the windows that show them overlap: a slow or boxed sensor shows it
+late. Changes that follow one another within few readings, with long quiet before and after, are one step in stages.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.rig.logs.changes import Change, Channel, find_changes
+from shockrig.rig.logs.onset import Move, fit_onset
+
+Array = NDArray[np.float64]
+
+FEW_READINGS = 8  # between two changes cannot be a run
+STAGE_READINGS = 50  # between two stages of one step at most ...
+STAGE_QUIET = 20.0  # ... and so many times the longest of these pauses is quiet before and after
+LEAST_STAGE = 0.05  # of the whole way
+MANY_STAGES = 3  # that one transfer does not make
+READINGS_BEFORE, READINGS_AFTER = 5, 10  # that a run needs
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step of a log: when it was first seen (s on the log's clock, one standard uncertainty) and what moved.
+
+    `why_not` says why it makes no run of its own; empty where it does. `stages` is the number of stages it came in,
+    `lasted_s` how long these took.
+    """
+
+    piece: int
+    at_s: float
+    uncertainty_s: float
+    moves: tuple[Move, ...]
+    stages: int = 1
+    lasted_s: float = 0.0
+    why_not: str = ""
+
+
+@dataclass
+class _Cluster:
+    time_s: float
+    width_s: float
+    changes: dict[int, list[Change]] = field(default_factory=dict)  # channel's place -> its changes
+
+
+def find_steps(channels: Sequence[Channel], piece: int, merge_s: float | None = None) -> tuple[Step, ...]:
+    """Steps of one piece of a log, in order of time.
+
+    Parameters
+    ----------
+    channels : sequence of Channel
+    piece : int
+        The piece's number, which the steps carry.
+    merge_s : float, optional
+        Changes closer than this are one step. Found out from the pauses where it is not given.
+    """
+    changes = [find_changes(channel) for channel in channels]
+    clusters = _cluster(channels, changes)
+    groups = _merged(channels, clusters, merge_s)
+    begins_s = min((float(c.time_s[0]) for c in channels if c.time_s.size), default=0.0)
+    ends_s = max((float(c.time_s[-1]) for c in channels if c.time_s.size), default=0.0)
+    steps = []
+    for k, group in enumerate(groups):
+        since_s = _last_s(groups[k - 1]) if k else begins_s
+        until_s = groups[k + 1][0].time_s if k + 1 < len(groups) else ends_s
+        steps.append(_step(channels, group, piece, since_s, until_s))
+    return tuple(judged(step, steps, k, channels) for k, step in enumerate(steps))
+
+
+def _cluster(channels: Sequence[Channel], changes: Sequence[Sequence[Change]]) -> list[_Cluster]:
+    """Changes of different channels that may be one, the sharpest first: they say when."""
+    every = sorted((change.width_s, change.time_s, place) for place, those in enumerate(changes) for change in those)
+    clusters: list[_Cluster] = []
+    for width_s, time_s, place in every:
+        change = Change(time_s, width_s)
+        near = sorted(clusters, key=lambda cluster: abs(cluster.time_s - time_s))
+        # A change is seen late, not early, by a slow sensor: behind, the windows may just touch.
+        fits = [c for c in near if -c.width_s - width_s <= time_s - c.time_s <= c.width_s + 2.0 * width_s]
+        home = next((c for c in fits if place not in c.changes), None)
+        few_s = FEW_READINGS * channels[place].period_s
+        again = next((c for c in near if place in c.changes and abs(c.time_s - time_s) < few_s), None)
+        if again is not None and (home is None or abs(again.time_s - time_s) < abs(home.time_s - time_s)):
+            again.changes[place].append(change)
+        elif home is not None:
+            home.changes[place] = [change]
+        else:
+            clusters.append(_Cluster(time_s, width_s, {place: [change]}))
+    return sorted(clusters, key=lambda cluster: cluster.time_s)
+
+
+def _merged(channels: Sequence[Channel], clusters: Sequence[_Cluster], merge_s: float | None) -> list[list[_Cluster]]:
+    """Clusters that follow one another in stages put together."""
+    if len(clusters) < 2:
+        return [[cluster] for cluster in clusters]
+    times = np.array([cluster.time_s for cluster in clusters])
+    gaps = np.diff(times)
+    period = max(channels[place].period_s for cluster in clusters for place in cluster.changes)
+    joined = gaps < FEW_READINGS * period
+    if merge_s is not None:
+        joined = gaps <= merge_s
+    else:
+        begins_s = min(float(channel.time_s[0]) for channel in channels)
+        ends_s = max(float(channel.time_s[-1]) for channel in channels)
+        for pause in np.unique(gaps[gaps <= STAGE_READINGS * period]):
+            chain = gaps <= pause
+            first = 0
+            while first < gaps.size:
+                if not chain[first]:
+                    first += 1
+                    continue
+                last = first
+                while last + 1 < gaps.size and chain[last + 1]:
+                    last += 1
+                before = gaps[first - 1] if first else times[0] - begins_s
+                after = gaps[last + 1] if last + 1 < gaps.size else ends_s - times[-1]
+                if min(before, after) >= STAGE_QUIET * gaps[first : last + 1].max():
+                    joined[first : last + 1] = True
+                first = last + 1
+    groups = [[clusters[0]]]
+    for together, cluster in zip(joined, clusters[1:], strict=True):
+        if together:
+            groups[-1].append(cluster)
+        else:
+            groups.append([cluster])
+    return groups
+
+
+def _last_s(group: Sequence[_Cluster]) -> float:
+    return max(change.time_s for cluster in group for those in cluster.changes.values() for change in those)
+
+
+def _step(channels: Sequence[Channel], group: Sequence[_Cluster], piece: int, since_s: float, until_s: float) -> Step:
+    """Time the first change of every channel that moved."""
+    moves = []
+    stages, lasted_s = 1, 0.0
+    for place, channel in enumerate(channels):
+        mine = sorted((c for cluster in group for c in cluster.changes.get(place, ())), key=lambda c: c.time_s)
+        if not mine:
+            continue
+        end_s = min(until_s, float(channel.time_s[-1]))
+        # In stages the way goes on: its end is that of the step, the start is that of the first stage.
+        move = fit_onset(channel, mine[0], max(since_s, float(channel.time_s[0])), end_s)
+        count, last_s = count_stages(channel, move, end_s)
+        if count >= MANY_STAGES:
+            move = _first_stage(channel, move, mine[0])
+        if count > stages:
+            stages, lasted_s = count, last_s - move.at_s
+        moves.append(move)
+    first = min(moves, key=lambda move: move.at_s + 2.0 * move.uncertainty_s)
+    return Step(piece, first.at_s, first.uncertainty_s, tuple(moves), stages, lasted_s)
+
+
+def count_stages(channel: Channel, move: Move, until_s: float) -> tuple[int, float]:
+    """How many stages a move came in (it stood still between them), and when the last one ended."""
+    time_s, value = channel.time_s, channel.value
+    inside = (time_s >= move.at_s - channel.period_s) & (time_s <= until_s)
+    share = (value[inside] - move.before) / move.size if move.size else np.zeros(int(inside.sum()))
+    there = np.flatnonzero(share >= 0.95)
+    if there.size == 0 or there[0] < 6:
+        return 1, move.at_s
+    end = int(there[0]) + 1
+    moments, share = time_s[inside][:end], share[:end]
+    blocks = min(60, end - 1)
+    way = np.diff(np.interp(np.linspace(moments[0], moments[-1], blocks + 1), moments, share))
+    noise = np.sqrt(2.0) * channel.noise / abs(move.size)
+    moving = np.abs(way) > max(0.5 / blocks, 6.0 * noise)
+    still = np.abs(way) < max(0.15 / blocks, 3.0 * noise)
+    stages, going, gone = 0, False, 0.0
+    for k in range(blocks + 1):
+        if k == blocks or (going and still[k]):
+            stages += going and abs(gone) >= LEAST_STAGE
+            going, gone = False, 0.0
+        elif moving[k] or going:
+            going, gone = True, gone + float(way[k])
+    return max(stages, 1), float(moments[-1])
+
+
+def _first_stage(channel: Channel, move: Move, change: Change) -> Move:
+    """The move timed by its first stage alone, which two lags behind one step cannot follow: the first two readings
+    that are off the level before."""
+    time_s, value = channel.time_s, channel.value
+    begin_s = min(move.at_s - 2.0 * move.uncertainty_s, change.time_s - change.width_s)
+    before = np.flatnonzero(time_s < begin_s)[-10:]
+    if before.size < 3:
+        return move
+    off = np.abs(value - np.median(value[before])) > max(6.0 * channel.noise, LEAST_STAGE * abs(move.size))
+    both = np.flatnonzero(off[:-1] & off[1:] & (time_s[:-1] >= begin_s))
+    if both.size == 0 or both[0] == 0:
+        return move
+    last_s, first_s = float(time_s[both[0] - 1]), float(time_s[both[0]])
+    return replace(move, at_s=0.5 * (last_s + first_s), uncertainty_s=first_s - last_s)
+
+
+def judged(step: Step, steps: Sequence[Step], k: int, channels: Sequence[Channel]) -> Step:
+    """The step with the reason why it makes no run, where there is one."""
+    moved = [channel for channel in channels if channel.name in {move.channel for move in step.moves}]
+    since_s = steps[k - 1].at_s if k else -np.inf
+    until_s = steps[k + 1].at_s if k + 1 < len(steps) else np.inf
+    before = max(int(((c.time_s > since_s) & (c.time_s < step.at_s)).sum()) for c in moved)
+    after = max(int(((c.time_s > step.at_s) & (c.time_s < until_s)).sum()) for c in moved)
+    why = ""
+    if step.stages >= MANY_STAGES:
+        why = f"came in {step.stages} stages over {step.lasted_s:.3g} s: the air itself took that long"
+    elif before < READINGS_BEFORE:
+        why = f"only {before} readings before it: no level to start from"
+    elif after < READINGS_AFTER:
+        why = f"only {after} readings after it"
+    return replace(step, why_not=why)

@@ -1,0 +1,258 @@
+"""From the bytes of a log to lines of cells: encoding, separator, decimal sign, header, and what is none of the data.
+
+Nothing is presumed but that most lines are rows of the same number of cells: whatever stands above them is metadata,
+the last lines of it that have as many cells are the header (names, perhaps units), and whatever else stands between
+rows is counted.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from shockrig.files.disk import read_bytes, shown
+from shockrig.rig.errors import BenchError
+from shockrig.rig.logs.units import is_unit
+
+SEPARATORS = {"tab": "\t", "semicolon": ";", "comma": ",", "bar": "|", "space": " "}
+COMMENTS = ("#", "//", "%", "!", "*")
+MISSING = ("", "nan", "na", "n/a", "null", "none", "nil", "inf", "-inf", "+inf", "-", "--", "---", "err", "error", "ol")
+SAMPLE_LINES = 200
+PROCESSING = {"", "ts", "rn", "smp", "avg", "max", "min", "std", "tot", "med"}  # under names, of Campbell's loggers
+
+NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
+DATE = re.compile(
+    r"(?=.*\d)[\d:/.,\-+ T]+(Z|[ap]\.?m\.?)?|.*(jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec)[a-z]*[ /.-].*\d", re.I
+)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How a log is laid out; None is found out. `header_line` counts from 1; 0 says that there is no header."""
+
+    separator: str | None = None
+    decimal: str | None = None
+    header_line: int | None = None
+    comment: str | None = None
+    missing: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Scan:
+    """A log as lines: where its rows are and what its columns are called.
+
+    `names` are unique: of columns that share a name the later ones are "name #2" and so on; `units` are what stands
+    in a row of its own under the names. `rows` are the lines of the data, `numbers` theirs in the file, from 1.
+    """
+
+    path: Path
+    separator: str
+    decimal: str
+    header_line: int
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    metadata: tuple[str, ...]
+    rows: tuple[str, ...]
+    numbers: tuple[int, ...]
+    odd: dict[str, tuple[int, int]]  # reason -> (how many lines, the first one's number)
+
+    def cells(self, rows: Iterable[str]) -> list[list[str]]:
+        """Lines of the data as stripped cells."""
+        return [[cell.strip() for cell in _split(row, self.separator)] for row in rows]
+
+    def sample(self) -> list[list[str]]:
+        """Some rows as cells: the first ones, the last ones, and some between."""
+        return self.cells(_some(self.rows))
+
+
+def scan(path: Path, layout: Layout) -> Scan:
+    """Find the rows and the header of a log.
+
+    Raises
+    ------
+    BenchError
+        There are no rows with a time and a value in it, or it is not text: names the file, the line, the remedy.
+    """
+    lines = _lines(path)
+    kept = [(n, line) for n, line in enumerate(lines, start=1) if line.strip()]
+    if not kept:
+        raise BenchError(f"{shown(path)}: is empty; expected a header and rows of a time and values")
+    prefixes = (layout.comment,) if layout.comment else COMMENTS
+    comments = [(n, line) for n, line in kept if line.lstrip(' "').startswith(prefixes)]
+    noted = {n for n, _ in comments}
+    plain = [(n, line) for n, line in kept if n not in noted]
+    separator = _separator([line for _, line in plain], layout)
+    counts = [_count(line, separator) for _, line in plain]
+    width = _usual(_some([line for _, line in plain]), separator)
+    if width < 2:
+        raise BenchError(
+            f"{shown(path)}: no rows of two cells or more; give its separator in the map, [log] separator = "
+            f"one of {', '.join(SEPARATORS)}"
+        )
+    whole = [i for i, count in enumerate(counts) if count == width]
+    first = _first_row(plain, whole, separator, layout)
+    if first is None:
+        raise BenchError(f"{shown(path)}: no rows of numbers in it; expected a time and values, one row a reading")
+    names, units, header_line = _header(kept, plain, first, separator, width, layout)
+    header = _split(lines[header_line - 1], separator) if header_line else None
+    rows: list[str] = []
+    numbers: list[int] = []
+    odd: dict[str, tuple[int, int]] = {}
+    for i in range(first, len(plain)):
+        number, line = plain[i]
+        if counts[i] != width:
+            reason = "of another number of cells"
+        elif header is not None and _split(line, separator) == header:
+            reason = "that repeat the header"
+        else:
+            rows.append(line)
+            numbers.append(number)
+            continue
+        count, where = odd.get(reason, (0, number))
+        odd[reason] = (count + 1, where)
+    above = plain[first][0]
+    metadata = tuple(line.strip() for n, line in kept if n < above and n != header_line)
+    decimal = layout.decimal or _decimal(_some(rows), separator)
+    return Scan(path, separator, decimal, header_line, names, units, metadata, tuple(rows), tuple(numbers), odd)
+
+
+def is_value(cell: str) -> bool:
+    """Whether a cell may hold a value: a number, a date, a time, or what loggers write where there is none."""
+    text = cell.strip()
+    return text.lower() in MISSING or NUMBER.fullmatch(text) is not None or DATE.fullmatch(text) is not None
+
+
+def _lines(path: Path) -> list[str]:
+    content = read_bytes(path, "name a text file of readings")
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        text = content.decode("utf-16", errors="replace")
+    else:
+        try:
+            text = content.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            text = content.decode("cp1252", errors="replace")  # what spreadsheets on Windows write
+    if "\0" in text:
+        line = text.partition("\0")[0].count("\n") + 1
+        raise BenchError(f"{shown(path)}, line {line}: holds a NUL byte; is it a text file? Export it as CSV")
+    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+
+
+def _some(lines: Sequence[str]) -> Sequence[str]:
+    if len(lines) <= 3 * SAMPLE_LINES:
+        return lines
+    middle = range(SAMPLE_LINES, len(lines) - SAMPLE_LINES, max(1, len(lines) // SAMPLE_LINES))
+    return [*lines[:SAMPLE_LINES], *(lines[i] for i in middle), *lines[-SAMPLE_LINES:]]
+
+
+def _split(line: str, separator: str) -> list[str]:
+    if separator == " ":
+        return line.split()
+    if '"' in line:
+        return next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+    return line.split(separator)
+
+
+def _count(line: str, separator: str) -> int:
+    return len(_split(line, separator)) if '"' in line or separator == " " else line.count(separator) + 1
+
+
+def _usual(lines: Sequence[str], separator: str) -> int:
+    counts = Counter(_count(line, separator) for line in lines)
+    return counts.most_common(1)[0][0] if counts else 0
+
+
+def _separator(lines: Sequence[str], layout: Layout) -> str:
+    """The separator by which most lines have the same number of cells and most cells are values."""
+    if layout.separator is not None:
+        return SEPARATORS[layout.separator]
+    some = _some(lines)
+    best, best_score = ",", 0.0
+    for separator in SEPARATORS.values():
+        width = _usual(some, separator)
+        if width < 2:
+            continue
+        cells = [_split(line, separator) for line in some if _count(line, separator) == width]
+        good = sum(map(is_value, (cell for row in cells for cell in row))) / (width * len(cells))
+        score = good * len(cells) / len(some)
+        if score > best_score + 1e-9:
+            best, best_score = separator, score
+    return best
+
+
+def _first_row(plain: Sequence[tuple[int, str]], whole: Sequence[int], separator: str, layout: Layout) -> int | None:
+    """Index of the first row of data: the columns that hold values nearly everywhere hold values in it."""
+    rows = [_split(plain[i][1], separator) for i in whole]
+    some = rows[:: max(1, len(rows) // (3 * SAMPLE_LINES))]
+    width = len(some[0])
+    value_columns = [k for k in range(width) if sum(is_value(row[k]) for row in some) >= 0.8 * len(some) - 1]
+    for i, row in zip(whole, rows, strict=True):
+        if layout.header_line is not None and plain[i][0] <= layout.header_line:
+            continue
+        has_number = any(NUMBER.fullmatch(row[k].strip()) for k in value_columns)
+        if value_columns and has_number and all(is_value(row[k]) for k in value_columns):
+            return i
+    return None
+
+
+def _header(
+    kept: Sequence[tuple[int, str]],
+    plain: Sequence[tuple[int, str]],
+    first: int,
+    separator: str,
+    width: int,
+    layout: Layout,
+) -> tuple[tuple[str, ...], tuple[str, ...], int]:
+    """Names, units and the line of the names (0 where there are none, and the columns have numbers)."""
+    nothing = ("",) * width
+
+    def cells(line: str) -> list[str]:
+        return [cell.strip() for cell in _split(line, separator)]
+
+    if layout.header_line == 0:
+        return tuple(str(k + 1) for k in range(width)), nothing, 0
+    if layout.header_line is not None:
+        line = next((line for n, line in kept if n == layout.header_line), "")
+        return _unique(cells(line), width), nothing, layout.header_line
+    units = nothing
+    for i in range(first - 1, -1, -1):
+        number, line = plain[i]
+        found = cells(line)
+        if len(found) not in (width, width - 1):
+            break
+        above = i > 0 and len(cells(plain[i - 1][1])) in (width, width - 1)
+        if above and all(cell.strip("[]()").lower() in PROCESSING or is_unit(cell) for cell in found):
+            if any(is_unit(cell) for cell in found):
+                units = tuple((found + [""])[:width])
+            continue
+        return _unique(found, width), units, number
+    # The names may stand in a comment: "# time temperature humidity".
+    for number, line in reversed([(n, line) for n, line in kept if n < plain[first][0]]):
+        found = cells(line.lstrip("".join(COMMENTS) + " "))
+        if len(found) == width and not any(NUMBER.fullmatch(cell) for cell in found):
+            return _unique(found, width), units, number
+    return tuple(str(k + 1) for k in range(width)), nothing, 0
+
+
+def _unique(names: Sequence[str], width: int) -> tuple[str, ...]:
+    """One name for each column: numbers where there is none, "#2" and so on where one is there again."""
+    seen: Counter[str] = Counter()
+    unique = []
+    for k in range(width):
+        name = names[k].strip() if k < len(names) and names[k].strip() else str(k + 1)
+        seen[name] += 1
+        unique.append(name if seen[name] == 1 else f"{name} #{seen[name]}")
+    return tuple(unique)
+
+
+def _decimal(rows: Sequence[str], separator: str) -> str:
+    """A comma where cells such as 21,5 are and cells such as 21.5 are not."""
+    if separator == ",":
+        return "."
+    cells = [cell.strip() for row in rows for cell in _split(row, separator)]
+    commas = sum(re.fullmatch(r"[+-]?\d+,\d+", cell) is not None for cell in cells)
+    points = sum(re.fullmatch(r"[+-]?\d+\.\d+", cell) is not None for cell in cells)
+    return "," if commas > points else "."

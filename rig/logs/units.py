@@ -1,0 +1,120 @@
+"""Quantities and units as loggers write them: "Time [ms]", "temperature(°C)", "Temp, °F", "RH_percent", "mBar"."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from types import MappingProxyType
+
+# quantity -> unit as maps write it -> (factor, offset) to the unit of the campaign: degC, percent, hPa, m/s
+UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = MappingProxyType(
+    {
+        "temperature": {"degC": (1.0, 0.0), "K": (1.0, -273.15), "degF": (5.0 / 9.0, -160.0 / 9.0)},
+        "humidity": {"percent": (1.0, 0.0), "fraction": (100.0, 0.0)},
+        "pressure": {
+            "hPa": (1.0, 0.0), "Pa": (0.01, 0.0), "kPa": (10.0, 0.0), "bar": (1000.0, 0.0),
+            "mmHg": (1.333224, 0.0), "inHg": (33.863886, 0.0), "psi": (68.947573, 0.0),
+        },
+        "airflow": {"m/s": (1.0, 0.0), "km/h": (1.0 / 3.6, 0.0), "knots": (0.514444, 0.0), "mph": (0.44704, 0.0)},
+        "time": {
+            "s": (1.0, 0.0), "ms": (1e-3, 0.0), "us": (1e-6, 0.0), "min": (60.0, 0.0), "h": (3600.0, 0.0),
+            "days": (86400.0, 0.0),
+        },
+    }
+)  # fmt: skip
+_ALIASES = {
+    "degC": ("c", "°c", "degc", "deg c", "deg_c", "℃", "celsius", "degrees c", "degree c", "º c", "ºc", "grad c", "�c"),
+    "K": ("k", "kelvin", "degk"),
+    "degF": ("f", "°f", "degf", "deg f", "deg_f", "℉", "fahrenheit", "ºf", "�f"),
+    "percent": ("%", "%rh", "percent", "pct", "% rh", "rh%", "%r.h.", "percent rh", "perc", "rh %"),
+    "fraction": ("fraction", "0-1", "frac", "0..1"),
+    "hPa": ("hpa", "mbar", "mb", "millibar", "hectopascal"),
+    "Pa": ("pa", "pascal"),
+    "kPa": ("kpa",),
+    "bar": ("bar",),
+    "mmHg": ("mmhg", "torr"),
+    "inHg": ("inhg", "in hg"),
+    "psi": ("psi",),
+    "m/s": ("m/s", "m s-1", "ms-1", "m_s", "mps", "m s^-1"),
+    "km/h": ("km/h", "kmh", "kph"),
+    "knots": ("knots", "kt", "kts", "kn"),
+    "mph": ("mph",),
+    "s": ("s", "sec", "secs", "second", "seconds", "sek"),
+    "ms": ("ms", "msec", "millis", "milliseconds", "millisecond"),
+    "us": ("us", "µs", "μs", "usec", "micros", "microseconds"),
+    "min": ("min", "mins", "minute", "minutes"),
+    "h": ("h", "hr", "hrs", "hour", "hours"),
+    "days": ("d", "day", "days"),
+}
+_UNIT_OF = {alias: unit for unit, aliases in _ALIASES.items() for alias in (*aliases, unit.lower())}
+_QUANTITY_OF = {unit: quantity for quantity, units in UNITS.items() for unit in units}
+_WORDS = {
+    "humidity": ("humid", "feucht", "humedad", "rh", "hum", "relh", "hr"),
+    "pressure": ("press", "pres", "druck", "baro", "pstat"),
+    "airflow": ("wind speed", "windspeed", "wind_speed", "airflow", "air_flow", "airspeed", "air speed", "anemom"),
+    "temperature": ("temp", "tair", "therm", "rtd", "ntc", "pt100", "pt1000", "bead", "t_air", "celsius"),
+}
+_OTHER = ("dew", "frost", "batt", "volt", "heat index", "wet bulb", "wet-bulb", "potential", "setpoint", "direction")
+_BRACKETS = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]")
+
+
+def known_unit(text: str) -> str | None:
+    """The unit as maps write it that a text means; None where it means none."""
+    return _UNIT_OF.get(" ".join(text.strip().lower().strip("[]()").split()))
+
+
+def is_unit(text: str) -> bool:
+    """Whether a cell is nothing but a unit, as in a row of units under the names."""
+    return known_unit(text) is not None
+
+
+def unit_in_name(name: str) -> str | None:
+    """The unit that a column's name carries in brackets, behind a comma or at its end; None where it carries none."""
+    for inside in _BRACKETS.findall(name):
+        if (unit := known_unit(inside)) is not None:
+            return unit
+    if "," in name and (unit := known_unit(name.split(",", 1)[1].split("(")[0])) is not None:
+        return unit
+    words = re.split(r"[ _]", name.strip())
+    for n in (2, 1):  # "temp_deg_c" before "temp_c"
+        if len(words) > n and (unit := known_unit("_".join(words[-n:]))) is not None:
+            # A letter behind a name is as often a sensor's as a unit's: TempC, T K; told only by an underscore.
+            if len(unit) > 1 or "_" in name:
+                return unit
+    return None
+
+
+def bare_name(name: str) -> str:
+    """A column's name without the unit in it."""
+    bare = _BRACKETS.sub("", name)
+    if "," in bare and known_unit(bare.split(",", 1)[1].split("(")[0]) is not None:
+        bare = bare.split(",", 1)[0]
+    return bare.strip(" _,:")
+
+
+def quantity_of(name: str, unit: str | None) -> str | None:
+    """What a column measures, by its name and unit: a key of `UNITS` but time, or None."""
+    low = name.lower()
+    if any(word in low for word in _OTHER):
+        return None
+    by_unit = _QUANTITY_OF.get(unit) if unit else None
+    for quantity, words in _WORDS.items():
+        # "Humidity Temp" is the temperature of a hygrometer, "Air Temperature RH" hardly the other way round.
+        if any(_has_word(low, word) for word in words):
+            if quantity == "humidity" and (by_unit == "temperature" or _has_word(low, "temp")):
+                return "temperature"
+            if by_unit in (None, quantity):
+                return quantity
+    if by_unit in ("temperature", "humidity", "pressure", "airflow"):
+        return by_unit
+    bare = bare_name(name).lower()
+    if re.fullmatch(r"t([ _]?\d+|_?[abc])?", bare) and bare != "t":
+        return "temperature"
+    return None
+
+
+def _has_word(name: str, word: str) -> bool:
+    """Whether a name has a word in it; short ones must stand at a border of letters."""
+    if len(word) > 3:
+        return word in name
+    return re.search(rf"(^|[^a-z]){re.escape(word)}([^a-z]|$|[a-z]?$|ctrl|ref)", name) is not None
