@@ -282,7 +282,7 @@ def protocols(rng: random.Random, folder: Path) -> Callable[[], bool]:
         for run in plan.runs:
             for air in (run.source, run.destination):
                 demand(finite(air.temperature_c, air.humidity_percent), f"{air}")
-                demand(-95 < air.temperature_c <= 125 and 0 <= air.humidity_percent <= 100, f"{air}")
+                demand(-100 <= air.temperature_c <= 150 and 0 <= air.humidity_percent <= 100, f"{air}")
             demand(run.airflow_m_s is None or (finite(run.airflow_m_s) and run.airflow_m_s >= 0), f"{run.airflow_m_s}")
             kinds = [type(step) for step in run.steps]
             demand(kinds[0] is Soak and kinds.count(Transfer) == 1 and kinds[-1] is Record, f"{kinds}")

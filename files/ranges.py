@@ -52,7 +52,10 @@ RANGES: Mapping[str, Range] = MappingProxyType(
         "film_thickness_m": Range(1e-9, 0.003, "is it in millimetres or micrometres"),
         "time_s": Range(-1e7, 1e7, "is it in milliseconds, or since 1970"),  # on a run's own clock
         "transfer_s": Range(0.0, 3600.0, "is it in milliseconds"),
-        "step_s": Range(0.0, 86400.0),  # of a protocol
+        # of a protocol: how long a step takes, and how still things must be by then
+        "step_s": Range(0.0, 86400.0),
+        "tolerance_k": Range(0.0, 50.0),
+        "tolerance_percent": Range(0.0, 100.0),
         "rate_hz": Range(0.01, 1000.0),  # at which a sensor is read
         # of the instrument that measures the airs
         "reference_time_constant_s": Range(0.0, 3600.0, "is it in milliseconds"),

@@ -18,8 +18,10 @@ from numpy.typing import NDArray
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.flight.sensor import NOISE_K, NOISE_PERCENT, REFERENCE_AIRSPEED_M_S, fly
 from shockrig.analysis.flight.weather import FINE_STEP_S, Weather
+from shockrig.files.disk import TABLE_AT_MOST, open_text, shown
 from shockrig.files.errors import InputError
 from shockrig.files.profile import Effect, Profile, Uncertain
+from shockrig.files.ranges import RANGES, Range
 from shockrig.rig.seams import Air
 
 Array = NDArray[np.float64]
@@ -33,7 +35,12 @@ COLUMNS = {
     "pressure_hpa": ("pressure_hpa",),
     "altitude_m": ("altitude_m",),
 }
-LIMITS = {"temperature_c": (-95.0, 80.0), "humidity_percent": (0.0, 100.0), "airspeed_m_s": (0.0, 340.0)}
+LIMITS = {
+    "temperature_c": RANGES["temperature_c"],
+    "humidity_percent": RANGES["humidity_set_percent"],
+    "airspeed_m_s": RANGES["airflow_m_s"],
+    "pressure_hpa": RANGES["pressure_hpa"],
+}
 
 
 def read_flown_air(path: Path) -> Weather:
@@ -49,11 +56,11 @@ def read_flown_air(path: Path) -> Weather:
     import pandas as pd
 
     try:
-        with warnings.catch_warnings():
+        with open_text(path, "name a flight's CSV file", TABLE_AT_MOST) as stream, warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the header would be cut short
-            frame = pd.read_csv(path, encoding="utf-8-sig", index_col=False, skipinitialspace=True, low_memory=False)
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}; name a flight's CSV file") from None
+            frame = pd.read_csv(stream, index_col=False, skipinitialspace=True, low_memory=False)
+    except InputError:
+        raise
     except (ValueError, UnicodeDecodeError, pd.errors.ParserWarning) as error:
         raise InputError(f"{path}: cannot be read as CSV ({' '.join(str(error).split())})") from None
     if "time_s" not in frame:
@@ -81,12 +88,12 @@ def read_flown_air(path: Path) -> Weather:
         known = np.isfinite(values)
         if known.sum() < 2:
             raise InputError(f"{path}: column {name}: fewer than two values")
-        low, high = LIMITS.get(quantity, (-np.inf, np.inf))
-        wrong = np.flatnonzero(known & ((values < low) | (values > high)))
+        possible = LIMITS.get(quantity, Range(-np.inf, np.inf))
+        wrong = np.flatnonzero(known & ((values < possible.low) | (values > possible.high)))
         if wrong.size:
             raise InputError(
-                f"{path}, line {int(wrong[0]) + 2}: {name} is {values[wrong[0]]:g}; the air lies between {low:g} and "
-                f"{high:g}: mend the row or leave the cell empty"
+                f"{shown(path)}, line {int(wrong[0]) + 2}: {name} {possible.refusal(values[wrong[0]])}; "
+                "fix the row or leave the cell empty"
             )
         air[quantity] = np.interp(fine_s, time_s[known] - time_s[0], values[known])
     return Weather(path.name, fine_s, **air)

@@ -15,6 +15,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from shockrig.files.disk import read_text
+from shockrig.files.errors import InputError
 from shockrig.rig.bench_file import BenchConfig, Part, check_bench, load_bench
 from shockrig.rig.buses.i2c import SmbusBus
 from shockrig.rig.buses.serial_port import OpenPort, PyserialPort, pyserial_opener
@@ -247,8 +249,8 @@ def _emulate(config: BenchConfig, clock: Clock, truth: Any, faults: Mapping[str,
     seed = config.virtual.seed
     if truth is None and config.virtual.truth is not None:
         try:
-            truth = Truth.from_json(Path(config.virtual.truth).read_text(encoding="utf-8"))
-        except (OSError, BenchError) as error:
+            truth = Truth.from_json(read_text(config.virtual.truth, "name a truth of the virtual bench"))
+        except (InputError, BenchError) as error:
             raise BenchError(f"{config.path}: [virtual] truth = {config.virtual.truth!r}: {error}") from None
     if truth is None:
         import numpy as np

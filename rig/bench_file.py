@@ -17,7 +17,9 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
-from shockrig.rig.errors import BenchError
+from shockrig.files.disk import TOML_AT_MOST, read_text
+from shockrig.files.ranges import RANGES
+from shockrig.rig.errors import BenchError, as_bench_errors
 from shockrig.rig.keys import nearest, refuse_unknown_keys
 from shockrig.rig.seams import Backend
 
@@ -40,7 +42,6 @@ KINDS: dict[str, dict[str, str]] = {
 ENTRY_POINTS = "shockrig.instruments"
 SENSOR_NAMES = ("imet", "hyt")
 MAY_BE_ZERO = ("latency_s", "late_s", "sampled_after_s", "retry_s")
-PRESSURES_HPA = (1.0, 2000.0)  # beyond, it is in another unit
 LARGEST_SEED = 2**64 - 1
 POSITIVE_UNITS = ("_s", "_m", "_hpa", "_mm_min", "baud")
 
@@ -77,9 +78,9 @@ class GeneralSettings:
     def __post_init__(self) -> None:
         if self.clock not in ("real", "virtual"):
             raise BenchError(f'clock = "{self.clock}" must be "real" or "virtual"')
-        low, high = PRESSURES_HPA
-        if not low <= self.pressure_hpa <= high:
-            raise BenchError(f"pressure_hpa = {self.pressure_hpa:g} must be from {low:g} to {high:g}")
+        possible = RANGES["pressure_hpa"]
+        if not possible.holds(self.pressure_hpa):
+            raise BenchError(f"pressure_hpa = {self.pressure_hpa:g} must be from {possible}; {possible.slip}?")
 
 
 @dataclass(frozen=True)
@@ -104,10 +105,10 @@ class BenchConfig:
 
 def load_bench(path: str | Path) -> BenchConfig:
     """Read and check a bench file. Raises BenchError naming the file, the key and the mend."""
+    with as_bench_errors():
+        text = read_text(path, "name a bench file that exists", TOML_AT_MOST)
     try:
-        content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise BenchError(f"{path}: {error.strerror}; name a bench file that exists") from None
+        content = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also numbers of too many digits
         raise BenchError(f"{path}: not TOML: {error}") from None
     return check_bench(content, str(path))

@@ -6,6 +6,13 @@ RigError                     the tree's root; the command line prints it as one 
 `-- StageError (OSError)     the stage is in alarm, stalled, or did not arrive in time
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from shockrig.files.errors import InputError
+
 
 class RigError(Exception):
     """Root of all errors that the bench raises."""
@@ -21,3 +28,12 @@ class BusError(RigError, OSError):
 
 class StageError(RigError, OSError):
     """The stage is in alarm, stalled, or did not arrive in time."""
+
+
+@contextmanager
+def as_bench_errors() -> Iterator[None]:
+    """What the file formats refuse, as the bench's own error, word for word."""
+    try:
+        yield
+    except InputError as error:
+        raise BenchError(str(error)) from None

@@ -19,10 +19,9 @@ from typing import Any
 from shockrig.files.campaign_names import CAMPAIGN_FORMAT, is_run_id
 from shockrig.files.campaign_write import campaign_document, run_document, table_text, write_campaign, write_run
 from shockrig.files.disk import is_there, read_bytes
-from shockrig.files.errors import InputError
 from shockrig.files.json_files import read_json
 from shockrig.files.ranges import RANGES
-from shockrig.rig.errors import BenchError
+from shockrig.rig.errors import BenchError, as_bench_errors
 from shockrig.rig.keys import nearest
 
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
@@ -230,11 +229,9 @@ def _campaign_head(
             raise BenchError(f"{campaign}: is neither empty nor a campaign; give another --out")
         described = {key: dict(sensors.get(key, {})) for key in series}
         return campaign_document(name or campaign.resolve().name, described), True
-    try:
+    with as_bench_errors():
         content = read_json(file, CAMPAIGN_FORMAT, "give another --out")
         content.mapping("sensors")
-    except InputError as error:
-        raise BenchError(str(error)) from None
     head = dict(content.content)
     if name is not None and head.get("name") != name:
         raise BenchError(f"{file}: is named {head.get('name')!r}, not {name!r}; leave --name out or give another --out")
@@ -279,10 +276,8 @@ def _table(sensor: str, series: Series, begins_s: float) -> str:
 
 def _rows(path: Path, layout: CsvLayout) -> list[tuple[int, list[str]]]:
     """(line number, cells) of every line that is not a comment."""
-    try:
+    with as_bench_errors():
         content = read_bytes(path, "name a CSV file that can be read")
-    except InputError as error:
-        raise BenchError(str(error)) from None
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:

@@ -15,11 +15,15 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from shockrig.rig.errors import BenchError
+from shockrig.files.disk import TOML_AT_MOST, read_bytes, shown
+from shockrig.files.ranges import RANGES, Range
+from shockrig.rig.errors import BenchError, as_bench_errors
 from shockrig.rig.keys import nearest, refuse_unknown_keys
 from shockrig.rig.seams import Air
 
 FORMAT = "shock-protocol/1"
+# Of what the steps and faults say, by the unit in the name.
+LIMITS = {"_percent": RANGES["tolerance_percent"], "_k": RANGES["tolerance_k"], "_s": RANGES["step_s"]}
 
 
 @dataclass(frozen=True)
@@ -125,14 +129,12 @@ def load_protocol(name_or_path: str | Path) -> Protocol:
     if str(name_or_path) in shipped_protocols() and not path.is_file():
         source = resources.files("shockrig.data") / "protocols" / f"{name_or_path}.toml"
         return parse_protocol(source.read_bytes(), f"{name_or_path}.toml")
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        known = ", ".join(shipped_protocols())
-        raise BenchError(
-            f"protocol {name_or_path}: {error.strerror}; give the path of a TOML file or a shipped protocol ({known})"
-        ) from None
-    return parse_protocol(content, str(path))
+    known = ", ".join(shipped_protocols())
+    with as_bench_errors():
+        content = read_bytes(
+            path, f"give the path of a TOML file or the name of a shipped protocol ({known})", TOML_AT_MOST
+        )
+    return parse_protocol(content, shown(path))
 
 
 def parse_protocol(content: bytes, where: str) -> Protocol:
@@ -149,7 +151,7 @@ def parse_protocol(content: bytes, where: str) -> Protocol:
         raise BenchError(f'{where}: format is {table.get("format")!r}; write format = "{FORMAT}"')
     name = _text(table, "name", where)
     description = _text(table, "description", where)
-    airflow_m_s = _number(table, "airflow_m_s", where, above=0.0, below=100.0)
+    airflow_m_s = _number(table, "airflow_m_s", where, RANGES["airflow_m_s"])
     faults = _faults(_table(table, "faults", where), f"{where}: faults")
     recipes = {key: _steps(value, f"{where}: steps.{key}") for key, value in _table(table, "steps", where).items()}
     if not recipes:
@@ -164,7 +166,7 @@ def parse_protocol(content: bytes, where: str) -> Protocol:
         recipe = entry.get("steps", next(iter(recipes)))
         if not isinstance(recipe, str) or recipe not in recipes:
             raise BenchError(f"{here}: steps = {recipe!r} is not defined{nearest(str(recipe), recipes)}")
-        speed_m_s = _number(entry, "airflow_m_s", here, above=0.0, below=100.0)
+        speed_m_s = _number(entry, "airflow_m_s", here, RANGES["airflow_m_s"])
         runs.append(
             PlannedRun(
                 id=f"{number:04d}",
@@ -192,15 +194,16 @@ def _text(table: Mapping[str, Any], key: str, where: str) -> str:
     return value
 
 
-def _number(table: Mapping[str, Any], key: str, where: str, *, above: float, below: float) -> float | None:
-    """Number strictly above `above` and at most `below`; None where the key is left out."""
+def _number(table: Mapping[str, Any], key: str, where: str, limits: Range, *, positive: bool = False) -> float | None:
+    """Number within `limits`, above 0 where it must be `positive`; None where the key is left out."""
     if key not in table:
         return None
     value = table[key]
     if isinstance(value, bool) or not isinstance(value, int | float) or value != value:
         raise BenchError(f"{where}: {key} is {value!r}; expected a number")
-    if not above < value <= below:
-        raise BenchError(f"{where}: {key} is {repr(value)[:40]}; expected more than {above:g} and at most {below:g}")
+    if not limits.holds(value) or (positive and value <= 0):
+        expected = f"more than 0, up to {limits.high:g}" if positive else str(limits)
+        raise BenchError(f"{where}: {key} is {repr(value)[:40]}; expected {expected}")
     return float(value)
 
 
@@ -209,16 +212,19 @@ def _air(entry: Mapping[str, Any], key: str, where: str) -> Air:
         raise BenchError(f"{where}: {key} is missing; write {key} = {{ temperature_c = 20, humidity_percent = 50 }}")
     table, here = _table(entry, key, where), f"{where}: {key}"
     refuse_unknown_keys(table, ("temperature_c", "humidity_percent"), here)
-    temperature_c = _number(table, "temperature_c", here, above=-90.0, below=125.0)
-    humidity_percent = _number(table, "humidity_percent", here, above=-1e-9, below=100.0)
+    temperature_c = _number(table, "temperature_c", here, RANGES["temperature_c"])
+    humidity_percent = _number(table, "humidity_percent", here, RANGES["humidity_set_percent"])
     return Air(temperature_c=temperature_c, humidity_percent=humidity_percent)
 
 
 def _numbers(kind: type, table: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """Arguments of the dataclass `kind`, whose fields are all numbers, from a table."""
+    """Arguments of the dataclass `kind` from a table of positive numbers, each with a unit in its name."""
     names = tuple(f.name for f in fields(kind))
     refuse_unknown_keys(table, names, where)
-    values = {name: _number(table, name, where, above=0.0, below=86400.0) for name in names if name in table}
+    values = {}
+    for name in table:
+        limits = next(limits for unit, limits in LIMITS.items() if unit in name)
+        values[name] = _number(table, name, where, limits, positive=True)
     for field in fields(kind):
         if field.default is MISSING and field.name not in values:
             raise BenchError(f"{where}: {field.name} is missing; write {field.name} = NUMBER")

@@ -6,6 +6,7 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
+from shockrig.files.ranges import RANGES, Range
 from shockrig.rig.errors import BenchError
 from shockrig.rig.seams import Air, Chambers, Operator, Parts, Reading
 from shockrig.rig.sensors.hyt271 import Hyt271, Hyt271Settings
@@ -88,11 +89,11 @@ class OperatorEntry(_NothingToAsk):
 
     def _enter(self, place: str, expected: Air) -> Air:
         return Air(
-            self._number(f"{place} air, temperature in degC", expected.temperature_c, -95.0, 80.0),
-            self._number(f"{place} air, relative humidity in %", expected.humidity_percent, 0.0, 100.0),
+            self._number(f"{place} air, temperature in degC", expected.temperature_c, RANGES["temperature_c"]),
+            self._number(f"{place} air, relative humidity in %", expected.humidity_percent, RANGES["humidity_percent"]),
         )
 
-    def _number(self, what: str, expected: float | None, low: float, high: float) -> float | None:
+    def _number(self, what: str, expected: float | None, possible: Range) -> float | None:
         proposal = "unknown" if expected is None else f"{expected:g}"
         while True:
             answer = self._operator.ask(f"{what} [Enter for {proposal}]:").replace(",", ".")
@@ -102,9 +103,9 @@ class OperatorEntry(_NothingToAsk):
                 value = float(answer)
             except ValueError:
                 value = math.nan
-            if low <= value <= high:
+            if possible.holds(value):
                 return value
-            self._operator.say(f"{answer!r} is not a number from {low:g} to {high:g}")
+            self._operator.say(f"{answer!r} is not a number from {possible}")
 
 
 @dataclass(frozen=True)

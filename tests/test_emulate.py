@@ -262,7 +262,7 @@ def test_a_flight_is_played_in_time_with_its_truth_beside_it(tmp_path):
         ("time_s,humidity_percent\n0,50\n2,50\n", "no column temperature_c"),
         ("time_s,temperature_c,humidity_percent\n0,20,50\n", "fewer than two rows"),
         ("time_s,temperature_c,humidity_percent\n0,20,50\n3,20,50\n2,20,50\n", "line 4: time_s"),
-        ("time_s,temperature_c,humidity_percent\n0,20,50\n2,20,6526.9\n", "line 3: humidity_percent is 6526.9"),
+        ("time_s,temperature_c,humidity_percent\n0,20,50\n2,20,6526.9\n", "line 3: humidity_percent 6526.9 cannot be"),
         ("time_s,temperature_c,humidity_percent\n0,20,5\n2,hot,50\n", "'hot' is not a number"),
         ("time_s,temperature_c,humidity_percent\n0,20,5,0\n2,20,50,0\n", "cannot be read as CSV"),
     ],

@@ -129,7 +129,7 @@ BAD = {
     "empty": ([], (), r"log.csv: is empty"),
     "header only": (GOOD[:1], (), r"fewer than two usable rows"),
     "NUL": ([*GOOD[:3], "0.2\0,20"], (), r"line 4: holds a NUL"),
-    "airflow": (GOOD, ("--airflow", "nan"), r"--airflow nan: expected a number from 0 to 100"),
+    "airflow": (GOOD, ("--airflow", "nan"), r"--airflow nan: expected a number from 0 to 150"),
     "id": (GOOD, ("--id", "../x"), r"--id '../x'"),
     "id of two lines": (GOOD, ("--id", "a\nb"), r"--id 'a\\nb': expected a name"),
     "wrong decimal": (GOOD, ("--decimal", "comma"), r"line 2, column 'time_s': '0.05' is not a number"),

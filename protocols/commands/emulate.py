@@ -51,6 +51,7 @@ def main(args: argparse.Namespace) -> int:
     import tempfile
     import time
 
+    from shockrig.files.ranges import RANGES, Range
     from shockrig.rig.errors import BenchError
     from shockrig.rig.virtual.emulate.i2c_socket import build_preload
     from shockrig.rig.virtual.emulate.session import FastClock, Options, Session, check_kinds
@@ -58,10 +59,11 @@ def main(args: argparse.Namespace) -> int:
     if args.build is not None:
         print(f"{build_preload(args.build)}: name it in LD_PRELOAD, and the socket in SHOCKRIG_I2C_{args.bus}")
         return 0
-    for name, low, high in (("speed", 0.01, 1000.0), ("rate_hz", 0.01, 1000.0), ("airflow", 0.0, 100.0)):
+    possible = {"speed": Range(0.01, 1000.0), "rate_hz": RANGES["rate_hz"], "airflow": RANGES["airflow_m_s"]}
+    for name, limits in possible.items():
         value = getattr(args, name)
-        if value is not None and not low <= value <= high:
-            raise BenchError(f"--{name.replace('_', '-')} {value:g}: expected {low:g} to {high:g}")
+        if value is not None and not limits.holds(value):
+            raise BenchError(f"--{name.replace('_', '-')} {value:g}: expected {limits}")
     for name, low, high in (("address", 0x08, 0x77), ("bus", 0, 255)):
         if not low <= getattr(args, name) <= high:
             raise BenchError(f"--{name} {getattr(args, name)}: expected {low} to {high}")
@@ -142,13 +144,14 @@ def _flight(args: argparse.Namespace) -> tuple[Any, float]:
 
 
 def _air(name: str, text: str) -> tuple[float, float]:
+    from shockrig.files.ranges import RANGES
     from shockrig.rig.errors import BenchError
 
     try:
         temperature_c, humidity_percent = (float(part) for part in text.split(","))
     except ValueError:
         temperature_c = humidity_percent = float("nan")
-    if not (-90.0 < temperature_c < 80.0 and 0.0 <= humidity_percent <= 100.0):
+    if not (RANGES["temperature_c"].holds(temperature_c) and RANGES["humidity_set_percent"].holds(humidity_percent)):
         raise BenchError(f"--{name} {text}: expected DEGC,RH such as 20,50")
     return temperature_c, humidity_percent
 

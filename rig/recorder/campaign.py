@@ -19,9 +19,8 @@ from typing import Any
 from shockrig.files.campaign_names import CAMPAIGN_FORMAT
 from shockrig.files.campaign_write import campaign_document, write_campaign
 from shockrig.files.disk import is_there, shown, sync_folder
-from shockrig.files.errors import InputError
 from shockrig.files.json_files import read_json
-from shockrig.rig.errors import BenchError
+from shockrig.rig.errors import BenchError, as_bench_errors
 from shockrig.rig.protocol import PlannedRun, Protocol
 from shockrig.rig.recorder.files import write_run_files
 from shockrig.rig.recorder.run import (
@@ -246,10 +245,8 @@ def read_head(path: Path) -> dict[str, Any]:
 
 def _content(path: Path, expected: str | None = None) -> dict[str, Any]:
     """A JSON object from a file, of format `expected`; raises BenchError naming the file and the place."""
-    try:
+    with as_bench_errors():
         return dict(read_json(path, expected, REMEDY).content)
-    except InputError as error:
-        raise BenchError(str(error)) from None
 
 
 def _plan_entry(run: PlannedRun) -> dict[str, Any]:

@@ -9,14 +9,15 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-import os
 import zlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from shockrig.rig.errors import BenchError
+from shockrig.files.disk import read_text
+from shockrig.files.json_files import write_json
+from shockrig.rig.errors import BenchError, as_bench_errors
 from shockrig.rig.virtual.effects import CATALOGUED, KINDS, OUTSIDE, T
 from shockrig.rig.virtual.truth import HUMIDITY_STEP_PERCENT, Hidden, Truth
 
@@ -206,10 +207,8 @@ def seal(path: Path, truth: Truth, seed: int) -> Path:
         "sha256": hashlib.sha256(packed).hexdigest(),
         "sealed": base64.b64encode(packed).decode(),
     }
-    partial = path.with_name(f".{path.name}.partial-{os.getpid()}")
     try:
-        partial.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-        os.replace(partial, path)
+        write_json(path, content)
     except OSError as error:
         raise BenchError(f"{path}: {error.strerror}; name another file for the sealed truth") from None
     return path
@@ -217,8 +216,10 @@ def seal(path: Path, truth: Truth, seed: int) -> Path:
 
 def open_seal(path: Path) -> tuple[Truth, int]:
     """Truth and seed of a sealed file; raises BenchError where it is not one or is damaged."""
+    with as_bench_errors():
+        text = read_text(path, MEND)
     try:
-        content = json.loads(Path(path).read_text(encoding="utf-8"))
+        content = json.loads(text)
         if not isinstance(content, dict) or content.get("format") != FORMAT:
             found = content.get("format") if isinstance(content, dict) else type(content).__name__
             raise ValueError(f'key format: expected "{FORMAT}", found {repr(found)[:40]}')
@@ -229,8 +230,6 @@ def open_seal(path: Path) -> tuple[Truth, int]:
         return Truth.from_json(inner["truth"]), int(inner["seed"])
     except BenchError as error:
         raise BenchError(f"{path}: {error}") from error
-    except OSError as error:
-        raise BenchError(f"{path}: {error.strerror}; {MEND}") from error
     except (RecursionError, ValueError, zlib.error) as error:
         raise BenchError(f"{path}: not a sealed truth: {error}; {MEND}") from error
     except (KeyError, TypeError, AttributeError) as error:
