@@ -94,10 +94,10 @@ def extension_of(causes: list[Effect] | tuple[Effect, ...]) -> Extension:
                 value = float(min(max(cause.parameters[parameter.name].value, parameter.low), parameter.high))
             else:
                 value = parameter.starts[0]
-            if entry.from_readings:
-                held.append(Held(cause.effect, parameter.name, value))
-            else:
+            if entry.fitted:
                 starts[f"{cause.effect}.{parameter.name}"] = value
+            else:
+                held.append(Held(cause.effect, parameter.name, value))
     structure = Structure(tuple(CATALOGUE[c.effect] for c in causes), tuple(held))
     return Extension(structure, starts, causes)
 

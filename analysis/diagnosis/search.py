@@ -85,7 +85,7 @@ def evidence(problem: Problem, gain: float) -> float:
 
 def candidates_of(channel: Channel) -> tuple[Effect, ...]:
     """Effects of the mean response that this campaign can show in this channel."""
-    return tuple(e for e in CATALOGUE.values() if not e.from_readings and e.acts_in(channel))
+    return tuple(e for e in CATALOGUE.values() if e.fitted and e.acts_in(channel))
 
 
 def refit(

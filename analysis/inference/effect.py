@@ -216,9 +216,9 @@ class Effect:
     order: int = 0
 
     @property
-    def from_readings(self) -> bool:
-        """Whether single readings show it, and not the mean response."""
-        return self.in_readings is not None or self.in_noise is not None
+    def fitted(self) -> bool:
+        """Whether the mean response shows it, so that a fit finds its parameters."""
+        return self.apply is not unchanged and self.averages is None
 
     def acts_in(self, channel: Channel) -> bool:
         """Whether it belongs to the channel and the campaign's conditions let it act."""
