@@ -50,7 +50,7 @@ def run_document(
     pressure_hpa: float | None = None,
     start_s: float | None = None,
     duration_s: float | None = None,
-    reference: Reference | None = None,
+    reference: Reference | Mapping[str, float] | None = None,
     **more: Any,
 ) -> dict[str, Any]:
     """Content of run.json; None is left out.
@@ -66,8 +66,8 @@ def run_document(
     airflow_m_s, pressure_hpa : float, optional
     start_s, duration_s : float, optional
         Of the transfer, on the clock of the CSV files.
-    reference : Reference, optional
-        What is known of the instrument that measured the airs.
+    reference : Reference or mapping, optional
+        What is known of the instrument that measured the airs; a mapping has the keys that are known.
     **more
         What else a writer has to say, after that.
     """
@@ -80,7 +80,7 @@ def run_document(
         airflow_m_s=airflow_m_s,
         pressure_hpa=pressure_hpa,
         transfer=known(start_s=start_s, duration_s=duration_s) or None,
-        reference=None if reference is None else asdict(reference),
+        reference=asdict(reference) if isinstance(reference, Reference) else reference,
         **more,
     )
 

@@ -6,7 +6,6 @@ not finite are dropped, and records of unknown shape are passed over.
 
 from __future__ import annotations
 
-import json
 import os
 import socket
 from collections import Counter
@@ -14,6 +13,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from shockrig.files.errors import InputError
+from shockrig.files.json_files import read_json
 from shockrig.rig.errors import BenchError
 from shockrig.rig.journal import decode_line
 from shockrig.rig.recorder.run import JOURNAL
@@ -196,10 +197,9 @@ def _names(folder: Path) -> list[str]:
 
 def _json(path: Path) -> dict[str, Any]:
     try:
-        content = json.loads(path.read_bytes())
-    except (OSError, ValueError, RecursionError):
+        return dict(read_json(path, None, "look again").content)
+    except InputError:
         return {}
-    return content if isinstance(content, dict) else {}
 
 
 def _alive(pid: Any) -> bool:

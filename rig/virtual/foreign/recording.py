@@ -5,7 +5,6 @@ The truth is returned and never written.
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.files.campaign_write import campaign_document, run_document, table_text, write_campaign, write_run
 from shockrig.rig.errors import BenchError
 from shockrig.rig.virtual.foreign.air import Course, ideal_step, one_approach, ramp, two_stage
 from shockrig.rig.virtual.foreign.bodies import SHARE_63, make_body
@@ -73,7 +73,7 @@ def record(bench: Bench, seed: int, out: str | Path) -> Truth:
     partial = out.with_name(f".{out.name}.partial-{os.getpid()}")
     try:
         (partial / "runs").mkdir(parents=True)
-        _write_json(partial / "campaign.json", _campaign_json(bench))
+        write_campaign(partial, _campaign_json(bench))
         for i, transfer in enumerate(bench.plan):
             folder = partial / "runs" / f"{i + 1:04d}"
             folder.mkdir()
@@ -111,24 +111,24 @@ def _record_run(bench: Bench, transfer: Transfer, calibration: float, rng: np.ra
     course = course_of(bench, transfer)
     time = _stamps(bench.logger, transfer.length_s, sensor_rng)
     shown = _logged(bench.logger, time, course.shown_by(body, time), sensor_rng)
+    tables: dict[str, str] = {}
     if bench.channel == "temperature":
-        _write_csv(folder / "imet.csv", "time_s,temperature_c", time, shown)
+        tables["imet"] = _table(time_s=time, temperature_c=shown)
     else:
         die = np.round(bench.other_c + DIE_NOISE_K * die_rng.standard_normal(time.size), 2)
-        columns = (np.clip(shown, 0.0, 100.0), die, np.zeros(time.size))
-        _write_csv(folder / "hyt.csv", "time_s,humidity_percent,temperature_c,stale", time, *columns)
+        film = np.clip(shown, 0.0, 100.0)
+        tables["hyt"] = _table(time_s=time, humidity_percent=film, temperature_c=die, stale=np.zeros(time.size))
     if bench.reference is not None:
         beside = _stamps(bench.reference.logger, transfer.length_s, air_rng)
         late = bench.reference.time_constant_s
         seen = course.at(beside) if late < FASTEST_REFERENCE_S else course.shown_by(make_body("lumped", late), beside)
         traced = _logged(bench.reference.logger, beside, seen + calibration, air_rng)
-        name = "temperature_c" if bench.channel == "temperature" else "humidity_percent"
-        steady = np.full(beside.size, bench.other_c)
         if bench.channel == "temperature":
-            _write_csv(folder / "air.csv", f"time_s,{name}", beside, traced)
+            tables["air"] = _table(time_s=beside, temperature_c=traced)
         else:
-            _write_csv(folder / "air.csv", f"time_s,{name},temperature_c", beside, traced, steady)
-    _write_json(folder / "run.json", _run_json(bench, transfer, folder.name, stated))
+            steady = np.full(beside.size, bench.other_c)
+            tables["air"] = _table(time_s=beside, humidity_percent=traced, temperature_c=steady)
+    write_run(folder, _run_json(bench, transfer, folder.name, stated), tables)
 
 
 def _stamps(logger: Logger, length_s: float, rng: np.random.Generator) -> Array:
@@ -159,14 +159,14 @@ def _campaign_json(bench: Bench) -> dict[str, Any]:
     if bench.length_m is not None:
         sensor["bead_radius_m" if temperature else "film_thickness_m"] = bench.length_m
     sensors = {"imet" if temperature else "hyt": sensor}
-    return {"format": "shock-campaign/1", "name": bench.name, "sensors": sensors}
+    return campaign_document(bench.name, sensors)
 
 
 def _run_json(bench: Bench, transfer: Transfer, name: str, rng: np.random.Generator) -> dict[str, Any]:
-    run: dict[str, Any] = {"format": "shock-run/1", "id": name}
     written = bench.written
     scatter = AIR_ERROR[bench.channel] if written.air_error is None else written.air_error
     of_source, of_destination, of_start = rng.standard_normal(3)
+    airs: dict[str, dict[str, float]] = {}
     if written.airs:
         for key, value, error in (
             ("source", transfer.source, of_source),
@@ -174,26 +174,27 @@ def _run_json(bench: Bench, transfer: Transfer, name: str, rng: np.random.Genera
         ):
             stated = round(float(value + scatter * error), 4)
             if bench.channel == "temperature":
-                run[key] = {"temperature_c": stated}
+                airs[key] = {"temperature_c": stated}
             else:
-                run[key] = {"temperature_c": bench.other_c, "humidity_percent": stated}
-    if written.airflow:
-        run["airflow_m_s"] = bench.airflow_m_s
-    if written.start:
-        run["transfer"] = {"start_s": round(float(transfer.start_s + written.start_error_s * of_start), 4)}
+                airs[key] = {"temperature_c": bench.other_c, "humidity_percent": stated}
+    start_s = round(float(transfer.start_s + written.start_error_s * of_start), 4)
+    reference = None
     if bench.reference is not None and bench.reference.stated:
         key, unit = ("temperature", "k") if bench.channel == "temperature" else ("humidity", "percent")
-        run["reference"] = {
+        reference = {
             f"{key}_time_constant_s": bench.reference.time_constant_s,
             f"{key}_standard_uncertainty_{unit}": bench.reference.standard_uncertainty,
         }
-    return run
+    return run_document(
+        name,
+        source=airs.get("source"),
+        destination=airs.get("destination"),
+        airflow_m_s=bench.airflow_m_s if written.airflow else None,
+        start_s=start_s if written.start else None,
+        reference=reference,
+    )
 
 
-def _write_json(path: Path, content: dict[str, Any]) -> None:
-    path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def _write_csv(path: Path, header: str, *columns: Array) -> None:
-    rows = "\n".join(",".join(f"{value:.10g}" for value in row) for row in np.column_stack(columns).tolist())
-    path.write_text(f"{header}\n{rows}\n", encoding="utf-8")
+def _table(**columns: Array) -> str:
+    """A CSV file, each number with the digits that it has."""
+    return table_text({name: values.tolist() for name, values in columns.items()}, dict.fromkeys(columns, "%.10g"))
