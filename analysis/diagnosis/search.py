@@ -133,7 +133,11 @@ def add(problem: Problem, current: Fit, effect: Effect, starts: Starts | None = 
     """Best fit of the current model with one more effect: a few steps from each of its starts."""
     structure, rates = current.structure.adding(effect), _rate_shift(effect, problem.channel)
     tried = effect.starts(problem.channel) if starts is None else starts
-    fits = (_quick(problem, structure, current, _named(effect, start), rates) for start in tried)
+    fits = [_quick(problem, structure, current, _named(effect, start), rates) for start in tried]
+    fits.sort(key=lambda f: f.deviance)
+    if any(p.weakest is not None for p in effect.parameters):
+        # From starts this far apart a few steps rank by luck: the two best are followed on.
+        fits[:2] = [fit(problem, structure, f.theta, f.deviations, QUICK_STEPS) for f in fits[:2]]
     return min(fits, key=lambda f: f.deviance)
 
 
