@@ -1,0 +1,30 @@
+"""Small campaigns of the virtual bench, on which every effect of the catalogue can act, for tests of the analysis."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from shockrig.files.campaign import read_campaign
+from shockrig.rig.seams import Air
+from shockrig.rig.virtual.batch import simulate_campaign
+from shockrig.rig.virtual.plans import PlannedRun, wide_plan
+from shockrig.rig.virtual.truth import SMOOTH, draw_truth
+
+LIGHT = {"irradiance_w_m2": 800.0}
+
+
+def small_plan():
+    """Runs at 20 degC (both quantities, both directions, three airflows), some under light, two cold ones with dew."""
+    wide = wide_plan()
+    at_20 = [*wide[10:15], *wide[25:]]
+    runs = [replace(run, extra=LIGHT) if i % 3 == 0 else run for i, run in enumerate(at_20)]
+    runs += [wide[0], wide[1], wide[20], wide[21]]  # humidity shocks at 0 and 40 degC
+    runs += [PlannedRun(f"dew {flow:.0f}", Air(2.0, 60.0), Air(20.0, 70.0), flow) for flow in (4.0, 8.0)]
+    return [replace(run, id=f"{i:04d}") for i, run in enumerate(runs, 1)]
+
+
+def record(folder, seed, effects=(), tier=SMOOTH, plan=None, **changes):
+    """A campaign of random sensors with `effects` hidden, `changes` made to what is true of them."""
+    rng = np.random.default_rng(seed)
+    truth = replace(draw_truth(rng, tier, effects), **changes)
+    return read_campaign(simulate_campaign(truth, plan or small_plan(), rng, folder))
