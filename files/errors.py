@@ -1,4 +1,4 @@
-"""Errors that a user can mend: every message names the file, the line or key, what was expected, and the mend."""
+"""Errors that a user can fix: every message names the file, the line or key, what was expected, and the remedy."""
 
 
 class InputError(ValueError):

@@ -122,10 +122,28 @@ def read_air(folder: Path) -> Trace | None:
             values[name] = np.where(possible, column, np.nan)
             known |= possible
     dropped["empty"] += int((keep & ~known).sum())
-    trace = _in_order(file, time_s, values, keep & known, dropped)
+    trace = _in_order(file, time_s, _merged(time_s, values, keep & known), keep & known, dropped)
     if trace.time_s.size < 2:
         raise InputError(f"{shown(file)}: fewer than two rows with a time and a value that can be; {REMEDY}")
     return trace
+
+
+def _merged(time_s: Array, values: dict[str, Array], keep: Mask) -> dict[str, Array]:
+    """The same columns where rows of one time are one row: of each column the first value, where the first row stands.
+
+    Two instruments beside the probes may have been logged to one file, each in rows of its own.
+    """
+    rows = np.flatnonzero(keep)
+    begins = np.diff(time_s[rows], prepend=-np.inf) != 0
+    if begins.all():
+        return values
+    first = rows[begins][np.cumsum(begins) - 1]  # for each kept row the first one of its time
+    merged = {}
+    for name, column in values.items():
+        there = np.isfinite(column[rows])
+        merged[name] = column.copy()
+        merged[name][first[there][::-1]] = column[rows[there]][::-1]
+    return merged
 
 
 def _read_table(file: Path) -> pd.DataFrame:

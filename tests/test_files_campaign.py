@@ -209,6 +209,20 @@ def test_the_air_as_it_was_measured_is_read_with_what_is_known_of_its_instrument
     assert read_campaign(small).to_frame().air_measured.tolist() == [False]
 
 
+def test_two_instruments_that_wrote_into_one_file_in_turn_are_one_air(small):
+    """Rows of one time are one row: of each quantity what came first."""
+    write_air(
+        small,
+        "time_s,temperature_c,humidity_percent\n"
+        "0,,30\n0,20,\n0,21,31\n1,,33\n2,22,\n2,,34\n3,,\n3,23,\n4,,900\n4,24,\n5,,\n5,25,\n5,,35\n",
+    )
+    air = read_campaign(small).runs[0].air
+    assert air.time_s.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    np.testing.assert_array_equal(air.values["temperature_c"], [20.0, np.nan, 22.0, 23.0, 24.0, 25.0])
+    np.testing.assert_array_equal(air.values["humidity_percent"], [30.0, 33.0, 34.0, np.nan, np.nan, 35.0])
+    assert air.dropped == {"empty": 3, "implausible": 1, "repeated_time": 4}
+
+
 def test_the_body_of_each_sensor_is_read_and_has_its_usual_shape_where_none_is_named(small):
     assert read_campaign(small).bodies == {"imet": "sphere", "hyt": "film"}
     set_body(small, "imet", "cylinder_mean")
