@@ -130,7 +130,7 @@ def _channel_document(name: str, channel: StatedChannel) -> dict[str, Any]:
 def _cause_document(cause: StatedCause) -> dict[str, Any]:
     content = _plain(effect_document(cause))
     content["parameters"] = {name: stated for name, stated in content["parameters"].items() if "value" in stated}
-    return content | known(at_bound=list(cause.at_bound) or None, evidence=cause.evidence or None)
+    return {**content, **known(at_bound=list(cause.at_bound) or None, evidence=cause.evidence or None)}
 
 
 def _plain(value: Any) -> Any:
