@@ -30,6 +30,7 @@ SHORT_RAMP_S = 0.2  # a change of the air within a sample or two is a jump to wh
 JUMP_K = 0.3  # change of the air's temperature from which RH jumps with it
 GAUSS_NODES = 5  # for the mean of readings that all lie well after the transfer
 NODES_FROM = 2.0  # lengths of the averaging after which they do
+WARPED = 3.0  # ramps after which one is over on the time axis of a film whose diffusivity depends on its uptake
 JUMP_S = 0.05  # this near a jump, five times the trigger's uncertainty, nobody knows on which side of it a sample is
 
 
@@ -171,16 +172,16 @@ def evaluate(chain: Chain, reading_of: Callable[[Chain], Array]) -> Array:
     """Readings of the chain, shape (B, R, n) [degC or %RH]; `reading_of` is `temperature_reading` or its like."""
     if chain.averaged > 1 and chain.channel.jumps_with_air:
         return _running_mean(chain, reading_of)
-    reading = reading_of(chain)
-    # What the readout adds to a mean of readings, it adds at their middle.
-    middle = 0.5 * (chain.averaged - 1) * chain.channel.sampling_period_s
+    reading, period = reading_of(chain), chain.channel.sampling_period_s
     for readout in chain.readouts:
-        reading = readout(reading, chain.time_s - middle)
+        # Readouts of such a channel are linear in the reading: what they add to each reading is averaged by itself.
+        each = [readout(reading, chain.time_s - j * period) for j in range(chain.averaged)]
+        reading = each[0] if len(each) == 1 else np.mean(each, axis=0)
     return reading
 
 
 def _running_mean(chain: Chain, reading_of: Callable[[Chain], Array]) -> Array:
-    """Mean of the last n readings: all of them while the air's change lies among them, Gauss nodes for them after."""
+    """Mean of the last n readings: all of them where a corner lies among them, Gauss nodes for them elsewhere."""
     n, period = chain.averaged, chain.channel.sampling_period_s
     single = replace(chain, averaged=1)
 
@@ -188,10 +189,9 @@ def _running_mean(chain: Chain, reading_of: Callable[[Chain], Array]) -> Array:
         moved = replace(single, time_s=chain.time_s[..., columns] - shift_s, die_c=chain.die_c[:, columns])
         return evaluate(moved, reading_of)
 
-    late = chain.time_s.reshape(-1, chain.time_s.shape[-1]).min(axis=0) > NODES_FROM * n * period
-    late &= n > GAUSS_NODES
-    driven = any(air is not None for air in chain.channel.air)
-    whole, few = np.flatnonzero(~late | driven), np.flatnonzero(late & (not driven))
+    smooth = ~_near_corners(chain, NODES_FROM * n * period)
+    smooth &= n > GAUSS_NODES and all(air is None for air in chain.channel.air)
+    whole, few = np.flatnonzero(~smooth), np.flatnonzero(smooth)
     out = np.zeros(np.broadcast_shapes(chain.time_s.shape, (*chain.rate.shape, 1)))
     if whole.size:
         out[..., whole] = sum(at(j * period, whole) for j in range(n)) / n
@@ -199,6 +199,21 @@ def _running_mean(chain: Chain, reading_of: Callable[[Chain], Array]) -> Array:
         nodes, weights = discrete_gauss(n, GAUSS_NODES)
         out[..., few] = sum(w * at(float(j) * period, few) for j, w in zip(nodes, weights, strict=True))
     return out
+
+
+def _near_corners(chain: Chain, span_s: float) -> NDArray[np.bool_]:
+    """Columns (n,) within `span_s` after a corner of the reading: the transfer's two ends, and when a film dries."""
+    ends = [np.zeros((1, 1))]
+    if chain.ramp_s is not None:
+        ends.append(chain.ramp_s if chain.activity_slope is None else WARPED * chain.ramp_s)
+    stretches = [(ends[0], ends[-1])]
+    if chain.wet_until_s is not None:
+        stretches.append((chain.wet_until_s, chain.wet_until_s))
+    near = np.zeros(chain.time_s.shape[-1], dtype=bool)
+    for begin, end in stretches:
+        inside = (chain.time_s > begin[..., None]) & (chain.time_s <= end[..., None] + span_s)
+        near |= inside.reshape(-1, near.size).any(axis=0)
+    return near
 
 
 @cache
