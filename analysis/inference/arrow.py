@@ -87,7 +87,8 @@ class Arrow:
         """Of theta (P, P); a parameter that the data do not see gets a huge variance and leaves the others alone."""
         scale = np.sqrt(np.maximum(np.diag(self.normal), 1e-12))
         correlation = self.normal / scale[:, None] / scale
-        inverse = np.linalg.pinv(correlation + 1e-12 * np.eye(scale.size), rcond=1e-11, hermitian=True)
+        np.fill_diagonal(correlation, 1.0 + 1e-12)  # that of an unseen parameter is nought, and would be left out
+        inverse = np.linalg.pinv(correlation, rcond=1e-11, hermitian=True)
         return np.asarray(inverse / scale[:, None] / scale)
 
     def run_variances(self) -> Array:
