@@ -16,17 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.flight.sensor import NOISE_K, NOISE_PERCENT, REFERENCE_AIRSPEED_M_S, fly
+from shockrig.analysis.flight.sensor import REFERENCE_AIRSPEED_M_S, fly
+from shockrig.analysis.flight.typical import NOISE_K, NOISE_PERCENT
 from shockrig.analysis.flight.weather import FINE_STEP_S, Weather
 from shockrig.files.disk import TABLE_AT_MOST, open_text, shown
 from shockrig.files.errors import InputError
-from shockrig.files.profile import Effect, Profile, Uncertain
+from shockrig.files.profile import Profile
 from shockrig.files.ranges import RANGES, Range
 from shockrig.rig.seams import Air
 
 Array = NDArray[np.float64]
 LONGEST_S = 90_000.0
-UNROUNDED = 1e-7  # the instrument rounds, not the simulation
 PRESSURE_HPA = 1013.25
 COLUMNS = {
     "temperature_c": ("temperature_corrected_c", "temperature_c"),
@@ -96,7 +96,15 @@ def read_flown_air(path: Path) -> Weather:
                 "fix the row or leave the cell empty"
             )
         air[quantity] = np.interp(fine_s, time_s[known] - time_s[0], values[known])
-    return Weather(path.name, fine_s, **air)
+    return Weather(
+        path.name,
+        fine_s,
+        air["temperature_c"],
+        air["humidity_percent"],
+        air["airspeed_m_s"],
+        air["pressure_hpa"],
+        air["altitude_m"],
+    )
 
 
 def _numbers(column: Any, path: Path, name: str) -> Array:
@@ -170,15 +178,16 @@ def flight_world(weather: Weather, profile: Profile, seed: int = 0, noise: float
         missing = "temperature" if profile.temperature is None else "humidity"
         raise InputError(f"profile: key {missing} is missing; to play a flight a profile needs both sensors")
     left_out: list[str] = []
-    unrounded = Effect("quantization", {"step": Uncertain(UNROUNDED, 0.0)})
 
     def without_logger(part: Any) -> Any:
         logger = [e for e in part.effects if e.effect in CATALOGUE and CATALOGUE[e.effect].link == "logger"]
         left_out.extend(e.effect for e in logger)
-        return replace(part, effects=(*(e for e in part.effects if e not in logger), unrounded))
+        return replace(part, effects=tuple(e for e in part.effects if e not in logger))
 
-    element = Profile(without_logger(profile.temperature), without_logger(profile.humidity))
-    log = fly(weather, element, seed, noise=0.0).log
+    element = replace(
+        profile, temperature=without_logger(profile.temperature), humidity=without_logger(profile.humidity)
+    )
+    log = fly(weather, element, seed, noise=0.0, rounded=False).log  # the instrument rounds, not the simulation
     time_s = log["time_s"].to_numpy()
 
     def smooth(column: str) -> Course:

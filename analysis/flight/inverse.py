@@ -7,20 +7,20 @@ followed, and where zeros lie outside the unit circle the inverse runs both ways
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import firwin, welch
 from scipy.signal.windows import hann
 
-from shockrig.analysis.flight.prior import Passing
+from shockrig.analysis.flight.channel import LEAST_SAMPLES, Readings
+from shockrig.analysis.flight.low_pass import fir_taps, low_pass, power_density, suggest_cutoff_hz
 from shockrig.analysis.flight.response import Response
+from shockrig.analysis.flight.sampled import mean_response, response_time_s, sampled, transfer_function
 from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
+from shockrig.analysis.flight.stepping import stepped
+from shockrig.analysis.physics.bodies import BODIES
 from shockrig.analysis.physics.schemes.layers import StateSpace, film_layers, sphere_layers
 from shockrig.analysis.physics.schemes.sampling import (
     delay_samples,
-    inverse_noise_gain,
     is_minimum_phase,
     sample,
     stable_period_s,
@@ -31,8 +31,7 @@ from shockrig.files.errors import InputError
 
 Array = NDArray[np.float64]
 LAYERS = tuple(range(10, 1, -1))  # tried from the finest down
-# the core alone, or layers weighted towards it by (N - i + 1)^p
-SKEWS = {"temperature": (None, 0.5, 1.0), "humidity": (None,)}
+SKEWS = (None, 0.5, 1.0)  # the core alone, or layers weighted towards it by (N - i + 1)^p
 SMALLEST_GAIN = 1e-3
 ON_THE_CIRCLE = 0.02  # a zero so close to the unit circle cannot be inverted either way in time
 
@@ -41,95 +40,40 @@ class RefusedError(InputError):
     """A method refuses this sensor at this sampling; the message says why and what to use instead."""
 
 
-@dataclass(frozen=True)
-class Readings:
-    """One channel as the methods see it: rows in order, `noise_variance` expected of each, `rate_per_s` D/L^2 or
-    alpha/R^2."""
-
-    channel: str
-    time_s: Array
-    reading: Array
-    usable: NDArray[np.bool_]
-    response: Response
-    noise_variance: Array
-    delay_s: float = 0.0
-    passing: Passing | None = None
-
-
-def suggest_cutoff_hz(reading: Array, period_s: float, noise: float) -> float:
-    """Frequency above which the reading's power spectrum lies on its noise floor.
-
-    The floor is the median of the highest 30 % of frequencies, if that is no more than four times the power of the
-    noise expected; else the noise expected. The cut-off is where the smoothed spectrum first falls below twice the
-    floor.
-    """
-    size = min(reading.size, max(256, reading.size // 4))
-    frequency, power = welch(reading, 1 / period_s, nperseg=size, detrend="linear")
-    expected = 2 * period_s * noise**2
-    seen = float(np.median(power[frequency > 0.7 * frequency[-1]])) / 0.97
-    floor = seen if seen < 4 * expected else expected
-    width = np.maximum(1, np.arange(power.size) // 8)
-    total = np.concatenate([[0.0], np.cumsum(power)])
-    low, high = np.maximum(np.arange(power.size) - width, 0), np.minimum(np.arange(power.size) + width + 1, power.size)
-    smoothed = (total[high] - total[low]) / (high - low)
-    below = np.flatnonzero((smoothed < 2 * floor) & (frequency > 0))
-    cutoff = frequency[below[0]] if below.size else frequency[-1]
-    return float(np.clip(cutoff, 4.0 / (reading.size * period_s), 0.8 * frequency[-1]))
-
-
-def low_pass(values: Array, period_s: float, cutoff_hz: float) -> Array:
-    """Zero-phase FIR low-pass (windowed sinc, symmetric), the ends continued by point reflection."""
-    taps = fir_taps(values.size, period_s, cutoff_hz)
-    half = taps.size // 2
-    padded = np.pad(values, half, mode="reflect", reflect_type="odd")
-    return np.convolve(padded, taps, mode="valid")
-
-
-def fir_taps(count: int, period_s: float, cutoff_hz: float) -> Array:
-    """Taps of the low-pass for a series of `count` values: four periods of the cut-off long, odd, of unit sum."""
-    length = min(int(4.0 / (cutoff_hz * period_s)), (count - 1) // 2) // 2 * 2 + 1
-    return firwin(max(length, 3), cutoff_hz, fs=1 / period_s)
-
-
 def paper_layers(channel: str, response: Response, period_s: float) -> tuple[StateSpace, int]:
-    """The paper's explicitly stepped sensor with the most layers whose step and inverse are both stable, and their
-    number.
+    """The paper's explicitly stepped sensor with the most layers whose step and inverse are both stable; how many.
 
     Its diffusivity is what a fit of that very grid would have found: the one that gives the response's own t63.
 
     Raises
     ------
     RefusedError
-        No number of layers does; says what fails.
+        No number of layers does, or the paper has no layers for such a body; says what fails.
     """
+    if response.body not in ("sphere", "film"):
+        body = BODIES[response.body].sentence if response.body in BODIES else "a body of unknown shape"
+        raise RefusedError(
+            f"{channel}: the paper's inverse is refused: it knows a sphere read at its core and a film, and the "
+            f"profile has {body}; use the smoother"
+        )
     t63 = response_time_s(response)
     reasons = set()
-    for layers, skew in ((layers, skew) for layers in LAYERS for skew in SKEWS[channel]):
-        grid = (
-            sphere_layers("printed", layers, skew=skew) if channel == "temperature" else film_layers("printed", layers)
-        )
+    of_sphere = response.body == "sphere"
+    for layers, skew in ((layers, skew) for layers in LAYERS for skew in (SKEWS if of_sphere else (None,))):
+        grid = sphere_layers("printed", layers, skew=skew) if of_sphere else film_layers("printed", layers)
         rate = share_time(grid) / t63
         system = StateSpace(rate * grid.a, rate * grid.b, grid.c)
         if stable_period_s(system) < period_s:
             reasons.add("the explicit step grows")
             continue
-        stepped = sample(system, period_s, "explicit_euler")
-        if is_minimum_phase(stepped):
-            return stepped, layers
+        explicit = sample(system, period_s, "explicit_euler")
+        if is_minimum_phase(explicit):
+            return explicit, layers
         reasons.add("the inverse has poles outside the unit circle")
     raise RefusedError(
         f"{channel}: the paper's inverse is refused: with {LAYERS[-1]} to {LAYERS[0]} layers at {period_s:g} s "
         f"{' or '.join(sorted(reasons))} (t63 = {t63:.3g} s); use the smoother"
     )
-
-
-def response_time_s(response: Response, share: float = 0.63212055882855767, row: int = 0) -> float:
-    """Time to `share` of a step at one instant of the flight."""
-    from shockrig.analysis.physics.modes import Modes, response_times
-
-    rate = response.rate[row]
-    order = np.argsort(rate)
-    return response_times(Modes(-response.weight[row][order], rate[order]), (share,))[0]
 
 
 def paper(readings: Readings, cutoff_hz: float | None = None) -> Estimate:
@@ -140,15 +84,6 @@ def paper(readings: Readings, cutoff_hz: float | None = None) -> Estimate:
     smooth = low_pass(reading, period, cutoff)
     air = low_pass(invert(system, smooth), period, cutoff)
     return _estimate(readings, time, air, smooth, period, cutoff, _gain(system, air.size, period, cutoff))
-
-
-def mean_response(response: Response) -> Response:
-    """One response for a whole flight: weights and logs of the rates averaged."""
-    return Response(
-        response.weight.mean(axis=0, keepdims=True),
-        np.exp(np.log(response.rate).mean(axis=0, keepdims=True)),
-        response.relative_uncertainty.mean(keepdims=True),
-    )
 
 
 def invert(system: StateSpace, reading: Array) -> Array:
@@ -166,12 +101,6 @@ def invert(system: StateSpace, reading: Array) -> Array:
     return air
 
 
-def mended_system(response: Response, period_s: float, row: int) -> StateSpace:
-    """Exact zero-order hold of the response at one row, in modes."""
-    decay = np.exp(-response.rate[row] * period_s)
-    return StateSpace(np.diag(decay), 1.0 - decay, response.weight[row], 0.0, period_s)
-
-
 def mended(readings: Readings, cutoff_hz: float | None = None) -> Estimate:
     """Correct one channel by the exact inverse; RefusedError where a zero lies on the unit circle."""
     period, time, reading = _evenly(readings)
@@ -179,9 +108,9 @@ def mended(readings: Readings, cutoff_hz: float | None = None) -> Estimate:
     smooth = low_pass(reading, period, cutoff)
     nearest = np.clip(np.searchsorted(readings.time_s - readings.delay_s, time), 0, readings.time_s.size - 1)
     along = readings.response.at(nearest)
-    rates = along.rate[:, 0]
+    rates = along.rate[:, along.within.start]  # of the body: those of a sheath are the same all along
     looked_at = {int(np.argmin(rates)), int(np.argmax(rates)), time.size // 2}
-    systems = [mended_system(along, period, row) for row in sorted(looked_at)]
+    systems = [sampled(along, period, row) for row in sorted(looked_at)]
     if all(is_minimum_phase(system) for system in systems):
         air = _invert_along(along, smooth, period)
     else:
@@ -203,29 +132,34 @@ def mended(readings: Readings, cutoff_hz: float | None = None) -> Estimate:
 
 
 def _mean_system(along: Response, period: float) -> StateSpace:
-    return mended_system(mean_response(along), period, 0)
+    return sampled(mean_response(along), period, 0)
 
 
 def _invert_along(along: Response, reading: Array, period: float) -> Array:
-    """Inverse of the parallel lags under zero-order hold, weights and rates taken anew at each step."""
-    decay = np.exp(-along.rate * period)
-    carry, reaction = along.weight * decay, np.sum(along.weight * (1 - decay), axis=1)
+    """Inverse of the lags under zero-order hold, weights and rates taken anew at each step."""
+    step = stepped(along.rate, np.array(period), along.sheath, along.inside)
+    decay, fed, within, count = step.decay, step.fed, along.within, len(along.sheath)
+    drive = 1.0 - decay
+    drive[:, within] -= fed.sum(axis=-1)
+    carry, reaction = along.weight * decay, np.sum(along.weight * drive, axis=1)
+    carry[:, :count] += np.einsum("nm,nmj->nj", along.weight[:, within], fed)
     state = np.full(decay.shape[1], reading[0])
     air = np.empty(reading.size)
     for k in range(reading.size):
         following = reading[min(k + 1, reading.size - 1)]
         air[k] = (following - carry[k] @ state) / reaction[k]
-        state = decay[k] * (state - air[k]) + air[k]
+        after = decay[k] * state + drive[k] * air[k]
+        after[within] += fed[k] @ state[:count]
+        state = after
     return air
 
 
 def _invert_both_ways(system: StateSpace, reading: Array) -> Array:
-    """Stable two-sided inverse: zeros inside the circle run forward in time, those outside backward (division of
-    spectra)."""
+    """Stable two-sided inverse by division of spectra: zeros inside the circle run forward in time, others backward."""
     pad = reading.size
     padded = np.pad(reading, pad, mode="reflect", reflect_type="odd")
     trend = np.linspace(padded[0], padded[-1], padded.size)
-    frequency = np.fft.rfftfreq(padded.size)
+    frequency = np.asarray(np.fft.rfftfreq(padded.size), dtype=float)
     taper = hann(2 * (pad // 2), sym=False)
     window = np.ones(padded.size)
     window[: pad // 2], window[-(pad // 2) :] = taper[: pad // 2], taper[-(pad // 2) :]
@@ -233,17 +167,10 @@ def _invert_both_ways(system: StateSpace, reading: Array) -> Array:
     # a zero on the circle beyond the low-pass, often at half the sampling rate, is left to the low-pass
     transfer /= np.minimum(np.abs(transfer) / SMALLEST_GAIN, 1.0)
     air = np.fft.irfft(np.fft.rfft((padded - trend) * window) / transfer, padded.size)
-    delay = float(np.sum(system.c * system.b / (1 - np.diag(system.a)) ** 2))  # a ramp's lag in steps
+    away = np.eye(len(system.b)) - system.a
+    delay = float(system.c @ np.linalg.solve(away, np.linalg.solve(away, system.b)))  # a ramp's lag in steps
     slope = (trend[1] - trend[0]) if trend.size > 1 else 0.0
     return (air + trend + slope * delay)[pad:-pad]
-
-
-def transfer_function(system: StateSpace, frequency: Array) -> NDArray[np.complex128]:
-    """Transfer function of a sampled system at frequencies in cycles per sample."""
-    poles, vectors = np.linalg.eig(system.a)
-    weight = (system.c @ vectors) * np.linalg.solve(vectors, system.b.astype(complex))
-    z = np.exp(2j * np.pi * np.asarray(frequency))
-    return system.d + np.sum(weight / (z[..., None] - poles), axis=-1)
 
 
 def _gain(system: StateSpace, count: int, period: float, cutoff: float) -> float:
@@ -255,17 +182,14 @@ def _gain(system: StateSpace, count: int, period: float, cutoff: float) -> float
     return float(np.sqrt(np.mean(gain**2)))
 
 
-def noise_gain(system: StateSpace) -> float:
-    """Noise gain of the bare inverse; infinite where it is unstable."""
-    return inverse_noise_gain(system)
-
-
 def _evenly(readings: Readings) -> tuple[float, Array, Array]:
     """Readings on an even grid of their typical period, gaps bridged by straight lines."""
     period = typical_period(readings.time_s)
     rows = np.flatnonzero(readings.usable)
-    if rows.size < 16:
-        raise RefusedError(f"{readings.channel}: {rows.size} usable samples are too few to invert; 16 are needed")
+    if rows.size < LEAST_SAMPLES:
+        raise RefusedError(
+            f"{readings.channel}: {rows.size} usable samples are too few to invert; {LEAST_SAMPLES} are needed"
+        )
     own = readings.time_s - readings.delay_s
     time = np.arange(own[0], own[-1] + readings.delay_s + 0.5 * period, period)
     return period, time, np.interp(time, own[rows], readings.reading[rows])
@@ -282,7 +206,7 @@ def _estimate(
     readings: Readings, time: Array, air: Array, clean: Array, period: float, cutoff: float, gain: float
 ) -> Estimate:
     """Put the inverse's result on the rows; variance: amplified noise and the turbulence above the cut-off."""
-    frequency, power = welch(air, 1 / period, nperseg=min(air.size, max(256, air.size // 4)), detrend="linear")
+    frequency, power = power_density(air, period, min(air.size, max(256, air.size // 4)))
     band = (frequency > 0.4 * cutoff) & (frequency < 0.8 * cutoff)
     amplified = (gain * _noise(readings)) ** 2
     level = float(np.median(power[band] * (frequency[band] / cutoff) ** (5 / 3))) if band.any() else 0.0

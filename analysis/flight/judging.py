@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import welch
 
-from shockrig.analysis.flight.inverse import fir_taps, mended_system, transfer_function
+from shockrig.analysis.flight.low_pass import fir_taps, power_density
 from shockrig.analysis.flight.response import Response
+from shockrig.analysis.flight.sampled import sampled, transfer_function
 
 Array = NDArray[np.float64]
 SPECTRAL_SLOPE, STRUCTURE_SLOPE = -5.0 / 3.0, 2.0 / 3.0
@@ -23,7 +23,7 @@ SPECTRAL_SLOPE, STRUCTURE_SLOPE = -5.0 / 3.0, 2.0 / 3.0
 def power_spectrum(values: Array, period_s: float, segment_s: float | None = None) -> tuple[Array, Array]:
     """One-sided power spectral density by Welch's method: frequency [Hz] (without 0) and power [unit^2/Hz]."""
     size = values.size if segment_s is None else min(values.size, round(segment_s / period_s))
-    frequency, power = welch(values, 1 / period_s, nperseg=size, detrend="linear")
+    frequency, power = power_density(values, period_s, size)
     return frequency[1:], power[1:]
 
 
@@ -66,13 +66,13 @@ class Bode:
 def bode(response: Response, period_s: float, cutoff_hz: float, row: int = 0, count: int = 400) -> Bode:
     """Bode diagram of one instant's response, up to half the sampling rate."""
     frequency = np.geomspace(1e-3, 0.4999 / period_s, count)
-    sampled = transfer_function(mended_system(response, period_s, row), frequency * period_s)
     # an advance of half a sample, since held air acts so much later
-    sampled = sampled * np.exp(1j * np.pi * frequency * period_s)
+    advance = np.exp(1j * np.pi * frequency * period_s)
+    held = transfer_function(sampled(response, period_s, row), frequency * period_s) * advance
     taps = fir_taps(100_000, period_s, cutoff_hz)
     place = np.arange(taps.size) - taps.size // 2
     filtered = np.real(np.exp(-2j * np.pi * np.outer(frequency * period_s, place)) @ taps)
-    return Bode(frequency, response.clean(frequency, row), sampled, 1 / sampled, filtered**2 / sampled)
+    return Bode(frequency, response.clean(frequency, row), held, 1 / held, filtered**2 / held)
 
 
 def rmse(estimate: Array, truth: Array) -> float:

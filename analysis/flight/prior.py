@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.flight.response import Response
+from shockrig.analysis.flight.stepping import stepped
 
 Array = NDArray[np.float64]
 RATES_PER_S = np.array([0.03, 0.5, 8.0])
@@ -112,19 +113,13 @@ def passing_step(passing: Passing, step_s: Array) -> tuple[Array, Array]:
 def gain_squared(response: Response, frequency_hz: Array, period_s: float) -> Array:
     """|H|^2 from the sampled air, straight between samples, to the reading: (n, f) for n instants."""
     z = np.exp(2j * np.pi * frequency_hz * period_s)
-    old, new, decay = hold(response.rate, np.array(period_s))
-    h = np.einsum("nk,nkf->nf", response.weight, (old[..., None] + new[..., None] * z) / (z - decay[..., None]))
+    step = stepped(response.rate, np.array(period_s), response.sheath, response.inside)
+    driven = step.old[..., None] + step.new[..., None] * z
+    if count := len(response.sheath):
+        outer = driven[:, :count] / (z - step.decay[:, :count, None])
+        driven[:, response.within] += np.einsum("nmj,njf->nmf", step.fed, outer)
+    h = np.einsum("nk,nkf->nf", response.weight, driven / (z - step.decay[..., None]))
     return np.abs(h) ** 2
-
-
-def hold(rate: Array, step_s: Array) -> tuple[Array, Array, Array]:
-    """q' = decay q + old air + new air', for air that is straight over the step; shapes broadcast."""
-    x = np.maximum(rate * step_s, 1e-12)
-    decay = np.exp(-x)
-    mean = -np.expm1(-x) / x
-    small = x < 1e-4  # 1 - mean loses its digits there
-    new = np.where(small, x / 2 - x**2 / 6, 1.0 - mean)
-    return -np.expm1(-x) - new, new, decay
 
 
 def fit_prior(
@@ -171,14 +166,15 @@ def fit_prior(
     mean_power = np.average(power, axis=1, weights=weight).mean()
     high_t, high_b = (0.5 * np.log(mean_power / np.median(s)) + 3.0 for s in (turbulence, bend))
     bounds = [(low_t, max(high_t, low_t + 1)), (low_b, max(high_b, low_b + 1)), np.log(noise) + np.array([-2.0, 2.0])]
-    best = None
+    lowest, found = np.inf, np.zeros(3)
     for share_t in (0.1, 0.7):
         for share_b in (0.1, 0.5, 0.8):
             x0 = [b[0] + share * (b[1] - b[0]) for b, share in zip(bounds, (share_t, share_b, 0.5), strict=True)]
-            found = minimize(cost, x0, method="L-BFGS-B", bounds=bounds)
-            if best is None or found.fun < best.fun - 1e-3:
-                best = found
-    return Prior(*(np.exp(v) for v in best.x))
+            end = minimize(cost, x0, method="L-BFGS-B", bounds=bounds)
+            if end.fun < lowest - 1e-3:
+                lowest, found = float(end.fun), end.x
+    turbulent, bent, noisy = np.exp(found)
+    return Prior(turbulent, bent, noisy)
 
 
 def fit_windows(
@@ -209,7 +205,8 @@ def fit_windows(
         share /= share.sum(axis=(0, 1))
         own = centre[:, None] + np.stack([np.einsum("ijs,i->s", share, steps), np.einsum("ijs,j->s", share, steps)])
         centre = np.median(own, axis=1)
-    return Prior(*np.exp(own), common.noise * np.ones(len(reading)))
+    turbulent, bent = np.exp(own)
+    return Prior(turbulent, bent, common.noise * np.ones(len(reading)))
 
 
 def _independent(weight: Array) -> Array:
@@ -221,7 +218,8 @@ def _independent(weight: Array) -> Array:
 
 def _weakest(turbulence: Array, bend: Array, white: float) -> tuple[float, float]:
     """Logs of strengths so weak that their power stays a thousand times below the noise at every frequency."""
-    return tuple(0.5 * float(np.log(1e-3 * white / s.max())) for s in (turbulence, bend))
+    first, second = (0.5 * float(np.log(1e-3 * white / s.max())) for s in (turbulence, bend))
+    return first, second
 
 
 def _periodograms(reading: Array, period_s: float) -> tuple[Array, Array, Array]:

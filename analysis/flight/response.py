@@ -1,154 +1,248 @@
-"""The sensor as a correction sees it: a sum of first-order lags behind the air, weights and rates changing along a
-flight.
+"""The sensor as a correction sees it: first-order lags behind the air, weights and rates changing along a flight.
 
-reading = sum_k w_k q_k, dq_k/dt = rate_k (air - q_k), sum_k w_k = 1: the closed forms of analysis.modes with w_k =
--a_k. Effects of the readout (offset, gain, warming, delay) are undone before; what cannot be undone is said.
+reading = sum_k w_k q_k, dq_k/dt = rate_k (u - q_k), sum_k w_k = 1: the closed forms of `analysis.physics.bodies` with
+w_k = -a_k, cut to the slowest few. u is the air, or the inside of a sheath, itself a mix of lags behind the air.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.flight.sensor import BENCH_EFFECTS, REFERENCE_AIRSPEED_M_S
-from shockrig.analysis.physics.chain import ventilation
-from shockrig.analysis.physics.modes import (
-    Modes,
-    film_mean,
-    film_mean_biot,
-    first_order,
-    mix,
-    sphere_core,
-    sphere_core_biot,
-)
-from shockrig.files.profile import Effect, HumidityProfile, TemperatureProfile
+from shockrig.analysis.flight.profile_effects import Acting, Stated, acting, propagated
+from shockrig.analysis.physics.bodies import BODIES, Body
+from shockrig.analysis.physics.modes import Modes, first_order, in_series
+from shockrig.files.errors import InputError
+from shockrig.files.profile import HumidityProfile, TemperatureProfile
 
 Array = NDArray[np.float64]
-BEAD_MODES = 4
-FILM_MODES = 6
+Rows = NDArray[np.int64] | slice
+CORE_MODES = 4  # of a body read at its core, whose faster modes have hardly begun to matter
+MEAN_MODES = 6
 BIOT_STEP = 0.01  # airspeed is followed in steps of 1 % of the Biot number
-
-UNDONE = {
-    "temperature": frozenset(
-        "convective_film stem_conduction self_heating calibration_error dead_time moving_average quantization".split()
-    ),
-    "humidity": frozenset(
-        "vapour_boundary_layer slow_relaxation die_thermal_lag calibration_error dead_time moving_average "
-        "saturation_clipping stale_samples quantization".split()
-    ),
-}
+LEAST_BIOT = 1e-6
 
 
 @dataclass(frozen=True)
 class Response:
-    """Lags at n instants: `weight`, `rate` (n, K) [1, 1/s]; `relative_uncertainty` (n,) of the time scale, one
-    sigma."""
+    """Lags at n instants.
+
+    Attributes
+    ----------
+    weight, rate : ndarray (n, K)
+        Weights in the reading [1] and rates [1/s]: the sheath's lags (weight 0), those inside it, those beside it.
+    relative_uncertainty : ndarray (n,)
+        Standard uncertainty of the time scale, relative.
+    slow_uncertainty : ndarray (P,)
+        Of the shares of the reading that the last P lags carry.
+    sheath : tuple of float
+        Mix v of the first lags that makes the air inside a sheath; its rates are the same at all instants.
+    inside : int
+        How many of the next lags follow that air.
+    body : str
+        Shape that the lags come from, a key of `BODIES`; empty where they come from none.
+    """
 
     weight: Array
     rate: Array
     relative_uncertainty: Array
-    slow_uncertainty: float = 0.0  # of the share of the reading that a last, slow lag carries, one sigma
+    slow_uncertainty: Array = field(default_factory=lambda: np.zeros(0))
+    sheath: tuple[float, ...] = ()
+    inside: int = 0
+    body: str = ""
 
-    def at(self, rows: NDArray[np.int64] | slice) -> Response:
-        return Response(self.weight[rows], self.rate[rows], self.relative_uncertainty[rows], self.slow_uncertainty)
+    def at(self, rows: Rows) -> Response:
+        """The response at some of the instants; `rows` may have any shape."""
+        return replace(
+            self,
+            weight=self.weight[rows],
+            rate=self.rate[rows],
+            relative_uncertainty=self.relative_uncertainty[rows],
+        )
+
+    @property
+    def within(self) -> slice:
+        """Columns of the lags that follow the inside of the sheath."""
+        return slice(len(self.sheath), len(self.sheath) + self.inside)
 
     @property
     def slowest_s(self) -> float:
-        """Time constant of the slowest lag that carries at least 20 % of the reading, at its slowest."""
-        return float(np.max(np.where(self.weight > 0.2, 1.0 / self.rate, 0.0)))
+        """Time constant of the slowest lag that at least 20 % of the reading passes, at its slowest."""
+        passing = self.weight.copy()
+        through = np.abs(self.weight[..., self.within].sum(axis=-1, keepdims=True) * np.asarray(self.sheath))
+        passing[..., : len(self.sheath)] = through
+        return float(np.max(np.where(passing > 0.2, 1.0 / self.rate, 0.0)))
 
     def clean(self, frequency_hz: Array, row: int = 0) -> NDArray[np.complex128]:
         """Transfer function from the air to the reading at one instant, continuous in time."""
         s = 2j * np.pi * np.asarray(frequency_hz)[..., None]
-        return np.sum(self.weight[row] * self.rate[row] / (self.rate[row] + s), axis=-1)
+        lags = self.rate[row] / (self.rate[row] + s)
+        if self.sheath:
+            lags[..., self.within] *= lags[..., : len(self.sheath)] @ np.asarray(self.sheath)[:, None]
+        return np.asarray(np.sum(self.weight[row] * lags, axis=-1))
+
+    def modes(self, row: int = 0) -> Modes:
+        """Response to a step of the air at one instant as modes (K,), rates ascending."""
+        weight, rate, count = self.weight[row], self.rate[row], len(self.sheath)
+        parts = [Modes(-weight[self.within.stop :], rate[self.within.stop :])]
+        if self.inside:
+            share = float(weight[self.within].sum())
+            body = Modes(-weight[self.within] / share, rate[self.within])
+            for mix, outer in zip(self.sheath, rate[:count], strict=True):
+                behind = in_series(body, 1.0 / outer)
+                parts.append(Modes(share * mix * behind.amplitude, behind.rate))
+        amplitude = np.concatenate([p.amplitude for p in parts])
+        rates = np.concatenate([p.rate for p in parts])
+        order = np.argsort(rates)
+        return Modes(amplitude[order], rates[order])
 
 
-def by_id(effects: tuple[Effect, ...]) -> dict[str, Effect]:
-    """Effects by their ids."""
-    return {e.effect: e for e in effects}
+def bead_response(part: TemperatureProfile, airspeed_m_s: Array, body: str = "sphere") -> Response:
+    """Response of the thermometer at each airspeed (n,); `body` is the shape of the plain model."""
+    alpha = part.thermal_diffusivity_m2_s
+    still = np.ones(airspeed_m_s.size)
+    rate, relative = alpha.value / part.bead_radius_m**2, alpha.standard_uncertainty / alpha.value
+    effects = acting(part.effects, "temperature")
+    return _response(effects, body, part.bead_radius_m, rate * still, relative * still, airspeed_m_s)
 
 
-def not_undone(part: TemperatureProfile | HumidityProfile, channel: str) -> list[str]:
-    """One sentence for each effect of the profile that a flight's correction leaves alone."""
-    said = []
-    for effect in part.effects:
-        if effect.effect in BENCH_EFFECTS:
-            said.append(
-                f"{channel}: {effect.effect} belongs to the bench and not to the sensor, and has no part in a flight"
-            )
-        elif effect.effect not in UNDONE[channel]:
-            said.append(f"{channel}: {effect.effect} is in the profile and is not undone in a flight")
-    return said
+def film_response(part: HumidityProfile, temperature_c: Array, airspeed_m_s: Array, body: str = "film") -> Response:
+    """Response of the hygrometer at each air temperature and airspeed (n,).
 
-
-def bead_response(part: TemperatureProfile, airspeed_m_s: Array) -> Response:
-    """Response of the bead at each airspeed (n,); the air film and the stem where the profile has them."""
-    effects = by_id(part.effects)
-    count = airspeed_m_s.size
-    rate = part.thermal_diffusivity_m2_s.value / part.bead_radius_m**2
-    relative = part.thermal_diffusivity_m2_s.standard_uncertainty / part.thermal_diffusivity_m2_s.value
-    modes = sphere_core(BEAD_MODES)
-    rows = np.zeros(count, dtype=int)
-    if (e := effects.get("convective_film")) is not None:
-        reference = ventilation(np.array(REFERENCE_AIRSPEED_M_S), part.bead_radius_m)
-        biot = e.value("biot_at_5_m_s") * ventilation(airspeed_m_s, part.bead_radius_m) / reference
-        biot, rows = _steps(biot)
-        modes = sphere_core_biot(biot, BEAD_MODES)
-        # mean lag of the core: R^2 / alpha (1/6 + 1 / (3 Bi)); only the latter part is the air film's
-        relative = _combined(relative, e, 2.0 / (2.0 + biot[rows]))
-    modes = modes.scaled(rate)
-    slow = 0.0
-    if (e := effects.get("stem_conduction")) is not None:
-        modes = mix(modes, first_order(e.value("time_constant_s")), e.value("fraction"))
-        slow = _share_uncertainty(e)
-    return replace(_along(modes, rows, np.ones(count), relative * np.ones(count)), slow_uncertainty=slow)
-
-
-def film_response(part: HumidityProfile, temperature_c: Array, airspeed_m_s: Array) -> Response:
-    """Response of the film at each air temperature and airspeed (n,); beyond the table the outer row's D is held."""
-    effects = by_id(part.effects)
+    Beyond the table the outer row's D is held; `body` is the shape of the plain model.
+    """
     diffusivity, uncertainty = part.diffusivity_m2_s(temperature_c, outside="hold")
-    scale = diffusivity / part.film_thickness_m**2
-    relative = uncertainty / diffusivity
-    modes = film_mean(FILM_MODES)
-    rows = np.zeros(temperature_c.size, dtype=int)
-    if (e := effects.get("vapour_boundary_layer")) is not None:
-        biot, rows = _steps(e.value("biot_at_5_m_s") * np.sqrt(np.maximum(airspeed_m_s, 0.05) / REFERENCE_AIRSPEED_M_S))
-        modes = film_mean_biot(biot, FILM_MODES)
-        # mean lag of the film: L^2 / D (1/3 + 1 / Bi); only the latter part is the boundary layer's
-        relative = _combined(relative, e, 3.0 / (3.0 + biot[rows]))
-    response = _along(modes, rows, scale, relative)
-    if (e := effects.get("slow_relaxation")) is not None:
-        share = e.value("fraction")
-        slow = np.full((scale.size, 1), 1.0 / e.value("time_constant_s"))
-        weight = np.concatenate([(1 - share) * response.weight, np.full(slow.shape, share)], axis=1)
-        rate = np.concatenate([response.rate, slow], axis=1)
-        response = Response(weight, rate, response.relative_uncertainty, _share_uncertainty(e))
-    return response
+    rate, relative = diffusivity / part.film_thickness_m**2, uncertainty / diffusivity
+    effects = acting(part.effects, "humidity")
+    return _response(effects, body, part.film_thickness_m, rate, relative, airspeed_m_s)
 
 
-def _combined(relative, effect: Effect, share: Array):
-    """Relative uncertainty of the time scale, `share` of which is inversely as the Biot number."""
-    given = effect.parameters["biot_at_5_m_s"]
-    return np.hypot(relative, share * given.standard_uncertainty / abs(given.value) if given.value else 0.0)
+def slowest(modes: Modes, count: int) -> Modes:
+    """The slowest `count` modes, the last of them carrying the rest, so that the response starts at zero."""
+    if modes.rate.shape[-1] <= count:
+        return modes
+    amplitude = np.array(np.broadcast_to(modes.amplitude, modes.rate.shape)[..., :count])
+    amplitude[..., -1] = -1.0 - amplitude[..., :-1].sum(axis=-1)
+    return Modes(amplitude, modes.rate[..., :count])
 
 
-def _share_uncertainty(effect: Effect) -> float:
-    """Of a slow lag's fraction; a time constant wrong by some percent counts like a fraction wrong by as many."""
-    fraction, lag = effect.parameters["fraction"], effect.parameters["time_constant_s"]
-    return float(np.hypot(fraction.standard_uncertainty, fraction.value * lag.standard_uncertainty / lag.value))
+def _few(body: Body) -> int:
+    """How many modes a flight takes of a body: a core's alternate in sign and fall off fast in time."""
+    return CORE_MODES if np.any(body.held().amplitude > 0) else MEAN_MODES
+
+
+def _response(
+    effects: tuple[Acting, ...], name: str, length_m: float, rate: Array, relative: Array, airspeed: Array
+) -> Response:
+    body = BODIES[next((e.meaning.body for e in reversed(effects) if e.meaning.body), name)]
+    layers, outside, lags = [], [], []
+    for e in effects:
+        if e.meaning.biot is not None:
+            layers.append(e)
+        if e.meaning.series_s is not None:
+            outside.append((e, _positive(e, e.meaning.series_s(e.values))))
+        if e.meaning.lag is not None:
+            share, time_constant_s = e.meaning.lag(e.values)
+            lags.append((e, share, _positive(e, time_constant_s)))
+
+    modes, rows = body.held(), np.zeros(rate.size, dtype=np.int64)
+    if layers:
+        ladder, rows = _steps(_biot(layers, airspeed, length_m))
+        modes = body.behind(ladder)
+    modes = slowest(modes, _few(body))
+    amplitude = np.broadcast_to(modes.amplitude, modes.rate.shape).reshape(-1, modes.rate.shape[-1])
+    weight, rates = -amplitude[rows], modes.rate.reshape(amplitude.shape)[rows] * rate[:, None]
+
+    relative = _time_scale(effects, body, length_m, rate, relative, airspeed)
+    mix, inside = _sheath([time_constant_s for _, time_constant_s in outside]), 0
+    if mix.rate.size:
+        inside = weight.shape[1]
+        weight = np.concatenate([np.zeros((rate.size, mix.rate.size)), weight], axis=1)
+        rates = np.concatenate([np.broadcast_to(mix.rate, (rate.size, mix.rate.size)), rates], axis=1)
+    for _, share, time_constant_s in lags:
+        beside = np.full((rate.size, 1), 1.0)
+        weight = np.concatenate([(1 - share) * weight, share * beside], axis=1)
+        rates = np.concatenate([rates, beside / time_constant_s], axis=1)
+    slow = np.array([_share_uncertainty(e) for e, _, _ in lags])
+    return Response(weight, rates, relative, slow, tuple(float(-a) for a in mix.amplitude), inside, body.name)
+
+
+def _positive(effect: Acting, time_constant_s: float) -> float:
+    if not time_constant_s > 0:
+        raise InputError(
+            f"profile: effect {effect.id} has a time constant of {time_constant_s:g} s; "
+            "give a positive one or take the effect out of the profile"
+        )
+    return time_constant_s
+
+
+def _sheath(time_constants_s: list[float]) -> Modes:
+    """Lags in series between the air and the body, as modes (J,); none where there are none."""
+    if not time_constants_s:
+        return Modes(np.zeros(0), np.zeros(0))
+    first, *rest = time_constants_s
+    modes = first_order(first)
+    for time_constant_s in rest:
+        modes = in_series(modes, time_constant_s)
+    return modes
+
+
+def _biot(layers: Iterable[Acting], airspeed: Array, length_m: float) -> Array:
+    """Biot number (n,) of all layers together: their resistances add."""
+    numbers = [e.meaning.biot(e.values, airspeed, length_m) for e in layers if e.meaning.biot is not None]
+    if len(numbers) == 1:
+        return np.asarray(numbers[0])
+    return 1.0 / np.sum([1.0 / np.maximum(number, LEAST_BIOT) for number in numbers], axis=0)
+
+
+def _time_scale(
+    effects: tuple[Acting, ...], body: Body, length_m: float, rate: Array, relative: Array, airspeed: Array
+) -> Array:
+    """Relative standard uncertainty (n,) of the mean lag behind the air, body and what stands before it together.
+
+    Behind a Biot number the mean lag of a body is that of the held one + 1 / (surface_to_volume Bi), exactly; a lag in
+    series adds its time constant. Each parameter moves it by its own part.
+    """
+    held = body.held()
+    own = float(-np.sum(held.amplitude / held.rate))
+    shaping = [e for e in effects if e.meaning.biot is not None or e.meaning.series_s is not None]
+
+    def mean_lag_s(effects: Iterable[Acting]) -> tuple[Array, Array]:
+        """Of the body with its exchange, and of all together."""
+        effects = list(effects)
+        lag = np.full(rate.shape, own)
+        if any(e.meaning.biot is not None for e in effects):
+            lag = lag + 1.0 / (body.surface_to_volume * np.maximum(_biot(effects, airspeed, length_m), LEAST_BIOT))
+        series = sum(e.meaning.series_s(e.values) for e in effects if e.meaning.series_s is not None)
+        return lag / rate, lag / rate + series
+
+    of_body, whole = mean_lag_s(shaping)
+    variance = (relative * of_body / whole) ** 2
+    for i, one in enumerate(shaping):
+
+        def logarithm(values: Stated, i: int = i, one: Acting = one) -> Array:
+            changed = [*shaping[:i], replace(one, values=values), *shaping[i + 1 :]]
+            return np.log(mean_lag_s(changed)[1])
+
+        variance = variance + propagated(one, logarithm) ** 2
+    return np.sqrt(variance)
+
+
+def _share_uncertainty(effect: Acting) -> float:
+    """Of a slow lag's share; a time constant wrong by some percent counts like a share wrong by as many."""
+    lag = effect.meaning.lag
+    assert lag is not None
+    share, time_constant_s = lag(effect.values)
+    of_share = propagated(effect, lambda values: lag(values)[0])
+    of_time = propagated(effect, lambda values: np.log(lag(values)[1]))
+    return float(np.hypot(of_share, share * of_time))
 
 
 def _steps(biot: Array) -> tuple[Array, NDArray[np.int64]]:
     """Biot numbers on a ladder of 1 % steps, and the rung of each."""
-    rung = np.round(np.log(np.maximum(biot, 1e-6)) / BIOT_STEP).astype(int)
+    rung = np.round(np.log(np.maximum(biot, LEAST_BIOT)) / BIOT_STEP).astype(int)
     unique, rows = np.unique(rung, return_inverse=True)
     return np.exp(unique * BIOT_STEP), rows
-
-
-def _along(modes: Modes, rows: NDArray[np.int64], scale: Array, relative: Array) -> Response:
-    amplitude = np.broadcast_to(modes.amplitude, modes.rate.shape).reshape(-1, modes.rate.shape[-1])
-    rate = modes.rate.reshape(amplitude.shape)
-    return Response(-amplitude[rows], rate[rows] * scale[:, None], np.asarray(relative) * np.ones(scale.size))

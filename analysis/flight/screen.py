@@ -56,7 +56,7 @@ def _smallest_after(time: Array) -> Array:
 def _later_below(time: Array, reach: int = 6) -> Array:
     """How many of the next `reach` rows are earlier than each row."""
     padded = np.concatenate([time, np.full(reach, np.inf)])
-    return sum((padded[i : i + time.size] < time).astype(int) for i in range(1, reach + 1))
+    return np.sum([padded[i : i + time.size] < time for i in range(1, reach + 1)], axis=0, dtype=float)
 
 
 def screen(time_s: Array, reading: Array, channel: str, noise: float, *, limit: float | None = None) -> Screened:

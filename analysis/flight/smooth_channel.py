@@ -114,7 +114,7 @@ def estimate(
         prior = Prior(local.turbulence[at], local.bend[at], local.noise[at])
         noise_variance = np.where(padded, np.inf, variance[at])
         spread = 2.0 * np.std(bridged[at], axis=1) + 5.0 * prior.noise[:, 0]
-        window = Response(along.weight[at], along.rate[at], along.relative_uncertainty[at])
+        window = along.at(at)
         here = None if through is None else replace(through, sigma=through.sigma[at])
         first = at[:, 0]
         # what came before a flight is not known; later the readings tell how far the lags may be from their guess
@@ -127,7 +127,7 @@ def estimate(
         for slot, values in enumerate((smoothed.air, smoothed.variance * wider[:, None] + unseen, smoothed.clean)):
             out[slot, at[keep]] = values[keep]
     air, node_variance, clean = (np.interp(time_s, node_time, row) for row in out)
-    typical = Prior(*(float(np.median(v)) for v in (local.turbulence, local.bend, local.noise)))
+    typical = Prior(*np.median([local.turbulence, local.bend, local.noise], axis=1)[:, None])
     rate = _resolved_rate(typical, along.at(slice(len(along.rate) // 2, len(along.rate) // 2 + 1)), period)
     return Estimate(air, node_variance, clean, noise_factor, resolved_rate=rate)
 
@@ -222,7 +222,9 @@ def lags_behind(values: Array, along: Response, period: float) -> tuple[Array, A
     """
     decay = np.exp(-np.mean(along.rate, axis=0) * period)
     lags, apart = (np.empty((values.size, decay.size)) for _ in range(2))
+    inside = range(decay.size)[along.within]
     for k, d in enumerate(decay):
-        lags[:, k] = lfilter([1 - d], [1.0, -d], values, zi=[d * values[0]])[0]
-        apart[:, k] = np.sqrt(lfilter([1 - d], [1.0, -d], (values - lags[:, k]) ** 2))
+        drive = lags[:, : len(along.sheath)] @ np.asarray(along.sheath) if k in inside else values
+        lags[:, k] = lfilter([1 - d], [1.0, -d], drive, zi=[d * drive[0]])[0]
+        apart[:, k] = np.sqrt(lfilter([1 - d], [1.0, -d], (drive - lags[:, k]) ** 2))
     return lags, apart

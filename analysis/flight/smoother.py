@@ -18,12 +18,12 @@ from shockrig.analysis.flight.prior import (
     OU_VARIANCES,
     Passing,
     Prior,
-    hold,
     innovation,
     passing_step,
     transition,
 )
 from shockrig.analysis.flight.response import Response
+from shockrig.analysis.flight.stepping import stepped
 
 Array = NDArray[np.float64]
 
@@ -128,10 +128,11 @@ def smooth(
 
 
 def _model(step_s: Array, response: Response, prior: Prior, passing: Passing | None) -> tuple[Array, Array]:
-    """Transition and its noise for each step, shape (n, w, size, size): q' = decay q + old air + new air'."""
+    """Transition and its noise for each step, shape (n, w, size, size)."""
     step = np.ascontiguousarray(step_s.T)
     rate, modes = np.moveaxis(response.rate, 1, 0), response.rate.shape[-1]
-    old, new, decay = hold(rate, step[..., None])
+    lag_step = stepped(rate, step, response.sheath, response.inside)
+    old, new = lag_step.old, lag_step.new
     lags = slice(AIR_STATES, AIR_STATES + modes)
     size = lags.stop + 2 * (passing is not None)
     a = transition(step)
@@ -139,7 +140,9 @@ def _model(step_s: Array, response: Response, prior: Prior, passing: Passing | N
     phi[..., :AIR_STATES, :AIR_STATES] = a
     phi[..., lags, :AIR_STATES] = old[..., None] * AIR + new[..., None] * (AIR @ a)[..., None, :]
     index = np.arange(lags.start, lags.stop)
-    phi[..., index, index] = decay
+    phi[..., index, index] = lag_step.decay
+    if count := len(response.sheath):
+        phi[..., lags, lags][..., response.within, :count] = lag_step.fed
     qa = innovation(step, Prior(prior.turbulence.T, prior.bend.T, prior.noise.T))
     to_air = qa @ AIR
     q = np.zeros(phi.shape)

@@ -10,8 +10,6 @@ import math
 
 from shockrig.analysis.physics.modes import film_mean, response_times, sphere_core
 from shockrig.files.profile import (
-    BEAD_RADIUS_M,
-    FILM_THICKNESS_M,
     DiffusivityRow,
     HumidityProfile,
     Profile,
@@ -19,9 +17,12 @@ from shockrig.files.profile import (
     TemperatureProfile,
     Uncertain,
 )
+from shockrig.files.profile_data import BEAD_RADIUS_M, FILM_THICKNESS_M
 
 AMBIENTS_C = (-10.0, 0.0, 10.0, 20.0, 30.0, 40.0)
 ACTIVATION_K = 3000.0
+NOISE_K = 0.02  # standard deviations of single readings
+NOISE_PERCENT = 0.06
 RELATIVE_UNCERTAINTY = 0.01
 
 
@@ -37,7 +38,9 @@ def typical_profile(bead_t98_s: float = 1.0, film_t98_s: float = 15.0) -> Profil
         rows.append(DiffusivityRow(ambient_c, diffusivity, RELATIVE_UNCERTAINTY * diffusivity, None, times))
     bead = ResponseTime(*(t * BEAD_RADIUS_M**2 / alpha for t in response_times(sphere_core())))
     return Profile(
-        TemperatureProfile(Uncertain(alpha, 0.005 * alpha), response_time_s=bead, noise_k=0.02, sampling_period_s=0.1),
-        HumidityProfile(tuple(rows), noise_percent=0.06, sampling_period_s=0.1),
+        TemperatureProfile(
+            Uncertain(alpha, 0.005 * alpha), response_time_s=bead, noise_k=NOISE_K, sampling_period_s=0.1
+        ),
+        HumidityProfile(tuple(rows), noise_percent=NOISE_PERCENT, sampling_period_s=0.1),
         provenance={"kind": "typical values for demonstrations, not measured"},
     )

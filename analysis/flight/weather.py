@@ -26,7 +26,7 @@ SCALE_HEIGHT_M = 8400.0
 
 @dataclass(frozen=True)
 class Weather:
-    """Air along a path, on a fine clock: arrays of one shape (n,)."""
+    """Air along a path, on a fine clock: arrays of one shape (n,), and the sunlight on the sensors, steady."""
 
     name: str
     time_s: Array
@@ -35,6 +35,7 @@ class Weather:
     airspeed_m_s: Array
     pressure_hpa: Array
     altitude_m: Array
+    irradiance_w_m2: float = 0.0
 
 
 def shaped_noise(count: int, rng: np.random.Generator, exponent: float = 5.0 / 3.0) -> Array:
@@ -62,6 +63,7 @@ def convective(
     humidity_std_percent: float = 2.0,
     correlation: float = -0.5,
     altitude_m: float = 100.0,
+    irradiance_w_m2: float = 0.0,
 ) -> Weather:
     """Convective boundary layer, hovering in the mean wind (Taylor's hypothesis: length = wind x duration).
 
@@ -74,7 +76,13 @@ def convective(
     temperature = temperature_c + temperature_std_k * heat
     mixing = np.maximum(humidity_percent + humidity_std_percent * vapour, 1.0)
     return _weather(
-        "convective", time, temperature, ppmv_from_humidity(mixing, temperature_c), mean_wind_m_s, altitude_m
+        "convective",
+        time,
+        temperature,
+        ppmv_from_humidity(mixing, temperature_c),
+        mean_wind_m_s,
+        altitude_m,
+        irradiance_w_m2,
     )
 
 
@@ -92,6 +100,7 @@ def frontal(
     turbulence_k: float = 0.0,
     turbulence_percent: float = 0.0,
     altitude_m: float = 100.0,
+    irradiance_w_m2: float = 0.0,
 ) -> Weather:
     """Transect of an airmass boundary by a fixed wing: straight ramp across `width_m`, `lead_m` of steady air either
     side.
@@ -108,7 +117,7 @@ def frontal(
     temperature = temperature_c + temperature_change_k * share + _turbulence(time.size, turbulence_k, rng)
     ppmv = before + (after - before) * share
     ppmv = ppmv * (1 + _turbulence(time.size, turbulence_percent, rng) / humidity_percent)
-    return _weather("frontal", time, temperature, ppmv, airspeed_m_s, altitude_m)
+    return _weather("frontal", time, temperature, ppmv, airspeed_m_s, altitude_m, irradiance_w_m2)
 
 
 def inversion(
@@ -126,6 +135,7 @@ def inversion(
     corner_m: float = 4.0,
     turbulence_k: float = 0.0,
     turbulence_percent: float = 0.0,
+    irradiance_w_m2: float = 0.0,
 ) -> Weather:
     """Ascent through a well mixed layer capped by an inversion: dry adiabatic, `strength_k` warmer over `depth_m`,
     then on.
@@ -143,14 +153,14 @@ def inversion(
     share = smooth(np.interp(z, heights, [1.0, 1.0, vapour_above, vapour_above]))
     ppmv = ppmv_from_humidity(humidity_percent, surface_temperature_c) * share
     ppmv = ppmv * (1 + _turbulence(time.size, turbulence_percent, rng) / humidity_percent)
-    return _weather("inversion", time, temperature, ppmv, ascent_m_s, z)
+    return _weather("inversion", time, temperature, ppmv, ascent_m_s, z, irradiance_w_m2)
 
 
 SCENES: dict[str, Callable[..., Weather]] = {"convective": convective, "frontal": frontal, "inversion": inversion}
 
 
 def _clock(duration_s: float) -> Array:
-    return np.arange(round(duration_s / FINE_STEP_S) + 1) * FINE_STEP_S
+    return np.arange(round(duration_s / FINE_STEP_S) + 1.0) * FINE_STEP_S
 
 
 def _corner_filter(scale_s: float) -> Callable[[Array], Array]:
@@ -176,10 +186,17 @@ def _turbulence(count: int, std: float, rng: np.random.Generator | None) -> Arra
 
 
 def _weather(
-    name: str, time: Array, temperature: Array, ppmv: ArrayLike, airspeed: float, altitude: ArrayLike
+    name: str,
+    time: Array,
+    temperature: Array,
+    ppmv: ArrayLike,
+    airspeed: float,
+    altitude: ArrayLike,
+    irradiance: float,
 ) -> Weather:
     """Ppmv is at standard pressure, so that relative humidity and not the barometer's fall is what the options set."""
     altitude = np.broadcast_to(np.asarray(altitude, dtype=float), time.shape)
     humidity = np.clip(humidity_from_ppmv(ppmv, temperature), 0.0, 100.0)
     pressure = STANDARD_PRESSURE_HPA * np.exp(-altitude / SCALE_HEIGHT_M)
-    return Weather(name, time, temperature, humidity, np.full(time.shape, airspeed), pressure, altitude.copy())
+    speed = np.full(time.shape, airspeed)
+    return Weather(name, time, temperature, humidity, speed, pressure, altitude.copy(), irradiance)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.judging import rmse
 from shockrig.analysis.flight.scenes import to_flight
@@ -78,13 +79,14 @@ def _flyable(extended: Profile, plain: Profile, notes: list[str]) -> tuple[Profi
         part = getattr(extended, channel)
         if part is None or getattr(plain, channel) is None:
             continue
-        grounded = [e.effect for e in part.effects if e.effect not in FLOWN_EFFECTS]
+        flown = tuple(e for e in part.effects if _flies(e.effect, channel))
+        grounded = [e.effect for e in part.effects if e not in flown]
         if grounded:
             notes.append(f"Left on the bench: {', '.join(grounded)} ({channel}).")
-        parts[channel] = replace(part, effects=tuple(e for e in part.effects if e.effect in FLOWN_EFFECTS))
+        parts[channel] = replace(part, effects=flown)
     surface_c = 20.0
     if "humidity" in parts:
-        ranges = [p.humidity.temperature_range_c for p in (extended, plain)]
+        ranges = [p.humidity.temperature_range_c for p in (extended, plain) if p.humidity is not None]
         low, high = max(r[0] for r in ranges) + BELOW_K, min(r[1] for r in ranges) - ABOVE_K
         if low > high:
             notes.append("The campaign's ambients span too little for the humidity channel to be flown.")
@@ -96,6 +98,16 @@ def _flyable(extended: Profile, plain: Profile, notes: list[str]) -> tuple[Profi
     return Profile(parts.get("temperature"), parts.get("humidity"), extended.sensors), surface_c
 
 
+def _flies(effect: str, channel: str) -> bool:
+    """Whether an effect leaves the bench with the sensor and the simulator has an equation for it."""
+    entry = CATALOGUE.get(effect)
+    return entry is not None and entry.in_flight is not None and effect in FLOWN_EFFECTS[channel]
+
+
 def _alike(plain: Profile, truth: Profile) -> Profile:
     """The plain profile with the channels that are flown."""
-    return replace(plain, **{name: None for name in COLUMN if getattr(truth, name) is None})
+    return replace(
+        plain,
+        temperature=plain.temperature if truth.temperature is not None else None,
+        humidity=plain.humidity if truth.humidity is not None else None,
+    )

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shockrig.analysis.flight.correct import METHODS
 from shockrig.analysis.flight.judging import Bode, gathered, power_spectrum, structure_function
@@ -16,6 +18,7 @@ from shockrig.analysis.report.style import BLUE, GREEN, GREY, INK, ORANGE, RED, 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+Array = NDArray[np.float64]
 COLOURS = {"smoother": BLUE, "mended": GREEN, "paper": RED}
 LABELS = {"temperature": "Temperature, °C", "humidity": "Relative humidity, %"}
 UNITS = {"temperature": "K²/Hz", "humidity": "%RH²/Hz"}
@@ -145,7 +148,8 @@ def pole_zero(systems: dict[str, StateSpace]) -> Figure:
     return figure
 
 
-def _series(trial: Trial, column: str):
+def _series(trial: Trial, column: str) -> Iterator[tuple[str, str, Array]]:
+    """Label, colour and values of the air, the reading and every correction."""
     yield "air (truth)", INK, trial.flown.truth[column].to_numpy()
     yield "reading", ORANGE, trial.flown.log[column].to_numpy()
     for method in reversed(METHODS):

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from shockrig.analysis.flight.correct import METHODS
-from shockrig.analysis.flight.inverse import RefusedError, mean_response, mended_system, paper_layers
+from shockrig.analysis.flight.inverse import RefusedError, paper_layers
 from shockrig.analysis.flight.judging import (
     SPECTRAL_SLOPE,
     STRUCTURE_SLOPE,
@@ -19,6 +19,7 @@ from shockrig.analysis.flight.judging import (
     structure_function,
 )
 from shockrig.analysis.flight.response import Response, bead_response, film_response
+from shockrig.analysis.flight.sampled import mean_response, sampled
 from shockrig.analysis.flight.scenes import CHANNELS, Score, Trial, scores
 from shockrig.analysis.physics.schemes.sampling import inverse_noise_gain
 from shockrig.analysis.report import flight_figures as figures
@@ -81,7 +82,7 @@ def write_flights_report(
 
 
 def _table(table: list[Score], trials: Mapping[str, Trial]) -> Table:
-    rows = []
+    rows: list[tuple[str | float | None, ...]] = []
     for s in table:
         rows.append((s.scene, s.channel, s.method, s.raw, s.rmse, s.stated, f"{100 * s.coverage:.1f} %"))
     for trial in trials.values():
@@ -175,14 +176,14 @@ def _systems(trials: Mapping[str, Trial], profile: Profile, folder: Path) -> Sec
     speed = np.array([float(log["airspeed_m_s"].mean())])
     responses: dict[str, Response] = {}
     if profile.temperature is not None:
-        responses["temperature"] = bead_response(profile.temperature, speed)
+        responses["temperature"] = bead_response(profile.temperature, speed, profile.bodies["imet"])
     if profile.humidity is not None:
-        responses["humidity"] = film_response(profile.humidity, airs, speed)
+        responses["humidity"] = film_response(profile.humidity, airs, speed, profile.bodies["hyt"])
     diagrams, systems, rows, said = {}, {}, [], []
     for channel, response in responses.items():
         cutoff = trial.corrected["mended"].cutoff_hz[channel] or 0.5 / PERIOD_S
         diagrams[f"{channel}, cut-off {cutoff:.2g} Hz"] = bode(response, PERIOD_S, cutoff)
-        exact = mended_system(mean_response(response), PERIOD_S, 0)
+        exact = sampled(mean_response(response), PERIOD_S, 0)
         systems[f"{channel}, exact"] = exact
         rows.append((channel, "exact, zero-order hold", len(exact.b), _gain(inverse_noise_gain(exact)), cutoff))
         try:

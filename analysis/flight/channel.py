@@ -1,0 +1,205 @@
+"""One channel of a flight: what a method is given, what comes out, and whether the correction is worth giving.
+
+The uncertainty of the sensor's time scale and of its readout is added to the method's own; where nothing is won, or D
+is not known, the reading itself is given.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.flight.prior import Passing
+from shockrig.analysis.flight.readout import Undone
+from shockrig.analysis.flight.response import Response
+from shockrig.analysis.flight.screen import Screened
+from shockrig.analysis.flight.smooth_channel import Estimate, lags_behind, typical_period
+from shockrig.files.profile import HumidityProfile, TemperatureProfile
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+LONGEST_FILL_S = 5.0  # farther from a usable sample no value is given
+IDLE_LAG_SIGMAS = 0.3  # a lag smaller than this share of the noise is not worth undoing
+LEAST_SAMPLES = 16
+
+
+@dataclass(frozen=True)
+class Readings:
+    """One channel as the methods see it: rows in order.
+
+    Attributes
+    ----------
+    channel : str
+    time_s, reading : ndarray (n,)
+    usable : ndarray (n,)
+        Which readings count.
+    response : Response
+        With a row for each reading.
+    noise_variance : ndarray (n,)
+        Expected of each reading.
+    delay_s : float
+        How late the readings are.
+    passing : Passing or None
+        What reaches reading and air alike.
+    """
+
+    channel: str
+    time_s: Array
+    reading: Array
+    usable: Mask
+    response: Response
+    noise_variance: Array
+    delay_s: float = 0.0
+    passing: Passing | None = None
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One channel corrected, arrays (n,).
+
+    Attributes
+    ----------
+    name : str
+    value, uncertainty : ndarray
+        Air, and its standard uncertainty without that of the readout.
+    readout_uncertainty : ndarray
+        What the readout's parameters leave: common to the flight.
+    screened : Screened
+    outside, raw : ndarray
+        Rows beyond the profile's table, and rows where the reading itself is given.
+    resolved_rate : float
+        Angular frequency above which the air is not resolved [1/s].
+    cutoff_hz : float or None
+        Low-pass of the method, where it has one.
+    """
+
+    name: str
+    value: Array
+    uncertainty: Array
+    readout_uncertainty: Array
+    screened: Screened
+    outside: Mask
+    raw: Mask
+    resolved_rate: float = 30.0
+    cutoff_hz: float | None = None
+
+    @property
+    def total_uncertainty(self) -> Array:
+        """Standard uncertainty with everything in it."""
+        return np.hypot(self.uncertainty, self.readout_uncertainty)
+
+
+def judged(
+    readings: Readings,
+    found: Estimate,
+    undone: Undone,
+    screened: Screened,
+    outside: Mask,
+    raw: Array,
+    unit: Array,
+    notes: list[str],
+) -> Channel:
+    """What a method found, or the readings `raw` where that is better; `unit` turns the method's unit into `raw`'s."""
+    lag = found.air - found.clean
+    # a time constant that is wrong by a share moves the air by at most that share of the lag
+    variance = found.variance + (readings.response.relative_uncertainty * lag) ** 2
+    if readings.response.slow_uncertainty.any():
+        behind = _behind_slow_lags(readings, found.air)
+        variance = variance + ((readings.response.slow_uncertainty * behind) ** 2).sum(axis=1)
+    noise = readings.noise_variance * found.noise_factor**2
+    trusted = screened.usable & ~outside
+    raw_rows = outside.copy()
+    if trusted.any():
+        lag_size = float(np.sqrt(np.mean(lag[trusted] ** 2)))
+        noise_size = float(np.sqrt(np.mean(noise[trusted])))
+        predicted = float(np.mean(variance[trusted]))
+        # a smoother that knows its sensor cannot lose; an inverse can, and its noise passes for lag
+        lagging = max(lag_size**2 - found.amplified, 0.0)
+        loses = found.cutoff_hz is not None and predicted > lagging + noise_size**2
+        if lag_size < IDLE_LAG_SIGMAS * noise_size or loses:
+            notes.append(
+                f"{readings.channel}: not corrected: the lag ({lag_size:.2g}) cannot be told from the noise "
+                f"({noise_size:.2g}), a correction would leave {np.sqrt(predicted):.2g}"
+            )
+            raw_rows[:] = True
+    if outside.any():
+        notes.append(
+            f"{readings.channel}: {np.count_nonzero(outside)} rows lie outside the profile's table "
+            "and are given as they came"
+        )
+    value, sigma = found.air * unit, np.sqrt(variance) * unit
+    away = np.hypot(sigma, raw - value)
+    late = undone.delay_uncertainty_s * _slope(readings.time_s, value) if undone.delay_uncertainty_s else 0.0
+    value = np.where(raw_rows, raw, value)
+    sigma = np.where(raw_rows, away, sigma)
+    empty = _far(readings.time_s, screened.usable) | (raw_rows & ~(screened.usable | screened.repeated))
+    value, sigma = np.where(empty, np.nan, value), np.where(empty, np.nan, sigma)
+    of_readout = np.hypot(undone.uncertainty, late)
+    return Channel(
+        readings.channel,
+        value,
+        sigma,
+        of_readout,
+        screened,
+        outside,
+        raw_rows,
+        found.resolved_rate,
+        found.cutoff_hz,
+    )
+
+
+def too_few(screened: Screened) -> bool:
+    """Whether a channel has too few usable samples to be corrected."""
+    return int(np.count_nonzero(screened.usable)) < LEAST_SAMPLES
+
+
+def lacking(part: TemperatureProfile | HumidityProfile | None, name: str) -> str:
+    """Why a channel is given as it came."""
+    return f"the profile has no {name} part" if part is None else "too few usable samples"
+
+
+def untouched(name: str, raw: Array, screened: Screened, why: str, notes: list[str]) -> Channel:
+    """A channel given as it came."""
+    if np.isfinite(raw).any():
+        notes.append(f"{name}: given as it came: {why}")
+    believed = screened.usable | screened.repeated
+    everywhere = np.ones(raw.shape, dtype=bool)
+    nothing = np.full(raw.shape, np.nan)
+    return Channel(name, np.where(believed, raw, np.nan), nothing, nothing, screened, ~everywhere, everywhere)
+
+
+def bridged(time_s: Array, values: Array) -> Array | None:
+    """Values with their gaps bridged by straight lines; None where there are none at all."""
+    known = np.isfinite(values)
+    return np.interp(time_s, time_s[known], values[known]) if known.any() else None
+
+
+def _slope(time_s: Array, values: Array) -> Array:
+    """Rate of change (n,), 0 where it is not known."""
+    even = bridged(time_s, values)
+    different = np.append(True, np.diff(time_s) > 0)
+    if even is None or np.count_nonzero(different) < 2:
+        return np.zeros(values.shape)
+    slope = np.gradient(even[different], time_s[different])
+    return np.asarray(slope[np.cumsum(different) - 1])
+
+
+def _far(time_s: Array, usable: Mask) -> Mask:
+    """Rows farther than LONGEST_FILL_S from every usable sample."""
+    known = time_s[usable]
+    place = np.searchsorted(known, time_s)
+    before = time_s - known[np.maximum(place - 1, 0)]
+    after = known[np.minimum(place, known.size - 1)] - time_s
+    return np.minimum(np.abs(before), np.abs(after)) > LONGEST_FILL_S
+
+
+def _behind_slow_lags(readings: Readings, air: Array) -> Array:
+    """How far the air is from each of the sensor's slow shares (n, P), the last of its lags; 0 where not known."""
+    count = readings.response.slow_uncertainty.size
+    even = bridged(readings.time_s, air)
+    if even is None:
+        return np.zeros((air.size, count))
+    lags, _ = lags_behind(even, readings.response, typical_period(readings.time_s))
+    return even[:, None] - lags[:, -count:]

@@ -1,0 +1,142 @@
+"""The humidity channel of a flight: from %RH to vapour pressure, through the method, and back at the air's temperature.
+
+What the air's temperature leaves open divides the reading and the result alike, and passes without lag.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from shockrig.analysis.flight.channel import Channel, Readings, bridged, judged, lacking, too_few, untouched
+from shockrig.analysis.flight.prior import Passing
+from shockrig.analysis.flight.profile_effects import Acting, acting, not_undone
+from shockrig.analysis.flight.readout import ceiling, noise_floor, not_known, undone
+from shockrig.analysis.flight.response import Response, film_response
+from shockrig.analysis.flight.screen import screen
+from shockrig.analysis.flight.smooth_channel import Estimate, lags_behind, typical_period
+from shockrig.analysis.flight.typical import NOISE_PERCENT
+from shockrig.analysis.physics.humidity import saturation_pressure_hpa
+from shockrig.files.flight import Flight
+from shockrig.files.profile import HumidityProfile
+
+Array = NDArray[np.float64]
+REFERENCE_C = 20.0  # vapour is carried as relative humidity at this temperature
+MOST_COUPLING = 5.0  # vapour and temperature are not told to go together more steeply than this
+LEAST_SHARE = 0.2  # of the uncertainty that stays, however vapour and temperature go together
+APART_S = 3.0  # over which vapour and temperature are compared
+SMOOTHED_S = 1.0
+
+
+def correct_humidity(
+    flight: Flight,
+    part: HumidityProfile | None,
+    body: str,
+    speed: Array,
+    bead: Channel,
+    solve: Callable[[Readings, float | None], Estimate],
+    cutoff_hz: float | None,
+    given: float | None,
+    notes: list[str],
+) -> Channel:
+    """The humidity channel; `bead` is the temperature's, corrected, and `given` a noise floor other than the part's."""
+    raw, time_s = flight.humidity_percent, flight.time_s
+    effects = acting(part.effects, "humidity") if part else ()
+    noise = given or NOISE_PERCENT
+    if part is not None:
+        own_noise = NOISE_PERCENT if part.noise_percent is None else part.noise_percent
+        noise = noise_floor(effects, own_noise if given is None else given)
+    screened = screen(time_s, raw, "humidity", noise, limit=ceiling(effects))
+    if part is None or too_few(screened):
+        return untouched("humidity", raw, screened, lacking(part, "humidity"), notes)
+    notes.extend(not_undone(part.effects, "humidity"))
+    air, sigma = bridged(time_s, bead.value), bridged(time_s, bead.uncertainty)
+    if air is None:
+        return untouched("humidity", raw, screened, "no temperature of the air in the log", notes)
+    sigma = np.zeros(raw.shape) if sigma is None else sigma
+    die = _own_temperature(flight, effects, notes)
+    own = air if die is None else die
+    plain = undone(effects, raw, speed, part.film_thickness_m, typical_period(time_s))
+    # vapour pressure as relative humidity at a fixed temperature: what diffuses, in a unit that reads like %RH
+    to_vapour = saturation_pressure_hpa(own) / saturation_pressure_hpa(REFERENCE_C)
+    from_vapour = saturation_pressure_hpa(REFERENCE_C) / saturation_pressure_hpa(air)
+    steepness = np.log(saturation_pressure_hpa(air + 0.5)) - np.log(saturation_pressure_hpa(air - 0.5))
+    response = film_response(part, air, speed, body)
+    vapour = plain.reading * to_vapour
+    level = np.interp(time_s, time_s[screened.usable], vapour[screened.usable])
+    # what the air's temperature leaves open divides the reading and the result alike; a die of its own parts the two
+    passing = None
+    if die is None:
+        coupling = _coupling(time_s, level, air, sigma, level * steepness, response)
+        passing = Passing(level * steepness * sigma, bead.resolved_rate, coupling)
+    variance = (np.hypot(noise, screened.resolution / np.sqrt(12)) / plain.gain * to_vapour) ** 2
+    readings = Readings("humidity", time_s, vapour, screened.usable, response, variance, plain.delay_s, passing)
+    found = solve(readings, cutoff_hz)
+    channel = judged(readings, found, plain, screened, ~part.covers(air), raw, from_vapour, notes)
+    uncertainty = channel.uncertainty
+    if die is not None or found.cutoff_hz is not None:
+        wrong = channel.value * steepness * sigma
+        together = _correlation(time_s, found.air, air)
+        total = uncertainty**2 + wrong**2 - 2 * together * uncertainty * wrong
+        least = (LEAST_SHARE * uncertainty) ** 2
+        uncertainty = np.where(channel.raw, uncertainty, np.sqrt(np.maximum(total, least)))
+    return replace(channel, uncertainty=np.hypot(uncertainty, not_known(effects)))
+
+
+def _own_temperature(flight: Flight, effects: tuple[Acting, ...], notes: list[str]) -> Array | None:
+    """Temperature that the sensor turns vapour into humidity at, where it is its own and was logged; else None."""
+    asking = [one.id for one in effects if one.meaning.at_die]
+    if not asking:
+        return None
+    die = bridged(flight.time_s, flight.die_temperature_c)
+    if die is None:
+        notes.append(
+            f"humidity: {', '.join(asking)} is in the profile and the log has no temperature of the die; "
+            "the air's is taken"
+        )
+    return die
+
+
+def _coupling(
+    time_s: Array, vapour: Array, temperature: Array, sigma: Array, percent_per_k: Array, response: Response
+) -> float:
+    """Vapour that goes with each unit of Passing: minus its slope against temperature over that of the conversion.
+
+    Both over some seconds and as the film sees them, so the temperature is lagged like the vapour was. Slope by signs
+    and medians, so that one front does not speak for the whole flight, and less of it where chance or the
+    temperature's error explain it.
+    """
+    period = typical_period(time_s)
+    lag = max(int(round(APART_S / period)), 1)
+    if time_s.size < 20 * lag:
+        return 0.0
+    lags, _ = lags_behind(temperature, response, period)
+    lagged = (lags * response.weight).sum(axis=1)
+    smooth = max(int(round(SMOOTHED_S / period)), 1)
+    a, b = (uniform_filter1d(v, smooth) for v in (vapour, lagged))
+    a, b = a[lag:] - a[:-lag], b[lag:] - b[:-lag]
+    a, b = a - np.median(a), b - np.median(b)
+    width_a, width_b = float(np.median(np.abs(a))), float(np.median(np.abs(b)))
+    if width_a == 0 or width_b == 0:
+        return 0.0
+    agree = float(np.mean(np.sign(a) * np.sign(b)))
+    chance = lag / time_s.size  # variance of the mean sign, one independent pair every `lag` samples
+    agree *= max(1.0 - chance / max(agree**2, chance), 0.0)
+    error = 0.5 * float(np.median(sigma)) / (1.4826 * width_b)
+    slope = np.sin(0.5 * np.pi * agree) * width_a / width_b * max(1.0 - error**2, 0.0)
+    return float(np.clip(-slope / np.median(percent_per_k), -MOST_COUPLING, MOST_COUPLING))
+
+
+def _correlation(time_s: Array, vapour: Array, temperature: Array) -> float:
+    """Correlation of the air's vapour with its temperature on the shortest scale that both are resolved on."""
+    lag = max(int(round(APART_S / typical_period(time_s))), 1)
+    if time_s.size < 20 * lag:
+        return 0.0
+    a, b = vapour[lag:] - vapour[:-lag], temperature[lag:] - temperature[:-lag]
+    # by signs (quadrant correlation), so that one front does not speak for the whole flight
+    agree = np.mean(np.sign(a - np.median(a)) * np.sign(b - np.median(b)))
+    return float(np.sin(0.5 * np.pi * agree))

@@ -1,0 +1,107 @@
+"""A profile's effects as a flight takes them: what each means stands in the catalogue, and is asked for here.
+
+An effect that the catalogue does not have, or not for that channel, is left alone and said to be.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.inference.effect import InFlight
+from shockrig.files.errors import InputError
+from shockrig.files.profile import Effect
+
+Array = NDArray[np.float64]
+STEP = 1e-4  # of a parameter, relative, in finite differences: right to 1e-8
+SLOW_M_S, FAST_M_S = 2.0, 20.0  # what differs between these airspeeds depends on the airspeed
+
+
+class Stated(dict[str, float]):
+    """Values of an effect's parameters; one that is asked for and was not stated is an InputError."""
+
+    def __init__(self, effect: str, values: Mapping[str, float]) -> None:
+        super().__init__(values)
+        self.effect = effect
+
+    def __missing__(self, name: str) -> float:
+        raise InputError(
+            f"profile: effect {self.effect} lacks the parameter {name!r}; add it or take the effect out of the profile"
+        )
+
+    def with_value(self, name: str, value: float) -> Stated:
+        """The same with another value of one parameter."""
+        return Stated(self.effect, {**self, name: value})
+
+
+@dataclass(frozen=True)
+class Acting:
+    """One effect of a profile that takes part in a flight: what it means, its values, their standard uncertainties."""
+
+    id: str
+    meaning: InFlight
+    values: Stated
+    uncertainties: Mapping[str, float] = field(default_factory=dict)
+
+
+def acting(effects: Iterable[Effect], channel: str) -> tuple[Acting, ...]:
+    """Those of a profile's effects that a correction has to do with, in the order of the measurement chain."""
+    found = []
+    for effect in effects:
+        entry = CATALOGUE.get(effect.effect)
+        if entry is None or entry.in_flight is None or channel not in entry.channels:
+            continue
+        values = Stated(effect.effect, {name: p.value for name, p in effect.parameters.items()})
+        uncertainties = {name: p.standard_uncertainty for name, p in effect.parameters.items()}
+        found.append((entry.order, Acting(effect.effect, entry.in_flight, values, uncertainties)))
+    return tuple(one for _, one in sorted(found, key=lambda pair: pair[0]))
+
+
+def not_undone(effects: Iterable[Effect], channel: str) -> list[str]:
+    """One sentence for each of a profile's effects that a flight's correction leaves alone."""
+    said = []
+    for effect in effects:
+        entry = CATALOGUE.get(effect.effect)
+        if entry is None:
+            why = "is in the profile and unknown to this version, so it is not undone in a flight"
+        elif channel not in entry.channels:
+            why = f"is in the profile and has no meaning for {channel}, so it is not undone in a flight"
+        elif entry.in_flight is None:
+            why = "belongs to the bench and not to the sensor, and has no part in a flight"
+        elif entry.in_flight.left:
+            why = "is in the profile and is not undone in a flight"
+        else:
+            continue
+        said.append(f"{channel}: {effect.effect} {why}")
+    return said
+
+
+def of_airspeed(effects: Iterable[Acting], length_m: float) -> list[str]:
+    """Ids of the effects whose part in a flight depends on the airspeed; `length_m` is the body's."""
+    speeds, reading = np.array([SLOW_M_S, FAST_M_S]), np.zeros(2)
+    found = []
+    for one in effects:
+        seen = []
+        if one.meaning.biot is not None:
+            seen.append(one.meaning.biot(one.values, speeds, length_m))
+        if one.meaning.undo is not None:
+            seen.append(one.meaning.undo(one.values, reading, speeds, length_m))
+        if any(np.ptp(np.broadcast_to(values, speeds.shape)) > 0 for values in seen):
+            found.append(one.id)
+    return found
+
+
+def propagated(one: Acting, of: Callable[[Stated], ArrayLike]) -> Array:
+    """Standard uncertainty of a function of an effect's values, from those of its parameters, to first order."""
+    variance = np.zeros(np.shape(of(one.values)))
+    for name, sigma in one.uncertainties.items():
+        if sigma > 0:
+            value = one.values[name]
+            step = STEP * (abs(value) or sigma)
+            ends = [np.asarray(of(one.values.with_value(name, value + sign * step))) for sign in (1.0, -1.0)]
+            variance = variance + (sigma * (ends[0] - ends[1]) / (2.0 * step)) ** 2
+    return np.sqrt(variance)
