@@ -1,13 +1,18 @@
-"""The chain and its effects: nothing at zero strength, smooth in every parameter, right on data of another solver."""
+"""The chain against closed forms and other integrations; the mean of readings that a logger writes against the plain
+mean."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from small_worlds import record
 
-from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.inference.channel import build_channel
-from shockrig.analysis.inference.gls import Layout, bounds, fit, make_problem, predict, rate_start, start_theta
-from shockrig.analysis.inference.noise import estimate_noise, whiteners
+from shockrig.analysis.effects import CATALOGUE, structure_of
+from shockrig.analysis.inference.gather import build_channel
+from shockrig.analysis.inference.model import Model, Point
+from shockrig.analysis.inference.quantity import QUANTITIES
 from shockrig.analysis.physics import concentration
+from shockrig.analysis.physics.chain import discrete_gauss, evaluate
 from shockrig.analysis.physics.humidity import (
     dew_point_c,
     humidity_from_ppmv,
@@ -15,37 +20,28 @@ from shockrig.analysis.physics.humidity import (
     saturation_pressure_hpa,
 )
 from shockrig.analysis.physics.modes import film_mean, sphere_core
-from shockrig.files.campaign import read_campaign
-from shockrig.rig.virtual.batch import simulate_campaign
-from shockrig.rig.virtual.plans import standard_plan
-from shockrig.rig.virtual.truth import SMOOTH, Hidden, draw_truth, with_effects
-
-PAIRS = [(effect, channel) for effect, entry in CATALOGUE.items() for channel in entry.channels]
 
 
 @pytest.fixture(scope="module")
 def channels(tmp_path_factory):
-    rng = np.random.default_rng(5)
-    folder = simulate_campaign(draw_truth(rng, SMOOTH), standard_plan(), rng, tmp_path_factory.mktemp("chain") / "c")
-    campaign = read_campaign(folder)
-    return {name: build_channel(campaign, name) for name in ("temperature", "humidity")}
+    campaign = record(tmp_path_factory.mktemp("chain") / "c", 5)
+    return {name: build_channel(campaign, name) for name in QUANTITIES}
 
 
-def rest(channel):
-    return np.zeros((channel.runs, 4 if channel.name == "temperature" else 5))
+def plain(channel, rate):
+    return Model(channel).predict(Point(np.full(channel.rates, np.log(rate)), channel.at_rest()))[0]
 
 
 def test_plain_chain_is_the_closed_form(channels):
     channel = channels["temperature"]
-    found = predict(channel, Layout(()), np.array([np.log(0.5)]), rest(channel))[0]
+    found = plain(channel, 0.5)
     c = channel.conditions
     rise = sphere_core().step(0.5 * channel.time_s)
     expected = c.source_c[:, None] + (c.destination_c - c.source_c)[:, None] * rise
     assert found == pytest.approx(expected, abs=1e-6)
 
     channel = channels["humidity"]
-    rates = np.full(channel.interpolation.shape[1], np.log(0.05))
-    found = predict(channel, Layout(()), rates, rest(channel))[0]
+    found = plain(channel, 0.05)
     c = channel.conditions
     before, after = (
         ppmv_from_humidity(c.source_percent, c.source_c),
@@ -63,57 +59,6 @@ def test_saturation_pressure_known_values():
     assert dew_point_c([100.0, 37.0], [12.0, -5.0])[0] == pytest.approx(12.0)
     dew = dew_point_c(37.0, -5.0)
     assert saturation_pressure_hpa(dew) == pytest.approx(0.37 * saturation_pressure_hpa(-5.0), rel=1e-9)
-
-
-@pytest.mark.parametrize(("effect", "name"), PAIRS)
-def test_an_effect_of_no_strength_is_the_plain_chain(channels, effect, name):
-    entry, channel = CATALOGUE[effect], channels[name]
-    if not entry.parameters or all(p.none is None for p in entry.parameters):
-        pytest.skip("has no strength that could be nought; its limit is tested on its own")
-    log_rate = np.full(channel.interpolation.shape[1], np.log(0.2))
-    values = tuple((effect, p.name, p.starts[0] if p.none is None else p.none) for p in entry.parameters)
-    with_it = predict(channel, Layout((effect,), values), log_rate, rest(channel))
-    assert with_it == pytest.approx(predict(channel, Layout(()), log_rate, rest(channel)), abs=2e-3)
-
-
-def test_effects_without_a_zero_reach_the_plain_chain_at_their_end(channels):
-    for effect, name, parameter, end, allowed in (
-        ("convective_film", "temperature", "biot_at_5_m_s", 1e6, 2e-3),
-        ("vapour_boundary_layer", "humidity", "biot_at_5_m_s", 1e7, 2e-2),
-        ("saturation_clipping", "humidity", "limit_percent", 1e3, 1e-6),
-    ):
-        channel = channels[name]
-        log_rate = np.full(channel.interpolation.shape[1], np.log(0.2))
-        with_it = predict(channel, Layout((effect,), ((effect, parameter, end),)), log_rate, rest(channel))
-        assert with_it == pytest.approx(predict(channel, Layout(()), log_rate, rest(channel)), abs=allowed), effect
-    isothermal = channels["humidity"]
-    log_rate = np.full(isothermal.interpolation.shape[1], np.log(0.2))
-    still = isothermal.select(np.abs(isothermal.conditions.destination_c - isothermal.conditions.source_c) < 1.0)
-    lagging = predict(still, Layout(("die_thermal_lag",)), log_rate, rest(still))
-    # The die's temperature is measured: 0.05 K are 0.3 % of a humidity.
-    assert lagging == pytest.approx(predict(still, Layout(()), log_rate, rest(still)), abs=0.5)
-
-
-@pytest.mark.parametrize(("effect", "name"), [p for p in PAIRS if not CATALOGUE[p[0]].from_readings])
-def test_readings_move_smoothly_with_every_parameter(channels, effect, name):
-    """Central differences of two widths agree: no kinks or jumps that would mislead a Gauss-Newton step."""
-    channel, layout = channels[name], Layout((effect,))
-    theta = start_theta(channel, layout, np.full(channel.interpolation.shape[1], np.log(0.2)))
-    groups = channel.interpolation.shape[1]
-    low, high = bounds(channel, layout)
-    # Where a delay moves the air's step across a sample, the reading has its one true corner.
-    delay = next((p.starts[0] for p in CATALOGUE[effect].parameters if p.name == "delay_s"), 0.0)
-    away = np.abs(channel.time_s - delay) > 0.02
-    for k in range(groups - 1, theta.size):
-        wide = 2e-3 if k < groups else 2e-3 * min(high[k] - low[k], 1.0)
-        slopes = []
-        for h in (wide, wide / 2):
-            pair = np.tile(theta, (2, 1))
-            pair[0, k], pair[1, k] = theta[k] + h, theta[k] - h
-            up, down = predict(channel, layout, pair, rest(channel))
-            slopes.append(((up - down) / (2 * h))[away])
-        size = np.sqrt(np.mean(slopes[1] ** 2)) + 1e-9
-        assert np.sqrt(np.mean((slopes[0] - slopes[1]) ** 2)) < 0.03 * size + 1e-3, (effect, k)
 
 
 @pytest.mark.parametrize("ratio", [0.3, 3.0])
@@ -138,50 +83,63 @@ def test_concentration_warp_against_an_independent_integration(ratio):
     assert warped == pytest.approx(uptake, abs=2e-3)
 
 
-RECOVERED = {
-    "finite_transfer": ("temperature", {"duration_s": 0.5}),
-    "convective_film": ("temperature", {"biot_at_5_m_s": 0.12}),
-    "vapour_boundary_layer": ("humidity", {"biot_at_5_m_s": 6.0}),
-    "direction_dependent_diffusivity": ("humidity", {"ratio_drying_to_wetting": 0.8}),
-    "concentration_dependent_diffusivity": ("humidity", {"slope_per_unit_activity": 0.4}),
-    "slow_relaxation": ("humidity", {"fraction": 0.08, "time_constant_s": 25.0}),
-    "stem_conduction": ("temperature", {"fraction": 0.05, "time_constant_s": 9.0}),
-    "self_heating": ("temperature", {"rise_k_at_5_m_s": 0.3}),
-    "hysteresis": ("humidity", {"rh_percent": 1.0}),
-    "calibration_error": ("humidity", {"gain": 0.01, "offset": 0.8}),
-    "dead_time": ("humidity", {"delay_s": 0.3}),
-    "clock_drift": ("temperature", {"ppm": 10000.0}),
-    "air_relaxation": (
-        "temperature",
-        {"fraction": 0.05, "time_constant_s": 6.0, "room_temperature_c": 24.0, "room_humidity_percent": 45.0},
+ALONE = [(effect, name) for effect, entry in CATALOGUE.items() for name in entry.channels if not entry.averages]
+TOGETHER = [
+    ({"finite_transfer.duration_s": 2.0}, "humidity"),
+    ({"finite_transfer.duration_s": 6.0, "air_relaxation.fraction": 0.1}, "humidity"),
+    (
+        {"finite_transfer.duration_s": 4.0, "concentration_dependent_diffusivity.slope_per_unit_activity": 1.2},
+        "humidity",
     ),
-}
+    ({"condensation.drying_time_s": 0.3, "hysteresis.rh_percent": 2.0}, "humidity"),
+    ({"condensation.drying_time_s": 20.0, "finite_transfer.duration_s": 4.0}, "humidity"),
+    (
+        {"evaporative_cooling.depression_k": 0.5, "calibration_error.gain": 0.02, "dead_time.delay_s": 0.2},
+        "temperature",
+    ),
+    ({"finite_transfer.duration_s": 0.5, "convective_film.biot_at_5_m_s": 0.1}, "temperature"),
+]
 
 
-@pytest.mark.parametrize("effect", RECOVERED)
-def test_effects_recover_themselves_on_data_of_another_solver(tmp_path, effect):
-    """The virtual bench integrates each effect by its own equations on a grid; the closed forms must find its size."""
-    name, true = RECOVERED[effect]
-    rng = np.random.default_rng(11)
-    truth = with_effects(draw_truth(rng, SMOOTH), [Hidden(effect, true, (name,) if effect in SINGLE else ())])
-    channel = build_channel(read_campaign(simulate_campaign(truth, standard_plan(), rng, tmp_path / "c")), name)
-    problem = make_problem(channel, whiteners(channel, estimate_noise(channel)))
-    if effect == "dead_time":
-        # In a thermal shock RH jumps with the air's temperature between two samples: a staircase in the delay, on which
-        # no gradient leads from a start far away.
-        problem = problem.select(np.abs(channel.conditions.destination_c - channel.conditions.source_c) < 1.0)
-    layout = Layout((effect,))
-    starts = [start_theta(channel, layout, rate_start(channel), {f"{effect}.{k}": v}) for k, v in _starts(effect)]
-    found = min((fit(problem, layout, theta) for theta in starts), key=lambda f: f.objective)
-    for parameter, (value, spread) in found.values(channel.interpolation.shape[1])[effect].items():
-        if not parameter.startswith("room_"):
-            assert abs(value - true[parameter]) < 3.5 * spread + 0.02 * abs(true[parameter]), parameter
-            assert spread < 0.5 * abs(true[parameter]), parameter
+@pytest.mark.parametrize("count", [2, 6, 11, 24])
+@pytest.mark.parametrize(
+    ("values", "name"),
+    [({}, "temperature"), ({}, "humidity"), *(({effect: None}, name) for effect, name in ALONE), *TOGETHER],
+)
+def test_a_mean_of_readings_is_the_mean_of_readings(channels, values, name, count):
+    """Closed forms and Gauss nodes against all of the readings, each by itself, to 1e-5 of the step; jumps included."""
+    channel = channels[name]
+    given = {key: value for key, value in values.items() if value is not None}
+    structure = structure_of({key.partition(".")[0] for key in values})
+    model, period = Model(channel, structure), channel.sampling_period_s
+    theta = model.start(np.full(channel.rates, np.log(0.3)), given)
+    chain = model.chain(Point(theta[None], channel.at_rest()[None]))
+    single = [replace(chain, time_s=chain.time_s - j * period) for j in range(count)]
+    expected = np.mean([evaluate(one, channel.quantity.reading) for one in single], axis=0)
+    found = evaluate(replace(chain, averaged=count), channel.quantity.reading)
+    step = np.maximum(np.ptp(expected, axis=-1, keepdims=True), 1.0)
+    assert (np.abs(found - expected) / step).max() < 1e-5
 
 
-SINGLE = ("calibration_error", "dead_time", "clock_drift")
+def test_a_clip_has_its_corner_anywhere_and_the_mean_across_it_is_good_to_a_thousandth(channels):
+    channel = channels["humidity"]
+    structure = structure_of(["saturation_clipping"], [("saturation_clipping", "limit_percent", 70.0)])
+    rates = np.full((1, channel.rates), np.log(0.3))
+    chain = Model(channel, structure).chain(Point(rates, channel.at_rest()[None]))
+    single = [replace(chain, time_s=chain.time_s - 0.1 * j) for j in range(11)]
+    expected = np.mean([evaluate(one, channel.quantity.reading) for one in single], axis=0)
+    found = evaluate(replace(chain, averaged=11), channel.quantity.reading)
+    assert found == pytest.approx(expected, abs=0.06)
 
 
-def _starts(effect):
-    first = CATALOGUE[effect].parameters[0]
-    return [(first.name, start) for start in first.starts]
+@pytest.mark.parametrize("count", [6, 11, 24, 600])
+def test_discrete_gauss_is_exact_for_polynomials(count):
+    """To degree 2 nodes - 1, scaled to -1 .. 1; and no further."""
+    nodes, weights = discrete_gauss(count, 5)
+    middle = 0.5 * (count - 1)
+    assert weights.sum() == pytest.approx(1.0) and np.all(weights > 0)
+    assert nodes.min() > -1e-9 and nodes.max() < count - 1 + 1e-9
+    readings = (np.arange(count) - middle) / middle
+    for degree in range(10):
+        assert weights @ ((nodes - middle) / middle) ** degree == pytest.approx((readings**degree).mean(), abs=1e-12)
+    assert abs(weights @ ((nodes - middle) / middle) ** 10 - (readings**10).mean()) > 1e-6
