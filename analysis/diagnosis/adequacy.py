@@ -167,18 +167,28 @@ def describe(problem: Problem, found: Fit, noise: Noise, adequacy: Adequacy) -> 
     }
 
 
+def stated(problem: Problem) -> NDArray[np.bool_]:
+    """Random effects (R, U) whose size was stated: nobody can be off from what nobody recorded."""
+    c = problem.channel.conditions
+    known = np.ones(problem.scatter.shape, dtype=bool)
+    known[:, RunEffect.START] = c.start_known
+    known[:, RunEffect.SOURCE] = known[:, RunEffect.DESTINATION] = c.airs_known
+    return known
+
+
 def _deviations(problem: Problem, found: Fit) -> list[Check]:
     channel = problem.channel
     variance, prior = found.arrow.run_variances(), 1.0 / found.arrow.weight
+    recorded = stated(problem)
     f = factors(channel)
     design = np.column_stack([f["run order"], np.sign(f["step"]), f["ambient"], f["airflow"], f["amplitude"]])
     design = design - design.mean(axis=0)
     # Runs that differ a little are no effect; rates that differ by several percent are.
-    wide = found.rate_scatter > level("rate_scatter")
+    wide = found.rate_scatter > level("rate_scatter") and bool(channel.conditions.airflow_known.all())
     checks = [Check("scatter of the runs' rate", found.rate_scatter, 1.0, 0.0 if wide else 1.0)]
     for k, name in enumerate(RUN_EFFECT_NAMES[: prior.shape[1]]):
         spread = np.maximum(prior[:, k] - variance[:, k], 0.0)
-        told = spread > 0.2 * prior[:, k]
+        told = (spread > 0.2 * prior[:, k]) & recorded[:, k]
         if told.sum() < 4:
             continue
         z = found.deviations[told, k] / np.sqrt(spread[told])
@@ -209,7 +219,9 @@ def _readings(problem: Problem, found: Fit, noise: Noise) -> list[Check]:
     period = channel.sampling_period_s
     spectra, outliers, total = [], 0, 0
     length = 64
-    for time, value in channel.samples:
+    for (time, value), air in zip(channel.samples, channel.air, strict=True):
+        if air is not None:
+            continue  # there is no plateau in a record that was driven all along
         for part in (time < -2 * period, time > 0.67 * time[-1]):
             t, y = time[part], value[part]
             if y.size < length or np.ptp(y) == 0:

@@ -191,13 +191,12 @@ def _dropped(problem: Problem, final: Fit, gain: Gain, from_readings: dict[str, 
             return [Tried(effect, why)]
     if not gain.measured:
         return [Tried(e, "it could not be tried on a run that was not fitted") for e in tested]
-    added = [e for e in tested if e in gain.without]
-    worst = [e for e in added if not worse_without(gain, e)]
+    worst = [e for e in tested if not worse_without(gain, e)]
     if worst:
         least = min(worst, key=lambda e: float(np.nanmean(gain.without[e] - gain.run_kept)))
         return [Tried(least, "without it unseen runs are predicted no worse")]
-    if not gain.real and added:
-        return [Tried(e, "unseen runs are not predicted better by more than runs differ") for e in added]
+    if not gain.real:
+        return [Tried(e, "unseen runs are not predicted better by more than runs differ") for e in tested]
     return []
 
 

@@ -13,20 +13,25 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from shockrig.analysis.diagnosis.search import reconsider
+from shockrig.analysis.diagnosis.adequacy import stated
+from shockrig.analysis.diagnosis.search import reconsider, refit
 from shockrig.analysis.inference.bins import as_single_samples
 from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.effect import unchanged
 from shockrig.analysis.inference.fit import Fit, fit
 from shockrig.analysis.inference.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.inference.noise import Noise
 from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.inference.rate_scatter import RATE_SCATTER
+from shockrig.analysis.inference.scan import scanned_starts
 from shockrig.analysis.physics.chain import at_jump, evaluate
 
 Array = NDArray[np.float64]
 
 FOLDS = 3
 PLACED_WITHIN = 2.0  # standard uncertainties
+USUAL_SPREAD, USUAL_DEGREES = 0.5, 3  # of gains from run to run, relative, before any run has told
+FREE = 10.0  # likewise, of what nobody recorded
 CONFIDENCE = 0.975  # one-sided, of what is called a gain
 
 
@@ -95,7 +100,8 @@ def measure_gain(
     fold = folds(problem.channel)
     before, after, kept = (np.full(channel.runs, np.nan) for _ in range(3))
     added = [e for e in final.structure.ids if e not in base.ids]
-    without = {effect: np.full(channel.runs, np.nan) for effect in added}
+    seen = [e.id for e in final.structure.effects if e.id in base.ids and e.apply is not unchanged]
+    without = {effect: np.full(channel.runs, np.nan) for effect in (*added, *seen)}
     for k in range(int(fold.max()) + 1):
         train = fold != k
         # The rate at an ambient that the training part never saw is not the extension's business.
@@ -107,6 +113,7 @@ def measure_gain(
         extended, one_less = same, {}
         if added:
             extended, one_less = reconsider(part, base, same)
+        one_less |= {effect: refit(part, same.structure.dropping(effect), same) for effect in seen}
         held, bins = channel.select(test), problem.select(test)
         before[test] = run_errors(held, bins, _with(simple, PLAIN))
         kept[test] = run_errors(held, bins, same) if same.structure.ids else before[test]
@@ -138,8 +145,14 @@ def run_errors(held: Channel, bins: Problem, found: Fit) -> Array:
 def placed(bins: Problem, found: Fit) -> Array:
     """Random effects (R, U) of runs that a model was not fitted to."""
     problem = bins.with_rate_scatter(RATE_SCATTER)
-    reached = fit(problem, found.structure, found.theta, adapt_scatter=False, hold_theta=True)
-    limit = PLACED_WITHIN * problem.scatter
+    at = problem.channel.at_rest()
+    reached = fit(problem, found.structure, found.theta, at, adapt_scatter=False, hold_theta=True)
+    moved = scanned_starts(problem, reached)
+    if moved is not None:
+        again = fit(problem, found.structure, found.theta, moved, adapt_scatter=False, hold_theta=True)
+        reached = min((reached, again), key=lambda f: f.objective)
+    # What nobody recorded is free: it is placed where it fits best, for every model alike.
+    limit = np.where(stated(problem), PLACED_WITHIN, FREE) * problem.scatter
     return np.clip(reached.deviations, -limit, limit)
 
 
@@ -174,6 +187,8 @@ def summarise(
     # A model cannot do better than the noise; where it seems to, the noise was stated too high.
     floor = min(floor, float(np.sqrt(min(run_after.mean(), run_before.mean()))))
     gained, spread, degrees = _mean_and_spread(run_before - run_after, kind[told])
+    # Each run counts alike: by what share of its own error is removed or added, from 1 to -1.
+    better, unsure, of = _mean_and_spread((run_before - run_after) / (run_before + run_after), kind[told])
     share, interval = _share(gained, spread, degrees, run_after, floor)
     return Gain(
         before=float(np.sqrt(run_before.mean())),
@@ -181,7 +196,7 @@ def summarise(
         noise_floor=floor,
         explained_fraction=share,
         interval_95=interval,
-        real=gained > float(stats.t.ppf(CONFIDENCE, degrees)) * spread and gained > 0,
+        real=gained > 0 and better > float(stats.t.ppf(CONFIDENCE, of)) * unsure,
         run_before=before,
         run_after=after,
         run_kept=kept,
@@ -203,9 +218,13 @@ def _mean_and_spread(gains: Array, kind: NDArray[np.int64]) -> tuple[float, floa
     for group in groups:
         squares += group.size * float(group.var(ddof=1))
         degrees += group.size - 1
-    if not degrees:
-        return float(gains.mean()), float("inf"), 1
-    return float(gains.mean()), float(np.sqrt(squares) / inside.size), degrees
+    mean, size = float(gains.mean()), gains.size
+    if size < 2:
+        return mean, float("inf"), 1
+    # A few runs say little of how gains scatter; before them it is taken that they do by half of their mean.
+    variance = squares / inside.size if degrees else 0.0
+    variance = (degrees * variance + USUAL_DEGREES * (USUAL_SPREAD * mean) ** 2) / (degrees + USUAL_DEGREES)
+    return mean, float(np.sqrt(variance / size)), degrees + USUAL_DEGREES
 
 
 def _share(

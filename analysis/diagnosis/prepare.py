@@ -14,6 +14,7 @@ from shockrig.analysis.inference.effect import Effect, Finding, Readings
 from shockrig.analysis.inference.fit import Fit, run_misfit
 from shockrig.analysis.inference.model import Held, Structure
 from shockrig.analysis.inference.noise import MAX_AVERAGED, Noise, estimate_noise, whiteners
+from shockrig.analysis.inference.reference_noise import with_reference_noise
 from shockrig.analysis.inference.problem import Problem, make_problem
 from shockrig.analysis.inference.readings import rounding_step
 from shockrig.analysis.inference.rounding import COARSE_IN_NOISE
@@ -51,6 +52,10 @@ def prepare(channel: Channel, averaged: int | None = None) -> Prepared:
     if coarsely:
         noise = estimate_noise(known.channel, known.step, averaged=averaged, coarse=True)
     problem = make_problem(known.channel, whiteners(known.channel, noise), rounding=known.step if coarsely else 0.0)
+    if channel.measured.any():
+        # What the reference's noise does to a prediction is noise to whoever compares it with a reading.
+        noise = with_reference_noise(noise, problem)
+        problem = make_problem(known.channel, whiteners(known.channel, noise), rounding=known.step if coarsely else 0.0)
     held = tuple(Held(f.effect, name, value) for f in findings for name, (value, _) in f.parameters.items())
     structure = Structure(tuple(CATALOGUE[f.effect] for f in findings), held)
     return Prepared(problem, noise, structure, tuple(findings), known.step, coarsely)

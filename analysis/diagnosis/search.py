@@ -20,13 +20,14 @@ from shockrig.analysis.inference.effect import Effect
 from shockrig.analysis.inference.fit import Fit, fit
 from shockrig.analysis.inference.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.inference.problem import Problem
-from shockrig.analysis.inference.scan import open_starts, rescanned_starts, rough_point
+from shockrig.analysis.inference.scan import open_starts, rough_point, scanned_starts
 
 Array = NDArray[np.float64]
 Starts = Sequence[Mapping[str, float]]
 
 MOST_EFFECTS = 6
 QUICK_STEPS = 4  # of Gauss and Newton, to rank candidates
+FAR_STEPS = 12  # likewise, where the model so far is plainly wrong
 WORTH_A_FIT = 0.25  # share of its penalty that a candidate must reach to first order
 QUICK_STARTS = 2  # of a candidate that are fitted: those that score best to first order
 PLAINLY_WRONG = 3.0  # objective per bin from which a fit's deviations mean nothing
@@ -107,7 +108,7 @@ def refit(
         fits.append(fit(problem, structure, theta, near.deviations, iterations))
     best = min(fits, key=lambda f: f.deviance)
     if best.objective < PLAINLY_WRONG * problem.channel.count.size and best.converged:
-        moved = rescanned_starts(problem, best)
+        moved = scanned_starts(problem, best)
         if moved is not None:
             best = min((best, fit(problem, structure, best.theta, moved, iterations)), key=lambda f: f.deviance)
     return best
@@ -118,7 +119,7 @@ def _quick(problem: Problem, structure: Structure, near: Fit, start: Mapping[str
     theta = Model(problem.channel, structure).start(near.log_rates + rates, near.choice | dict(start))
     fits = near.objective < PLAINLY_WRONG * problem.channel.count.size
     deviations = near.deviations if fits else _fresh(problem, near)
-    return fit(problem, structure, theta, deviations, QUICK_STEPS)
+    return fit(problem, structure, theta, deviations, QUICK_STEPS if fits else FAR_STEPS)
 
 
 def _named(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
@@ -236,11 +237,14 @@ class Stepwise:
             scored.setdefault(effect.id, []).append((float(value), start))
         reached = {e: max(value for value, _ in values) for e, values in scored.items()}
         ranked = sorted(scored, key=lambda e: -reached[e])
-        # A start taken from the data may already be the whole answer, whatever its first order says.
+        # A start taken from the data may already be the whole answer, whatever its first order says; and another body
+        # is no small change.
         always = [
             e
             for e in ranked
-            if CATALOGUE[e].always_tried or ((told := CATALOGUE[e].start_from) is not None and told(channel))
+            if CATALOGUE[e].always_tried
+            or (CATALOGUE[e].rate_factor and not CATALOGUE[e].rarity(channel))
+            or ((told := CATALOGUE[e].start_from) is not None and told(channel))
         ]
         worth = [e for e in ranked if reached[e] > WORTH_A_FIT * penalty(CATALOGUE[e], channel)]
         chosen = dict.fromkeys([*worth[:keep], *always])

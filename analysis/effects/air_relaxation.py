@@ -5,6 +5,11 @@ from dataclasses import replace
 from shockrig.analysis.inference.effect import Effect, Parameter
 from shockrig.analysis.physics.chain import RoomAir
 
+def _recorded(channel):
+    air = channel.conditions
+    return air.airs_known & air.start_known & ~channel.measured
+
+
 EFFECT = Effect(
     id="air_relaxation",
     link="air",
@@ -29,6 +34,6 @@ EFFECT = Effect(
     source="well-mixed chamber; vapour pressure mixes linearly",
     advice="Seal the transfer port, raise the chamber's airflow, or bring the room to the destination's state.",
     of_sensor=False,
-    testable=lambda channel: bool((channel.conditions.airs_known & ~channel.measured).any()),
-    needs="needs runs whose airs were recorded, and not measured all along",
+    testable=lambda channel: bool(_recorded(channel).any()),
+    needs="needs runs whose airs and starts were recorded, and whose air was not measured all along",
 )

@@ -24,6 +24,6 @@ EFFECT = Effect(
     of_sensor=False,
     rare=RARE,
     needs="needs runs whose start was recorded on the clock of the readings",
-    testable=lambda channel: bool(channel.conditions.start_known.any()),
+    testable=lambda channel: bool((channel.conditions.start_known & ~channel.measured).any()),
     advice="Stamp all channels with one clock, or log a time mark at both ends of every run.",
 )

@@ -2,7 +2,18 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from shockrig.analysis.inference.effect import Effect, InFlight, Parameter
+
+LEAST_PERCENT = 10.0  # between the middles of two runs' steps
+
+
+def _levels_differ(channel) -> bool:
+    air = channel.conditions
+    middle, up = 0.5 * (air.source_percent + air.destination_percent), air.destination_percent > air.source_percent
+    return bool(np.ptp(middle) > LEAST_PERCENT or (up.any() and (~up).any()))
+
 
 EFFECT = Effect(
     id="concentration_dependent_diffusivity",
@@ -16,6 +27,8 @@ EFFECT = Effect(
     ),
     equation="D = D0 (1 + slope (a - 1/2)), a = c / c_sat(destination)",
     source="Crank 1975, chapter 9",
+    testable=_levels_differ,
+    needs="needs runs at different levels of humidity, or both up and down",
     in_flight=InFlight(left=True),
     advice="Take small steps at several levels, up and down, and quote D at half saturation.",
 )

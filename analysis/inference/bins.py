@@ -18,7 +18,7 @@ Samples = Sequence[tuple[Array, Array]]
 BIN_PLAN = ((2.5, 0.1), (6.0, 0.2), (12.0, 0.4), (24.0, 0.8), (48.0, 1.6), (100.0, 3.2), (1e9, 10.0))
 BEFORE_S = 1.2  # width of a bin of the plateau before the transfer
 NEAR_S = 0.3  # before the transfer within which samples stand singly
-MOST_EVEN = 600  # bins of a record that was driven all along
+MOST_EVEN = 400  # bins of a record that was driven all along
 
 
 def edges_after_transfer(first_s: float, last_s: float, period_s: float, tempo: float) -> Array:

@@ -16,7 +16,7 @@ from scipy.optimize import differential_evolution
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.inference.quantity import RunEffect
-from shockrig.analysis.inference.scan import RATE_BOUNDS_PER_S
+from shockrig.analysis.inference.scan import RATE_BOUNDS_PER_S, USUAL_SCATTER_S
 from shockrig.analysis.physics.bodies import BODIES
 from shockrig.analysis.physics.modes import response_times
 
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 POPULATION = 15
 GENERATIONS = 60
-LATE_S = np.arange(-0.4, 0.8001, 0.04)  # starts that are tried where none is recorded, at tempo 1
+LATE_S = np.arange(-0.8, 0.8001, 0.04)  # starts that are tried where none is recorded
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,8 @@ class Misfit:
         self.channel, self.model = channel, Model(channel, structure)
         self._template = self.model.start(np.zeros(channel.rates), parameters)
         known = channel.conditions.start_known
-        self._late_s = np.zeros(1) if known.all() else LATE_S * max(channel.tempo, channel.sampling_period_s)
+        scatter = channel.conditions.start_scatter_s[~known].max(initial=0.0)
+        self._late_s = np.zeros(1) if known.all() else LATE_S * scatter / USUAL_SCATTER_S
         self._fixed = np.where(known, int(np.argmin(np.abs(self._late_s))), -1)
         self._within, self._samples = _scatter_within_bins(channel)
 

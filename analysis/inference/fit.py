@@ -183,7 +183,7 @@ def fit(
     model = Model(problem.channel, structure)
     low, high = model.bounds()
     prior_mean, prior_weight = model.priors()
-    reach, furthest = model.reach(), LONGEST_RUN_STEP * problem.scatter
+    reach, furthest = model.reach(), _longest_run_steps(problem)
     start = Point(np.clip(theta, low, high), problem.channel.at_rest() if deviations is None else deviations)
     at = _linearise(problem, model, start)
     objective = at.objective(problem, model)
@@ -213,7 +213,8 @@ def fit(
         gain, at, objective = objective - reached, new, reached
         damping = max(damping / 8, 1e-9)
         if adapt_scatter:
-            scatter = likeliest(_own_rates(at.arrow(problem, model), at.point.deviations, model))
+            own = _own_rates(at.arrow(problem, model), at.point.deviations, model)
+            scatter = likeliest(own, problem.rate_scatter_limit)
             if abs(np.log(scatter / problem.rate_scatter)) >= ADAPTED_FROM:
                 problem = problem.with_rate_scatter(scatter)
                 objective = at.objective(problem, model)
@@ -223,6 +224,16 @@ def fit(
             converged = True
             break
     return _finished(problem, model, at, objective, converged)
+
+
+def _longest_run_steps(problem: Problem) -> Array:
+    """How far one step may move each run's random effects (R, U): what is known nearly, far; what is not, a little."""
+    c = problem.channel.conditions
+    longest = LONGEST_RUN_STEP * problem.scatter
+    longest[~c.start_known, RunEffect.START] = problem.scatter[~c.start_known, RunEffect.START]
+    for air in (RunEffect.SOURCE, RunEffect.DESTINATION):
+        longest[~c.airs_known, air] = problem.scatter[~c.airs_known, air]
+    return longest
 
 
 def _own_rates(arrow: Arrow, deviations: Array, model: Model) -> OwnRates:

@@ -15,8 +15,7 @@ from shockrig.analysis.inference.quantity import HUMIDITY, QUANTITIES, TEMPERATU
 from shockrig.analysis.inference.starts import estimate_start, half_way_s
 from shockrig.analysis.physics.chain import MeasuredAir
 from shockrig.analysis.physics.conditions import Conditions
-from shockrig.analysis.physics.driven import undo_lag
-from shockrig.files.campaign import Air, Campaign, Run, Trace
+from shockrig.files.campaign import Campaign, Run, Trace
 
 Array = NDArray[np.float64]
 
@@ -24,8 +23,10 @@ Array = NDArray[np.float64]
 # estimated from the run itself: one sigma.
 TRIGGER_SCATTER_S = 0.010
 UNKNOWN_START_SCATTER_S = 0.5
+UNKNOWN_START_SHARE = 0.5  # of the time to half of the step: a response that sets in late is seen late
 ORDINARY_HALF_WAY_S = (0.25, 8.0)  # of the sensors that the bins and the limits below were laid out for
 UNKNOWN_AIRFLOW_M_S = 5.0
+USUAL = {"temperature": 20.0, "humidity": 50.0}  # degC and %RH of an air of which nothing at all is known
 FEWEST_SAMPLES = 30
 
 
@@ -44,7 +45,7 @@ def usable_runs(campaign: Campaign, name: ChannelName) -> tuple[list[UsableRun],
     return _usable(campaign, QUANTITIES[name])[:2]
 
 
-def _usable(campaign: Campaign, quantity: Quantity) -> tuple[list[UsableRun], list[LeftOut], float]:
+def _usable(campaign: Campaign, quantity: Quantity) -> tuple[list[UsableRun], list[LeftOut], float, float]:
     timed: list[UsableRun] = []
     reasons: dict[str, str] = {}
     for run in campaign.runs:
@@ -53,7 +54,8 @@ def _usable(campaign: Campaign, quantity: Quantity) -> tuple[list[UsableRun], li
             reasons[run.id] = one
         else:
             timed.append(one)
-    tempo = _tempo(timed, quantity)
+    half_s = _half_way_s(timed, quantity)
+    tempo = _tempo(half_s)
     usable = []
     for one in timed:
         reason = _unfit(one, quantity, tempo)
@@ -62,7 +64,7 @@ def _usable(campaign: Campaign, quantity: Quantity) -> tuple[list[UsableRun], li
         else:
             reasons[one.run.id] = reason
     left_out = [LeftOut(run.id, quantity.name, reasons[run.id]) for run in campaign.runs if run.id in reasons]
-    return usable, left_out, tempo
+    return usable, left_out, tempo, half_s
 
 
 def _timed(run: Run, quantity: Quantity) -> UsableRun | str:
@@ -91,7 +93,7 @@ def _found_start(run: Run) -> float | None:
 
 
 def _measured_air(run: Run, quantity: Quantity, start_s: float) -> MeasuredAir | str:
-    """A run's air as it was, its reference's own lag undone; or why it is of no use."""
+    """A run's air as it was; or why it is of no use."""
     trace = run.air
     assert trace is not None
     columns = {q.column: np.asarray(trace.values.get(q.column, np.full(trace.time_s.size, np.nan))) for q in _BOTH}
@@ -99,35 +101,38 @@ def _measured_air(run: Run, quantity: Quantity, start_s: float) -> MeasuredAir |
     if good.sum() < 5:
         return f"air.csv has only {int(good.sum())} values of {quantity.column}"
     time = trace.time_s[good] - start_s
-    lags = {
-        TEMPERATURE.column: run.reference.temperature_time_constant_s,
-        HUMIDITY.column: run.reference.humidity_time_constant_s,
-    }
     values = {}
     for column, value in columns.items():
         known = np.isfinite(value[good])
         filled = np.interp(time, time[known], value[good][known]) if known.sum() >= 2 else np.full(time.size, np.nan)
-        values[column] = undo_lag(time, filled, lags[column]) if lags[column] > 0 and known.any() else filled
-    if np.diff(time).size and (np.diff(time) <= 0).any():
+        values[column] = filled
+    if (np.diff(time) <= 0).any():
         return "the times of air.csv do not run forward"
-    return MeasuredAir(time, values[TEMPERATURE.column], values[HUMIDITY.column])
+    reference = run.reference
+    of_temperature = quantity is TEMPERATURE
+    lag = reference.temperature_time_constant_s if of_temperature else reference.humidity_time_constant_s
+    return MeasuredAir(time, values[TEMPERATURE.column], values[HUMIDITY.column], lag)
 
 
 _BOTH = (TEMPERATURE, HUMIDITY)
 
 
-def _tempo(timed: list[UsableRun], quantity: Quantity) -> float:
-    """How much slower or faster the sensor is than the ordinary ones; 1 for these."""
+def _half_way_s(timed: list[UsableRun], quantity: Quantity) -> float:
+    """Typical time to half of the step [s]; NaN where no run tells."""
     halves = [
         half_way_s(one.trace.time_s - one.start_s, one.trace.values[quantity.column])
         for one in timed
         if one.air is None
     ]
     told = [half for half in halves if np.isfinite(half)]
-    if not told:
-        return 1.0
-    half = max(float(np.median(told)), 1e-3)
+    return max(float(np.median(told)), 1e-3) if told else float("nan")
+
+
+def _tempo(half: float) -> float:
+    """How much slower or faster a sensor is than the ordinary ones; 1 for these."""
     fast, slow = ORDINARY_HALF_WAY_S
+    if not np.isfinite(half):
+        return 1.0
     return half / fast if half < fast else half / slow if half > slow else 1.0
 
 
@@ -143,8 +148,6 @@ def _unfit(one: UsableRun, quantity: Quantity, tempo: float) -> str | None:
         return f"the plateau before the transfer is missing ({int(before.sum())} samples)"
     if time[-1] - start < min(5.0 * tempo, 5.0) or (time > start).sum() < 20:
         return f"too short: {max(time[-1] - start, 0):.1f} s after the transfer"
-    if not quantity.pooled and not all(_has_temperature(one.run, air) for air in (one.run.source, one.run.destination)):
-        return "an air's temperature is unknown, and no thermometer recorded it"
     near = time[(time > start - 2 * period - 0.5 * tempo) & (time < start + 3.0 * tempo + 6 * period)]
     gap = float(np.diff(near).max()) if near.size > 1 else np.inf
     if gap > max(0.8 * tempo, 5 * period):
@@ -159,13 +162,6 @@ def _unfit(one: UsableRun, quantity: Quantity, tempo: float) -> str | None:
     return None
 
 
-def _has_temperature(run: Run, air: Air) -> bool:
-    """Whether the temperature of an air is recorded, or can be taken from a plateau."""
-    return air.temperature_c is not None or any(
-        trace is not None and np.isfinite(trace.values["temperature_c"]).any() for trace in (run.imet, run.hyt)
-    )
-
-
 def _drift(value: Array) -> float:
     """Drift over the plateau before the transfer: last third minus first third, by medians."""
     third = max(value.size // 3, 1)
@@ -176,11 +172,11 @@ def build_channel(campaign: Campaign, name: ChannelName) -> Channel | None:
     """Gather one channel of a campaign; None where no run can be used (the reasons are then lost: see
     `usable_runs`)."""
     quantity = QUANTITIES[name]
-    usable, left_out, tempo = _usable(campaign, quantity)
+    usable, left_out, tempo, half_s = _usable(campaign, quantity)
     if not usable:
         return None
     starts = np.array([one.start_s for one in usable])
-    conditions = _conditions(usable, quantity, tempo)
+    conditions = _conditions(usable, quantity, tempo, half_s)
     period = float(np.median(np.concatenate([np.diff(one.trace.time_s) for one in usable])))
     # Times of the samples carry their own rounding; the nominal grid is used for lags only, never for the response.
     samples = tuple(
@@ -191,6 +187,8 @@ def build_channel(campaign: Campaign, name: ChannelName) -> Channel | None:
     driven = [(t, y, a) for (t, y), a in zip(samples, air, strict=True) if a is not None]
     if driven:
         edges = even_edges(first, last, period, min(_driven_response_s(t, y, a, quantity) for t, y, a in driven))
+        # What a bin averages, the air averages too: a prediction at its middle would carry all of the trace's noise.
+        air = tuple(None if one is None else thinned(one, 0.5 * float(edges[1] - edges[0])) for one in air)
     else:
         edges = edges_after_transfer(first, last, period, tempo)
     bin_of = place(samples, edges, conditions.start_scatter_s)
@@ -234,6 +232,20 @@ def build_channel(campaign: Campaign, name: ChannelName) -> Channel | None:
     )
 
 
+def thinned(air: MeasuredAir, spacing_s: float) -> MeasuredAir:
+    """A measured air averaged to about `spacing_s` where it is denser; each mean stands at the mean of its times."""
+    if np.median(np.diff(air.time_s)) > 0.7 * spacing_s:
+        return air
+    group = np.floor((air.time_s - air.time_s[0]) / spacing_s).astype(int)
+    _, group = np.unique(group, return_inverse=True)
+    count = np.bincount(group)
+
+    def mean(values: Array) -> Array:
+        return np.asarray(np.bincount(group, values) / count)
+
+    return MeasuredAir(mean(air.time_s), mean(air.temperature_c), mean(air.humidity_percent), air.lag_s)
+
+
 def _driven_response_s(time: Array, value: Array, air: MeasuredAir, quantity: Quantity) -> float:
     """Rough time constant of a sensor behind a measured air [s]: the first-order lag that leaves least."""
     trace = air.temperature_c if quantity is TEMPERATURE else air.humidity_percent
@@ -249,7 +261,7 @@ def _driven_response_s(time: Array, value: Array, air: MeasuredAir, quantity: Qu
     return min(np.geomspace(step, 0.5 * (time[-1] - time[0]), 40), key=misfit)
 
 
-def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float) -> Conditions:
+def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_s: float) -> Conditions:
     def plateau(trace: Trace, column: str, start: float, after: bool) -> float:
         time = trace.time_s
         spacing = float(np.median(np.diff(time)))
@@ -277,7 +289,7 @@ def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float) -> Co
                 found = run.hyt if of is HUMIDITY else (run.imet or run.hyt)
                 value = plateau(found, of.column, one.start_s, kind == "destination") if found is not None else np.nan
                 if not np.isfinite(value):
-                    value = 20.0 if of is TEMPERATURE else 50.0
+                    value = USUAL[of.name]
             values.append(value)
             scatters.append(max(scatter, 1e-6))
         return np.array(values), np.array(scatters)
@@ -290,7 +302,8 @@ def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float) -> Co
     driven = np.array([one.air is not None for one in usable])
     start_known = np.array([run.start_s is not None for run in runs]) | driven
     spacing = float(np.median([np.median(np.diff(one.trace.time_s)) for one in usable]))
-    unknown_start = UNKNOWN_START_SCATTER_S * max(tempo, spacing)
+    own = np.nan_to_num(UNKNOWN_START_SHARE * half_s)
+    unknown_start = max(UNKNOWN_START_SCATTER_S * min(tempo, 1.0), 2.0 * spacing, own)
     airs_known = np.array(
         [all(getattr(air, quantity.column) is not None for air in (run.source, run.destination)) for run in runs]
     )

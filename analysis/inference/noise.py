@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 PIECE = 84  # samples in a piece of plateau where it is that long: long against the noise's memory
 SHORTEST_PIECE = 10
 MAX_AVERAGED = 24
+LEAST_WHITE = 0.01  # share of the correlated part's variance that is white at the least
 MOST_SAMPLES = 3000  # of a run, beyond which no matrix over all of them is made
 # (ln of total over observed variance, logit of the correlated share, logit of the memory) for a quick look
 QUICK = tuple((x, s, m) for x in (-0.3, 0.0, 0.4) for s, m in ((-5.0, 0.0), (0.0, 2.0)))
@@ -44,6 +45,9 @@ class Noise:
         Pieces of plateau the estimate rests on.
     log_likelihood_by_average : ndarray (MAX_AVERAGED,)
         Log likelihood, best over the other parameters, for averages over 1, 2, ... readings; -inf where not tried.
+    passed, passed_memory : float
+        Of the noise that a measured air's reference puts into the model's prediction: standard deviation, and AR(1)
+        coefficient from one sample to the next.
     step : float
         To which readings are rounded, where that is coarse beside the noise [channel's unit]; else 0.
     """
@@ -56,11 +60,15 @@ class Noise:
     pieces: int
     log_likelihood_by_average: Array
     step: float = 0.0
+    passed: float = 0.0
+    passed_memory: float = 0.0
 
     def autocovariance(self, lags: int) -> Array:
         """Autocovariance at lags 0 .. lags-1 samples [unit^2]; behind a coarse step, that of a signal that rests."""
         gamma = _autocovariance(self.white**2, self.correlated**2, self.memory, self.averaged, lags)
         gamma[0] += self.extra**2
+        if self.passed:
+            gamma = gamma + self.passed**2 * self.passed_memory ** np.arange(lags)
         return rounded_autocovariance(gamma, self.step) if self.step else gamma
 
     @property
@@ -231,6 +239,8 @@ def estimate_noise(
         if best[averaged - 1] - best[0] < 8.0:
             averaged = 1
     white, correlated, memory = parts(found[averaged], averaged)
+    # A plateau that creeps looks like noise without a white part, and such noise would trust every difference.
+    white = max(white, LEAST_WHITE * correlated)
     return Noise(
         white=float(np.sqrt(white)),
         correlated=float(np.sqrt(correlated)),
@@ -268,7 +278,7 @@ def whiteners(channel: Channel, noise: Noise, signals: Sequence[Array] | None = 
     gamma = noise.autocovariance(int(longest / period) + 2)
     bins = channel.count.shape[1]
     whitener = np.zeros((channel.runs, bins, bins))
-    white_only = noise.averaged == 1 and noise.correlated < 0.03 * noise.standard_deviation
+    white_only = noise.averaged == 1 and max(noise.correlated, noise.passed) < 0.03 * noise.standard_deviation
     twice_summed = _twice_summed(gamma)
     for run in range(channel.runs):
         count = channel.count[run]

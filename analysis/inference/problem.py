@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.quantity import RunEffect
-from shockrig.analysis.inference.rate_scatter import RATE_SCATTER
+from shockrig.analysis.inference.rate_scatter import RATE_SCATTER, RATE_SCATTER_LIMIT, UNVENTILATED_LIMIT
 
 Array = NDArray[np.float64]
 
@@ -39,6 +39,11 @@ class Problem:
     def rate_scatter(self) -> float:
         """Scatter of ln rate from run to run."""
         return float(self.scatter[0, RunEffect.RATE])
+
+    @property
+    def rate_scatter_limit(self) -> float:
+        """The largest scatter of ln rate from run to run that is none of the model's faults."""
+        return RATE_SCATTER_LIMIT if self.channel.conditions.airflow_known.all() else UNVENTILATED_LIMIT
 
     def with_rate_scatter(self, rate_scatter: float) -> Problem:
         """With another scatter of ln rate."""

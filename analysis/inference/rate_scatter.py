@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 RATE_SCATTER = 0.004
 RATE_SCATTER_WEIGHT = 2.0  # in runs: how strongly the data must contradict it
 RATE_SCATTER_LIMIT = 0.03  # beyond this, runs do not differ a little: the model is wrong
+UNVENTILATED_LIMIT = 0.5  # where nobody recorded the airflow, runs may differ as much as airflows do
 
 
 @dataclass(frozen=True)
@@ -48,9 +49,9 @@ def cost(trials: Array, parts: Iterable[OwnRates]) -> Array:
     return total
 
 
-def likeliest(part: OwnRates) -> float:
-    """The scatter that one part's runs make most likely."""
-    trials = np.geomspace(0.2 * RATE_SCATTER, RATE_SCATTER_LIMIT, 41)
+def likeliest(part: OwnRates, limit: float = RATE_SCATTER_LIMIT) -> float:
+    """The scatter, up to a limit, that one part's runs make most likely."""
+    trials = np.geomspace(0.2 * RATE_SCATTER, limit, 41)
     return float(trials[np.argmin(cost(trials, [part]))])
 
 

@@ -15,7 +15,8 @@ Array = NDArray[np.float64]
 
 RATE_BOUNDS_PER_S = (2e-4, 30.0)  # t63 of a bead from 6 ms to 14 min, of a film from 11 ms to 27 min
 RATES = 60
-LATE_S = np.arange(-0.8, 0.81, 0.04)  # starts that are tried beside one that was estimated, at tempo 1
+USUAL_SCATTER_S = 0.5  # of a start that was estimated
+LATE_S = np.arange(-0.8, 0.81, 0.04)  # starts that are tried beside it
 STUCK = 1.7  # mean square of a run's whitened residuals from which its start is looked for anew
 START_GRID = np.linspace(-3.0, 3.0, 25)  # in standard deviations of a start
 
@@ -42,8 +43,8 @@ def open_starts(problem: Problem) -> NDArray[np.bool_]:
 
 def late_starts_s(problem: Problem) -> Array:
     """How much later than estimated a start is tried [s]."""
-    channel = problem.channel
-    return LATE_S * max(channel.tempo, channel.sampling_period_s / 0.1)
+    conditions = problem.channel.conditions
+    return LATE_S * float(conditions.start_scatter_s[~conditions.start_known].max()) / USUAL_SCATTER_S
 
 
 def rough_point(problem: Problem, structure: Structure) -> Point:
@@ -65,7 +66,7 @@ def rough_point(problem: Problem, structure: Structure) -> Point:
     return Point(theta, deviations)
 
 
-def rescanned_starts(problem: Problem, found: Fit) -> Array | None:
+def scanned_starts(problem: Problem, found: Fit) -> Array | None:
     """Deviations with the start of each misfitting run where it fits best, looked for on a grid; None where all fit.
 
     A film's response begins like sqrt(t): no gradient leads a start across a sample that lies at the very transfer.

@@ -58,8 +58,10 @@ def _thinned(time: Array, value: Array, middle: float, reach: float) -> tuple[Ar
 def _misfit(time: Array, value: Array, count: Array, start: float) -> float:
     """Weighted sum of squares of a level and, from `start` on, relaxations of all speeds."""
     late = np.maximum(time - start, 0.0)
-    longest = float(late[-1])
     after = late[late > 0]
+    if after.size < 3:
+        return float("inf")
+    longest = float(after[-1])
     shortest = max(float(after[min(2, after.size - 1)]), 1e-4 * longest)
     taus = np.geomspace(shortest, max(longest, 1.1 * shortest), RELAXATIONS)
     root = np.sqrt(count)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from shockrig.analysis.physics import concentration, modes
 from shockrig.analysis.physics.bodies import Body
 from shockrig.analysis.physics.conditions import Conditions
-from shockrig.analysis.physics.driven import respond
+from shockrig.analysis.physics.driven import beside_lagging_reference, respond
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 
 Array = NDArray[np.float64]
@@ -28,6 +28,7 @@ PRANDTL = 0.71
 REFERENCE_AIRFLOW_M_S = 5.0  # at which Biot numbers and warmings are stated
 SHORT_RAMP_S = 0.2  # a change of the air within a sample or two is a jump to whoever samples it
 JUMP_K = 0.3  # change of the air's temperature from which RH jumps with it
+DRIVEN_MODES = 20  # a measured trace has no step that would need more
 GAUSS_NODES = 5  # for the mean of readings that all lie well after the transfer
 NODES_FROM = 2.0  # lengths of the averaging after which they do
 WARPED = 3.0  # ramps after which one is over on the time axis of a film whose diffusivity depends on its uptake
@@ -38,12 +39,14 @@ JUMP_S = 0.05  # this near a jump, five times the trigger's uncertainty, nobody 
 class MeasuredAir:
     """The air beside the probes as it was measured: (m,) arrays, straight lines between; NaN columns are not known.
 
-    `time_s` counts from the run's nominal start, like the readings.
+    `time_s` counts from the run's nominal start, like the readings; `lag_s` is the time constant of the reference that
+    measured the channel's own quantity.
     """
 
     time_s: Array
     temperature_c: Array
     humidity_percent: Array
+    lag_s: float = 0.0
 
 
 class Recorded(Protocol):
@@ -256,7 +259,7 @@ def temperature_reading(chain: Chain) -> Array:
         reading = reading + excess[..., None] * _let_in(chain, response, room)
     for run, air in _measured(chain):
         trace = air.temperature_c + chain.air_offset[:, run, None]
-        _drive_by(chain, reading, run, response, air.time_s, trace, chain.time_s)
+        _drive_by(chain, reading, run, response, air, trace, chain.time_s)
     return reading
 
 
@@ -279,7 +282,7 @@ def humidity_reading(chain: Chain) -> Array:
     for run, air in _measured(chain):
         saturated = saturation_pressure_hpa(_known_temperature(chain, air, run))
         trace = (air.humidity_percent + chain.air_offset[:, run, None]) * saturated
-        _drive_by(chain, held, run, response, air.time_s, trace, time)
+        _drive_by(chain, held, run, response, air, trace, time)
     return held / saturation_pressure_hpa(_conversion_temperature(chain))
 
 
@@ -304,14 +307,17 @@ def _known_temperature(chain: Chain, air: MeasuredAir, run: int) -> Array:
 
 
 def _drive_by(
-    chain: Chain, out: Array, run: int, response: modes.Modes, time_s: Array, trace: Array, at_s: Array
+    chain: Chain, out: Array, run: int, response: modes.Modes, air: MeasuredAir, trace: Array, at_s: Array
 ) -> None:
     """Put a run's response to its measured air (B, m) in its place in `out` (B, R, n)."""
     amplitude, rate = (
         x[..., min(run, x.shape[-2] - 1), :] if x.ndim > 1 else x for x in (response.amplitude, response.rate)
     )
     mean = {"samples": chain.averaged, "period_s": chain.channel.sampling_period_s}
-    out[:, run] = respond(modes.Modes(amplitude, rate), time_s, trace, at_s[:, run], **mean)
+    own = modes.slowest(modes.Modes(amplitude, rate), DRIVEN_MODES)
+    if air.lag_s > 0:
+        own = beside_lagging_reference(own, air.lag_s)
+    out[:, run] = respond(own, air.time_s, trace, at_s[:, run], **mean)
 
 
 def _concentration_dependent(

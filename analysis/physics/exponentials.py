@@ -132,7 +132,7 @@ class Modes:
             first, count = first[..., partial], readings.count[..., partial, None]
             # Evenly sampled columns begin equally long after the instant: each such time is evaluated once.
             other = ~np.isclose(first[..., 1:], first[..., :-1], rtol=0.0, atol=ALIKE_S)
-            begins = np.append(True, other.reshape(-1, partial.size - 1).any(axis=0))
+            begins = np.append(True, other.any(axis=tuple(range(other.ndim - 1))))
             which = np.cumsum(begins) - 1
             decay = np.exp(-first[..., begins, None] * self.rate[..., None, :])
             lasting = np.expm1(count * steps[..., None, :alone])

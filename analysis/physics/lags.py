@@ -69,3 +69,13 @@ def _joined(*parts: tuple[Array, Array]) -> Modes:
     rate = np.concatenate([np.broadcast_to(r, (*lead, r.shape[-1])) for _, r in parts], axis=-1)
     order = np.argsort(rate, axis=-1, kind="stable")
     return Modes(np.take_along_axis(amplitude, order, -1), np.take_along_axis(rate, order, -1))
+
+
+def slowest(modes: Modes, count: int) -> Modes:
+    """The slowest modes alone; what the others carry follows with the last of them, so that steps start at zero."""
+    if modes.rate.shape[-1] <= count:
+        return modes
+    lead = np.broadcast_shapes(modes.amplitude.shape[:-1], modes.rate.shape[:-1])
+    amplitude = np.array(np.broadcast_to(modes.amplitude, (*lead, modes.amplitude.shape[-1]))[..., :count])
+    amplitude[..., -1] += np.broadcast_to(modes.amplitude, (*lead, modes.amplitude.shape[-1]))[..., count:].sum(axis=-1)
+    return Modes(amplitude, modes.rate[..., :count])

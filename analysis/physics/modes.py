@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import j0, j1, jn_zeros
 
 from shockrig.analysis.physics.exponentials import Modes, response_times
-from shockrig.analysis.physics.lags import first_order, in_series, mix, two_lags
+from shockrig.analysis.physics.lags import first_order, in_series, mix, slowest, two_lags
 
 __all__ = [
     "Modes",
@@ -32,6 +32,7 @@ __all__ = [
     "plate_middle",
     "plate_middle_biot",
     "response_times",
+    "slowest",
     "sphere_core",
     "sphere_core_biot",
     "sphere_mean",
