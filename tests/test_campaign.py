@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from shockrig.analysis.characterization.characterize import characterize
-from shockrig.analysis.inference.channel import build_channel, usable_runs
+from shockrig.analysis.inference.gather import build_channel, usable_runs
 from shockrig.files.campaign import read_campaign
 from shockrig.files.errors import InputError
 
