@@ -162,8 +162,8 @@ def read_campaign(path: str | Path) -> Campaign:
     >>> campaign = shockrig.read_campaign(shockrig.example("plain-rough"))
     >>> len(campaign.runs)
     33
-    >>> campaign.to_frame().loc["0011", ["destination_temperature_c", "airflow_m_s"]].astype(float).round(1).to_list()
-    [20.0, 6.0]
+    >>> round(campaign.runs[10].destination.temperature_c), campaign.runs[10].airflow_m_s
+    (20, 6.0)
     """
     folder = Path(path)
     if not is_there(folder):
