@@ -36,6 +36,7 @@ def trial(kind: str, tier: str, strength: str | float, seed: int, plan: str = "s
     """
     from shockrig.analysis.diagnosis.diagnose import diagnose
     from shockrig.analysis.diagnosis.export import to_json
+    from shockrig.analysis.diagnosis.remainder import Tolerance
     from shockrig.files.campaign import read_campaign
     from shockrig.protocols.reveal import score
     from shockrig.rig.virtual.batch import simulate_campaign
@@ -52,7 +53,7 @@ def trial(kind: str, tier: str, strength: str | float, seed: int, plan: str = "s
         path = simulate_campaign(truth, runs, rng, Path(folder) / "campaign")
         sealed = seal(Path(folder) / "truth.sealed", truth, seed)
         started = time.perf_counter()
-        diagnosis = diagnose(read_campaign(path), seed)
+        diagnosis = diagnose(read_campaign(path), tolerance=Tolerance(0.0, 0.0))
         seconds = time.perf_counter() - started
         content = to_json(diagnosis)
         result = {"hidden": truth.effects, "diagnosis": content, "score": score(sealed, content), "seconds": seconds}
@@ -64,22 +65,19 @@ def trial(kind: str, tier: str, strength: str | float, seed: int, plan: str = "s
 
 def gain_on(campaign, found) -> float | None:
     """Share of the explainable error that a channel's extension, as fitted, removes on another campaign's runs."""
-    from dataclasses import replace
-
-    from shockrig.analysis.diagnosis.diagnose import prepare
-    from shockrig.analysis.diagnosis.gain import run_errors, summarise
-    from shockrig.analysis.inference.channel import build_channel
-    from shockrig.analysis.inference.gls import Layout
+    from shockrig.analysis.diagnosis.gain import kinds, plainly, run_errors, summarise
+    from shockrig.analysis.diagnosis.prepare import prepare
+    from shockrig.analysis.inference.gather import build_channel
 
     channel = build_channel(campaign, found.name)
     if not found.causes or channel is None:
         return None
-    if channel.interpolation.shape[1] != found.problem.channel.interpolation.shape[1]:
+    if channel.rates != found.problem.channel.rates:
         return None  # an ambient is missing in one of the two
     problem = prepare(channel, found.noise.averaged).problem
-    before = run_errors(channel, problem, replace(found.plain, layout=Layout(())))
+    before = run_errors(channel, problem, plainly(found.plain))
     after = run_errors(channel, problem, found.final)
-    return summarise(before, after, found.noise.standard_deviation, 0).explained_fraction
+    return summarise(before, after, found.noise.standard_deviation, kinds(channel)).explained_fraction
 
 
 def line(seed: int, result: dict) -> str:

@@ -115,7 +115,7 @@ def measure_gain(
             extended, one_less = reconsider(part, base, same)
         one_less |= {effect: refit(part, same.structure.dropping(effect), same) for effect in seen}
         held, bins = channel.select(test), problem.select(test)
-        before[test] = run_errors(held, bins, _with(simple, PLAIN))
+        before[test] = run_errors(held, bins, plainly(simple))
         kept[test] = run_errors(held, bins, same) if same.structure.ids else before[test]
         after[test] = run_errors(held, bins, extended) if choose and extended is not same else kept[test]
         for effect, fitted in one_less.items():
@@ -123,9 +123,9 @@ def measure_gain(
     return summarise(before, after, noise.standard_deviation, kinds(channel), kept, without)
 
 
-def _with(found: Fit, structure: Structure) -> Fit:
-    """The same rates under a structure without free parameters."""
-    return replace(found, model=Model(found.model.channel, structure), theta=found.log_rates)
+def plainly(found: Fit) -> Fit:
+    """The same rates under the plain chain, without even what single readings have shown."""
+    return replace(found, model=Model(found.model.channel, PLAIN), theta=found.log_rates)
 
 
 def run_errors(held: Channel, bins: Problem, found: Fit) -> Array:
