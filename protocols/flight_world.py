@@ -51,7 +51,7 @@ def read_flown_air(path: Path) -> Weather:
     Raises
     ------
     InputError
-        A column is missing, time does not rise, or a value cannot be: names the file, the line, the mend.
+        A column is missing, time does not rise, or a value cannot be: names the file, the line, the remedy.
     """
     import pandas as pd
 

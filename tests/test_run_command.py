@@ -15,6 +15,7 @@ import jsonschema
 import pytest
 
 from shockrig.protocols.cli import COMMANDS, main
+from shockrig.rig.errors import BenchError
 from shockrig.rig.virtual.hide import open_seal
 
 TINY = """
@@ -245,3 +246,17 @@ def test_a_signal_leaves_a_campaign_that_goes_on(tmp_path, number, code):
     assert not list(out.glob("recording/*"))
     finished = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=60)
     assert finished.returncode == 0 and "2 runs in" in finished.stdout
+
+
+def test_a_campaign_and_its_seal_go_into_folders_that_are_not_there_yet(tmp_path, tiny):
+    assert run(tiny, "--seed", "1", "--out", tmp_path / "may" / "first" / "campaign") == 0
+    assert open_seal(tmp_path / "may" / "first" / "campaign.sealed")[1] == 1
+
+
+def test_of_a_recording_that_is_not_begun_no_folder_is_left(tmp_path, tiny, monkeypatch):
+    def refuse(*arguments, **settings):
+        raise BenchError("no")
+
+    monkeypatch.setattr("shockrig.rig.runner.record_campaign", refuse)
+    assert run(tiny, "--seed", "1", "--out", tmp_path / "may" / "campaign") == 2
+    assert list(tmp_path.iterdir()) == [tiny]

@@ -10,7 +10,7 @@ from pathlib import Path
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
         "A GRBL stage is reset and homed, as for a run: keep clear, or use --still. Exit status: 0 all is well, "
-        "1 something is wrong (the tree says what, why and what mends it), 2 bad bench file or arguments."
+        "1 something is wrong (the tree says what, why and the remedy), 2 bad bench file or arguments."
     )
     parser.add_argument("--bench", metavar="BENCH.toml", type=Path, help="bench file (default: the virtual bench)")
     parser.add_argument("--out", metavar="CAMPAIGN", type=Path, default=Path(), help="where you mean to record to")

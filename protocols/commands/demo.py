@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,10 +31,8 @@ def main(args: argparse.Namespace) -> int:
     hidden = [] if args.hide is None else ["--hide", args.hide]
     _shockrig("run", "standard", "--out", str(campaign), "--seed", str(args.seed), *hidden)
     _shockrig("characterize", str(campaign), "--out", str(args.out / "characterization"))
-    profile = args.out / "characterization" / "profile.json"
-    if importlib.util.find_spec("shockrig.protocols.commands.diagnose") is not None:
-        _shockrig("diagnose", str(campaign), "--out", str(args.out / "diagnosis"))
-        profile = args.out / "diagnosis" / "profile.json"
+    _shockrig("diagnose", str(campaign), "--out", str(args.out / "diagnosis"))
+    profile = args.out / "diagnosis" / "profile.json"
     truth, _ = open_seal(sealed)
     print()
     print(against_truth(profile, truth))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import secrets
 import signal
 import sys
@@ -71,12 +72,20 @@ def main(args: argparse.Namespace) -> int:
         return 0
     if sealed is None or sealed.path.exists():
         return _record(args, protocol, bench, sealed)
+    new = [folder for folder in sealed.path.resolve().parents if not folder.exists()]
+    try:
+        sealed.path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BenchError(f"{sealed.path}: {error.strerror}; name a folder that can be written") from None
     seal(sealed.path, sealed.truth, sealed.seed)
     try:
         return _record(args, protocol, bench, sealed)
     finally:
         if not (args.out / "campaign.json").exists():
             sealed.path.unlink()  # nothing was begun
+            for folder in new:
+                with contextlib.suppress(OSError):  # somebody else has put something there
+                    folder.rmdir()
 
 
 def _emulated(args: argparse.Namespace, config: Any) -> tuple[Any, _Sealed]:

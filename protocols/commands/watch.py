@@ -38,7 +38,7 @@ def main(args: argparse.Namespace) -> int:
         raise InputError(f"--every {args.every:g}: expected 0.05 to 60 s")
     if not 0 <= args.port <= 65535:
         raise InputError(f"--port {args.port}: expected 0 (any free one) to 65535")
-    # Every writer puts campaign.json in its place whole, so one that is damaged now will not mend itself while we look.
+    # Every writer puts campaign.json in its place whole, so one that is damaged now stays so while we look.
     read_head(args.campaign)
     follower = Follower(args.campaign, time.monotonic)
     try:
