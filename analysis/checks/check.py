@@ -4,14 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from shockrig.analysis.checks.clocks import (
-    clocks_without_starts,
-    starts_and_clocks,
-    starts_in_milliseconds,
-    times_in_milliseconds,
-)
+from shockrig.analysis.checks.clocks import clocks_without_starts, starts_and_clocks
 from shockrig.analysis.checks.copies import copied_runs
 from shockrig.analysis.checks.finding import InputFinding
+from shockrig.analysis.checks.milliseconds import starts_in_milliseconds, times_in_milliseconds
 from shockrig.analysis.checks.rates import response_times
 from shockrig.analysis.checks.sensors import dead_sensors, impossible_readings, saturated_sensors
 from shockrig.analysis.checks.signals import View, look
@@ -34,8 +30,8 @@ CHECKS: tuple[Callable[[View], Iterable[InputFinding]], ...] = (
     everything_in_fahrenheit,
     times_in_milliseconds,
     starts_in_milliseconds,
-    dead_sensors,
     saturated_sensors,
+    dead_sensors,
     airs_swapped,
     copied_runs,
     starts_and_clocks,

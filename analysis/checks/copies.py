@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from shockrig.analysis.checks.finding import InputFinding
+from shockrig.analysis.checks.finding import Channel, InputFinding
 from shockrig.analysis.checks.signals import COLUMNS, FILES, HUMIDITY, TEMPERATURE, Array, Seen, View
 from shockrig.analysis.checks.thresholds import limit
 
@@ -36,7 +36,7 @@ def copied_runs(view: View) -> Iterator[InputFinding]:
     for original in dict.fromkeys(originals.values()):
         runs = tuple(run for run, first in originals.items() if first == original)
         files = sorted({place for run in runs for place in places[run]}, reverse=True)
-        channel = None if len(files) > 1 else ("temperature" if files[0] == FILES[TEMPERATURE] else "humidity")
+        channel: Channel = None if len(files) > 1 else "temperature" if files[0] == FILES[TEMPERATURE] else "humidity"
         same = all(_equal(view, original, run, column) for run in runs for column in COLUMNS)
         yield InputFinding(
             "run_copied",
@@ -67,7 +67,9 @@ def _innovations(value: Array) -> Array | None:
     if calm.sum() < limit("copy_readings"):
         return None
     weights = np.linalg.lstsq(past[calm], ahead[calm], rcond=1e-6)[0]
-    return np.where(calm, ahead - past @ weights, 0.0)
+    rest = ahead - past @ weights
+    most = 3.0 * float(np.median(np.abs(rest[calm])))  # alike are also two transients, but those are few readings
+    return np.where(calm, np.clip(rest, -most, most), 0.0)
 
 
 def _correlation(first: Array, second: Array) -> float:

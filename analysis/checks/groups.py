@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 STARTS = 60
-FEWEST_LEFT = 3  # degrees of freedom
-SEPARATE = 0.15  # share of the labels that the conditions must leave unexplained
+FEWEST_LEFT = 5  # degrees of freedom
+SEPARATE = 0.15  # share of the labels' squares that the conditions must leave unexplained
+LEAST_SEPARATE = 0.05  # the same as a length, without one run
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Grouping:
     chance : float
         Squares that are left, relative to what the best labels leave by chance.
     least_alone : float
-        Smallest difference that is left when any one run is taken out.
+        What the groups explain when any one run is taken out, at the least, in units of the scatter.
     """
 
     second: NDArray[np.bool_]
@@ -65,14 +66,15 @@ def two_groups(
     if best is None or total <= 0.0:
         return None
     kept = np.ones(n, dtype=bool)
-    alone = [_difference(y, conditions, slope, best, kept & (np.arange(n) != i)) for i in range(n)]
-    remaining = max(total - gain, 0.0)
+    alone = [_explained(y, conditions, slope, best, np.arange(n) != i)[0] for i in range(n)]
+    remaining = max(total - gain, 1e-12 * total)
+    scatter = float(np.sqrt(remaining / left))
     return Grouping(
         second=best > 0.0,
-        difference=_difference(y, conditions, slope, best, kept),
-        scatter=float(np.sqrt(remaining / left)),
+        difference=_explained(y, conditions, slope, best, kept)[1],
+        scatter=scatter,
         chance=float(remaining / total * 2.0 ** (2.0 * (n - 1) / left)),
-        least_alone=min(alone),
+        least_alone=float(np.sqrt(min(alone))) / scatter,
     )
 
 
@@ -83,64 +85,73 @@ def _basis(columns: Sequence[Array]) -> Array:
     return vectors[:, sizes > 0.05 * sizes[0]]
 
 
-def _gains(labels: Array, rest: Array, away: Array, slope: Array | None) -> Array:
-    """Squares that each row of `labels` (m, n) explains; 0 where the conditions already explain the labels."""
-    seen = labels @ away
-    share = labels.mean(axis=1)
-    own = np.einsum("ij,ij->i", seen, labels)
-    usable = own > SEPARATE * rest.size * share * (1.0 - share) + 1e-9
+def _gains(first: Array, own: Array, share: Array, n: int, tilted: tuple[Array, Array, Array] | None) -> Array:
+    """Squares that labellings explain, each entry one of them; 0 where the conditions already explain its labels.
+
+    `first` is z' rest, `own` z' away z, `tilted` the same of z u: (zu)' rest, (zu)' away (zu), z' away (zu).
+    """
+    usable = own > SEPARATE * n * share * (1.0 - share) + 1e-9
     own = np.maximum(own, 1e-9)
-    first = labels @ rest
     gains = first**2 / own
-    if slope is not None:
-        tilted = labels * slope
-        cross = np.einsum("ij,ij->i", seen, tilted)
-        full = np.einsum("ij,ij->i", tilted @ away, tilted)
+    if tilted is not None:
+        second, full, cross = tilted
         alone = full - cross**2 / own
-        second = tilted @ rest - cross / own * first
-        gains = gains + np.where(alone > 0.05 * full + 1e-9, second**2 / np.maximum(alone, 1e-9), 0.0)
-    return np.where(usable, gains, 0.0)
+        seen = alone > 0.05 * full + 1e-9
+        gains = gains + np.where(seen, (second - cross / own * first) ** 2 / np.maximum(alone, 1e-9), 0.0)
+    return np.asarray(np.where(usable, gains, 0.0))
 
 
 def _search(
     rest: Array, away: Array, slope: Array | None, least: int, rng: np.random.Generator
 ) -> tuple[Array | None, float]:
+    """Labels that explain most, from every start flipped one by one while that helps."""
     n = rest.size
     order = np.argsort(rest)
     starts = [(np.arange(n) < i).astype(float) for i in range(least, n - least + 1)]  # exchanged in mid-campaign
     starts += [np.isin(np.arange(n), order[:i]).astype(float) for i in range(least, n - least + 1)]
     starts += list((rng.random((STARTS, n)) < 0.5).astype(float))
-    flips = np.eye(n)
+    u = np.zeros(n) if slope is None else slope
+    diagonal = np.diag(away)
     best, most = None, 0.0
     for labels in starts:
-        gain = float(_gains(labels[None], rest, away, slope)[0])
+        gain = 0.0
         while True:
-            tried = np.abs(flips - labels)
-            members = tried.sum(axis=1)
-            tried = tried[(members >= least) & (members <= n - least)]
-            if not len(tried):
-                break
-            gains = _gains(tried, rest, away, slope)
+            turn = 1.0 - 2.0 * labels  # what a flip of each label adds to it
+            seen, leaning = away @ labels, away @ (labels * u)
+            share = (labels.sum() + turn) / n
+            tilted = None
+            if slope is not None:
+                tilted = (
+                    labels * u @ rest + turn * u * rest,
+                    labels * u @ leaning + 2.0 * turn * u * leaning + u**2 * diagonal,
+                    labels @ leaning + turn * (leaning + u * seen) + u * diagonal,
+                )
+            gains = _gains(labels @ rest + turn * rest, labels @ seen + 2.0 * turn * seen + diagonal, share, n, tilted)
+            gains[(share * n < least - 0.5) | (share * n > n - least + 0.5)] = 0.0
             i = int(gains.argmax())
             if gains[i] <= gain * (1.0 + 1e-9):
                 break
-            gain, labels = float(gains[i]), tried[i]
-        if gain > most and least <= labels.sum() <= n - least:
+            gain = float(gains[i])
+            labels = labels.copy()
+            labels[i] += turn[i]
+        if gain > most:
             best, most = labels, gain
     return best, most
 
 
-def _difference(
+def _explained(
     y: Array, conditions: Sequence[Array], slope: Array | None, labels: Array, keep: NDArray[np.bool_]
-) -> float:
-    """Root mean square difference of the groups at the second one's conditions, from the runs `keep`; 0 where the
-    conditions of those runs already tell the groups apart."""
+) -> tuple[float, float]:
+    """From the runs `keep`: the squares that the groups explain beyond the conditions, and their root mean square
+    difference at the second group's conditions."""
     basis = _basis([column[keep] for column in conditions])
     away = np.eye(int(keep.sum())) - basis @ basis.T
-    label, share = labels[keep], float(labels[keep].mean())
-    columns = [label] if slope is None else [label, label * slope[keep]]
-    group = np.column_stack(columns)
-    if label @ away @ label <= SEPARATE * label.size * share * (1.0 - share):
-        return 0.0
-    found = np.linalg.lstsq(away @ group, away @ y[keep], rcond=SEPARATE)[0]
-    return float(np.sqrt(np.mean(np.square(group[label > 0.0] @ found))))
+    label = labels[keep]
+    group = np.column_stack([label] if slope is None else [label, label * slope[keep]])
+    beyond = away @ group
+    scale = np.maximum(np.linalg.norm(group, axis=0), 1e-12)
+    vectors, sizes, turned = np.linalg.svd(beyond / scale, full_matrices=False)
+    told = sizes > LEAST_SEPARATE
+    along = np.where(told, vectors.T @ y[keep], 0.0)
+    found = (turned.T @ (along / np.where(told, sizes, 1.0))) / scale
+    return float(along @ along), float(np.sqrt(np.mean(np.square(group[label > 0.0] @ found))))

@@ -69,15 +69,14 @@ def _length_and_rate(view: View, column: str, found: list[Response]) -> Iterator
 
 def _another_sensor(view: View, column: str, found: list[Response]) -> Iterator[InputFinding]:
     """Runs of another sensor among the rest: response times in two groups that no recorded condition explains."""
-    temperatures = [temperature_of(view, r.seen) for r in found]
-    found = [r for r, t in zip(found, temperatures, strict=True) if t is not None]
+    found = [r for r in found if temperature_of(view, r.seen) is not None]
     if len(found) < 6:
         return
     conditions, slope = _conditions(view, found)
     airflow_known = all(r.seen.run.airflow_m_s is not None for r in found)
     share = limit("group_share" if airflow_known else "group_share_airflow_unknown")
     grouping = two_groups(np.log([r.t63_s for r in found]), conditions, slope, share)
-    if grouping is None or not _certain(grouping):
+    if grouping is None or not _certain(grouping, column):
         return
     second = grouping.second if grouping.second.sum() <= 0.5 * len(found) else ~grouping.second
     runs = tuple(r.seen.run.id for r, there in zip(found, second, strict=True) if there)
@@ -93,12 +92,13 @@ def _another_sensor(view: View, column: str, found: list[Response]) -> Iterator[
     )
 
 
-def _certain(grouping: Grouping) -> bool:
+def _certain(grouping: Grouping, column: str) -> bool:
+    least = limit("group_difference_film" if column == HUMIDITY else "group_difference")
     return (
-        grouping.difference >= limit("group_difference")
+        grouping.difference >= least
         and grouping.difference >= limit("group_over_scatter") * grouping.scatter
         and grouping.chance <= limit("group_chance")
-        and grouping.least_alone >= limit("group_alone") * grouping.difference
+        and grouping.least_alone >= limit("group_alone")
     )
 
 
@@ -109,8 +109,9 @@ def _conditions(view: View, found: list[Response]) -> tuple[list[Array], Array |
     kelvin = np.array([temperature_of(view, s) for s in seen], dtype=float) + 273.15
     inverse = 1e4 * (1.0 / kelvin - 1.0 / 293.15)
     columns = [np.ones(len(seen)), inverse]
-    if all(s.run.airflow_m_s for s in seen):
-        columns.append(np.log([s.run.airflow_m_s for s in seen]))
+    airflows = [s.run.airflow_m_s for s in seen if s.run.airflow_m_s]
+    if len(airflows) == len(seen):
+        columns.append(np.log(airflows))
     if seen[0].column == TEMPERATURE:
         columns.append(np.sign([s.step for s in seen]))
         return columns, None

@@ -6,7 +6,7 @@ channel, so that what it lacks is alike in all of them and response times can be
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from shockrig.analysis.checks.signals import DIE, HUMIDITY, TEMPERATURE, Array, Seen, View, stated
 from shockrig.analysis.checks.thresholds import limit
-from shockrig.analysis.physics.modes import film_mean, film_mean_biot, first_order, response_times, sphere_core
+from shockrig.analysis.physics.modes import Modes, film_mean, film_mean_biot, first_order, response_times, sphere_core
 
 SHAPES = {TEMPERATURE: ("sphere", "lag", "two lags"), HUMIDITY: ("film", "film behind air", "lag", "two lags")}
 TRIED = 8  # runs on which the shape is chosen
@@ -60,11 +60,20 @@ def temperature_of(view: View, seen: Seen) -> float | None:
     return seen.run.destination.temperature_c
 
 
+def isothermal(view: View, seen: Seen) -> bool | None:
+    """Whether the temperature stays in a run, as its sensors read it, else as run.json states it; None: not known."""
+    steps = [other.step for column in (TEMPERATURE, DIE) if (other := view.get(seen.run, column)) is not None]
+    source, destination = stated(seen.run, TEMPERATURE)
+    if not steps and source is not None and destination is not None:
+        steps = [destination - source]
+    return max(abs(step) for step in steps) <= limit("isothermal_k") if steps else None
+
+
 def _shows_a_response(view: View, seen: Seen) -> bool:
     least = limit("rate_step_percent" if seen.column == HUMIDITY else "rate_step_k")
     if seen.run.air is not None or not seen.moves or abs(seen.step) < least:
         return False
-    return seen.column != HUMIDITY or _isothermal(view, seen)
+    return seen.column != HUMIDITY or bool(isothermal(view, seen))
 
 
 def _fresh_every_s(seen: Seen) -> float:
@@ -72,14 +81,6 @@ def _fresh_every_s(seen: Seen) -> float:
     changed = np.flatnonzero(np.diff(seen.value))
     apart = np.diff(seen.time_s[changed])
     return float(np.percentile(apart, 20)) if apart.size else float(np.ptp(seen.time_s))
-
-
-def _isothermal(view: View, seen: Seen) -> bool:
-    steps = [other.step for column in (TEMPERATURE, DIE) if (other := view.get(seen.run, column)) is not None]
-    source, destination = stated(seen.run, TEMPERATURE)
-    if not steps and source is not None and destination is not None:
-        steps = [destination - source]
-    return bool(steps) and max(abs(step) for step in steps) <= limit("isothermal_k")
 
 
 def _begin_and_rise(seen: Seen) -> tuple[float, float]:
@@ -93,12 +94,13 @@ def _shape(name: str) -> tuple[Array, Array]:
     x = np.concatenate([np.linspace(0.0, 3.0, 1501), np.linspace(3.0, REACH, 2001)[1:]])
     if name == "two lags":  # equal ones: 1 - (1 + u) exp(-u), 63 % at u = 2.1462
         return x, 1.0 - (1.0 + 2.1462 * x) * np.exp(-2.1462 * x)
-    modes = {
+    shapes: dict[str, Callable[[], Modes]] = {
         "sphere": sphere_core,
         "film": film_mean,
         "film behind air": lambda: film_mean_biot(2.0),
         "lag": lambda: first_order(1.0),
-    }[name]()
+    }
+    modes = shapes[name]()
     return x, modes.step(x * response_times(modes)[0])
 
 
@@ -115,13 +117,13 @@ def _fit(seen: Seen, shape: str) -> Response:
     centred = value - value.mean()
     x, table = _shape(shape)
 
-    def misfit(parameters: Sequence[float]) -> Array:
+    def misfit(parameters: Array, /) -> Array:
         model = np.interp((time - begin - rise * parameters[1]) / (rise * np.exp(parameters[0])), x, table, left=0.0)
         model = model - model.mean()
         power = float(model @ model)
         return centred - (float(model @ centred) / power if power > 0.0 else 0.0) * model
 
-    starts = [(np.log(f), late) for f in (0.9, 1.2, 1.5, 1.9) for late in (-0.5, -0.25, -0.1, 0.0)]
+    starts = [np.array([np.log(f), late]) for f in (0.9, 1.2, 1.5, 1.9) for late in (-0.5, -0.25, -0.1, 0.0)]
     start = min(starts, key=lambda p: float(np.square(misfit(p)).sum()))
-    found = least_squares(misfit, start, x_scale=(0.1, 0.1), diff_step=1e-3, max_nfev=40)
+    found = least_squares(misfit, start, x_scale=(0.1, 0.1), diff_step=[1e-3, 1e-3], max_nfev=40)
     return Response(seen, float(rise * np.exp(found.x[0])), float(np.sqrt(2.0 * found.cost / time.size)))

@@ -20,17 +20,21 @@ from shockrig.analysis.checks.signals import (
     stated,
 )
 from shockrig.analysis.checks.thresholds import limit
+from shockrig.analysis.checks.units import is_kelvin
 from shockrig.files.campaign import Run
 
 
 def impossible_readings(view: View) -> Iterator[InputFinding]:
-    """Columns most of whose readings were dropped as beyond what a sensor can give."""
+    """Columns most of whose readings were dropped as beyond what a sensor can give (kelvin is named as such)."""
     for sensor, column in (("imet", TEMPERATURE), ("hyt", HUMIDITY)):
         lost = {}
         for run in view.campaign.runs:
             trace = getattr(run, sensor)
-            if trace is not None and trace.impossible and trace.dropped.get("implausible", 0) > trace.time_s.size:
-                lost[run.id] = next(iter(trace.impossible.items()))
+            if trace is None or trace.dropped.get("implausible", 0) <= trace.time_s.size:
+                continue
+            odd = [(n, x) for n, x in trace.impossible.items() if not (n == "temperature_c" and is_kelvin(x))]
+            if odd:
+                lost[run.id] = odd[0]
         if lost:
             name, value = next(iter(lost.values()))
             yield InputFinding(
@@ -38,8 +42,8 @@ def impossible_readings(view: View) -> Iterator[InputFinding]:
                 CHANNEL_OF[column],
                 tuple(lost),
                 "stop",
-                f"Most readings of {FILES[column]} in {view.words(lost)} cannot be ({name} is {value:.6g}, say) and are "
-                "dropped: the sensor is dead or not connected, or the column is another quantity.",
+                f"Most readings of {FILES[column]} in {view.words(lost)} cannot be ({name} is {value:.6g}, say) and "
+                "are dropped: the sensor is dead or not connected, or the column is another quantity.",
             )
 
 
@@ -73,18 +77,20 @@ def saturated_sensors(view: View) -> Iterator[InputFinding]:
     A flat top of the humidity a few %RH short is left to the diagnosis, which knows `saturation_clipping`.
     """
     for column in (TEMPERATURE, HUMIDITY):
-        flat = [(seen, found) for seen in view.column(column) if (found := _rail(view, seen)) is not None]
+        columns = view.column(column)
+        flat = {seen.run.id: found for seen in columns if (found := _rail(view, seen)) is not None}
+        rails = {rail for rail, _ in flat.values()}
+        runs = [s.run.id for s in columns if s.run.id in flat or (_is_constant(s) and s.value[0] in rails)]
         if flat:
-            runs = tuple(seen.run.id for seen, _ in flat)
-            seen, (rail, air) = flat[0]
+            first, (rail, air) = next(iter(flat.items()))
             yield InputFinding(
                 "saturated_sensor",
                 CHANNEL_OF[column],
-                runs,
+                tuple(runs),
                 "stop",
                 f"{FILES[column]} of {view.words(runs)} stops at exactly {rail:.4g} {UNITS[column]}, where the air is "
-                f"{air:.4g} in run {seen.run.id}: the sensor or its logger is at the end of its range; leave these "
-                "runs out, or record them within it.",
+                f"at {air:.4g} in run {first}: the sensor or its logger is at the end of its range; leave these runs "
+                "out, or record them within it.",
             )
 
 
@@ -139,20 +145,24 @@ def _others_move(view: View, column: str) -> bool:
     return any(seen.moves for other in COLUMNS if other != column for seen in view.column(other))
 
 
+def _is_constant(seen: Seen) -> bool:
+    return bool(seen.value.min() == seen.value.max())
+
+
 def _rail(view: View, seen: Seen) -> tuple[float, float] | None:
-    """The extreme value at which many readings stand, and the air that lies beyond it; None where there is none."""
+    """The extreme value at which a plateau stands, and the air that lies beyond it; None where there is none."""
     short = limit("flat_short_percent" if seen.column == HUMIDITY else "flat_short_k")
     airs = stated(seen.run, seen.column)
     other = _other_thermometer(view, seen.run, seen.column)
     if other is not None and None in airs:
         airs = other.before, other.after
-    if seen.run.air is not None or seen.noise == 0.0 and seen.value.min() == seen.value.max():
+    if seen.run.air is not None or _is_constant(seen):
         return None
+    few = max(int(0.05 * seen.value.size), 5)
+    ends = seen.value[:few], seen.value[-few:]
     for rail, side in ((float(seen.value.max()), 1.0), (float(seen.value.min()), -1.0)):
-        if (seen.value == rail).mean() < limit("flat_share"):
-            continue
-        at_end = (seen.before == rail, seen.after == rail)
-        for air, here in zip(airs, at_end, strict=True):
-            if here and air is not None and side * (air - rail) > short:
+        for air, end in zip(airs, ends, strict=True):
+            flat = (end == rail).mean() >= limit("flat_share")
+            if flat and air is not None and side * (air - rail) > short:
                 return rail, air
     return None

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.checks.finding import InputFinding, name_runs
+from shockrig.analysis.checks.finding import Channel, InputFinding, name_runs
 from shockrig.analysis.checks.thresholds import limit
 from shockrig.files.campaign import Campaign, Run, Trace
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 TEMPERATURE, HUMIDITY, DIE = "temperature", "humidity", "die"
 COLUMNS = {TEMPERATURE: ("imet", "temperature_c"), HUMIDITY: ("hyt", "humidity_percent"), DIE: ("hyt", "temperature_c")}
-CHANNEL_OF = {TEMPERATURE: TEMPERATURE, HUMIDITY: HUMIDITY, DIE: HUMIDITY}
+CHANNEL_OF: dict[str, Channel] = {TEMPERATURE: "temperature", HUMIDITY: "humidity", DIE: "humidity"}
 FILES = {TEMPERATURE: "imet.csv", HUMIDITY: "hyt.csv", DIE: "hyt.csv"}
 UNITS = {TEMPERATURE: "°C", HUMIDITY: "%RH", DIE: "°C"}
 
@@ -60,20 +60,27 @@ class Seen:
         return float(np.median(np.diff(self.time_s)))
 
     def crossing_s(self, share: float) -> float:
-        """When the readings cross `share` of their step [s]: the last time below it before they stay beyond half.
+        """When the readings cross `share` of their step [s], straight between the two readings around it."""
+        i, done = self._last_below(share)
+        if i < 0 or i + 1 >= done.size:
+            return float(self.time_s[max(i, 0)])
+        part = (share - done[i]) / (done[i + 1] - done[i])
+        return float(self.time_s[i] + part * (self.time_s[i + 1] - self.time_s[i]))
 
-        A burst that comes back is no crossing. Straight between the two readings around it.
+    def around_s(self, share: float) -> tuple[float, float]:
+        """Times of the two readings around the crossing of `share` [s]: between them nothing is known."""
+        i, done = self._last_below(share)
+        return float(self.time_s[max(i, 0)]), float(self.time_s[min(i + 1, done.size - 1)])
+
+    def _last_below(self, share: float) -> tuple[int, Array]:
+        """Index of the last reading below `share` before they stay beyond half (-1: none), and shares of the step.
+
+        A burst that comes back is no crossing.
         """
         done = (self.value - self.before) / self.step
         half = _first_of(done >= max(0.5, share), 3)
         below = np.flatnonzero(done[: half + 1] < share)
-        if not below.size:
-            return float(self.time_s[0])
-        i = int(below[-1])
-        if i + 1 >= done.size:
-            return float(self.time_s[i])
-        part = (share - done[i]) / (done[i + 1] - done[i])
-        return float(self.time_s[i] + part * (self.time_s[i + 1] - self.time_s[i]))
+        return (int(below[-1]) if below.size else -1), done
 
 
 @dataclass(frozen=True)

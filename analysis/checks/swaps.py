@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import numpy as np
-
-from shockrig.analysis.checks.finding import InputFinding
+from shockrig.analysis.checks.finding import Channel, InputFinding
 from shockrig.analysis.checks.signals import DIE, HUMIDITY, TEMPERATURE, Seen, View, stated
 from shockrig.analysis.checks.thresholds import limit
 from shockrig.files.campaign import Run
@@ -46,20 +44,27 @@ def columns_and_sensors_swapped(view: View) -> Iterator[InputFinding]:
             columns.append(run.id)
         elif bead is not None and _exchanged(bead, film, warm, moist, die):
             sensors.append(run.id)
-    for kind, runs, what, remedy, channel in (
-        ("columns_swapped", columns, "The columns of hyt.csv", "rename its columns", "humidity"),
-        ("sensors_swapped", sensors, "The readings of imet.csv and hyt.csv", "exchange them", None),
-    ):
-        if len(runs) > 0.5 * len(view.column(HUMIDITY)) or (runs and _told_by_airs(view, runs)):
-            film = view.seen[runs[0], HUMIDITY]
-            yield InputFinding(
-                kind,
-                channel,
-                tuple(runs),
-                "stop",
-                f"{what} seem swapped in {view.words(runs)} (humidity_percent goes from {film.before:.1f} to "
-                f"{film.after:.1f} in run {runs[0]}, which is its temperature): {remedy}.",
-            )
+    yield from _swap(view, columns, "columns_swapped", "humidity", "The columns of hyt.csv", "rename its columns")
+    yield from _swap(view, sensors, "sensors_swapped", None, "The readings of imet.csv and hyt.csv", "exchange them")
+
+
+def _swap(view: View, runs: list[str], kind: str, channel: Channel, what: str, remedy: str) -> Iterator[InputFinding]:
+    """The finding, where the airs told of these runs, or where most runs look so."""
+    told = [run for run in view.campaign.runs if run.id in set(runs)]
+    certain = all(_known(stated(run, c)) is not None for run in told for c in (TEMPERATURE, HUMIDITY))
+    if not runs or not (certain or len(runs) > 0.5 * len(view.column(HUMIDITY))):
+        return
+    film = view.seen[runs[0], HUMIDITY]
+    if not certain:  # a run in which both happen to agree cannot tell by itself
+        runs = [seen.run.id for seen in view.column(HUMIDITY)]
+    yield InputFinding(
+        kind,
+        channel,
+        tuple(runs),
+        "stop",
+        f"{what} seem swapped in {view.words(runs)} (humidity_percent goes from {film.before:.1f} to "
+        f"{film.after:.1f} in run {film.run.id}, which is its temperature): {remedy}.",
+    )
 
 
 def _direction(view: View, run: Run, column: str) -> int:
@@ -111,9 +116,3 @@ def _exchanged(t: Seen, h: Seen, warm: Levels | None, moist: Levels | None, thir
 def _off(levels: Levels, others: Levels) -> float:
     """How far two plateaus are from two others: the larger of the two distances before, half of that after."""
     return max(abs(levels[0] - others[0]), 0.5 * abs(levels[1] - others[1]))
-
-
-def _told_by_airs(view: View, runs: list[str]) -> bool:
-    """Whether run.json states both airs of those runs, so that a few of them are told from the rest."""
-    named = [run for run in view.campaign.runs if run.id in set(runs)]
-    return bool(np.all([_known(stated(run, TEMPERATURE)) and _known(stated(run, HUMIDITY)) for run in named]))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from shockrig.analysis.checks.finding import Channel, InputFinding
-from shockrig.analysis.checks.signals import DIE, FILES, HUMIDITY, TEMPERATURE, Array, Seen, View, stated
+from shockrig.analysis.checks.signals import CHANNEL_OF, DIE, FILES, HUMIDITY, TEMPERATURE, Array, Seen, View, stated
 from shockrig.analysis.checks.thresholds import limit
 from shockrig.analysis.physics.humidity import dew_point_c
 from shockrig.files.campaign import Run
@@ -72,8 +72,8 @@ def everything_in_fahrenheit(view: View) -> Iterator[InputFinding]:
             runs.append(run.id)
         humid = _places(view, run, HUMIDITY)
         for end, word in enumerate(("source", "destination")):
-            warm = [p[end] for p in places.values() if p[end] is not None]
-            moist = [p[end] for p in humid.values() if p[end] is not None]
+            warm = [level for p in places.values() if (level := p[end]) is not None]
+            moist = [level for p in humid.values() if (level := p[end]) is not None]
             if not warm or not moist or max(warm) - min(warm) > limit("agree_k") or min(moist) < 1.0:
                 continue
             here = float(dew_point_c(np.median(moist), np.median(warm)))
@@ -104,7 +104,7 @@ def everything_in_fahrenheit(view: View) -> Iterator[InputFinding]:
 
 def everything_in_kelvin(view: View) -> Iterator[InputFinding]:
     """Temperatures in kelvin: the reader drops them as beyond what can be, and keeps their median."""
-    for sensor, column, channel in (("imet", TEMPERATURE, "temperature"), ("hyt", DIE, "humidity")):
+    for sensor, column in (("imet", TEMPERATURE), ("hyt", DIE)):
         medians = {}
         for run in view.campaign.runs:
             trace = getattr(run, sensor)
@@ -114,13 +114,13 @@ def everything_in_kelvin(view: View) -> Iterator[InputFinding]:
             lost = trace.impossible.get("temperature_c", np.nan)
             if trace.dropped.get("implausible", 0) <= trace.time_s.size:
                 lost = float(np.nanmedian(readings)) if np.isfinite(readings).any() else np.nan
-            if 170.0 < lost < 400.0:
+            if is_kelvin(lost):
                 medians[run.id] = lost
         if medians:
             value = float(np.median(list(medians.values())))
             yield InputFinding(
                 "kelvin",
-                channel,
+                CHANNEL_OF[column],
                 tuple(medians),
                 "stop",
                 f"The temperatures in {FILES[column]} of {view.words(medians)} seem to be in kelvin "
@@ -147,6 +147,11 @@ def everything_a_fraction(view: View) -> Iterator[InputFinding]:
         f"All humidities lie between {min(levels):.3g} and {max(levels):.3g} and seem to be {FRACTION.words}, "
         f"not percent: {FRACTION.remedy}.",
     )
+
+
+def is_kelvin(value: float) -> bool:
+    """Whether a temperature that no air has in °C is one in kelvin, from -103 to 127 °C; not where it is NaN."""
+    return 170.0 < value < 400.0
 
 
 def _places(view: View, run: Run, quantity: str) -> dict[str, Plateaus]:
@@ -183,7 +188,9 @@ def _both(values: Plateaus, right: Plateaus, name: str, other: str, run: Run) ->
 def _channel(unit: Unit, names: list[str]) -> Channel:
     if unit.quantity == HUMIDITY:
         return "humidity"
-    return {"imet.csv": "temperature", "hyt.csv": "humidity"}.get(names[0]) if len(names) == 1 else None
+    if len(names) > 1 or names[0] == RUN_JSON:
+        return None
+    return "temperature" if names[0] == FILES[TEMPERATURE] else "humidity"
 
 
 def _printed_in_celsius(seen: Seen) -> bool:

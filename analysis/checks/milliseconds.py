@@ -1,0 +1,131 @@
+"""Milliseconds for seconds: in the tables' time_s, in transfer.start_s, or in both."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+
+import numpy as np
+
+from shockrig.analysis.checks.finding import Channel, InputFinding
+from shockrig.analysis.checks.signals import DIE, FILES, HUMIDITY, TEMPERATURE, Seen, View
+from shockrig.analysis.checks.thresholds import limit
+from shockrig.files.campaign import Run
+
+SENSORS = {"imet": (TEMPERATURE,), "hyt": (HUMIDITY, DIE)}
+MILLI = 1e-3
+
+
+def times_in_milliseconds(view: View) -> Iterator[InputFinding]:
+    """`time_s` in milliseconds: against the other sensor, against the stated start, or by how far readings are apart.
+
+    Where nothing else tells: readings more than a minute apart that are no whole number of quarter minutes apart, as
+    environmental loggers take them, or responses slower than any sensor's.
+    """
+    certain: dict[str, dict[str, str]] = {}
+    apart: dict[str, dict[str, float]] = {}
+    for run in view.campaign.runs:
+        for sensor, columns in SENSORS.items():
+            seen = next((s for c in columns if (s := view.get(run, c)) is not None), None)
+            if seen is None:
+                continue
+            other = next((s for c in SENSORS["hyt" if sensor == "imet" else "imet"] if (s := view.get(run, c))), None)
+            why = _against_other(seen, other) or _against_start(view, run, columns)
+            if why:
+                certain.setdefault(sensor, {})[run.id] = why
+            elif seen.period_s >= limit("shortest_ms_s"):
+                apart.setdefault(sensor, {})[run.id] = seen.period_s
+    for runs, names in _together(certain):
+        yield InputFinding(
+            "milliseconds",
+            _channel(names),
+            runs,
+            "stop",
+            f"time_s in {_files(names)} of {view.words(runs)} seems to be in milliseconds "
+            f"({certain[names[0]][runs[0]]}): divide it by 1000.",
+        )
+    for runs, names in _together(apart):
+        period = float(np.median(list(apart[names[0]].values())))
+        odd = period > limit("long_period_s") and not _of_a_slow_logger(period)
+        slow = _slowest_s(view, names, runs)
+        if not odd and slow < limit("slowest_rise_s"):
+            continue
+        shown = f" and respond within {slow:.3g} s" if slow else ""
+        yield InputFinding(
+            "milliseconds",
+            _channel(names),
+            runs,
+            "stop" if odd else "warn",
+            f"The readings in {_files(names)} of {view.words(runs)} are {period:.4g} s apart{shown}: time_s seems to "
+            "be in milliseconds, divide it (and transfer.start_s) by 1000.",
+        )
+
+
+def starts_in_milliseconds(view: View) -> Iterator[InputFinding]:
+    """`transfer.start_s` in milliseconds: far beyond the record, and within it once divided by 1000."""
+    runs, shown = [], ""
+    for run in view.campaign.runs:
+        columns = [seen for column in FILES if (seen := view.get(run, column)) is not None]
+        if run.start_s is None or run.air is not None or not columns:
+            continue
+        first, last = min(s.time_s[0] for s in columns), max(s.time_s[-1] for s in columns)
+        if run.start_s > last + 10.0 * (last - first) and first <= MILLI * run.start_s <= last:
+            runs.append(run.id)
+            shown = shown or f"run {run.id} states {run.start_s:g} s and its readings end at {last:.4g} s"
+    if runs:
+        yield InputFinding(
+            "milliseconds",
+            None,
+            tuple(runs),
+            "stop",
+            f"transfer.start_s in run.json of {view.words(runs)} seems to be in milliseconds ({shown}): "
+            "divide it by 1000.",
+        )
+
+
+def _against_other(seen: Seen, other: Seen | None) -> str:
+    if other is None:
+        return ""
+    span, other_span = np.ptp(seen.time_s), np.ptp(other.time_s)
+    ratio = limit("unit_of_time_ratio")
+    if span > ratio * other_span and seen.period_s > ratio * other.period_s:
+        return f"it spans {span:.0f} there and {other_span:.4g} s in {FILES[other.column]}"
+    return ""
+
+
+def _against_start(view: View, run: Run, columns: tuple[str, ...]) -> str:
+    """The readings respond at a thousand times the stated start."""
+    if run.start_s is None or run.air is not None or run.start_s <= 0.0:
+        return ""
+    for column in columns:
+        seen = view.get(run, column)
+        if seen is not None and seen.moves and seen.period_s >= 1.0:
+            at = seen.crossing_s(0.1)
+            if at > 100.0 * run.start_s and abs(MILLI * at - run.start_s) < max(2.0, 0.2 * run.start_s):
+                return f"run {run.id} responds at {at:.0f}, and its start is stated at {run.start_s:.4g} s"
+    return ""
+
+
+def _of_a_slow_logger(period_s: float) -> bool:
+    """Whether readings are a whole number of quarter minutes apart, as environmental loggers take them."""
+    return period_s >= 14.0 and abs(period_s / 15.0 - round(period_s / 15.0)) < 0.01
+
+
+def _slowest_s(view: View, names: Sequence[str], runs: Collection[str]) -> float:
+    """Median rise from 10 to 63 % of the step [s]; 0 where nothing moves."""
+    columns = [view.seen.get((run, column)) for run in runs for name in names for column in SENSORS[name]]
+    rises = [seen.crossing_s(0.632) - seen.crossing_s(0.1) for seen in columns if seen is not None and seen.moves]
+    return float(np.median(rises)) if rises else 0.0
+
+
+def _together(found: Mapping[str, Mapping[str, object]]) -> list[tuple[tuple[str, ...], list[str]]]:
+    """Runs, and the sensors in which just these were found."""
+    kinds = dict.fromkeys(tuple(runs) for runs in found.values())
+    return [(runs, [name for name in found if tuple(found[name]) == runs]) for runs in kinds]
+
+
+def _channel(names: Sequence[str]) -> Channel:
+    return None if len(names) > 1 else "temperature" if names[0] == "imet" else "humidity"
+
+
+def _files(names: Sequence[str]) -> str:
+    return " and ".join(f"{name}.csv" for name in names)
