@@ -1,12 +1,15 @@
-"""A bench of first-order sensors in memory, behind the seams, for tests of the recorder and the runner alone."""
+"""A bench of first-order sensors in memory, behind the seams, and short campaigns recorded on it."""
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import dataclass, field
 
 from shockrig.rig.bench import Bench
 from shockrig.rig.clock import VirtualClock
+from shockrig.rig.protocol import Faults, PlannedRun, Protocol, Record, Soak, Transfer
+from shockrig.rig.runner import record_campaign
 from shockrig.rig.seams import Air, Move, Outcome, Reading
 
 TAU_S = {"imet": 1.0, "hyt": 4.0}
@@ -139,3 +142,33 @@ def fake_bench(hyt_fault=None, imet_fault=None, stage_fault=None, clock=None, se
         pressure_hpa=950.0,
         description={name: {"kind": "fake", "serial": f"F-{name}"} for name in sensors},
     )
+
+
+STEPS = (Soak(over_s=6.0, at_most_s=120.0), Record(5.0), Transfer(10.0), Record(20.0))
+
+
+def plan(count=2, steps=STEPS, faults=None) -> Protocol:
+    airs = (Air(20.0, 20.0), Air(30.0, 70.0))
+    runs = [PlannedRun(f"{i + 1:04d}", airs[i % 2], airs[1 - i % 2], 6.0, steps) for i in range(count)]
+    return Protocol("test", "", tuple(runs), faults or Faults())
+
+
+def utc():
+    return "2026-05-01T00:00:00Z"
+
+
+def run(bench, path, protocol=None, observer=None):
+    return record_campaign(bench, protocol or plan(), path, utc=utc, observer=observer, sync_every_s=None)
+
+
+def csv(path):
+    names, *rows = [line.split(",") for line in path.read_text().splitlines()]
+    return {name: [float(row[i]) for row in rows] for i, name in enumerate(names)}
+
+
+def run_json(path, id_="0001"):
+    return json.loads((path / "runs" / id_ / "run.json").read_text())
+
+
+def between(low_s, high_s, outcome):
+    return lambda now: outcome if low_s <= now < high_s else None

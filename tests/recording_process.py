@@ -3,8 +3,7 @@
 import sys
 from pathlib import Path
 
-from fake_bench import fake_bench
-from test_runner import plan, run
+from fake_bench import fake_bench, plan, run
 
 if __name__ == "__main__":
     run(fake_bench(), Path(sys.argv[1]), plan(40))

@@ -1,29 +1,16 @@
 """A sample of the table of faults (benchmarks/faults_table.py runs all of it), and single promises of it."""
 
-import importlib.util
 import os
 import time
-from pathlib import Path
 
 import pytest
-from fake_bench import fake_bench
-from test_runner import between, plan, run, run_json
+from benchmark_scripts import benchmark
+from fake_bench import between, fake_bench, plan, run, run_json
 
 import shockrig.rig.journal
 from shockrig.rig.journal import JournalWriter, read_journal
 from shockrig.rig.recorder import read_state
 from shockrig.rig.seams import Outcome
-
-
-def benchmark(name):
-    spec = importlib.util.spec_from_file_location(name, Path(__file__).parents[1] / "benchmarks" / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    import sys
-
-    sys.modules[name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
-
 
 table = benchmark("faults_table")
 TIMES_S = {}

@@ -3,7 +3,7 @@
 import random
 
 import pytest
-from test_faults import benchmark
+from benchmark_scripts import benchmark
 
 fuzz = benchmark("fuzz_parsers")
 COUNTS = {

@@ -11,10 +11,9 @@ import time
 from pathlib import Path
 
 import pytest
-from fake_bench import fake_bench
+from fake_bench import csv, fake_bench, plan, run, run_json
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_runner import csv, plan, run, run_json
 
 from shockrig.rig.errors import BenchError
 from shockrig.rig.journal import JournalWriter, read_journal

@@ -5,43 +5,14 @@ import json
 import math
 
 import pytest
-from fake_bench import TAU_S, fake_bench
+from fake_bench import STEPS, TAU_S, between, csv, fake_bench, plan, run, run_json
 
 import shockrig.rig.journal
 from shockrig.rig.errors import BenchError, BusError, StageError
 from shockrig.rig.protocol import Faults, PlannedRun, Protocol, Record, Soak, Transfer
 from shockrig.rig.recorder import RecordingError, read_state
-from shockrig.rig.runner import CampaignPaused, SilentObserver, check_plan, record_campaign
+from shockrig.rig.runner import CampaignPaused, SilentObserver, check_plan
 from shockrig.rig.seams import Air, Outcome
-
-STEPS = (Soak(over_s=6.0, at_most_s=120.0), Record(5.0), Transfer(10.0), Record(20.0))
-
-
-def plan(count=2, steps=STEPS, faults=None) -> Protocol:
-    airs = (Air(20.0, 20.0), Air(30.0, 70.0))
-    runs = [PlannedRun(f"{i + 1:04d}", airs[i % 2], airs[1 - i % 2], 6.0, steps) for i in range(count)]
-    return Protocol("test", "", tuple(runs), faults or Faults())
-
-
-def utc():
-    return "2026-05-01T00:00:00Z"
-
-
-def run(bench, path, protocol=None, observer=None):
-    return record_campaign(bench, protocol or plan(), path, utc=utc, observer=observer, sync_every_s=None)
-
-
-def csv(path):
-    names, *rows = [line.split(",") for line in path.read_text().splitlines()]
-    return {name: [float(row[i]) for row in rows] for i, name in enumerate(names)}
-
-
-def run_json(path, id_="0001"):
-    return json.loads((path / "runs" / id_ / "run.json").read_text())
-
-
-def between(low_s, high_s, outcome):
-    return lambda now: outcome if low_s <= now < high_s else None
 
 
 def test_a_recorded_step_is_the_step_that_the_sensor_saw(tmp_path):

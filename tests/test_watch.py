@@ -18,20 +18,19 @@ from importlib import resources
 from pathlib import Path
 
 import pytest
-from fake_bench import fake_bench
-from test_runner import plan
-from test_runner import run as record
+from fake_bench import fake_bench, plan
+from fake_bench import run as record
+from made_recordings import STATUS, made_campaign, reading
 
 from shockrig.protocols.cli import main
 from shockrig.protocols.watch.terminal import plot, render
 from shockrig.protocols.watch.web import WatchServer
 from shockrig.rig.errors import BenchError
 from shockrig.rig.journal import JournalWriter
-from shockrig.rig.protocol import Record
 from shockrig.rig.runner import SilentObserver
 from shockrig.rig.watch.follow import Follower
 from shockrig.rig.watch.run_so_far import thinned
-from shockrig.rig.watch.status_file import StatusFile, step_entry
+from shockrig.rig.watch.status_file import StatusFile
 from shockrig.rig.watch.view import clean
 
 ROOT = Path(__file__).parents[1]
@@ -221,36 +220,6 @@ def test_a_status_that_cannot_be_written_does_not_harm(tmp_path):
     protocol = plan(1)
     with StatusFile(tmp_path / "no such folder", protocol, "fake", SilentObserver()) as status:
         assert record(fake_bench(), tmp_path / "c", protocol, status) == ["0001"]
-
-
-def made_campaign(path, records, status=None, runs=3):
-    """A campaign folder with a run in progress, as the recorder writes it."""
-    folder = path / "recording" / "0001"
-    folder.mkdir(parents=True)
-    entry = {"source": {"temperature_c": 20}, "destination": {}, "note": "", "steps": ["soak", "record 20 s"]}
-    content = {"format": "shock-campaign/1", "name": path.name, "protocol": "p", "bench": "b"}
-    content["plan"] = [{"id": f"{i + 1:04d}", **entry} for i in range(runs)]
-    (path / "campaign.json").write_text(json.dumps(content))
-    if status is not None:
-        (path / "status.json").write_text(json.dumps(status))
-    journal = JournalWriter(folder / "journal.log", None)
-    for one in [["run", {"id": "0001", "sensors": ["imet", "hyt"], "steps": entry["steps"]}], *records]:
-        journal.append(one, 0.0)
-    return journal
-
-
-def reading(sensor, at_s, outcome="ok", **values):
-    return ["reading", sensor, outcome, at_s, at_s + 0.1, at_s, values, ""]
-
-
-STATUS = {
-    "state": "recording",
-    "pid": os.getpid(),
-    "host": "elsewhere",
-    "began_s": 0.0,
-    "steps": [{"text": "soak", "at_least_s": 30.0, "at_most_s": 600.0}, step_entry(Record(20.0))],
-    "planned_s": {"0001": [50.0, 620.0], "0002": [50.0, 620.0], "0003": [50.0, 620.0]},
-}
 
 
 def test_time_left_by_hand(tmp_path):

@@ -9,7 +9,7 @@ import threading
 import time
 
 import pytest
-from test_watch import STATUS, made_campaign, reading
+from made_recordings import STATUS, made_campaign, reading
 
 from shockrig.protocols.watch.web import WatchServer
 from shockrig.rig.watch.follow import Follower
