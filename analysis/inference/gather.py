@@ -57,8 +57,12 @@ def _usable(campaign: Campaign, quantity: Quantity) -> tuple[list[UsableRun], li
     half_s = _half_way_s(timed, quantity)
     tempo = _tempo(half_s)
     usable = []
+    # Where no run has a temperature, one is taken for all; a run without one among others that have it says nothing.
+    needs_temperature = not quantity.pooled and any(_has_temperatures(one.run) for one in timed)
     for one in timed:
         reason = _unfit(one, quantity, tempo)
+        if needs_temperature and one.air is None and not _has_temperatures(one.run):
+            reason = "an air's temperature is unknown, and no thermometer recorded it"
         if reason is None:
             usable.append(one)
         else:
@@ -160,6 +164,13 @@ def _unfit(one: UsableRun, quantity: Quantity, tempo: float) -> str | None:
     if abs(drift) > limit:
         return f"not settled before the transfer: the plateau drifts by {drift:+.2f} {quantity.unit}"
     return None
+
+
+def _has_temperatures(run: Run) -> bool:
+    """Whether the temperatures of both airs are recorded, or can be taken from plateaus."""
+    if any(t is not None and np.isfinite(t.values["temperature_c"]).any() for t in (run.imet, run.hyt)):
+        return True
+    return run.source.temperature_c is not None and run.destination.temperature_c is not None
 
 
 def _drift(value: Array) -> float:
