@@ -161,8 +161,10 @@ def at_another_pace(factor: float):
     return change
 
 
-def variants(rng: np.random.Generator) -> dict:
-    """What other labs leave out of a campaign."""
+def variants(rng: np.random.Generator, plain: bool) -> dict:
+    """What other labs leave out of a campaign. `plain`: nothing is hidden, so that it may also run at another pace (a
+    dead time of 0.6 s would become one of 6 s)."""
+    paces = {"ten times slower": at_another_pace(10.0), "ten times faster": at_another_pace(0.1)}
     return {
         "no starts": lambda c: each(c, without("start")),
         "no airs": lambda c: each(c, without("airs")),
@@ -176,8 +178,7 @@ def variants(rng: np.random.Generator) -> dict:
         "3 runs, no airs": lambda c: each(fewer(3, rng)(c), without("airs")),
         "6 runs": fewer(6, rng),
         "1 Hz": lambda c: each(c, every_tenth),
-        "ten times slower": at_another_pace(10.0),
-        "ten times faster": at_another_pace(0.1),
+        **(paces if plain else {}),
     }
 
 
@@ -193,7 +194,7 @@ def right_campaigns(first: int, count: int) -> Iterator[tuple[str, str, Campaign
             campaign = read_campaign(path)
         name = f"seed {RIGHT_SEED + i}, {plan}, {tier}: {', '.join(h.effect for h in hidden) or 'nothing'}"
         yield f"hidden: {label}", name, campaign
-        made = variants(rng)
+        made = variants(rng, not hidden)
         for j in range(4):
             variant = list(made)[(4 * i + j) % len(made)]
             yield f"variant: {variant}", f"{name} ({variant})", made[variant](campaign)

@@ -210,7 +210,7 @@ def length(sensor: str, key: str, factor: float) -> Make:
 
 
 def in_files(table: str | None, change) -> Callable[[Path], None]:
-    """An edit of every `table` (a DataFrame to a DataFrame), or of every run.json (a dict in place) where it is None."""
+    """An edit of every `table` (a DataFrame to a DataFrame); where it is None of every run.json (a dict, in place)."""
 
     def edit(folder: Path) -> None:
         for run in sorted((folder / "runs").iterdir()):
