@@ -5,6 +5,7 @@ Unknown keys and columns are ignored; every error names the file, the line or ke
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -74,7 +75,8 @@ _REFERENCE_RANGES = {
 class Run:
     """One fast transfer of the probes from `source` to `destination`, or what they saw in an air that was measured.
 
-    `air` is the air beside the probes where it was measured (air.csv): then it is the input, not a step.
+    `air` is the air beside the probes where it was measured (air.csv): then it is the input, not a step. `set_aside`
+    maps a channel to the sentence of the check that keeps its readings from being fitted.
     """
 
     id: str
@@ -89,6 +91,7 @@ class Run:
     extra: dict[str, Any] = field(default_factory=dict)
     air: Trace | None = None
     reference: Reference = Reference()
+    set_aside: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

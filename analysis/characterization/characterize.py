@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.characterization.extension import Extension
 from shockrig.analysis.characterization.response import response_time
+from shockrig.analysis.checks.checked import checked
+from shockrig.analysis.checks.finding import InputFinding
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.channel import Channel, LeftOut
 from shockrig.analysis.inference.effect import Readings
 from shockrig.analysis.inference.evolution import Misfit, Optimum, cross_check, evolve
 from shockrig.analysis.inference.fit import Fit, fit
-from shockrig.analysis.inference.gather import build_channel, usable_runs
+from shockrig.analysis.inference.gather import build_channel, usable_runs, why_none
 from shockrig.analysis.inference.model import Model, Structure
 from shockrig.analysis.inference.noise import Noise, estimate_noise, whiteners
 from shockrig.analysis.inference.problem import Problem, make_problem
@@ -157,6 +159,7 @@ class Characterization:
     temperature: ChannelResult | None
     humidity: ChannelResult | None
     missing: Mapping[ChannelName, str]
+    findings: tuple[InputFinding, ...] = ()
 
     def channels(self) -> dict[ChannelName, ChannelResult]:
         """The channels that are there, by name."""
@@ -186,6 +189,10 @@ def characterize(
         Where neither sensor has a run that can be used; the reasons are named.
     """
     say = progress or (lambda text: None)
+    input_ = checked(campaign)
+    campaign = input_.campaign
+    for finding in input_.findings:
+        say(f"input: {finding.sentence}")
     found: dict[ChannelName, ChannelResult] = {}
     missing: dict[ChannelName, str] = {}
     for name in QUANTITIES:
@@ -198,7 +205,7 @@ def characterize(
         reasons = "; ".join(f"{name}: {reason}" for name, reason in missing.items())
         raise InputError(f"{campaign.path}: no sensor can be characterized ({reasons}); record or import usable runs")
     found = _with_shared_scatter(found)
-    return Characterization(campaign, seed, found.get("temperature"), found.get("humidity"), missing)
+    return Characterization(campaign, seed, found.get("temperature"), found.get("humidity"), missing, input_.findings)
 
 
 def _with_shared_scatter(found: dict[ChannelName, ChannelResult]) -> dict[ChannelName, ChannelResult]:
@@ -234,7 +241,7 @@ def characterize_channel(
     """One channel of `characterize`; raises where no run can be used."""
     whole = build_channel(campaign, name)
     if whole is None:
-        raise _Unusable(_common_reason(usable_runs(campaign, name)[1]))
+        raise _Unusable(why_none(usable_runs(campaign, name)[1]))
     for effect in extension.structure.effects:
         if effect.dated and effect.in_readings:
             whole = effect.in_readings(Readings(whole))[0].channel
@@ -255,7 +262,7 @@ def characterize_channel(
         if found:
             parts.append(part)
     if not rows:
-        raise _Unusable(_common_reason(set_aside))
+        raise _Unusable(why_none(set_aside))
     return ChannelResult(
         rows=tuple(sorted(rows, key=lambda row: row.ambient_c)),
         noise=noise,
@@ -321,13 +328,6 @@ def _fit_part(
     part = Part(problem, found, rmse_over_samples(channel, found))
     rows, undetermined = joint_rows(part, noise, basis, optima)
     return part, rows, undetermined
-
-
-def _common_reason(left_out: tuple[LeftOut, ...] | list[LeftOut]) -> str:
-    """What keeps a channel's runs from being used, in one phrase."""
-    reasons = list(dict.fromkeys(entry.reason for entry in left_out))
-    shown = "; ".join(reasons[:3]) + (f" and {len(reasons) - 3} other reasons" if len(reasons) > 3 else "")
-    return f"none of {len(left_out)} runs can be used: {shown}"
 
 
 def joint_rows(

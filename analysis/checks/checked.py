@@ -20,7 +20,7 @@ class Checked:
 
 
 def checked(campaign: Campaign) -> Checked:
-    """Check a campaign; runs that a finding stops are set aside in the channel concerned, with its sentence as reason."""
+    """Check a campaign; runs that a finding stops are set aside in its channel, for the reason it gives."""
     findings = check_campaign(campaign)
     why: dict[str, dict[str, str]] = {}
     for finding in findings:

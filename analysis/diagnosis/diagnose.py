@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from shockrig.analysis.checks.checked import Checked, checked
 from shockrig.analysis.diagnosis.adequacy import Adequacy, describe, judge
 from shockrig.analysis.diagnosis.experiments import propose
 from shockrig.analysis.diagnosis.gain import Gain, measure_gain, worse_without
@@ -23,7 +24,7 @@ from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.effect import Finding, unchanged
 from shockrig.analysis.inference.fit import Fit
-from shockrig.analysis.inference.gather import build_channel
+from shockrig.analysis.inference.gather import build_channel, usable_runs, why_none
 from shockrig.analysis.inference.noise import Noise
 from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
@@ -87,6 +88,7 @@ class Diagnosis:
     channels: tuple[ChannelDiagnosis, ...]
     next_experiments: tuple[dict[str, object], ...] = ()
     missing: tuple[str, ...] = ()
+    input_findings: tuple[str, ...] = ()
 
 
 def diagnose_channel(
@@ -273,15 +275,18 @@ def diagnose(campaign: Campaign, progress: Progress = lambda _: None, tolerance:
     InputError
         Where no run of either sensor can be used.
     """
+    input_ = checked(campaign)
+    for finding in input_.findings:
+        progress(f"input: {finding.sentence}")
     found = []
     for name in QUANTITIES:
-        channel = build_channel(campaign, name)
+        channel = build_channel(input_.campaign, name)
         if channel is not None and enough(channel):
             found.append(diagnose_channel(channel, progress, tolerance))
-    return gathered(campaign, found)
+    return gathered(input_, found)
 
 
-def gathered(campaign: Campaign, channels: list[ChannelDiagnosis]) -> Diagnosis:
+def gathered(input_: Checked, channels: list[ChannelDiagnosis]) -> Diagnosis:
     """The diagnosis of a campaign from those of its channels.
 
     Raises
@@ -290,11 +295,19 @@ def gathered(campaign: Campaign, channels: list[ChannelDiagnosis]) -> Diagnosis:
         Where there are none.
     """
     if not channels:
-        raise InputError(f"{campaign.path}: {NO_STEP} in either sensor; record more, or see shockrig status")
+        reasons = [f"{name}: {_why_not(input_.campaign, name)}" for name in QUANTITIES]
+        raise InputError(f"{input_.campaign.path}: {'; '.join(reasons)}; record or import usable runs")
     names = {channel.name for channel in channels}
     experiments = [run for channel in channels for run in next_experiments(channel)]
     missing = tuple(name for name in QUANTITIES if name not in names)
-    return Diagnosis(campaign.name, tuple(channels), tuple(experiments), missing)
+    sentences = tuple(finding.sentence for finding in input_.findings)
+    return Diagnosis(input_.campaign.name, tuple(channels), tuple(experiments), missing, sentences)
+
+
+def _why_not(campaign: Campaign, name: ChannelName) -> str:
+    """Why a channel cannot be diagnosed."""
+    usable, left_out = usable_runs(campaign, name)
+    return NO_STEP if usable or not left_out else why_none(left_out)
 
 
 def next_experiments(channel: ChannelDiagnosis) -> list[dict[str, object]]:

@@ -18,6 +18,7 @@ def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "campaign": diagnosis.campaign,
         "channels": {channel.name: _channel(channel) for channel in diagnosis.channels},
         "next_experiments": list(diagnosis.next_experiments),
+        "input_findings": list(diagnosis.input_findings),
     }
 
 

@@ -14,9 +14,9 @@ from shockrig.analysis.inference.effect import Effect, Finding, Readings
 from shockrig.analysis.inference.fit import Fit, run_misfit
 from shockrig.analysis.inference.model import Held, Structure
 from shockrig.analysis.inference.noise import MAX_AVERAGED, Noise, estimate_noise, whiteners
-from shockrig.analysis.inference.reference_noise import with_reference_noise
 from shockrig.analysis.inference.problem import Problem, make_problem
 from shockrig.analysis.inference.readings import rounding_step
+from shockrig.analysis.inference.reference_noise import with_reference_noise
 from shockrig.analysis.inference.rounding import COARSE_IN_NOISE
 from shockrig.analysis.inference.samples import model_at_samples
 

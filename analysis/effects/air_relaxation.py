@@ -5,6 +5,7 @@ from dataclasses import replace
 from shockrig.analysis.inference.effect import Effect, Parameter
 from shockrig.analysis.physics.chain import RoomAir
 
+
 def _recorded(channel):
     air = channel.conditions
     return air.airs_known & air.start_known & ~channel.measured

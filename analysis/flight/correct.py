@@ -16,7 +16,7 @@ from shockrig.analysis.flight.channel import Channel, Readings, judged, lacking,
 from shockrig.analysis.flight.humidity import correct_humidity
 from shockrig.analysis.flight.inverse import mended, paper
 from shockrig.analysis.flight.profile_effects import acting, not_undone, of_airspeed
-from shockrig.analysis.flight.readout import ceiling, noise_floor, not_known, undone
+from shockrig.analysis.flight.readout import ceiling, noise_floor, not_known, stale, undone
 from shockrig.analysis.flight.response import bead_response
 from shockrig.analysis.flight.screen import ordered, screen
 from shockrig.analysis.flight.smooth_channel import Estimate, estimate, typical_period
@@ -132,11 +132,13 @@ def _temperature(
     if part is not None:
         own_noise = NOISE_K if part.noise_k is None else part.noise_k
         noise = noise_floor(effects, own_noise if given is None else given)
-    screened = screen(time_s, raw, "temperature", noise, limit=ceiling(effects))
+    period = typical_period(time_s)
+    old = stale(effects, time_s, raw, period)
+    screened = screen(time_s, raw, "temperature", noise, limit=ceiling(effects), stale=old)
     if part is None or too_few(screened):
         return untouched("temperature", raw, screened, lacking(part, "temperature"), notes)
     notes.extend(not_undone(part.effects, "temperature"))
-    plain = undone(effects, raw, speed, part.bead_radius_m, typical_period(time_s))
+    plain = undone(effects, raw, speed, part.bead_radius_m, period)
     variance = (np.hypot(noise, screened.resolution / np.sqrt(12)) / plain.gain) ** 2
     response = bead_response(part, speed, body)
     readings = Readings("temperature", time_s, plain.reading, screened.usable, response, variance, plain.delay_s)

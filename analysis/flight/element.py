@@ -117,7 +117,8 @@ def march(body: Cells, rate: Array, biot: Array, drive: Array, follow: Follow | 
             opening = surface[:, k] * local[:, -1]
             own = between[:, 1:] + between[:, :-1]
             own[:, -1] += opening
-            factor = lapack.dpttrf(heavy + own.ravel(), -between[:, 1:].ravel()[:-1])
+            beside = -between[:, 1:].ravel()[:-1]
+            factor = lapack.dpttrf(heavy + own.ravel(), beside if beside.size else np.zeros(1))  # a lump has none
         right = per_step * (2.0 * state - 0.5 * before)
         right[ends] += opening * drive[:, k]
         before = state

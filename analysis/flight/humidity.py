@@ -15,7 +15,7 @@ from scipy.ndimage import uniform_filter1d
 from shockrig.analysis.flight.channel import Channel, Readings, bridged, judged, lacking, too_few, untouched
 from shockrig.analysis.flight.prior import Passing
 from shockrig.analysis.flight.profile_effects import Acting, acting, not_undone
-from shockrig.analysis.flight.readout import ceiling, noise_floor, not_known, undone
+from shockrig.analysis.flight.readout import ceiling, noise_floor, not_known, stale, undone
 from shockrig.analysis.flight.response import Response, film_response
 from shockrig.analysis.flight.screen import screen
 from shockrig.analysis.flight.smooth_channel import Estimate, lags_behind, typical_period
@@ -50,7 +50,9 @@ def correct_humidity(
     if part is not None:
         own_noise = NOISE_PERCENT if part.noise_percent is None else part.noise_percent
         noise = noise_floor(effects, own_noise if given is None else given)
-    screened = screen(time_s, raw, "humidity", noise, limit=ceiling(effects))
+    period = typical_period(time_s)
+    old = stale(effects, time_s, raw, period)
+    screened = screen(time_s, raw, "humidity", noise, limit=ceiling(effects), stale=old)
     if part is None or too_few(screened):
         return untouched("humidity", raw, screened, lacking(part, "humidity"), notes)
     notes.extend(not_undone(part.effects, "humidity"))
@@ -59,32 +61,45 @@ def correct_humidity(
         return untouched("humidity", raw, screened, "no temperature of the air in the log", notes)
     sigma = np.zeros(raw.shape) if sigma is None else sigma
     die = _own_temperature(flight, effects, notes)
+    plain = undone(effects, raw, speed, part.film_thickness_m, period)
+    # a late reading is of the air that was; the die's temperature comes from the same chip and is as late
+    now, air, error = air, *(_earlier(time_s, values, plain.delay_s) for values in (air, sigma))
     own = air if die is None else die
-    plain = undone(effects, raw, speed, part.film_thickness_m, typical_period(time_s))
     # vapour pressure as relative humidity at a fixed temperature: what diffuses, in a unit that reads like %RH
     to_vapour = saturation_pressure_hpa(own) / saturation_pressure_hpa(REFERENCE_C)
-    from_vapour = saturation_pressure_hpa(REFERENCE_C) / saturation_pressure_hpa(air)
-    steepness = np.log(saturation_pressure_hpa(air + 0.5)) - np.log(saturation_pressure_hpa(air - 0.5))
+    from_vapour = saturation_pressure_hpa(REFERENCE_C) / saturation_pressure_hpa(now)
     response = film_response(part, air, speed, body)
     vapour = plain.reading * to_vapour
     level = np.interp(time_s, time_s[screened.usable], vapour[screened.usable])
     # what the air's temperature leaves open divides the reading and the result alike; a die of its own parts the two
     passing = None
     if die is None:
-        coupling = _coupling(time_s, level, air, sigma, level * steepness, response)
-        passing = Passing(level * steepness * sigma, bead.resolved_rate, coupling)
+        percent_per_k = level * _steepness(air)
+        coupling = _coupling(time_s, level, air, error, percent_per_k, response)
+        passing = Passing(percent_per_k * error, bead.resolved_rate, coupling)
     variance = (np.hypot(noise, screened.resolution / np.sqrt(12)) / plain.gain * to_vapour) ** 2
     readings = Readings("humidity", time_s, vapour, screened.usable, response, variance, plain.delay_s, passing)
     found = solve(readings, cutoff_hz)
-    channel = judged(readings, found, plain, screened, ~part.covers(air), raw, from_vapour, notes)
+    channel = judged(readings, found, plain, screened, ~part.covers(now), raw, from_vapour, notes)
     uncertainty = channel.uncertainty
     if die is not None or found.cutoff_hz is not None:
-        wrong = channel.value * steepness * sigma
-        together = _correlation(time_s, found.air, air)
+        wrong = channel.value * _steepness(now) * sigma
+        together = _correlation(time_s, found.air, now)
         total = uncertainty**2 + wrong**2 - 2 * together * uncertainty * wrong
         least = (LEAST_SHARE * uncertainty) ** 2
         uncertainty = np.where(channel.raw, uncertainty, np.sqrt(np.maximum(total, least)))
     return replace(channel, uncertainty=np.hypot(uncertainty, not_known(effects)))
+
+
+def _earlier(time_s: Array, values: Array, delay_s: float) -> Array:
+    """Values (n,) as they were `delay_s` before each row."""
+    return np.interp(time_s - delay_s, time_s, values) if delay_s else values
+
+
+def _steepness(temperature_c: Array) -> Array:
+    """Relative change of saturation pressure per kelvin."""
+    above, below = (saturation_pressure_hpa(temperature_c + half) for half in (0.5, -0.5))
+    return np.log(above) - np.log(below)
 
 
 def _own_temperature(flight: Flight, effects: tuple[Acting, ...], notes: list[str]) -> Array | None:

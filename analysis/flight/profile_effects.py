@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.inference.effect import Effect as Entry
 from shockrig.analysis.inference.effect import InFlight
 from shockrig.files.errors import InputError
 from shockrig.files.profile import Effect
@@ -40,12 +41,17 @@ class Stated(dict[str, float]):
 
 @dataclass(frozen=True)
 class Acting:
-    """One effect of a profile that takes part in a flight: what it means, its values, their standard uncertainties."""
+    """One effect of a profile that takes part in a flight: its entry, its values, their standard uncertainties."""
 
-    id: str
+    entry: Entry
     meaning: InFlight
     values: Stated
     uncertainties: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def id(self) -> str:
+        """Its id in the catalogue."""
+        return self.entry.id
 
 
 def acting(effects: Iterable[Effect], channel: str) -> tuple[Acting, ...]:
@@ -57,8 +63,8 @@ def acting(effects: Iterable[Effect], channel: str) -> tuple[Acting, ...]:
             continue
         values = Stated(effect.effect, {name: p.value for name, p in effect.parameters.items()})
         uncertainties = {name: p.standard_uncertainty for name, p in effect.parameters.items()}
-        found.append((entry.order, Acting(effect.effect, entry.in_flight, values, uncertainties)))
-    return tuple(one for _, one in sorted(found, key=lambda pair: pair[0]))
+        found.append(Acting(entry, entry.in_flight, values, uncertainties))
+    return tuple(sorted(found, key=lambda one: one.entry.order))
 
 
 def not_undone(effects: Iterable[Effect], channel: str) -> list[str]:

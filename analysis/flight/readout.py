@@ -87,6 +87,20 @@ def ceiling(effects: Sequence[Acting]) -> float | None:
     return min(limits, default=None)
 
 
+def stale(effects: Sequence[Acting], time_s: Array, reading: Array, period_s: float) -> NDArray[np.bool_]:
+    """Rows (n,) that the logger filled with the reading before: equal to it, and known to be of an earlier time."""
+    old = np.zeros(time_s.shape, dtype=bool)
+    for one in effects:
+        if (dated := one.entry.dated) is not None:
+            old |= dated(time_s, reading, period_s, one.values) < time_s - 0.5 * period_s
+    old &= np.diff(reading, prepend=np.nan) == 0
+    for one in effects:
+        if one.entry.averages is not None:
+            n = one.entry.averages(one.values)
+            old |= np.arange(time_s.size) % n != 0
+    return old
+
+
 def not_known(effects: Sequence[Acting]) -> float:
     """Standard uncertainty of what is left in the reading, in its unit."""
     left = [one.meaning.uncertainty(one.values) for one in effects if one.meaning.uncertainty is not None]

@@ -59,8 +59,19 @@ def _later_below(time: Array, reach: int = 6) -> Array:
     return np.sum([padded[i : i + time.size] < time for i in range(1, reach + 1)], axis=0, dtype=float)
 
 
-def screen(time_s: Array, reading: Array, channel: str, noise: float, *, limit: float | None = None) -> Screened:
-    """Judge one channel's readings, rows in order; `limit` is a ceiling at which the sensor clips."""
+def screen(
+    time_s: Array,
+    reading: Array,
+    channel: str,
+    noise: float,
+    *,
+    limit: float | None = None,
+    stale: Mask | None = None,
+) -> Screened:
+    """Judge one channel's readings, rows in order.
+
+    `limit` is a ceiling at which the sensor clips; `stale` marks rows (n,) that are known to repeat the one before.
+    """
     missing = ~np.isfinite(reading)
     low, high = POSSIBLE[channel]
     implausible = ~missing & ((reading < low) | (reading > high))
@@ -85,6 +96,9 @@ def screen(time_s: Array, reading: Array, channel: str, noise: float, *, limit: 
     # where the resolution is coarser than the noise, equal neighbours are the rule and each tells something
     repeated[rows] = same_time | (same_value & (resolution < 1.5 * noise))
     usable = believed & ~(repeated & ~_by_chance(reading, rows, same_time, same_value, resolution))
+    if stale is not None:
+        repeated |= stale & believed
+        usable &= ~stale
     if limit is not None:
         usable &= reading < limit - 0.5 * resolution
     return Screened(usable, missing, repeated, implausible, resolution)

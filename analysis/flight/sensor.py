@@ -207,15 +207,29 @@ def _log(weather: Weather, profile: Profile, fine: dict[str, Array], seed: int, 
         channels.append((names[1], h, floor, RESOLUTION_PERCENT))
     for column, part, floor, resolution in channels:
         effects = _effects(part)
-        delay = effects["dead_time"].value("delay_s") if "dead_time" in effects else 0.0
-        reading = np.interp(time - delay, weather.time_s, fine[column])
-        reading = reading + noise * floor * rng.standard_normal(time.size)
+        reading = _late(time, weather, fine[column], effects) + noise * floor * rng.standard_normal(time.size)
         log[column] = _read_out(reading, effects, resolution if rounded else UNROUNDED)
-    if "humidity_sensor_temperature_c" in fine:
-        log["humidity_sensor_temperature_c"] = np.round(fine["humidity_sensor_temperature_c"][rows], 3)
+    if (h is not None) and (die := fine.get("humidity_sensor_temperature_c")) is not None:
+        # the same chip and the same loop that reads it
+        log["humidity_sensor_temperature_c"] = np.round(
+            _averaged(_late(time, weather, die, _effects(h)), _effects(h)), 3
+        )
     for name in ("airspeed_m_s", "pressure_hpa", "altitude_m"):
         log[name] = np.round(getattr(weather, name)[rows], 3)
     return Flown(log, truth)
+
+
+def _late(time: Array, weather: Weather, fine: Array, effects: dict[str, Effect]) -> Array:
+    delay = effects["dead_time"].value("delay_s") if "dead_time" in effects else 0.0
+    return np.interp(time - delay, weather.time_s, fine)
+
+
+def _averaged(reading: Array, effects: dict[str, Effect]) -> Array:
+    if (e := effects.get("moving_average")) is None:
+        return reading
+    width = max(round(e.value("samples")), 1)
+    total = np.cumsum(np.concatenate([np.full(width, reading[0]), reading]))
+    return np.asarray((total[width:] - total[:-width]) / width)
 
 
 def _read_out(reading: Array, effects: dict[str, Effect], resolution: float) -> Array:
@@ -223,10 +237,7 @@ def _read_out(reading: Array, effects: dict[str, Effect], resolution: float) -> 
         reading = reading * (1 + e.value("gain", 0.0)) + e.value("offset", 0.0)
     if (e := effects.get("saturation_clipping")) is not None:
         reading = np.minimum(reading, e.value("limit_percent"))
-    if (e := effects.get("moving_average")) is not None:
-        width = max(round(e.value("samples")), 1)
-        total = np.cumsum(np.concatenate([np.full(width, reading[0]), reading]))
-        reading = (total[width:] - total[:-width]) / width
+    reading = _averaged(reading, effects)
     if (e := effects.get("stale_samples")) is not None:
         hold = max(round(e.value("hold_samples")), 1)
         reading = np.repeat(reading[::hold], hold)[: reading.size]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,6 +46,15 @@ def usable_runs(campaign: Campaign, name: ChannelName) -> tuple[list[UsableRun],
     return _usable(campaign, QUANTITIES[name])[:2]
 
 
+def why_none(left_out: Sequence[LeftOut]) -> str:
+    """What keeps a channel's runs from being used, in one phrase."""
+    reasons = list(dict.fromkeys(entry.reason for entry in left_out))
+    if len(reasons) == 1:
+        return f"none of {len(left_out)} runs can be used: {reasons[0]}"
+    shown = "; ".join(reasons[:3]) + (f" and {len(reasons) - 3} other reasons" if len(reasons) > 3 else "")
+    return f"none of {len(left_out)} runs can be used: {shown}"
+
+
 def _usable(campaign: Campaign, quantity: Quantity) -> tuple[list[UsableRun], list[LeftOut], float, float]:
     timed: list[UsableRun] = []
     reasons: dict[str, str] = {}
@@ -73,6 +83,8 @@ def _usable(campaign: Campaign, quantity: Quantity) -> tuple[list[UsableRun], li
 
 def _timed(run: Run, quantity: Quantity) -> UsableRun | str:
     """A run with its start, or why it cannot be used."""
+    if quantity.name in run.set_aside:
+        return run.set_aside[quantity.name]
     trace = run.imet if quantity is TEMPERATURE else run.hyt
     if trace is None:
         return f"no {quantity.file}"

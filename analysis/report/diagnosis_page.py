@@ -49,6 +49,9 @@ def write_diagnosis(
 ) -> Path:
     """Write FOLDER/report.html (and the crossing's plot); returns the page's path."""
     sections = []
+    if diagnosis.input_findings:
+        warnings = [Text(sentence, "warning") for sentence in diagnosis.input_findings]
+        sections.append(Section("What looks wrong with the input", warnings))
     for view in views:
         sections.append(Section(f"{SENSOR[view.found.name].capitalize()}: {view.found.verdict}", _channel(view)))
     sections.append(Section("What it means for alpha and D", _material(views)))

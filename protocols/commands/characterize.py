@@ -70,7 +70,7 @@ def summary(result: Characterization) -> str:
     from shockrig.analysis.report.characterize_page import hint
     from shockrig.analysis.report.numbers import measured, plain
 
-    lines = []
+    lines = [f"input: {finding.sentence}" for finding in result.findings]
     if (t := result.temperature) is not None:
         row = t.rows[0]
         r = row.response

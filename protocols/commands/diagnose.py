@@ -64,6 +64,7 @@ def write(campaign: Path, out: Path, seed: int, made_at: str, tolerance: Toleran
     from shockrig.protocols.folder import software_version, whole_folder
 
     with whole_folder(out) as folder, _looking(campaign, tolerance, folder) as waiting:
+        from shockrig.analysis.checks.checked import checked
         from shockrig.analysis.diagnosis.diagnose import NO_STEP, gathered
         from shockrig.analysis.diagnosis.export import to_json
         from shockrig.analysis.diagnosis.extended import extended_profile
@@ -74,9 +75,12 @@ def write(campaign: Path, out: Path, seed: int, made_at: str, tolerance: Toleran
         from shockrig.files.campaign import read_campaign
         from shockrig.files.profile import write_profile
 
-        recorded = read_campaign(campaign)
+        input_ = checked(read_campaign(campaign))
+        recorded = input_.campaign
+        for finding in input_.findings:
+            _say(f"input: {finding.sentence}")
         views = [view for work in waiting if (view := work.result()) is not None]
-        diagnosis = gathered(recorded, [view.found for view in views])
+        diagnosis = gathered(input_, [view.found for view in views])
         content = json.dumps(to_json(diagnosis), indent=2, allow_nan=False) + "\n"
         write_whole(folder / "diagnosis.json", content.encode())
         provenance = {
@@ -119,12 +123,13 @@ def _looking(campaign: Path, tolerance: Tolerance | None, folder: Path) -> Itera
 def _look_at_channel(
     campaign: Path, name: ChannelName, tolerance: Tolerance | None, folder: Path
 ) -> ChannelView | None:
+    from shockrig.analysis.checks.checked import checked
     from shockrig.analysis.diagnosis.diagnose import diagnose_channel, enough
     from shockrig.analysis.inference.gather import build_channel
     from shockrig.analysis.report.diagnosis_view import look_at
     from shockrig.files.campaign import read_campaign
 
-    channel = build_channel(read_campaign(campaign), name)
+    channel = build_channel(checked(read_campaign(campaign)).campaign, name)
     if channel is None or not enough(channel):
         return None
     found = diagnose_channel(channel, _say, tolerance)
@@ -143,7 +148,7 @@ def summary(diagnosis: Diagnosis) -> str:
         terminal_causes,
     )
 
-    lines = []
+    lines = [f"input: {sentence}" for sentence in diagnosis.input_findings]
     for found in diagnosis.channels:
         lines += [f"{found.name}: {found.verdict}", f"  {channel_verdict(found)}", *terminal_causes(found)]
         gain = found.gain
