@@ -93,12 +93,7 @@ def stale(effects: Sequence[Acting], time_s: Array, reading: Array, period_s: fl
     for one in effects:
         if (dated := one.entry.dated) is not None:
             old |= dated(time_s, reading, period_s, one.values) < time_s - 0.5 * period_s
-    old &= np.diff(reading, prepend=np.nan) == 0
-    for one in effects:
-        if one.entry.averages is not None:
-            n = one.entry.averages(one.values)
-            old |= np.arange(time_s.size) % n != 0
-    return old
+    return old & (np.diff(reading, prepend=np.nan) == 0)
 
 
 def not_known(effects: Sequence[Acting]) -> float:
