@@ -1,0 +1,276 @@
+"""Every effect of the catalogue in a flight: simulated, undone or said to be left, and in the words that it needs."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.flight.correct import correct
+from shockrig.analysis.flight.profile_effects import acting, not_undone, of_airspeed, propagated
+from shockrig.analysis.flight.readout import ceiling, noise_floor, not_known, undone
+from shockrig.analysis.flight.scenes import to_flight
+from shockrig.analysis.flight.sensor import FLOWN_EFFECTS, fly, flyable
+from shockrig.analysis.flight.typical import typical_profile
+from shockrig.analysis.flight.weather import frontal
+from shockrig.analysis.physics.bodies import BODIES
+from shockrig.analysis.report.crossing import cross_inversion
+from shockrig.files.errors import InputError
+from shockrig.files.profile import Effect, Profile, Uncertain
+
+TYPICAL = typical_profile()
+QUIET = Profile(
+    dataclasses.replace(TYPICAL.temperature, noise_k=0.004),
+    dataclasses.replace(TYPICAL.humidity, noise_percent=0.02),
+)
+COLUMN = {"temperature": "temperature_c", "humidity": "humidity_percent"}
+# A front after which it is colder, and a sharp one into warm and moist air, which wets a sensor.
+COOLER = {"airspeed_m_s": 15.0, "lead_m": 600.0, "width_m": 150.0, "humidity_percent": 45.0, "irradiance_w_m2": 700.0}
+MOISTER = COOLER | {
+    "temperature_c": 12.0,
+    "temperature_change_k": 14.0,
+    "humidity_after_percent": 85.0,
+    "width_m": 8.0,
+    "corner_m": 4.0,
+}
+# Of each effect: parameters that show, and the air in which they do. An effect that is missing here fails the test.
+CASES = {
+    "finite_transfer": ({"duration_s": 0.5}, COOLER),
+    "air_relaxation": ({"fraction": 0.1, "time_constant_s": 9.0}, COOLER),
+    "clock_drift": ({"ppm": 1e4}, COOLER),
+    "convective_film": ({"biot_at_5_m_s": 0.4}, COOLER),
+    "vapour_boundary_layer": ({"biot_at_5_m_s": 3.0}, COOLER),
+    "series_lag": ({"time_constant_s": 2.0}, COOLER),
+    "condensation": ({"drying_time_s": 5.0}, MOISTER),
+    "direction_dependent_diffusivity": ({"ratio_drying_to_wetting": 0.7}, COOLER | {"humidity_after_percent": 20.0}),
+    "concentration_dependent_diffusivity": ({"slope_per_unit_activity": 1.2}, COOLER),
+    "slow_relaxation": ({"fraction": 0.2, "time_constant_s": 20.0}, COOLER),
+    "stem_conduction": ({"fraction": 0.2, "time_constant_s": 12.0}, COOLER),
+    "parallel_lag": ({"fraction": 0.2, "time_constant_s": 15.0}, COOLER),
+    "evaporative_cooling": ({"depression_k": 1.0, "time_constant_s": 20.0}, MOISTER),
+    "self_heating": ({"rise_k_at_5_m_s": 0.5}, COOLER),
+    "radiative_heating": ({"kelvin_per_w_m2_at_5_m_s": 5e-4}, COOLER),
+    "die_thermal_lag": ({}, COOLER),
+    "hysteresis": ({"rh_percent": 1.0}, COOLER),
+    "calibration_error": ({"gain": 0.02, "offset": 1.5}, COOLER),
+    "saturation_clipping": ({"limit_percent": 70.0}, COOLER),
+    "dead_time": ({"delay_s": 0.8}, COOLER),
+    "moving_average": ({"samples": 12.0}, COOLER),
+    "stale_samples": ({"hold_samples": 5.0}, COOLER),
+    "quantization": ({"step": 0.1}, COOLER),
+} | {f"body_{name}": ({}, COOLER) for name in BODIES}
+IN_NOISE_ALONE = {"stale_samples", "quantization", "saturation_clipping"}  # screening finds what they do
+PAIRS = [(effect, channel) for effect, entry in CATALOGUE.items() for channel in entry.channels]
+
+
+def with_effects(profile, channel, *effects):
+    part = dataclasses.replace(getattr(profile, channel), effects=effects)
+    return dataclasses.replace(profile, **{channel: part})
+
+
+def stated(effect, uncertainty=0.0, **values):
+    return Effect(effect, {name: Uncertain(value, uncertainty * abs(value)) for name, value in values.items()})
+
+
+def rms(error):
+    return float(np.sqrt(np.nanmean(np.square(error))))
+
+
+def plain_for(effect):
+    """A profile whose body is another than the one that the effect puts in its place."""
+    other = "sphere" if effect == "body_lumped" else "lumped"
+    sensors = {name: {"body": other} for name in ("imet", "hyt")} if effect.startswith("body_") else {}
+    return dataclasses.replace(TYPICAL if effect in IN_NOISE_ALONE else QUIET, sensors=sensors)
+
+
+@pytest.mark.parametrize(("effect", "channel"), PAIRS)
+def test_every_effect_of_the_catalogue_flies_as_its_entry_says(effect, channel):
+    values, air = CASES[effect]
+    plain = plain_for(effect)
+    extended = with_effects(plain, channel, stated(effect, **values))
+    weather = frontal(**air)
+    flown, bare = (fly(weather, profile, 7) for profile in (extended, plain))
+    column, meaning = COLUMN[channel], CATALOGUE[effect].in_flight
+    assert flyable(effect, channel)
+    truth, reading = flown.truth[column].to_numpy(), flown.log[column].to_numpy()
+    done, unaware = (correct(to_flight(flown.log), profile) for profile in (extended, plain))
+    errors = {
+        name: rms(series - truth)
+        for name, series in (
+            ("reading", reading),
+            ("done", getattr(done, column)),
+            ("unaware", getattr(unaware, column)),
+        )
+    }
+    said = [note for note in done.notes if effect in note]
+    if meaning is None:  # of the bench: it stays there
+        assert flown.log.equals(bare.log)
+        assert np.array_equal(getattr(done, column), getattr(unaware, column), equal_nan=True)
+        assert len(said) == 1 and "belongs to the bench" in said[0]
+        return
+    assert effect in FLOWN_EFFECTS[channel]
+    assert rms(reading - bare.log[column].to_numpy()) > 0.01, "the simulation leaves the effect out"
+    if meaning.left:
+        assert len(said) == 1 and "is not undone" in said[0]
+        assert errors["done"] < 1.02 * errors["reading"]
+        return
+    assert not said
+    # a front of 8 K and 45 %RH, of which one sample in a hundred is lost at a ceiling or between coarse steps
+    assert errors["done"] < 0.35 * errors["reading"], errors
+    if effect not in IN_NOISE_ALONE:
+        assert errors["done"] < 0.5 * errors["unaware"], errors
+
+
+def test_the_simulator_knows_what_leaves_the_bench_and_nothing_else():
+    for channel, flown in FLOWN_EFFECTS.items():
+        leaving = {id_ for id_, entry in CATALOGUE.items() if channel in entry.channels and entry.in_flight is not None}
+        assert flown == leaving
+    assert set(CASES) == set(CATALOGUE)
+
+
+def test_a_sensor_with_everything_at_once_is_undone():
+    bead = (
+        stated("convective_film", biot_at_5_m_s=0.8),
+        stated("series_lag", time_constant_s=1.5),
+        stated("body_cylinder"),
+        stated("stem_conduction", fraction=0.08, time_constant_s=15.0),
+        stated("self_heating", rise_k_at_5_m_s=0.3),
+        stated("calibration_error", gain=0.01, offset=-0.4),
+        stated("dead_time", delay_s=0.3),
+    )
+    film = (
+        stated("vapour_boundary_layer", biot_at_5_m_s=6.0),
+        stated("series_lag", time_constant_s=3.0),
+        stated("slow_relaxation", fraction=0.06, time_constant_s=30.0),
+        stated("die_thermal_lag"),
+        stated("calibration_error", gain=-0.01, offset=1.0),
+        stated("dead_time", delay_s=0.5),
+    )
+    profile = with_effects(with_effects(QUIET, "temperature", *bead), "humidity", *film)
+    flown = fly(frontal(**COOLER), profile, 3)
+    done = correct(to_flight(flown.log), profile)
+    for channel, column in COLUMN.items():
+        truth, reading = flown.truth[column].to_numpy(), flown.log[column].to_numpy()
+        assert rms(getattr(done, column) - truth) < 0.06 * rms(reading - truth), channel
+
+
+# -- what a flight asks of an entry --------------------------------------------------
+
+
+def test_profiles_of_other_programs_are_corrected_and_what_is_unknown_is_said():
+    foreign = Effect("frost_on_the_lid", {"thickness_mm": Uncertain(1.0)})
+    misplaced = stated("stem_conduction", fraction=0.1, time_constant_s=9.0)
+    profile = with_effects(QUIET, "humidity", foreign, misplaced, stated("dead_time", delay_s=0.2))
+    said = not_undone(profile.humidity.effects, "humidity")
+    assert [note.split()[1] for note in said] == ["frost_on_the_lid", "stem_conduction"]
+    assert "unknown to this version" in said[0] and "no meaning for humidity" in said[1]
+    assert [one.id for one in acting(profile.humidity.effects, "humidity")] == ["dead_time"]
+    flown = fly(frontal(**COOLER), QUIET, 1)
+    notes = correct(to_flight(flown.log), profile).notes
+    assert set(said) <= set(notes)
+    with pytest.raises(InputError, match="frost_on_the_lid cannot be simulated"):
+        fly(frontal(**COOLER), profile, 1)
+
+
+def test_a_missing_or_impossible_parameter_is_one_clear_line():
+    flight = to_flight(fly(frontal(**COOLER), QUIET, 1).log)
+    for effect, match in (
+        (stated("stem_conduction", fraction=0.1), "stem_conduction lacks the parameter 'time_constant_s'"),
+        (stated("series_lag", time_constant_s=0.0), "series_lag has a time constant of 0 s"),
+        (stated("self_heating"), "self_heating lacks the parameter 'rise_k_at_5_m_s'"),
+    ):
+        with pytest.raises(InputError, match=match):
+            correct(flight, with_effects(QUIET, "temperature", effect))
+
+
+def test_no_airspeed_is_said_of_the_effects_that_need_it_alone():
+    bead = (
+        stated("calibration_error", gain=0.01),
+        stated("self_heating", rise_k_at_5_m_s=0.2),
+        stated("convective_film", biot_at_5_m_s=2.0),
+    )
+    assert of_airspeed(acting(bead, "temperature"), 4e-4) == ["convective_film", "self_heating"]
+    log = fly(frontal(**COOLER), QUIET, 1).log.drop(columns=["airspeed_m_s"])
+    notes = correct(to_flight(log), with_effects(QUIET, "temperature", *bead)).notes
+    assert "no airspeed in the log: convective_film, self_heating taken at 5 m/s" in notes
+    assert not any("airspeed" in note for note in correct(to_flight(log), QUIET).notes)
+
+
+def test_the_readout_is_undone_from_its_end_and_its_uncertainty_by_hand():
+    effects = acting(
+        (
+            Effect("calibration_error", {"gain": Uncertain(0.25, 0.01), "offset": Uncertain(2.0, 0.3)}),
+            Effect("self_heating", {"rise_k_at_5_m_s": Uncertain(0.5, 0.2)}),
+            Effect("dead_time", {"delay_s": Uncertain(0.4, 0.02)}),
+            Effect("moving_average", {"samples": Uncertain(5.0)}),
+        ),
+        "temperature",
+    )
+    element = np.array([10.0, 20.0])
+    logged = 1.25 * (element + 0.5) + 2.0
+    found = undone(effects, logged, np.array([5.0, 5.0]), 4e-4, 0.1)
+    assert found.reading == pytest.approx(element)
+    assert found.gain == pytest.approx(1.25)
+    assert found.delay_s == pytest.approx(0.4 + 0.2)
+    assert found.delay_uncertainty_s == pytest.approx(0.02)
+    by_hand = np.sqrt((0.3 / 1.25) ** 2 + (0.01 * (element + 0.5) / 1.25) ** 2 + 0.2**2)
+    assert found.uncertainty == pytest.approx(by_hand, rel=1e-6)
+    gap = undone(effects, np.array([np.nan, logged[1]]), np.array([5.0, 5.0]), 4e-4, 0.1)
+    assert np.isnan(gap.reading[0]) and np.isfinite(gap.uncertainty).all() and np.isfinite(gap.gain).all()
+
+
+def test_noise_ceiling_and_what_is_left_are_added_up():
+    effects = acting(
+        (
+            stated("quantization", step=0.12),
+            stated("saturation_clipping", limit_percent=93.0),
+            stated("hysteresis", rh_percent=0.7),
+        ),
+        "humidity",
+    )
+    assert noise_floor(effects, 0.05) == pytest.approx(np.hypot(0.05, 0.12 / np.sqrt(12)))
+    assert ceiling(effects) == 93.0 and ceiling(()) is None
+    assert not_known(effects) == pytest.approx(0.7) and not_known(()) == 0.0
+
+
+def test_a_readout_known_badly_widens_what_is_stated_and_moves_no_value():
+    exact, loose = (
+        with_effects(
+            QUIET,
+            "temperature",
+            Effect("calibration_error", {"gain": Uncertain(0.0, 0.0), "offset": Uncertain(0.5, sigma)}),
+            Effect("dead_time", {"delay_s": Uncertain(0.3, sigma / 5)}),
+        )
+        for sigma in (0.0, 0.1)
+    )
+    flown = fly(frontal(**COOLER), exact, 2)
+    sure, unsure = (correct(to_flight(flown.log), profile) for profile in (exact, loose))
+    assert np.array_equal(sure.temperature_c, unsure.temperature_c)
+    assert np.array_equal(sure.humidity_percent, unsure.humidity_percent)
+    added = np.sqrt(unsure.temperature_uncertainty_k**2 - sure.temperature_uncertainty_k**2)
+    assert np.median(added) == pytest.approx(0.1, rel=0.02)  # steady air: the offset alone
+    slope = np.abs(np.gradient(flown.truth["temperature_c"], 0.1)).max()
+    assert added.max() == pytest.approx(np.hypot(0.1, 0.02 * slope), rel=0.1)
+
+
+def test_uncertainty_is_carried_to_first_order():
+    (one,) = acting(
+        (Effect("parallel_lag", {"fraction": Uncertain(0.2, 0.01), "time_constant_s": Uncertain(9.0, 0.9)}),),
+        "temperature",
+    )
+    found = propagated(one, lambda v: v["fraction"] * np.array([1.0, 3.0]) + np.log(v["time_constant_s"]))
+    assert found == pytest.approx(np.hypot([0.01, 0.03], 0.1), rel=1e-6)
+
+
+def test_the_crossing_leaves_on_the_bench_what_the_catalogue_leaves_there():
+    extended = with_effects(
+        TYPICAL,
+        "temperature",
+        stated("clock_drift", ppm=2e4),
+        stated("convective_film", biot_at_5_m_s=0.5),
+        Effect("frost_on_the_lid", {}),
+    )
+    extended = dataclasses.replace(extended, humidity=None)
+    (crossing,), notes = cross_inversion(dataclasses.replace(TYPICAL, humidity=None), extended)
+    assert notes == ["Left on the bench: clock_drift, frost_on_the_lid (temperature)."]
+    assert crossing.rms_extended < 0.5 * crossing.rms_plain
