@@ -34,6 +34,7 @@ BOTH = ("imet", "hyt")
 F, FRACTION, MS = ("fahrenheit",), ("fraction_for_percent",), ("milliseconds",)
 AIRS, SENSORS, COLUMNS = ("airs_swapped",), ("sensors_swapped",), ("columns_swapped",)
 DEAD, RAIL, START, COPY = ("dead_sensor",), ("saturated_sensor",), ("start_disagrees",), ("run_copied",)
+DEAD_OR_RAIL = (*DEAD, *RAIL)
 OTHER, LATE = ("another_sensor",), ("clock_late",)
 
 
@@ -43,6 +44,16 @@ def milli(x):
 
 def stuck(x):
     return np.full(x.size, x[0])
+
+
+def idle(x):
+    """A thermometer that was left on the bench beside."""
+    rng = np.random.default_rng(x.view(np.uint64))  # another noise for every run
+    return np.round(21.3 + 0.02 * rng.standard_normal(x.size), 2)
+
+
+def full(x):
+    return np.minimum(x + 60.0, 100.0)
 
 
 def seconds(by):
@@ -84,6 +95,8 @@ SLIPS = (
     Slip("hyt.csv constant", DEAD, every(film(stuck))),
     Slip("hyt.csv constant in a third of the runs", DEAD, share_of(film(stuck), 1 / 3)),
     Slip("hyt.csv constant in one run", DEAD, one_of(film(stuck))),
+    Slip("imet.csv noise alone", DEAD, every(bead(idle))),
+    Slip("hyt.csv at 100 %RH in a third of the runs", DEAD_OR_RAIL, share_of(film(full), 1 / 3)),
     Slip("imet.csv reads -999", DEAD, edit=in_files("imet.csv", lambda f: f.assign(temperature_c=-999.0))),
     Slip("imet.csv not above 25 °C", RAIL, every(bead(lambda x: np.minimum(x, 25.0)))),
     Slip("hyt.csv not above 50 %RH", RAIL, every(film(lambda x: np.minimum(x, 50.0)))),

@@ -179,6 +179,7 @@ def _wrong_starts(view: View, wrong: dict[str, float]) -> InputFinding:
     elif known.size == offsets.size and np.ptp(known) < 1.0:
         middle = float(np.median(known))
         what = f"is {abs(middle):.1f} s {'before' if middle > 0 else 'after'} the readings begin to move"
+        what += ", as it would be by a clock that is off" if len(wrong) > 1 else ""
     else:
         first = next(run for run, offset in wrong.items() if np.isfinite(offset))
         what = (

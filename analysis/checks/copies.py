@@ -14,6 +14,8 @@ from shockrig.analysis.checks.finding import Channel, InputFinding
 from shockrig.analysis.checks.signals import COLUMNS, FILES, HUMIDITY, TEMPERATURE, Array, Seen, View
 from shockrig.analysis.checks.thresholds import limit
 
+NO_NOISE = 1e-7  # of a calculated campaign, in shares of the readings' range
+MOST_READINGS = 5000  # of a run that are compared
 ORDER = 8  # readings that foretell the next one: two tones and a slow noise
 
 
@@ -24,7 +26,7 @@ def copied_runs(view: View) -> Iterator[InputFinding]:
     for column in (TEMPERATURE, HUMIDITY):
         kept: list[tuple[Seen, Array]] = []
         for seen in view.column(column):
-            noise = _innovations(seen.value)
+            noise = _innovations(seen.value[:MOST_READINGS])
             if noise is None:
                 continue
             twin = next((s for s, n in kept if _correlation(n, noise) > limit("copy_correlation")), None)
@@ -69,6 +71,8 @@ def _innovations(value: Array) -> Array | None:
     weights = np.linalg.lstsq(past[calm], ahead[calm], rcond=1e-6)[0]
     rest = ahead - past @ weights
     most = 3.0 * float(np.median(np.abs(rest[calm])))  # alike are also two transients, but those are few readings
+    if most < NO_NOISE * np.ptp(value):
+        return None
     return np.where(calm, np.clip(rest, -most, most), 0.0)
 
 

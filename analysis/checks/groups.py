@@ -107,8 +107,9 @@ def _search(
     """Labels that explain most, from every start flipped one by one while that helps."""
     n = rest.size
     order = np.argsort(rest)
-    starts = [(np.arange(n) < i).astype(float) for i in range(least, n - least + 1)]  # exchanged in mid-campaign
-    starts += [np.isin(np.arange(n), order[:i]).astype(float) for i in range(least, n - least + 1)]
+    cuts = np.unique(np.linspace(least, n - least, STARTS).astype(int))
+    starts = [(np.arange(n) < i).astype(float) for i in cuts]  # exchanged in mid-campaign
+    starts += [np.isin(np.arange(n), order[:i]).astype(float) for i in cuts]
     starts += list((rng.random((STARTS, n)) < 0.5).astype(float))
     u = np.zeros(n) if slope is None else slope
     diagonal = np.diag(away)

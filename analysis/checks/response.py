@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shockrig.analysis.checks.signals import DIE, HUMIDITY, TEMPERATURE, Array, Seen, View, stated
 from shockrig.analysis.checks.thresholds import limit
@@ -18,7 +19,7 @@ from shockrig.analysis.physics.modes import Modes, film_mean, film_mean_biot, fi
 
 SHAPES = {TEMPERATURE: ("sphere", "lag", "two lags"), HUMIDITY: ("film", "film behind air", "lag", "two lags")}
 TRIED = 8  # runs on which the shape is chosen
-MOST_READINGS = 300  # of a run's transient; more are thinned out
+FEWEST_READINGS, MOST_READINGS = 6, 300  # of a run's transient; more are thinned out
 REACH = 30.0  # of the tables, in units of t63
 
 
@@ -73,7 +74,7 @@ def _shows_a_response(view: View, seen: Seen) -> bool:
     least = limit("rate_step_percent" if seen.column == HUMIDITY else "rate_step_k")
     if seen.run.air is not None or not seen.moves or abs(seen.step) < least:
         return False
-    return seen.column != HUMIDITY or bool(isothermal(view, seen))
+    return (seen.column != HUMIDITY or bool(isothermal(view, seen))) and _near(seen).size >= FEWEST_READINGS
 
 
 def _fresh_every_s(seen: Seen) -> float:
@@ -86,6 +87,13 @@ def _fresh_every_s(seen: Seen) -> float:
 def _begin_and_rise(seen: Seen) -> tuple[float, float]:
     begin = seen.crossing_s(0.1)
     return begin, max(seen.crossing_s(0.632) - begin, 0.3 * seen.period_s)
+
+
+def _near(seen: Seen) -> NDArray[np.int64]:
+    """Indices of the readings of the transient, with some of both plateaus."""
+    begin, rise = _begin_and_rise(seen)
+    before, after = begin - 4.0 * rise - 8.0 * seen.period_s, begin + 5.0 * rise + 4.0 * seen.period_s
+    return np.flatnonzero((seen.time_s > before) & (seen.time_s < after))
 
 
 @lru_cache
@@ -109,11 +117,9 @@ def _fit(seen: Seen, shape: str) -> Response:
     from scipy.optimize import least_squares
 
     begin, rise = _begin_and_rise(seen)
-    near = (seen.time_s > begin - 4.0 * rise - 8.0 * seen.period_s) & (
-        seen.time_s < begin + 5.0 * rise + 4.0 * seen.period_s
-    )
-    thin = max(int(near.sum()) // MOST_READINGS, 1)
-    time, value = seen.time_s[near][::thin], seen.value[near][::thin] / seen.step
+    near = _near(seen)
+    near = near[:: max(near.size // MOST_READINGS, 1)]
+    time, value = seen.time_s[near], seen.value[near] / seen.step
     centred = value - value.mean()
     x, table = _shape(shape)
 
@@ -125,5 +131,5 @@ def _fit(seen: Seen, shape: str) -> Response:
 
     starts = [np.array([np.log(f), late]) for f in (0.9, 1.2, 1.5, 1.9) for late in (-0.5, -0.25, -0.1, 0.0)]
     start = min(starts, key=lambda p: float(np.square(misfit(p)).sum()))
-    found = least_squares(misfit, start, x_scale=(0.1, 0.1), diff_step=[1e-3, 1e-3], max_nfev=40)
+    found = least_squares(misfit, start, method="lm", diff_step=np.array(1e-3), max_nfev=200)
     return Response(seen, float(rise * np.exp(found.x[0])), float(np.sqrt(2.0 * found.cost / time.size)))

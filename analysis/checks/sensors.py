@@ -108,7 +108,7 @@ def _dead(view: View, column: str, dead: list[Seen]) -> InputFinding:
         runs,
         "warn" if column == DIE else "stop",
         f"{name} in {FILES[column]} stays at {first.before:.4g} {UNITS[column]} in {view.words(runs)}, {moved}: the "
-        "sensor is dead, or was not in the air; leave these runs out.",
+        "sensor is dead, stuck at the end of its range, or was not in the air; leave these runs out.",
     )
 
 
@@ -163,6 +163,9 @@ def _rail(view: View, seen: Seen) -> tuple[float, float] | None:
     for rail, side in ((float(seen.value.max()), 1.0), (float(seen.value.min()), -1.0)):
         for air, end in zip(airs, ends, strict=True):
             flat = (end == rail).mean() >= limit("flat_share")
-            if flat and air is not None and side * (air - rail) > short:
+            beyond = 0.0 if air is None else side * (air - rail)
+            if seen.column == HUMIDITY and rail in (0.0, 100.0):
+                beyond = abs(beyond)  # what no sensor reads beyond, it may also read by mistake
+            if flat and air is not None and beyond > short:
                 return rail, air
     return None
