@@ -11,6 +11,7 @@ import pytest
 
 from shockrig.analysis.characterization.characterize import characterize
 from shockrig.analysis.characterization.extension import extension_of, read_extension
+from shockrig.analysis.inference.model import Held
 from shockrig.analysis.physics.modes import response_times, sphere_core, sphere_core_biot
 from shockrig.files.campaign import read_campaign
 from shockrig.files.errors import InputError
@@ -137,8 +138,8 @@ def _relative_ventilation(airflow):
 
 def test_what_single_readings_show_is_held_and_not_fitted():
     extension = extension_of([Effect("quantization", {"step": Uncertain(0.2, 0.001)}), Effect("hysteresis")])
-    assert extension.layout.fixed == (("quantization", "step", 0.2),)
-    assert [e for e, _ in extension.layout.parameters] == ["hysteresis"]
+    assert extension.structure.held == (Held("quantization", "step", 0.2),)
+    assert extension.structure.names == ("hysteresis.rh_percent",)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import numpy as np
 
 from shockrig.analysis.characterization.characterize import ChannelResult, Characterization, Row, to_profile
 from shockrig.analysis.report.fitted import UNIT, panels, relative_runs, residuals, single_runs
-from shockrig.analysis.report.html import Cell, Details, Figure, KeyNumber, Report, Section, Table, Text
+from shockrig.analysis.report.html import Block, Cell, Details, Figure, KeyNumber, Report, Section, Table, Text
 from shockrig.analysis.report.numbers import measured, plain
 from shockrig.analysis.report.parameters import Curve, diffusivity, parameter_by_condition
 from shockrig.analysis.report.residuals import residual_overview
@@ -60,8 +60,7 @@ def _names(found: ChannelResult) -> str:
 def draw_figures(result: Characterization) -> dict[str, tuple[Drawing, str]]:
     """All figures of the page by file name, each with its caption."""
     figures: dict[str, tuple[Drawing, str]] = {}
-    if result.humidity is not None:
-        profile = to_profile(result).humidity
+    if result.humidity is not None and (profile := to_profile(result).humidity) is not None:
         rows = result.humidity.rows
         grid = (
             np.linspace(rows[0].ambient_c, rows[-1].ambient_c, 120) if len(rows) > 1 else np.array([rows[0].ambient_c])
@@ -110,16 +109,17 @@ def write_characterization(result: Characterization, directory: Path, provenance
     def figure(name: str, alt: str) -> Figure:
         return Figure(saved[name], drawn[name][1], alt)
 
-    sections = [Section("The numbers", _number_blocks(result))]
+    numbers = _number_blocks(result)
     if "diffusivity" in drawn:
-        sections[0].blocks.append(figure("diffusivity", "Diffusivity of the film over temperature"))
+        numbers.append(figure("diffusivity", "Diffusivity of the film over temperature"))
+    sections = [Section("The numbers", numbers)]
     for name, found in result.channels().items():
         noise = found.noise
         text = Text(
             f"Noise of one reading, from the plateaus before any fit: {plain(noise.standard_deviation, 3)} "
             f"{UNIT[name]} ({_noise_words(found)}). Residuals of all used samples: {plain(found.rmse, 3)} {UNIT[name]}."
         )
-        blocks = [text, figure(f"{name}_runs", f"Every run of the {name} channel with fit and residual")]
+        blocks: list[Block] = [text, figure(f"{name}_runs", f"Every run of the {name} channel with fit and residual")]
         blocks.append(figure(f"{name}_residuals", f"Residuals of the {name} channel by condition"))
         blocks.append(figure(f"{name}_by_condition", f"Diffusivity of single runs of the {name} channel by condition"))
         blocks.append(Details("How the fit was made", [_search_table(found), Text(_METHOD)]))
@@ -139,7 +139,7 @@ def write_characterization(result: Characterization, directory: Path, provenance
 
 _METHOD = (
     "Differential evolution searches each ambient for the rate with the smallest RMSE (Eq. 17 of Segales et al. 2022), "
-    "with start times and airs as recorded; nlopt's SBPLX, started from the time to half-way, is the second opinion. "
+    "with start times and airs as recorded; nlopt's SBPLX, started from the time to half-way, is the cross-check. "
     "From there all ambients are fitted together by generalised least squares: the noise's autocorrelation is counted, "
     "and each run has a start time, a rate and two airs of its own that deviate as much as is known of them. "
     "Uncertainties are one standard uncertainty; where residuals or deviations are larger than they should be, they "
@@ -175,8 +175,8 @@ def _times(row: Row) -> str:
     return f"{plain(r.t63_s, 3)} / {plain(r.t90_s, 3)} / {plain(r.t98_s, 3)} s"
 
 
-def _number_blocks(result: Characterization) -> list:
-    rows = []
+def _number_blocks(result: Characterization) -> list[Block]:
+    rows: list[list[Cell]] = []
     for name, found in result.channels().items():
         for row in found.rows:
             label = "alpha" if name == "temperature" else f"D at {round(row.ambient_c, 1) + 0.0:.1f} °C"
@@ -184,14 +184,12 @@ def _number_blocks(result: Characterization) -> list:
             r = row.response
             rows.append([label, value, r.t63_s, r.t90_s, r.t98_s, len(row.runs), row.basis])
     columns = ("", "value ± standard uncertainty", "t63, s", "t90, s", "t98, s", "runs", "from")
-    blocks: list = [Table(columns, rows)]
-    effects = [
-        [name, effect.effect, parameter, measured(value.value, value.standard_uncertainty)]
-        for name, found in result.channels().items()
-        for effect in found.effects
-        for parameter, value in (effect.parameters.items() or {"–": None}.items())
-        if value is not None
-    ]
+    blocks: list[Block] = [Table(columns, rows)]
+    effects: list[list[Cell]] = []
+    for name, found in result.channels().items():
+        for effect in found.effects:
+            values = {p: measured(v.value, v.standard_uncertainty) for p, v in effect.parameters.items()}
+            effects += [[name, effect.effect, p, text] for p, text in (values or {"–": "–"}).items()]
     if effects:
         blocks.append(Table(("channel", "effect", "parameter", "value"), effects, "Effects that the model carries"))
     return blocks
@@ -217,14 +215,16 @@ def _search_table(found: ChannelResult) -> Table:
             plain(float(np.exp(row.evolution.log_rate)) * length**2, 6),
             row.evolution.rmse,
             row.evolution.evaluations,
-            plain(float(np.exp(row.second.log_rate)) * length**2, 6),
-            row.second.evaluations,
+            plain(float(np.exp(row.check.log_rate)) * length**2, 6),
+            row.check.evaluations,
             plain(row.diffusivity_m2_s, 6),
         ]
         for row in found.rows
+        if row.evolution is not None and row.check is not None
     ]
-    columns = ("ambient", "evolution", "RMSE", "candidates", "second opinion", "evaluations", "least squares, m²/s")
-    return Table(columns, rows, f"The two optimisers differ by {100 * found.disagreement:.2g} % at most.")
+    columns = ("ambient", "evolution", "RMSE", "candidates", "cross-check", "evaluations", "least squares, m²/s")
+    differ = found.disagreement
+    return Table(columns, rows, "" if differ is None else f"The two optimisers differ by {100 * differ:.2g} % at most.")
 
 
 def _left_out(result: Characterization) -> Table | Text:

@@ -14,7 +14,7 @@ from shockrig.analysis.inference.quantity import QUANTITIES
 from shockrig.analysis.report.fitted import UNIT
 from shockrig.analysis.report.numbers import measured, plain
 
-SENSOR = {name: quantity.noun for name, quantity in QUANTITIES.items()}
+SENSOR: dict[str, str] = {name: quantity.noun for name, quantity in QUANTITIES.items()}
 
 
 def named(effect: str) -> str:

@@ -16,7 +16,7 @@ from shockrig.analysis.report.residuals import ResidualRun
 from shockrig.analysis.report.runs import RunPanel
 from shockrig.files.campaign import Campaign, Trace
 
-UNIT = {name: quantity.unit for name, quantity in QUANTITIES.items()}
+UNIT: dict[str, str] = {name: quantity.unit for name, quantity in QUANTITIES.items()}
 
 
 def conditions(channel: Channel, i: int) -> tuple[str, float, float | None, float]:
