@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 from shockrig.analysis.characterization.extension import read_extension
+from shockrig.analysis.diagnosis.diagnose import NO_STEP
 from shockrig.analysis.report.numbers import measured
 from shockrig.files.campaign import read_campaign
 from shockrig.files.profile import read_profile
@@ -120,7 +121,7 @@ def test_what_is_printed_is_what_the_files_say(film):
 
 def test_characterize_can_take_the_diagnosis_up(film):
     extensions = read_extension(film[0] / "diagnosis.json")
-    assert extensions["temperature"].layout.effects == ("convective_film",)
+    assert extensions["temperature"].structure.ids == ("convective_film",)
 
 
 def test_the_report_shows_before_and_after_and_needs_nothing_else(film):
@@ -135,8 +136,8 @@ def test_the_report_shows_before_and_after_and_needs_nothing_else(film):
 
 
 @pytest.fixture
-def poor(tmp_path):
-    """Two runs of an example: too few for a diagnosis."""
+def two_runs(tmp_path):
+    """Two runs of an example, in which humidity steps and temperature does not."""
     campaign = tmp_path / "campaign"
     shutil.copytree(EXAMPLES / "plain-rough", campaign)
     for run in sorted((campaign / "runs").iterdir())[2:]:
@@ -144,10 +145,20 @@ def poor(tmp_path):
     return campaign
 
 
-def test_too_few_runs_are_refused_and_nothing_is_left(poor, tmp_path, capsys):
-    assert main(["diagnose", str(poor), "--out", str(tmp_path / "out")]) == 2
+def test_two_runs_are_diagnosed_and_name_nothing(two_runs, tmp_path, capsys):
+    assert main(["diagnose", str(two_runs), "--out", str(tmp_path / "out")]) == 0
+    assert f"The bead could not be diagnosed: {NO_STEP}" in capsys.readouterr().out
+    channels = load(tmp_path / "out", "diagnosis.json")["channels"]
+    assert list(channels) == ["humidity"]
+    assert channels["humidity"]["verdict"] == "adequate" and channels["humidity"]["causes"] == []
+
+
+def test_runs_without_a_step_are_refused_and_nothing_is_left(two_runs, tmp_path, capsys):
+    for file in two_runs.glob("runs/*/hyt.csv"):
+        file.unlink()
+    assert main(["diagnose", str(two_runs), "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err.strip().splitlines()[-1]
-    assert "fewer than three usable runs" in said and str(poor) in said
+    assert NO_STEP in said and "no hyt.csv" in said and str(two_runs) in said
     assert sorted(p.name for p in tmp_path.iterdir()) == ["campaign"]
 
 
