@@ -78,6 +78,7 @@ def diagnosis_card(document: Mapping[str, Any]) -> str:
             errors = f"{plain(before, 3)} {row.unit} on unseen runs, {plain(after, 3)} with its causes"
             words.append(f"{errors} (noise {plain(noise, 3)})")
         facts.append((str(channel), ": ".join(words)))
+    facts += [("note", str(note)) for note in document.get("input_findings") or ()]
     next_runs = document.get("next_experiments") or []
     if next_runs:
         facts.append(("to measure next", f"{len(next_runs)} runs"))

@@ -189,8 +189,8 @@ def profile_dataset(profile: Profile) -> xr.Dataset:
     return xarray.Dataset(variables, coordinates)
 
 
-def profile_card(profile: Profile) -> str:
-    """What a profile knows: alpha, noise, the effects that it carries, the table."""
+def profile_card(profile: Profile, notes: Sequence[str] = ()) -> str:
+    """What a profile knows: alpha, noise, the effects that it carries, the table; `notes` are sentences to add."""
     facts = []
     if (t := profile.temperature) is not None:
         alpha = t.thermal_diffusivity_m2_s
@@ -201,6 +201,7 @@ def profile_card(profile: Profile) -> str:
     for part, words in ((profile.temperature, "bead"), (profile.humidity, "film")):
         if part is not None and part.effects:
             facts.append((f"effects of the {words}", ", ".join(effect.effect for effect in part.effects)))
+    facts += [("note", note) for note in notes]
     return card("Sensor profile", facts, profile_frame(profile))
 
 

@@ -27,6 +27,7 @@ from shockrig.files.errors import InputError
 from shockrig.files.flight import Corrected, Flight, read_layout
 from shockrig.files.flight_rows import read_blocks, to_flight
 from shockrig.files.profile import Profile, read_profile, write_profile
+from shockrig.files.views import profile_card
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -84,6 +85,12 @@ class Characterized:
     profile: Profile
     result: Characterization
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was seen in the input before any fit, and why a sensor could not be characterized."""
+        seen = [finding.sentence for finding in self.result.findings]
+        return (*seen, *(f"{name}: {reason}" for name, reason in self.result.missing.items()))
+
     def to_frame(self) -> pd.DataFrame:
         """One row for the bead (alpha) and one for each ambient of the film (D), with uncertainty, response times."""
         return self.profile.to_frame()
@@ -101,7 +108,7 @@ class Characterized:
         write_profile(self.profile, path)
 
     def _repr_html_(self) -> str:
-        return self.profile._repr_html_()
+        return profile_card(self.profile, self.notes)
 
 
 @dataclass(frozen=True)
@@ -128,6 +135,11 @@ class Diagnosed:
     def causes(self) -> dict[str, list[str]]:
         """The effects named in each channel."""
         return {name: [c["effect"] for c in found["causes"]] for name, found in self.document["channels"].items()}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was seen in the input before any fit."""
+        return self.result.input_findings
 
     @property
     def gain(self) -> pd.DataFrame:

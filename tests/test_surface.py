@@ -60,6 +60,7 @@ DIAGNOSIS = {
         "humidity": {"verdict": "adequate", "causes": []},
     },
     "next_experiments": [{"airflow_m_s": 2.5}],
+    "input_findings": ["runs 0003 and 0007 read in kelvin"],
 }
 
 
@@ -189,7 +190,7 @@ def test_a_diagnosis_as_tables_has_a_row_for_each_parameter_and_for_each_channel
     assert gain.loc["temperature", "unit"] == "K" and gain.loc["temperature", "high_95"] == 1.0
     card = result_views.diagnosis_card(DIAGNOSIS)
     assert "0.210 K on unseen runs, 0.0210 with its causes (noise 0.0200)" in card
-    assert "&lt;i&gt;bench" in card and "1 runs" in card
+    assert "&lt;i&gt;bench" in card and "1 runs" in card and "read in kelvin" in card
     panels = result_views.plot_diagnosis(DIAGNOSIS).axes
     assert [bar.get_width() for bar in panels[0].patches] == [0.21, 0.021]
 
@@ -258,3 +259,16 @@ def test_nothing_to_explain_extends_nothing(campaign):
     assert found.verdicts == {"temperature": "adequate"} and found.causes == {"temperature": []}
     assert "adequate" in found._repr_html_() and len(found.to_frame()) == 1
     assert shockrig.characterize(campaign, extend=found).profile.temperature.effects == ()
+
+
+def test_what_was_wrong_with_the_input_is_shown_with_the_result(campaign):
+    """Two runs whose bead was logged in kelvin are set aside, and the result says so."""
+    kelvin = [
+        dataclasses.replace(run.imet, values={"temperature_c": run.imet.values["temperature_c"] + 273.15})
+        for run in campaign.runs
+    ]
+    runs = tuple(dataclasses.replace(run, imet=trace) for run, trace in zip(campaign.runs, kelvin, strict=True))
+    found = shockrig.characterize(dataclasses.replace(campaign, runs=runs))
+    assert found.profile.temperature is None and found.profile.humidity is not None
+    assert any("kelvin" in note for note in found.notes)
+    assert "kelvin" in found._repr_html_()
