@@ -8,16 +8,26 @@ import pytest
 from shockrig.analysis.diagnosis.diagnose import Cause
 from shockrig.analysis.diagnosis.gain import Gain
 from shockrig.analysis.diagnosis.held_out import HeldOut, autocorrelation, drifts, size
+from shockrig.analysis.diagnosis.remainder import Remainder
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.flight.typical import typical_profile
+from shockrig.analysis.inference.quantity import TEMPERATURE
 from shockrig.analysis.report.crossing import cross_inversion
-from shockrig.analysis.report.diagnosis_words import NEEDS, cause_sentence, channel_verdict, experiments, listed, worse
+from shockrig.analysis.report.diagnosis_words import (
+    cause_sentence,
+    channel_verdict,
+    experiments,
+    listed,
+    remainder_sentence,
+    worse,
+)
 from shockrig.analysis.report.parameters import RunParameter
 from shockrig.files.profile import Effect, HumidityProfile, Profile, TemperatureProfile, Uncertain
 
 
 def gain(before, after, floor):
-    return Gain(before, after, floor, 0.99, (0.98, 1.0), np.array([]), np.array([]))
+    runs = [np.full(3, x**2) for x in (before, after, after)]
+    return Gain(before, after, floor, 0.99, (0.98, 1.0), True, *runs)
 
 
 def channel(name, verdict, causes=(), discrepancy=None):
@@ -62,10 +72,6 @@ def test_every_effect_of_the_catalogue_has_a_sentence_without_blanks(effect):
         assert "{" not in text and text.endswith(".")
 
 
-def test_needs_are_those_of_effects_in_the_catalogue():
-    assert set(NEEDS) <= set(CATALOGUE)
-
-
 def test_adequate_and_unexplained_are_said_honestly():
     assert "plain diffusion model describes the film" in channel_verdict(channel("humidity", "adequate"))
     left = {
@@ -81,6 +87,21 @@ def test_adequate_and_unexplained_are_said_honestly():
     assert "from 2.5 to 10 s" in text and "it varies with airflow, and part of it is the same in every run" in text
     assert "Certain all the same: The bead does not follow" in text
     assert channel_verdict(channel("temperature", "unexplained")).endswith("explains.")
+
+
+def test_what_is_left_is_said_with_whether_it_matters():
+    def said(rms, significant, tolerance):
+        left = Remainder(rms, 4 * rms, "K", significant, tolerance, 0.6, 2.5, ())
+        return remainder_sentence(SimpleNamespace(remainder=left))
+
+    assert said(0.01, False, 0.03) == (
+        "Left on unseen runs: 0.010 K rms above the noise, at most 0.040 K; no more than chance leaves."
+    )
+    assert "at a tolerance of 0.030 K it does not matter" in said(0.01, True, 0.03)
+    assert "more than the tolerance of 0.030 K" in said(0.05, True, 0.03)
+    assert Remainder(0.01, 0.2, "K", True, 0.03, 0.6, 2.5, ()).material  # a peak of five tolerances and more
+    assert not Remainder(0.0, 0.0, "K", False, 0.0, 0.6, 2.5, ()).material
+    assert Remainder(0.0, 0.0, "K", True, 0.0, 0.6, 2.5, ()).material  # where nothing is tolerated
 
 
 def test_rivals_in_words():
@@ -144,7 +165,7 @@ def single_runs(rng, exponent):
 
 
 def test_a_diffusivity_that_moves_with_airflow_is_found_to_and_by_how_much():
-    result = SimpleNamespace(channel=SimpleNamespace(name="temperature"))
+    result = SimpleNamespace(channel=SimpleNamespace(quantity=TEMPERATURE))
     found = {d.condition: d for d in drifts(single_runs(np.random.default_rng(1), 0.3), result)}
     assert set(found) == {"airflow", "direction", "ambient"}  # one size of step: nothing to be said of it
     assert found["airflow"].moves and not found["direction"].moves and not found["ambient"].moves
@@ -152,7 +173,7 @@ def test_a_diffusivity_that_moves_with_airflow_is_found_to_and_by_how_much():
 
 
 def test_of_steady_diffusivities_hardly_any_is_said_to_move():
-    result = SimpleNamespace(channel=SimpleNamespace(name="temperature"))
+    result = SimpleNamespace(channel=SimpleNamespace(quantity=TEMPERATURE))
     moved = [d.moves for seed in range(40) for d in drifts(single_runs(np.random.default_rng(seed), 0.0), result)]
     assert len(moved) == 120 and sum(moved) <= 1
 
