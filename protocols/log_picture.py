@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.report.style import BLUE, CYCLE, GREY, LIGHT, literal, styled
+from shockrig.files.figures import BLUE, CYCLE, GREY, LIGHT, literal, styled
 from shockrig.rig.logs.channels import SensorLog
 from shockrig.rig.logs.found import LogStep
 from shockrig.rig.logs.stamps import to_map

@@ -20,7 +20,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     logs = parser.add_argument_group("logs with any number of sensors and steps")
     logs.add_argument("logs", metavar="LOG", type=Path, nargs="*", help="text files of any layout, all of one")
     logs.add_argument("--look", action="store_true", help="write a first map and a picture of the log into --out (.)")
-    logs.add_argument("--map", metavar="MAP.toml", type=Path, help="what the columns are and which steps make runs")
+    logs.add_argument(
+        "--map",
+        metavar="MAP.toml",
+        type=Path,
+        help="what the columns are and which steps are runs; a file, or haar, intermet, rbr",
+    )
     logs.add_argument("--sensor", metavar="NAME", help="of several sensors only this one; --out is then its campaign")
     files = parser.add_argument_group("one run at a time")
     files.add_argument("--imet", metavar="FILE", type=Path, help="CSV file of the thermometer")

@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 
 def look(args: argparse.Namespace) -> int:
     """Write a first map and a picture of every log; with --map only the pictures, of the steps that the map has."""
-    from shockrig.analysis.report.style import figure_bytes
     from shockrig.files.disk import is_there, shown
+    from shockrig.files.figures import figure_bytes
     from shockrig.protocols.folder import whole_folder
     from shockrig.protocols.log_picture import draw_log
     from shockrig.rig.logs.channels import read_sensors
     from shockrig.rig.logs.first_map import look_at
     from shockrig.rig.logs.found import steps_of
-    from shockrig.rig.logs.mapping import read_map
+    from shockrig.rig.logs.map_file import read_map
 
     folder = args.out or Path(".")
     map_path = args.map or folder / f"{args.logs[0].stem}.toml"
@@ -63,7 +63,7 @@ def import_by_map(args: argparse.Namespace) -> int:
     from shockrig.files.disk import shown
     from shockrig.protocols.folder import software_version, whole_folder
     from shockrig.rig.logs.campaigns import import_logs, write_sensor_campaign
-    from shockrig.rig.logs.mapping import read_map
+    from shockrig.rig.logs.map_file import read_map
 
     out: Path = args.out
     if out.is_file() or (out.is_dir() and any(out.iterdir())):
@@ -142,8 +142,9 @@ def _say_campaign(campaign: SensorCampaign, place: Path) -> None:
         )
         for said in run.remarks:
             print(f"        {said}")
-    for one in campaign.left_out:
-        print(f"  left out  {one.log} step {one.step.number}: {one.why}")
+    for log, why in dict.fromkeys((one.log, one.why) for one in campaign.left_out):
+        numbers = [str(one.step.number) for one in campaign.left_out if (one.log, one.why) == (log, why)]
+        print(f"  left out  {log} step{'' if len(numbers) == 1 else 's'} {', '.join(numbers)}: {why}")
     if not campaign.runs:
         print("  no campaign is written for it")
 

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 LEAST_STEP = {"temperature": 0.5, "humidity": 2.0}  # K and %RH: below that, rooms do it by themselves
-LEAST_SHARE = 0.03  # of the channel's range
+LEAST_SHARE = 0.02  # of the channel's range
 HELD_SHARE = 0.6  # of a channel's changes come at one distance where each reading is repeated that often
 HELD_CHANGES = 30
 
@@ -191,7 +191,7 @@ def _readings(log: Log, sensor: SensorMap, names: Mapping[str, str]) -> Readings
             there &= ~absent
     rows = np.flatnonzero(there)
     values = {key: column[rows] for key, column in columns.items()}
-    held = sensor.held or held_for([values[key] for key in main])
+    held = sensor.held or held_for(log.time_s[rows], [values[key] for key in main])
     if held > 1:
         keep = _first_of_held([values[key] for key in main], held)
         remarks.append(
@@ -201,15 +201,21 @@ def _readings(log: Log, sensor: SensorMap, names: Mapping[str, str]) -> Readings
     return Readings(sensor.name, rows, values, held, tuple(remarks))
 
 
-def held_for(columns: list[Array]) -> int:
-    """How many rows each reading stands in: 1, or the distance at which nearly all changes follow one another."""
+def held_for(time_s: Array, columns: list[Array]) -> int:
+    """How many rows each reading stands in: 1, or the distance at which nearly all changes follow one another.
+
+    Of rows at the log's usual distance: between rows that were thinned out everything changes.
+    """
     size = columns[0].size if columns else 0
     if size < 2:
         return 1
     changed = np.zeros(size - 1, dtype=bool)
     for column in columns:
         changed |= (np.diff(column) != 0) & ~(np.isnan(column[1:]) & np.isnan(column[:-1]))
-    distances = np.diff(np.flatnonzero(changed))
+    places = np.flatnonzero(changed)
+    distances, took_s = np.diff(places), np.diff(time_s[1:][places])
+    period_s = float(np.median(np.diff(time_s)))
+    distances = distances[np.abs(took_s - distances * period_s) < 0.5 * period_s]
     if distances.size < HELD_CHANGES:
         return 1
     usual = int(np.bincount(distances).argmax())

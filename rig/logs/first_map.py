@@ -14,12 +14,14 @@ from shockrig.rig.errors import BenchError
 from shockrig.rig.logs.channels import SensorLog, read_sensors
 from shockrig.rig.logs.found import LogStep, steps_of
 from shockrig.rig.logs.guess import Guess, guess_log, likely_reference
-from shockrig.rig.logs.mapping import FORMAT, LogMap, parse_map
+from shockrig.rig.logs.map_file import parse_map
+from shockrig.rig.logs.mapping import FORMAT, LogMap
 from shockrig.rig.logs.onset import Move
 from shockrig.rig.logs.stamps import ISO, NUMBERS, to_map
 from shockrig.rig.logs.text import Layout, Scan, scan
 
 WIDTH, LONGEST = 44, 120  # where comments stand, and how long a line may be
+MUCH_FASTER = 1.5  # that a sensor must be to be suggested as another's reference
 UNIT_SHOWN = {"temperature": "degC", "humidity": "%RH"}
 
 
@@ -113,11 +115,9 @@ def _head(scans: Sequence[Scan], guess: Guess, map_path: Path) -> str:
 
 
 def _sensors(guess: Guess, times: dict[str, dict[str, float]], by_name: str | None) -> str:
-    fastest = {key: min(of, key=lambda name: of[name]) for key, of in times.items() if len(of) > 1}
-    suggested = by_name or fastest.get("temperature") or fastest.get("humidity")
     lines = []
     for sensor in guess.sensors:
-        lines += ["\n", _line(f"[sensor.{sensor.name}]", "; ".join(sensor.notes))]
+        lines += ["\n", *(f"# {note}\n" for note in sensor.notes), _line(f"[sensor.{sensor.name}]")]
         for key, (column, unit, how) in sensor.columns.items():
             lines.append(_line(f"{key} = {_text(column)}"))
             lines.append(_line(f"{key}_unit = {_text(unit)}", how))
@@ -125,15 +125,10 @@ def _sensors(guess: Guess, times: dict[str, dict[str, float]], by_name: str | No
         if {"temperature", "humidity"} <= set(sensor.columns) and "die_temperature" not in sensor.columns:
             column = _text(sensor.columns["temperature"][0])
             lines.append(_line(f"# die_temperature = {column}", "if one chip measures both"))
-        if suggested is not None and suggested != sensor.name:
-            took = [f"63 % of {key} after {of[suggested]:.3g} s" for key, of in times.items() if suggested in of]
-            quick = fastest.get("temperature", fastest.get("humidity")) == suggested
-            why = f"{'the fastest here' if quick else 'by its name'}{': ' if took else ''}{', '.join(took)}"
-            lines.append(_line(f"# reference = {_text(suggested)}", f"if it measured the air beside this one ({why})"))
-            if by_name and fastest and by_name not in fastest.values():
-                quicker = next(iter(fastest.values()))
-                if quicker != sensor.name:
-                    lines.append(_line(f"# reference = {_text(quicker)}", "the fastest here"))
+        lines += [
+            _line(f"# reference = {_text(name)}", f"if it measured the air beside this one: {why}")
+            for name, why in _references(sensor.name, times, by_name).items()
+        ]
         for kind, quantity, length in (
             ("thermometer", "temperature", "bead_radius_m"),
             ("hygrometer", "humidity", "film_thickness_m"),
@@ -141,8 +136,22 @@ def _sensors(guess: Guess, times: dict[str, dict[str, float]], by_name: str | No
             if quantity in sensor.columns and kind not in sensor.extra:
                 lines.append(_line(f'# {kind} = {{ kind = "", serial = "" }}', f"also body, {length}"))
     lines += ["\n"] if guess.unused else []
-    lines += [f"# not used: {_shorter(name)} ({why})\n" for name, why in guess.unused]
+    for why in dict.fromkeys(why for _, why in guess.unused):
+        names = ", ".join(name for name, reason in guess.unused if reason == why)
+        lines.append(f"# not used, {why}: {_shorter(names)}\n")
     return "".join(lines)
+
+
+def _references(sensor: str, times: dict[str, dict[str, float]], by_name: str | None) -> dict[str, str]:
+    """Sensors that may have measured the air beside one, and what speaks for each."""
+    found = {}
+    if by_name is not None and by_name != sensor:
+        found[by_name] = "its name says so"
+    for key, of in times.items():
+        fastest = min(of, key=lambda name: of[name])
+        if fastest != sensor and sensor in of and of[sensor] > MUCH_FASTER * of[fastest]:
+            found[fastest] = f"63 % of {key} after {of[fastest]:.3g} s, this one after {of[sensor]:.3g} s"
+    return found
 
 
 def _steps_text(logs: Sequence[SensorLog], steps: Sequence[Sequence[LogStep]]) -> str:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from shockrig.rig.logs.clocks import guess_clock
 from shockrig.rig.logs.known import adjust
 from shockrig.rig.logs.stamps import Clock
-from shockrig.rig.logs.text import NUMBER, Scan
+from shockrig.rig.logs.text import NUMBER, Scan, is_value
 from shockrig.rig.logs.units import UNITS, bare_name, known_unit, quantity_of, unit_in_name
 
 Array = NDArray[np.float64]
@@ -61,13 +61,13 @@ def guess_log(lines: Scan) -> Guess:
         named = unit_in_name(name) or known_unit(lines.units[k])
         quantity = quantity_of(name, named)
         if quantity is None or quantity == "time":
-            unused.append((name, "not a temperature, humidity, pressure or airflow by its name"))
+            unused.append((name, "by its name no temperature, humidity, pressure or airflow"))
             continue
         if values.size < 2 or (values == 0.0).all():
-            unused.append((name, "holds nothing" if values.size < 2 else "holds nothing but zeros: not connected?"))
+            unused.append((name, "holds nothing" if values.size < 2 else "holds nothing but zeros (not connected?)"))
             continue
         unit, how = guess_unit(quantity, named, values)
-        key = sensor_key(name)
+        key = sensor_key(re.sub(r" #\d+$", "", name))
         if quantity in ("pressure", "airflow") and not key:
             shared.append((quantity, name, unit, how))
             continue
@@ -86,6 +86,7 @@ def guess_log(lines: Scan) -> Guess:
                 sensor = sensors.setdefault(key, SensorGuess(key))
                 place = quantity
         sensor.columns[place] = (name, unit, how)
+    sensors = _one_pair(sensors)
     known_as = adjust(lines.names, list(sensors.values()))
     useful = [sensor for sensor in sensors.values() if {"temperature", "humidity"} & set(sensor.columns)]
     for sensor in sensors.values():
@@ -101,6 +102,18 @@ def guess_log(lines: Scan) -> Guess:
             bare = re.sub(r"[^A-Za-z0-9]+", "-", bare_name(main[0])).strip("-")
             sensor.name = (bare if len(main) == 1 and bare else "sensor") + (sensor.name if len(main) > 1 else "")
     return Guess(clock, tuple(useful), known_as, tuple(unused))
+
+
+def _one_pair(sensors: dict[str, SensorGuess]) -> dict[str, SensorGuess]:
+    """One temperature and one humidity in all are one sensor's, whatever they are called."""
+    with_temperature = [sensor for sensor in sensors.values() if "temperature" in sensor.columns]
+    with_humidity = [sensor for sensor in sensors.values() if "humidity" in sensor.columns]
+    if len(with_temperature) != 1 or len(with_humidity) != 1 or with_temperature == with_humidity:
+        return sensors
+    (first,), (second,) = with_temperature, with_humidity
+    columns = {**second.columns, **first.columns}
+    rest = {key: sensor for key, sensor in sensors.items() if sensor not in (first, second)}
+    return {"": SensorGuess("", columns, first.extra | second.extra, first.notes + second.notes), **rest}
 
 
 def guess_unit(quantity: str, named: str | None, values: Array) -> tuple[str, str]:
@@ -127,7 +140,7 @@ def guess_unit(quantity: str, named: str | None, values: Array) -> tuple[str, st
 
 def sensor_key(name: str) -> str:
     """What is left of a column's name without quantity and unit, as a name that TOML takes bare."""
-    bare = bare_name(name).replace("#", " ")
+    bare = bare_name(name)
     left = _WORDS.sub(" ", bare) if _WORDS.search(bare) else ("" if re.fullmatch(r"[tT]", bare) else bare)
     return re.sub(r"[^A-Za-z0-9]+", "-", left).strip("-")
 
@@ -144,4 +157,6 @@ def _numbers(cells: Sequence[str], decimal: str) -> Array:
     texts = [cell.strip() for cell in cells]
     if decimal == ",":
         texts = [text.replace(",", ".") for text in texts]
-    return np.array([float(text) for text in texts if NUMBER.fullmatch(text) and "," not in text])
+    found = [NUMBER.match(text) for text in texts]
+    numbers = [match[0] for match, text in zip(found, texts, strict=True) if match and is_value(text)]
+    return np.array([float(number) for number in numbers if "," not in number])

@@ -144,7 +144,6 @@ def _read_cells(lines: Scan, layout: Layout, wanted: Sequence[str], clock: Clock
         keep_default_na=False,
         na_values=list(dict.fromkeys(words)),
         dtype=dict.fromkeys(textual, "str"),
-        float_precision="round_trip",
         low_memory=False,
     )
     return {name: frame[place].to_numpy() for place, name in places.items()}
@@ -189,7 +188,7 @@ def _numbers(cells: NDArray[np.object_], column: Column, layout: Layout, lines: 
             f"state the right {key} in the map ({', '.join(UNITS[column.quantity])})"
         )
     if absurd.size:
-        said.append(_sentence(absurd.size, f"readings of {column.name!r} that cannot be", lines.numbers[absurd[0]]))
+        said.append(_sentence(absurd.size, f"impossible readings of {column.name!r}", lines.numbers[absurd[0]]))
         numbers[absurd] = np.nan
     if np.isfinite(numbers).sum() < 2:
         raise BenchError(f"{where}: holds no readings; name another column in the map, or leave this one out")

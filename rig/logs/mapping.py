@@ -1,4 +1,4 @@
-"""The map of a log (MAP.toml, shock-map/1): what a person says of it. Checked here, key by key.
+"""What a person says of a log (MAP.toml, shock-map/1), checked and frozen.
 
 [log]            how its text is laid out and which column tells the time; what is left out is found
 [sensor.NAME]    one thermometer and/or one hygrometer that moved together: columns, units, what is known of them
@@ -9,36 +9,20 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from shockrig.files.campaign_names import BODIES
-from shockrig.files.disk import TOML_AT_MOST, read_text, shown
-from shockrig.files.ranges import RANGES, Range
-from shockrig.rig.errors import BenchError
 from shockrig.rig.logs.log import Column
-from shockrig.rig.logs.stamps import ISO, NUMBERS, OF_DAY
-from shockrig.rig.logs.text import SEPARATORS, Layout
-from shockrig.rig.logs.toml_table import Table
-from shockrig.rig.logs.units import UNITS, known_unit
+from shockrig.rig.logs.text import Layout
+from shockrig.rig.logs.units import UNITS
 
 FORMAT = "shock-map/1"
 COLUMNS = {
     "temperature": "temperature", "humidity": "humidity", "die_temperature": "temperature", "pressure": "pressure",
     "airflow": "airflow",
 }  # fmt: skip
-_INSTRUMENTS = {"thermometer": "bead_radius_m", "hygrometer": "film_thickness_m"}
-_AS_REFERENCE = {
-    "temperature_time_constant_s": "reference_time_constant_s",
-    "temperature_standard_uncertainty_k": "reference_uncertainty_k",
-    "humidity_time_constant_s": "reference_time_constant_s",
-    "humidity_standard_uncertainty_percent": "reference_uncertainty_percent",
-}
-STAMPS = ("auto", "spread", "first")
-_POSITIVE = Range(0.0, 1e9)
 
 
 @dataclass(frozen=True)
@@ -106,185 +90,9 @@ class LogMap:
         )
 
 
-def read_map(path: Path) -> LogMap:
-    """Read and check a map.
-
-    Raises
-    ------
-    BenchError, InputError
-        Names the file, the line or key, what was expected and the remedy.
-    """
-    return parse_map(read_text(path, "name a map, as shockrig import LOG --look writes it", TOML_AT_MOST), path)
-
-
-def parse_map(text: str, path: Path) -> LogMap:
-    """As `read_map`, from text; `path` names it in errors."""
-    where = shown(path)
-    try:
-        content = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise BenchError(f"{where}: not TOML: {error}; fix the line") from None
-    top = Table(content, where, "")
-    top.know("format", "name", "log", "sensor", "runs", "steps", "step")
-    if content.get("format", FORMAT) != FORMAT:
-        raise top.wrong("format", f'"{FORMAT}"')
-    log = top.table("log")
-    log.know(
-        *("separator", "decimal", "header_line", "comment", "missing", "time", "time_format", "time_unit"),
-        "repeated_stamps",
-    )
-    header_line = log.whole("header_line", 0, 10**9)
-    decimal = log.one_of("decimal", ("point", "comma"))
-    layout = Layout(
-        separator=log.one_of("separator", tuple(SEPARATORS)),
-        decimal=None if decimal is None else {"point": ".", "comma": ","}[decimal],
-        header_line=header_line,
-        comment=log.text("comment"),
-        missing=tuple(str(item) for item in log.several("missing")),
-    )
-    time_unit = log.text("time_unit")
-    if time_unit is not None and known_unit(time_unit) not in UNITS["time"]:
-        raise log.wrong("time_unit", f"one of {', '.join(UNITS['time'])}")
-    runs = top.table("runs")
-    runs.know("before_s", "after_s", *_FACTS)
-    steps = top.table("steps")
-    steps.know("merge_s", "least_temperature_k", "least_humidity_percent")
-    least = {
-        "temperature": steps.number("least_temperature_k", Range(1e-6, 100.0)),
-        "humidity": steps.number("least_humidity_percent", Range(1e-6, 100.0)),
-    }
-    sensors = {name: _sensor(name, table) for name, table in top.tables("sensor")}
-    if not sensors:
-        raise BenchError(f"{where}: no [sensor.NAME] table; name the columns of one sensor at least, as --look does")
-    found = LogMap(
-        path=path,
-        name=top.text("name"),
-        layout=layout,
-        time=tuple(str(item) for item in log.several("time")),
-        time_format=_time_format(log),
-        time_unit=None if time_unit is None else known_unit(time_unit),
-        stamps=log.one_of("repeated_stamps", STAMPS) or "auto",
-        sensors=sensors,
-        steps=tuple(_step(number, table, sensors) for number, table in enumerate(top.list("step"), start=1)),
-        facts=_facts(runs),
-        before_s=runs.number("before_s", _POSITIVE),
-        after_s=runs.number("after_s", _POSITIVE),
-        merge_s=steps.number("merge_s", _POSITIVE),
-        least={quantity: value for quantity, value in least.items() if value is not None},
-    )
-    if not found.wanted:
-        raise BenchError(f"{where}: every sensor is only another's reference; say campaign = true in one [sensor.NAME]")
-    return found
-
-
 def columns_of(sensor: SensorMap) -> dict[str, Column]:
     """A sensor's columns by their keys; units that the map does not state are the campaign's own."""
     return {
         key: Column(name, COLUMNS[key], unit or next(iter(UNITS[COLUMNS[key]])))
         for key, (name, unit) in sensor.columns.items()
     }
-
-
-_FACTS: Mapping[str, Range | None] = {
-    "source": None,
-    "destination": None,
-    "airflow_m_s": RANGES["airflow_m_s"],
-    "pressure_hpa": RANGES["pressure_hpa"],
-    "duration_s": RANGES["transfer_s"],
-}
-
-
-def _sensor(name: str, table: Table) -> SensorMap:
-    units = [f"{key}_unit" for key in COLUMNS]
-    table.know(*COLUMNS, *units, "reference", "campaign", "held", "zero_is_missing", *_INSTRUMENTS, *_AS_REFERENCE)
-    if not name.isprintable() or set(name) & set('/\\"') or name.startswith("."):
-        raise BenchError(
-            f"{table.where}: key sensor.{name}: expected a plain name, which becomes a folder's; rename it"
-        )
-    columns: dict[str, tuple[str, str | None]] = {}
-    for key, quantity in COLUMNS.items():
-        column = table.content.get(key)
-        if column is None:
-            continue
-        if not isinstance(column, str | int) or isinstance(column, bool):
-            raise table.wrong(key, "the name of a column, or its number from 1")
-        said = table.text(f"{key}_unit")
-        unit = None if said is None else known_unit(said)
-        if said is not None and unit not in UNITS[quantity]:
-            raise table.wrong(f"{key}_unit", f"one of {', '.join(UNITS[quantity])}")
-        columns[key] = (str(column), unit)
-    if not {"temperature", "humidity"} & set(columns):
-        raise BenchError(
-            f'{table.where}: [{table.path.rstrip(".")}]: names no column; add temperature = "..." or humidity = "..."'
-        )
-    instruments = {}
-    for kind, length in _INSTRUMENTS.items():
-        of_kind = table.table(kind)
-        of_kind.know("kind", "serial", "body", length)
-        said_of = {
-            "kind": of_kind.text("kind"),
-            "serial": of_kind.text("serial"),
-            length: of_kind.number(length, RANGES[length]),
-            "body": of_kind.one_of("body", BODIES),
-        }
-        instruments[kind] = {key: value for key, value in said_of.items() if value is not None}
-    stated = {key: table.number(key, RANGES[limits]) for key, limits in _AS_REFERENCE.items()}
-    return SensorMap(
-        name=name,
-        columns=columns,
-        reference=tuple(str(item) for item in table.several("reference")),
-        is_campaign=table.flag("campaign"),
-        held=table.whole("held", 1, 10000),
-        zero_is_missing=bool(table.flag("zero_is_missing")),
-        thermometer=instruments["thermometer"],
-        hygrometer=instruments["hygrometer"],
-        as_reference={key: value for key, value in stated.items() if value is not None},
-    )
-
-
-def _step(number: int, table: Table, sensors: Mapping[str, SensorMap]) -> StepMap:
-    known = ("log", "piece", "at", "uncertainty_s", "use", "sensors", "from", "until", "start", "note")
-    table.know(*known, *_FACTS)
-    if "at" not in table.content and "start" not in table.content:
-        raise BenchError(f"{table.where}: key {table.path}at: is missing; say when it was, on the log's clock")
-    of = tuple(str(item) for item in table.several("sensors"))
-    for name in of:
-        if name not in sensors:
-            raise table.wrong("sensors", f"names of [sensor.NAME] tables ({', '.join(sensors)})")
-    used = table.flag("use")
-    return StepMap(
-        number=number,
-        at=table.content.get("at", table.content.get("start")),
-        log=table.text("log"),
-        piece=table.whole("piece", 1, 10**6),
-        uncertainty_s=table.number("uncertainty_s", _POSITIVE),
-        is_used=True if used is None else used,
-        sensors=of,
-        begin=table.content.get("from"),
-        end=table.content.get("until"),
-        start=table.content.get("start"),
-        facts=_facts(table),
-    )
-
-
-def _facts(table: Table) -> dict[str, Any]:
-    """What is known of runs: airs, airflow, pressure, duration of the transfer."""
-    facts: dict[str, Any] = {}
-    for key, limits in _FACTS.items():
-        if limits is not None:
-            facts[key] = table.number(key, limits)
-            continue
-        air = table.table(key)
-        air.know("temperature_c", "humidity_percent")
-        numbers = {name: air.number(name, RANGES[name]) for name in ("temperature_c", "humidity_percent")}
-        facts[key] = {name: value for name, value in numbers.items() if value is not None} or None
-    return {key: value for key, value in facts.items() if value is not None}
-
-
-def _time_format(log: Table) -> str | None:
-    said = log.text("time_format")
-    if said is not None and said not in (ISO, NUMBERS, OF_DAY) and "%" not in said:
-        raise log.wrong(
-            "time_format", f'a strptime format such as "%d.%m.%Y %H:%M:%S", "{ISO}", "{NUMBERS}" or "{OF_DAY}"'
-        )
-    return said

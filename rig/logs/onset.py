@@ -17,9 +17,9 @@ from shockrig.rig.logs.changes import Change, Channel
 
 Array = NDArray[np.float64]
 
-POINTS = 160  # of readings, or means of them, that a fit takes
+POINTS = 120  # of readings, or means of them, that a fit takes
 FEWEST = 8.0  # independent ones that they count for at least
-STARTS, LAGS = 61, 17
+STARTS, LAGS = 41, 13
 RATIOS = (0.0, 0.05, 0.15, 0.4, 0.99)  # of the second time constant to the first
 # A body that is warmed from its surface hides the start of it: the core of a sphere shows 1 % of the step only after a
 # fifth of its t63 (Carslaw and Jaeger 1959, eq. 9.3(5)), and is timed late by as much. Which body it is is not known.
@@ -99,20 +99,22 @@ def _around(channel: Channel, change: Change, since_s: float, reach_s: float) ->
 
 
 def _settled(since_s: Array, value: Array, before: float) -> float:
-    """The level that a move comes to: where it changes by less than a tenth over as long again as it took.
+    """The level that a move comes to: from when on it changes by less than a tenth over three times as long as it took.
 
     A slow drift or ramp that follows is no part of it.
     """
     if value.size < 3:
         return float(np.median(value)) if value.size else before
     excursion = float(np.abs(value - before).max())
+    spacing_s = float(since_s[1] - since_s[0])
     for took_s in np.geomspace(max(since_s[2], since_s[-1] / 1e5), since_s[-1] / 2.0, 120) if since_s[-1] > 0 else ():
-        near = np.abs(since_s - took_s) <= max(0.1 * took_s, since_s[1] - since_s[0])
-        later = np.abs(since_s - 2.0 * took_s) <= max(0.2 * took_s, since_s[1] - since_s[0])
+        near = np.abs(since_s - took_s) <= max(0.1 * took_s, spacing_s)
+        later = (since_s >= 1.8 * took_s) & (since_s <= max(4.0 * took_s, 2.0 * took_s + spacing_s))
         if not near.any() or not later.any():
             continue
         there, then = float(np.median(value[near])), float(np.median(value[later]))
-        if abs(there - before) >= 0.5 * excursion and abs(then - there) < 0.1 * abs(there - before):
+        way = abs(there - before)
+        if way >= 0.5 * excursion and abs(then - there) < 0.1 * way and abs(value[later][-1] - there) < 0.2 * way:
             return then
     return float(np.median(value[since_s >= 0.9 * since_s[-1]]))
 

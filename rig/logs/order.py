@@ -84,12 +84,12 @@ def in_order(time_s: Array, values: Mapping[str, Array], lines: Sequence[int], s
         pieces += [slice(begin + a, begin + b) for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a]
         begin += moments.size
     if len(sessions) > 1:
+        times = "once" if len(sessions) == 2 else f"{len(sessions) - 1} times"
         first = int(number[sessions[1][0]])
-        remarks.append(
-            f"the clock starts anew {len(sessions) - 1} times (first in line {first}); the rest is a piece by itself"
-        )
+        remarks.append(f"the clock starts anew {times} (first in line {first}): what follows is a piece of its own")
     if holes:
-        remarks.append(f"{len(holes)} gaps, the longest of {max(holes):.6g} s; a step within one cannot be timed")
+        count = "a gap of" if len(holes) == 1 else f"{len(holes)} gaps, the longest of"
+        remarks.append(f"{count} {max(holes):.6g} s: a step within one cannot be timed")
     index = np.concatenate(parts)
     return Ordered(
         np.concatenate(spread), {name: column[index] for name, column in values.items()}, tuple(pieces), tuple(remarks)

@@ -17,14 +17,10 @@ from shockrig.rig.logs.found import LogStep
 from shockrig.rig.logs.mapping import LogMap, SensorMap
 from shockrig.rig.logs.stamps import to_map
 from shockrig.rig.logs.steps import READINGS_AFTER, READINGS_BEFORE
+from shockrig.rig.logs.windows import drifts, inside_run, settled_since, window
 
 Array = NDArray[np.float64]
 
-LEAD_READINGS, LEAD_T63 = 100, 2.0  # what a run has before its step, where the log has it
-LEAD_T63_MEASURED = 6.0  # beside a measured air: the sensor has forgotten what was before that
-TAIL_READINGS, TAIL_T63 = 100, 20.0  # and after it
-SETTLED = 0.05  # of the step may pass in the stretch before it ...
-FEWEST_SETTLED = 20  # ... which has so many readings at least
 MEASURED = {
     "temperature": "temperature_c",
     "humidity": "humidity_percent",
@@ -71,8 +67,8 @@ def runs_of(
             continue
         begin_s, end_s = window(sensors, steps, one, map_, name)
         if one.begin_s is None:
-            begin_s = _settled_since(sensors, one, name, begin_s)
-        inside = _inside(sensors, name, one.step.piece, begin_s, end_s)
+            begin_s = settled_since(sensors, one, name, begin_s)
+        inside = inside_run(sensors, name, one.step.piece, begin_s, end_s)
         moments = sensors.log.time_s[sensors.readings[name].rows[inside]]
         before, after = int((moments < one.step.at_s).sum()), int((moments >= one.step.at_s).sum())
         if before < READINGS_BEFORE or after < READINGS_AFTER:
@@ -82,66 +78,6 @@ def runs_of(
             continue
         runs.append(_run(sensors, one, map_, sensor, begin_s, end_s))
     return runs, left_out
-
-
-def window(sensors: SensorLog, steps: Sequence[LogStep], one: LogStep, map_: LogMap, name: str) -> tuple[float, float]:
-    """From where to where a run goes, on the log's clock.
-
-    From a settled stretch before the step (of the time since the step before only the second half) until the next step
-    is near, or the sensor has long settled.
-    """
-    log = sensors.log
-    rows = log.pieces[one.step.piece]
-    at_s = one.step.at_s
-    here = [other.step for other in steps if other.step.piece == one.step.piece]
-    begins_s, ends_s = float(log.time_s[rows.start]), float(log.time_s[rows.stop - 1])
-    last_s = max((other.at_s + other.lasted_s for other in here if other.at_s < at_s), default=None)
-    following = min((other for other in here if other.at_s > at_s), key=lambda other: other.at_s, default=None)
-    readings = sensors.readings[name]
-    moments = log.time_s[readings.rows]
-    period_s = float(np.median(np.diff(moments))) if moments.size > 1 else log.period_s
-    t63_s = max((move.t63_s for move in one.step.moves if move.channel.rsplit(".", 1)[0] == name), default=0.0)
-    lead = LEAD_T63_MEASURED if map_.sensors[name].reference else LEAD_T63
-    lead_s = map_.before_s if map_.before_s is not None else max(LEAD_READINGS * period_s, lead * t63_s)
-    tail_s = map_.after_s if map_.after_s is not None else max(TAIL_READINGS * period_s, TAIL_T63 * t63_s)
-    begin_s = max(at_s - lead_s, begins_s if last_s is None else last_s + 0.5 * (at_s - last_s))
-    end_s = min(at_s + tail_s, ends_s)
-    if following is not None:
-        end_s = min(end_s, following.at_s - max(2.0 * following.uncertainty_s, 2.0 * period_s))
-    return (
-        one.begin_s if one.begin_s is not None else begin_s,
-        one.end_s if one.end_s is not None else end_s,
-    )
-
-
-def _settled_since(sensors: SensorLog, one: LogStep, name: str, begin_s: float) -> float:
-    """A later begin, where the sensor had not settled at `begin_s`: the latest halves of the stretch are tried."""
-    at_s = one.step.at_s - 2.0 * one.step.uncertainty_s
-    for _ in range(4):
-        inside = _inside(sensors, name, one.step.piece, begin_s, at_s)
-        if inside.sum() < 2 * FEWEST_SETTLED or not drifts(one, sensors, name, inside):
-            break
-        begin_s += 0.5 * (at_s - begin_s)
-    return begin_s
-
-
-def drifts(one: LogStep, sensors: SensorLog, name: str, inside: NDArray[np.bool_]) -> dict[str, float]:
-    """Key -> by how much a channel that steps drifts over the readings `inside`, where that is much of the step."""
-    found = {}
-    readings = sensors.readings[name]
-    for move in one.step.moves:
-        of, key = move.channel.rsplit(".", 1)
-        if of != name:
-            continue
-        value = readings.values[key][inside]
-        value = value[np.isfinite(value)]
-        quarter = value.size // 4
-        if quarter < 2:
-            continue
-        drift = float(np.median(value[-quarter:]) - np.median(value[:quarter]))
-        if abs(drift) > SETTLED * abs(move.size):
-            found[key] = drift
-    return found
 
 
 def _why_not(one: LogStep, name: str, is_measured: bool) -> str:
@@ -154,18 +90,11 @@ def _why_not(one: LogStep, name: str, is_measured: bool) -> str:
     return "" if is_measured and one.step.stages > 1 else one.step.why_not
 
 
-def _inside(sensors: SensorLog, name: str, piece: int, begin_s: float, end_s: float) -> NDArray[np.bool_]:
-    rows = sensors.log.pieces[piece]
-    readings = sensors.readings[name]
-    moments = sensors.log.time_s[readings.rows]
-    return (readings.rows >= rows.start) & (readings.rows < rows.stop) & (moments >= begin_s) & (moments <= end_s)
-
-
 def _run(
     sensors: SensorLog, one: LogStep, map_: LogMap, sensor: SensorMap, begin_s: float, end_s: float
 ) -> ImportedRun:
     log, readings = sensors.log, sensors.readings[sensor.name]
-    inside = _inside(sensors, sensor.name, one.step.piece, begin_s, end_s)
+    inside = inside_run(sensors, sensor.name, one.step.piece, begin_s, end_s)
     moments = log.time_s[readings.rows[inside]]
     zero_s = float(moments[0])
     values = {key: value[inside] for key, value in readings.values.items()}
@@ -268,7 +197,7 @@ def _table(columns: Mapping[str, Array]) -> str:
 def _remarks(sensors: SensorLog, one: LogStep, name: str, begin_s: float) -> tuple[str, ...]:
     """What a user should know of a run: a sensor that had not settled before the step."""
     until_s = one.step.at_s - 2.0 * one.step.uncertainty_s
-    found = drifts(one, sensors, name, _inside(sensors, name, one.step.piece, begin_s, until_s))
+    found = drifts(one, sensors, name, inside_run(sensors, name, one.step.piece, begin_s, until_s))
     return tuple(
         f"{key} had not settled: {drift:+.2g} in the {until_s - begin_s:.3g} s before it"
         for key, drift in found.items()

@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 FEW_READINGS = 8  # between two changes cannot be a run
 STAGE_READINGS = 50  # between two stages of one step at most ...
 STAGE_QUIET = 20.0  # ... and so many times the longest of these pauses is quiet before and after
+UNDER_WAY = 0.25  # of a step's size may have passed in one t63 before it: weather and waves are as fast as that always
+RAMP = 0.5  # of the stretch to the next step, taken by 63 % of the way: it did not slow down
 LEAST_STAGE = 0.05  # of the whole way
 MANY_STAGES = 3  # that one transfer does not make
 READINGS_BEFORE, READINGS_AFTER = 5, 10  # that a run needs
@@ -69,7 +71,9 @@ def find_steps(channels: Sequence[Channel], piece: int, merge_s: float | None = 
     for k, group in enumerate(groups):
         since_s = _last_s(groups[k - 1]) if k else begins_s
         until_s = groups[k + 1][0].time_s if k + 1 < len(groups) else ends_s
-        steps.append(_step(channels, group, piece, since_s, until_s))
+        step = _step(channels, group, piece, since_s, until_s)
+        if step is not None:
+            steps.append(step)
     return tuple(judged(step, steps, k, channels) for k, step in enumerate(steps))
 
 
@@ -135,8 +139,10 @@ def _last_s(group: Sequence[_Cluster]) -> float:
     return max(change.time_s for cluster in group for those in cluster.changes.values() for change in those)
 
 
-def _step(channels: Sequence[Channel], group: Sequence[_Cluster], piece: int, since_s: float, until_s: float) -> Step:
-    """Time the first change of every channel that moved."""
+def _step(
+    channels: Sequence[Channel], group: Sequence[_Cluster], piece: int, since_s: float, until_s: float
+) -> Step | None:
+    """Time the first change of every channel that moved; None where none did more than wander."""
     moves = []
     stages, lasted_s = 1, 0.0
     for place, channel in enumerate(channels):
@@ -149,11 +155,29 @@ def _step(channels: Sequence[Channel], group: Sequence[_Cluster], piece: int, si
         count, last_s = count_stages(channel, move, end_s)
         if count >= MANY_STAGES:
             move = _first_stage(channel, move, mine[0])
+        elif not _stands_out(channel, move, since_s):
+            continue
         if count > stages:
             stages, lasted_s = count, last_s - move.at_s
         moves.append(move)
+    if not moves:
+        return None
     first = min(moves, key=lambda move: move.at_s + 2.0 * move.uncertainty_s)
     return Step(piece, first.at_s, first.uncertainty_s, tuple(moves), stages, lasted_s)
+
+
+def _stands_out(channel: Channel, move: Move, since_s: float) -> bool:
+    """Whether a channel went to another level, and faster than it was on its way before."""
+    if abs(move.size) < 0.5 * channel.least:
+        return False
+    lead_s = max(move.t63_s, 8.0 * channel.period_s)
+    until_s = move.at_s - 2.0 * move.uncertainty_s
+    begin_s = max(until_s - lead_s, since_s)
+    before = (channel.time_s >= begin_s) & (channel.time_s < until_s)
+    if before.sum() < FEW_READINGS or until_s - begin_s < 0.3 * lead_s:
+        return True
+    slope = np.polyfit(channel.time_s[before] - move.at_s, channel.value[before], 1)[0]
+    return bool(abs(slope) * max(move.t63_s, channel.period_s) <= UNDER_WAY * abs(move.size))
 
 
 def count_stages(channel: Channel, move: Move, until_s: float) -> tuple[int, float]:
@@ -202,11 +226,14 @@ def judged(step: Step, steps: Sequence[Step], k: int, channels: Sequence[Channel
     moved = [channel for channel in channels if channel.name in {move.channel for move in step.moves}]
     since_s = steps[k - 1].at_s if k else -np.inf
     until_s = steps[k + 1].at_s if k + 1 < len(steps) else np.inf
+    ends_s = max(float(c.time_s[-1]) for c in moved)
     before = max(int(((c.time_s > since_s) & (c.time_s < step.at_s)).sum()) for c in moved)
     after = max(int(((c.time_s > step.at_s) & (c.time_s < until_s)).sum()) for c in moved)
     why = ""
     if step.stages >= MANY_STAGES:
         why = f"came in {step.stages} stages over {step.lasted_s:.3g} s: the air itself took that long"
+    elif all(move.t63_s > RAMP * (min(until_s, ends_s) - move.at_s) for move in step.moves):
+        why = "did not slow down until the next step or the end: a ramp, or too short a stretch to tell"
     elif before < READINGS_BEFORE:
         why = f"only {before} readings before it: no level to start from"
     elif after < READINGS_AFTER:

@@ -121,9 +121,12 @@ def scan(path: Path, layout: Layout) -> Scan:
 
 
 def is_value(cell: str) -> bool:
-    """Whether a cell may hold a value: a number, a date, a time, or what loggers write where there is none."""
-    text = cell.strip()
-    return text.lower() in MISSING or NUMBER.fullmatch(text) is not None or DATE.fullmatch(text) is not None
+    """Whether a cell may hold a value: a number (its unit may follow), a date, a time, or a word for a missing one."""
+    text = cell.strip().strip('"')
+    if text.lower() in MISSING or DATE.fullmatch(text) is not None:
+        return True
+    number = NUMBER.match(text)
+    return number is not None and (number.end() == len(text) or is_unit(text[number.end() :]))
 
 
 def _lines(path: Path) -> list[str]:

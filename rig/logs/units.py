@@ -89,7 +89,12 @@ def bare_name(name: str) -> str:
     bare = _BRACKETS.sub("", name)
     if "," in bare and known_unit(bare.split(",", 1)[1].split("(")[0]) is not None:
         bare = bare.split(",", 1)[0]
-    return bare.strip(" _,:")
+    bare = bare.strip(" _,:")
+    words = bare.split("_")
+    for n in (2, 1):
+        if len(words) > n and known_unit("_".join(words[-n:])) is not None:
+            return "_".join(words[:-n])
+    return bare
 
 
 def quantity_of(name: str, unit: str | None) -> str | None:

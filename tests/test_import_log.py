@@ -1,0 +1,217 @@
+"""What must hold of importing logs: whatever a log looks like, its steps and values come out, nothing is invented."""
+
+import json
+from datetime import datetime, timedelta
+
+import numpy as np
+import pytest
+from made_up_logs import (
+    FAHRENHEIT,
+    LOG,
+    MAP,
+    MARKED,
+    TWO,
+    WAYS,
+    in_full,
+    plain,
+    plain_log,
+    series,
+    text,
+    two_sensors,
+    written,
+)
+
+from shockrig.files.campaign import read_campaign
+from shockrig.protocols.cli import main
+from shockrig.rig.logs.first_map import look_at
+from shockrig.rig.logs.map_file import parse_map
+
+
+def run(*arguments):
+    return main(["import", *map(str, arguments)])
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_every_way_of_writing_gives_the_same_runs(tmp_path, way, capsys):
+    """Imported by the map that a first look writes: three runs, their steps found, every reading as recorded."""
+    log = written(tmp_path / "log.csv", WAYS[way])
+    map_ = written(tmp_path / "log.toml", look_at([log], tmp_path / "log.toml").text)
+    out = tmp_path / "campaign"
+    assert run(log, "--map", map_, "--out", out) == 0, capsys.readouterr().err
+    campaign = read_campaign(out)
+    assert [one.id for one in campaign.runs] == ["0001", "0002", "0003"]
+    assert all(
+        one.start_s is None and one.airflow_m_s is None and one.source.temperature_c is None for one in campaign.runs
+    )
+    temperature = (LOG.temperature_c - 32.0) / 1.8 if way in FAHRENHEIT else LOG.temperature_c
+    there = np.arange(LOG.time_s.size) % 17 != 3 if way in MARKED else np.ones(LOG.time_s.size, dtype=bool)
+    for folder, at_s in zip(sorted((out / "runs").iterdir()), LOG.steps_s, strict=True):
+        head = json.loads((folder / "run.json").read_text())
+        bead, film = series(folder, "imet"), series(folder, "hyt")
+        begin_s = in_full(film["time_s"], film["humidity_percent"], LOG.time_s, LOG.humidity_percent)
+        in_full(bead["time_s"], bead["temperature_c"], LOG.time_s[there], temperature[there])
+        off_s = begin_s + head["step_seen_s"] - at_s
+        assert abs(off_s) < 2.0 * head["step_seen_standard_uncertainty_s"] < 2.0
+        assert head["imported"]["log"] == "log.csv" and "transfer" not in head
+
+
+def test_what_a_person_knows_of_a_step_is_written(tmp_path):
+    """A trigger is transfer.start_s to the microsecond; airs, airflow, pressure, duration and sensors as stated."""
+    log, map_ = plain_log(
+        tmp_path,
+        'thermometer = { kind = "bead", serial = "7", body = "lumped", bead_radius_m = 2e-4 }\n'
+        'hygrometer = { kind = "film", film_thickness_m = 5e-6 }\n'
+        "[runs]\nairflow_m_s = 5.0\npressure_hpa = 950.0\n"
+        "[[step]]\nat = 80.0\nuncertainty_s = 0.5\nstart = 80.13\nduration_s = 0.4\nairflow_m_s = 2.5\n"
+        "source = { temperature_c = 22.0, humidity_percent = 40.0 }\ndestination = { temperature_c = 35.0 }\n"
+        "[[step]]\nat = 170.5\nfrom = 150.0\nuntil = 200.0\n",
+    )
+    assert run(log, "--map", map_, "--out", tmp_path / "c", "--name", "known") == 0
+    campaign = read_campaign(tmp_path / "c")
+    first, second = campaign.runs
+    begins_s = LOG.time_s[np.abs(LOG.time_s - (80.13 - first.start_s)).argmin()]
+    assert first.start_s == pytest.approx(80.13 - begins_s, abs=1e-9)
+    assert (first.airflow_m_s, first.pressure_hpa, first.duration_s) == (2.5, 950.0, 0.4)
+    assert (first.source.temperature_c, first.destination.temperature_c) == (22.0, 35.0)
+    assert first.source.humidity_percent == 40.0 and first.destination.humidity_percent is None
+    assert second.start_s is None and second.airflow_m_s == 5.0
+    assert second.imet.time_s[-1] == pytest.approx(50.0, abs=0.5)
+    assert second.extra["step_seen_s"] == pytest.approx(20.25, abs=1e-6)  # 170.5, from the first reading at 150.25
+    assert campaign.name == "known" and campaign.bead_radius_m == 2e-4 and campaign.film_thickness_m == 5e-6
+    assert campaign.bodies == {"imet": "lumped", "hyt": "film"} and campaign.sensors["imet"]["serial"] == "7"
+
+
+@pytest.mark.parametrize("reference", ['reference = "fast"', 'reference = ["temp fast [°C]", "rh"]'])
+def test_one_sensor_is_the_measured_air_of_another(tmp_path, reference):
+    """Named by its table or by its columns: air.csv is its readings, over the whole run and one more on either side."""
+    log = two_sensors(tmp_path)
+    map_ = written(tmp_path / "map.toml", TWO.replace("{reference}", reference))
+    assert run(log, "--map", map_, "--sensor", "slow", "--out", tmp_path / "c") == 0
+    campaign = read_campaign(tmp_path / "c")
+    assert len(campaign.runs) == 3 and campaign.runs[0].hyt is None
+    for one in campaign.runs:
+        assert one.air.time_s[0] < one.imet.time_s[0] and one.air.time_s[-1] >= one.imet.time_s[-1]
+        zero_s = in_full(
+            one.air.time_s - one.air.time_s[0], one.air.values["temperature_c"], LOG.time_s, LOG.temperature_c
+        )
+        in_full(
+            one.air.time_s - one.air.time_s[0], one.air.values["humidity_percent"], LOG.time_s, LOG.humidity_percent
+        )
+        assert one.imet.time_s[0] == 0.0 and zero_s - one.air.time_s[0] in LOG.time_s
+    stated = json.loads((tmp_path / "c/runs/0001/run.json").read_text()).get("reference")
+    by_table = {"temperature_time_constant_s": 0.5, "humidity_standard_uncertainty_percent": 0.8}
+    assert stated == (by_table if "fast" == reference.split('"')[1] else None)
+
+
+def test_several_sensors_make_a_campaign_each(tmp_path, capsys):
+    """A folder each under --out; what is only a reference makes none, unless it is asked for."""
+    log = two_sensors(tmp_path)
+    both = written(tmp_path / "both.toml", TWO.replace("{reference}", ""))
+    assert run(log, "--map", both, "--out", tmp_path / "both") == 0
+    assert sorted(p.name for p in (tmp_path / "both").iterdir()) == ["fast", "slow"]
+    assert [len(read_campaign(tmp_path / "both" / name).runs) for name in ("fast", "slow")] == [3, 3]
+    beside = written(tmp_path / "beside.toml", TWO.replace("{reference}", 'reference = "fast"'))
+    assert run(log, "--map", beside, "--out", tmp_path / "one") == 0
+    assert read_campaign(tmp_path / "one").runs[0].air is not None
+    assert run(log, "--map", beside, "--sensor", "fast", "--out", tmp_path / "other") == 0
+    assert read_campaign(tmp_path / "other").runs[0].hyt is not None
+    said = capsys.readouterr().out
+    assert "air measured beside the sensor (air.csv): 3 of 3 runs" in said
+    assert "not known: the airflow, 3 of 3 runs; state airflow_m_s in the map" in said
+    assert f"next: shockrig diagnose {tmp_path / 'one'} --out" in said
+
+
+def test_several_logs_make_one_campaign(tmp_path):
+    log = written(tmp_path / "a.csv", WAYS["plain"])
+    other = written(tmp_path / "b.csv", WAYS["plain"])
+    map_ = written(tmp_path / "m.toml", MAP + '[[step]]\nlog = "a.csv"\nat = 80.1\n')
+    assert run(log, other, "--map", map_, "--out", tmp_path / "c") == 0
+    heads = [json.loads((p / "run.json").read_text()) for p in sorted((tmp_path / "c/runs").iterdir())]
+    # One step stated for a.csv; b.csv has none stated, so its three are found.
+    assert [head["imported"]["log"] for head in heads] == ["a.csv", "b.csv", "b.csv", "b.csv"]
+
+
+def test_a_clock_that_starts_anew_and_a_gap_divide_a_log(tmp_path, capsys):
+    """Twice the same log after one another, and 200 s cut out where nothing happens: no step is lost or made."""
+    lines = plain("time_s,temperature_c,humidity_percent")
+    gap = [line for line in lines[1:] if not 100.0 < float(line.split(",")[0]) < 160.0]
+    log = written(tmp_path / "log.csv", text([*lines, *gap]))
+    map_ = written(tmp_path / "map.toml", MAP)
+    assert run(log, "--map", map_, "--out", tmp_path / "c") == 0
+    said = capsys.readouterr().out
+    assert "the clock starts anew once (first in line 682)" in said and "a gap of 60" in said
+    seen = [json.loads((p / "run.json").read_text())["imported"]["at"] for p in sorted((tmp_path / "c/runs").iterdir())]
+    assert [float(at) for at in seen] == pytest.approx([*LOG.steps_s, *LOG.steps_s], abs=1.0)
+    # A step stated by a time that is there twice must say in which piece.
+    map_.write_text(MAP + "[[step]]\nat = 80.1\n")
+    assert run(log, "--map", map_, "--out", tmp_path / "d") == 2
+    assert "is there 2 times, the clock starts anew; add piece = N" in capsys.readouterr().err
+    map_.write_text(MAP + "[[step]]\nat = 80.1\npiece = 2\n")
+    assert run(log, "--map", map_, "--out", tmp_path / "d") == 0
+
+
+def test_coarse_stamps_are_spread(tmp_path, capsys):
+    """Stamps of whole seconds at two readings a second: times come out to half a reading, none is lost."""
+    log = written(
+        tmp_path / "log.csv", text(plain("time_s,temperature_c,humidity_percent", time=lambda t: f"{int(t)}"))
+    )
+    assert run(log, "--map", written(tmp_path / "m.toml", MAP), "--out", tmp_path / "c") == 0
+    assert "680 rows share coarse stamps and are spread evenly" in capsys.readouterr().out
+    for one in read_campaign(tmp_path / "c").runs:
+        assert np.diff(one.imet.time_s) == pytest.approx(0.5, abs=1e-6)
+
+
+def test_held_readings_are_thinned(tmp_path, capsys):
+    """A log of 8 Hz of a sensor that is read every half second: the repeats go, what is left is what was read."""
+    rows = zip(LOG.time_s, LOG.temperature_c, LOG.humidity_percent, strict=True)
+    body = [f"{t + k / 8:.3f},{a},{b}" for t, a, b in rows for k in range(4)]
+    log = written(tmp_path / "log.csv", text(["time_s,temperature_c,humidity_percent", *body]))
+    assert run(log, "--map", written(tmp_path / "m.toml", MAP), "--out", tmp_path / "c") == 0
+    assert "each reading stands in about 4 rows" in capsys.readouterr().out
+    for one in read_campaign(tmp_path / "c").runs:
+        in_full(one.imet.time_s, one.imet.values["temperature_c"], LOG.time_s, LOG.temperature_c)
+
+
+def intermet(tmp_path):
+    """InterMet's application: two ports, one without a sensor, zeros until the first reading, stamps that repeat."""
+    names = (
+        "Time,COM Elapse,8-IST HYT 271 Humidity,8-IST HYT 271 Temperature,9-IST HYT 271 Humidity,"
+        "9-IST HYT 271 Temperature,XQ-iMet-XQ Pressure,XQ-iMet-XQ Air Temperature,XQ-iMet-XQ Humidity,"
+        "XQ-iMet-XQ Humidity Temp,XQ-iMet-XQ Date"
+    )
+    body = []
+    for n, (t, a, b) in enumerate(zip(LOG.time_s, LOG.temperature_c, LOG.humidity_percent, strict=True)):
+        moment = datetime(2023, 3, 9, 10, 12, 33, 516000) + timedelta(seconds=float(t))
+        stamp = moment.strftime("%Y/%m/%d %H:%M:%S.%f")[:-2]
+        read = (
+            f"{b:.2f},{a + 1:.2f},0.00,0.00,1002.50,{a:.2f},{b + 2:.2f},{a + 2:.2f}"
+            if n > 20
+            else ",".join(["0.00"] * 8)
+        )
+        body += [f"{stamp},{n * 500},{read},2023/03/09"] * (1 + (n % 10 == 3))
+    return written(tmp_path / "imet.csv", text([names, *body], "\r\n"))
+
+
+def test_the_csv_file_of_intermets_application_is_known(tmp_path, capsys):
+    log = intermet(tmp_path)
+    assert run(log, "--look", "--out", tmp_path) == 0
+    content = (tmp_path / "imet.toml").read_text()
+    assert "known as a CSV file of InterMet's application" in content and "9-IST-HYT" not in content
+    map_ = parse_map(content, tmp_path / "imet.toml")
+    assert set(map_.sensors) == {"8-IST-HYT-271", "XQ-iMet-XQ"}
+    assert dict(map_.sensors["8-IST-HYT-271"].columns) == {
+        "humidity": ("8-IST HYT 271 Humidity", "percent"),
+        "die_temperature": ("8-IST HYT 271 Temperature", "degC"),
+    }
+    assert run(log, "--map", tmp_path / "imet.toml", "--out", tmp_path / "c") == 0
+    said = capsys.readouterr().out
+    assert (
+        "68 rows repeat a stamp and its readings" in said
+        and "21 rows in which XQ-iMet-XQ reads nothing but zeros" in said
+    )
+    pair = read_campaign(tmp_path / "c/XQ-iMet-XQ")
+    assert [one.pressure_hpa for one in pair.runs] == [1002.5] * 3 and pair.sensors["imet"]["kind"] == "imet-xq"
+    in_full(pair.runs[0].hyt.time_s, pair.runs[0].hyt.values["temperature_c"], LOG.time_s, LOG.temperature_c + 2)
+    # The map that ships knows it as well, and finds the steps by itself.
+    assert run(log, "--map", "intermet", "--out", tmp_path / "d") == 0
+    assert len(read_campaign(tmp_path / "d").runs) == 3
