@@ -96,7 +96,7 @@ def _diagnose(outcome: Outcome, campaign: Path, seed: int) -> None:
     from shockrig.files.campaign import read_campaign
 
     recorded = read_campaign(campaign)
-    outcome.found = diagnose(recorded, seed)
+    outcome.found = diagnose(recorded)
     outcome.diagnosis = to_json(outcome.found)
     results = {found.name: extended_result(found) for found in outcome.found.channels}
     if any(results.values()):
@@ -118,25 +118,22 @@ def fresh_errors(outcome: Outcome, campaign: str | Path, channel: str) -> tuple[
 
     None where the diagnosis has nothing to predict with.
     """
-    from dataclasses import replace
-
     import numpy as np
 
-    from shockrig.analysis.diagnosis.diagnose import prepare
-    from shockrig.analysis.diagnosis.gain import run_errors
-    from shockrig.analysis.inference.channel import build_channel
-    from shockrig.analysis.inference.gls import Layout
+    from shockrig.analysis.diagnosis.gain import plainly, run_errors
+    from shockrig.analysis.diagnosis.prepare import prepare
+    from shockrig.analysis.inference.gather import build_channel
     from shockrig.files.campaign import read_campaign
 
     found = next((c for c in outcome.found.channels if c.name == channel), None) if outcome.found else None
     fresh = build_channel(read_campaign(campaign), channel)
     if found is None or fresh is None:
         return None
-    if fresh.interpolation.shape[1] != found.problem.channel.interpolation.shape[1]:
+    if fresh.rates != found.problem.channel.rates:
         return None
     problem = prepare(fresh, found.noise.averaged).problem
-    before = run_errors(fresh, problem, replace(found.plain, layout=Layout(())))
-    after = run_errors(fresh, problem, found.final) if found.final.layout.effects else before
+    before = run_errors(fresh, problem, plainly(found.plain))
+    after = run_errors(fresh, problem, found.final) if found.final.structure.effects else before
     return float(np.sqrt(before.mean())), float(np.sqrt(after.mean()))
 
 

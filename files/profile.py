@@ -213,8 +213,14 @@ def _response_time(stated: JsonObject | None) -> ResponseTime | None:
     """The three times; None where one of them is not there."""
     times = [None if stated is None else stated.number(name, positive=True) for name in ("t63", "t90", "t98")]
     given = [time for time in times if time is not None]
-    return ResponseTime(*given) if len(given) == len(times) else None
+    if stated is None or len(given) != len(times):
+        return None
+    spread = [stated.number(f"{name}_standard_uncertainty") for name in ("t63", "t90", "t98")]
+    known = [u for u in spread if u is not None]
+    return ResponseTime(*given, (known[0], known[1], known[2]) if len(known) == len(spread) else None)
 
 
 def _response_document(time: ResponseTime) -> dict[str, float]:
-    return {"t63": time.t63_s, "t90": time.t90_s, "t98": time.t98_s}
+    times = {"t63": time.t63_s, "t90": time.t90_s, "t98": time.t98_s}
+    known = time.standard_uncertainties_s
+    return times | ({f"{n}_standard_uncertainty": u for n, u in zip(times, known, strict=True)} if known else {})

@@ -33,11 +33,12 @@ GROWTH_PER_KELVIN = 0.05  # of D's relative uncertainty beyond the table, where 
 
 @dataclass(frozen=True)
 class ResponseTime:
-    """Seconds to 63, 90 and 98 % of a step (t63_s is the exact 1 - 1/e)."""
+    """Seconds to 63, 90 and 98 % of a step (t63_s is the exact 1 - 1/e), and their standard uncertainties if known."""
 
     t63_s: float
     t90_s: float
     t98_s: float
+    standard_uncertainties_s: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True)

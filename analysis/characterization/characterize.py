@@ -90,8 +90,10 @@ class Part:
     @property
     def strain(self) -> float:
         """Root mean square of the runs' start times and airs, as fitted, in units of what is known of them."""
-        scaled = np.delete(self.fit.deviations / self.problem.scatter, RunEffect.RATE, axis=1)  # its scatter is fitted
-        return float(np.sqrt(np.mean(scaled**2)))
+        counted = self.problem.stated
+        counted[:, RunEffect.RATE] = False  # its scatter is fitted
+        scaled = (self.fit.deviations / self.problem.scatter)[counted]
+        return float(np.sqrt(np.mean(scaled**2))) if scaled.size else 0.0
 
 
 @dataclass(frozen=True)
@@ -359,7 +361,7 @@ def joint_rows(
                 ambient_c=round(float(channel.ambients_c[g]), 3),
                 diffusivity_m2_s=value,
                 standard_uncertainty=value * relative,
-                response=response_time(channel, found, g),
+                response=response_time(channel, found, g, enlarged),
                 runs=runs,
                 basis=basis,
                 evolution=first,

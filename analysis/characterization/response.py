@@ -22,34 +22,39 @@ Array = NDArray[np.float64]
 
 SHARES = (1.0 - np.exp(-1.0), 0.90, 0.98)
 USUAL = {"temperature_c": 20.0, "humidity_percent": 50.0}  # of the quantity that does not step
-STEPS = 6000
+STEPS = 3000
 
 
-def response_time(channel: Channel, found: Fit, ambient: int) -> ResponseTime:
-    """Times [s] to 1 - 1/e, 90 and 98 % of a rising step at one ambient (its index), including the sensor's effects."""
+def response_time(channel: Channel, found: Fit, ambient: int, enlarged: float = 1.0) -> ResponseTime:
+    """Times [s] to 1 - 1/e, 90 and 98 % of a rising step at one ambient (its index), including the sensor's effects.
+
+    Their standard uncertainties come from the covariance of all parameters that move them, times `enlarged`.
+    """
     times = _times(channel, found.structure, found.theta, ambient)
-    return ResponseTime(*times)
+    return ResponseTime(*times, _uncertainties(channel, found, ambient, np.array(times), enlarged))
 
 
-def response_uncertainty(channel: Channel, found: Fit, ambient: int) -> tuple[float, float, float]:
-    """Standard uncertainties [s] of `response_time`, from the covariance of all parameters that move it."""
-    base = np.array(_times(channel, found.structure, found.theta, ambient))
+def _uncertainties(
+    channel: Channel, found: Fit, ambient: int, times: Array, enlarged: float
+) -> tuple[float, float, float]:
     of_sensor = set(found.structure.of_sensor().names)
-    moving = [ambient] + [found.model.place(name) for name in found.structure.names if name in of_sensor]
+    moving = [found.model.place(name) for name in found.structure.names if name in of_sensor]
     spread = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
     low, high = found.model.bounds()
-    slopes = np.zeros((3, found.theta.size))
-    for i in moving:
-        step = max(min(0.2 * spread[i], 0.05), 1e-5)
-        ends = []
-        for sign in (1.0, -1.0):
+    slopes = np.zeros((times.size, found.theta.size))
+    if not moving:
+        slopes[:, ambient] = -times  # every time of the plain chain is inverse to the rate
+    for i in [ambient, *moving] if moving else []:
+        step = max(min(0.2 * float(spread[i]), 0.05), 1e-5)
+        ends = np.clip(found.theta[i] + np.array([step, -step]), low[i], high[i])
+        moved = []
+        for end in ends:
             theta = found.theta.copy()
-            theta[i] = np.clip(theta[i] + sign * step, low[i], high[i])
-            ends.append((theta[i], np.array(_times(channel, found.structure, theta, ambient))))
-        width = ends[0][0] - ends[1][0]
-        slopes[:, i] = (ends[0][1] - ends[1][1]) / width if width > 0 else 0.0
+            theta[i] = end
+            moved.append(np.array(_times(channel, found.structure, theta, ambient)))
+        slopes[:, i] = (moved[0] - moved[1]) / (ends[0] - ends[1]) if ends[0] > ends[1] else 0.0
     variance = np.einsum("ki,ij,kj->k", slopes, found.covariance, slopes)
-    first, second, third = np.minimum(np.sqrt(np.maximum(variance, 0.0)), 1e3 * base)
+    first, second, third = np.minimum(enlarged * np.sqrt(np.maximum(variance, 0.0)), 1e3 * times)
     return float(first), float(second), float(third)
 
 

@@ -167,19 +167,10 @@ def describe(problem: Problem, found: Fit, noise: Noise, adequacy: Adequacy) -> 
     }
 
 
-def stated(problem: Problem) -> NDArray[np.bool_]:
-    """Random effects (R, U) whose size was stated: nobody can be off from what nobody recorded."""
-    c = problem.channel.conditions
-    known = np.ones(problem.scatter.shape, dtype=bool)
-    known[:, RunEffect.START] = c.start_known
-    known[:, RunEffect.SOURCE] = known[:, RunEffect.DESTINATION] = c.airs_known
-    return known
-
-
 def _deviations(problem: Problem, found: Fit) -> list[Check]:
     channel = problem.channel
     variance, prior = found.arrow.run_variances(), 1.0 / found.arrow.weight
-    recorded = stated(problem)
+    recorded = problem.stated
     f = factors(channel)
     design = np.column_stack([f["run order"], np.sign(f["step"]), f["ambient"], f["airflow"], f["amplitude"]])
     design = design - design.mean(axis=0)

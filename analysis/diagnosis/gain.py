@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from shockrig.analysis.diagnosis.adequacy import stated
 from shockrig.analysis.diagnosis.search import reconsider, refit
 from shockrig.analysis.inference.bins import as_single_samples
 from shockrig.analysis.inference.channel import Channel
@@ -152,7 +151,7 @@ def placed(bins: Problem, found: Fit) -> Array:
         again = fit(problem, found.structure, found.theta, moved, adapt_scatter=False, hold_theta=True)
         reached = min((reached, again), key=lambda f: f.objective)
     # What nobody recorded is free: it is placed where it fits best, for every model alike.
-    limit = np.where(stated(problem), PLACED_WITHIN, FREE) * problem.scatter
+    limit = np.where(problem.stated, PLACED_WITHIN, FREE) * problem.scatter
     return np.clip(reached.deviations, -limit, limit)
 
 

@@ -36,6 +36,15 @@ class Problem:
         return Problem(self.channel.select(index), self.whitener[index], self.scatter[index])
 
     @property
+    def stated(self) -> NDArray[np.bool_]:
+        """Random effects (R, U) whose size was stated: nobody can be off from what nobody recorded."""
+        c = self.channel.conditions
+        known = np.ones(self.scatter.shape, dtype=bool)
+        known[:, RunEffect.START] = c.start_known
+        known[:, RunEffect.SOURCE] = known[:, RunEffect.DESTINATION] = c.airs_known
+        return known
+
+    @property
     def rate_scatter(self) -> float:
         """Scatter of ln rate from run to run."""
         return float(self.scatter[0, RunEffect.RATE])

@@ -36,9 +36,9 @@ def rough_rates(problem: Problem, structure: Structure = PLAIN, deviations: Arra
 
 def open_starts(problem: Problem) -> NDArray[np.bool_]:
     """True for the random effects (R, U) that are start times which nobody recorded."""
-    mask = np.zeros(problem.scatter.shape, dtype=bool)
-    mask[:, RunEffect.START] = ~problem.channel.conditions.start_known
-    return mask
+    mask = ~problem.stated
+    mask[:, RunEffect.START + 1 :] = False
+    return np.asarray(mask)
 
 
 def late_starts_s(problem: Problem) -> Array:
