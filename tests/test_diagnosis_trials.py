@@ -5,15 +5,21 @@ A fixed sample of benchmarks/diagnosis_trials.py, seeds in a row; the full table
 
 from __future__ import annotations
 
-import importlib.util
-from pathlib import Path
+from dataclasses import replace
 
 import pytest
+from benchmark_scripts import benchmark
+from small_worlds import record
 
-SCRIPT = Path(__file__).parent.parent / "benchmarks" / "diagnosis_trials.py"
-spec = importlib.util.spec_from_file_location("diagnosis_trials", SCRIPT)
-trials = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(trials)
+from shockrig.analysis.diagnosis.adequacy import judge
+from shockrig.analysis.diagnosis.search import plain_fit
+from shockrig.analysis.inference.gather import build_channel
+from shockrig.analysis.inference.noise import estimate_noise, whiteners
+from shockrig.analysis.inference.problem import make_problem
+from shockrig.rig.virtual.plans import standard_plan
+from shockrig.rig.virtual.truth import ROUGH, Noise
+
+trials = benchmark("diagnosis_trials")
 
 
 @pytest.mark.parametrize("seed", range(7000, 7004))
@@ -58,39 +64,14 @@ def test_an_average_that_hides_its_own_noise_is_no_ramp():
     assert result["score"].exact, trials.line(7063, result)
 
 
-def test_a_wrong_noise_model_is_caught():
+def test_a_wrong_noise_model_is_caught(tmp_path):
     """Guards the calibration: were correlated noise taken for white, plain campaigns would raise false alarms."""
-    from dataclasses import replace
-
-    from shockrig.analysis.diagnosis.adequacy import judge
-    from shockrig.analysis.diagnosis.search import plain_fit
-    from shockrig.analysis.inference.gls import make_problem
-    from shockrig.analysis.inference.noise import estimate_noise, whiteners
-
-    channel = _rough_channel(7040)
+    noisy = {"temperature_noise": Noise(0.012, 0.012, 1.0)}
+    campaign = record(tmp_path / "campaign", 7040, tier=ROUGH, plan=standard_plan(), **noisy)
+    channel = build_channel(campaign, "temperature")
     noise = estimate_noise(channel)
     white = replace(noise, white=noise.standard_deviation, correlated=0.0)
     honest = make_problem(channel, whiteners(channel, noise))
     wrong = make_problem(channel, whiteners(channel, white))
     assert judge(honest, plain_fit(honest), noise).passed
     assert not judge(wrong, plain_fit(wrong), white).passed
-
-
-def _rough_channel(seed):
-    import tempfile
-
-    import numpy as np
-
-    from shockrig.analysis.inference.channel import build_channel
-    from shockrig.files.campaign import read_campaign
-    from shockrig.rig.virtual.batch import simulate_campaign
-    from shockrig.rig.virtual.plans import standard_plan
-    from shockrig.rig.virtual.truth import Noise, draw_truth
-
-    rng = np.random.default_rng(seed)
-    from dataclasses import replace
-
-    truth = replace(draw_truth(rng, "rough"), temperature_noise=Noise(0.012, 0.012, 1.0))
-    with tempfile.TemporaryDirectory() as folder:
-        path = simulate_campaign(truth, standard_plan(), rng, Path(folder) / "campaign")
-        return build_channel(read_campaign(path), "temperature")
