@@ -7,6 +7,7 @@ begin at it, and the start that leaves least is taken.
 from __future__ import annotations
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -78,6 +79,6 @@ def half_way_s(time_s: Array, value: Array) -> float:
     level, end = float(np.median(before)), float(np.median(value[-max(value.size // 20, 3) :]))
     share = (value[after] - level) * np.sign(end - level)
     # The median of a few readings in a row, so that one spike is no crossing.
-    smooth = np.array([np.median(share[max(i - 1, 0) : i + 2]) for i in range(share.size)])
+    smooth = np.concatenate([[share[:2].mean()], np.median(sliding_window_view(share, 3), axis=1), [share[-2:].mean()]])
     beyond = smooth > 0.5 * abs(end - level)
     return float(time_s[after][np.argmax(beyond)]) if beyond.any() else float("nan")
