@@ -217,7 +217,8 @@ def _response_time(stated: JsonObject | None) -> ResponseTime | None:
         return None
     spread = [stated.number(f"{name}_standard_uncertainty") for name in ("t63", "t90", "t98")]
     known = [u for u in spread if u is not None]
-    return ResponseTime(*given, (known[0], known[1], known[2]) if len(known) == len(spread) else None)
+    t63, t90, t98 = given
+    return ResponseTime(t63, t90, t98, (known[0], known[1], known[2]) if len(known) == len(spread) else None)
 
 
 def _response_document(time: ResponseTime) -> dict[str, float]:

@@ -7,7 +7,6 @@ pandas, xarray and matplotlib are imported when they are asked for.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple
 from html import escape
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -230,7 +229,8 @@ def plot_profile(profile: Profile) -> Figure:
         alpha = t.thermal_diffusivity_m2_s
         left.set_title(f"bead: alpha = {measured(alpha.value, alpha.standard_uncertainty, 'm²/s')}")
         if (times := t.response_time_s) is not None:
-            seconds = (f"{name} {plain(s, 3)} s" for name, s in zip(("t63", "t90", "t98"), astuple(times), strict=True))
+            named = {"t63": times.t63_s, "t90": times.t90_s, "t98": times.t98_s}
+            seconds = (f"{name} {plain(value, 3)} s" for name, value in named.items())
             right.set_title(f"bead: {', '.join(seconds)}")
     return figure
 

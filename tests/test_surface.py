@@ -20,7 +20,14 @@ import shockrig.files
 from shockrig.files import result_views, views
 from shockrig.files.campaign import Air
 from shockrig.files.flight import FLAGS, Corrected, Flight
-from shockrig.files.profile import DiffusivityRow, HumidityProfile, Profile, TemperatureProfile, Uncertain
+from shockrig.files.profile import (
+    DiffusivityRow,
+    HumidityProfile,
+    Profile,
+    ResponseTime,
+    TemperatureProfile,
+    Uncertain,
+)
 
 ROOT = Path(__file__).parent.parent
 FUNCTIONS = [name for name in shockrig.__all__ if inspect.isfunction(getattr(shockrig, name))]
@@ -29,7 +36,7 @@ WITH_EXAMPLES = [
     *(f"shockrig.files.{m.name}" for m in pkgutil.iter_modules(shockrig.files.__path__)),
 ]
 PROFILE = Profile(
-    TemperatureProfile(Uncertain(7.5e-8, 2e-10), noise_k=0.02),
+    TemperatureProfile(Uncertain(7.5e-8, 2e-10), response_time_s=ResponseTime(0.3, 0.6, 1.0), noise_k=0.02),
     HumidityProfile((DiffusivityRow(0.0, 3e-12, 1e-14, 4), DiffusivityRow(20.0, 6e-12, 3e-14, 5)), noise_percent=0.07),
 )
 DIAGNOSIS = {
@@ -165,8 +172,10 @@ def test_a_profile_shows_what_its_file_holds():
     assert frame.loc["humidity", "standard_uncertainty"].to_list() == [1e-14, 3e-14]
     card = PROFILE._repr_html_()
     assert "(7.500 ± 0.020) × 10⁻⁸ m²/s" in card and "0.070 %RH" in card
-    axes = PROFILE.plot().axes[0]
-    (bars,) = axes.containers
+    assert frame.loc["temperature", "t90_s"] == 0.6
+    figure = PROFILE.plot()
+    assert figure.axes[1].get_title("left") == "bead: t63 0.300 s, t90 0.600 s, t98 1.00 s"
+    (bars,) = figure.axes[0].containers
     assert np.allclose(bars.lines[0].get_ydata(), [3.0, 6.0])
     pytest.importorskip("xarray")
     data = PROFILE.to_xarray()

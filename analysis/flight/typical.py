@@ -34,9 +34,11 @@ def typical_profile(bead_t98_s: float = 1.0, film_t98_s: float = 15.0) -> Profil
     rows = []
     for ambient_c in AMBIENTS_C:
         diffusivity = at_20 * math.exp(-ACTIVATION_K * (1 / (ambient_c + 273.15) - 1 / 293.15))
-        times = ResponseTime(*(t * FILM_THICKNESS_M**2 / diffusivity for t in film))
+        t63, t90, t98 = (t * FILM_THICKNESS_M**2 / diffusivity for t in film)
+        times = ResponseTime(t63, t90, t98)
         rows.append(DiffusivityRow(ambient_c, diffusivity, RELATIVE_UNCERTAINTY * diffusivity, None, times))
-    bead = ResponseTime(*(t * BEAD_RADIUS_M**2 / alpha for t in response_times(sphere_core())))
+    t63, t90, t98 = (t * BEAD_RADIUS_M**2 / alpha for t in response_times(sphere_core()))
+    bead = ResponseTime(t63, t90, t98)
     return Profile(
         TemperatureProfile(
             Uncertain(alpha, 0.005 * alpha), response_time_s=bead, noise_k=NOISE_K, sampling_period_s=0.1
