@@ -74,7 +74,7 @@ def dead_sensors(view: View) -> Iterator[InputFinding]:
 def saturated_sensors(view: View) -> Iterator[InputFinding]:
     """Readings that end at one extreme value, without noise, well short of the air: the end of the sensor's range.
 
-    A flat top of the humidity a few %RH short is left to the diagnosis, which knows `saturation_clipping`.
+    A flat top of the humidity a few %RH short is left to the diagnosis, which knows clipped readings.
     """
     for column in (TEMPERATURE, HUMIDITY):
         columns = view.column(column)

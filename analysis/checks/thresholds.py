@@ -54,9 +54,7 @@ THRESHOLDS: dict[str, Threshold] = {
     "dead_after_s": Threshold(20.0, "s", "if it was watched so long", "as above"),
     "flat_share": Threshold(0.9, "1", "share of a plateau at the run's extreme value", "rounded readings toggle"),
     "flat_short_k": Threshold(3.0, "K", "a flat end this far from its air is a rail", "calibration and heating: 2 K"),
-    "flat_short_percent": Threshold(
-        14.0, "%RH", "less is the effect saturation_clipping", "hidden ones cut 3 to 10 %RH"
-    ),
+    "flat_short_percent": Threshold(14.0, "%RH", "less is an effect, a clipped reading", "hidden ones cut 3 to 10 %RH"),
     # starts and clocks
     "onset_share": Threshold(0.01, "1", "a response begins at this share of the step", "above the noise of most"),
     "onset_sigmas": Threshold(4.0, "1", "and at so many sigma of the noise", "one reading in 3e4"),

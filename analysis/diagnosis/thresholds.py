@@ -42,10 +42,10 @@ THRESHOLDS = {
         ("stated_scatter", 1.7, "by how much stated uncertainties may be exceeded", f"{_TRIALS} none"),
         ("certain_excess", 20.0, "multiple of what is left that a cause must dwarf", f"{_TRIALS} outside"),
         ("certain_least", 200.0, "drop in deviance that it must bring besides", f"{_TRIALS} outside"),
-        ("average_gain", 6.0, "drop in deviance of a mean that noise hides", f"{_TRIALS} moving_average"),
+        ("average_gain", 6.0, "drop in deviance of a mean that noise hides", f"{_TRIALS} ID, a mean of readings"),
         ("average_unlikely", 40.0, "log likelihood below which a length is out", f"{_TRIALS} one"),
-        ("hidden_noise", 0.5, "noise in steps that rounding hides", f"{_TRIALS} quantization"),
-        ("not_gaussian", 1.5, "by how much codes say less than their variance", f"{_TRIALS} quantization"),
+        ("hidden_noise", 0.5, "noise in steps that rounding hides", f"{_TRIALS} ID, rounding"),
+        ("not_gaussian", 1.5, "by how much codes say less than their variance", f"{_TRIALS} ID, rounding"),
         ("anything", 1.0, "relative uncertainty of what may be anything", "benchmarks/real_data.py"),
     )
 }
