@@ -2,11 +2,15 @@
 
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.effect import Effect, Parameter
 from shockrig.analysis.physics.chain import RoomAir
 
 
-def _recorded(channel):
+def _recorded(channel: Channel) -> NDArray[np.bool_]:
     air = channel.conditions
     return air.airs_known & air.start_known & ~channel.measured
 

@@ -2,10 +2,11 @@
 
 from dataclasses import replace
 
-from shockrig.analysis.inference.effect import Effect, InFlight, Parameter
+from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Parameter
+from shockrig.analysis.physics.chain import Chain
 
 
-def _apply(chain, p):
+def _apply(chain: Chain, p: Arrays) -> Chain:
     gain, offset = p["gain"][..., None], p["offset"][..., None]
     return replace(chain, readouts=(*chain.readouts, lambda reading, time: reading * (1 + gain) + offset))
 

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.analysis.inference.effect import RARE, Effect, Parameter
+from shockrig.analysis.inference.effect import RARE, Arrays, Effect, Parameter
+from shockrig.analysis.physics.chain import Chain
 
 
-def _apply(chain, p):
+def _apply(chain: Chain, p: Arrays) -> Chain:
     elapsed = chain.time_s + chain.channel.conditions.start_s[:, None]
     return replace(chain, time_s=chain.time_s - 1e-6 * p["ppm"][..., None] * np.maximum(elapsed, 0.0))
 

@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.effect import Effect, InFlight, Parameter
 
 LEAST_PERCENT = 10.0  # between the middles of two runs' steps
 
 
-def _levels_differ(channel) -> bool:
+def _levels_differ(channel: Channel) -> bool:
     air = channel.conditions
     middle, up = 0.5 * (air.source_percent + air.destination_percent), air.destination_percent > air.source_percent
     return bool(np.ptp(middle) > LEAST_PERCENT or (up.any() and (~up).any()))

@@ -5,10 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.analysis.inference.effect import Effect, InFlight, Parameter
+from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Parameter
+from shockrig.analysis.physics.chain import Chain
 
 
-def _apply(chain, p):
+def _apply(chain: Chain, p: Arrays) -> Chain:
     warm = chain.channel.wet_until_s
     return replace(chain, wet_until_s=np.where(np.isfinite(warm), np.nan_to_num(warm) + p["drying_time_s"], 0.0))
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.effect import Effect, InFlight, Parameter
 
 LEAST_DELAY_S = 0.014  # triggers may all be off alike by some milliseconds, and that is no delay of the channel
@@ -12,7 +13,7 @@ NUDGES_S = (-0.02, -0.01, 0.01, 0.02)  # the objective has steps where a sample 
 LEAST_CHANGE_K = 3.0  # of the air, for its jump to stand out in the RH read at its temperature
 
 
-def _when_it_jumps(channel) -> dict[str, float]:
+def _when_it_jumps(channel: Channel) -> dict[str, float]:
     """A delay moves the jump that RH makes with the air's temperature, and no fit finds its way over a jump."""
     if not channel.jumps_with_air:
         return {}

@@ -3,12 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shockrig.analysis.inference.effect import Effect, InFlight, Parameter
+from shockrig.analysis.physics.chain import Recorded
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 
 
-def dries(channel) -> np.ndarray:
+def dries(channel: Recorded) -> NDArray[np.bool_]:
     """True for the runs (R,) in which the vapour concentration falls."""
     air = channel.conditions
     return air.destination_percent * saturation_pressure_hpa(

@@ -4,12 +4,14 @@ leaves."""
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from shockrig.analysis.inference.effect import Effect, InFlight, Parameter
+from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Parameter
+from shockrig.analysis.physics.chain import Chain, Recorded
 from shockrig.analysis.physics.humidity import dew_point_c
 
 
-def wetted(channel) -> np.ndarray:
+def wetted(channel: Recorded) -> NDArray[np.float64]:
     """1 for the runs (R,) whose destination is below saturation and so lets a wet bead dry, scaled by (100 - RH) /
     50."""
     air = channel.conditions
@@ -17,8 +19,8 @@ def wetted(channel) -> np.ndarray:
     return np.where(wet_before, np.clip((100.0 - air.destination_percent) / 50.0, 0.0, 2.0), 0.0)
 
 
-def _apply(chain, p):
-    def cooled(reading, late):
+def _apply(chain: Chain, p: Arrays) -> Chain:
+    def cooled(reading: NDArray[np.float64], late: NDArray[np.float64]) -> NDArray[np.float64]:
         decay = np.exp(-np.maximum(late, 0) / p["time_constant_s"][..., None]) * (late > 0)
         return reading - (p["depression_k"] * wetted(chain.channel))[..., None] * decay
 

@@ -7,16 +7,19 @@ run's; where only some do (a transfer slowed on purpose), those have just the du
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from shockrig.analysis.inference.effect import Effect, Parameter
+from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.effect import Arrays, Effect, Parameter
+from shockrig.analysis.physics.chain import Chain
 
 
-def _ramp(chain, p) -> np.ndarray:
+def _ramp(chain: Chain, p: Arrays) -> NDArray[np.float64]:
     air = chain.channel.conditions
     return np.where(np.isfinite(air.ramp_own_s), air.ramp_own_s, p["duration_s"] * air.ramp_ratio)
 
 
-def _triggered(channel) -> bool:
+def _triggered(channel: Channel) -> bool:
     return bool((channel.conditions.start_known & ~channel.measured).any())
 
 

@@ -3,14 +3,16 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from shockrig.analysis.inference.effect import Effect, InFlight, Parameter
+from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Parameter
+from shockrig.analysis.physics.chain import Chain
 
 SET_IN_PERCENT = 5.0
 
 
-def _apply(chain, p):
-    def held_back(reading, time):
+def _apply(chain: Chain, p: Arrays) -> Chain:
+    def held_back(reading: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[np.float64]:
         change = reading - chain.source_percent[..., None]
         return reading - p["rh_percent"][..., None] * np.tanh(change / SET_IN_PERCENT)
 

@@ -2,10 +2,11 @@
 
 from dataclasses import replace
 
-from shockrig.analysis.inference.effect import Effect, Finding, InFlight, Parameter, Readings
+from shockrig.analysis.inference.effect import Arrays, Effect, Finding, InFlight, Parameter, Readings
+from shockrig.analysis.physics.chain import Chain
 
 
-def _apply(chain, p):
+def _apply(chain: Chain, p: Arrays) -> Chain:
     # A whole number of readings, the same for every candidate: it comes from the noise and is not searched.
     return replace(chain, averaged=max(int(round(float(p["samples"].flat[0]))), 1))
 

@@ -3,8 +3,9 @@
 from dataclasses import replace
 from functools import cache
 
-from shockrig.analysis.inference.effect import Effect, InFlight
+from shockrig.analysis.inference.effect import Arrays, Effect, InFlight
 from shockrig.analysis.physics.bodies import BODIES
+from shockrig.analysis.physics.chain import Chain
 
 
 @cache
@@ -16,7 +17,7 @@ def _t63(name: str) -> float:
 def _entry(name: str) -> Effect:
     body = BODIES[name]
 
-    def with_body(chain, p):
+    def with_body(chain: Chain, p: Arrays) -> Chain:
         return replace(chain, body=body)
 
     return Effect(

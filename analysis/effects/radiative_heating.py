@@ -3,11 +3,11 @@ irradiance_w_m2."""
 
 from dataclasses import replace
 
-from shockrig.analysis.inference.effect import Effect, InFlight, Parameter
-from shockrig.analysis.physics.chain import relative_ventilation
+from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Parameter
+from shockrig.analysis.physics.chain import Chain, relative_ventilation
 
 
-def _apply(chain, p):
+def _apply(chain: Chain, p: Arrays) -> Chain:
     irradiance = chain.channel.conditions.irradiance_w_m2
     rise = (p["kelvin_per_w_m2_at_5_m_s"] * irradiance / relative_ventilation(chain.channel))[..., None]
     return replace(chain, readouts=(*chain.readouts, lambda reading, time: reading + rise))

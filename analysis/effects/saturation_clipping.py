@@ -3,8 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from shockrig.analysis.inference.effect import Effect, Finding, InFlight, Parameter, Readings
+from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.effect import Effect, Finding, InFlight, Parameter, Readings, Values
 
 LEAST_CUT_PERCENT = 0.35  # less than this below the highest air is within what the airs are known to
 LEAST_PILE = 12  # readings at one ceiling that make a flat top
@@ -12,13 +14,13 @@ LEAST_ROW = 6  # of them in a row
 TOLERANCE_PERCENT = 1e-4
 
 
-def highest_air_percent(channel) -> float:
+def highest_air_percent(channel: Channel) -> float:
     """The most humid air of a channel's runs [%RH]."""
     air = channel.conditions
     return max(float(air.source_percent.max()), float(air.destination_percent.max()))
 
 
-def _within_the_airs(channel, values) -> bool:
+def _within_the_airs(channel: Channel, values: Values) -> bool:
     return values["limit_percent"] > highest_air_percent(channel) - LEAST_CUT_PERCENT
 
 
@@ -45,7 +47,7 @@ def flat_top(known: Readings) -> tuple[Readings, Finding | None]:
     )
 
 
-def _longest_row(mask) -> int:
+def _longest_row(mask: NDArray[np.bool_]) -> int:
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
     return int((edges[1::2] - edges[::2]).max()) if edges.size else 0
 

@@ -2,11 +2,11 @@
 
 from dataclasses import replace
 
-from shockrig.analysis.inference.effect import Effect, InFlight, Parameter
-from shockrig.analysis.physics.chain import relative_ventilation, ventilation_ratio
+from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Parameter
+from shockrig.analysis.physics.chain import Chain, relative_ventilation, ventilation_ratio
 
 
-def _apply(chain, p):
+def _apply(chain: Chain, p: Arrays) -> Chain:
     rise = (p["rise_k_at_5_m_s"] / relative_ventilation(chain.channel))[..., None]
     return replace(chain, readouts=(*chain.readouts, lambda reading, time: reading + rise))
 

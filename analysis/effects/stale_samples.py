@@ -3,21 +3,25 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shockrig.analysis.inference.bins import rebin
-from shockrig.analysis.inference.effect import Effect, Finding, InFlight, Parameter, Readings, unchanged
+from shockrig.analysis.inference.effect import Effect, Finding, InFlight, Parameter, Readings, Values, unchanged
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 LONGEST_HOLD = 40
 IN_PHASE = 0.96  # of the changes that must come at one phase
 
 
-def _places(time, value, period_s):
+def _places(time: Array, value: Array, period_s: float) -> tuple[Index, Index]:
     """Row numbers on the logger's grid, and the rows at which the reading changes."""
     index = np.rint((time - time[0]) / period_s).astype(int)
     return index, np.flatnonzero(np.abs(np.diff(value)) > 1e-9) + 1
 
 
-def _phase(changed, hold: int) -> int:
+def _phase(changed: Index, hold: int) -> int:
     return int(np.argmax(np.bincount(changed % hold, minlength=hold))) if changed.size else 0
 
 
@@ -60,7 +64,7 @@ def repeats(known: Readings) -> tuple[Readings, Finding | None]:
     )
 
 
-def when_fresh(time, value, period_s: float, values):
+def when_fresh(time: Array, value: Array, period_s: float, values: Values) -> Array:
     """Times at which each row's reading was fresh."""
     hold = int(round(values["hold_samples"]))
     if hold <= 1:

@@ -21,6 +21,7 @@ from shockrig.analysis.physics.chain import Chain
 Array = NDArray[np.float64]
 Link = Literal["air", "exchange", "body", "readout", "logger"]
 Values = Mapping[str, float]
+Arrays = Mapping[str, NDArray[np.float64]]  # of candidates, each (B, 1)
 RARE = 8.0  # added to the penalty of what real benches hardly ever have: odds of one in fifty
 
 
@@ -187,7 +188,7 @@ class Effect:
     link: Link
     channels: tuple[ChannelName, ...]
     parameters: tuple[Parameter, ...]
-    apply: Callable[[Chain, Mapping[str, Array]], Chain]
+    apply: Callable[[Chain, Arrays], Chain]
     sentence: str
     equation: str
     source: str
@@ -241,7 +242,7 @@ class Effect:
         return next(p for p in self.parameters if p.name == name)
 
 
-def unchanged(chain: Chain, values: Mapping[str, Array]) -> Chain:
+def unchanged(chain: Chain, values: Arrays) -> Chain:
     """The chain as it is, for effects of the single readings that leave the mean response alone."""
     return chain
 
