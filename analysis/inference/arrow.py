@@ -57,7 +57,7 @@ class Arrow:
     def _coupled(self) -> tuple[Array, Array]:
         """U'J (R, U, P) and the blocks' solution of it."""
         coupled = self._turned @ self.jacobian
-        return coupled, np.linalg.solve(self.blocks, coupled)
+        return coupled, np.asarray(np.linalg.solve(self.blocks, coupled))
 
     @cached_property
     def normal(self) -> Array:
@@ -73,7 +73,7 @@ class Arrow:
         `residual` (R, n) is whitened and taken at `deviations` (R, U); `pull` (P,) is what the prior adds for theta.
         """
         own = (self._turned @ residual[..., None])[..., 0] - self.weight * deviations
-        steps = np.linalg.solve(self.blocks, own[..., None])[..., 0]
+        steps: Array = np.asarray(np.linalg.solve(self.blocks, own[..., None])[..., 0])
         coupled, _ = self._coupled
         right = self.jacobian.reshape(-1, self.jacobian.shape[-1]).T @ residual.ravel()
         right = right - coupled.reshape(-1, coupled.shape[-1]).T @ steps.ravel() + pull

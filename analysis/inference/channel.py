@@ -6,6 +6,7 @@ Averaging loses nothing where the response is slow and makes every later step an
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -132,15 +133,12 @@ class Channel:
 
     def select(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> Channel:
         """The same channel with only the runs `keep` (mask or indices); ambients keep their places."""
-        index = np.flatnonzero(keep) if np.asarray(keep).dtype == bool else np.asarray(keep)
+        index = run_indices(keep)
         arrays = ("time_s", "value", "count", "die_c", "ambient", "interpolation", "wet_until_s")
         lists = ("run_ids", "samples", "bin_of", "air", "die_samples")
-        return replace(
-            self,
-            conditions=self.conditions.select(index),
-            **{name: getattr(self, name)[index] for name in arrays},
-            **{name: tuple(getattr(self, name)[i] for i in index) for name in lists if getattr(self, name)},
-        )
+        picked: dict[str, Any] = {name: getattr(self, name)[index] for name in arrays}
+        picked |= {name: tuple(getattr(self, name)[i] for i in index) for name in lists if getattr(self, name)}
+        return replace(self, conditions=self.conditions.select(index), **picked)
 
     def without_lost_ambients(self) -> Channel:
         """The channel without the ambients that have no run."""
@@ -156,6 +154,12 @@ class Channel:
             ambients_c=self.ambients_c[groups],
             interpolation=weights,
         )
+
+
+def run_indices(keep: NDArray[np.bool_] | NDArray[np.int64]) -> NDArray[np.int64]:
+    """Indices of runs from a mask or indices."""
+    given = np.asarray(keep)
+    return np.flatnonzero(given) if given.dtype == bool else given.astype(np.int64)
 
 
 def group_ambients(destination_c: Array) -> tuple[NDArray[np.int64], Array]:

@@ -8,10 +8,11 @@ nobody triggered, each run takes the start that suits the candidate best.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import differential_evolution
+from scipy.optimize import Bounds, differential_evolution
 
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.model import PLAIN, Model, Point, Structure
@@ -93,9 +94,14 @@ def _scatter_within_bins(channel: Channel) -> tuple[float, int]:
 
 def evolve(misfit: Misfit, rng: np.random.Generator) -> Optimum:
     """Best rate by differential evolution (scipy), each population evaluated as one array."""
+    low, high = (float(bound) for bound in np.log(RATE_BOUNDS_PER_S))
+
+    def population(x: Array) -> Any:  # scipy's annotations know of one candidate at a time only
+        return misfit(x[0])
+
     result = differential_evolution(
-        lambda x: misfit(x[0]),
-        [tuple(np.log(RATE_BOUNDS_PER_S))],
+        population,
+        Bounds([low], [high]),
         popsize=POPULATION,
         maxiter=GENERATIONS,
         tol=1e-4,
@@ -109,7 +115,7 @@ def evolve(misfit: Misfit, rng: np.random.Generator) -> Optimum:
 
 def cross_check(misfit: Misfit) -> Optimum:
     """Best rate by nlopt's SBPLX, started from when the readings are half-way: it shares nothing with `evolve`."""
-    import nlopt
+    import nlopt  # type: ignore[import-untyped]
 
     low, high = np.log(RATE_BOUNDS_PER_S)
     optimiser = nlopt.opt(nlopt.LN_SBPLX, 1)

@@ -295,8 +295,8 @@ def whiteners(channel: Channel, noise: Noise, signals: Sequence[Array] | None = 
             whitener[run][np.ix_(filled, filled)] = linalg.solve_triangular(factor, np.eye(filled.size), lower=True)
             continue
         lag = np.abs(index[:, None] - index[None, :])
-        covariance = np.where(lag < gamma.size, gamma[np.minimum(lag, gamma.size - 1)], 0.0)
-        if step:
+        covariance: Array = np.where(lag < gamma.size, gamma[np.minimum(lag, gamma.size - 1)], 0.0)
+        if step and signals is not None:
             covariance += rounding_covariance(signals[run][used], lag, gamma, step)
         starts = np.concatenate([[0], np.cumsum(count[filled])[:-1]])
         summed = np.add.reduceat(np.add.reduceat(covariance, starts, axis=0), starts, axis=1)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.channel import Channel, run_indices
 from shockrig.analysis.inference.quantity import RunEffect
 from shockrig.analysis.inference.rate_scatter import RATE_SCATTER, RATE_SCATTER_LIMIT, UNVENTILATED_LIMIT
 
@@ -32,7 +32,7 @@ class Problem:
 
     def select(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> Problem:
         """With only the runs `keep` (mask or indices)."""
-        index = np.flatnonzero(keep) if np.asarray(keep).dtype == bool else np.asarray(keep)
+        index = run_indices(keep)
         return Problem(self.channel.select(index), self.whitener[index], self.scatter[index])
 
     @property

@@ -14,7 +14,7 @@ from shockrig.analysis.inference.scan import rough_rates
 from shockrig.analysis.physics.bodies import BODIES
 from shockrig.analysis.physics.chain import MeasuredAir
 from shockrig.analysis.physics.driven import beside_lagging_reference, noise_passed
-from shockrig.analysis.physics.modes import slowest
+from shockrig.analysis.physics.modes import Modes, slowest
 
 Array = NDArray[np.float64]
 MODES = 12
@@ -45,7 +45,7 @@ def with_reference_noise(noise: Noise, problem: Problem) -> Noise:
     return replace(noise, passed=float(np.median(passed)), passed_memory=min(decay, 0.999))
 
 
-def _passed(air: MeasuredAir, trace: Array, body) -> float:
+def _passed(air: MeasuredAir, trace: Array, body: Modes) -> float:
     period = float(np.median(np.diff(air.time_s)))
     modes = beside_lagging_reference(body, air.lag_s) if air.lag_s > 0 else body
     return trace_noise(trace) * float(np.max(noise_passed(modes, period)))

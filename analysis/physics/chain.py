@@ -269,7 +269,7 @@ def humidity_reading(chain: Chain) -> Array:
     destination_hpa = chain.destination_percent * saturation_pressure_hpa(chain.destination_c)
     rate, time, ramp_s = chain.rate, chain.time_s, chain.ramp_s
     if chain.activity_slope is not None:
-        rate, time, ramp_s = _concentration_dependent(chain, source_hpa, destination_hpa)
+        rate, time, ramp_s = _concentration_dependent(chain, chain.activity_slope, source_hpa)
     response = _response(chain, rate)
     held = source_hpa[..., None] + (destination_hpa - source_hpa)[..., None] * _driven(chain, response, time, ramp_s)
     if chain.wet_until_s is not None:
@@ -313,22 +313,20 @@ def _drive_by(
     amplitude, rate = (
         x[..., min(run, x.shape[-2] - 1), :] if x.ndim > 1 else x for x in (response.amplitude, response.rate)
     )
-    mean = {"samples": chain.averaged, "period_s": chain.channel.sampling_period_s}
     own = modes.slowest(modes.Modes(amplitude, rate), DRIVEN_MODES)
     if air.lag_s > 0:
         own = beside_lagging_reference(own, air.lag_s)
-    out[:, run] = respond(own, air.time_s, trace, at_s[:, run], **mean)
+    period_s = chain.channel.sampling_period_s
+    out[:, run] = respond(own, air.time_s, trace, at_s[:, run], samples=chain.averaged, period_s=period_s)
 
 
-def _concentration_dependent(
-    chain: Chain, source_hpa: Array, destination_hpa: Array
-) -> tuple[Array, Array, Array | None]:
+def _concentration_dependent(chain: Chain, slope: Array, source_hpa: Array) -> tuple[Array, Array, Array | None]:
     """Rate at the destination's concentration; time, and the ramp's duration, warped so that the linear film gives the
     nonlinear film's mean.
     """
     saturated = saturation_pressure_hpa(chain.destination_c)
-    at_source = 1.0 + chain.activity_slope * (source_hpa / saturated / 100.0 - 0.5)
-    at_destination = np.maximum(1.0 + chain.activity_slope * (chain.destination_percent / 100.0 - 0.5), 0.05)
+    at_source = 1.0 + slope * (source_hpa / saturated / 100.0 - 0.5)
+    at_destination = np.maximum(1.0 + slope * (chain.destination_percent / 100.0 - 0.5), 0.05)
     rate = chain.rate * at_destination
     ratio = np.maximum(at_source, 0.05) / at_destination
     if chain.ramp_s is None:
@@ -342,19 +340,21 @@ def _concentration_dependent(
 
 
 def _driven(chain: Chain, response: modes.Modes, time: Array, ramp_s: Array | None) -> Array:
-    """Response to the unit transfer, in the mean of the readings that the logger averages."""
-    mean = {"samples": chain.averaged, "period_s": chain.channel.sampling_period_s}
+    """Response to the unit transfer."""
     if ramp_s is None:
-        return _shared(partial(modes.Modes.step, **mean), response, time)
-    return _shared(partial(modes.Modes.ramp, **mean), response, time, ramp_s)
+        return _shared(_averaged(chain, modes.Modes.step), response, time)
+    return _shared(_averaged(chain, modes.Modes.ramp), response, time, ramp_s)
 
 
 def _let_in(chain: Chain, response: modes.Modes, room: RoomAir) -> Array:
     """Response to a room's air that comes in with the transfer and decays from its start."""
-    mean = {"samples": chain.averaged, "period_s": chain.channel.sampling_period_s}
     let_in = () if chain.ramp_s is None else (chain.ramp_s,)
-    form = partial(modes.Modes.exponential, **mean)
-    return _shared(form, response, chain.time_s, room.time_constant_s, *let_in)
+    return _shared(_averaged(chain, modes.Modes.exponential), response, chain.time_s, room.time_constant_s, *let_in)
+
+
+def _averaged(chain: Chain, form: Callable[..., Array]) -> Callable[..., Array]:
+    """A closed form in the mean of the readings that the logger averages."""
+    return partial(form, samples=chain.averaged, period_s=chain.channel.sampling_period_s)
 
 
 def _shared(form: Callable[..., Array], response: modes.Modes, time: Array, *arguments: Array) -> Array:
