@@ -24,6 +24,12 @@ def _within_the_airs(channel: Channel, values: Values) -> bool:
     return values["limit_percent"] > highest_air_percent(channel) - LEAST_CUT_PERCENT
 
 
+def _within_reach(channel) -> dict[str, float]:
+    """A limit that cuts into the readings: from above all of them no gradient leads down."""
+    high = float(np.quantile(channel.value[channel.count > 0], 0.97))
+    return {"limit_percent": min(high, highest_air_percent(channel) - 2.0 * LEAST_CUT_PERCENT)}
+
+
 def flat_top(known: Readings) -> tuple[Readings, Finding | None]:
     """A ceiling at which readings pile up, above which none lies."""
     channel, step = known.channel, known.step
@@ -65,7 +71,7 @@ EFFECT = Effect(
     source="a firmware or converter limit",
     advice="Raise the limit in firmware; until then values at it are lower bounds.",
     refused=_within_the_airs,
-    start_from=lambda channel: {"limit_percent": float(np.quantile(channel.value[channel.count > 0], 0.97))},
+    start_from=_within_reach,
     testable=lambda channel: bool(channel.conditions.airs_known.any()),
     needs="needs runs whose airs were recorded",
     in_readings=flat_top,
