@@ -154,6 +154,10 @@ def test_what_single_readings_show_is_held_and_not_fitted():
             "channels.humidity.causes[0].effect",
         ),
         (
+            '{"format": "shock-diagnosis/1", "channels": {"humidity": {"causes": [{"effect": ["hysteresis"]}]}}}',
+            "['hysteresis'] is not in the catalogue",
+        ),
+        (
             '{"format": "shock-diagnosis/1", "channels": {"humidity": {"causes": [{"effect": "stem_conduction"}]}}}',
             "does not act on the humidity channel",
         ),

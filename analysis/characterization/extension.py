@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.model import PLAIN, Held, Structure
@@ -64,7 +64,7 @@ def _extension(causes: list[Any], name: ChannelName, file: Path) -> Extension:
     for i, cause in enumerate(causes):
         key = f"channels.{name}.causes[{i}]"
         effect = _mapping(cause, file, key).get("effect")
-        if effect not in CATALOGUE:
+        if not isinstance(effect, str) or effect not in CATALOGUE:
             raise InputError(f"{file}: key {key}.effect: {effect!r} is not in the catalogue ({', '.join(CATALOGUE)})")
         if name not in CATALOGUE[effect].channels:
             raise InputError(f"{file}: key {key}.effect: {effect} does not act on the {name} channel; take it out")
@@ -108,5 +108,5 @@ def _mapping(value: Any, file: Path, key: str) -> dict[str, Any]:
     return value
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value: Any) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

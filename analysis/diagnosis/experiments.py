@@ -7,6 +7,7 @@ the rival's own parameters (as far as the campaign has not fixed them) and the n
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,8 @@ from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
+Planned = dict[str, Any]  # a run to be made, in the terms of run.json
+AirOf = tuple[float, float]  # degC and %RH
 
 REPEATS = 2  # of each proposed run
 DECIDED = 12.0  # expected drop in deviance from which on a choice is safe
@@ -26,7 +29,7 @@ MOST_KINDS = 2
 USUAL_C = 20.0  # about which runs are proposed
 
 
-def propose(problem: Problem, ties: list[tuple[Fit, Fit]]) -> list[dict[str, object]]:
+def propose(problem: Problem, ties: list[tuple[Fit, Fit]]) -> list[Planned]:
     """Runs, in the terms of run.json, that best separate each pair of explanations; empty without pairs.
 
     Parameters
@@ -58,14 +61,16 @@ def propose(problem: Problem, ties: list[tuple[Fit, Fit]]) -> list[dict[str, obj
     return runs
 
 
-def _menu(channel: Channel) -> list[dict[str, object]]:
+def _menu(channel: Channel) -> list[Planned]:
     """Runs that a bench can do: both directions, more and less airflow, larger and smaller steps, a slowed transfer."""
     c = channel.conditions
     ambients = np.array([USUAL_C]) if channel.quantity.pooled else channel.ambients_c
     middle = float(ambients[np.argmin(np.abs(ambients - USUAL_C))])
     flow = float(np.median(c.airflow_m_s))
 
-    def run(reason, source, destination, airflow=flow, duration=None):
+    def run(
+        reason: str, source: AirOf, destination: AirOf, airflow: float = flow, duration: float | None = None
+    ) -> Planned:
         transfer = {} if duration is None else {"duration_s": duration}
         names = ("temperature_c", "humidity_percent")
         return {
@@ -97,7 +102,7 @@ def _menu(channel: Channel) -> list[dict[str, object]]:
     return menu
 
 
-def _separation(problem: Problem, chosen: Fit, rival: Fit, run: dict[str, object]) -> float:
+def _separation(problem: Problem, chosen: Fit, rival: Fit, run: Planned) -> float:
     """Expected drop in deviance for `REPEATS` such runs, were `chosen` true and `rival` fitted anew."""
     new = hypothetical(problem, run)
     at_rest = new.channel.at_rest()
@@ -111,7 +116,7 @@ def _separation(problem: Problem, chosen: Fit, rival: Fit, run: dict[str, object
     return max(REPEATS * (total - absorbed), 0.0)
 
 
-def hypothetical(problem: Problem, run: dict[str, object]) -> Problem:
+def hypothetical(problem: Problem, run: Planned) -> Problem:
     """A problem of one run that has not been made: its conditions, with the bins and noise of a typical run."""
     channel = problem.channel
     template = int(np.argmax((channel.count > 0).sum(axis=1)))
@@ -131,7 +136,7 @@ def hypothetical(problem: Problem, run: dict[str, object]) -> Problem:
     weights = np.zeros((1, channel.rates))
     weights[0, 0 if channel.quantity.pooled else nearest] = 1.0
     time = one.channel.time_s
-    die = np.where(
+    die: Array = np.where(
         time > 0,
         destination["temperature_c"]
         + (source["temperature_c"] - destination["temperature_c"]) * np.exp(-np.maximum(time, 0) / 10.0),

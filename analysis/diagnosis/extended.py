@@ -5,7 +5,7 @@ With the causes in the model alpha and D are the material's; without them they a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from shockrig.analysis.characterization.characterize import (
@@ -20,6 +20,7 @@ from shockrig.analysis.characterization.characterize import (
 from shockrig.analysis.characterization.extension import Extension
 from shockrig.analysis.diagnosis.diagnose import Cause, ChannelDiagnosis
 from shockrig.analysis.diagnosis.search import plain_fit
+from shockrig.analysis.inference.channel import LeftOut
 from shockrig.analysis.inference.fit import Fit
 from shockrig.analysis.inference.noise import whiteners
 from shockrig.analysis.inference.problem import Problem, make_problem
@@ -73,7 +74,13 @@ def _part(problem: Problem, fit: Fit) -> Part:
     return Part(problem, fit, rmse_over_samples(problem.channel, fit))
 
 
-def _result(found: ChannelDiagnosis, rows, parts, effects, set_aside) -> ChannelResult | None:
+def _result(
+    found: ChannelDiagnosis,
+    rows: Sequence[Row],
+    parts: Sequence[Part],
+    effects: tuple[Effect, ...],
+    set_aside: Sequence[LeftOut],
+) -> ChannelResult | None:
     if not rows:
         return None
     return ChannelResult(

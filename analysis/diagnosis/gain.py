@@ -109,7 +109,7 @@ def measure_gain(
             continue
         part = problem.select(train)
         simple, same = (fit(part, f.structure, f.theta, f.deviations[train]) for f in (plain, final))
-        extended, one_less = same, {}
+        extended, one_less = same, dict[str, Fit]()
         if added:
             extended, one_less = reconsider(part, base, same)
         one_less |= {effect: refit(part, same.structure.dropping(effect), same) for effect in seen}

@@ -6,7 +6,9 @@ uncertainties, the same way for every model, as in the measure of the gain.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,7 +65,9 @@ def held_out(found: ChannelDiagnosis) -> HeldOut:
     )
 
 
-def _residuals(problem: Problem, train: Array, test: Array, whole: Fit, structure: Structure) -> dict[int, Array]:
+def _residuals(
+    problem: Problem, train: NDArray[np.bool_], test: NDArray[np.int64], whole: Fit, structure: Structure
+) -> dict[int, Array]:
     """`structure` is what predicts: the plain model goes without what the single readings have shown."""
     own = fit(problem.select(train), whole.structure, whole.theta, whole.deviations[train])
     bins = problem.select(test)
@@ -117,6 +121,23 @@ def autocorrelation(
     return products / np.maximum(count, 1) / max(square / max(total, 1), 1e-300), total
 
 
+class SingleRun(Protocol):
+    """What one run alone says of the diffusivity, as a ratio to the joint fit, and what the run was."""
+
+    @property
+    def value(self) -> float: ...
+    @property
+    def standard_uncertainty(self) -> float: ...
+    @property
+    def direction(self) -> str: ...
+    @property
+    def ambient_c(self) -> float: ...
+    @property
+    def airflow_m_s(self) -> float | None: ...
+    @property
+    def amplitude(self) -> float: ...
+
+
 @dataclass(frozen=True)
 class Drift:
     """How a single run's diffusivity moves with a condition that it should not depend on.
@@ -134,11 +155,10 @@ class Drift:
         return abs(self.sigmas) > 4.0
 
 
-def drifts(runs: list, result: ChannelResult) -> list[Drift]:
+def drifts(runs: Sequence[SingleRun], result: ChannelResult) -> list[Drift]:
     """Regression of the single runs' ln D on airflow, direction, amplitude and ambient, all at once.
 
-    `runs` are ratios to the joint fit (`analysis.report.parameters.RunParameter`). Conditions that did not vary, or
-    that the campaign varied only together with others, are left out.
+    Conditions that did not vary, or that the campaign varied only together with others, are left out.
     """
     columns = {
         "airflow": np.array([np.log(r.airflow_m_s) if r.airflow_m_s else np.nan for r in runs]),
