@@ -24,7 +24,7 @@ def _within_the_airs(channel: Channel, values: Values) -> bool:
     return values["limit_percent"] > highest_air_percent(channel) - LEAST_CUT_PERCENT
 
 
-def _within_reach(channel) -> dict[str, float]:
+def _within_reach(channel: Channel) -> dict[str, float]:
     """A limit that cuts into the readings: from above all of them no gradient leads down."""
     high = float(np.quantile(channel.value[channel.count > 0], 0.97))
     return {"limit_percent": min(high, highest_air_percent(channel) - 2.0 * LEAST_CUT_PERCENT)}
