@@ -87,7 +87,7 @@ class Diagnosis:
     campaign: str
     channels: tuple[ChannelDiagnosis, ...]
     next_experiments: tuple[dict[str, object], ...] = ()
-    missing: tuple[str, ...] = ()
+    missing: tuple[ChannelName, ...] = ()
     input_findings: tuple[str, ...] = ()
 
 

@@ -209,7 +209,7 @@ def _noise_words(found: ChannelResult) -> str:
 
 def _search_table(found: ChannelResult) -> Table:
     length = found.channel.length_m
-    rows = [
+    rows: list[list[Cell]] = [
         [
             f"{round(row.ambient_c, 1) + 0.0:.1f} °C" if found.channel.name == "humidity" else "all",
             plain(float(np.exp(row.evolution.log_rate)) * length**2, 6),

@@ -5,6 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.characterization.characterize import Row
 from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis, Diagnosis
 from shockrig.analysis.diagnosis.export import correlations
 from shockrig.analysis.diagnosis.held_out import autocorrelation, drifts, size
@@ -29,7 +33,19 @@ from shockrig.analysis.report.diagnosis_words import (
     worse,
 )
 from shockrig.analysis.report.fitted import UNIT, relative_runs
-from shockrig.analysis.report.html import Cell, Details, Equation, Figure, KeyNumber, Report, Section, Table, Text
+from shockrig.analysis.report.html import (
+    Block,
+    Cell,
+    Details,
+    Equation,
+    Figure,
+    KeyNumber,
+    Report,
+    Section,
+    Table,
+    Text,
+    Tone,
+)
 from shockrig.analysis.report.numbers import measured, plain
 from shockrig.analysis.report.style import save_figure
 
@@ -61,7 +77,7 @@ def write_diagnosis(
     sections.append(Section("What was left out, and why", _left_out(diagnosis, left_out)))
     verdicts = {c.verdict for c in diagnosis.channels}
     tied = any(cause.indistinguishable_from for c in diagnosis.channels for cause in c.causes)
-    tone = "bad" if "unexplained" in verdicts else "warning" if tied or diagnosis.missing else "good"
+    tone: Tone = "bad" if "unexplained" in verdicts else "warning" if tied or diagnosis.missing else "good"
     report = Report(
         title=f"Diagnosis of {diagnosis.campaign}",
         verdict=headline(diagnosis),
@@ -106,9 +122,9 @@ def _key_numbers(views: Sequence[ChannelView], crossings: Sequence[Crossing]) ->
     return numbers
 
 
-def _channel(view: ChannelView) -> list:
+def _channel(view: ChannelView) -> list[Block]:
     found = view.found
-    blocks: list = [Text(channel_verdict(found), {"adequate": "good", "explained": "good"}.get(found.verdict, "bad"))]
+    blocks: list[Block] = [Text(channel_verdict(found), "bad" if found.verdict == "unexplained" else "good")]
 
     def figure(name: str) -> list[Figure]:
         return [Figure(*view.figures[name])] if name in view.figures else []
@@ -166,7 +182,7 @@ def _size_words(view: ChannelView) -> str:
     found, unit = view.found, UNIT[view.found.name]
     noise, accuracy = found.noise.standard_deviation, ACCURACY[found.name]
 
-    def words(model: str, residuals: tuple) -> str:
+    def words(model: str, residuals: tuple[NDArray[np.float64], ...]) -> str:
         s = size(view.held, residuals)
         return (
             f"After the transfer the {model} model misses runs that it was not fitted to by {plain(s.rms, 2)} {unit} "
@@ -245,10 +261,10 @@ def _drift_words(view: ChannelView) -> str:
     return " ".join(sentences)
 
 
-def _rivals(view: ChannelView, figure: list[Figure]) -> list:
+def _rivals(view: ChannelView, figure: list[Figure]) -> list[Block]:
     found = view.found
     channel = found.problem.channel
-    rows: list = []
+    rows: list[list[Cell]] = []
     for cause in ordered(found.causes):
         standing = found.search.standing.get(cause.effect)
         rivals = sorted(standing.rivals.items(), key=lambda item: item[1]) if standing else []
@@ -271,7 +287,7 @@ def _rivals(view: ChannelView, figure: list[Figure]) -> list:
         for e, g in shown
     ]
     if not rows:
-        return figure
+        return [*figure]
     columns = ("runner-up", "tried", "change of deviance", "why it lost")
     caption = (
         f"Deviance: −2 ln of how likely the data are; positive is worse. A difference below {plain(TIE, 2)} is a tie."
@@ -279,8 +295,8 @@ def _rivals(view: ChannelView, figure: list[Figure]) -> list:
     return [Table(columns, rows, caption), *figure]
 
 
-def _equations(found: ChannelDiagnosis) -> list:
-    blocks: list = []
+def _equations(found: ChannelDiagnosis) -> list[Block]:
+    blocks: list[Block] = []
     for cause in ordered(found.causes):
         effect = CATALOGUE[cause.effect]
         blocks += [
@@ -314,8 +330,9 @@ def _p(p: float | None) -> str:
     return "–" if p is None else plain(p, 2) if p > 1e-12 else "< 10⁻¹²"
 
 
-def _material(views: Sequence[ChannelView]) -> list:
-    rows, blocks = [], []
+def _material(views: Sequence[ChannelView]) -> list[Block]:
+    rows: list[list[Cell]] = []
+    blocks: list[Block] = []
     for view in views:
         before = {r.ambient_c: r for r in view.plain.rows} if view.plain else {}
         after = {r.ambient_c: r for r in view.extended.rows} if view.extended else {}
@@ -324,7 +341,8 @@ def _material(views: Sequence[ChannelView]) -> list:
             of = QUANTITIES[view.found.name]
             label = of.symbol if of.pooled else f"{of.symbol} at {round(ambient, 1) + 0.0:.1f} °C"
             change = _signed(100 * (b.diffusivity_m2_s / a.diffusivity_m2_s - 1)) + " %" if a and b else "–"
-            rows.append([label, *(_diffusivity(r) for r in (b, a)), change, *(r and r.response.t63_s for r in (b, a))])
+            times = [None if r is None else r.response.t63_s for r in (b, a)]
+            rows.append([label, *(_diffusivity(r) for r in (b, a)), change, *times])
         if not view.found.causes:
             blocks.append(Text(f"The {SENSOR[view.found.name]} carries no effect: both columns are the plain model's."))
         elif view.found.verdict == "unexplained":
@@ -341,12 +359,12 @@ def _material(views: Sequence[ChannelView]) -> list:
     return [Table(columns, rows), *blocks] if rows else [Text("No diffusivity is determined."), *blocks]
 
 
-def _diffusivity(row) -> str:
+def _diffusivity(row: Row | None) -> str:
     return "–" if row is None else measured(row.diffusivity_m2_s, row.standard_uncertainty)
 
 
-def _flight(crossings: Sequence[Crossing], notes: Sequence[str], folder: Path) -> list:
-    blocks: list = [Text(" ".join(notes))] if notes else []
+def _flight(crossings: Sequence[Crossing], notes: Sequence[str], folder: Path) -> list[Block]:
+    blocks: list[Block] = [Text(" ".join(notes))] if notes else []
     if not crossings:
         return blocks or [Text("Nothing could be flown.")]
     text = (
@@ -364,7 +382,7 @@ def _flight(crossings: Sequence[Crossing], notes: Sequence[str], folder: Path) -
     return [Text(text + "; ".join(parts) + "."), *blocks, Figure(path, caption, alt)]
 
 
-def _advice(views: Sequence[ChannelView]) -> list:
+def _advice(views: Sequence[ChannelView]) -> list[Block]:
     rows: dict[str, list[str]] = {}
     for view in views:
         for cause in ordered(view.found.causes):
@@ -375,7 +393,7 @@ def _advice(views: Sequence[ChannelView]) -> list:
     return [Table(("because of", "do"), list(rows.values()))]
 
 
-def _next(diagnosis: Diagnosis) -> list:
+def _next(diagnosis: Diagnosis) -> list[Block]:
     lines = experiments(diagnosis.next_experiments)
     if lines:
         return [Text("These runs would best tell apart what is still tied:"), *(Text(line) for line in lines)]
@@ -388,8 +406,8 @@ def _next(diagnosis: Diagnosis) -> list:
     return [Text("Nothing: no two explanations are tied.")]
 
 
-def _left_out(diagnosis: Diagnosis, entries: Sequence[LeftOut]) -> list:
+def _left_out(diagnosis: Diagnosis, entries: Sequence[LeftOut]) -> list[Block]:
     rows = [[e.run, e.channel, e.reason] for e in entries]
-    blocks: list = [Text(sentence, "warning") for sentence in missing(diagnosis)]
+    blocks: list[Block] = [Text(sentence, "warning") for sentence in missing(diagnosis)]
     nothing = Text("Nothing: every run was used in both channels.")
     return [*blocks, Table(("run", "channel", "why"), rows) if rows else nothing]

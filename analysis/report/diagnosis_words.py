@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from shockrig.analysis.diagnosis.diagnose import NO_STEP, Cause, ChannelDiagnosis, Diagnosis
@@ -121,7 +121,7 @@ def unexplained(found: ChannelDiagnosis, whole: bool = True) -> str:
     """What is left, without physics: its size, when it occurs, what it varies with."""
     unit, sensor = UNIT[found.name], SENSOR[found.name]
     text = f"Something is left in the {sensor}'s readings that no catalogued effect explains"
-    left = found.discrepancy or {}
+    left: Mapping[str, Any] = found.discrepancy or {}
     parts: list[str] = []
     if "size_rms" in left:
         parts.append(

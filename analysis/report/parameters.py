@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -42,7 +42,7 @@ def diffusivity(
     figure = Figure(figsize=(9.6, 3.7))
     left, right = figure.subplots(1, 2)
     scale, power = power_of_ten(float(np.max(table.value)))
-    positions = [lambda t: np.asarray(t, dtype=float), lambda t: 1000.0 / (np.asarray(t, dtype=float) + 273.15)]
+    positions: list[Callable[[np.ndarray], np.ndarray]] = [np.asarray, lambda t: 1000.0 / (np.asarray(t) + 273.15)]
     for axes, place in zip((left, right), positions, strict=True):
         low = interpolation.value - 2 * interpolation.standard_uncertainty
         high = interpolation.value + 2 * interpolation.standard_uncertainty
@@ -112,12 +112,12 @@ def parameter_by_condition(
     figure = Figure(figsize=(9.6, 3.0))
     panels = figure.subplots(1, 4, sharey=True)
     scale, power = power_of_ten(float(np.max([abs(r.value) for r in runs])))
-    places = (
+    places: list[tuple[str, Callable[[RunParameter], float]]] = [
         ("ambient, °C", lambda r: r.ambient_c),
         ("airflow, m/s", lambda r: np.nan if r.airflow_m_s is None else r.airflow_m_s),
         ("direction", lambda r: {"down": 0.0, "up": 1.0}[r.direction]),
         (f"step, {amplitude_unit}".rstrip(", "), lambda r: abs(r.amplitude)),
-    )
+    ]
     for axes, (label, place) in zip(panels, places, strict=True):
         if joint is not None:
             middle, spread = joint[0] / scale, 2 * joint[1] / scale

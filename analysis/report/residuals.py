@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -54,7 +54,7 @@ def residual_overview(
     figure = Figure(figsize=(9.6, 6.2))
     panels = figure.subplots(2, 2, sharex=True, sharey=True)
     binned = [log_bins(run.time_s, run.residual) for run in runs]
-    labels = {
+    labels: dict[str, tuple[str, Sequence[str | float | None]]] = {
         "direction": ("direction", [run.direction for run in runs]),
         "ambient": ("ambient, °C", [round(run.ambient_c) for run in runs]),
         "airflow": ("airflow, m/s", [run.airflow_m_s for run in runs]),
@@ -107,15 +107,12 @@ def before_after(
     if not runs:
         raise ValueError("there are no residuals to draw")
     if rms is None:
-        rms = tuple(
-            float(np.sqrt(np.nanmean(np.square(np.concatenate([getattr(r, side) for r in runs])))))
-            for side in ("before", "after")
-        )
+        rms = _root_mean_square([r.before for r in runs]), _root_mean_square([r.after for r in runs])
     figure = Figure(figsize=(9.6, 3.6))
     panels = figure.subplots(1, 3)
     sides = [("before", RED, rms[0]), ("after", BLUE, rms[1]), ("after", BLUE, rms[1])]
-    reach = [1.1 * max(float(np.nanmax(np.abs(log_bins(r.time_s, r.before)[1]), initial=0.0)) for r in runs)]
-    reach = max(reach[0], 3 * noise)
+    largest = max(float(np.nanmax(np.abs(log_bins(r.time_s, r.before)[1]), initial=0.0)) for r in runs)
+    reach = max(1.1 * largest, 3 * noise)
     for axes, (side, colour, error), close in zip(panels, sides, (False, False, True), strict=True):
         axes.axhspan(-2 * noise, 2 * noise, color=LIGHT, linewidth=0, label="noise, ±2σ")
         axes.axhline(0.0, color=GREY, linewidth=0.7)
@@ -128,6 +125,10 @@ def before_after(
     panels[0].set_ylabel(f"residual, {unit}")
     panels[0].legend(loc="lower right")
     return figure
+
+
+def _root_mean_square(residuals: Sequence[np.ndarray]) -> float:
+    return float(np.sqrt(np.nanmean(np.square(np.concatenate(residuals)))))
 
 
 @styled
@@ -217,16 +218,16 @@ def _amplitude_groups(amplitudes: Sequence[float]) -> list[str]:
     return [names[i] for i in groups]
 
 
-def _colours(values: Sequence) -> dict:
+def _colours(values: Sequence[str | float | None]) -> dict[str | float | None, Any]:
     """A colour for each value: two kinds apart, an ordered scale for numbers; None is grey."""
     import matplotlib
 
-    def key(value: object) -> float:
+    def key(value: str | float | None) -> float:
         return float(str(value).split(" ")[0]) if value is not None else np.inf
 
     kinds = set(values)
     if all(isinstance(v, str) for v in kinds) and kinds <= {"up", "down"}:
-        return {v: {"up": RED, "down": BLUE}[v] for v in sorted(kinds, reverse=True)}
+        return {v: {"up": RED, "down": BLUE}[str(v)] for v in sorted(kinds, key=str, reverse=True)}
     ordered = sorted(kinds, key=key)
     scale = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.88, max(len(ordered), 2)))
     return {value: (GREY if value is None else tuple(colour)) for value, colour in zip(ordered, scale, strict=False)}

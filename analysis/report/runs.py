@@ -61,7 +61,7 @@ def run_panels(
     rows = -(-len(panels) // columns)
     width, height = 2.45 * columns + 0.3, 2.35 * rows + 0.75
     # a fixed layout: fitting one to some hundred axes takes longer than drawing them
-    figure = Figure(figsize=(width, height), layout="none")
+    figure = Figure(figsize=(width, height), layout="none")  # type: ignore[arg-type] # known, and not annotated
     outer = figure.add_gridspec(
         rows, columns, left=0.55 / width, right=1 - 0.1 / width, bottom=0.45 / height, top=1 - 0.6 / height,
         wspace=0.24, hspace=0.32,
@@ -87,8 +87,8 @@ def run_panels(
 
 
 def _draw_run(top: Axes, low: Axes, panel: RunPanel, reach: float, noise: float | None) -> None:
-    used = panel.model is not None
-    top.plot(panel.time_s, panel.reading, ".", color=BLUE if used else GREY, markersize=2.2, alpha=0.6, rasterized=True)
+    dots = GREY if panel.model is None else BLUE
+    top.plot(panel.time_s, panel.reading, ".", color=dots, markersize=2.2, alpha=0.6, rasterized=True)
     for axes in (top, low):
         axes.set_xscale("function", functions=(_root, _square))
         left, right = float(np.min(panel.time_s)), float(np.max(panel.time_s))
@@ -102,7 +102,7 @@ def _draw_run(top: Axes, low: Axes, panel: RunPanel, reach: float, noise: float 
     top.set_title(f"{literal(panel.title)} · {literal(panel.condition)}", fontsize=7.5, fontweight="normal")
     if noise is not None:
         low.axhspan(-2 * noise, 2 * noise, color=LIGHT, linewidth=0)
-    if used:
+    if panel.model is not None:
         order = np.argsort(panel.time_s)
         top.plot(panel.time_s[order], panel.model[order], color=RED, linewidth=1.0)
         low.plot(panel.time_s, panel.reading - panel.model, ".", color=INK, markersize=1.6, alpha=0.6, rasterized=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from shockrig.analysis.characterization.characterize import Characterization
@@ -47,7 +47,7 @@ def write(campaign: Path, out: Path, seed: int, extend: Path | None, made_at: st
     extensions = None if extend is None else read_extension(extend)
     with whole_folder(out) as folder:
         result = characterize(read_campaign(campaign), seed, extensions, _say)
-        provenance = {
+        provenance: dict[str, Any] = {
             "campaign_path": str(campaign),
             "software": f"shockrig {software_version()}",
             "made_at": made_at,

@@ -11,7 +11,7 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from shockrig.analysis.diagnosis.diagnose import Diagnosis
@@ -83,14 +83,14 @@ def write(campaign: Path, out: Path, seed: int, made_at: str, tolerance: Toleran
         diagnosis = gathered(input_, [view.found for view in views])
         content = json.dumps(to_json(diagnosis), indent=2, allow_nan=False) + "\n"
         write_whole(folder / "diagnosis.json", content.encode())
-        provenance = {
+        provenance: dict[str, Any] = {
             "campaign_path": str(campaign),
             "software": f"shockrig {software_version()}",
             "made_at": made_at,
             "seed": seed,
         }
         _say("extended profile, a flight with it, report")
-        reasons = dict.fromkeys(diagnosis.missing, NO_STEP)
+        reasons: dict[ChannelName, str] = dict.fromkeys(diagnosis.missing, NO_STEP)
         plain = {view.found.name: view.plain for view in views}
         extended = {view.found.name: view.extended for view in views}
         reasons |= {name: "no run determines the diffusivity" for name, result in extended.items() if result is None}
@@ -115,8 +115,9 @@ def _looking(campaign: Path, tolerance: Tolerance | None, folder: Path) -> Itera
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Ctrl-C reaches the workers too: they end without a word, this process says what happened.
-    silent = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_DFL)}
-    with ProcessPoolExecutor(len(CHANNELS), mp_context=get_context("spawn"), **silent) as pool:
+    silent = (signal.SIGINT, signal.SIG_DFL)
+    spawn = get_context("spawn")
+    with ProcessPoolExecutor(len(CHANNELS), mp_context=spawn, initializer=signal.signal, initargs=silent) as pool:
         yield [pool.submit(_look_at_channel, campaign, name, tolerance, folder) for name in CHANNELS]
 
 
