@@ -31,6 +31,7 @@ FAR_STEPS = 12  # likewise, where the model so far is plainly wrong
 WORTH_A_FIT = 0.25  # share of its penalty that a candidate must reach to first order
 QUICK_STARTS = 2  # of a candidate that are fitted: those that score best to first order
 PLAINLY_WRONG = 3.0  # objective per bin from which a fit's deviations mean nothing
+MOST_FITS = 300  # of a search: what it has reached by then is judged, and what is left called unexplained
 FINISHED = 3  # candidates that are carried to the end of their fits
 
 
@@ -198,6 +199,7 @@ class Stepwise:
         self.problem, self.base = problem, frozenset(base.ids)
         self.candidates = tuple(candidates)
         self.moves: list[Move] = []
+        self.fits = 0
         self._drops: tuple[Fit | None, dict[str, Fit]] = (None, {})
 
     def worth(self, gain: float, effect: str) -> float:
@@ -261,6 +263,7 @@ class Stepwise:
         found = {}
         for id_, starts in promising.items():
             effect = CATALOGUE[id_]
+            self.fits += len(starts)
             trial = add(self.problem, current, effect, starts)
             values = {name: value for name, (value, _) in trial.values()[id_].items()}
             # A parameter at its bound is no finding, unless the effect vanishes there and its gain with it.
@@ -308,6 +311,7 @@ class Stepwise:
             self._drops = (current, {})
         known = self._drops[1]
         if effect not in known:
+            self.fits += 2
             known[effect] = drop(self.problem, current, effect)
         return known[effect]
 
@@ -396,7 +400,7 @@ def search(
     plain = current = plain_fit(problem, base)
     standing: dict[str, Standing] = {}
     seen: set[frozenset[str]] = set()
-    while len(looking.added(current)) < most:
+    while len(looking.added(current)) < most and looking.fits < MOST_FITS:
         current, added = looking.forward(current, 7 if thorough else 4)
         if added:
             current = looking.backward(current)
