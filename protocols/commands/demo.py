@@ -1,74 +1,208 @@
-"""shockrig demo: the whole way on the embedded virtual bench: record, characterize, diagnose, open the sealed truth."""
+"""shockrig demo: an effect that nobody knows is hidden in emulated sensors, found, modelled, and the seal opened.
+
+It runs what one would type: run --hide, characterize, diagnose, characterize --extend, reveal. Only the last step reads
+the truth; those before see the campaign's files and nothing else.
+"""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
+import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis, Diagnosis
+    from shockrig.files.profile import Profile
+    from shockrig.protocols.reveal import ChannelScore, Score
     from shockrig.rig.virtual.truth import Truth
+
+WIDTH = 112
+UNIT_ALPHA, UNIT_D = 1e-8, 1e-12  # m²/s, in which the table's numbers are of order one
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     parser.add_argument("--out", metavar="DIR", type=Path, default=Path("demo"), help="folder for everything (demo)")
-    parser.add_argument("--seed", metavar="N", type=int, default=1, help="which sensors and noise (1)")
-    parser.add_argument("--hide", metavar="WHAT", help="effects to hide in the sensors, as in shockrig run")
+    parser.add_argument(
+        "--seed", metavar="N", type=int, default=5, help="which effect is hidden, which sensors and noise (5)"
+    )
+    parser.add_argument(
+        "--hide",
+        metavar="WHAT",
+        default="1",
+        help="what else to hide, as in shockrig run: random, none, outside, ... (1)",
+    )
 
 
 def main(args: argparse.Namespace) -> int:
-    """Record the standard campaign, characterize it, diagnose it, print how far all is from the truth."""
-    from shockrig.rig.errors import BenchError
-    from shockrig.rig.virtual.hide import open_seal
+    """Hide, record, characterize, diagnose, extend, open the seal; print the story, its end first."""
+    from datetime import UTC, datetime
 
+    from shockrig.files.profile import read_profile
+    from shockrig.protocols.commands import characterize, diagnose
+    from shockrig.protocols.reveal import score
+    from shockrig.rig.errors import BenchError
+
+    made_at = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
     campaign, sealed = args.out / "campaign", args.out / "campaign.sealed"
     try:
         args.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise BenchError(f"--out {args.out}: {error.strerror}; name a folder that can be written") from None
-    hidden = [] if args.hide is None else ["--hide", args.hide]
-    _shockrig("run", "standard", "--out", str(campaign), "--seed", str(args.seed), *hidden)
-    _shockrig("characterize", str(campaign), "--out", str(args.out / "characterization"))
-    _shockrig("diagnose", str(campaign), "--out", str(args.out / "diagnosis"))
-    profile = args.out / "diagnosis" / "profile.json"
-    truth, _ = open_seal(sealed)
+    _step(1, "an effect is drawn, sealed and hidden in the sensors; shocks are recorded")
+    _record(campaign, args.seed, args.hide)
+    _step(2, "the plain model is fitted")
+    characterize.write(campaign, args.out / "plain", 0, None, made_at)
+    _step(3, "the diagnosis looks for what the plain model gets wrong")
+    diagnosis = diagnose.write(campaign, args.out / "diagnosis", 0, made_at)
+    stated = args.out / "diagnosis" / "diagnosis.json"
+    profiles = [read_profile(args.out / "plain" / "profile.json")]
+    if any(found.causes for found in diagnosis.channels):
+        _step(4, "the model with what was named is fitted")
+        characterize.write(campaign, args.out / "extended", 0, stated, made_at)
+        profiles.append(read_profile(args.out / "extended" / "profile.json"))
+    _step(5, "the seal is opened")
+    result = score(sealed, stated)
+    print(story(diagnosis, result))
     print()
-    print(against_truth(profile, truth))
-    reports = ", ".join(str(path) for path in sorted(args.out.glob("*/report.html")))
-    print(f"reports: {reports}")
+    print("\n".join(against_truth(profiles, result.truth)))
+    reports = [args.out / name / "report.html" for name in ("plain", "diagnosis", "extended")[: len(profiles) + 1]]
+    figures = sorted(str(path) for path in (args.out / "diagnosis").glob("*_before_after.png"))
+    print()
+    for label, paths in (("reports", [str(path) for path in reports]), ("before and after", figures)):
+        if paths:
+            print(f"{label}: {', '.join(paths)}")
     return 0
 
 
-def against_truth(profile_file: Path, truth: Truth) -> str:
-    """alpha and D(T) of a profile beside the sealed truth, and how far they are off."""
-    from shockrig.files.profile import read_profile
+def story(diagnosis: Diagnosis, result: Score) -> str:
+    """How it ended, what the diagnosis said before the seal was open, and what was under it."""
+    from shockrig.analysis.report.diagnosis_words import channel_verdict
 
-    profile = read_profile(profile_file)
-    rows = []
-    if profile.temperature is not None:
-        alpha = profile.temperature.thermal_diffusivity_m2_s
-        rows.append(("alpha", 1e8, alpha.value, alpha.standard_uncertainty, truth.thermal_diffusivity_m2_s))
-    if profile.humidity is not None:
-        for row in profile.humidity.diffusivity_table:
-            true = float(truth.diffusivity_m2_s(row.ambient_temperature_c))
-            label = f"D at {round(row.ambient_temperature_c, 1) + 0.0:.1f} °C"
-            rows.append((label, 1e12, row.diffusivity_m2_s, row.standard_uncertainty, true))
-    lines = ["against the sealed truth   unit         found              truth      off by"]
-    for label, scale, value, spread, true in rows:
-        unit = f"{1 / scale:.0e} m²/s"
-        found = f"{value * scale:.4f} ± {spread * scale:.4f}"
-        off = f"{100 * (value / true - 1):+.2f} %, {(value - true) / spread:+.1f} sigma"
-        lines.append(f"  {label:<22}{unit:>13}  {found:<18} {true * scale:.4f}     {off}")
+    lines = [_filled(ending(result), "")]
+    for found in diagnosis.channels:
+        lines += ["", f"{found.name}: {found.verdict}", _filled(channel_verdict(found), "  ")]
+        if found.causes:
+            low, high = (100 * share for share in found.gain.interval_95)
+            share = f"{100 * found.gain.explained_fraction:.1f} % ({low:.1f} to {high:.1f} %)"
+            lines.append(f"  of the explainable error removed on unseen runs: {share}")
+        judged = result.channels[found.name]
+        lines += [f"  {line}" for line in _under_the_seal(found, judged, result.truth)]
     return "\n".join(lines)
 
 
-def _shockrig(*arguments: str) -> None:
-    """One command of the command line, said before it starts."""
+def ending(result: Score) -> str:
+    """One sentence on what was hidden, and what became of it."""
+    from shockrig.analysis.report.diagnosis_words import listed, named
+
+    def where(outcome: str) -> list[str]:
+        """Effects with this outcome, each with the channels where it came out so."""
+        channels: dict[str, list[str]] = {}
+        for name, judged in result.channels.items():
+            for effect in getattr(judged, outcome):
+                channels.setdefault(effect, []).append(name)
+        return [f"{named(effect)} ({listed(names)})" for effect, names in channels.items()]
+
+    hidden = where("hidden")
+    if not hidden:
+        wrong = where("wrong")
+        return f"Nothing was hidden, and {listed(wrong) if wrong else 'nothing'} was named."
+    if result.exact:
+        nameable = where("named")
+        if not nameable:
+            return (
+                f"Hidden was what no catalogue has, {listed(hidden)}, and the diagnosis says that it cannot explain it."
+            )
+        return f"Found what was hidden, and nothing else: {listed(nameable)}."
+    parts = [f"{label} {listed(where(outcome))}" for outcome, label in _OUTCOMES if where(outcome)]
+    verdicts = [f"{name} should be {c.expected_verdict}" for name, c in result.channels.items() if not c.verdict_right]
+    return f"Not all came out as hidden: {'; '.join([*parts, *verdicts])}."
+
+
+_OUTCOMES = (
+    ("named", "found"),
+    ("listed", "only among the look-alikes of what was named:"),
+    ("missed", "missed"),
+    ("wrong", "named but not hidden:"),
+)
+
+
+def _under_the_seal(found: ChannelDiagnosis, judged: ChannelScore, truth: Truth) -> list[str]:
+    """What was hidden in a channel, each parameter beside the one found."""
+    from shockrig.analysis.report.diagnosis_words import named
+    from shockrig.analysis.report.numbers import measured, plain
+
+    parameters = {hidden.effect: hidden.parameters for hidden in truth.effects}
+    spreads = {(c.effect, name): spread for c in found.causes for name, (_, spread) in c.parameters.items()}
+    lines = []
+    for effect in judged.hidden:
+        lines.append(f"under the seal: {named(effect)}" + ("" if effect in judged.named else ", not named"))
+        for name, true in parameters[effect].items():
+            line = f"  {name:<26} hidden {plain(true, 4)}"
+            error = next((e for e in judged.errors if (e.effect, e.parameter) == (effect, name)), None)
+            if error is not None:
+                line += f", found {measured(error.value, spreads[effect, name])}"
+            if error is not None and error.sigmas is not None:
+                line += f", off by {error.sigmas:+.1f} σ"
+            lines.append(line)
+    return lines or ["under the seal: nothing"]
+
+
+def against_truth(profiles: Sequence[Profile], truth: Truth) -> list[str]:
+    """alpha and D(T) of the plain profile, and of the extended one if there is one, beside the sealed truth."""
+    from shockrig.analysis.report.numbers import measured, plain
+
+    columns = [diffusivities(profile) for profile in profiles]
+    names = ("plain", "off by", "extended", "off by")[: 2 * len(columns)]
+    header = f"{'against the sealed truth':<24} {'unit':<10}  " + "".join(f"{name:<18}" for name in names) + "truth"
+    lines = [header]
+    for key in dict.fromkeys(key for column in columns for key in column):
+        symbol, ambient_c = key
+        scale = UNIT_ALPHA if symbol == "alpha" else UNIT_D
+        true = truth.thermal_diffusivity_m2_s if ambient_c is None else float(truth.diffusivity_m2_s(ambient_c))
+        cells = []
+        for column in columns:
+            if key not in column:
+                cells += ["not determined", ""]
+                continue
+            value, spread = column[key]
+            cells += [measured(value / scale, spread / scale)]
+            cells += [f"{100 * (value / true - 1):+.2f} %, {(value - true) / spread:+.1f} σ"]
+        label = symbol if ambient_c is None else f"{symbol} at {round(ambient_c, 1) + 0.0:.1f} °C"
+        row = "".join(f"{cell:<18}" for cell in cells)
+        lines.append(f"  {label:<22} {scale:.0e} m²/s  {row}{plain(true / scale, 5)}")
+    return lines
+
+
+def diffusivities(profile: Profile) -> dict[tuple[str, float | None], tuple[float, float]]:
+    """Value and standard uncertainty [m²/s] of alpha, and of D at each ambient [°C], of a profile."""
+    found: dict[tuple[str, float | None], tuple[float, float]] = {}
+    if profile.temperature is not None:
+        alpha = profile.temperature.thermal_diffusivity_m2_s
+        found["alpha", None] = (alpha.value, alpha.standard_uncertainty)
+    if profile.humidity is not None:
+        for row in profile.humidity.diffusivity_table:
+            found["D", row.ambient_temperature_c] = (row.diffusivity_m2_s, row.standard_uncertainty)
+    return found
+
+
+def _record(campaign: Path, seed: int, hide: str) -> None:
+    """`shockrig run standard` on the virtual bench; what it prints is progress here."""
     from shockrig.protocols.cli import build_parser
 
-    print(f"$ shockrig {' '.join(arguments)}", flush=True)
-    print(f"shockrig {arguments[0]} ...", file=sys.stderr, flush=True)
-    parsed = build_parser(arguments[0]).parse_args(list(arguments))
-    parsed.main(parsed)
+    arguments = ["run", "standard", "--out", str(campaign), "--seed", str(seed), "--hide", hide]
+    parsed = build_parser("run").parse_args(arguments)
+    with contextlib.redirect_stdout(sys.stderr):
+        parsed.main(parsed)
+
+
+def _step(number: int, text: str) -> None:
+    print(f"{number} of 5: {text}", file=sys.stderr, flush=True)
+
+
+def _filled(text: str, indent: str) -> str:
+    return textwrap.fill(text, WIDTH, initial_indent=indent, subsequent_indent=indent)
