@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import special
 
 from shockrig.analysis.checks.checked import Checked, checked
 from shockrig.analysis.diagnosis.adequacy import Adequacy, describe, judge
@@ -225,7 +226,7 @@ def _named(problem: Problem, found: Search) -> list[Cause]:
     for effect, standing in found.standing.items():
         weights = np.exp(-0.5 * np.clip(np.array([0.0, *standing.rivals.values()]), 0, 200))
         worth = evidence(problem, standing.necessity)
-        real = 1.0 / (1.0 + np.exp(-0.5 * (worth - penalty(CATALOGUE[effect], channel)) - 2.0))
+        real = float(special.expit(0.5 * (worth - penalty(CATALOGUE[effect], channel)) + 2.0))
         causes.append(
             Cause(
                 effect=effect,

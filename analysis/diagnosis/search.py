@@ -249,8 +249,14 @@ class Stepwise:
             or ((told := CATALOGUE[e].start_from) is not None and told(channel))
         ]
         worth = [e for e in ranked if reached[e] > WORTH_A_FIT * penalty(CATALOGUE[e], channel)]
-        chosen = dict.fromkeys([*worth[:keep], *always])
+        # The score of another body says little: where bodies are known it takes no other candidate's place.
+        bodies = [e for e in worth if CATALOGUE[e].rate_factor] if self._plainly_wrong(current) else []
+        small = [e for e in worth if not CATALOGUE[e].rate_factor]
+        chosen = dict.fromkeys([*small[:keep], *bodies[:QUICK_STARTS], *always])
         return {e: self._best_starts(CATALOGUE[e], scored[e]) for e in chosen}
+
+    def _plainly_wrong(self, current: Fit) -> bool:
+        return current.objective > PLAINLY_WRONG * self.problem.channel.count.size
 
     @staticmethod
     def _best_starts(effect: Effect, scored: list[tuple[float, Mapping[str, float]]]) -> Starts:
