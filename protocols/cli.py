@@ -21,7 +21,7 @@ COMMANDS = {
     "scan": ("scan", "find sensors and stages on this computer and write a bench file to start from"),
     "check": ("check", "open every instrument of a bench and say what is well and what is not"),
     "run": ("run", "record a campaign on a bench (the embedded virtual bench by default)"),
-    "import": ("import_csv", "turn another logger's CSV files into a campaign"),
+    "import": ("import_csv", "turn other loggers' files, also one long log with many steps, into a campaign"),
     "watch": ("watch", "watch a campaign while it is recorded, in the terminal or in the browser"),
     "status": ("status", "say what a campaign holds, what is missing and why"),
     "characterize": ("characterize", "fit alpha and D(T) to a campaign and write the sensor profile"),

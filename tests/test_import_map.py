@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from made_up_logs import MAP, WAYS, lines_of, plain_log, text, written
@@ -10,6 +11,7 @@ from made_up_logs import MAP, WAYS, lines_of, plain_log, text, written
 from shockrig.files.campaign import read_campaign
 from shockrig.files.errors import InputError
 from shockrig.protocols.cli import main
+from shockrig.rig.logs.map_file import parse_map
 
 
 def run(*arguments):
@@ -126,6 +128,16 @@ def test_what_is_there_is_not_written_over(tmp_path, capsys):
     assert (tmp_path / "log.toml").read_bytes() == before
 
 
+def test_the_map_in_the_documentation_is_one():
+    """Every key that docs/importing.md shows is read, and what it says of the sensors is what is meant."""
+    page = (Path(__file__).parent.parent / "docs" / "importing.md").read_text(encoding="utf-8")
+    map_ = parse_map(page.partition("```toml\n")[2].partition("```")[0], Path("doc.toml"))
+    assert map_.wanted == ("open", "closed") and map_.sensors["closed"].reference == ("open",)
+    assert map_.time == ("Date", "Time") and map_.layout.separator == "semicolon" and map_.layout.decimal == ","
+    (step,) = map_.steps
+    assert step.start == 1655.2 and step.facts["source"] == {"temperature_c": 16.0, "humidity_percent": 60.0}
+
+
 KILLED = """
 import os, sys
 from shockrig.files import campaign_write
@@ -139,6 +151,7 @@ def dies(folder, document, tables, **more):
     whole(folder, document, tables, **more)
 campaigns.write_run = dies
 from shockrig.protocols.cli import main
+from shockrig.rig.logs.map_file import parse_map
 main(sys.argv[1:])
 """
 

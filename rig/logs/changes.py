@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 WINDOW = 5  # blocks on either side
 SIGMAS = 6.0  # of the noise: over a million readings and all scales less than one false change is expected
-WANDERING = 8.0  # times the channel's usual departure from the cone at that scale
+WANDERING = 10.0  # times what three in five departures from the cone at that scale keep below
 GOES_ON = 0.1  # of a departure, passed in the window before it, shows that the way had begun
 GRID_AT_MOST = 4_000_000
 
@@ -95,7 +95,7 @@ def find_changes(channel: Channel) -> tuple[Change, ...]:
         departure, run_up = _departure(blocks)
         count = width / period
         noisy = SIGMAS * channel.noise * np.sqrt(14.0 / (WINDOW * count))
-        usual = WANDERING * float(np.median(np.abs(departure)))
+        usual = WANDERING * float(np.quantile(np.abs(departure), 0.6))
         score = np.abs(departure) / max(channel.least, noisy, usual)
         # The window around an edge i covers blocks i-WINDOW to i+WINDOW-1; its edge lies between two blocks.
         edge_s = time_s[0] + width * (np.arange(departure.size) + WINDOW) - 0.5 * period

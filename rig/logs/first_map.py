@@ -80,7 +80,7 @@ def t63_of(steps: Sequence[LogStep]) -> dict[str, dict[str, float]]:
 def _line(content: str, comment: str = "") -> str:
     if not comment:
         return content + "\n"
-    line = f"{content:<{WIDTH}}# {comment}".rstrip() + "\n"
+    line = f"{content:<{WIDTH - 2}}  # {comment}".rstrip() + "\n"
     return line if len(line) <= LONGEST else f"# {comment}:\n{content}\n"
 
 

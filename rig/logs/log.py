@@ -155,6 +155,7 @@ def _numbers(cells: NDArray[np.object_], column: Column, layout: Layout, lines: 
 
     where = f"{shown(lines.path)}, column {column.name!r}"
     said: list[str] = []
+    unread = 0
     if cells.dtype.kind in "fiu":
         numbers = cells.astype(float)
     else:
@@ -172,6 +173,7 @@ def _numbers(cells: NDArray[np.object_], column: Column, layout: Layout, lines: 
                 f"{str(cells[wrong[0]])!r} is not a number, nor are most; name another column in the map"
             )
         if wrong.size:
+            unread = wrong.size
             count = _sentence(wrong.size, f"cells of {column.name!r} that are no numbers", lines.numbers[wrong[0]])
             said.append(count)
     for word in layout.missing:
@@ -179,6 +181,9 @@ def _numbers(cells: NDArray[np.object_], column: Column, layout: Layout, lines: 
             numbers[numbers == float(word)] = np.nan
     scale, offset = UNITS[column.quantity][column.unit]
     numbers = scale * numbers + offset if (scale, offset) != (1.0, 0.0) else numbers
+    missing = int(np.isnan(numbers).sum()) - unread
+    if missing:
+        said.append(f"{missing} values of {column.name!r} are missing")
     limits = LIMITS[column.quantity]
     absurd = np.flatnonzero((numbers < limits.low) | (numbers > limits.high))
     if absurd.size and absurd.size >= 0.9 * np.isfinite(numbers).sum():

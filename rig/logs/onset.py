@@ -57,7 +57,8 @@ def fit_onset(channel: Channel, change: Change, since_s: float, until_s: float) 
     """
     time_s, value, period = channel.time_s, channel.value, channel.period_s
     early = change.time_s - 1.5 * change.width_s
-    stretch = (time_s >= max(since_s, change.time_s - 8.0 * change.width_s)) & (time_s <= max(early, since_s))
+    rested_s = since_s + 0.5 * (change.time_s - since_s) if since_s > time_s[0] else since_s
+    stretch = (time_s >= max(rested_s, change.time_s - 8.0 * change.width_s)) & (time_s <= max(early, rested_s))
     if stretch.sum() < 3:
         stretch = (time_s >= since_s) & (time_s < change.time_s - 0.5 * period)
     before = float(np.median(value[stretch])) if stretch.any() else float(value[0])

@@ -21,6 +21,8 @@ FEW_READINGS = 8  # between two changes cannot be a run
 STAGE_READINGS = 50  # between two stages of one step at most ...
 STAGE_QUIET = 20.0  # ... and so many times the longest of these pauses is quiet before and after
 UNDER_WAY = 0.25  # of a step's size may have passed in one t63 before it: weather and waves are as fast as that always
+AT_ONCE, AT_ONCE_READINGS = 0.25, 25  # of a t63, and readings, within which a turn is seen
+RETURNED = 0.25  # of the readings after it may lie nearer to the level before: a wave comes back
 RAMP = 0.5  # of the stretch to the next step, taken by 63 % of the way: it did not slow down
 LEAST_STAGE = 0.05  # of the whole way
 MANY_STAGES = 3  # that one transfer does not make
@@ -155,7 +157,7 @@ def _step(
         count, last_s = count_stages(channel, move, end_s)
         if count >= MANY_STAGES:
             move = _first_stage(channel, move, mine[0])
-        elif not _stands_out(channel, move, since_s):
+        elif not _stands_out(channel, move, mine[0].width_s, since_s, end_s):
             continue
         if count > stages:
             stages, lasted_s = count, last_s - move.at_s
@@ -166,17 +168,25 @@ def _step(
     return Step(piece, first.at_s, first.uncertainty_s, tuple(moves), stages, lasted_s)
 
 
-def _stands_out(channel: Channel, move: Move, since_s: float) -> bool:
-    """Whether a channel went to another level, and faster than it was on its way before."""
+def _stands_out(channel: Channel, move: Move, width_s: float, since_s: float, until_s: float) -> bool:
+    """Whether a channel went to another level, stayed there, and was faster on its way than before it."""
     if abs(move.size) < 0.5 * channel.least:
         return False
+    time_s, value = channel.time_s, channel.value
+    later = value[(time_s > move.at_s + 3.0 * move.t63_s) & (time_s <= until_s)]
+    if later.size and (np.abs(later - move.before) < np.abs(later - move.after)).mean() > RETURNED:
+        return False
     lead_s = max(move.t63_s, 8.0 * channel.period_s)
-    until_s = move.at_s - 2.0 * move.uncertainty_s
-    begin_s = max(until_s - lead_s, since_s)
-    before = (channel.time_s >= begin_s) & (channel.time_s < until_s)
-    if before.sum() < FEW_READINGS or until_s - begin_s < 0.3 * lead_s:
+    last_s = move.at_s - min(2.0 * move.uncertainty_s, width_s)
+    rested_s = since_s + 0.5 * (move.at_s - since_s) if since_s > time_s[0] else since_s
+    begin_s = max(last_s - lead_s, rested_s)
+    before = (time_s >= begin_s) & (time_s < last_s)
+    if before.sum() < FEW_READINGS:
         return True
-    slope = np.polyfit(channel.time_s[before] - move.at_s, channel.value[before], 1)[0]
+    slope = np.polyfit(time_s[before] - move.at_s, value[before], 1)[0]
+    # Turned round at once: carried back before it had settled. Waves turn as slowly as they go.
+    if slope * move.size < 0 and width_s <= min(AT_ONCE * move.t63_s, AT_ONCE_READINGS * channel.period_s):
+        return True
     return bool(abs(slope) * max(move.t63_s, channel.period_s) <= UNDER_WAY * abs(move.size))
 
 
