@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from shockrig.protocols.reveal import ChannelScore, Score
     from shockrig.rig.virtual.truth import Truth
 
+PROTOCOL = "standard"
 WIDTH = 112
 UNIT_ALPHA, UNIT_D = 1e-8, 1e-12  # m²/s, in which the table's numbers are of order one
 
@@ -194,7 +195,7 @@ def _record(campaign: Path, seed: int, hide: str) -> None:
     """`shockrig run standard` on the virtual bench; what it prints is progress here."""
     from shockrig.protocols.cli import build_parser
 
-    arguments = ["run", "standard", "--out", str(campaign), "--seed", str(seed), "--hide", hide]
+    arguments = ["run", PROTOCOL, "--out", str(campaign), "--seed", str(seed), "--hide", hide]
     parsed = build_parser("run").parse_args(arguments)
     with contextlib.redirect_stdout(sys.stderr):
         parsed.main(parsed)

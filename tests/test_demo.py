@@ -1,0 +1,151 @@
+"""shockrig demo: what it hides it finds, what it says at the end is so, and nothing is claimed that did not happen."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from shockrig.protocols.cli import main
+from shockrig.protocols.commands import demo
+from shockrig.protocols.reveal import ChannelScore, Score
+from shockrig.rig.virtual.hide import open_seal
+from shockrig.rig.virtual.truth import draw_truth
+
+HEAD = """
+format = "shock-protocol/1"
+name = "short"
+[steps]
+usual = [
+  { do = "soak", over_s = 5, at_most_s = 600, reference_within_k = 0.05, reference_within_percent = 0.3 },
+  { do = "record", for_s = 5 },
+  { do = "transfer" },
+  { do = "record", for_s = 40 },
+]
+"""
+RUN = """
+[[run]]
+airflow_m_s = {flow}
+source = {{ temperature_c = {source[0]}, humidity_percent = {source[1]} }}
+destination = {{ temperature_c = {destination[0]}, humidity_percent = {destination[1]} }}
+"""
+WARM, COOL, DRY, WET = (40, 18), (20, 55), (20, 20), (20, 80)
+SHOCKS = [(WARM, COOL), (COOL, WARM)]
+TRUTH = draw_truth(np.random.default_rng(0))
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory):
+    """A demo of an air film on fourteen short runs: (its folder, what it printed, what went to standard error)."""
+    import contextlib
+    import io
+
+    home = tmp_path_factory.mktemp("demo")
+    runs = [RUN.format(flow=flow, source=a, destination=b) for flow in (2.5, 6.0, 12.0) for a, b in SHOCKS * 2]
+    runs += [RUN.format(flow=6.0, source=a, destination=b) for a, b in ((DRY, WET), (WET, DRY))]
+    (home / "short.toml").write_text(HEAD + "".join(runs))
+    out, err = io.StringIO(), io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        patch.setattr(demo, "PROTOCOL", str(home / "short.toml"))
+        assert main(["demo", "--out", str(home / "out"), "--seed", "5", "--hide", "convective_film"]) == 0
+    return home / "out", out.getvalue(), err.getvalue()
+
+
+@pytest.mark.timeout(400)  # a recording, two characterizations and a diagnosis
+def test_the_air_film_is_found_and_the_first_line_says_so(shown):
+    out, printed, _ = shown
+    truth, seed = open_seal(out / "campaign.sealed")
+    assert seed == 5 and [hidden.effect for hidden in truth.effects] == ["convective_film"]
+    assert printed.startswith("Found what was hidden, and nothing else: convective film (temperature).\n")
+    stated = json.loads((out / "diagnosis" / "diagnosis.json").read_text())["channels"]["temperature"]["causes"][0]
+    found, true = stated["parameters"]["biot_at_5_m_s"], truth.effects[0].parameters["biot_at_5_m_s"]
+    assert abs(found["value"] - true) < 4 * found["standard_uncertainty"]
+    assert f"hidden {true:.4g}, found " in printed
+
+
+@pytest.mark.timeout(400)
+def test_the_extended_alpha_is_the_materials_where_the_plain_one_is_not(shown):
+    out, _, _ = shown
+    truth, _ = open_seal(out / "campaign.sealed")
+    alpha = {
+        name: json.loads((out / name / "profile.json").read_text())["temperature"]["thermal_diffusivity_m2_s"]
+        for name in ("plain", "extended")
+    }
+    true = truth.thermal_diffusivity_m2_s
+    assert alpha["plain"]["value"] < 0.5 * true
+    assert abs(alpha["extended"]["value"] - true) < 4 * alpha["extended"]["standard_uncertainty"] < true
+
+
+@pytest.mark.timeout(400)
+def test_progress_is_on_standard_error_and_every_path_that_is_printed_exists(shown):
+    out, printed, progress = shown
+    assert [line[0] for line in progress.splitlines() if " of 5: " in line] == ["1", "2", "3", "4", "5"]
+    assert "of 5:" not in printed and "run 0001" not in printed
+    reports, figures = printed.splitlines()[-2:]
+    paths = [*reports.removeprefix("reports: ").split(", "), *figures.removeprefix("before and after: ").split(", ")]
+    assert paths == [
+        *(str(out / name / "report.html") for name in ("plain", "diagnosis", "extended")),
+        str(out / "diagnosis" / "temperature_before_after.png"),
+    ]
+    assert all((out.parent / path).is_file() for path in paths)
+
+
+def ended(**channels):
+    return demo.ending(Score(TRUTH, 1, {name: ChannelScore(name, *judged) for name, judged in channels.items()}))
+
+
+NOTHING = ((), "adequate", "adequate")
+
+
+@pytest.mark.parametrize(
+    "temperature, humidity, sentence",
+    [
+        (NOTHING, NOTHING, "Nothing was hidden, and nothing was named."),
+        (
+            ((), "adequate", "explained", (), (), (), ("dead_time",)),
+            NOTHING,
+            "Nothing was hidden, and dead time (temperature) was named.",
+        ),
+        (
+            (("finite_transfer",), "explained", "explained", ("finite_transfer",)),
+            (("finite_transfer",), "explained", "explained", ("finite_transfer",)),
+            "Found what was hidden, and nothing else: finite transfer (temperature and humidity).",
+        ),
+        (
+            NOTHING,
+            (("unknown_log_creep",), "unexplained", "unexplained"),
+            "Hidden was what no catalogue has, unknown log creep (humidity), "
+            "and the diagnosis says that it cannot explain it.",
+        ),
+        (
+            (("stem_conduction", "dead_time"), "explained", "explained", ("dead_time",), (), ("stem_conduction",)),
+            (("hysteresis",), "explained", "adequate", (), (), ("hysteresis",)),
+            "Not all came out as hidden: found dead time (temperature); missed stem conduction (temperature) and "
+            "hysteresis (humidity); humidity should be explained.",
+        ),
+        (
+            (("dead_time",), "explained", "explained", (), ("dead_time",)),
+            (("hysteresis",), "explained", "explained", ("hysteresis",), (), (), ("slow_relaxation",)),
+            "Not all came out as hidden: found hysteresis (humidity); only among the look-alikes of what was named: "
+            "dead time (temperature); named but not hidden: slow relaxation (humidity).",
+        ),
+    ],
+)
+def test_the_first_sentence_says_what_became_of_what_was_hidden(temperature, humidity, sentence):
+    assert ended(temperature=temperature, humidity=humidity) == sentence
+
+
+def test_the_table_gives_errors_in_percent_and_in_standard_uncertainties(monkeypatch):
+    truth = replace(TRUTH, thermal_diffusivity_m2_s=5.0e-8)
+    found = {"plain": {("alpha", None): (4.0e-8, 0.1e-8)}, "extended": {("alpha", None): (5.01e-8, 0.02e-8)}}
+    monkeypatch.setattr(demo, "diffusivities", found.get)
+    header, row = demo.against_truth(["plain", "extended"], truth)
+    assert "-20.00 %, -10.0 σ" in row and "+0.20 %, +0.5 σ" in row and row.endswith("5.0000")
+    starts = [header.rindex(name) for name in ("plain", "extended", "truth")]
+    assert [row[start:].split()[0] for start in starts] == ["4.00", "5.010", "5.0000"]
+
+
+def test_of_one_profile_there_is_no_extended_column(monkeypatch):
+    monkeypatch.setattr(demo, "diffusivities", {"plain": {("D", 20.0): (5e-12, 1e-14)}}.get)
+    header, row = demo.against_truth(["plain"], TRUTH)
+    assert "extended" not in header and row.startswith("  D at 20.0 °C")
