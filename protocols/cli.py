@@ -29,7 +29,7 @@ COMMANDS = {
     "reveal": ("reveal", "open a sealed truth beside a diagnosis and score it"),
     "correct": ("correct", "correct a flight's temperature and humidity with a profile"),
     "simulate": ("simulate", "simulate weather and a sensor flown through it, to files"),
-    "demo": ("demo", "record, characterize, diagnose and report on the virtual bench"),
+    "demo": ("demo", "hide an effect in virtual sensors, find it, extend the model, open the seal"),
     "demo-flights": ("demo_flights", "make the paper's flight figures again, three corrections side by side"),
     "emulate": ("emulate", "emulated instruments that unmodified programs open, or that play a flight"),
     "hyt-address": ("hyt_address", "read a HYT-271's I2C address, or store another one in it"),
