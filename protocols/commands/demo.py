@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--hide",
         metavar="WHAT",
         default="1",
-        help="what else to hide, as in shockrig run: random, none, outside, ... (1)",
+        help="what to hide, as in shockrig run: a number, random, none, outside, ids (1)",
     )
 
 
