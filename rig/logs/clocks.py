@@ -104,6 +104,8 @@ def _counted(name: str, cells: Sequence[str], unit: str | None, named: bool) -> 
     if _share(lambda text: NUMBER.fullmatch(text) is not None, texts) < 0.9:
         return None
     values = np.array([float(text) for text in texts if NUMBER.fullmatch(text)])
+    if values.size < 2:
+        return None
     steps = np.diff(values)
     if not (steps >= 0).mean() > 0.95 or values[-1] <= values[0] or (not named and not (steps > 0).mean() > 0.95):
         return None

@@ -165,7 +165,7 @@ def _numbers(cells: NDArray[np.object_], column: Column, layout: Layout, lines: 
         bare = texts.str.extract(r"^([+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*(?:[°º%a-zA-Z/]{0,6})$")[0]
         if lines.decimal == ",":
             bare = bare.str.replace(",", ".", regex=False)
-        numbers = pd.to_numeric(bare, errors="coerce").to_numpy(dtype=float)
+        numbers = pd.to_numeric(bare, errors="coerce").to_numpy(dtype=float, copy=True)
         wrong = np.flatnonzero(np.isnan(numbers) & ~empty.to_numpy())
         if wrong.size > 0.5 * numbers.size:
             raise BenchError(
