@@ -154,7 +154,7 @@ def _kept(channel: Channel, ready: Prepared, found: Search, adequacy: Adequacy) 
     from_readings = {f.effect: _from_readings(f) for f in ready.findings}
     named = {c.effect: c for c in _named(problem, found)}
     if not adequacy.passed:
-        certain = {c.effect for c in named.values() if _certain(c, adequacy)}
+        certain = {c.effect for c in named.values() if _certain(c, adequacy, channel)}
         tried += [
             Tried(e, "it helps, and is not certain beside what is left unexplained") for e in named if e not in certain
         ]
@@ -240,15 +240,15 @@ def _named(problem: Problem, found: Search) -> list[Cause]:
     return causes
 
 
-def _certain(cause: Cause, adequacy: Adequacy) -> bool:
+def _certain(cause: Cause, adequacy: Adequacy, channel: Channel) -> bool:
     """Whether a cause keeps its name beside something unexplained: only what dwarfs it does.
 
     A steady error is never certain beside an unknown remainder, a straight line soaks up part of anything; nor is an
     average, which is told from noise that the remainder may be part of. What only says how the response behaves does
-    not claim a cause.
+    not claim a cause, where the body is not known.
     """
     effect = CATALOGUE[cause.effect]
-    if effect.shape:
+    if effect.shape and not effect.rarity(channel):
         return True
     if effect.steady or effect.averages or cause.indistinguishable_from:
         return False

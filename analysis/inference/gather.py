@@ -138,7 +138,7 @@ def _half_way_s(timed: list[UsableRun], quantity: Quantity) -> float:
     halves = [
         half_way_s(one.trace.time_s - one.start_s, one.trace.values[quantity.column])
         for one in timed
-        if one.air is None
+        if one.air is None and np.ptp(one.trace.values[quantity.column]) > quantity.least_step
     ]
     told = [half for half in halves if np.isfinite(half)]
     return max(float(np.median(told)), 1e-3) if told else float("nan")
@@ -172,6 +172,8 @@ def _unfit(one: UsableRun, quantity: Quantity, tempo: float) -> str | None:
     drift = _drift(value[before])
     step = abs(end - value[before].mean())
     known = all(getattr(air, quantity.column) is not None for air in (one.run.source, one.run.destination))
+    if not known and step < quantity.least_step:
+        return f"no {quantity.name} step ({step:.2g} {quantity.unit})"
     limit = max(quantity.settled_within, (0.02 if known else 0.05) * step)
     if abs(drift) > limit:
         return f"not settled before the transfer: the plateau drifts by {drift:+.2f} {quantity.unit}"

@@ -17,12 +17,13 @@ from shockrig.analysis.flight.scenes import to_flight
 from shockrig.analysis.flight.sensor import FLOWN_EFFECTS, fly_many
 from shockrig.analysis.flight.weather import inversion
 from shockrig.files.errors import InputError
-from shockrig.files.profile import Profile
+from shockrig.files.profile import HumidityProfile, Profile, TemperatureProfile
 
 Array = NDArray[np.float64]
 COLUMN = {"temperature": "temperature_c", "humidity": "humidity_percent"}
 BELOW_K, ABOVE_K = 3.5, 3.5  # the scene's temperatures about that of the surface
 FLIGHTS = 3
+MOST_T63_S = 60.0  # a slower sensor sees nothing of a layer that is crossed in seconds
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,9 @@ def _flyable(extended: Profile, plain: Profile, notes: list[str]) -> tuple[Profi
         part = getattr(extended, channel)
         if part is None or getattr(plain, channel) is None:
             continue
+        if _too_slow(part):
+            notes.append(f"The {channel} sensor takes more than {MOST_T63_S:g} s to 63 % of a step: it is not flown.")
+            continue
         flown = tuple(e for e in part.effects if _flies(e.effect, channel))
         grounded = [e.effect for e in part.effects if e not in flown]
         if grounded:
@@ -96,6 +100,12 @@ def _flyable(extended: Profile, plain: Profile, notes: list[str]) -> tuple[Profi
     if not parts:
         return None, surface_c
     return Profile(parts.get("temperature"), parts.get("humidity"), extended.sensors), surface_c
+
+
+def _too_slow(part: TemperatureProfile | HumidityProfile) -> bool:
+    rows = part.diffusivity_table if isinstance(part, HumidityProfile) else (part,)
+    times = [row.response_time_s for row in rows if row.response_time_s is not None]
+    return any(time.t63_s > MOST_T63_S for time in times)
 
 
 def _flies(effect: str, channel: str) -> bool:

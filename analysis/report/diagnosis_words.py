@@ -151,14 +151,13 @@ def remainder_sentence(found: ChannelDiagnosis) -> str:
     """What is left on unseen runs, and whether it matters."""
     left = found.remainder
     size = f"{plain(left.rms, 2)} {left.unit} rms above the noise, at most {plain(left.peak, 2)} {left.unit}"
+    where = "on unseen runs" if found.gain.measured else "in the readings"
     if not left.significant:
-        return f"Left on unseen runs: {size}; no more than chance leaves."
+        return f"Left {where}: {size}; no more than chance leaves."
     if left.material:
-        return (
-            f"Left on unseen runs: {size}, which is more than the tolerance of {plain(left.tolerance, 2)} {left.unit}."
-        )
+        return f"Left {where}: {size}, which is more than the tolerance of {plain(left.tolerance, 2)} {left.unit}."
     return (
-        f"Left on unseen runs: {size}. Statistics sees it; at a tolerance of {plain(left.tolerance, 2)} {left.unit} it "
+        f"Left {where}: {size}. Statistics sees it; at a tolerance of {plain(left.tolerance, 2)} {left.unit} it "
         "does not matter."
     )
 
