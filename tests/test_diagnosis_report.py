@@ -90,13 +90,14 @@ def test_adequate_and_unexplained_are_said_honestly():
 
 
 def test_what_is_left_is_said_with_whether_it_matters():
-    def said(rms, significant, tolerance):
+    def said(rms, significant, tolerance, measured=True):
         left = Remainder(rms, 4 * rms, "K", significant, tolerance, 0.6, 2.5, ())
-        return remainder_sentence(SimpleNamespace(remainder=left))
+        return remainder_sentence(SimpleNamespace(remainder=left, gain=SimpleNamespace(measured=measured)))
 
     assert said(0.01, False, 0.03) == (
         "Left on unseen runs: 0.010 K rms above the noise, at most 0.040 K; no more than chance leaves."
     )
+    assert said(0.01, False, 0.03, measured=False).startswith("Left in the readings: ")
     assert "at a tolerance of 0.030 K it does not matter" in said(0.01, True, 0.03)
     assert "more than the tolerance of 0.030 K" in said(0.05, True, 0.03)
     assert Remainder(0.01, 0.2, "K", True, 0.03, 0.6, 2.5, ()).material  # a peak of five tolerances and more
