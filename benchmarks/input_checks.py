@@ -31,7 +31,7 @@ from shockrig.files.errors import InputError
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.hide import draw_hidden
 from shockrig.rig.virtual.plans import single_airflow_plan, single_direction_plan, standard_plan, wide_plan
-from shockrig.rig.virtual.truth import Truth, draw_truth
+from shockrig.rig.virtual.truth import Truth, draw_truth, with_effects
 
 ORDINARY = ("convective_film", "finite_transfer", "stem_conduction", "die_thermal_lag")
 PLANS = {
@@ -80,12 +80,17 @@ def outcome(slip: Slip, folder: Path, campaign: Campaign, second: Campaign, seed
 
 
 def two_pairs(seed: int, folder: Path) -> tuple[Path, Campaign, Campaign]:
-    """A clean campaign and the same plan on another pair of sensors, both of whose rates differ."""
+    """A clean campaign and the same plan on another pair of sensors, both of whose rates differ.
+
+    Half of them on a plain bench, a quarter with the ordinary effects of one, a quarter with any one effect.
+    """
     rng = np.random.default_rng(seed)
     plan = (standard_plan, wide_plan)[seed % 2]()
-    first, second = draw_truth(rng, "rough" if seed % 4 else "smooth"), draw_truth(rng, "rough")
+    hidden = draw_hidden(rng, ("none", "none", ORDINARY, 1)[seed // 2 % 4])
+    first, second = draw_truth(rng, "rough" if seed % 5 else "smooth"), draw_truth(rng, "rough")
     while min(_apart(first, second)) < DIFFERENT:
         second = draw_truth(rng, "rough")
+    first, second = with_effects(first, hidden), with_effects(second, hidden)
     paths = [simulate_campaign(t, plan, rng, folder / name) for t, name in ((first, "first"), (second, "second"))]
     return paths[0], read_campaign(paths[0]), read_campaign(paths[1])
 
@@ -107,6 +112,7 @@ def slips(first: int, seeds: int) -> int:
             folder, campaign, second = two_pairs(seed, Path(scratch))
             for slip in SLIPS:
                 word, others = outcome(slip, folder, campaign, second, seed)
+                print(seed, slip.name, word, file=sys.stderr, flush=True)
                 told[slip.name][word.split(":")[0]] += 1
                 told[slip.name]["beside"] += bool(others)
                 notes += [f"  seed {seed}, {slip.name}: {word}"] if word.startswith("missed") else []
@@ -238,6 +244,7 @@ def right(campaigns: Iterator[tuple[str, str, Campaign]]) -> int:
         begun = time.perf_counter()
         found: tuple[InputFinding, ...] = check_campaign(campaign)
         seconds += time.perf_counter() - begun
+        print(group, name, *found, sep="; ", file=sys.stderr, flush=True)
         told.setdefault(group, Counter())["campaigns"] += 1
         told[group]["cried"] += bool(found)
         notes += [f"  {name}: {finding.kind}: {finding.sentence}" for finding in found]
