@@ -171,7 +171,7 @@ def test_two_groups_are_those_of_every_labelling():
     rng = np.random.default_rng(5)
     n, slope = 12, np.linspace(-1.0, 1.0, 12)
     conditions = [np.ones(n), slope, np.tile([0.0, 1.0], 6)]
-    y = rng.standard_normal(n)
+    y = rng.standard_normal(n) + 4.0 * np.array([0, 1, 1, 0, 1, 0, 0, 1, 1, 0, 0, 1])
     found = two_groups(y, conditions, None, smallest_share=0.3)
     least = np.inf
     for labels in product((0.0, 1.0), repeat=n):

@@ -1,8 +1,9 @@
 """Do numbers fall into two groups that no condition explains? Labels are free, so chance is counted.
 
-y = conditions @ b + z (d0 + d1 u) + scatter with a label z (0 or 1) for each run: the labels that leave the least are
-sought by flipping one at a time from many starts. The best of 2^(n-1) labels leaves, where there is nothing, about
-2^(-2 (n-1) / dof) of the squares (the nearest of so many random directions in dof dimensions).
+y = conditions @ b + z (d0 + d1 u) + scatter with a label z (0 or 1) for each run. Either the runs before some moment
+are one group and those after it the other, or the labels that leave the least are sought by flipping one at a time
+from many starts. The best of m labellings leaves, where there is nothing, about m^(-2 / dof) of the squares (the
+nearest of m random directions in dof dimensions): m is the number of moments, or 2^(n-1).
 """
 
 from __future__ import annotations
@@ -49,9 +50,20 @@ class Grouping:
 def two_groups(
     y: Array, conditions: Sequence[Array], slope: Array | None = None, smallest_share: float = 0.2, seed: int = 0
 ) -> Grouping | None:
-    """The two groups that explain most of `y` (n,) beyond `conditions` (columns (n,)); None where too few runs remain.
+    """The two groups that explain most of `y` beyond `conditions`; None where too few runs remain.
 
-    `slope` (n,): along what the groups may also differ; None: they differ by a constant.
+    Parameters
+    ----------
+    y : ndarray (n,)
+        In the order of the campaign.
+    conditions : sequence of ndarray (n,)
+        What `y` may depend on, a constant among them.
+    slope : ndarray (n,), optional
+        Along what the groups may also differ; without it they differ by a constant.
+    smallest_share : float
+        Of the runs in either group; at least three runs.
+    seed : int
+        Of the starts of the search.
     """
     n = y.size
     basis = _basis(conditions)
@@ -62,20 +74,30 @@ def two_groups(
     away = np.eye(n) - basis @ basis.T  # takes the conditions out
     rest = away @ y
     total = float(rest @ y)
-    best, gain = _search(rest, away, slope, least, np.random.default_rng(seed))
-    if best is None or total <= 0.0:
+    if total <= 0.0:
         return None
-    kept = np.ones(n, dtype=bool)
-    alone = [_explained(y, conditions, slope, best, np.arange(n) != i)[0] for i in range(n)]
-    remaining = max(total - gain, 1e-12 * total)
-    scatter = float(np.sqrt(remaining / left))
-    return Grouping(
-        second=best > 0.0,
-        difference=_explained(y, conditions, slope, best, kept)[1],
-        scatter=scatter,
-        chance=float(remaining / total * 2.0 ** (2.0 * (n - 1) / left)),
-        least_alone=float(np.sqrt(min(alone))) / scatter,
-    )
+    everyone = np.ones(n, dtype=bool)
+    moments = [(np.arange(n) < i).astype(float) for i in range(least, n - least + 1)]
+    gains = [_explained(y, conditions, slope, labels, everyone)[0] for labels in moments]
+    candidates = [(moments[int(np.argmax(gains))], max(gains), np.log2(len(moments)))]
+    best, gain = _search(rest, away, slope, least, np.random.default_rng(seed))
+    if best is not None:
+        candidates.append((best, gain, n - 1.0))
+    found = []
+    for labels, gain, bits in candidates:
+        remaining = max(total - gain, 1e-12 * total)
+        scatter = float(np.sqrt(remaining / left))
+        alone = min(_explained(y, conditions, slope, labels, np.arange(n) != i)[0] for i in range(n))
+        found.append(
+            Grouping(
+                second=labels > 0.0,
+                difference=_explained(y, conditions, slope, labels, everyone)[1],
+                scatter=scatter,
+                chance=float(remaining / total * 2.0 ** (2.0 * bits / left)),
+                least_alone=float(np.sqrt(alone)) / scatter,
+            )
+        )
+    return min(found, key=lambda grouping: grouping.chance)
 
 
 def _basis(columns: Sequence[Array]) -> Array:

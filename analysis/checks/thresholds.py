@@ -79,10 +79,10 @@ THRESHOLDS: dict[str, Threshold] = {
         0.12, "1", "the same of films, whose D depends on more", "0.06, unless the scatter is as large"
     ),
     "group_over_scatter": Threshold(8.0, "1", "and so many times the scatter within the groups", "by chance: 6"),
-    "group_chance": Threshold(0.38, "1", "scatter left, over what the best labels leave", "right campaigns: 0.55"),
+    "group_chance": Threshold(0.35, "1", "squares left, over what the best labels leave", "right campaigns: 0.6"),
     "group_share": Threshold(0.2, "1", "smallest share of the runs that makes a group", "and three runs"),
     "group_share_airflow_unknown": Threshold(0.3, "1", "the same without the airflow", "few runs have another one"),
-    "group_alone": Threshold(10.0, "1", "sigma that the groups explain without any one run", "no single run decides"),
+    "group_alone": Threshold(7.0, "1", "sigma that the groups explain without any one run", "no single run decides"),
     "smallest_alpha_m2_s": Threshold(1e-9, "m²/s", "effective alpha of a bead", "polymers 1e-7, behind an air film"),
     "largest_alpha_m2_s": Threshold(1e-5, "m²/s", "effective alpha of a bead", "steel, 4e-6 to 1e-5"),
     "smallest_d_m2_s": Threshold(1e-14, "m²/s", "D of vapour in a film", "dense polymers (Crank 1975, ch. 11)"),
