@@ -49,7 +49,7 @@ def fit_campaign(
     runs: int | None = None,
     unknowns: int = 1,
     layers: int = 10,
-    scheme: str = "mended",
+    scheme: str = "corrected",
     popsize: int = 15,
     maxiter: int = 1000,
     seed: int = 1,
@@ -130,7 +130,7 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--runs", type=int, help="only the first so many runs (all)")
     parser.add_argument("--unknowns", type=int, choices=(1, 4), default=1, help="4: start and airs too (1)")
     parser.add_argument("--layers", type=int, default=10)
-    parser.add_argument("--scheme", default="mended", choices=("printed", "mended", "collocation"))
+    parser.add_argument("--scheme", default="corrected", choices=("printed", "corrected", "collocation"))
     parser.add_argument("--popsize", type=int, default=15)
     parser.add_argument("--maxiter", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=1)

@@ -27,7 +27,7 @@ from shockrig.rig.stages.manual import ConsoleOperator, PromptedChambers
 
 __all__ = ["Bench", "ConnectionFault", "ConnectionFaults", "default_bench", "load_bench", "open_bench", "virtual_bench"]
 
-MENDS = {
+REMEDIES = {
     errno.ENOENT: "there is no such device: check the bench file, that it is plugged in, and that I2C is switched on",
     errno.EACCES: "the system refuses access: add yourself to the groups dialout and i2c, then log in again",
     errno.EBUSY: "another program has it: end that one",
@@ -41,11 +41,11 @@ MENDS = {
 
 @dataclass(frozen=True)
 class ConnectionFault:
-    """One instrument that cannot be used: device -> cause -> mend."""
+    """One instrument that cannot be used: device -> cause -> remedy."""
 
     device: str
     cause: str
-    mend: str
+    remedy: str
 
 
 class ConnectionFaults(BusError):
@@ -56,9 +56,10 @@ class ConnectionFaults(BusError):
         super().__init__("; ".join(": ".join(filter(None, fault)) for fault in map(astuple, faults)))
 
     def tree(self) -> str:
-        """Device, cause and mend of each fault, each indented below the one before."""
+        """Device, cause and remedy of each fault, each indented below the one before."""
         rows = (
-            "\n".join(filter(None, (f.device, f"    {f.cause}", f.mend and f"        {f.mend}"))) for f in self.faults
+            "\n".join(filter(None, (f.device, f"    {f.cause}", f.remedy and f"        {f.remedy}")))
+            for f in self.faults
         )
         return "\n".join(rows)
 
@@ -99,9 +100,9 @@ class Bench:
             try:
                 part.open()
             except OSError as error:
-                own = isinstance(error, RigError)  # says the mend itself
-                mend = "" if own else MENDS.get(error.errno or 0, "check cable and supply")
-                faults.append(ConnectionFault(self.devices.get(name, name), error.strerror or str(error), mend))
+                own = isinstance(error, RigError)  # says the remedy itself
+                remedy = "" if own else REMEDIES.get(error.errno or 0, "check cable and supply")
+                faults.append(ConnectionFault(self.devices.get(name, name), error.strerror or str(error), remedy))
         if faults:
             raise ConnectionFaults(faults)
 

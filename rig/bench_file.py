@@ -104,7 +104,7 @@ class BenchConfig:
 
 
 def load_bench(path: str | Path) -> BenchConfig:
-    """Read and check a bench file. Raises BenchError naming the file, the key and the mend."""
+    """Read and check a bench file. Raises BenchError naming the file, the key and the remedy."""
     with as_bench_errors():
         text = read_text(path, "name a bench file that exists", TOML_AT_MOST)
     try:
@@ -167,7 +167,7 @@ def _backend(section: str, kind: str, where: str) -> Any:
 
 
 def settings_from(cls: type, table: Mapping[str, Any], where: str) -> Any:
-    """An instance of a frozen settings dataclass from a TOML table. Raises BenchError naming the key and the mend."""
+    """An instance of a frozen settings dataclass from a TOML table. Raises BenchError naming the key and the remedy."""
     known = {f.name: f for f in fields(cls)}
     refuse_unknown_keys(table, known, where)
     hints = typing.get_type_hints(cls)

@@ -1,6 +1,6 @@
 """Examine a bench: open every instrument, read it, look at the clock and the disk, and tell all of it at once.
 
-An examination is a list of findings, device -> what it says, or device -> cause -> mend. The stage is opened as for a
+An examination is a list of findings, device -> what it says, or device -> cause -> remedy. The stage is opened as for a
 run, which homes it where its bench file says so.
 """
 
@@ -34,7 +34,7 @@ SYNC_S = 0.5
 BLOCK_BYTES = 4096
 BLOCKS = 64
 
-MENDS = {
+REMEDIES = {
     Outcome.STALE: "conversions do not end in time: raise conversion_s, or look whether something else reads it too",
     Outcome.COMMAND_MODE: "it listens for commands since a brown-out: switch its supply off and on",
     Outcome.NOT_ACKNOWLEDGED: "check supply, wiring, pull-ups and address",
@@ -51,7 +51,7 @@ class Finding:
     device: str
     says: str = ""
     cause: str = ""
-    mend: str = ""
+    remedy: str = ""
 
     @property
     def well(self) -> bool:
@@ -120,7 +120,7 @@ def examine(
     findings = []
     for name, part in bench.parts().items():
         if label[name] in faults:
-            findings.append(Finding(label[name], "", faults[label[name]].cause, faults[label[name]].mend))
+            findings.append(Finding(label[name], "", faults[label[name]].cause, faults[label[name]].remedy))
         elif name == "stage":
             findings.append(Finding(label[name], "answers" if may_move else "left alone, as asked"))
         elif name in bench.describe() or heard[name]:
@@ -133,13 +133,13 @@ def examine(
 
 
 def tree(bench_name: str, findings: list[Finding]) -> str:
-    """The findings as text: device, then what it says, then the cause and below it the mend."""
+    """The findings as text: device, then what it says, then the cause and below it the remedy."""
     lines = [bench_name]
     for finding in findings:
         lines.append(f"  {'ok   ' if finding.well else 'FAULT'}  {finding.device}")
         lines += [f"             {finding.says}"] if finding.says else []
         lines += [f"             {finding.cause}"] if finding.cause else []
-        lines += [f"                 {finding.mend}"] if finding.mend else []
+        lines += [f"                 {finding.remedy}"] if finding.remedy else []
     return "\n".join(lines)
 
 
@@ -171,7 +171,7 @@ def _judged(device: str, part: Any, readings: list[Reading], entry: Mapping[str,
     counted = ", ".join(f"{n} {outcome}" for outcome, n in sorted(failed.items()))
     if not good:
         worst = max(failed, key=failed.__getitem__, default=Outcome.TIMED_OUT)
-        return Finding(device, "", f"no good reading in {LISTEN_S:g} s ({counted or 'silence'})", MENDS[worst])
+        return Finding(device, "", f"no good reading in {LISTEN_S:g} s ({counted or 'silence'})", REMEDIES[worst])
     says = [f"serial {entry['serial']}"] if entry.get("serial") else []
     says.append(", ".join(_words(name, value) for name, value in good[-1].values.items()))
     if len(good) > 1:
@@ -184,7 +184,7 @@ def _judged(device: str, part: Any, readings: list[Reading], entry: Mapping[str,
     lost = sum(failed.values()) - (readings[0].outcome is Outcome.REJECTED)
     if lost and 100.0 * lost / len(readings) > FAILED_PERCENT_AT_MOST:
         worst = max(failed, key=failed.__getitem__)
-        return Finding(device, "; ".join(says), f"{counted} of {len(readings)} readings", MENDS[worst])
+        return Finding(device, "; ".join(says), f"{counted} of {len(readings)} readings", REMEDIES[worst])
     return Finding(device, "; ".join(says))
 
 
@@ -216,8 +216,8 @@ def clock_finding(clock: Any, wall: Callable[[], float], jump_s: float) -> Findi
     if wall() < OLDEST_TIME_OF_DAY_S:
         return Finding("clock", says, "the time of day is not set", "set it, or wait for NTP: runs are dated by it")
     if abs(jump_s) > JUMP_S:
-        mend = "wait until NTP has settled: samples are not touched, but runs are dated by it"
-        return Finding("clock", says, f"the time of day jumped by {jump_s:+.1f} s while this listened", mend)
+        remedy = "wait until NTP has settled: samples are not touched, but runs are dated by it"
+        return Finding("clock", says, f"the time of day jumped by {jump_s:+.1f} s while this listened", remedy)
     return Finding("clock", says)
 
 

@@ -1,7 +1,7 @@
 """Errors of the bench.
 
 RigError                     the tree's root; the command line prints it as one line and exits with status 2
-|-- BenchError (ValueError)  a bench, protocol or campaign file is wrong: names the file, the key and the mend
+|-- BenchError (ValueError)  a bench, protocol or campaign file is wrong: names the file, the key and the remedy
 |-- BusError (OSError)       a bus is gone or will not answer; a single failed reading is an Outcome, not an error
 `-- StageError (OSError)     the stage is in alarm, stalled, or did not arrive in time
 """

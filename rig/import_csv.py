@@ -83,7 +83,7 @@ def read_series(path: Path, wanted: Sequence[str], layout: CsvLayout) -> Series:
     Raises
     ------
     BenchError
-        Naming the file, the line, the column and the mend.
+        Naming the file, the line, the column and the remedy.
     """
     rows = _rows(path, layout)
     if not rows:
@@ -357,7 +357,7 @@ def _number(cell: str, layout: CsvLayout, where: str) -> float | None:
     except ValueError:
         value = math.nan
     if not math.isfinite(value) or "_" in text:
-        raise BenchError(f"{where}: {cell.strip()!r} is not a number; mend the cell, or skip lines before the header")
+        raise BenchError(f"{where}: {cell.strip()!r} is not a number; fix the cell, or skip lines before the header")
     return value
 
 

@@ -123,7 +123,7 @@ def load_protocol(name_or_path: str | Path) -> Protocol:
     Raises
     ------
     BenchError
-        Naming the file, the key and the mend.
+        Naming the file, the key and the remedy.
     """
     path = Path(name_or_path)
     if str(name_or_path) in shipped_protocols() and not path.is_file():

@@ -217,7 +217,7 @@ class _Runner:
                 self._listen()
         raise CampaignPaused(
             f"run {run.id} was spoilt {limit + 1} times, the last time because {record.reason}; "
-            "mend the bench and run the same command again to go on"
+            "fix the bench and run the same command again to go on"
         )
 
     def _attempt(self, run: PlannedRun, attempt: int) -> RunRecord:

@@ -311,7 +311,7 @@ def correct(
         `airspeed_m_s`.
     profile : Profile, Characterized or path
         Of the sensors that flew; a channel that it lacks is given as it came and flagged `not_corrected`.
-    method : {"smoother", "mended", "paper"}
+    method : {"smoother", "inverse", "paper"}
         The optimal smoother, or the published inverse, corrected or as printed.
     columns : mapping, optional
         Quantity ("time", "temperature", "humidity", "airspeed", "die") -> the column's name in the file, where it is

@@ -119,7 +119,7 @@ print([m for m in sys.modules if m.startswith("shockrig.rig.virtual") or m in ("
         ("[bench]", "[bench", "not TOML"),
     ],
 )
-def test_a_wrong_bench_file_is_refused_with_file_key_and_mend(tmp_path, old, new, says):
+def test_a_wrong_bench_file_is_refused_with_file_key_and_remedy(tmp_path, old, new, says):
     assert old in VIRTUAL
     path = tmp_path / "mine.toml"
     path.write_text(VIRTUAL.replace(old, new, 1))

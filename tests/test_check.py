@@ -40,14 +40,14 @@ def test_everything_that_is_unplugged_is_told_at_once(tmp_path):
     rows = text.splitlines()
     for device in ("imet (imet-xf on virtual)", "hyt (hyt-271 on virtual at 0x28)", "stage (grbl on virtual)"):
         at = rows.index(f"  FAULT  {device}")
-        cause, mend = rows[at + 1], rows[at + 2]  # each indented below the one before
-        assert len(cause) - len(cause.lstrip()) < len(mend) - len(mend.lstrip())
-        assert "nobody answers" in mend or "no such device" in mend
+        cause, remedy = rows[at + 1], rows[at + 2]  # each indented below the one before
+        assert len(cause) - len(cause.lstrip()) < len(remedy) - len(remedy.lstrip())
+        assert "nobody answers" in remedy or "no such device" in remedy
     assert found["disk"].well and found["reference"].well
 
 
 @pytest.mark.parametrize(
-    ("part", "kind", "cause", "mend"),
+    ("part", "kind", "cause", "remedy"),
     [
         ("imet", "silence", "timed_out", "it is silent: check supply"),
         ("imet", "glued", "no good reading in 6 s", ""),
@@ -58,9 +58,9 @@ def test_everything_that_is_unplugged_is_told_at_once(tmp_path):
         ("hyt", "lost_request", "stale", "raise conversion_s"),
     ],
 )
-def test_a_sensor_that_opens_but_does_not_read_well(tmp_path, part, kind, cause, mend):
+def test_a_sensor_that_opens_but_does_not_read_well(tmp_path, part, kind, cause, remedy):
     _, found = examined(tmp_path, {part: [Fault(kind, 0.0)]})
-    assert cause in found[part].cause and mend in found[part].mend
+    assert cause in found[part].cause and remedy in found[part].remedy
     assert [name for name, finding in found.items() if not finding.well] == [part]
 
 
@@ -105,7 +105,7 @@ class SteppedClock:
 )
 def test_clock(clock, wall_s, jump_s, cause):
     finding = clock_finding(clock, lambda: wall_s, jump_s)
-    assert cause in finding.cause and finding.well == (not cause) and bool(finding.mend) == bool(cause)
+    assert cause in finding.cause and finding.well == (not cause) and bool(finding.remedy) == bool(cause)
 
 
 def test_in_real_time_a_jump_of_the_time_of_day_is_seen(tmp_path):
@@ -121,10 +121,10 @@ def test_disk_without_room_and_disk_that_cannot_be_written(tmp_path):
     steps = (Soak(), Record(1e12), Transfer(), Record(60.0))
     run = PlannedRun("0001", Air(20.0, 50.0), Air(30.0, 50.0), 6.0, steps)
     _, found = examined(tmp_path, protocol=Protocol("endless", "", (run,)))
-    assert "MB free, the campaign needs" in found["disk"].cause and "free some space" in found["disk"].mend
+    assert "MB free, the campaign needs" in found["disk"].cause and "free some space" in found["disk"].remedy
     with open_bench(default_bench()) as bench:
         *_, disk = examine(bench, load_protocol("quick"), Path("/proc/c"), wall=time.time)
-    assert disk.device == "disk (/proc)" and not disk.well and "--out" in disk.mend
+    assert disk.device == "disk (/proc)" and not disk.well and "--out" in disk.remedy
 
 
 def test_exit_status(tmp_path, capsys):

@@ -230,7 +230,7 @@ def test_a_cap_before_a_film_whose_d_passes_the_caps_own_rate_is_undone():
     assert flown.truth["temperature_c"].min() < 3.0 and flown.truth["temperature_c"].max() > 10.0
     truth, reading = flown.truth["humidity_percent"].to_numpy(), flown.log["humidity_percent"].to_numpy()
     inner = slice(None, -50)  # an inverse of two lags does not know how the log goes on
-    for method, share in (("smoother", 0.07), ("mended", 0.2)):
+    for method, share in (("smoother", 0.07), ("inverse", 0.2)):
         done = correct(to_flight(flown.log), profile, method).humidity_percent
         assert rms((done - truth)[inner]) < share * rms((reading - truth)[inner]), method
 

@@ -95,7 +95,7 @@ def test_netcdf_says_the_same_with_its_units(folder):
         assert repeated.any()
 
 
-@pytest.mark.parametrize("method", ["smoother", "mended", "paper"])
+@pytest.mark.parametrize("method", ["smoother", "inverse", "paper"])
 def test_every_method_runs_from_the_command_line(folder, flown, method, capsys):
     assert run(folder, "--method", method) == 0
     assert method in capsys.readouterr().out

@@ -1,4 +1,4 @@
-"""What must hold of protocol files: the shipped ones fit their purpose, a slip of the pen is named with its mend."""
+"""What must hold of protocol files: the shipped ones fit their purpose, a slip of the pen is named with its remedy."""
 
 import math
 from itertools import combinations
@@ -146,7 +146,7 @@ SLIPS = [
 
 
 @pytest.mark.parametrize(("before", "after", "message"), SLIPS)
-def test_a_slip_is_named_with_its_mend(before, after, message):
+def test_a_slip_is_named_with_its_remedy(before, after, message):
     assert before in GOOD
     with pytest.raises(BenchError) as caught:
         parse_protocol(GOOD.replace(before, after, 1).encode(), "mine.toml")

@@ -165,9 +165,9 @@ def test_options_for_emulated_sensors_are_refused_on_a_real_bench(tmp_path, tiny
 
 
 def test_status_of_what_is_not_a_campaign(tmp_path, capsys):
-    mend = "give the folder that holds campaign.json"
-    assert f"nope: no such campaign folder; {mend}" in refused(capsys, "status", str(tmp_path / "nope"))
-    assert f"is no campaign (it has no campaign.json); {mend}" in refused(capsys, "status", str(tmp_path))
+    remedy = "give the folder that holds campaign.json"
+    assert f"nope: no such campaign folder; {remedy}" in refused(capsys, "status", str(tmp_path / "nope"))
+    assert f"is no campaign (it has no campaign.json); {remedy}" in refused(capsys, "status", str(tmp_path))
     (tmp_path / "campaign.json").write_text("{")
     error = refused(capsys, "status", str(tmp_path))
     assert "campaign.json, line 1: not JSON" in error and "fix or restore the file" in error

@@ -67,7 +67,7 @@ def test_collocation_has_the_response_times_of_the_series(build):
 
 
 @pytest.mark.parametrize("build", [sphere_layers, film_layers])
-def test_8_and_64_layers_give_the_same_diffusivity_only_with_the_high_order_mend(build):
+def test_8_and_64_layers_give_the_same_diffusivity_only_with_the_high_order_fix(build):
     few, many = (fitted_ratio(build, "collocation", n) for n in (8, 64))
     assert few == pytest.approx(many, rel=1e-3) and many == pytest.approx(1.0, rel=1e-3)
     assert error_percent(build, "collocation", 8) == pytest.approx(error_percent(build, "collocation", 64), abs=0.1)
@@ -79,10 +79,10 @@ def test_8_and_64_layers_give_the_same_diffusivity_only_with_the_high_order_mend
     ("build", "scheme", "published"),
     [
         (sphere_layers, "printed", {3: 51, 5: 34, 10: 18, 20: 10, 50: 4}),
-        (sphere_layers, "mended", {3: 1.6, 5: 0.9, 10: 0.3}),
+        (sphere_layers, "corrected", {3: 1.6, 5: 0.9, 10: 0.3}),
         (sphere_layers, "centre_3_beta", {3: 14, 5: 5, 10: 1.3}),
         (film_layers, "printed", {5: 34, 10: 17, 20: 8}),
-        (film_layers, "mended", {5: 1.9, 10: 0.5, 20: 0.1}),
+        (film_layers, "corrected", {5: 1.9, 10: 0.5, 20: 0.1}),
     ],
 )
 def test_t63_is_too_long_by_the_published_share(build, scheme, published):
@@ -131,7 +131,7 @@ def test_zero_order_hold_is_exact_for_an_air_in_steps(build, scheme):
 
 @pytest.mark.parametrize("method", schemes.METHODS)
 def test_every_discretisation_tends_to_the_exact_one(method):
-    system = film_layers("mended", 5, 0.3)
+    system = film_layers("corrected", 5, 0.3)
     assert schemes.sample(system, 0.1, method).period_s == 0.1
     errors = []
     for period in (0.02, 0.01):
@@ -144,11 +144,11 @@ def test_every_discretisation_tends_to_the_exact_one(method):
 
 
 def test_explicit_steps_grow_beyond_the_limit_and_not_within():
-    for scheme, limit in (("mended", 1 / 3), ("printed", 0.5)):
+    for scheme, limit in (("corrected", 1 / 3), ("printed", 0.5)):
         for layers in (3, 5, 10):
             phi = schemes.stable_period_s(sphere_layers(scheme, layers)) * layers**2
-            assert phi == pytest.approx(limit, rel=1e-9 if scheme == "mended" else 0.03)
-    system = sphere_layers("mended", 5)
+            assert phi == pytest.approx(limit, rel=1e-9 if scheme == "corrected" else 0.03)
+    system = sphere_layers("corrected", 5)
     limit = schemes.stable_period_s(system)
     for factor, grows in ((0.98, False), (1.02, True)):
         sampled = schemes.sample(system, factor * limit, "explicit_euler")
@@ -157,14 +157,14 @@ def test_explicit_steps_grow_beyond_the_limit_and_not_within():
 
 def test_sampling_puts_the_published_zeros_into_the_core():
     for layers, published in ((3, -1.45), (5, -3.2), (10, -5.9)):
-        sampled = schemes.sample(sphere_layers("mended", layers, SPHERE_T98 / 1.0), 0.1)
+        sampled = schemes.sample(sphere_layers("corrected", layers, SPHERE_T98 / 1.0), 0.1)
         assert schemes.zeros(sampled).real.min() == pytest.approx(published, abs=0.05)
         assert not schemes.is_minimum_phase(sampled) and schemes.inverse_noise_gain(sampled) == np.inf
 
 
 @pytest.mark.parametrize("method", schemes.METHODS)
 def test_zeros_make_the_transfer_function_vanish(method):
-    sampled = schemes.sample(sphere_layers("mended", 4, 0.4666), 0.1, method)
+    sampled = schemes.sample(sphere_layers("corrected", 4, 0.4666), 0.1, method)
     for zero in schemes.zeros(sampled):
         transfer = sampled.c @ np.linalg.solve(zero * np.eye(4) - sampled.a, sampled.b.astype(complex)) + sampled.d
         elsewhere = sampled.c @ np.linalg.solve((zero + 0.5) * np.eye(4) - sampled.a, sampled.b + 0j) + sampled.d
@@ -186,7 +186,7 @@ def test_what_can_be_inverted():
         for scheme in FILM_SCHEMES:
             assert schemes.is_minimum_phase(schemes.sample(film_layers(scheme, layers, FILM_T98 / 4), 0.1))
         for build, rate in ((sphere_layers, SPHERE_T98), (film_layers, FILM_T98 / 4)):
-            for scheme in ("printed", "mended"):
+            for scheme in ("printed", "corrected"):
                 assert schemes.is_minimum_phase(schemes.sample(build(scheme, layers, rate), 0.1, "backward_euler"))
         for skew, cured in ((0.0, True), (1.0, True), (4.0, False)):
             sampled = schemes.sample(sphere_layers("printed", layers, SPHERE_T98, skew), 0.1)
@@ -197,7 +197,7 @@ def test_noise_gain_of_the_inverse_is_the_published_one_and_what_filtering_noise
     for t98, published in ((4.0, 9), (18.7, 36)):
         coarse = schemes.sample(film_layers("printed", 5, FILM_T98 / t98), 0.1)
         assert schemes.inverse_noise_gain(coarse) == pytest.approx(published, rel=0.02)
-    sampled = schemes.sample(film_layers("mended", 5, FILM_T98 / 4), 0.1)
+    sampled = schemes.sample(film_layers("corrected", 5, FILM_T98 / 4), 0.1)
     noise = np.random.default_rng(3).standard_normal(200_000)
     state, air = np.zeros(5), np.empty(noise.size)
     first = sampled.c @ sampled.b
@@ -221,7 +221,7 @@ def test_the_table_holds_every_slip_with_its_published_number():
     assert len(table) == 16
     for slip in table.values():
         assert slip.rows and all(
-            np.isfinite([v for v in (r.mended, r.high_order, r.exact) if v is not None]).all() for r in slip.rows
+            np.isfinite([v for v in (r.corrected, r.high_order, r.exact) if v is not None]).all() for r in slip.rows
         )
     assert rows["response_time_names"]["sphere, core"].exact == pytest.approx(2.730, abs=1e-3)
     assert rows["response_time_names"]["film, mean"].exact == pytest.approx(4.685, abs=1e-3)
@@ -237,18 +237,18 @@ def test_the_table_holds_every_slip_with_its_published_number():
     assert (formula[0].printed, formula[1].printed) == pytest.approx((0.22, -48.6), abs=0.05)
     start = rows["transfer_as_step"]
     assert [start[f"{s}, start fixed"].printed for s in ("sphere", "film")] == pytest.approx([1.15, 1.21], abs=0.015)
-    assert [start[f"{s}, start free"].mended for s in ("sphere", "film")] == pytest.approx([1.01, 1.01], abs=0.005)
+    assert [start[f"{s}, start free"].corrected for s in ("sphere", "film")] == pytest.approx([1.01, 1.01], abs=0.005)
 
 
 def test_schemes_refuse_what_they_cannot_build():
     with pytest.raises(ValueError, match="not one of"):
         sphere_layers("simple", 5)
     with pytest.raises(ValueError, match="at least 2"):
-        film_layers("mended", 1)
+        film_layers("corrected", 1)
     with pytest.raises(ValueError, match="positive"):
-        film_layers("mended", 4, -1.0)
+        film_layers("corrected", 4, -1.0)
     with pytest.raises(ValueError, match="already sampled"):
-        schemes.sample(schemes.sample(film_layers("mended", 4), 0.1), 0.1)
+        schemes.sample(schemes.sample(film_layers("corrected", 4), 0.1), 0.1)
 
 
 def test_the_command_prints_the_table_and_writes_the_page(tmp_path, capsys):

@@ -56,8 +56,8 @@ def repeats(known: Readings) -> tuple[Readings, Finding | None]:
         kept_bins.append(channel.bin_of[run][fresh])
         if channel.die_samples:
             kept_die.append(channel.die_samples[run][fresh])
-    mended = rebin(channel, kept_samples, kept_bins, tuple(kept_die), best * period)
-    return replace(known, channel=mended), Finding(
+    kept = rebin(channel, kept_samples, kept_bins, tuple(kept_die), best * period)
+    return replace(known, channel=kept), Finding(
         "stale_samples",
         {"hold_samples": (float(best), 0.05)},
         f"readings change only every {best} rows, always at the same phase, and the stale flag is not set",

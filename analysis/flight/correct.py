@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.flight.channel import Channel, Readings, judged, lacking, too_few, untouched
 from shockrig.analysis.flight.humidity import correct_humidity
-from shockrig.analysis.flight.inverse import mended, paper
+from shockrig.analysis.flight.inverse import exact_inverse, paper
 from shockrig.analysis.flight.profile_effects import acting, not_undone, of_airspeed
 from shockrig.analysis.flight.readout import ceiling, noise_floor, not_known, stale, undone
 from shockrig.analysis.flight.response import bead_response
@@ -44,7 +44,7 @@ def _smoother(readings: Readings, cutoff_hz: float | None = None) -> Estimate:
 
 METHODS: dict[str, Callable[[Readings, float | None], Estimate]] = {
     "smoother": _smoother,
-    "mended": mended,
+    "inverse": exact_inverse,
     "paper": paper,
 }
 

@@ -1,7 +1,7 @@
-"""Corrections by inverting the sampled sensor between two low-passes: as the paper does it, and mended.
+"""Corrections by inverting the sampled sensor between two low-passes: as the paper does it, and the exact one.
 
 Paper (Segales et al. 2022, section 6, doi 10.5194/amt-15-2607-2022): zero-phase FIR low-pass, inverse of the explicitly
-stepped layers, low-pass again, D from the flight's mean temperature. Mended: exact zero-order hold of the modes, D
+stepped layers, low-pass again, D from the flight's mean temperature. Exact: zero-order hold of the modes, D
 followed, and where zeros lie outside the unit circle the inverse runs both ways in time.
 """
 
@@ -101,7 +101,7 @@ def invert(system: StateSpace, reading: Array) -> Array:
     return air
 
 
-def mended(readings: Readings, cutoff_hz: float | None = None) -> Estimate:
+def exact_inverse(readings: Readings, cutoff_hz: float | None = None) -> Estimate:
     """Correct one channel by the exact inverse; RefusedError where a zero lies on the unit circle."""
     period, time, reading = _evenly(readings)
     cutoff = cutoff_hz or suggest_cutoff_hz(reading, period, _noise(readings))

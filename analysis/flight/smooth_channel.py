@@ -24,7 +24,7 @@ from shockrig.analysis.flight.smoother import smooth
 Array = NDArray[np.float64]
 CORE = 250  # samples of a window that are kept
 LONGEST_BRIDGE_S = 60.0  # beyond, a gap parts the flight
-SEGMENT = 250  # samples over which the air's liveliness is taken as one, at least
+SEGMENT = 250  # samples over which the air's turbulence intensity is taken as one, at least
 SEGMENT_LAGS = 12.0  # and so many of the sensor's time constants, or a slow sensor cannot tell it
 LONGEST_SEGMENT = 500
 SPARSE = 0.75  # share of nodes with a sample, below which the bridges are left out of the judgement

@@ -55,7 +55,7 @@ def correct_file(
     Raises
     ------
     InputError
-        Names the file, the line or column, and the mend; nothing is left behind.
+        Names the file, the line or column, and the remedy; nothing is left behind.
     """
     layout = read_layout(source, columns)
     if target.is_dir():
@@ -66,7 +66,7 @@ def correct_file(
     if damage.lost > damage.rows / 2:
         raise InputError(
             f"{source}: {damage.lost} of {damage.rows} rows could not be read as numbers (first: {damage.first_lost}); "
-            "mend the log, or name the columns that hold numbers with --column QUANTITY=NAME"
+            "fix the log, or name the columns that hold numbers with --column QUANTITY=NAME"
         )
     try:
         writer = NetcdfWriter(target, layout, history) if target.suffix == ".nc" else CsvWriter(target, layout)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
-COLOURS = {"smoother": BLUE, "mended": GREEN, "paper": RED}
+COLOURS = {"smoother": BLUE, "inverse": GREEN, "paper": RED}
 LABELS = {"temperature": "Temperature, °C", "humidity": "Relative humidity, %"}
 UNITS = {"temperature": "K²/Hz", "humidity": "%RH²/Hz"}
 

@@ -36,7 +36,7 @@ TITLES = {
 }
 METHOD_WORDS = {
     "smoother": "optimal smoother, D followed along the flight",
-    "mended": "exact inverse between low-passes, D followed",
+    "inverse": "exact inverse between low-passes, D followed",
     "paper": "low-pass, inverse of the stepped layers, low-pass",
 }
 
@@ -181,7 +181,7 @@ def _systems(trials: Mapping[str, Trial], profile: Profile, folder: Path) -> Sec
         responses["humidity"] = film_response(profile.humidity, airs, speed, profile.bodies["hyt"])
     diagrams, systems, rows, said = {}, {}, [], []
     for channel, response in responses.items():
-        cutoff = trial.corrected["mended"].cutoff_hz[channel] or 0.5 / PERIOD_S
+        cutoff = trial.corrected["inverse"].cutoff_hz[channel] or 0.5 / PERIOD_S
         diagrams[f"{channel}, cut-off {cutoff:.2g} Hz"] = bode(response, PERIOD_S, cutoff)
         exact = sampled(mean_response(response), PERIOD_S, 0)
         systems[f"{channel}, exact"] = exact

@@ -1,4 +1,4 @@
-"""What the model leaves: residuals over time since the transfer, before and after a mend, their noise, their causes."""
+"""What the model leaves: residuals over time since the transfer, before and after correction, their noise and causes."""
 
 from __future__ import annotations
 
@@ -166,9 +166,9 @@ def cause_bars(
     evidence: Sequence[float],
     kept: Sequence[bool],
     threshold: float,
-    label: str = "evidence (log likelihood gained)",
+    label: str = "log-likelihood gained",
 ) -> Figure:
-    """Candidate causes by their evidence, the largest on top; those kept are filled.
+    """Candidate causes by the log-likelihood that each gains, the largest on top; those kept are filled.
 
     The axis is logarithmic above the threshold and linear below, so that weak and strong causes can both be read.
     """

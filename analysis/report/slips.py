@@ -1,4 +1,4 @@
-"""The paper's layered schemes, as printed and mended, drawn against the series."""
+"""The paper's layered schemes, as printed and corrected, drawn against the series."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from shockrig.analysis.report.style import BLUE, GREEN, GREY, INK, RED, styled
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LOOKS = {"printed": (RED, "o"), "mended": (BLUE, "s"), "collocation": (GREEN, "^")}
-NAMES = {"printed": "as printed", "mended": "mended", "collocation": "collocation"}
+LOOKS = {"printed": (RED, "o"), "corrected": (BLUE, "s"), "collocation": (GREEN, "^")}
+NAMES = {"printed": "as printed", "corrected": "corrected", "collocation": "collocation"}
 
 
 @styled

@@ -1,4 +1,4 @@
-"""The page of `shockrig slips`: what the paper's schemes get wrong as printed, by how much, and the mend."""
+"""The page of `shockrig slips`: what the paper's schemes get wrong as printed, by how much, and the fix."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ SOURCE = "Segales, Chilson and Salazar-Cerreno (2022), doi 10.5194/amt-15-2607-2
 
 def as_table(slip: Slip) -> Table:
     """A slip's rows as text, without empty columns; relative slips carry their error in per cent."""
-    columns = ("case", "as printed", "mended", "high order", slip.reference)
+    columns = ("case", "as printed", "corrected", "high order", slip.reference)
     rows = []
     for row in slip.rows:
-        shown = (_cell(slip, row, value) for value in (row.printed, row.mended, row.high_order))
+        shown = (_cell(slip, row, value) for value in (row.printed, row.corrected, row.high_order))
         rows.append((row.case, *shown, plain(row.exact)))
     keep = [i for i in range(len(columns)) if any(row[i] != plain(None) for row in rows)]
     return Table([columns[i] for i in keep], [[row[i] for i in keep] for row in rows], slip.quantity)
@@ -47,7 +47,7 @@ def write_slips_report(slips: tuple[Slip, ...], directory: str | os.PathLike[str
     verdict = (
         "Taken as printed, the paper's grids make a fitted diffusivity depend on the number of layers: with 8 layers "
         f"alpha comes out {printed['alpha, 8']:.0f} % and D {printed['D, 8']:.0f} % too large, with 64 layers "
-        f"{printed['alpha, 64']:.0f} % and {printed['D, 64']:.0f} %. The mends are a line each."
+        f"{printed['alpha, 64']:.0f} % and {printed['D, 64']:.0f} %. The fixes are a line each."
     )
     alpha_8, alpha_64, d_8, d_64 = (_told(row.high_order) for row in fitted)
     spread = max(abs(alpha_8 / alpha_64 - 1), abs(d_8 / d_64 - 1))
@@ -56,7 +56,7 @@ def write_slips_report(slips: tuple[Slip, ...], directory: str | os.PathLike[str
         KeyNumber("alpha, 8 layers, as printed", f"{printed['alpha, 8']:+.1f} %", "of the true value"),
         KeyNumber("D, 8 layers, as printed", f"{printed['D, 8']:+.1f} %", "of the true value"),
         KeyNumber("8 against 64 layers, high order", f"{plain(100 * spread, 2)} %", "largest difference, alpha and D"),
-        KeyNumber("outermost zero of the core, N = 3", plain(zero.mended, 3), "beyond −1: the inverse is unstable"),
+        KeyNumber("outermost zero of the core, N = 3", plain(zero.corrected, 3), "beyond −1: the inverse is unstable"),
     )
     drawings = Section(
         "The schemes against the series",
@@ -69,7 +69,7 @@ def write_slips_report(slips: tuple[Slip, ...], directory: str | os.PathLike[str
             Figure(
                 figures["grid_errors"],
                 "Error of t63 over the number of layers, drawn down to 1e-9; dashed: the 0.1 % that a fit should keep.",
-                "The printed error falls as 1/N, the simple mend as 1/N², collocation is below 0.02 % from N = 3 on.",
+                "The printed error falls as 1/N, the simple fix as 1/N², collocation is below 0.02 % from N = 3 on.",
             ),
             Figure(
                 figures["zeros"],
@@ -83,14 +83,14 @@ def write_slips_report(slips: tuple[Slip, ...], directory: str | os.PathLike[str
             slip.title,
             (
                 Text(f"Taken: {slip.printed}."),
-                Text(f"Mend: {slip.mend}."),
+                Text(f"Fix: {slip.fix}."),
                 as_table(slip),
             ),
         )
         for slip in slips
     ]
     report = Report(
-        "The paper's schemes as printed and mended",
+        "The paper's schemes as printed and corrected",
         verdict,
         numbers,
         (drawings, *details),

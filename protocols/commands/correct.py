@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--method",
-        choices=("smoother", "mended", "paper"),
+        choices=("smoother", "inverse", "paper"),
         default="smoother",
         help="how: optimal smoother (default), or the paper's inverse, corrected or as printed",
     )
@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"name of a column that is not recognised; quantities: {', '.join(QUANTITIES)}",
     )
     parser.add_argument(
-        "--cutoff-hz", type=float, help="low-pass of mended and paper; suggested from the noise if left out"
+        "--cutoff-hz", type=float, help="low-pass of inverse and paper; suggested from the noise if left out"
     )
     parser.add_argument(
         "--temperature-noise-k", type=float, help="noise floor of the flight's bead, where not the profile's"

@@ -43,7 +43,7 @@ def as_text(slips: Iterable[Slip]) -> str:
         table = as_table(slip)
         rows = [["", *table.columns[1:]], *([str(cell) for cell in row] for row in table.rows)]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        lines += [slip.title, f"  taken: {slip.printed}", f"  fix:   {slip.mend}", f"  {slip.quantity}:"]
+        lines += [slip.title, f"  taken: {slip.printed}", f"  fix:   {slip.fix}", f"  {slip.quantity}:"]
         for case, *numbers in rows:
             shown = [case.ljust(widths[0]), *(n.rjust(w) for n, w in zip(numbers, widths[1:], strict=True))]
             lines.append("    " + "   ".join(shown).rstrip())

@@ -260,7 +260,7 @@ def _rounded(time_s: float) -> float:
 def _disk_error(folder: Path, error: OSError) -> RecordingError:
     full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
     cause = "the disk is full" if full else (error.strerror or str(error))
-    mend = "free some space" if full else "mend the disk"
+    remedy = "free some space" if full else "fix the disk"
     return RecordingError(
-        f"{folder}: {cause}; what was recorded up to then is in its {JOURNAL}: {mend} and run the same command again"
+        f"{folder}: {cause}; what was recorded up to then is in its {JOURNAL}: {remedy} and run the same command again"
     )

@@ -22,7 +22,7 @@ from shockrig.rig.virtual.effects import CATALOGUED, KINDS, OUTSIDE, T
 from shockrig.rig.virtual.truth import HUMIDITY_STEP_PERCENT, Hidden, Truth
 
 FORMAT = "sealed-truth/1"
-MEND = "give the sealed file that hiding wrote"
+REMEDY = "give the sealed file that hiding wrote"
 COMFORTABLE, LIMIT = "comfortable", "limit"
 LIMIT_SHARES = (0.1, 1.0 / 3.0)
 
@@ -217,7 +217,7 @@ def seal(path: Path, truth: Truth, seed: int) -> Path:
 def open_seal(path: Path) -> tuple[Truth, int]:
     """Truth and seed of a sealed file; raises BenchError where it is not one or is damaged."""
     with as_bench_errors():
-        text = read_text(path, MEND)
+        text = read_text(path, REMEDY)
     try:
         content = json.loads(text)
         if not isinstance(content, dict) or content.get("format") != FORMAT:
@@ -231,7 +231,7 @@ def open_seal(path: Path) -> tuple[Truth, int]:
     except BenchError as error:
         raise BenchError(f"{path}: {error}") from error
     except (RecursionError, ValueError, zlib.error) as error:
-        raise BenchError(f"{path}: not a sealed truth: {error}; {MEND}") from error
+        raise BenchError(f"{path}: not a sealed truth: {error}; {REMEDY}") from error
     except (KeyError, TypeError, AttributeError) as error:
         what = f"key {error} is missing" if isinstance(error, KeyError) else "a value is of another kind"
-        raise BenchError(f"{path}: not a sealed truth: {what}; {MEND}") from error
+        raise BenchError(f"{path}: not a sealed truth: {what}; {REMEDY}") from error

@@ -1,4 +1,4 @@
-"""The paper's layered state-space sensors as printed and mended, sampled and inverted, and what its slips cost."""
+"""The paper's layered state-space sensors as printed and corrected, sampled and inverted, and what its slips cost."""
 
 from shockrig.analysis.physics.schemes.layers import (
     FILM_SCHEMES,

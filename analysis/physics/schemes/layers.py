@@ -1,6 +1,6 @@
 """The paper's layered sensors in state space: x' = A x + B u, y = C x + D u, with u the air and y the reading.
 
-Sphere (Eqs. 5-7, reading = core) and film (Eqs. 11-13, reading = mean), each as printed, with the simple mend, and by
+Sphere (Eqs. 5-7, reading = core) and film (Eqs. 11-13, reading = mean), each as printed, with the simple fix, and by
 collocation on Legendre points, whose error is gone at 8 layers. Source: Segales, Chilson and Salazar-Cerreno (2022),
 doi 10.5194/amt-15-2607-2022; collocation: Villadsen and Stewart (1967), doi 10.1016/0009-2509(67)80074-5.
 """
@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import expm
 
-SPHERE_SCHEMES = ("printed", "centre_3_beta", "mended", "collocation")
-FILM_SCHEMES = ("printed", "mended", "collocation")
+SPHERE_SCHEMES = ("printed", "centre_3_beta", "corrected", "collocation")
+FILM_SCHEMES = ("printed", "corrected", "collocation")
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ def sphere_layers(scheme: str, layers: int, rate_per_s: float = 1.0, skew: float
     scheme : one of SPHERE_SCHEMES
         "printed": dr = R/N, coefficients (i+1)/i and (i-1)/i of r = i dr while node 1 is the centre, 3 beta there.
         "centre_3_beta": r = (i-1) dr, but still 3 beta at the centre.
-        "mended": r = (i-1) dr and 6 beta: the temperature is mirrored about the centre, so 3 T_rr = 6 (T2 - T1) / dr^2.
+        "corrected": r = (i-1) dr and 6 beta: mirrored about the centre, 3 T_rr = 6 (T2 - T1) / dr^2.
         "collocation": the polynomial in r^2 through the points meets the equation at each of them.
     layers : N, at least 2
     rate_per_s : alpha / R^2
@@ -68,7 +68,7 @@ def film_layers(scheme: str, layers: int, rate_per_s: float = 1.0) -> StateSpace
     Parameters
     ----------
     scheme : one of FILM_SCHEMES
-        "printed": a full cell between the last node and the surface. "mended": half a cell, so that the last row is
+        "printed": a full cell between the last node and the surface. "corrected": half a cell, so that the last row is
         -3, +1 and the input 2. "collocation": as for the sphere, the mean by Gauss's rule.
     layers : N, at least 2
     rate_per_s : D / L^2
@@ -87,7 +87,7 @@ def film_layers(scheme: str, layers: int, rate_per_s: float = 1.0) -> StateSpace
     a[0, 0] = -1.0
     b = np.zeros(layers)
     b[-1] = 1.0
-    if scheme == "mended":
+    if scheme == "corrected":
         a[-1, -1] = -3.0
         b[-1] = 2.0
     cells = rate_per_s * layers**2
@@ -124,7 +124,7 @@ def _difference_sphere(scheme: str, layers: int) -> tuple[np.ndarray, np.ndarray
     outwards, inwards = np.ones(layers), np.zeros(layers)
     outwards[1:], inwards[1:] = (j[1:] + 1) / j[1:], (j[1:] - 1) / j[1:]
     a = np.diag(np.full(layers, -2.0)) + np.diag(outwards[:-1], 1) + np.diag(inwards[1:], -1)
-    centre = 6.0 if scheme == "mended" else 3.0
+    centre = 6.0 if scheme == "corrected" else 3.0
     a[0, :2] = -centre, centre
     b = np.zeros(layers)
     b[-1] = outwards[-1]

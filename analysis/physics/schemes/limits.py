@@ -59,7 +59,7 @@ def transfer_as_step(share: float = 0.1) -> Slip:
             return modes.ramp(t, duration)
 
         rows.append(SlipRow(f"{name}, start fixed", printed=refit(modes, ramp, free_start=False), exact=1.0))
-        rows.append(SlipRow(f"{name}, start free", mended=refit(modes, ramp, free_start=True), exact=1.0))
+        rows.append(SlipRow(f"{name}, start free", corrected=refit(modes, ramp, free_start=True), exact=1.0))
     return Slip(
         "transfer_as_step",
         "A transfer is not a step",
@@ -231,7 +231,7 @@ def saturation_formula() -> Slip:
         "saturation_formula",
         "The saturation formula",
         "McRae's polynomial, quoted as good to 0.5 %",
-        "nothing to mend above the temperature below; colder than that, another formula",
+        "nothing to fix above the temperature below; colder than that, another formula",
         "as said in each row",
         (
             SlipRow("largest deviation from Murphy-Koop, -45 to 50 degC, %", printed=largest, exact=0.0),

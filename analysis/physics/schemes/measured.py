@@ -11,14 +11,14 @@ class SlipRow:
 
     case: str
     printed: float | int | None = None
-    mended: float | int | None = None
+    corrected: float | int | None = None
     high_order: float | None = None
     exact: float | None = None
 
 
 @dataclass(frozen=True)
 class Slip:
-    """One slip or limit of the paper: what is taken as printed or by habit, the mend, the quantity, the measured rows.
+    """One slip or limit of the paper: what is taken as printed or by habit, the fix, the quantity, the measured rows.
 
     `relative` says that the columns are to be read as errors relative to `exact`, which `reference` names.
     """
@@ -26,7 +26,7 @@ class Slip:
     id: str
     title: str
     printed: str  # what is taken, as printed or by habit
-    mend: str
+    fix: str
     quantity: str
     rows: tuple[SlipRow, ...]
     relative: bool = False

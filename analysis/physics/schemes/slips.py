@@ -18,7 +18,7 @@ from shockrig.analysis.physics.schemes.measured import Slip, SlipRow
 from shockrig.analysis.physics.schemes.sampling import delay_samples, inverse_noise_gain, sample, stable_period_s, zeros
 
 PERIOD_S = 0.1
-COLUMNS = ("printed", "mended", "collocation")
+COLUMNS = ("printed", "corrected", "collocation")
 SHARE_63 = 1.0 - np.exp(-1.0)
 
 
@@ -72,7 +72,7 @@ def sphere_centre(layers: tuple[int, ...] = (3, 5, 10)) -> Slip:
     return Slip(
         "sphere_centre",
         "Factor at the centre of the sphere, Eq. (5)",
-        "3 beta at the centre, even with the coefficients mended",
+        "3 beta at the centre, even with the coefficients corrected",
         "6 beta: the temperature is mirrored about the centre, 3 T_rr = 6 (T2 - T1) / dr^2",
         "t63 of the core, alpha t / R^2",
         _t63_rows(sphere_layers, "centre_3_beta", layers, sphere_core()),
@@ -99,8 +99,8 @@ def fitted_diffusivity(layers: tuple[int, ...] = (8, 64)) -> Slip:
     sensors = (("alpha", sphere_layers, sphere_core(), 1.0), ("D", film_layers, film_mean(), 20.0))
     for name, build, modes, t98_s in sensors:
         for count in layers:
-            printed, mended, collocation = (fitted_ratio(build(scheme, count), modes, t98_s) for scheme in COLUMNS)
-            rows.append(SlipRow(f"{name}, N = {count}, t98 = {t98_s:g} s", printed, mended, collocation, exact=1.0))
+            printed, corrected, collocation = (fitted_ratio(build(scheme, count), modes, t98_s) for scheme in COLUMNS)
+            rows.append(SlipRow(f"{name}, N = {count}, t98 = {t98_s:g} s", printed, corrected, collocation, exact=1.0))
     return Slip(
         "fitted_diffusivity",
         "A diffusivity that depends on the number of layers",
@@ -134,14 +134,14 @@ def explicit_step(layers: tuple[int, ...] = (3, 5, 10)) -> Slip:
         SlipRow(
             f"N = {n}",
             stable_period_s(sphere_layers("printed", n)) * n**2,
-            stable_period_s(sphere_layers("mended", n)) * n**2,
+            stable_period_s(sphere_layers("corrected", n)) * n**2,
         )
         for n in layers
     ]
     rate = response_times(sphere_core())[2] / 1.0
     allowed = [
         max(n for n in range(2, 64) if stable_period_s(sphere_layers(scheme, n, rate)) >= PERIOD_S)
-        for scheme in ("printed", "mended")
+        for scheme in ("printed", "corrected")
     ]
     rows.append(SlipRow("layers allowed at 0.1 s, t98 = 1 s", *allowed))
     return Slip(
@@ -239,8 +239,10 @@ def _t63_rows(
     exact = response_times(modes)[0]
     rows = []
     for n in layers:
-        printed, mended, collocation = (share_time(build(scheme, n)) for scheme in (slipped, "mended", "collocation"))
-        rows.append(SlipRow(f"N = {n}", printed, mended, collocation, exact=exact))
+        printed, corrected, collocation = (
+            share_time(build(scheme, n)) for scheme in (slipped, "corrected", "collocation")
+        )
+        rows.append(SlipRow(f"N = {n}", printed, corrected, collocation, exact=exact))
     return tuple(rows)
 
 
