@@ -131,7 +131,7 @@ def test_other_shells_have_a_script_with_every_command(capsys, shell):
     assert all(name in script for name in COMMANDS)
 
 
-@pytest.mark.parametrize("name", sorted(set(COMMANDS) - {"import"}))  # whose arguments are being made anew
+@pytest.mark.parametrize("name", sorted(COMMANDS))
 def test_every_argument_says_what_it_is_for(name):
     """No argument without a word of help, for people, completion and the reference alike."""
     commands = next(a for a in build_parser(name)._actions if isinstance(a, argparse._SubParsersAction))

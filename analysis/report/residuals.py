@@ -1,4 +1,4 @@
-"""What the model leaves: residuals over time since the transfer, before and after correction, their noise and causes."""
+"""What the model leaves: residuals over time since the transfer, before and after correction, noise, causes."""
 
 from __future__ import annotations
 

@@ -33,36 +33,51 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     files.add_argument("--out", metavar="CAMPAIGN", type=Path, help="campaign folder; new, or (one run) existing")
     files.add_argument("--id", help="id of the run (default: the next free number)")
     columns = parser.add_argument_group("columns")
-    columns.add_argument("--imet-time", metavar="COLUMN")
-    columns.add_argument("--imet-temperature", metavar="COLUMN")
-    columns.add_argument("--hyt-time", metavar="COLUMN")
-    columns.add_argument("--hyt-humidity", metavar="COLUMN")
+    columns.add_argument("--imet-time", metavar="COLUMN", help="time in the thermometer's file")
+    columns.add_argument("--imet-temperature", metavar="COLUMN", help="what the thermometer reads")
+    columns.add_argument("--hyt-time", metavar="COLUMN", help="time in the hygrometer's file")
+    columns.add_argument("--hyt-humidity", metavar="COLUMN", help="relative humidity that the hygrometer reads")
     columns.add_argument("--hyt-temperature", metavar="COLUMN", help="the hygrometer's own die temperature")
     layout = parser.add_argument_group("how the logger writes (found out where left out)")
-    layout.add_argument("--time-unit", choices=["auto", "s", "ms", "us", "iso"], default="auto")
+    layout.add_argument(
+        "--time-unit",
+        choices=["auto", "s", "ms", "us", "iso"],
+        default="auto",
+        help="of the time columns; iso: ISO 8601 dates (auto)",
+    )
     layout.add_argument("--time-format", metavar="FORMAT", help="strptime format, e.g. '%%d.%%m.%%Y %%H:%%M:%%S.%%f'")
-    layout.add_argument("--delimiter", choices=sorted(DELIMITERS))
-    layout.add_argument("--decimal", choices=["point", "comma"])
+    layout.add_argument("--delimiter", choices=sorted(DELIMITERS), help="between the columns")
+    layout.add_argument("--decimal", choices=["point", "comma"], help="what numbers are written with")
     layout.add_argument("--skip-lines", metavar="N", type=int, default=0, help="lines before the header")
-    layout.add_argument("--temperature-unit", choices=["c", "k", "f"], default="c")
-    layout.add_argument("--humidity-unit", choices=["percent", "fraction"], default="percent")
+    layout.add_argument(
+        "--temperature-unit", choices=["c", "k", "f"], default="c", help="of all temperature columns (c)"
+    )
+    layout.add_argument(
+        "--humidity-unit", choices=["percent", "fraction"], default="percent", help="of the humidity column (percent)"
+    )
     run = parser.add_argument_group("the run (leave out what is not known)")
-    run.add_argument("--source-temperature", metavar="DEGC", type=float)
-    run.add_argument("--source-humidity", metavar="PERCENT", type=float)
-    run.add_argument("--destination-temperature", metavar="DEGC", type=float)
-    run.add_argument("--destination-humidity", metavar="PERCENT", type=float)
-    run.add_argument("--airflow", metavar="M_S", type=float)
-    run.add_argument("--pressure", metavar="HPA", type=float)
+    run.add_argument("--source-temperature", metavar="DEGC", type=float, help="of the air that the probes come from")
+    run.add_argument(
+        "--source-humidity", metavar="PERCENT", type=float, help="relative, of the air that they come from"
+    )
+    run.add_argument(
+        "--destination-temperature", metavar="DEGC", type=float, help="of the air that they are moved into"
+    )
+    run.add_argument(
+        "--destination-humidity", metavar="PERCENT", type=float, help="relative, of the air that they are moved into"
+    )
+    run.add_argument("--airflow", metavar="M_S", type=float, help="of the destination air past the probes")
+    run.add_argument("--pressure", metavar="HPA", type=float, help="of the air")
     run.add_argument("--start", metavar="TIME", help="when the probes left the source air, on the clock of the files")
     run.add_argument("--duration", metavar="S", type=float, help="how long the transfer took")
     sensors = parser.add_argument_group("the sensors (for a new campaign)")
     sensors.add_argument("--name", help="name of the campaign")
-    sensors.add_argument("--imet-kind")
-    sensors.add_argument("--imet-serial")
-    sensors.add_argument("--bead-radius", metavar="M", type=float)
-    sensors.add_argument("--hyt-kind")
-    sensors.add_argument("--hyt-serial")
-    sensors.add_argument("--film-thickness", metavar="M", type=float)
+    sensors.add_argument("--imet-kind", help="model of the thermometer, such as imet-xf")
+    sensors.add_argument("--imet-serial", help="its serial number")
+    sensors.add_argument("--bead-radius", metavar="M", type=float, help="of the thermometer's bead (4e-4)")
+    sensors.add_argument("--hyt-kind", help="model of the hygrometer, such as hyt-271")
+    sensors.add_argument("--hyt-serial", help="its serial number")
+    sensors.add_argument("--film-thickness", metavar="M", type=float, help="of the hygrometer's film (1e-5)")
 
 
 def main(args: argparse.Namespace) -> int:
