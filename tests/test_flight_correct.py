@@ -23,6 +23,7 @@ from shockrig.analysis.flight.weather import SCENES, convective, frontal, invers
 from shockrig.analysis.physics.schemes.sampling import is_minimum_phase, zeros
 from shockrig.files.errors import InputError
 from shockrig.files.profile import DiffusivityRow, Effect, Profile, Uncertain
+from shockrig.files.ranges import RANGES
 
 PROFILE = typical_profile()
 EXACT = Profile(
@@ -343,7 +344,7 @@ def test_equal_neighbours_are_no_repeats_where_the_resolution_is_coarse():
     rng = np.random.default_rng(1)
     time_s = np.arange(2000) * 0.1
     coarse = np.round(20 + 0.3 * np.sin(time_s / 5) + 0.02 * rng.standard_normal(2000), 1)
-    assert not screen(time_s, coarse, "temperature", 0.02).repeated.any()
+    assert not screen(time_s, coarse, RANGES["temperature_c"], 0.02).repeated.any()
 
 
 def test_uneven_clock_and_one_hertz_are_corrected_as_well():

@@ -25,6 +25,7 @@ from shockrig.analysis.physics.chain import REFERENCE_AIRFLOW_M_S
 from shockrig.files.errors import InputError
 from shockrig.files.flight import FLAGS, Corrected, Flight
 from shockrig.files.profile import Profile, TemperatureProfile
+from shockrig.files.ranges import RANGES
 
 Array = NDArray[np.float64]
 HIGHEST_AIRSPEED_M_S = 150.0
@@ -134,7 +135,7 @@ def _temperature(
         noise = noise_floor(effects, own_noise if given is None else given)
     period = typical_period(time_s)
     old = stale(effects, time_s, raw, period)
-    screened = screen(time_s, raw, "temperature", noise, limit=ceiling(effects), stale=old)
+    screened = screen(time_s, raw, RANGES["temperature_c"], noise, limit=ceiling(effects), stale=old)
     if part is None or too_few(screened):
         return untouched("temperature", raw, screened, lacking(part, "temperature"), notes)
     notes.extend(not_undone(part.effects, "temperature"))

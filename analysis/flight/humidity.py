@@ -23,6 +23,7 @@ from shockrig.analysis.flight.typical import NOISE_PERCENT
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.flight import Flight
 from shockrig.files.profile import HumidityProfile
+from shockrig.files.ranges import RANGES
 
 Array = NDArray[np.float64]
 REFERENCE_C = 20.0  # vapour is carried as relative humidity at this temperature
@@ -52,7 +53,7 @@ def correct_humidity(
         noise = noise_floor(effects, own_noise if given is None else given)
     period = typical_period(time_s)
     old = stale(effects, time_s, raw, period)
-    screened = screen(time_s, raw, "humidity", noise, limit=ceiling(effects), stale=old)
+    screened = screen(time_s, raw, RANGES["humidity_reading_percent"], noise, limit=ceiling(effects), stale=old)
     if part is None or too_few(screened):
         return untouched("humidity", raw, screened, lacking(part, "humidity"), notes)
     notes.extend(not_undone(part.effects, "humidity"))

@@ -1,6 +1,6 @@
 """Which samples of a flight to believe: times that run forward, readings that are new and possible.
 
-A reading is implausible outside what the instrument can say, or where it stands alone against the median around it;
+A reading is implausible outside what its quantity can be, or where it stands alone against the median around it;
 it is repeated where it equals the one before although the noise is wider than the resolution; a repeat is used all
 the same where the resolution explains it.
 """
@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from shockrig.files.ranges import Range
+
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-POSSIBLE = {"temperature": (-100.0, 80.0), "humidity": (-10.0, 130.0)}
 MEDIAN_WIDTH = 11  # a burst of up to 5 absurd samples in a row is seen
 LONE_SIGMAS = 10.0
 
@@ -62,7 +63,7 @@ def _later_below(time: Array, reach: int = 6) -> Array:
 def screen(
     time_s: Array,
     reading: Array,
-    channel: str,
+    possible: Range,
     noise: float,
     *,
     limit: float | None = None,
@@ -70,11 +71,11 @@ def screen(
 ) -> Screened:
     """Judge one channel's readings, rows in order.
 
-    `limit` is a ceiling at which the sensor clips; `stale` marks rows (n,) that are known to repeat the one before.
+    `possible` is what a reading can be; `limit` is a ceiling at which the sensor clips; `stale` marks rows (n,)
+    that are known to repeat the one before.
     """
     missing = ~np.isfinite(reading)
-    low, high = POSSIBLE[channel]
-    implausible = ~missing & ((reading < low) | (reading > high))
+    implausible = ~missing & ((reading < possible.low) | (reading > possible.high))
     believed = ~(missing | implausible)
     rows = np.flatnonzero(believed)
     resolution = _resolution(reading[rows])
