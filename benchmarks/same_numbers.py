@@ -114,7 +114,7 @@ def _run(command: Path, *arguments: str | Path) -> float:
 
 
 def material(profile: dict[str, Any]) -> dict[str, tuple[float, float]]:
-    """Of each channel in a profile: alpha, or D at the ambient nearest to the reference; with its standard uncertainty."""
+    """Of each channel in a profile: alpha, or D at the ambient nearest to 20 degC, and its standard uncertainty."""
     found = {}
     if "temperature" in profile:
         alpha = profile["temperature"]["thermal_diffusivity_m2_s"]
@@ -252,7 +252,7 @@ def main(argv: list[str] | None = None) -> int:
         print("no campaign has been through both commands yet")
         return 0
     print(
-        "seed, hidden, tier, channel, alpha or D at 20 degC (old, new, difference), diagnosis, processor time (old, new)"
+        "seed, hidden, tier, channel, alpha or D at 20 degC: old, new, difference; diagnosis; processor time: old, new"
     )
     for trial in both:
         for name in old[trial.seed]["channels"]:

@@ -23,15 +23,8 @@ if TYPE_CHECKING:
     from shockrig.files.campaign import Campaign, read_campaign
     from shockrig.files.errors import InputError
     from shockrig.files.profile import Profile, read_profile, write_profile
-    from shockrig.notebook import (
-        Characterized,
-        CorrectedFlight,
-        Diagnosed,
-        characterize,
-        correct,
-        diagnose,
-        example,
-    )
+    from shockrig.notebook import characterize, correct, diagnose, example
+    from shockrig.results import Characterized, CorrectedFlight, Diagnosed
 
 __all__ = [
     "Campaign",
@@ -54,9 +47,9 @@ __version__: str
 
 _HOMES = {
     "Campaign": "files.campaign",
-    "Characterized": "notebook",
-    "CorrectedFlight": "notebook",
-    "Diagnosed": "notebook",
+    "Characterized": "results",
+    "CorrectedFlight": "results",
+    "Diagnosed": "results",
     "InputError": "files.errors",
     "Profile": "files.profile",
     "characterize": "notebook",

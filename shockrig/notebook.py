@@ -1,38 +1,29 @@
-"""What `import shockrig` offers beside reading: characterize, diagnose, correct, as functions of data or of paths.
-
-Each returns a result that shows itself in a notebook (a card of HTML, `plot`, `to_frame`, `to_xarray`) and carries what
-the analysis found in `result`.
-"""
+"""What `import shockrig` offers beside reading: characterize, diagnose, correct, as functions of data or of paths."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from shockrig.analysis.characterization.characterize import Characterization, to_profile
 from shockrig.analysis.characterization.characterize import characterize as _characterize
+from shockrig.analysis.characterization.export import to_profile
 from shockrig.analysis.characterization.extension import Extension, extension_of, read_extension
-from shockrig.analysis.diagnosis.diagnose import Diagnosis
 from shockrig.analysis.diagnosis.diagnose import diagnose as _diagnose
-from shockrig.analysis.diagnosis.export import to_json
+from shockrig.analysis.diagnosis.export import stated_cause, to_json
 from shockrig.analysis.diagnosis.remainder import Tolerance
 from shockrig.analysis.flight.correct import correct as _correct
-from shockrig.files import result_views as views
 from shockrig.files.campaign import Campaign, read_campaign
-from shockrig.files.causes import Effect, Uncertain
 from shockrig.files.errors import InputError
-from shockrig.files.flight import Corrected, Flight, read_layout
+from shockrig.files.flight import Flight, read_layout
 from shockrig.files.flight_rows import read_blocks, to_flight
-from shockrig.files.profile import Profile, read_profile, write_profile
-from shockrig.files.views import profile_card
+from shockrig.files.profile import Profile, read_profile
+from shockrig.results import Characterized, CorrectedFlight, Diagnosed
 
 if TYPE_CHECKING:
     import pandas as pd
-    import xarray as xr
-    from matplotlib.figure import Figure
 
 PathLike = str | os.PathLike[str]
 ChannelName = Literal["temperature", "humidity"]
@@ -68,130 +59,6 @@ def example(name: str = "plain-rough") -> Path:
     if name not in names:
         raise InputError(f"no example {name!r}; give one of {', '.join(names)}")
     return folder / name
-
-
-@dataclass(frozen=True)
-class Characterized:
-    """What `characterize` found.
-
-    Attributes
-    ----------
-    profile : Profile
-        alpha, D(T), response times, noise, effects: what `correct` takes and `write` stores.
-    result : Characterization
-        All of it: fits, runs used and set aside, the optimisers' findings.
-    """
-
-    profile: Profile
-    result: Characterization
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What was seen in the input before any fit, and why a sensor could not be characterized."""
-        seen = [finding.sentence for finding in self.result.findings]
-        return (*seen, *(f"{name}: {reason}" for name, reason in self.result.missing.items()))
-
-    def to_frame(self) -> pd.DataFrame:
-        """One row for the bead (alpha) and one for each ambient of the film (D), with uncertainty, response times."""
-        return self.profile.to_frame()
-
-    def to_xarray(self) -> xr.Dataset:
-        """D(T), response times and alpha as labelled arrays with units."""
-        return self.profile.to_xarray()
-
-    def plot(self) -> Figure:
-        """D over temperature with its uncertainty and as it is interpolated; response times."""
-        return self.profile.plot()
-
-    def write(self, path: PathLike) -> None:
-        """Write the profile to a file, whole or not at all."""
-        write_profile(self.profile, path)
-
-    def _repr_html_(self) -> str:
-        return profile_card(self.profile, self.notes)
-
-
-@dataclass(frozen=True)
-class Diagnosed:
-    """What `diagnose` found.
-
-    Attributes
-    ----------
-    document : dict
-        The content of diagnosis.json (`shock-diagnosis/1`).
-    result : Diagnosis
-        All of it: searches, fits, what is left.
-    """
-
-    document: dict[str, Any]
-    result: Diagnosis
-
-    @property
-    def verdicts(self) -> dict[str, str]:
-        """The verdict on each channel."""
-        return {name: found["verdict"] for name, found in self.document["channels"].items()}
-
-    @property
-    def causes(self) -> dict[str, list[str]]:
-        """The effects named in each channel."""
-        return {name: [c["effect"] for c in found["causes"]] for name, found in self.document["channels"].items()}
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What was seen in the input before any fit."""
-        return self.result.input_findings
-
-    @property
-    def gain(self) -> pd.DataFrame:
-        """The error on unseen runs before and after the extension, one row a channel."""
-        return views.gain_frame(self.document)
-
-    def to_frame(self) -> pd.DataFrame:
-        """One row for each parameter of each named cause."""
-        return views.causes_frame(self.document)
-
-    def plot(self) -> Figure:
-        """The error on unseen runs before and after the extension, beside the noise."""
-        return views.plot_diagnosis(self.document)
-
-    def _repr_html_(self) -> str:
-        return views.diagnosis_card(self.document)
-
-
-@dataclass(frozen=True)
-class CorrectedFlight:
-    """A flight and its correction.
-
-    Attributes
-    ----------
-    flight : Flight
-        The readings.
-    result : Corrected
-        Corrected values, one standard uncertainty each, flags, and notes in plain words.
-    """
-
-    flight: Flight
-    result: Corrected
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What the correction had to say."""
-        return self.result.notes
-
-    def to_frame(self) -> pd.DataFrame:
-        """Readings and corrected values row by row, columns as in the file that `shockrig correct` writes."""
-        return views.flight_frame(self.flight, self.result)
-
-    def to_xarray(self) -> xr.Dataset:
-        """The same as labelled arrays over time, with units and CF standard names."""
-        return views.flight_dataset(self.flight, self.result)
-
-    def plot(self) -> Figure:
-        """Reading and corrected value with its 95 % band against time."""
-        return views.plot_flight(self.flight, self.result)
-
-    def _repr_html_(self) -> str:
-        return views.flight_card(self.flight, self.result)
 
 
 def characterize(
@@ -390,12 +257,9 @@ def _extensions(extend: Diagnosed | PathLike | None) -> dict[ChannelName, Extens
         return None
     if not isinstance(extend, Diagnosed):
         return read_extension(Path(extend))
-    return {found.name: extension_of([_effect(cause) for cause in found.causes]) for found in extend.result.channels}
-
-
-def _effect(cause: Any) -> Effect:
-    parameters = {name: Uncertain(value, spread) for name, (value, spread) in cause.parameters.items()}
-    return Effect(cause.effect, parameters, cause.probability, tuple(cause.indistinguishable_from))
+    return {
+        found.name: extension_of([stated_cause(cause) for cause in found.causes]) for found in extend.result.channels
+    }
 
 
 def _version() -> str:

@@ -39,7 +39,7 @@ def _channel(channel: ChannelDiagnosis) -> StatedChannel:
     names, matrix = correlations(channel)
     return StatedChannel(
         verdict=channel.verdict,
-        causes=tuple(_cause(cause) for cause in channel.causes),
+        causes=tuple(stated_cause(cause) for cause in channel.causes),
         gain=StatedGain(gain.before, gain.after, gain.noise_floor, gain.explained_fraction, gain.interval_95),
         remainder=StatedRemainder(
             rms=left.rms,
@@ -62,7 +62,8 @@ def _channel(channel: ChannelDiagnosis) -> StatedChannel:
     )
 
 
-def _cause(cause: Cause) -> StatedCause:
+def stated_cause(cause: Cause) -> StatedCause:
+    """A cause in the terms of the file."""
     return StatedCause(
         cause.effect,
         {name: Uncertain(value, spread) for name, (value, spread) in cause.parameters.items()},

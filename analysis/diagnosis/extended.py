@@ -5,29 +5,24 @@ With the causes in the model alpha and D are the material's; without them they a
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
-from shockrig.analysis.characterization.characterize import (
-    ChannelResult,
-    Characterization,
-    Part,
-    Row,
-    choose_runs,
-    joint_rows,
-    to_profile,
-)
+from shockrig.analysis.characterization.chosen_runs import choose_runs
+from shockrig.analysis.characterization.export import to_profile
 from shockrig.analysis.characterization.extension import Extension
-from shockrig.analysis.diagnosis.diagnose import Cause, ChannelDiagnosis
+from shockrig.analysis.characterization.part_fit import joint_rows
+from shockrig.analysis.characterization.result import ChannelResult, Characterization, Part, Row, channel_result
+from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis
+from shockrig.analysis.diagnosis.export import stated_cause
 from shockrig.analysis.diagnosis.search import plain_fit
-from shockrig.analysis.inference.channel import LeftOut
 from shockrig.analysis.inference.fit import Fit
 from shockrig.analysis.inference.noise import whiteners
 from shockrig.analysis.inference.problem import Problem, make_problem
 from shockrig.analysis.inference.quantity import ChannelName
 from shockrig.analysis.inference.samples import rmse_over_samples
 from shockrig.files.campaign import Campaign
-from shockrig.files.profile import Effect, Profile, Uncertain
+from shockrig.files.profile import Profile
 
 
 def plain_result(found: ChannelDiagnosis) -> ChannelResult | None:
@@ -42,20 +37,22 @@ def plain_result(found: ChannelDiagnosis) -> ChannelResult | None:
         problem = make_problem(channel, whiteners(channel, found.noise))
         tried = {basis: _part(problem, plain_fit(problem, model.structure)) for basis, model in models.items()}
         basis = min(tried, key=lambda name: tried[name].rmse)
-        told, undetermined = joint_rows(tried[basis], found.noise, basis)
+        determined, undetermined = joint_rows(tried[basis], found.noise, basis)
         set_aside += undetermined
-        if told:
-            rows += told
+        if determined:
+            rows += determined
             parts.append(tried[basis])
-    return _result(found, rows, parts, (), set_aside)
+    return channel_result(rows, found.noise, (), parts, set_aside) if rows else None
 
 
 def extended_result(found: ChannelDiagnosis) -> ChannelResult | None:
     """The channel under the model that carries the named causes (none: the plain one, on all runs)."""
     part = _part(found.problem, found.final)
     rows, undetermined = joint_rows(part, found.noise, "all runs")
-    effects = tuple(_effect(cause) for cause in found.causes)
-    return _result(found, rows, [part], effects, [*found.problem.channel.left_out, *undetermined])
+    if not rows:
+        return None
+    effects = tuple(stated_cause(cause) for cause in found.causes)
+    return channel_result(rows, found.noise, effects, [part], [*found.problem.channel.left_out, *undetermined])
 
 
 def extended_profile(
@@ -72,26 +69,3 @@ def extended_profile(
 
 def _part(problem: Problem, fit: Fit) -> Part:
     return Part(problem, fit, rmse_over_samples(problem.channel, fit))
-
-
-def _result(
-    found: ChannelDiagnosis,
-    rows: Sequence[Row],
-    parts: Sequence[Part],
-    effects: tuple[Effect, ...],
-    set_aside: Sequence[LeftOut],
-) -> ChannelResult | None:
-    if not rows:
-        return None
-    return ChannelResult(
-        rows=tuple(sorted(rows, key=lambda row: row.ambient_c)),
-        noise=found.noise,
-        effects=effects,
-        parts=tuple(parts),
-        set_aside=tuple(sorted(set_aside, key=lambda entry: entry.run)),
-    )
-
-
-def _effect(cause: Cause) -> Effect:
-    parameters = {name: Uncertain(value, spread) for name, (value, spread) in cause.parameters.items()}
-    return Effect(cause.effect, parameters, cause.probability, cause.indistinguishable_from)

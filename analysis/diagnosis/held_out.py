@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.characterization.characterize import ChannelResult
+from shockrig.analysis.characterization.result import ChannelResult
 from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis
 from shockrig.analysis.diagnosis.gain import folds, placed
 from shockrig.analysis.inference.bins import log_bins

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from shockrig.analysis.characterization.characterize import ChannelResult, Characterization, Row, to_profile
+from shockrig.analysis.characterization.export import to_profile
+from shockrig.analysis.characterization.result import FAR_DEVIATED, ChannelResult, Characterization, Row
 from shockrig.analysis.report.fitted import UNIT, panels, relative_runs, residuals, single_runs
 from shockrig.analysis.report.html import Block, Cell, Details, Figure, KeyNumber, Report, Section, Table, Text
 from shockrig.analysis.report.numbers import measured, plain
@@ -48,8 +49,8 @@ def hint(name: str, found: ChannelResult) -> str:
     noise, unit = found.noise.standard_deviation, UNIT[name]
     model = "the plain model" if not found.effects else f"the model with {_names(found)}"
     how = f"rms {plain(found.rmse, 2)} {unit}, noise {plain(noise, 2)} {unit}"
-    if found.strain >= 2.0:
-        how += f"; start times and airs bent by {plain(found.strain, 2)} times their uncertainty"
+    if found.normalised_deviation >= FAR_DEVIATED:
+        how += f"; start times and airs bent by {plain(found.normalised_deviation, 2)} times their uncertainty"
     return f"{SENSOR[name].capitalize()}: {model} does not explain these data ({how}): run shockrig diagnose."
 
 

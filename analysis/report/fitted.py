@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.analysis.characterization.characterize import ChannelResult
+from shockrig.analysis.characterization.result import ChannelResult
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.quantity import QUANTITIES
 from shockrig.analysis.inference.samples import model_at_samples

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from shockrig.analysis.characterization.characterize import Characterization
+    from shockrig.analysis.characterization.result import Characterization
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,7 +37,8 @@ def main(args: argparse.Namespace) -> int:
 
 def write(campaign: Path, out: Path, seed: int, extend: Path | None, made_at: str) -> Characterization:
     """Characterize a campaign into the folder `out`, whole or not at all."""
-    from shockrig.analysis.characterization.characterize import characterize, to_profile
+    from shockrig.analysis.characterization.characterize import characterize
+    from shockrig.analysis.characterization.export import to_profile
     from shockrig.analysis.characterization.extension import read_extension
     from shockrig.analysis.report.characterize_page import write_characterization
     from shockrig.files.campaign import read_campaign

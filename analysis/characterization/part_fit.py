@@ -1,0 +1,109 @@
+"""Runs fitted together: differential evolution for each ambient, a cross-check, then one joint fit, and its rows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from shockrig.analysis.characterization.extension import Extension
+from shockrig.analysis.characterization.response import response_time
+from shockrig.analysis.characterization.result import FAR_ABOVE_NOISE, Part, Row
+from shockrig.analysis.inference.channel import Channel, LeftOut
+from shockrig.analysis.inference.evolution import Misfit, Optimum, cross_check, evolve
+from shockrig.analysis.inference.fit import fit
+from shockrig.analysis.inference.model import Model
+from shockrig.analysis.inference.noise import Noise, whiteners
+from shockrig.analysis.inference.problem import make_problem
+from shockrig.analysis.inference.quantity import RunEffect
+from shockrig.analysis.inference.samples import rmse_over_samples
+from shockrig.analysis.inference.scan import RATE_BOUNDS_PER_S
+from shockrig.files.profile import Effect, Uncertain
+
+WORST_RELATIVE = 0.5  # a diffusivity known no better than this is none
+
+
+def fit_part(
+    channel: Channel,
+    noise: Noise,
+    models: Mapping[str, Extension],
+    seed: int,
+    rounding: float,
+    say: Callable[[str], None],
+) -> tuple[Part, list[Row], list[LeftOut]]:
+    """Fit runs together with the model that leaves the least; rows of what is determined, runs of what is not."""
+    searched = {}
+    for basis, extension in models.items():
+        optima, late_s = [], np.zeros(channel.runs)
+        for g, ambient_c in enumerate(channel.ambients_c):
+            misfit = Misfit(channel.select(channel.ambient == g), extension.structure, dict(extension.starts or {}))
+            where = "" if channel.quantity.pooled else f" at {ambient_c:.0f} degC"
+            say(f"{channel.name}: differential evolution over {misfit.channel.runs} runs{where}")
+            optima.append((evolve(misfit, np.random.default_rng([seed, g])), cross_check(misfit)))
+            late_s[channel.ambient == g] = misfit.late_s(optima[-1][0].log_rate)
+        searched[basis] = optima, late_s
+    basis = min(searched, key=lambda name: sum(first.rmse**2 for first, _ in searched[name][0]))
+    extension, (optima, late_s) = models[basis], searched[basis]
+    say(f"{channel.name}: generalised least squares over {channel.runs} runs")
+    problem = make_problem(channel, whiteners(channel, noise), rounding=rounding)
+    log_rates = np.array([first.log_rate for first, _ in optima])
+    start = Model(channel, extension.structure).start(log_rates, dict(extension.starts or {}))
+    deviations = channel.at_rest()
+    deviations[:, RunEffect.START] = late_s
+    found = fit(problem, extension.structure, start, deviations)
+    part = Part(problem, found, rmse_over_samples(channel, found))
+    rows, undetermined = joint_rows(part, noise, basis, optima)
+    return part, rows, undetermined
+
+
+def joint_rows(
+    part: Part, noise: Noise, basis: str, optima: Sequence[tuple[Optimum | None, Optimum | None]] | None = None
+) -> tuple[list[Row], list[LeftOut]]:
+    """Rows of the ambients whose diffusivity a joint fit determines, and the runs of those that it does not.
+
+    `optima` are each ambient's findings of the two optimisers, where they were asked.
+    """
+    channel, found = part.channel, part.fit
+    # Where the model is wrong its formal uncertainty is too small: enlarged by as much as the residuals, or the runs'
+    # start times and airs, are too far off.
+    ratio = max(part.rmse / noise.standard_deviation, part.normalised_deviation)
+    enlarged = ratio if ratio > FAR_ABOVE_NOISE else 1.0
+    rows: list[Row] = []
+    undetermined: list[LeftOut] = []
+    for g, (first, check) in enumerate(optima or [(None, None)] * channel.ambients_c.size):
+        runs = tuple(channel.run_ids[i] for i in np.flatnonzero(channel.ambient == g))
+        relative = enlarged * float(np.sqrt(max(found.covariance[g, g], 0.0)))
+        low, high = np.log(RATE_BOUNDS_PER_S)
+        if not (0.0 < relative < WORST_RELATIVE and low < found.theta[g] < high):
+            ambient = f"{channel.ambients_c[g]:.0f} degC"
+            reason = f"does not determine the diffusivity, alone at {ambient}; record isothermal shocks there"
+            undetermined += [LeftOut(run, channel.name, reason) for run in runs]
+            continue
+        value = float(np.exp(found.theta[g]) * channel.length_m**2)
+        rows.append(
+            Row(
+                ambient_c=round(float(channel.ambients_c[g]), 3),
+                diffusivity_m2_s=value,
+                standard_uncertainty=value * relative,
+                response=response_time(channel, found, g, enlarged),
+                runs=runs,
+                basis=basis,
+                evolution=first,
+                check=check,
+            )
+        )
+    return rows, undetermined
+
+
+def fitted_effects(extension: Extension, part: Part) -> tuple[Effect, ...]:
+    """The extension's causes with the parameters of a fit."""
+    values = part.fit.values()
+    fitted = []
+    for cause in extension.causes:
+        parameters = dict(cause.parameters)
+        for name, (value, spread) in values[cause.effect].items():
+            # What the single readings showed is held in this fit and keeps the uncertainty it came with.
+            parameters[name] = Uncertain(value, spread) if spread > 0 or name not in parameters else parameters[name]
+        fitted.append(replace(cause, parameters=parameters))
+    return tuple(fitted)

@@ -1,0 +1,149 @@
+"""What a characterization holds: rows of a table, the fits they come from, channels, and the whole."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from shockrig.analysis.checks.finding import InputFinding
+from shockrig.analysis.inference.channel import Channel, LeftOut
+from shockrig.analysis.inference.evolution import Optimum
+from shockrig.analysis.inference.fit import Fit
+from shockrig.analysis.inference.noise import Noise
+from shockrig.analysis.inference.problem import Problem
+from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName, RunEffect
+from shockrig.files.campaign import Campaign
+from shockrig.files.profile import Effect, ResponseTime
+
+FAR_ABOVE_NOISE = 1.15  # residual over noise from which the model is not the whole story
+FAR_DEVIATED = 2.0  # likewise, for how far start times and airs are bent
+
+
+@dataclass(frozen=True)
+class Row:
+    """One ambient of one channel: the diffusivity [m^2/s] with its standard uncertainty, and what it rests on.
+
+    `basis` is "all runs", "isothermal shocks", or how thermal shocks alone were read where there was nothing else.
+    `evolution` and `check` are the two optimisers' findings, where they were asked.
+    """
+
+    ambient_c: float
+    diffusivity_m2_s: float
+    standard_uncertainty: float
+    response: ResponseTime
+    runs: tuple[str, ...]
+    basis: str
+    evolution: Optimum | None = None
+    check: Optimum | None = None
+
+
+@dataclass(frozen=True)
+class Part:
+    """Runs fitted together: the least squares problem, its fit, and the RMSE over their samples [channel's unit]."""
+
+    problem: Problem
+    fit: Fit
+    rmse: float
+
+    @property
+    def channel(self) -> Channel:
+        return self.problem.channel
+
+    @property
+    def normalised_deviation(self) -> float:
+        """RMS normalised deviation of start times and airs: as fitted, in units of the uncertainty they came with."""
+        counted = self.problem.stated
+        counted[:, RunEffect.RATE] = False  # its scatter is fitted
+        scaled = (self.fit.deviations / self.problem.scatter)[counted]
+        return float(np.sqrt(np.mean(scaled**2))) if scaled.size else 0.0
+
+
+@dataclass(frozen=True)
+class ChannelResult:
+    """What a channel's runs say.
+
+    Attributes
+    ----------
+    rows : tuple of Row
+        One for each ambient, by rising temperature; one in all for the bead.
+    noise : Noise
+    effects : tuple of Effect
+        What the model carries beside the plain diffusion, with fitted parameters.
+    parts : tuple of Part
+        All runs; for a plain film the ambients with isothermal shocks, and those with thermal shocks alone.
+    set_aside : tuple of LeftOut
+        Runs that take no part, and why.
+    """
+
+    rows: tuple[Row, ...]
+    noise: Noise
+    effects: tuple[Effect, ...]
+    parts: tuple[Part, ...]
+    set_aside: tuple[LeftOut, ...]
+
+    @property
+    def channel(self) -> Channel:
+        """The first part's channel, for what all parts share (length, sampling period, name)."""
+        return self.parts[0].channel
+
+    @property
+    def runs(self) -> tuple[str, ...]:
+        """Ids of the runs used."""
+        return tuple(sorted(run for part in self.parts for run in part.channel.run_ids))
+
+    @property
+    def rmse(self) -> float:
+        """Over the samples of all parts, each run's own deviations included [channel's unit]."""
+        squares = [(part.rmse**2, int(part.channel.count.sum())) for part in self.parts]
+        return float(np.sqrt(sum(r * n for r, n in squares) / sum(n for _, n in squares)))
+
+    @property
+    def explained(self) -> bool:
+        """Whether the residuals are about as small as the noise, with start times and airs as they were recorded."""
+        return self.rmse < FAR_ABOVE_NOISE * self.noise.standard_deviation and self.normalised_deviation < FAR_DEVIATED
+
+    @property
+    def normalised_deviation(self) -> float:
+        """Of the part whose start times and airs had to give most."""
+        return max(part.normalised_deviation for part in self.parts)
+
+    @property
+    def disagreement(self) -> float | None:
+        """Largest relative difference between the two optimisers' rates; None where they were not asked."""
+        pairs = [(row.evolution, row.check) for row in self.rows if row.evolution and row.check]
+        return max((abs(float(np.expm1(b.log_rate - a.log_rate))) for a, b in pairs), default=None)
+
+
+@dataclass(frozen=True)
+class Characterization:
+    """Result of `characterize`; a channel that cannot be had is None and `missing` says why."""
+
+    campaign: Campaign
+    seed: int
+    temperature: ChannelResult | None
+    humidity: ChannelResult | None
+    missing: Mapping[ChannelName, str]
+    findings: tuple[InputFinding, ...] = ()
+
+    def channels(self) -> dict[ChannelName, ChannelResult]:
+        """The channels that are there, by name."""
+        return {name: found for name in QUANTITIES if (found := getattr(self, name)) is not None}
+
+
+def channel_result(
+    rows: Sequence[Row],
+    noise: Noise,
+    effects: tuple[Effect, ...],
+    parts: Sequence[Part],
+    set_aside: Sequence[LeftOut],
+) -> ChannelResult:
+    """A channel's result with its rows by rising ambient and the runs set aside in their order."""
+    return ChannelResult(
+        rows=tuple(sorted(rows, key=lambda row: row.ambient_c)),
+        noise=noise,
+        effects=effects,
+        parts=tuple(parts),
+        set_aside=tuple(sorted(set_aside, key=lambda entry: entry.run)),
+    )
