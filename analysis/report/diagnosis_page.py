@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.characterization.characterize import Row
+from shockrig.analysis.characterization.result import Row
 from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis, Diagnosis
 from shockrig.analysis.diagnosis.export import correlations
 from shockrig.analysis.diagnosis.held_out import autocorrelation, drifts, size
