@@ -142,10 +142,12 @@ def flight_card(flight: Flight, corrected: Corrected) -> str:
     """How long the flight is, by how much it was corrected, what the correction had to say."""
     frame = flight_frame(flight, corrected)
     facts = [("rows", str(len(frame)))]
-    for name, unit, uncertainty in (("temperature", "K", "uncertainty_k"), ("humidity", "%RH", "uncertainty_percent")):
-        ending = "c" if name == "temperature" else "percent"
-        change = np.abs(frame[f"{name}_corrected_{ending}"] - frame[f"{name}_{ending}"])
-        stated = frame[f"{name}_{uncertainty}"]
+    for name, unit, corrected_column, column, uncertainty in (
+        ("temperature", "K", "temperature_corrected_c", "temperature_c", "temperature_uncertainty_k"),
+        ("humidity", "%RH", "humidity_corrected_percent", "humidity_percent", "humidity_uncertainty_percent"),
+    ):
+        change = np.abs(frame[corrected_column] - frame[column])
+        stated = frame[uncertainty]
         if stated.notna().any():
             words = f"changed by up to {plain(change.max(), 3)} {unit}"
             words += f", standard uncertainty {plain(stated.median(), 2)} {unit}"

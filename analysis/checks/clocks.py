@@ -9,11 +9,22 @@ import numpy as np
 
 from shockrig.analysis.checks.finding import InputFinding
 from shockrig.analysis.checks.response import begins_after, isothermal
-from shockrig.analysis.checks.signals import CHANNEL_OF, DIE, FILES, HUMIDITY, TEMPERATURE, Seen, View
+from shockrig.analysis.checks.signals import (
+    CHANNEL_OF,
+    CHANNEL_OF_SENSOR,
+    DIE,
+    FILES,
+    HUMIDITY,
+    OTHER_SENSOR,
+    TEMPERATURE,
+    Seen,
+    View,
+)
 from shockrig.analysis.checks.thresholds import limit
 from shockrig.files.campaign import Run
 
 SENSORS = ("imet", "hyt")
+FIRST_COLUMN = {"imet": TEMPERATURE, "hyt": HUMIDITY}  # in which a sensor's response is looked for
 CORES = ("sphere", "cylinder", "plate")  # bodies read at their middle
 
 
@@ -75,7 +86,7 @@ def _clock_is_off(sensor: str, onsets: dict[str, dict[str, Onset]]) -> bool:
         return False
     by = abs(float(np.median([onset.offset_s for onset in off])))
     able = {s: [o for o in found.values() if o.tolerance_s < by] for s, found in onsets.items()}
-    other = able["hyt" if sensor == "imet" else "imet"]
+    other = able[OTHER_SENSOR[sensor]]
     agreeing = sum(onset.verdict == "agrees" for onset in other)
     share = limit("clock_runs")
     return len(off) >= share * len(able[sensor]) and agreeing >= max(2, share * len(other))
@@ -100,10 +111,10 @@ def clocks_without_starts(view: View) -> Iterator[InputFinding]:
     most = (np.abs(offsets - middle) < 0.5).mean() >= limit("clock_runs")
     if abs(middle) > limit("onset_late_s") and most:
         sensor, slow = ("hyt", middle) if middle > 0 else ("imet", -middle)
-        other = "imet" if sensor == "hyt" else "hyt"
+        other = OTHER_SENSOR[sensor]
         yield InputFinding(
             "clock_late",
-            "humidity" if sensor == "hyt" else "temperature",
+            CHANNEL_OF_SENSOR[sensor],
             tuple(apart),
             "stop",
             f"{sensor}.csv responds {slow:.1f} s later than {other}.csv in {view.words(apart)}: the clock of one of "
@@ -117,7 +128,7 @@ def _rise_s(seen: Seen) -> float:
 
 def _onset(view: View, run: Run, sensor: str, start_s: float) -> Onset | None:
     """When a sensor begins to respond: the bead; the film where the temperature stays; the die where it does not."""
-    seen = view.get(run, TEMPERATURE if sensor == "imet" else HUMIDITY)
+    seen = view.get(run, FIRST_COLUMN[sensor])
     steady = seen is None or seen.column == TEMPERATURE or isothermal(view, seen)
     if steady is False:
         seen = view.get(run, DIE)
@@ -157,7 +168,7 @@ def _outside(view: View, run: Run) -> bool:
 def _clock(view: View, sensor: str, off: list[Onset], everywhere: bool) -> InputFinding:
     offset = float(np.median([o.offset_s for o in off]))
     runs = [o.seen.run.id for o in off]
-    late, other = offset > 0, "hyt.csv" if sensor == "imet" else "imet.csv"
+    late, other = offset > 0, f"{OTHER_SENSOR[sensor]}.csv"
     remedy = f"subtract {offset:.1f} s from" if late else f"add {-offset:.1f} s to"
     responds = "responds" if len(runs) == 1 else "respond"
     return InputFinding(

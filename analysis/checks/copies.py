@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from shockrig.analysis.checks.finding import Channel, InputFinding
-from shockrig.analysis.checks.signals import COLUMNS, FILES, HUMIDITY, TEMPERATURE, Array, Seen, View
+from shockrig.analysis.checks.signals import CHANNEL_OF_FILE, COLUMNS, FILES, HUMIDITY, TEMPERATURE, Array, Seen, View
 from shockrig.analysis.checks.thresholds import limit
 
 NO_NOISE = 1e-7  # of a calculated campaign, in shares of the readings' range
@@ -38,7 +38,7 @@ def copied_runs(view: View) -> Iterator[InputFinding]:
     for original in dict.fromkeys(originals.values()):
         runs = tuple(run for run, first in originals.items() if first == original)
         files = sorted({place for run in runs for place in places[run]}, reverse=True)
-        channel: Channel = None if len(files) > 1 else "temperature" if files[0] == FILES[TEMPERATURE] else "humidity"
+        channel: Channel = None if len(files) > 1 else CHANNEL_OF_FILE[files[0]]
         same = all(_equal(view, original, run, column) for run in runs for column in COLUMNS)
         yield InputFinding(
             "run_copied",

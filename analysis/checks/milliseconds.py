@@ -7,7 +7,16 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 import numpy as np
 
 from shockrig.analysis.checks.finding import Channel, InputFinding
-from shockrig.analysis.checks.signals import DIE, FILES, HUMIDITY, TEMPERATURE, Seen, View
+from shockrig.analysis.checks.signals import (
+    CHANNEL_OF_SENSOR,
+    DIE,
+    FILES,
+    HUMIDITY,
+    OTHER_SENSOR,
+    TEMPERATURE,
+    Seen,
+    View,
+)
 from shockrig.analysis.checks.thresholds import limit
 from shockrig.files.campaign import Run
 
@@ -28,7 +37,7 @@ def times_in_milliseconds(view: View) -> Iterator[InputFinding]:
             seen = next((s for c in columns if (s := view.get(run, c)) is not None), None)
             if seen is None:
                 continue
-            other = next((s for c in SENSORS["hyt" if sensor == "imet" else "imet"] if (s := view.get(run, c))), None)
+            other = next((s for c in SENSORS[OTHER_SENSOR[sensor]] if (s := view.get(run, c))), None)
             why = _against_other(seen, other) or _against_start(view, run, columns)
             if why:
                 certain.setdefault(sensor, {})[run.id] = why
@@ -124,7 +133,7 @@ def _together(found: Mapping[str, Mapping[str, object]]) -> list[tuple[tuple[str
 
 
 def _channel(names: Sequence[str]) -> Channel:
-    return None if len(names) > 1 else "temperature" if names[0] == "imet" else "humidity"
+    return None if len(names) > 1 else CHANNEL_OF_SENSOR[names[0]]
 
 
 def _files(names: Sequence[str]) -> str:

@@ -22,6 +22,9 @@ TEMPERATURE, HUMIDITY, DIE = "temperature", "humidity", "die"
 COLUMNS = {TEMPERATURE: ("imet", "temperature_c"), HUMIDITY: ("hyt", "humidity_percent"), DIE: ("hyt", "temperature_c")}
 CHANNEL_OF: dict[str, Channel] = {TEMPERATURE: "temperature", HUMIDITY: "humidity", DIE: "humidity"}
 FILES = {TEMPERATURE: "imet.csv", HUMIDITY: "hyt.csv", DIE: "hyt.csv"}
+CHANNEL_OF_FILE = {FILES[column]: channel for column, channel in CHANNEL_OF.items()}
+CHANNEL_OF_SENSOR = {COLUMNS[column][0]: channel for column, channel in CHANNEL_OF.items()}
+OTHER_SENSOR = {"imet": "hyt", "hyt": "imet"}
 UNITS = {TEMPERATURE: "°C", HUMIDITY: "%RH", DIE: "°C"}
 
 

@@ -12,7 +12,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from shockrig.analysis.checks.finding import Channel, InputFinding
-from shockrig.analysis.checks.signals import CHANNEL_OF, DIE, FILES, HUMIDITY, TEMPERATURE, Array, Seen, View, stated
+from shockrig.analysis.checks.signals import (
+    CHANNEL_OF,
+    CHANNEL_OF_FILE,
+    DIE,
+    FILES,
+    HUMIDITY,
+    TEMPERATURE,
+    Array,
+    Seen,
+    View,
+    stated,
+)
 from shockrig.analysis.checks.thresholds import limit
 from shockrig.analysis.physics.humidity import dew_point_c
 from shockrig.files.campaign import Run
@@ -190,7 +201,7 @@ def _channel(unit: Unit, names: list[str]) -> Channel:
         return "humidity"
     if len(names) > 1 or names[0] == RUN_JSON:
         return None
-    return "temperature" if names[0] == FILES[TEMPERATURE] else "humidity"
+    return CHANNEL_OF_FILE[names[0]]
 
 
 def _printed_in_celsius(seen: Seen) -> bool:

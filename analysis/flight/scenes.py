@@ -18,6 +18,7 @@ from shockrig.files.flight import Corrected, Flight
 from shockrig.files.profile import Profile
 
 Array = NDArray[np.float64]
+UNCERTAINTY = {"temperature": "temperature_uncertainty_k", "humidity": "humidity_uncertainty_percent"}
 CHANNELS = {"temperature": ("temperature_c", "K"), "humidity": ("humidity_percent", "%RH")}
 
 
@@ -93,7 +94,7 @@ def scores(trial: Trial) -> list[Score]:
         truth, raw = trial.flown.truth[column].to_numpy(), trial.flown.log[column].to_numpy()
         for method, result in trial.corrected.items():
             value = getattr(result, column)
-            sigma = getattr(result, f"{channel}_uncertainty_{'k' if channel == 'temperature' else 'percent'}")
+            sigma = getattr(result, UNCERTAINTY[channel])
             stated = float(np.sqrt(np.nanmean(sigma**2))) if np.isfinite(sigma).any() else float("nan")
             found.append(
                 Score(

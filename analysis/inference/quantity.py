@@ -93,6 +93,10 @@ class Quantity:
         """How many random effects a run has."""
         return len(self.run_steps)
 
+    def diffusivity_label(self, ambient_c: float) -> str:
+        """What a fitted diffusivity is called: its symbol, with the ambient where each has its own."""
+        return self.symbol if self.pooled else f"{self.symbol} at {round(ambient_c, 1) + 0.0:.1f} °C"
+
     def air_step(self, conditions: Conditions) -> Array:
         """Change of the air's own quantity in each run (R,)."""
         source, destination = self.air_fields

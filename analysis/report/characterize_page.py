@@ -10,6 +10,7 @@ import numpy as np
 
 from shockrig.analysis.characterization.export import to_profile
 from shockrig.analysis.characterization.result import FAR_DEVIATED, ChannelResult, Characterization, Row
+from shockrig.analysis.inference.quantity import QUANTITIES
 from shockrig.analysis.report.fitted import UNIT, panels, relative_runs, residuals, single_runs
 from shockrig.analysis.report.html import Block, Cell, Details, Figure, KeyNumber, Report, Section, Table, Text
 from shockrig.analysis.report.numbers import measured, plain
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
 AXIS = {"temperature": "°C", "humidity": "%RH"}
-SENSOR = {"temperature": "bead", "humidity": "film"}
+SENSOR: dict[str, str] = {name: quantity.noun for name, quantity in QUANTITIES.items()}
 
 
 def verdict(result: Characterization) -> str:
@@ -89,7 +90,7 @@ def draw_figures(result: Characterization) -> dict[str, tuple[Drawing, str]]:
             "The same residuals averaged in log time, coloured by what the runs were: a pattern is a missing effect.",
         )
         ratios = relative_runs(found)
-        title = "alpha, run / joint" if name == "temperature" else "D, run / table"
+        title = f"{QUANTITIES[name].symbol}, run / joint"
         figures[f"{name}_by_condition"] = (
             parameter_by_condition(ratios, title, "", (1.0, 0.0), UNIT[name]),
             "The diffusivity of each run alone as a ratio to the joint fit, two standard uncertainties: it should not "
@@ -180,7 +181,7 @@ def _number_blocks(result: Characterization) -> list[Block]:
     rows: list[list[Cell]] = []
     for name, found in result.channels().items():
         for row in found.rows:
-            label = "alpha" if name == "temperature" else f"D at {round(row.ambient_c, 1) + 0.0:.1f} °C"
+            label = QUANTITIES[name].diffusivity_label(row.ambient_c)
             value = measured(row.diffusivity_m2_s, row.standard_uncertainty, "m²/s")
             r = row.response
             rows.append([label, value, r.t63_s, r.t90_s, r.t98_s, len(row.runs), row.basis])
@@ -212,7 +213,7 @@ def _search_table(found: ChannelResult) -> Table:
     length = found.channel.length_m
     rows: list[list[Cell]] = [
         [
-            f"{round(row.ambient_c, 1) + 0.0:.1f} °C" if found.channel.name == "humidity" else "all",
+            "all" if found.channel.quantity.pooled else f"{round(row.ambient_c, 1) + 0.0:.1f} °C",
             plain(float(np.exp(row.evolution.log_rate)) * length**2, 6),
             row.evolution.rmse,
             row.evolution.evaluations,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.flight.correct import METHODS
 from shockrig.analysis.flight.judging import Bode, gathered, power_spectrum, structure_function
-from shockrig.analysis.flight.scenes import CHANNELS, Trial
+from shockrig.analysis.flight.scenes import CHANNELS, UNCERTAINTY, Trial
 from shockrig.analysis.physics.schemes.layers import StateSpace
 from shockrig.analysis.physics.schemes.sampling import poles, zeros
 from shockrig.analysis.report.style import BLUE, GREEN, GREY, INK, ORANGE, RED, styled
@@ -44,7 +44,7 @@ def signals(trial: Trial, window_s: tuple[float, float] | None = None) -> Figure
                 above.plot(time[shown], value[shown], color=COLOURS[method], lw=0.9, label=method)
                 below.plot(time[shown], (value - truth)[shown], color=COLOURS[method], lw=0.6)
         best = trial.corrected["smoother"]
-        sigma = best.temperature_uncertainty_k if channel == "temperature" else best.humidity_uncertainty_percent
+        sigma = getattr(best, UNCERTAINTY[channel])
         below.fill_between(time[shown], -1.96 * sigma[shown], 1.96 * sigma[shown], color=BLUE, alpha=0.2, lw=0)
         errors = np.abs(getattr(best, column) - truth)[shown]
         reach = max(
