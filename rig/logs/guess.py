@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.rig.logs.clocks import guess_clock
-from shockrig.rig.logs.known import adjust
+from shockrig.rig.logs.known import SensorGuess, adjust
 from shockrig.rig.logs.stamps import Clock
 from shockrig.rig.logs.text import NUMBER, Scan, is_value
 from shockrig.rig.logs.units import UNITS, bare_name, known_unit, quantity_of, unit_in_name
@@ -24,16 +24,6 @@ _WORDS = re.compile(
     re.I,
 )
 REFERENCE_WORDS = ("ctrl", "control", "ref", "standard", "chilled", "mirror")
-
-
-@dataclass
-class SensorGuess:
-    """Columns of one sensor as guessed: key of the map -> (column, unit, how the unit is known)."""
-
-    name: str
-    columns: dict[str, tuple[str, str, str]] = field(default_factory=dict)
-    extra: dict[str, str] = field(default_factory=dict)  # further keys as TOML values
-    notes: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,17 @@ a block of columns `PORT-MODEL QUANTITY`, zeros where nothing is connected.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
 
-if TYPE_CHECKING:
-    from shockrig.rig.logs.guess import SensorGuess
+
+@dataclass
+class SensorGuess:
+    """Columns of one sensor as guessed: key of the map -> (column, unit, how the unit is known)."""
+
+    name: str
+    columns: dict[str, tuple[str, str, str]] = field(default_factory=dict)
+    extra: dict[str, str] = field(default_factory=dict)  # further keys as TOML values
+    notes: list[str] = field(default_factory=list)
 
 
 def adjust(names: Sequence[str], sensors: Sequence[SensorGuess]) -> str | None:
