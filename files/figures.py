@@ -27,6 +27,7 @@ RC: Any = {
     "axes.titlesize": 9.5,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
+    "axes.titley": 1.0,
     "axes.labelsize": 9.0,
     "axes.labelcolor": INK,
     "axes.edgecolor": GREY,
@@ -96,11 +97,19 @@ def literal(text: str) -> str:
 
 def figure_bytes(figure: Figure, dpi: int = 130) -> bytes:
     """The figure as PNG; the same bytes for the same data."""
+    import numpy as np
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+
     buffer = io.BytesIO()
+    before, shown = figure.dpi, figure.canvas
     with house_style():
-        if (layout := figure.get_layout_engine()) is not None:
-            # Laid out once: saving would draw all for it, and then lay it out again.
-            layout.execute(figure)
-            figure.set_layout_engine("none")
-        figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
+        # Drawn once: Figure.savefig draws everything twice where there is a layout.
+        figure.dpi = dpi
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        figure.dpi = before
+        figure.set_canvas(shown)
+    image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+    image.save(buffer, format="png", dpi=(dpi, dpi), compress_level=3)
     return buffer.getvalue()

@@ -10,6 +10,7 @@ import numpy as np
 from shockrig.analysis.report.crossing import Crossing
 from shockrig.analysis.report.fitted import UNIT
 from shockrig.analysis.report.numbers import plain
+from shockrig.analysis.report.panels import panels
 from shockrig.analysis.report.style import BLUE, GREY, INK, ORANGE, RED, styled
 
 if TYPE_CHECKING:
@@ -22,11 +23,9 @@ WINDOW_S = (-10.0, 40.0)  # about the instant at which the air changes fastest
 @styled
 def crossing_figure(crossings: Sequence[Crossing]) -> Figure:
     """The air, the reading and both corrections about the inversion, and the corrections' errors below."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(4.9 * len(crossings), 4.8))
-    panels = figure.subplots(2, len(crossings), sharex=True, height_ratios=(1.5, 1), squeeze=False)
-    for (above, below), c in zip(panels.T, crossings, strict=True):
+    size_in = 4.9 * len(crossings), 4.8
+    figure, axes_of = panels((2, len(crossings)), size_in, top_in=0.06, across_in=0.7, heights=(1.5, 1), sharex=True)
+    for (above, below), c in zip(axes_of.T, crossings, strict=True):
         smooth = np.convolve(c.air, np.ones(21) / 21, mode="same")
         inner = slice(30, -30)
         middle = c.time_s[inner][int(np.argmax(np.abs(np.gradient(smooth)[inner])))]
@@ -46,5 +45,5 @@ def crossing_figure(crossings: Sequence[Crossing]) -> Figure:
         below.set_ylabel(f"error, {UNIT[c.channel]}")
         below.set_xlabel("time of the flight, s")
         below.legend(loc="upper right")
-    panels[0, 0].legend(loc="best")
+    axes_of[0, 0].legend(loc="best")
     return figure

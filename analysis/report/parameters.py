@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from shockrig.analysis.report.numbers import power_of_ten
+from shockrig.analysis.report.panels import panels
 from shockrig.analysis.report.style import BLUE, GREEN, GREY, INK, LIGHT, RED, SKY, literal, styled
 
 if TYPE_CHECKING:
@@ -37,10 +38,7 @@ def diffusivity(
     runs : fits of single runs, drawn faintly
     truth : (temperature_c, diffusivity) where a sealed truth is known
     """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9.6, 3.7))
-    left, right = figure.subplots(1, 2)
+    figure, ((left, right),) = panels((1, 2), (9.6, 3.7), across_in=0.75)
     scale, power = power_of_ten(float(np.max(table.value)))
     positions: list[Callable[[np.ndarray], np.ndarray]] = [np.asarray, lambda t: 1000.0 / (np.asarray(t) + 273.15)]
     for axes, place in zip((left, right), positions, strict=True):
@@ -105,12 +103,9 @@ def parameter_by_condition(
     joint : value and standard uncertainty of the fit to all runs, drawn as a line with its band of two
     amplitude_unit : of the amplitudes
     """
-    from matplotlib.figure import Figure
-
     if not runs:
         raise ValueError("there are no runs to draw")
-    figure = Figure(figsize=(9.6, 3.0))
-    panels = figure.subplots(1, 4, sharey=True)
+    figure, (axes_of,) = panels((1, 4), (9.6, 3.0), top_in=0.08, sharey=True)
     scale, power = power_of_ten(float(np.max([abs(r.value) for r in runs])))
     places: list[tuple[str, Callable[[RunParameter], float]]] = [
         ("ambient, °C", lambda r: r.ambient_c),
@@ -118,7 +113,9 @@ def parameter_by_condition(
         ("direction", lambda r: {"down": 0.0, "up": 1.0}[r.direction]),
         (f"step, {amplitude_unit}".rstrip(", "), lambda r: abs(r.amplitude)),
     ]
-    for axes, (label, place) in zip(panels, places, strict=True):
+    values, spreads = (np.array([getattr(r, k) for r in runs]) / scale for k in ("value", "standard_uncertainty"))
+    up = np.array([r.direction == "up" for r in runs])
+    for axes, (label, place) in zip(axes_of, places, strict=True):
         if joint is not None:
             middle, spread = joint[0] / scale, 2 * joint[1] / scale
             axes.axhspan(middle - spread, middle + spread, color=LIGHT, linewidth=0)
@@ -131,25 +128,23 @@ def parameter_by_condition(
             v: np.linspace(-1, 1, max(2, int(np.sum(x == v)))) * width * min(4, np.sum(x == v)) for v in set(known)
         }
         seen: dict[float, int] = {}
-        for run, position in zip(runs, x, strict=True):
-            if not np.isfinite(position):
-                continue
-            turn = seen.get(position, 0)
-            seen[position] = turn + 1
-            up = run.direction == "up"
+        for i, position in enumerate(x.tolist()):
+            turn = seen[position] = seen.get(position, -1) + 1
+            x[i] += offset[position][turn] if np.isfinite(position) else 0.0
+        for side, colour, marker in ((up, RED, "^"), (~up, BLUE, "v")):
+            there = side & np.isfinite(x)
             axes.errorbar(
-                position + offset[position][turn], run.value / scale, 2 * run.standard_uncertainty / scale,
-                fmt="^" if up else "v", color=RED if up else BLUE, elinewidth=0.8, markersize=3.5, alpha=0.8,
+                x[there], values[there], 2 * spreads[there], fmt=marker, color=colour, elinewidth=0.8, markersize=3.5,
+                alpha=0.8,
             )  # fmt: skip
         axes.set_xlabel(label)
         if not known.size:
             axes.text(0.5, 0.5, "unknown", transform=axes.transAxes, ha="center", color=GREY)
-    panels[2].set_xticks([0.0, 1.0], ["down", "up"])
-    panels[2].set_xlim(-0.5, 1.5)
-    values, spreads = (np.array([getattr(r, k) for r in runs]) / scale for k in ("value", "standard_uncertainty"))
+    axes_of[2].set_xticks([0.0, 1.0], ["down", "up"])
+    axes_of[2].set_xlim(-0.5, 1.5)
     # one run that says nothing must not flatten the others
     trusted = spreads <= 5 * np.median(spreads)
     low, high = (values - 2 * spreads)[trusted].min(), (values + 2 * spreads)[trusted].max()
-    panels[0].set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
-    panels[0].set_ylabel(f"{literal(name)}, {power}{unit}".rstrip(", "))
+    axes_of[0].set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
+    axes_of[0].set_ylabel(f"{literal(name)}, {power}{unit}".rstrip(", "))
     return figure

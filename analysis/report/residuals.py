@@ -10,6 +10,7 @@ import numpy as np
 
 from shockrig.analysis.inference.bins import log_bins
 from shockrig.analysis.report.numbers import plain
+from shockrig.analysis.report.panels import log_time, panels, strokes
 from shockrig.analysis.report.style import BLUE, GREY, INK, LIGHT, ORANGE, RED, literal, styled
 
 if TYPE_CHECKING:
@@ -47,12 +48,9 @@ def residual_overview(
     noise : standard deviation of one reading's noise, drawn as a band of two of them (`unit`)
     amplitude_unit : unit of the amplitudes; that of the residuals if left out
     """
-    from matplotlib.figure import Figure
-
     if not runs:
         raise ValueError("there are no residuals to draw")
-    figure = Figure(figsize=(9.6, 6.2))
-    panels = figure.subplots(2, 2, sharex=True, sharey=True)
+    figure, axes_of = panels((2, 2), (9.6, 6.2), top_in=0.42, down_in=0.5, sharex=True, sharey=True)
     binned = [log_bins(run.time_s, run.residual) for run in runs]
     labels: dict[str, tuple[str, Sequence[str | float | None]]] = {
         "direction": ("direction", [run.direction for run in runs]),
@@ -60,25 +58,26 @@ def residual_overview(
         "airflow": ("airflow, m/s", [run.airflow_m_s for run in runs]),
         "amplitude": (f"step, {amplitude_unit or unit}", _amplitude_groups([run.amplitude for run in runs])),
     }
-    for axes, factor in zip(panels.flat, FACTORS, strict=True):
+    for axes, factor in zip(axes_of.flat, FACTORS, strict=True):
         title, values = labels[factor]
         colours = _colours(values)
         axes.axhspan(-2 * noise, 2 * noise, color=LIGHT, linewidth=0)
         axes.axhline(0.0, color=GREY, linewidth=0.7)
-        for (time, mean), value in zip(binned, values, strict=True):
-            axes.plot(time, mean, color=colours[value], linewidth=0.9, alpha=0.75)
         for value, colour in colours.items():
             name = "unknown" if value is None else literal(f"{value:g}" if isinstance(value, int | float) else value)
-            axes.plot([], [], color=colour, linewidth=2, label=name)
+            curves = [curve for curve, own in zip(binned, values, strict=True) if own == value]
+            strokes(axes, curves, color=colour, linewidth=0.9, alpha=0.75, label=name)
         axes.set_title(f"by {title}", pad=18)
-        axes.legend(
+        legend = axes.legend(
             loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(colours), handlelength=1.2, columnspacing=1.2,
             borderaxespad=0.0, borderpad=0.2,
         )  # fmt: skip
-        axes.set_xscale("log")
-    for axes in panels[-1]:
+        for handle in legend.legend_handles:
+            handle.set(linewidth=2, alpha=1)
+    log_time(axes_of.flat, [time for time, _ in binned])
+    for axes in axes_of[-1]:
         axes.set_xlabel("time since the transfer, s")
-    for axes in panels[:, 0]:
+    for axes in axes_of[:, 0]:
         axes.set_ylabel(f"residual, {unit}")
     return figure
 
@@ -102,28 +101,28 @@ def before_after(
     `noise` is the standard deviation of one reading (`unit`), drawn as a band of two; `rms` are the errors to write
     into the titles, else those of the residuals given.
     """
-    from matplotlib.figure import Figure
-
     if not runs:
         raise ValueError("there are no residuals to draw")
     if rms is None:
         rms = _root_mean_square([r.before for r in runs]), _root_mean_square([r.after for r in runs])
-    figure = Figure(figsize=(9.6, 3.6))
-    panels = figure.subplots(1, 3)
+    figure, axes_of = panels((1, 3), (9.6, 3.6), across_in=0.5)
     sides = [("before", RED, rms[0]), ("after", BLUE, rms[1]), ("after", BLUE, rms[1])]
-    largest = max(float(np.nanmax(np.abs(log_bins(r.time_s, r.before)[1]), initial=0.0)) for r in runs)
+    binned = {
+        "before": [log_bins(run.time_s, run.before) for run in runs],
+        "after": [log_bins(run.time_s, run.after) for run in runs],
+    }
+    largest = max(float(np.nanmax(np.abs(mean), initial=0.0)) for _, mean in binned["before"])
     reach = max(1.1 * largest, 3 * noise)
-    for axes, (side, colour, error), close in zip(panels, sides, (False, False, True), strict=True):
+    for axes, (side, colour, error), close in zip(axes_of[0], sides, (False, False, True), strict=True):
         axes.axhspan(-2 * noise, 2 * noise, color=LIGHT, linewidth=0, label="noise, ±2σ")
         axes.axhline(0.0, color=GREY, linewidth=0.7)
-        for run in runs:
-            axes.plot(*log_bins(run.time_s, getattr(run, side)), color=colour, linewidth=0.8, alpha=0.55)
-        axes.set_xscale("log")
+        strokes(axes, binned[side], color=colour, linewidth=0.8, alpha=0.8)
         axes.set_ylim(*((-4 * noise, 4 * noise) if close else (-reach, reach)))
         axes.set_title(f"{side}, enlarged" if close else f"{side}: {error:.3g} {unit} rms")
         axes.set_xlabel("time since the transfer, s")
-    panels[0].set_ylabel(f"residual, {unit}")
-    panels[0].legend(loc="lower right")
+    log_time(axes_of[0], [time for time, _ in binned["before"]])
+    axes_of[0, 0].set_ylabel(f"residual, {unit}")
+    axes_of[0, 0].legend(loc="lower right")
     return figure
 
 
@@ -140,11 +139,8 @@ def autocorrelation(channels: Mapping[str, tuple[np.ndarray, int]], period_s: fl
     channels : name -> (autocorrelation at lags 1..m, number of samples it was taken from)
     period_s : sampling period; the lags are then also given in seconds
     """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(max(4.8, 4.4 * len(channels)), 2.8))
-    panels = figure.subplots(1, len(channels), sharey=True, squeeze=False)[0]
-    for axes, (name, (values, samples)), colour in zip(panels, channels.items(), (BLUE, RED, ORANGE), strict=False):
+    figure, axes_of = panels((1, len(channels)), (max(4.8, 4.4 * len(channels)), 2.8), sharey=True)
+    for axes, (name, (values, samples)), colour in zip(axes_of[0], channels.items(), (BLUE, RED, ORANGE), strict=False):
         lags = np.arange(1, len(values) + 1)
         band = 1.96 / np.sqrt(samples)
         axes.axhspan(-band, band, color=LIGHT, linewidth=0, label="white noise, 95 %")
@@ -153,10 +149,10 @@ def autocorrelation(channels: Mapping[str, tuple[np.ndarray, int]], period_s: fl
         axes.plot(lags, values, "o", color=colour, markersize=3)
         axes.set_title(literal(name))
         axes.set_xlabel("lag, samples" + (f" of {period_s:.3g} s" if period_s else ""))
-        axes.legend(loc="upper right")
-    panels[0].set_ylabel("autocorrelation")
+    axes_of[0, -1].legend(loc="upper right")
+    axes_of[0, 0].set_ylabel("autocorrelation")
     low = min(-0.3, *(1.2 * float(np.min(v)) for v, _ in channels.values()))
-    panels[0].set_ylim(low, 1.05)
+    axes_of[0, 0].set_ylim(low, 1.05)
     return figure
 
 
@@ -172,23 +168,23 @@ def cause_bars(
 
     The axis is logarithmic above the threshold and linear below, so that weak and strong causes can both be read.
     """
-    from matplotlib.figure import Figure
-
     order = np.argsort(evidence, kind="stable")
-    figure = Figure(figsize=(7.2, 0.9 + 0.28 * max(len(names), 2)))
-    axes = figure.subplots()
+    written = [literal(names[i]) for i in order]
+    left_in = 0.2 + 0.075 * max(map(len, written), default=0)
+    size_in = 7.2, 0.9 + 0.28 * max(len(names), 2)
+    figure, ((axes,),) = panels((1, 1), size_in, left_in=left_in, right_in=0.6, top_in=0.2)
+    axes.barh(
+        range(len(order)),
+        [evidence[i] for i in order],
+        color=[BLUE if kept[i] else "white" for i in order],
+        edgecolor=[BLUE if kept[i] else GREY for i in order],
+        height=0.66,
+        linewidth=0.8,
+    )
+    beside = {"xytext": (4, 0), "textcoords": "offset points", "va": "center", "fontsize": 7.5}
     for row, i in enumerate(order):
-        colour = BLUE if kept[i] else "white"
-        axes.barh(row, evidence[i], color=colour, edgecolor=BLUE if kept[i] else GREY, height=0.66, linewidth=0.8)
-        axes.annotate(
-            plain(float(evidence[i]), 3),
-            (max(evidence[i], 0.0), row),
-            (4, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=7.5,
-        )
-    axes.set_yticks(range(len(names)), [literal(names[i]) for i in order])
+        axes.annotate(plain(float(evidence[i]), 3), (max(evidence[i], 0.0), row), **beside)
+    axes.set_yticks(range(len(names)), written)
     axes.axvline(threshold, color=RED, linewidth=1.0, linestyle="--")
     axes.annotate("needed", (threshold, 1.0), (3, 2), xycoords=("data", "axes fraction"), textcoords="offset points",
                   color=RED, fontsize=7.5)  # fmt: skip
@@ -197,7 +193,9 @@ def cause_bars(
     axes.set_xlim(min(0.0, 1.3 * min(evidence, default=0.0)), 3.0 * top)
     # below the threshold the axis is linear, and powers of ten would stand on top of one another
     powers = 10.0 ** np.arange(np.ceil(np.log10(max(threshold, 1e-9))), 40)
-    axes.set_xticks([0.0, *powers[powers < 3 * top]])
+    ticks = [0.0, *powers[powers < 3 * top]]
+    axes.set_xticks(ticks, [plain(tick, 1) for tick in ticks])
+    axes.set_xticks([], minor=True)
     axes.tick_params(axis="y", length=0, labelcolor=INK)
     axes.grid(axis="y", visible=False)
     axes.set_xlabel(label)
