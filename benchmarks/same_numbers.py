@@ -242,10 +242,10 @@ def main(argv: list[str] | None = None) -> int:
         "--new", type=Path, metavar="SHOCKRIG", help="the command of the new state; without: what is kept"
     )
     parser.add_argument("--work", type=Path, required=True, metavar="DIR", help="where campaigns and results are kept")
-    parser.add_argument("--only", type=int, metavar="N", help="every N-th campaign")
+    parser.add_argument("--seeds", type=int, nargs="+", metavar="SEED", help="only these campaigns")
     args = parser.parse_args(argv)
     args.work.mkdir(parents=True, exist_ok=True)
-    chosen = trials()[:: args.only or 1]
+    chosen = [trial for trial in trials() if args.seeds is None or trial.seed in args.seeds]
     old, new = (cached(name, command, args.work, chosen) for name, command in (("old", args.old), ("new", args.new)))
     both = [trial for trial in chosen if trial.seed in old and trial.seed in new]
     if not both:
