@@ -18,7 +18,6 @@ Samples = Sequence[tuple[Array, Array]]
 BIN_PLAN = ((2.5, 0.1), (6.0, 0.2), (12.0, 0.4), (24.0, 0.8), (48.0, 1.6), (100.0, 3.2), (1e9, 10.0))
 BEFORE_S = 1.2  # width of a bin of the plateau before the transfer
 NEAR_S = 0.3  # before the transfer within which samples stand singly
-MOST_EVEN = 400  # bins of a record that was driven all along
 
 
 def edges_after_transfer(first_s: float, last_s: float, period_s: float, tempo: float) -> Array:
@@ -33,12 +32,6 @@ def edges_after_transfer(first_s: float, last_s: float, period_s: float, tempo: 
         while after[-1] < min(until * tempo, last_s) - 1e-9:
             after.append(after[-1] + step)
     return np.concatenate([before, close, after])
-
-
-def even_edges(first_s: float, last_s: float, period_s: float, response_s: float) -> Array:
-    """Edges of bins of one width, an eighth of the response time, for a record that is driven all along."""
-    width = max(period_s, response_s / 8.0, (last_s - first_s) / MOST_EVEN)
-    return np.asarray(first_s - 0.5 * period_s + width * np.arange(int((last_s - first_s) / width) + 2), dtype=float)
 
 
 def place(samples: Samples, edges: Array, start_scatter_s: Array) -> tuple[Index, ...]:

@@ -7,11 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
-from shockrig.analysis.inference.bins import bin_means, edges_after_transfer, even_edges, place
+from shockrig.analysis.inference.bins import bin_means, edges_after_transfer, place
 from shockrig.analysis.inference.channel import Channel, LeftOut, between_ambients, group_ambients
 from shockrig.analysis.inference.die import past_dew_s, smooth_dies
+from shockrig.analysis.inference.driven_air import (
+    Followed,
+    averaged_over,
+    begun_unsettled,
+    edges_of_driven,
+    follow,
+    follow_step,
+)
 from shockrig.analysis.inference.quantity import HUMIDITY, QUANTITIES, TEMPERATURE, ChannelName, Quantity
 from shockrig.analysis.inference.starts import estimate_start, half_way_s
 from shockrig.analysis.physics.chain import MeasuredAir
@@ -209,11 +216,14 @@ def build_channel(campaign: Campaign, name: ChannelName) -> Channel | None:
     )
     first, last = min(float(t[0]) for t, _ in samples), max(float(t[-1]) for t, _ in samples)
     air = tuple(one.air for one in usable)
-    driven = [(t, y, a) for (t, y), a in zip(samples, air, strict=True) if a is not None]
+    driven = any(one is not None for one in air)
     if driven:
-        edges = even_edges(first, last, period, min(_driven_response_s(t, y, a, quantity) for t, y, a in driven))
-        # What a bin averages, the air averages too: a prediction at its middle would carry all of the trace's noise.
-        air = tuple(None if one is None else thinned(one, 0.5 * float(edges[1] - edges[0])) for one in air)
+        followed = [_followed(t, y, a, quantity) for (t, y), a in zip(samples, air, strict=True)]
+        edges = edges_of_driven(first, last, period, followed)
+        air = tuple(
+            None if a is None else _as_driven(a, edges, float(t[0]), f.excess, quantity)
+            for (t, _), a, f in zip(samples, air, followed, strict=True)
+        )
     else:
         edges = edges_after_transfer(first, last, period, tempo)
     bin_of = place(samples, edges, conditions.start_scatter_s)
@@ -257,33 +267,23 @@ def build_channel(campaign: Campaign, name: ChannelName) -> Channel | None:
     )
 
 
-def thinned(air: MeasuredAir, spacing_s: float) -> MeasuredAir:
-    """A measured air averaged to about `spacing_s` where it is denser; each mean stands at the mean of its times."""
-    if np.median(np.diff(air.time_s)) > 0.7 * spacing_s:
+def _trace_of(air: MeasuredAir, quantity: Quantity) -> Array:
+    return air.temperature_c if quantity is TEMPERATURE else air.humidity_percent
+
+
+def _followed(time: Array, value: Array, air: MeasuredAir | None, quantity: Quantity) -> Followed:
+    if air is None:
+        return follow_step(time, value, quantity.resolution)
+    return follow(time, value, air.time_s, _trace_of(air, quantity), quantity.resolution)
+
+
+def _as_driven(air: MeasuredAir, edges: Array, first_s: float, excess: float, quantity: Quantity) -> MeasuredAir:
+    """A measured air as it drives the binned readings, the sensor's own state at the begin of its record in it."""
+    air = averaged_over(air, edges)
+    if not excess:
         return air
-    group = np.floor((air.time_s - air.time_s[0]) / spacing_s).astype(int)
-    _, group = np.unique(group, return_inverse=True)
-    count = np.bincount(group)
-
-    def mean(values: Array) -> Array:
-        return np.asarray(np.bincount(group, values) / count)
-
-    return MeasuredAir(mean(air.time_s), mean(air.temperature_c), mean(air.humidity_percent), air.lag_s)
-
-
-def _driven_response_s(time: Array, value: Array, air: MeasuredAir, quantity: Quantity) -> float:
-    """Rough time constant of a sensor behind a measured air [s]: the first-order lag that leaves least."""
-    trace = air.temperature_c if quantity is TEMPERATURE else air.humidity_percent
-    step = max((time[-1] - time[0]) / 4000.0, 1e-3)
-    grid = np.arange(time[0], time[-1] + step, step)
-    driving, reading = np.interp(grid, air.time_s, trace), np.interp(grid, time, value)
-
-    def misfit(tau: float) -> float:
-        keep = np.exp(-step / tau)
-        lagged = lfilter([1 - keep], [1, -keep], driving, zi=[keep * reading[0]])[0]
-        return float(np.var(reading - lagged))
-
-    return min(np.geomspace(step, 0.5 * (time[-1] - time[0]), 40), key=misfit)
+    of_temperature = quantity is TEMPERATURE
+    return begun_unsettled(air, first_s, excess if of_temperature else 0.0, 0.0 if of_temperature else excess)
 
 
 def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_s: float) -> Conditions:
@@ -301,7 +301,7 @@ def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_
             run, value = one.run, getattr(getattr(one.run, kind), of.column)
             scatter = of.air_scatter if value is not None else of.unknown_air_scatter
             if one.air is not None:
-                trace = one.air.temperature_c if of is TEMPERATURE else one.air.humidity_percent
+                trace = _trace_of(one.air, of)
                 known = trace[np.isfinite(trace)]
                 if known.size:
                     value = float(known[0] if kind == "source" else known[-max(known.size // 20, 1) :].mean())

@@ -1,0 +1,82 @@
+"""Bins, averaged traces and initial states of runs whose air was measured, against closed forms of a lag."""
+
+import numpy as np
+import pytest
+
+from shockrig.analysis.inference.bins import bin_means, place
+from shockrig.analysis.inference.driven_air import averaged_over, begun_unsettled, edges_of_driven, follow
+from shockrig.analysis.physics.chain import MeasuredAir
+from shockrig.analysis.physics.driven import respond
+from shockrig.analysis.physics.lags import first_order
+
+TAU_S, PERIOD_S, NOISE_K = 200.0, 3.0, 0.01
+STEP_AT_S, FROM_C, TO_C = 900.0, 16.0, 25.0
+
+
+def lagged(time, off_k):
+    """A lag of TAU_S, `off_k` from the air when the record began, in air that steps once: closed form [degC]."""
+    late = np.maximum(time - STEP_AT_S, 0.0)
+    return FROM_C + off_k * np.exp(-time / TAU_S) + (TO_C - FROM_C) * -np.expm1(-late / TAU_S)
+
+
+def stepping_air(time):
+    return np.where(time > STEP_AT_S, TO_C, FROM_C)
+
+
+def measured(time, value):
+    return MeasuredAir(time, value, np.full(time.size, np.nan))
+
+
+@pytest.mark.parametrize("off_k", [2.7, -1.5])
+def test_a_sensor_that_had_not_settled_is_seen_with_its_excess(off_k):
+    rng = np.random.default_rng(1)
+    time = np.arange(0.0, 4000.0, PERIOD_S)
+    reading = lagged(time, off_k) + 0.2 + rng.normal(0.0, NOISE_K, time.size)  # with a calibration of its own
+    air = stepping_air(time) + rng.normal(0.0, NOISE_K, time.size)
+    found = follow(time, reading, time, air, 0.01)
+    assert found.excess == pytest.approx(off_k, abs=0.03 * abs(off_k) + 0.02)
+    assert found.time_constant_s == pytest.approx(TAU_S, rel=0.15)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_two_calibrations_that_differ_are_no_initial_state(seed):
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, 4000.0, PERIOD_S)
+    offset, gain = rng.uniform(-0.4, 0.4), rng.uniform(0.97, 1.03)
+    reading = 20.0 + offset + gain * (lagged(time, 0.0) - 20.0) + rng.normal(0.0, NOISE_K, time.size)
+    air = stepping_air(time) + rng.normal(0.0, NOISE_K, time.size)
+    assert follow(time, reading, time, air, 0.01).excess == 0.0
+
+
+def test_an_initial_state_drives_the_body_as_the_air_before_the_record():
+    time = np.arange(0.0, 4000.0, PERIOD_S)
+    air = begun_unsettled(
+        measured(np.array([0.0, STEP_AT_S, STEP_AT_S, 4000.0]), np.array([16, 16, 25, 25.0])), 0.0, 2.7, 0
+    )
+    shown = respond(first_order(np.array(TAU_S)), air.time_s, air.temperature_c, time)
+    assert shown == pytest.approx(lagged(time, 2.7), abs=1e-6)
+
+
+def test_no_bin_bends_by_more_than_its_own_noise_and_few_are_needed():
+    rng = np.random.default_rng(2)
+    time = np.arange(0.0, 26000.0, PERIOD_S)
+    exact = lagged(time, 0.0)
+    reading = exact + rng.normal(0.0, NOISE_K, time.size)
+    edges = edges_of_driven(0.0, time[-1], PERIOD_S, [follow(time, reading, time, stepping_air(time), 0.0)])
+    bins = place([(time, reading)], edges, np.array([0.01]))
+    middle, mean, count = (x[0] for x in bin_means([time], [exact], bins))
+    assert middle.size < 260
+    assert np.all(np.abs(mean - lagged(middle, 0.0))[middle > 0] < 1.5 * NOISE_K / np.sqrt(count[middle > 0]))
+
+
+def test_an_air_averaged_over_the_bins_drives_alike():
+    rng = np.random.default_rng(3)
+    time = np.arange(0.0, 26000.0, PERIOD_S)
+    air = FROM_C + (TO_C - FROM_C) * -np.expm1(-np.maximum(time - STEP_AT_S, 0.0) / 60.0)  # a chamber, no step
+    noisy = measured(time, air + rng.normal(0.0, NOISE_K, time.size))
+    edges = edges_of_driven(0.0, time[-1], PERIOD_S, [follow(time, lagged(time, 0.0), time, noisy.temperature_c, 0.01)])
+    thin = averaged_over(noisy, edges)
+    modes = first_order(np.array(TAU_S))
+    exact, found = (respond(modes, a.time_s, a.temperature_c, time) for a in (measured(time, air), thin))
+    assert thin.time_s.size < 0.1 * time.size
+    assert np.sqrt(np.mean((found - exact) ** 2)) < 0.3 * NOISE_K
