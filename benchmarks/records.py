@@ -60,8 +60,8 @@ def read_records(campaign: str | Path, channel: str) -> list[Record]:
         if (folder / "air.csv").exists():
             trace = pd.read_csv(folder / "air.csv")
             if column in trace.columns:
-                told = np.isfinite(trace[column])
-                air = trace["time_s"].to_numpy(float)[told], trace[column].to_numpy(float)[told]
+                known = np.isfinite(trace[column])
+                air = trace["time_s"].to_numpy(float)[known], trace[column].to_numpy(float)[known]
         start = (head.get("transfer") or {}).get("start_s")
         ends = [(head.get(end) or {}).get(column) for end in ("source", "destination")]
         onset = _onset(time, value) if start is None else float(start)

@@ -38,7 +38,7 @@ ZERO_TOLERANCE = ("--tolerance-k", "0", "--tolerance-percent", "0")  # for the c
 
 @dataclass(frozen=True)
 class Trial:
-    """One campaign: its seed, what is hidden in it (as the draw is told), and the bench's tier."""
+    """One campaign: its seed, what is hidden in it (as the draw takes it), and the bench's tier."""
 
     seed: int
     which: str | int | tuple[str, ...]

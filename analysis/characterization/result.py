@@ -95,7 +95,7 @@ class ChannelResult:
 
     @property
     def rmse(self) -> float:
-        """Over the samples of all parts, each run's own deviations included [channel's unit]."""
+        """Over the samples of all parts, each run's own random effects included [channel's unit]."""
         squares = [(part.rmse**2, int(part.channel.count.sum())) for part in self.parts]
         return float(np.sqrt(sum(r * n for r, n in squares) / sum(n for _, n in squares)))
 

@@ -174,7 +174,7 @@ def _explained(
     beyond = away @ group
     scale = np.maximum(np.linalg.norm(group, axis=0), 1e-12)
     vectors, sizes, turned = np.linalg.svd(beyond / scale, full_matrices=False)
-    told = sizes > LEAST_SEPARATE
-    along = np.where(told, vectors.T @ y[keep], 0.0)
-    found = (turned.T @ (along / np.where(told, sizes, 1.0))) / scale
+    informative = sizes > LEAST_SEPARATE
+    along = np.where(informative, vectors.T @ y[keep], 0.0)
+    found = (turned.T @ (along / np.where(informative, sizes, 1.0))) / scale
     return float(along @ along), float(np.sqrt(np.mean(np.square(group[label > 0.0] @ found))))

@@ -49,9 +49,9 @@ def columns_and_sensors_swapped(view: View) -> Iterator[InputFinding]:
 
 
 def _swap(view: View, runs: list[str], kind: str, channel: Channel, what: str, remedy: str) -> Iterator[InputFinding]:
-    """The finding, where the airs told of these runs, or where most runs look so."""
-    told = [run for run in view.campaign.runs if run.id in set(runs)]
-    certain = all(_known(stated(run, c)) is not None for run in told for c in (TEMPERATURE, HUMIDITY))
+    """The finding, where these runs state their airs, or where most runs look so."""
+    meant = [run for run in view.campaign.runs if run.id in set(runs)]
+    certain = all(_known(stated(run, c)) is not None for run in meant for c in (TEMPERATURE, HUMIDITY))
     if not runs or not (certain or len(runs) > 0.5 * len(view.column(HUMIDITY))):
         return
     film = view.seen[runs[0], HUMIDITY]

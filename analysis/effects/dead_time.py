@@ -18,15 +18,15 @@ def _when_it_jumps(channel: Channel) -> dict[str, float]:
     if not channel.jumps_with_air:
         return {}
     air, period = channel.conditions, channel.sampling_period_s
-    told = []
+    steepest_s = []
     for run in np.flatnonzero((np.abs(air.destination_c - air.source_c) > LEAST_CHANGE_K) & air.start_known):
         time, value = channel.samples[run]
         near = np.flatnonzero((time[1:] > -3 * period) & (time[:-1] < 2.0) & (np.diff(time) < 1.5 * period))
         if near.size > 3:
             steps = np.abs(np.diff(value))[near]
-            told.append(0.5 * (time[near] + time[near + 1])[np.argmax(steps)])
-    middle = float(np.median(told)) if len(told) >= 3 else 0.0
-    agree = len(told) >= 3 and np.median(np.abs(np.array(told) - middle)) < SPREAD_S
+            steepest_s.append(0.5 * (time[near] + time[near + 1])[np.argmax(steps)])
+    middle = float(np.median(steepest_s)) if len(steepest_s) >= 3 else 0.0
+    agree = len(steepest_s) >= 3 and np.median(np.abs(np.array(steepest_s) - middle)) < SPREAD_S
     return {"delay_s": middle} if agree else {}
 
 

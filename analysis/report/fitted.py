@@ -52,7 +52,7 @@ def panels(campaign: Campaign, found: ChannelResult) -> list[RunPanel]:
 
 
 def residuals(found: ChannelResult) -> list[ResidualRun]:
-    """Residuals of every run at its samples, each run's own deviations included [channel's unit]."""
+    """Residuals of every run at its samples, each run's own random effects included [channel's unit]."""
     runs = []
     for part in found.parts:
         for i, model in enumerate(model_at_samples(part.channel, part.fit)):

@@ -132,15 +132,15 @@ class PtyDevice:
         poller = select.poll()
         poller.register(self._master, select.POLLIN)
         while not self._stop.is_set():
-            told = sum(event for _, event in poller.poll(1000 * self._tick_s))
+            events = sum(event for _, event in poller.poll(1000 * self._tick_s))
             try:
-                if told & select.POLLIN:
+                if events & select.POLLIN:
                     self._device.receive(os.read(self._master, 4096), self._clock.now())
                 data = self._device.output(self._clock.now())
             except OSError:
                 self._hang_up()  # an injected unplug: the far end reads EIO from now on
                 return
-            if told & select.POLLHUP:
+            if events & select.POLLHUP:
                 self._stop.wait(self._tick_s)  # nobody has the port open; poll does not wait then
             elif data:
                 try:

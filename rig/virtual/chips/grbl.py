@@ -154,9 +154,9 @@ class GrblController:
         if self.stalled:
             self._state = "Run"
             return
-        told = self._left.get(self._from_mm)
-        if told is not None:
-            told(at_s)
+        departed = self._left.get(self._from_mm)
+        if departed is not None:
+            departed(at_s)
         self._to_mm = to_mm
         self._end_s = at_s + 60 * abs(to_mm - self._from_mm) / min(rate_mm_min, self._max_rate)
         self._state = "Run"
