@@ -132,10 +132,10 @@ def numeric_places(path: Path, layout: FlightColumns) -> frozenset[int]:
     places, filled = set(range(len(layout.header))), set()
     for rows in read_blocks(path, layout):
         for place, cells in enumerate(zip(*rows, strict=True)):
-            filled = [cell for cell in cells if cell.strip()]
-            if filled:
+            texts = [cell for cell in cells if cell.strip()]
+            if texts:
                 filled.add(place)
-            if place in places and np.isnan(numbers_of(filled)).any():
+            if place in places and np.isnan(numbers_of(texts)).any():
                 places.discard(place)
     return frozenset(places & filled)
 
