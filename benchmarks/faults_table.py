@@ -32,10 +32,11 @@ import shockrig.rig.recorder.run
 import shockrig.rig.virtual.world
 from shockrig.rig.bench import virtual_bench
 from shockrig.rig.errors import RigError
+from shockrig.rig.observer import SilentObserver
 from shockrig.rig.protocol import PlannedRun, Protocol, Record, Soak, Transfer
 from shockrig.rig.recorder import read_run, read_state
 from shockrig.rig.recorder.run import JOURNAL
-from shockrig.rig.runner import SilentObserver, record_campaign
+from shockrig.rig.runner import record_campaign
 from shockrig.rig.seams import Air
 from shockrig.rig.virtual.faults import I2C_KINDS, SERIAL_KINDS, Fault
 from shockrig.rig.virtual.truth import Hidden, draw_truth, with_effects

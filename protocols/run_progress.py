@@ -5,9 +5,9 @@ from __future__ import annotations
 import sys
 from typing import Any, TextIO
 
+from shockrig.rig.observer import SilentObserver
 from shockrig.rig.protocol import PlannedRun, Step
 from shockrig.rig.recorder import RunRecord
-from shockrig.rig.runner import SilentObserver
 from shockrig.rig.seams import Air, Reading
 
 READINGS_BETWEEN_UPDATES = 50

@@ -11,56 +11,23 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol as TypingProtocol
 
 from shockrig.rig.bench import Bench
 from shockrig.rig.errors import BenchError, BusError, RigError
-from shockrig.rig.protocol import PlannedRun, Protocol, Record, Soak, Step, Transfer
+from shockrig.rig.observer import Observer, SilentObserver
+from shockrig.rig.protocol import PlannedRun, Protocol, Record, Soak, Transfer
 from shockrig.rig.recorder import CampaignFolder, Recorder, RecordingError, RunRecord, is_good
 from shockrig.rig.recorder.run import COMPLETE, INTERRUPTED, SPOILT
 from shockrig.rig.seams import Air, Move, Reading, Reference, Sensor
+from shockrig.rig.soak import unsettled
 
 FIRST_READING_WITHIN_S = 10.0
 REPEAT_AFTER_S = 5.0  # times the attempt: what spoilt a run may pass by itself (a plug, a reset), but not at once
 AIR_EVERY_S = 1.0
-SATURATED_PERCENT = 99.0
 PHASE_S = (5.0 + 5.0**0.5) / 20.0  # from run to run: modulo 0.1 s the golden ratio of it, which spreads most evenly
 AIR_MEAN_S = 10.0  # the airs are averaged over the last seconds before the transfer and before the end
 SHORTEST_WAIT_S = 1e-4  # a part that is always due must not stop a virtual clock
 BYTES_PER_S = 4000.0  # what a journal grows by at 10 Hz and two sensors, rounded up
-
-
-class Observer(TypingProtocol):
-    """Is told what happens while it happens; must not raise. Nothing that is recorded depends on it."""
-
-    def run_began(self, run: PlannedRun, number: int, total: int, now_s: float) -> None: ...
-
-    def step_began(self, step: Step, now_s: float) -> None: ...
-
-    def reading(self, reading: Reading) -> None: ...
-
-    def say(self, text: str) -> None: ...
-
-    def run_ended(self, record: RunRecord, now_s: float) -> None: ...
-
-
-class SilentObserver:
-    """An observer that does nothing; the base of those that care for some events only."""
-
-    def run_began(self, run: PlannedRun, number: int, total: int, now_s: float) -> None:
-        pass
-
-    def step_began(self, step: Step, now_s: float) -> None:
-        pass
-
-    def reading(self, reading: Reading) -> None:
-        pass
-
-    def say(self, text: str) -> None:
-        pass
-
-    def run_ended(self, record: RunRecord, now_s: float) -> None:
-        pass
 
 
 class CampaignPaused(RigError, RuntimeError):
@@ -284,7 +251,7 @@ class _Runner:
                 while readings and readings[0][0] < now - step.over_s:
                     readings.popleft()
             waiting = "" if now - began_s >= step.over_s else "soaking"
-            if not waiting and not (waiting := _unsettled(step, [air for _, air in airs], self.good, now)):
+            if not waiting and not (waiting := unsettled(step, [air for _, air in airs], self.good, now)):
                 return
             self._poll_until(now + AIR_EVERY_S)
         raise _Spoilt(f"the soak was not stable after {step.at_most_s:g} s: {waiting}")
@@ -338,33 +305,6 @@ class _Runner:
             values = reading.values
             temperature_c = values.get("temperature_c", math.nan)
             self.good[reading.sensor].append((reading.time_s, temperature_c, values.get("humidity_percent", math.nan)))
-
-
-def _unsettled(
-    step: Soak, airs: Sequence[Air], good: dict[str, deque[tuple[float, float, float]]], now_s: float
-) -> str:
-    """What is still moving at the end of a soak's window; empty where nothing is."""
-    for name, unit, limit in (
-        ("temperature_c", "K", step.reference_within_k),
-        ("humidity_percent", "%RH", step.reference_within_percent),
-    ):
-        known = [value for air in airs if (value := getattr(air, name)) is not None]
-        if known and max(known) - min(known) > limit:
-            return f"the reference moved by {max(known) - min(known):.3g} {unit} in {step.over_s:g} s"
-    middle_s = now_s - 0.5 * step.over_s
-    for sensor, readings in good.items():
-        first = [reading for reading in readings if reading[0] < middle_s]
-        second = [reading for reading in readings if reading[0] >= middle_s]
-        if not first or not second:
-            return f"{sensor} gives no good readings"
-        for column, unit, limit in ((1, "K", step.probes_within_k), (2, "%RH", step.probes_within_percent)):
-            early, late = (sum(reading[column] for reading in half) / len(half) for half in (first, second))
-            if abs(late - early) > limit:  # never where the sensor does not give that quantity (nan)
-                return f"{sensor} still moves by {abs(late - early):.3g} {unit} in {0.5 * step.over_s:g} s"
-            expected = airs[-1].humidity_percent
-            if unit == "%RH" and late > SATURATED_PERCENT and expected is not None and expected < SATURATED_PERCENT:
-                return f"{sensor} is saturated"  # which is as steady as settled
-    return ""
 
 
 def _cause(error: BaseException) -> str:

@@ -27,7 +27,7 @@ from shockrig.protocols.watch.terminal import plot, render
 from shockrig.protocols.watch.web import WatchServer
 from shockrig.rig.errors import BenchError
 from shockrig.rig.journal import JournalWriter
-from shockrig.rig.runner import SilentObserver
+from shockrig.rig.observer import SilentObserver
 from shockrig.rig.watch.follow import Follower
 from shockrig.rig.watch.run_so_far import thinned
 from shockrig.rig.watch.status_file import StatusFile

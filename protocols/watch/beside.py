@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 
 from shockrig.protocols.run_progress import LineObserver
+from shockrig.rig.observer import SilentObserver
 from shockrig.rig.protocol import PlannedRun
-from shockrig.rig.runner import SilentObserver
 
 LAST_LOOK_WITHIN_S = 3.0
 LEAVE_ALTERNATE_SCREEN = "\x1b[?1049l\x1b[?25h"

@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from shockrig.files.json_files import write_json
+from shockrig.rig.observer import Observer
 from shockrig.rig.protocol import PlannedRun, Protocol, Record, Soak, Step, Transfer
 from shockrig.rig.recorder import RunRecord
 from shockrig.rig.recorder.run import COMPLETE
-from shockrig.rig.runner import Observer
 from shockrig.rig.seams import Reading
 
 FORMAT = "shock-status/1"
