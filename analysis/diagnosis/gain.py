@@ -11,8 +11,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import stdtrit
 
+from shockrig.analysis.diagnosis.placing import placed
 from shockrig.analysis.diagnosis.search import reconsider, refit
 from shockrig.analysis.inference.bins import as_single_samples
 from shockrig.analysis.inference.channel import Channel
@@ -21,16 +22,12 @@ from shockrig.analysis.inference.fit import Fit, fit
 from shockrig.analysis.inference.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.inference.noise import Noise
 from shockrig.analysis.inference.problem import Problem
-from shockrig.analysis.inference.rate_scatter import RATE_SCATTER
-from shockrig.analysis.inference.scan import scanned_starts
 from shockrig.analysis.physics.chain import at_jump, evaluate
 
 Array = NDArray[np.float64]
 
 FOLDS = 3
-PLACED_WITHIN = 2.0  # standard uncertainties
 USUAL_SPREAD, USUAL_DEGREES = 0.5, 3  # of gains from run to run, relative, before any run has told
-FREE = 10.0  # likewise, of what nobody recorded
 CONFIDENCE = 0.975  # one-sided, of what is called a gain
 
 
@@ -130,8 +127,8 @@ def plainly(found: Fit) -> Fit:
 def run_errors(held: Channel, bins: Problem, found: Fit) -> Array:
     """Mean square error of each held run [unit^2], sample by sample.
 
-    The model's parameters are those of `found`; a run's own start and airs are placed where they fit best within
-    `PLACED_WITHIN` of their stated uncertainties (`bins` holds the run's data for that).
+    The model's parameters are those of `found`; a run's own start and airs are placed where they fit best within what
+    is stated of them (`bins` holds the run's data for that).
     """
     deviations = placed(bins, found)
     samples = as_single_samples(held, _dated(held, found.structure))
@@ -139,20 +136,6 @@ def run_errors(held: Channel, bins: Problem, found: Fit) -> Array:
     counted = samples.count * ~at_jump(chain)
     squares = (samples.value - evaluate(chain, held.quantity.reading)[0]) ** 2
     return np.asarray((counted * squares).sum(axis=1) / np.maximum(counted.sum(axis=1), 1))
-
-
-def placed(bins: Problem, found: Fit) -> Array:
-    """Random effects (R, U) of runs that a model was not fitted to."""
-    problem = bins.with_rate_scatter(RATE_SCATTER)
-    at = problem.channel.at_rest()
-    reached = fit(problem, found.structure, found.theta, at, adapt_scatter=False, hold_theta=True)
-    moved = scanned_starts(problem, reached)
-    if moved is not None:
-        again = fit(problem, found.structure, found.theta, moved, adapt_scatter=False, hold_theta=True)
-        reached = min((reached, again), key=lambda f: f.objective)
-    # What nobody recorded is free: it is placed where it fits best, for every model alike.
-    limit = np.where(problem.stated, PLACED_WITHIN, FREE) * problem.scatter
-    return np.clip(reached.deviations, -limit, limit)
 
 
 def _dated(channel: Channel, structure: Structure) -> list[Array]:
@@ -195,7 +178,7 @@ def summarise(
         noise_floor=floor,
         explained_fraction=share,
         interval_95=interval,
-        real=gained > 0 and better > float(stats.t.ppf(CONFIDENCE, of)) * unsure,
+        real=gained > 0 and better > float(stdtrit(of, CONFIDENCE)) * unsure,
         run_before=before,
         run_after=after,
         run_kept=kept,
@@ -236,7 +219,7 @@ def _share(
     left = max(float(run_after.mean()) - floor**2, 0.0)
     share = gained / max(gained + left, least)
     # Twice the variance; on a logarithmic scale, since neither gain nor remainder can be less than nothing.
-    wide = float(stats.t.ppf(0.975, degrees)) * np.sqrt(2.0)
+    wide = float(stdtrit(degrees, 0.975)) * np.sqrt(2.0)
     relative = min(wide * spread / gained, 8.0)
     low, high = gained * np.exp(-relative), gained * np.exp(relative)
     own = float(run_after.std(ddof=1) / np.sqrt(run_after.size)) if run_after.size > 1 else float(run_after.mean())

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.characterization.result import ChannelResult
 from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis
-from shockrig.analysis.diagnosis.gain import folds, placed
+from shockrig.analysis.diagnosis.gain import folds
+from shockrig.analysis.diagnosis.placing import placed
 from shockrig.analysis.inference.bins import log_bins
 from shockrig.analysis.inference.fit import Fit, fit
 from shockrig.analysis.inference.model import PLAIN, Model, Structure

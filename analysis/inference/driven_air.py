@@ -9,8 +9,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
-from scipy.signal import lfilter
 
 from shockrig.analysis.inference.reference_noise import trace_noise
 from shockrig.analysis.physics.chain import MeasuredAir
@@ -57,6 +55,8 @@ def follow(time_s: Array, value: Array, air_time_s: Array, air: Array, resolutio
 
     Its offset, its gain and a departure that decays since the record's begin are fitted along.
     """
+    from scipy.signal import lfilter  # takes longer to import than all the rest, and few campaigns measure their airs
+
     step = max((time_s[-1] - time_s[0]) / GRID, 1e-3)
     grid = np.arange(time_s[0], time_s[-1] + step, step)
     driving, reading = np.interp(grid, air_time_s, air), np.interp(grid, time_s, value)
@@ -113,6 +113,8 @@ def edges_of_driven(first_s: float, last_s: float, period_s: float, runs: Sequen
     A first-order lag tau that is d from its air bends by d (w / tau)^2 / 24 over a bin of width w, and the mean of w /
     period readings has their noise over the root of that.
     """
+    from scipy.ndimage import maximum_filter1d  # likewise
+
     grid = np.linspace(first_s - 0.5 * period_s, last_s + period_s, GRID)
     density = np.zeros(grid.size)
     for run in runs:

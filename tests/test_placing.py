@@ -1,0 +1,39 @@
+"""Runs placed within what is stated of them: nowhere within the limits does a run fit better."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from shockrig.analysis.diagnosis.placing import PLACED_WITHIN, placed
+from shockrig.analysis.diagnosis.search import plain_fit
+from shockrig.analysis.inference.gather import build_channel
+from shockrig.analysis.inference.model import Point
+from shockrig.analysis.inference.noise import estimate_noise, whiteners
+from shockrig.analysis.inference.problem import make_problem
+from shockrig.files.campaign import read_campaign
+
+
+@pytest.mark.parametrize("off", [0.15, -0.2])
+def test_what_stands_at_a_limit_leaves_the_rest_where_it_fits_best(off):
+    """A model too fast, or too slow, for its runs: their rates stand at the limit, their starts beside it."""
+    channel = build_channel(read_campaign("data/examples/plain-rough"), "temperature")
+    channel = channel.select(np.flatnonzero(np.abs(channel.conditions.thermal_step_k) > 5.0)[:4])
+    problem = make_problem(channel, whiteners(channel, estimate_noise(channel, channel.quantity.resolution)))
+    plain = plain_fit(problem)
+    wrong = replace(plain, theta=plain.theta + off)
+    found = placed(problem, wrong)
+    limit = PLACED_WITHIN * problem.with_rate_scatter(0.004).scatter
+    assert (np.abs(found) <= limit * (1 + 1e-9)).all()
+    assert (np.abs(found[:, 1]) > 0.99 * limit[:, 1]).all()
+
+    def cost(x, run):
+        point = Point(wrong.theta[None], np.where(np.arange(channel.runs)[:, None] == run, x, 0.0)[None])
+        left = problem.whiten(channel.value - plain.model.predict(point)[0])[run]
+        return float((left**2).sum() + ((x / limit[run] * PLACED_WITHIN) ** 2).sum())
+
+    for run in range(channel.runs):
+        bounds = list(zip(-limit[run], limit[run], strict=True))
+        best = minimize(cost, found[run], (run,), "Nelder-Mead", bounds=bounds, options={"xatol": 1e-6, "fatol": 1e-4})
+        assert cost(found[run], run) <= best.fun * 1.002 + 0.5
