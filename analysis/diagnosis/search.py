@@ -17,7 +17,7 @@ from shockrig.analysis.diagnosis.thresholds import TIE, penalty
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.effect import Effect
-from shockrig.analysis.inference.fit import Fit, fit
+from shockrig.analysis.inference.fit import Fit, fit, go_on
 from shockrig.analysis.inference.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.inference.scan import open_starts, rough_point, scanned_starts
@@ -26,8 +26,11 @@ Array = NDArray[np.float64]
 Starts = Sequence[Mapping[str, float]]
 
 MOST_EFFECTS = 6
-QUICK_STEPS = 4  # of Gauss and Newton, to rank candidates
-FAR_STEPS = 12  # likewise, where the model so far is plainly wrong
+QUICK_STEPS = 2  # of Gauss and Newton at a time, to rank candidates
+NEAR_ROUNDS = 1  # of as many steps again
+FAR_ROUNDS = 5  # likewise, where the model so far is plainly wrong
+STILL_RUNNING = 0.5  # share of the leader's lead by which another may be behind it and is followed on
+LEAST_LEAD = 20.0  # of deviance by which it may be behind in any case
 WORTH_A_FIT = 0.25  # share of its penalty that a candidate must reach to first order
 QUICK_STARTS = 2  # of a candidate that are fitted: those that score best to first order
 PLAINLY_WRONG = 3.0  # objective per bin from which a fit's deviations mean nothing
@@ -91,6 +94,11 @@ def candidates_of(channel: Channel) -> tuple[Effect, ...]:
     return tuple(e for e in CATALOGUE.values() if e.fitted and e.acts_in(channel))
 
 
+def plainly_wrong(problem: Problem, found: Fit) -> bool:
+    """Whether a fit is so far off that the runs' deviations, and the last digits of its misfit, mean nothing."""
+    return found.objective > PLAINLY_WRONG * problem.channel.count.size
+
+
 def refit(
     problem: Problem,
     structure: Structure,
@@ -105,23 +113,28 @@ def refit(
     to the ln rates of `near`.
     """
     theta = Model(problem.channel, structure).start(near.log_rates + rates, near.choice | dict(choice or {}))
-    fits = [fit(problem, structure, theta, _fresh(problem, near), iterations)]
-    if near.objective < PLAINLY_WRONG * problem.channel.count.size:
-        fits.append(fit(problem, structure, theta, near.deviations, iterations))
-    best = min(fits, key=lambda f: f.deviance)
-    if best.objective < PLAINLY_WRONG * problem.channel.count.size and best.converged:
+    best = fit(problem, structure, theta, _fresh(problem, near), iterations)
+    # Without an effect that mattered the model is plainly wrong from any start.
+    lost = len(structure.effects) < len(near.structure.effects) and plainly_wrong(problem, best)
+    if not lost and not plainly_wrong(problem, near):
+        best = min((best, fit(problem, structure, theta, near.deviations, iterations)), key=lambda f: f.deviance)
+    if best.converged and not plainly_wrong(problem, best):
         moved = scanned_starts(problem, best)
         if moved is not None:
             best = min((best, fit(problem, structure, best.theta, moved, iterations)), key=lambda f: f.deviance)
     return best
 
 
-def _quick(problem: Problem, structure: Structure, near: Fit, start: Mapping[str, float], rates: float) -> Fit:
-    """A few steps from one start, to rank it: from the deviations of `near` where these mean anything."""
-    theta = Model(problem.channel, structure).start(near.log_rates + rates, near.choice | dict(start))
-    fits = near.objective < PLAINLY_WRONG * problem.channel.count.size
-    deviations = near.deviations if fits else _fresh(problem, near)
-    return fit(problem, structure, theta, deviations, QUICK_STEPS if fits else FAR_STEPS)
+def _begun(problem: Problem, near: Fit, effect: Effect, starts: Starts) -> list[Fit]:
+    """A few steps of `near` with one more effect from each of its starts, the best first."""
+    structure, rates = near.structure.adding(effect), _rate_shift(effect, problem.channel)
+    # From the deviations of `near` where these mean anything.
+    deviations = _fresh(problem, near) if plainly_wrong(problem, near) else near.deviations
+    fits = []
+    for start in starts:
+        theta = Model(problem.channel, structure).start(near.log_rates + rates, near.choice | _named(effect, start))
+        fits.append(fit(problem, structure, theta, deviations, QUICK_STEPS))
+    return sorted(fits, key=lambda f: f.deviance)
 
 
 def _named(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
@@ -132,16 +145,29 @@ def _rate_shift(effect: Effect, channel: Channel) -> float:
     return float(np.log(effect.rate_factor(channel))) if effect.rate_factor else 0.0
 
 
-def add(problem: Problem, current: Fit, effect: Effect, starts: Starts | None = None) -> Fit:
-    """Best fit of the current model with one more effect: a few steps from each of its starts."""
-    structure, rates = current.structure.adding(effect), _rate_shift(effect, problem.channel)
-    tried = effect.starts(problem.channel) if starts is None else starts
-    fits = [_quick(problem, structure, current, _named(effect, start), rates) for start in tried]
-    fits.sort(key=lambda f: f.deviance)
-    if any(p.weakest is not None for p in effect.parameters):
-        # From starts this far apart a few steps rank by luck: the two best are followed on.
-        fits[:2] = [fit(problem, structure, f.theta, f.deviations, QUICK_STEPS) for f in fits[:2]]
-    return min(fits, key=lambda f: f.deviance)
+def race(problem: Problem, current: Fit, starts: Mapping[str, Starts]) -> dict[str, Fit]:
+    """Best fit of the current model with each of some effects added, far enough to rank them.
+
+    All begin from each of their starts and go a few steps at a time; those that fall behind are not followed on. Where
+    the current model is nearly right that soon tells; where it is plainly wrong the way is long.
+    """
+    fits = {id_: _begun(problem, current, CATALOGUE[id_], tried) for id_, tried in starts.items()}
+    far = plainly_wrong(problem, current)
+    for _ in range(FAR_ROUNDS if far else NEAR_ROUNDS):
+        best = min((own[0].deviance for own in fits.values()), default=0.0)
+        ahead = sorted(fits, key=lambda e: fits[e][0].deviance)[:FINISHED]
+        for id_, own in fits.items():
+            leader = best if far else own[0].deviance
+            level = leader + max(STILL_RUNNING * (current.deviance - leader), LEAST_LEAD)
+            running = sum(f.deviance <= level for f in own) or int(id_ in ahead)
+            own[:running] = [go_on(problem, f, QUICK_STEPS) for f in own[:running]]
+            own.sort(key=lambda f: f.deviance)
+    for id_, own in fits.items():
+        if not far and any(p.weakest is not None for p in CATALOGUE[id_].parameters):
+            # From starts this far apart a few steps rank by luck: the two best are followed on.
+            own[:2] = [go_on(problem, f, 2 * QUICK_STEPS) for f in own[:2]]
+            own.sort(key=lambda f: f.deviance)
+    return {id_: own[0] for id_, own in fits.items()}
 
 
 def finish(problem: Problem, found: Fit) -> Fit:
@@ -157,7 +183,7 @@ def finish(problem: Problem, found: Fit) -> Fit:
     if found.converged and not nudged:
         return found
     fresh = _fresh(problem, found)
-    fits = [found, fit(problem, found.structure, found.theta, found.deviations)]
+    fits = [go_on(problem, found, 25)]
     for name, offset in nudged:
         theta = found.theta.copy()
         theta[found.model.place(name)] += offset
@@ -251,13 +277,10 @@ class Stepwise:
         ]
         worth = [e for e in ranked if reached[e] > WORTH_A_FIT * penalty(CATALOGUE[e], channel)]
         # The score of another body says little: where bodies are known it takes no other candidate's place.
-        bodies = [e for e in worth if CATALOGUE[e].rate_factor] if self._plainly_wrong(current) else []
+        bodies = [e for e in worth if CATALOGUE[e].rate_factor] if plainly_wrong(self.problem, current) else []
         small = [e for e in worth if not CATALOGUE[e].rate_factor]
         chosen = dict.fromkeys([*small[:keep], *bodies[:QUICK_STARTS], *always])
         return {e: self._best_starts(CATALOGUE[e], scored[e]) for e in chosen}
-
-    def _plainly_wrong(self, current: Fit) -> bool:
-        return current.objective > PLAINLY_WRONG * self.problem.channel.count.size
 
     @staticmethod
     def _best_starts(effect: Effect, scored: list[tuple[float, Mapping[str, float]]]) -> Starts:
@@ -267,16 +290,14 @@ class Stepwise:
 
     def trials(self, current: Fit, promising: Mapping[str, Starts]) -> dict[str, Fit]:
         """The current model with each other effect added; fits at a bound, or refused by the effect, are left out."""
+        self.fits += sum(len(starts) for starts in promising.values())
         found = {}
-        for id_, starts in promising.items():
-            effect = CATALOGUE[id_]
-            self.fits += len(starts)
-            trial = add(self.problem, current, effect, starts)
+        for id_, trial in race(self.problem, current, promising).items():
             values = {name: value for name, (value, _) in trial.values()[id_].items()}
             # A parameter at its bound is no finding, unless the effect vanishes there and its gain with it.
-            if at_bound(effect, values) or (effect.refused and effect.refused(self.problem.channel, values)):
-                continue
-            found[id_] = trial
+            effect = CATALOGUE[id_]
+            if not at_bound(effect, values) and not (effect.refused and effect.refused(self.problem.channel, values)):
+                found[id_] = trial
         return found
 
     def forward(self, current: Fit, keep: int) -> tuple[Fit, bool]:
@@ -295,16 +316,17 @@ class Stepwise:
         if again.deviance < current.deviance - 1.0:
             # A better start is worth as much to the candidates.
             current = again
-            for effect in self._ahead(trials):
-                anew = add(self.problem, current, CATALOGUE[effect], promising[effect])
-                trials[effect] = min((trials[effect], anew), key=lambda f: f.deviance)
+            anew = race(self.problem, current, {e: promising[e] for e in self._ahead(trials)})
+            trials |= {e: min((trials[e], f), key=lambda f: f.deviance) for e, f in anew.items()}
         gains = {e: current.deviance - f.deviance for e, f in trials.items()}
         best = max(gains, key=lambda e: self.worth(gains[e], e))
         ranked = tuple(sorted(gains.items(), key=lambda item: -item[1]))
         if self.worth(gains[best], best) > 0:
             self.moves.append(Move("add", best, gains[best], ranked))
             # An effect can hide in the runs' own deviations: the one that is taken is fitted from none as well.
-            return refit(self.problem, trials[best].structure, trials[best]), True
+            taken = refit(self.problem, trials[best].structure, trials[best])
+            self._drops = (taken, {best: current})
+            return taken, True
         self.moves.append(Move("stop", "", 0.0, ranked))
         return current, False
 

@@ -22,8 +22,11 @@ Array = NDArray[np.float64]
 
 # A trigger is good to 10 ms from run to run; this much of it may be the same in every run, and no fit can see that.
 COMMON_START_SCATTER_S = 0.004
+TOLERANCE = 0.02  # drop of the objective at which a fit ends
 MOST_TRIES = 7  # of a step, each damped more
 LONGEST_RUN_STEP = 20.0  # of a run's random effects, in standard deviations
+LAST_DIGITS, FIRST_DIGITS = 2e-4, 1e-3  # of a misfit, by which a step must lower it where the model is wrong
+FAR_OFF = 10.0  # objective per bin from which the first digits do
 ADAPTED_FROM = 0.06  # relative change of the rates' scatter from which on it is taken over
 
 
@@ -49,6 +52,8 @@ class Fit:
     arrow : Arrow
         The normal equations at the end, under that scatter.
     converged : bool
+    at : Linearised
+        Where it ended, to go on from.
     """
 
     model: Model
@@ -61,6 +66,7 @@ class Fit:
     residual: Array
     arrow: Arrow
     converged: bool
+    at: Linearised
 
     @property
     def structure(self) -> Structure:
@@ -96,7 +102,7 @@ class Fit:
 
 
 @dataclass(frozen=True)
-class _Linearised:
+class Linearised:
     """Prediction and whitened sensitivities at a point."""
 
     point: Point
@@ -117,12 +123,12 @@ class _Linearised:
         return float((self.residual**2).sum() + self.muted + penalty)
 
 
-def _linearise(problem: Problem, model: Model, point: Point) -> _Linearised:
-    """From one batch of perturbed candidates."""
+def _linearise(problem: Problem, model: Model, point: Point, hold_theta: bool = False) -> Linearised:
+    """From one batch of perturbed candidates; the sensitivities to a theta that is held are left at zero."""
     channel, theta = problem.channel, point.theta
     rates, step = channel.rates, model.steps()
     run_step = np.array(channel.quantity.run_steps)
-    free, width = theta.size - rates, run_step.size
+    free, width = 0 if hold_theta else theta.size - rates, run_step.size
     count = 1 + free + width
     thetas = np.tile(theta, (count, 1))
     deviations = np.tile(point.deviations, (count, 1, 1))
@@ -135,14 +141,18 @@ def _linearise(problem: Problem, model: Model, point: Point) -> _Linearised:
     mute = at_jump(chain)
     if mute.any():
         f = np.where(mute, channel.value, f)
-    whitened = np.matmul(problem.whitener, np.moveaxis(f, 0, -1))
+    # One product whitens all candidates and the data; columns that lie together make it twice as fast.
+    columns = np.empty((*channel.time_s.shape, count + 1))
+    columns[..., :count] = np.moveaxis(f, 0, -1)
+    columns[..., count] = channel.value
+    whitened = problem.whiten(columns)
     base = whitened[..., 0]
-    run_jacobian = (whitened[..., 1 + free :] - base[..., None]) / run_step
-    jacobian = np.empty((*base.shape, theta.size))
-    jacobian[..., :rates] = run_jacobian[..., RunEffect.RATE, None] * channel.interpolation[:, None, :]
-    jacobian[..., rates:] = (whitened[..., 1 : 1 + free] - base[..., None]) / step[rates:]
-    residual = problem.whiten(channel.value - f[0])
-    return _Linearised(point, f[0], jacobian, run_jacobian, residual, int(mute.sum()))
+    run_jacobian = (whitened[..., 1 + free : count] - base[..., None]) / run_step
+    jacobian = np.zeros((*base.shape, theta.size))
+    if not hold_theta:
+        jacobian[..., :rates] = run_jacobian[..., RunEffect.RATE, None] * channel.interpolation[:, None, :]
+        jacobian[..., rates:] = (whitened[..., 1 : 1 + free] - base[..., None]) / step[rates:]
+    return Linearised(point, f[0], jacobian, run_jacobian, whitened[..., count] - base, int(mute.sum()))
 
 
 def linearise(problem: Problem, structure: Structure, point: Point) -> tuple[Array, Arrow]:
@@ -158,7 +168,7 @@ def fit(
     theta: Array,
     deviations: Array | None = None,
     iterations: int = 25,
-    tolerance: float = 0.02,
+    tolerance: float = TOLERANCE,
     adapt_scatter: bool = True,
     hold_theta: bool = False,
 ) -> Fit:
@@ -181,15 +191,34 @@ def fit(
         Only the runs' deviations are fitted: what a run says of its own start and airs under a given model.
     """
     model = Model(problem.channel, structure)
+    start = Point(np.clip(theta, *model.bounds()), problem.channel.at_rest() if deviations is None else deviations)
+    at = _linearise(problem, model, start, hold_theta)
+    return _descend(problem, model, at, iterations, tolerance, adapt_scatter, hold_theta)
+
+
+def go_on(problem: Problem, found: Fit, iterations: int) -> Fit:
+    """A fit that was left early, carried on for so many steps at most."""
+    if found.converged:
+        return found
+    return _descend(problem.with_rate_scatter(found.rate_scatter), found.model, found.at, iterations)
+
+
+def _descend(
+    problem: Problem,
+    model: Model,
+    at: Linearised,
+    iterations: int,
+    tolerance: float = TOLERANCE,
+    adapt_scatter: bool = True,
+    hold_theta: bool = False,
+) -> Fit:
     low, high = model.bounds()
     prior_mean, prior_weight = model.priors()
     reach, furthest = model.reach(), _longest_run_steps(problem)
-    start = Point(np.clip(theta, low, high), problem.channel.at_rest() if deviations is None else deviations)
-    at = _linearise(problem, model, start)
-    objective = at.objective(problem, model)
+    size = problem.channel.count.size
+    objective, arrow = at.objective(problem, model), at.arrow(problem, model)
     damping, converged = 1e-3, False
     for _ in range(iterations):
-        arrow = at.arrow(problem, model)
         pull = prior_weight * (prior_mean - at.point.theta)
         right, steps = arrow.right_sides(at.residual, at.point.deviations, pull)
         # Parameters that stand at a bound and are pushed outwards are held there.
@@ -198,11 +227,11 @@ def fit(
         scale = np.diag(arrow.normal)[free]
         for _ in range(MOST_TRIES):
             damped = arrow.normal[np.ix_(free, free)] + np.diag(damping * scale + 1e-9)
-            move = np.zeros(theta.size)
+            move = np.zeros(low.size)
             move[free] = np.linalg.lstsq(damped, right[free], rcond=None)[0]
             trial = np.clip(at.point.theta + np.clip(move, -reach, reach), low, high)
             shift = np.clip(arrow.run_steps(steps, trial - at.point.theta), -furthest, furthest)
-            new = _linearise(problem, model, Point(trial, at.point.deviations + shift))
+            new = _linearise(problem, model, Point(trial, at.point.deviations + shift), hold_theta)
             reached = new.objective(problem, model)
             if np.isfinite(reached) and reached <= objective + 1e-9:
                 break
@@ -211,19 +240,20 @@ def fit(
             converged = True
             break
         gain, at, objective = objective - reached, new, reached
+        arrow = at.arrow(problem, model)
         damping = max(damping / 8, 1e-9)
         if adapt_scatter:
-            own = _own_rates(at.arrow(problem, model), at.point.deviations, model)
-            scatter = likeliest(own, problem.rate_scatter_limit)
+            scatter = likeliest(_own_rates(arrow, at.point.deviations, model), problem.rate_scatter_limit)
             if abs(np.log(scatter / problem.rate_scatter)) >= ADAPTED_FROM:
                 problem = problem.with_rate_scatter(scatter)
-                objective = at.objective(problem, model)
+                objective, arrow = at.objective(problem, model), at.arrow(problem, model)
                 continue
         # Where the model is plainly wrong, the last digits of its misfit tell nothing.
-        if gain < max(tolerance, 2e-4 * (objective - 2 * problem.channel.count.size)):
+        share = LAST_DIGITS if objective < FAR_OFF * size else FIRST_DIGITS
+        if gain < max(tolerance, share * (objective - 2 * size)):
             converged = True
             break
-    return _finished(problem, model, at, objective, converged)
+    return _finished(problem, model, at, arrow, objective, converged)
 
 
 def _longest_run_steps(problem: Problem) -> Array:
@@ -244,8 +274,7 @@ def _own_rates(arrow: Arrow, deviations: Array, model: Model) -> OwnRates:
     return OwnRates(own, 1.0 / np.sqrt(information), model.channel.ambient)
 
 
-def _finished(problem: Problem, model: Model, at: _Linearised, objective: float, converged: bool) -> Fit:
-    arrow = at.arrow(problem, model)
+def _finished(problem: Problem, model: Model, at: Linearised, arrow: Arrow, objective: float, converged: bool) -> Fit:
     covariance = arrow.covariance()
     moved = covariance @ arrow.common(RunEffect.START) * COMMON_START_SCATTER_S
     complexity = arrow.log_determinant() + 2 * float(np.log(problem.scatter).sum())
@@ -260,6 +289,7 @@ def _finished(problem: Problem, model: Model, at: _Linearised, objective: float,
         residual=np.where(problem.channel.count > 0, problem.channel.value - at.prediction, 0.0),
         arrow=arrow,
         converged=converged,
+        at=at,
     )
 
 

@@ -22,7 +22,6 @@ PIECE = 84  # samples in a piece of plateau where it is that long: long against 
 SHORTEST_PIECE = 10
 MAX_AVERAGED = 24
 LEAST_WHITE = 0.01  # share of the correlated part's variance that is white at the least
-MOST_SAMPLES = 3000  # of a run, beyond which no matrix over all of them is made
 # (ln of total over observed variance, logit of the correlated share, logit of the memory) for a quick look
 QUICK = tuple((x, s, m) for x in (-0.3, 0.0, 0.4) for s, m in ((-5.0, 0.0), (0.0, 2.0)))
 
@@ -289,18 +288,15 @@ def whiteners(channel: Channel, noise: Noise, signals: Sequence[Array] | None = 
         used = channel.bin_of[run] >= 0
         time = channel.samples[run][0]
         index = np.rint((time[used] - time[0]) / period).astype(int)
-        if index.size > MOST_SAMPLES:
-            summed = _contiguous(twice_summed, index, count[filled])
-            factor = linalg.cholesky(summed + 1e-12 * gamma[0] * np.eye(filled.size), lower=True)
-            whitener[run][np.ix_(filled, filled)] = linalg.solve_triangular(factor, np.eye(filled.size), lower=True)
-            continue
-        lag = np.abs(index[:, None] - index[None, :])
-        covariance: Array = np.where(lag < gamma.size, gamma[np.minimum(lag, gamma.size - 1)], 0.0)
         if step and signals is not None:
+            lag = np.abs(index[:, None] - index[None, :])
+            covariance: Array = np.where(lag < gamma.size, gamma[np.minimum(lag, gamma.size - 1)], 0.0)
             covariance += rounding_covariance(signals[run][used], lag, gamma, step)
-        starts = np.concatenate([[0], np.cumsum(count[filled])[:-1]])
-        summed = np.add.reduceat(np.add.reduceat(covariance, starts, axis=0), starts, axis=1)
-        summed /= count[filled][:, None] * count[filled][None, :]
+            starts = np.concatenate([[0], np.cumsum(count[filled])[:-1]])
+            summed = np.add.reduceat(np.add.reduceat(covariance, starts, axis=0), starts, axis=1)
+            summed /= count[filled][:, None] * count[filled][None, :]
+        else:
+            summed = _of_means(twice_summed, index, count[filled])
         factor = linalg.cholesky(summed + 1e-12 * gamma[0] * np.eye(filled.size), lower=True)
         whitener[run][np.ix_(filled, filled)] = linalg.solve_triangular(factor, np.eye(filled.size), lower=True)
     return whitener
@@ -312,16 +308,25 @@ def _twice_summed(gamma: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(rise)])
 
 
-def _contiguous(twice_summed: Array, index: NDArray[np.int64], count: NDArray[np.int64]) -> Array:
-    """Covariance of the means of bins (m, m) whose samples are taken to follow one another without a gap.
+def _of_means(twice_summed: Array, index: NDArray[np.int64], count: NDArray[np.int64]) -> Array:
+    """Covariance of the means of bins (m, m), from the places `index` of their samples on the sampling grid.
 
-    For records too long for a matrix over all samples; a few missing ones change the noise of a bin's mean little.
+    A bin is cut into stretches without a gap; the covariance between the sums over two stretches is four values of
+    `twice_summed`, however long they are.
     """
-    first = index[np.concatenate([[0], np.cumsum(count)[:-1]])]
-    last = first + count
+    opens = np.append(True, np.diff(index) != 1)
+    bin_starts = np.concatenate([[0], np.cumsum(count)[:-1]])
+    opens[bin_starts] = True
+    at = np.flatnonzero(opens)
+    first, length = index[at], np.diff(np.append(at, index.size))
+    last = first + length
 
-    def at(lag: NDArray[np.int64]) -> Array:
+    def value(lag: NDArray[np.int64]) -> Array:
         return np.asarray(twice_summed[np.minimum(np.abs(lag), twice_summed.size - 1)])
 
     a, b, c, d = first[:, None], last[:, None], first[None, :], last[None, :]
-    return (at(b - c) + at(a - d) - at(b - d) - at(a - c)) / (count[:, None] * count[None, :])
+    sums = value(b - c) + value(a - d) - value(b - d) - value(a - c)
+    if at.size > count.size:
+        own = np.searchsorted(at, bin_starts)
+        sums = np.add.reduceat(np.add.reduceat(sums, own, axis=0), own, axis=1)
+    return np.asarray(sums / (count[:, None] * count[None, :]))

@@ -283,7 +283,7 @@ def humidity_reading(chain: Chain) -> Array:
         saturated = saturation_pressure_hpa(_known_temperature(chain, air, run))
         trace = (air.humidity_percent + chain.air_offset[:, run, None]) * saturated
         _drive_by(chain, held, run, response, air, trace, time)
-    return held / saturation_pressure_hpa(_conversion_temperature(chain))
+    return held / _saturation_at_reading(chain)
 
 
 def _response(chain: Chain, rate: Array) -> modes.Modes:
@@ -374,6 +374,18 @@ def _shared(form: Callable[..., Array], response: modes.Modes, time: Array, *arg
     place[own] = np.arange(1, pick.size)
     amplitude, rate, *rest = (key[pick] if full else key for key, full in zip(keys, whole, strict=True))
     return np.asarray(form(modes.Modes(amplitude, rate), *rest)[place])
+
+
+def _saturation_at_reading(chain: Chain) -> Array:
+    """Saturation pressure [hPa] (B, R, n) at the temperature to which the film's vapour is related."""
+    if chain.at_die_temperature and np.isfinite(chain.die_c).all():
+        return saturation_pressure_hpa(chain.die_c)
+    time, known_air = chain.time_s, any(np.isfinite(air.temperature_c).all() for _, air in _measured(chain))
+    if chain.ramp_s is None and not chain.rooms and not known_air and not chain.at_die_temperature:
+        # Two temperatures are all that there are.
+        before, after = saturation_pressure_hpa(chain.source_c), saturation_pressure_hpa(chain.destination_c)
+        return np.where(time > 0, after[..., None], before[..., None])
+    return saturation_pressure_hpa(_conversion_temperature(chain))
 
 
 def _conversion_temperature(chain: Chain) -> Array:

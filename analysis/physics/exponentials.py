@@ -110,10 +110,10 @@ class Modes:
     def _sum(self, readings: _Readings, weight: Array | float = 1.0) -> Array:
         """Sum over the readings of sum_k a_k w_k exp(-lambda_k t), leaving out the modes that have died out by then."""
         amplitude = np.asarray(self.amplitude * weight)
-        first, samples, steps = readings.first, readings.samples, -self.rate * readings.period_s
+        first, samples = readings.first, readings.samples
         lead = np.broadcast_shapes(first.shape[:-1], self.rate.shape[:-1], amplitude.shape[:-1])
         total = np.zeros((*lead, first.shape[-1]))
-        series = amplitude if samples == 1 else amplitude * _geometric(steps, samples)
+        series = amplitude if samples == 1 else amplitude * _geometric(-self.rate * readings.period_s, samples)
         # Columns are cut into blocks of similar need, so that late times cost a few exponentials and early ones many.
         slowest = self.rate.reshape(-1, self.rate.shape[-1]).min(axis=0)
         earliest = first.reshape(-1, first.shape[-1]).min(axis=0)
@@ -125,9 +125,10 @@ class Modes:
         need[partial] = 0
         for kept in np.unique(need[need > 0]):
             columns = _slice(np.flatnonzero(need == kept))
-            decay = np.exp(-first[..., columns, None] * self.rate[..., None, :kept])
-            total[..., columns] = _weighted(decay, series[..., :kept])
+            decay = first[..., columns, None] * -self.rate[..., None, :kept]
+            total[..., columns] = _weighted(np.exp(decay, out=decay), series[..., :kept])
         if partial.size:
+            steps = -self.rate * readings.period_s
             alone = int(np.searchsorted(slowest * readings.period_s, 2 * DIED_OUT))  # faster ones see one reading only
             first, count = first[..., partial], readings.count[..., partial, None]
             # Evenly sampled columns begin equally long after the instant: each such time is evaluated once.
