@@ -1,66 +1,21 @@
-"""Ordinary CSV files of other loggers (a time column and value columns) turned into a run of a campaign (shock-run/1).
-
-Times in s, ms, us, ISO 8601 or a strptime format; comma, semicolon or tab; decimal point or comma; header or none.
-"""
+"""One run from other loggers' CSV files (rig.csv_series), added to a campaign, which is made where there is none."""
 
 from __future__ import annotations
 
-import csv
-import io
-import math
 import os
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from shockrig.files.campaign_names import CAMPAIGN_FORMAT, is_run_id
 from shockrig.files.campaign_write import campaign_document, run_document, table_text, write_campaign, write_run
-from shockrig.files.disk import is_there, read_bytes
+from shockrig.files.disk import is_there
 from shockrig.files.json_files import read_json
-from shockrig.files.ranges import RANGES
+from shockrig.rig.csv_series import CsvLayout, Series, time_of
 from shockrig.rig.errors import BenchError, as_bench_errors
-from shockrig.rig.keys import nearest
-
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
-TEMPERATURE_UNITS = {"c": (1.0, 0.0), "k": (1.0, -273.15), "f": (5.0 / 9.0, -160.0 / 9.0)}
-HUMIDITY_UNITS = {"percent": (1.0, 0.0), "fraction": (100.0, 0.0)}
-PLAUSIBLE = {"temperature_c": RANGES["temperature_c"], "humidity_percent": RANGES["humidity_reading_percent"]}
-USUAL_NAMES = {
-    "time": ("time_s", "time", "t", "timestamp", "datetime", "date_time", "time_ms"),
-    "temperature_c": ("temperature_c", "temperature", "temp", "temp_c", "t_c", "tair"),
-    "humidity_percent": ("humidity_percent", "humidity", "rh", "rh_percent", "rel_humidity", "hum"),
-}
-
-
-@dataclass(frozen=True)
-class CsvLayout:
-    """How a logger writes. None and "auto" are found out from the file.
-
-    `time_unit` is "s", "ms", "us", "iso" or "auto" (ISO where it is not a number, else s); `time_format` is a strptime
-    format and overrides it. `columns` maps "time", "temperature_c" and "humidity_percent" to a name or a number from 1.
-    """
-
-    columns: Mapping[str, str] = field(default_factory=dict)
-    time_unit: str = "auto"
-    time_format: str | None = None
-    delimiter: str | None = None
-    decimal: str | None = None
-    skip_lines: int = 0
-    temperature_unit: str = "c"
-    humidity_unit: str = "percent"
-
-
-@dataclass(frozen=True)
-class Series:
-    """One sensor's readings: times in s (since 1970 for dates), values by column, and what was left out and why."""
-
-    time_s: tuple[float, ...]
-    values: Mapping[str, tuple[float | None, ...]]
-    left_out: Mapping[str, int]
-    dated: bool
 
 
 @dataclass(frozen=True)
@@ -75,71 +30,6 @@ class RunFacts:
     pressure_hpa: float | None = None
     start: str | None = None
     duration_s: float | None = None
-
-
-def read_series(path: Path, wanted: Sequence[str], layout: CsvLayout) -> Series:
-    """Read the columns `wanted` (the first must have a value in each row that counts) over time from a CSV file.
-
-    Raises
-    ------
-    BenchError
-        Naming the file, the line, the column and the remedy.
-    """
-    rows = _rows(path, layout)
-    if not rows:
-        raise BenchError(f"{path}: is empty; expected a time column and value columns")
-    first_line, first = rows[0]
-    headed = not all(_is_value(cell, layout) for cell in first if cell.strip())
-    header = [cell.strip() for cell in first] if headed else [str(i + 1) for i in range(len(first))]
-    body = rows[1:] if headed else rows
-    # Which sensor's file it is shows in what every row must have, and so do the options that name its columns.
-    sensor, main = ("hyt", "humidity") if wanted[0] == "humidity_percent" else ("imet", "temperature")
-    options = {"time": f"--{sensor}-time", wanted[0]: f"--{sensor}-{main}"}
-    places = {"time": _place(path, first_line, header, "time", layout, options)}
-    for quantity in wanted:
-        if quantity == wanted[0] or quantity in layout.columns or _usual(header, quantity) is not None:
-            places[quantity] = _place(path, first_line, header, quantity, layout, options)
-    units = {"temperature_c": TEMPERATURE_UNITS[layout.temperature_unit]}
-    units["humidity_percent"] = HUMIDITY_UNITS[layout.humidity_unit]
-    times: list[float] = []
-    values: dict[str, list[float | None]] = {quantity: [] for quantity in places if quantity != "time"}
-    left_out: dict[str, int] = {}
-    dated = False
-    for line, row in body:
-        if not any(cell.strip() for cell in row):
-            continue
-        if len(row) <= max(places.values()):
-            raise BenchError(f"{path}, line {line}: has {len(row)} columns, expected {max(places.values()) + 1}+")
-        here = f"{path}, line {line}"
-        time_s, dated = _time(row[places["time"]], layout, f"{here}, column {header[places['time']]!r}")
-        new: dict[str, float | None] = {}
-        for quantity in values:
-            value = _number(row[places[quantity]], layout, f"{here}, column {header[places[quantity]]!r}")
-            if value is not None:
-                scale, offset = units[quantity]
-                value = scale * value + offset
-                if not PLAUSIBLE[quantity].holds(value):
-                    left_out["implausible"] = left_out.get("implausible", 0) + 1
-                    value = None
-            elif quantity == wanted[0]:
-                left_out["empty"] = left_out.get("empty", 0) + 1
-            new[quantity] = value
-        if new[wanted[0]] is None:
-            continue
-        if times and time_s <= times[-1]:
-            if time_s == times[-1] and all(values[quantity][-1] == value for quantity, value in new.items()):
-                left_out["repeated"] = left_out.get("repeated", 0) + 1
-                continue
-            raise BenchError(
-                f"{here}, column {header[places['time']]!r}: time {row[places['time']].strip()} is not later than the "
-                "row before; sort the file, or give a time column fine enough to tell the rows apart"
-            )
-        times.append(time_s)
-        for quantity, value in new.items():
-            values[quantity].append(value)
-    if len(times) < 2:
-        raise BenchError(f"{path}: fewer than two usable rows; expected a recording")
-    return Series(tuple(times), {quantity: tuple(column) for quantity, column in values.items()}, left_out, dated)
 
 
 def import_run(
@@ -183,7 +73,7 @@ def import_run(
         airs[place] = {key: value for key, value in said.items() if value is not None}
     start_s = None
     if facts.start is not None:
-        start_s, start_dated = _time(facts.start, layout, "--start")
+        start_s, start_dated = time_of(facts.start, layout, "--start")
         if start_dated != dated or not begins_s < start_s < ends_s:
             raise BenchError(
                 f"--start {facts.start} is not within the recording, which is {ends_s - begins_s:.1f} s long; "
@@ -272,120 +162,3 @@ def _table(sensor: str, series: Series, begins_s: float) -> str:
     if sensor == "hyt":
         columns["stale"] = [0.0] * len(series.time_s)
     return table_text(columns, forms)
-
-
-def _rows(path: Path, layout: CsvLayout) -> list[tuple[int, list[str]]]:
-    """(line number, cells) of every line that is not a comment."""
-    with as_bench_errors():
-        content = read_bytes(path, "name a CSV file that can be read")
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = content.decode("cp1252", errors="replace")  # what spreadsheets on Windows write
-    if "\0" in text:
-        line = text.partition("\0")[0].count("\n") + 1
-        raise BenchError(f"{path}, line {line}: holds a NUL byte; is it a CSV file?")
-    lines = text.splitlines()
-    kept = [(n, line) for n, line in enumerate(lines, start=1) if n > layout.skip_lines and not line.startswith("#")]
-    kept = [(n, line) for n, line in kept if line.strip()]
-    delimiter = layout.delimiter or _delimiter([line for _, line in kept[:20]])
-    try:
-        return [(n, next(csv.reader(io.StringIO(line), delimiter=delimiter))) for n, line in kept]
-    except csv.Error as error:
-        raise BenchError(f"{path}: {error}") from None
-
-
-def _delimiter(lines: Sequence[str]) -> str:
-    """The separator that all lines have: tab before semicolon before comma, which may be a decimal one."""
-    for candidate in "\t;":
-        if lines and all(candidate in line for line in lines):
-            return candidate
-    return ","
-
-
-def _place(
-    path: Path, line: int, header: list[str], quantity: str, layout: CsvLayout, options: Mapping[str, str]
-) -> int:
-    """The column of a quantity; `options` name the option by which it can be chosen."""
-    asked = layout.columns.get(quantity)
-    if asked is None:
-        found = _usual(header, quantity)
-        if found is not None:
-            return found
-        had = ", ".join(header)
-        option = f"{options[quantity]} COLUMN"
-        raise BenchError(f"{path}, line {line}: no column for {quantity}; name it by {option} (it has: {had})")
-    if asked in header:
-        if header.count(asked) > 1:
-            raise BenchError(f"{path}, line {line}: column {asked!r} is there twice; give its number")
-        return header.index(asked)
-    if asked.isdecimal() and 1 <= int(asked) <= len(header):
-        return int(asked) - 1
-    raise BenchError(f"{path}, line {line}: no column {asked!r}{nearest(asked, header)}")
-
-
-def _usual(header: Sequence[str], quantity: str) -> int | None:
-    lowered = [name.lower() for name in header]
-    return next((lowered.index(name) for name in USUAL_NAMES[quantity] if name in lowered), None)
-
-
-def _is_value(cell: str, layout: CsvLayout) -> bool:
-    try:
-        _number(cell, layout, "")
-        return True
-    except BenchError:
-        pass
-    try:
-        _time(cell, layout, "")
-        return True
-    except BenchError:
-        return False
-
-
-def _number(cell: str, layout: CsvLayout, where: str) -> float | None:
-    """A number; None where the cell is empty or says that there is none."""
-    text = cell.strip()
-    if text.lower() in ("", "nan", "na", "n/a", "null", "none", "-", "--"):
-        return None
-    comma = layout.decimal == "," or (layout.decimal is None and "." not in text)
-    if comma and "." not in text:
-        text = text.replace(",", ".")
-    elif comma:
-        text = ""  # a point in a file with decimal commas could be anything
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value) or "_" in text:
-        raise BenchError(f"{where}: {cell.strip()!r} is not a number; fix the cell, or skip lines before the header")
-    return value
-
-
-def _time(cell: str, layout: CsvLayout, where: str) -> tuple[float, bool]:
-    """Time in s, and whether it was a date."""
-    text = cell.strip()
-    if layout.time_format is not None:
-        try:
-            return _epoch_s(datetime.strptime(text, layout.time_format)), True
-        except ValueError:
-            raise BenchError(f"{where}: {text!r} does not fit the time format {layout.time_format!r}") from None
-    if layout.time_unit != "iso":
-        try:
-            value = _number(text, layout, where)
-        except BenchError:
-            if layout.time_unit != "auto":
-                raise
-        else:
-            if value is None:
-                raise BenchError(f"{where}: the time is missing; every row needs one")
-            return value * SECONDS.get(layout.time_unit, 1.0), False
-    try:
-        return _epoch_s(datetime.fromisoformat(text)), True
-    except ValueError:
-        expected = "an ISO 8601 time" if layout.time_unit == "iso" else "a number or an ISO 8601 time"
-        raise BenchError(f"{where}: {text!r} is not {expected}; give --time-unit or --time-format") from None
-
-
-def _epoch_s(moment: datetime) -> float:
-    """Seconds since 1970; a time without a zone is taken as UTC, which only shifts started_at."""
-    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()

@@ -82,7 +82,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     from shockrig.rig.errors import BenchError
-    from shockrig.rig.import_csv import CsvLayout, RunFacts, import_run, read_series
+    from shockrig.rig.csv_series import CsvLayout, read_series
+    from shockrig.rig.import_csv import RunFacts, import_run
 
     _check_numbers(args)
     if args.logs or args.look or args.map is not None or args.sensor is not None:
