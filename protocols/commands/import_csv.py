@@ -81,8 +81,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    from shockrig.rig.errors import BenchError
     from shockrig.rig.csv_series import CsvLayout, read_series
+    from shockrig.rig.errors import BenchError
     from shockrig.rig.import_csv import RunFacts, import_run
 
     _check_numbers(args)
