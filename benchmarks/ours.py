@@ -84,7 +84,7 @@ def _try(outcome: Outcome, command: str, limit_s: int, work: Callable[[], None])
 
 def _characterize(outcome: Outcome, campaign: Path, seed: int) -> None:
     from shockrig.analysis.characterization.characterize import characterize
-    from shockrig.analysis.characterization.export import to_profile
+    from shockrig.analysis.characterization.to_profile import to_profile
     from shockrig.files.campaign import read_campaign
 
     outcome.plain = _as_file(to_profile(characterize(read_campaign(campaign), seed)))

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from shockrig.analysis.characterization.characterize import characterize as _characterize
-from shockrig.analysis.characterization.export import to_profile
 from shockrig.analysis.characterization.extension import Extension, extension_of, read_extension
+from shockrig.analysis.characterization.to_profile import to_profile
 from shockrig.analysis.diagnosis.diagnose import diagnose as _diagnose
 from shockrig.analysis.diagnosis.export import stated_cause, to_json
 from shockrig.analysis.diagnosis.remainder import Tolerance

@@ -7,7 +7,7 @@ import numpy as np
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.seams import Air
 from shockrig.rig.virtual.batch import simulate_campaign
-from shockrig.rig.virtual.plans import PlannedRun, wide_plan
+from shockrig.rig.virtual.plans import Shock, wide_plan
 from shockrig.rig.virtual.truth import SMOOTH, draw_truth
 
 LIGHT = {"irradiance_w_m2": 800.0}
@@ -19,7 +19,7 @@ def small_plan():
     at_20 = [*wide[10:15], *wide[25:]]
     runs = [replace(run, extra=LIGHT) if i % 3 == 0 else run for i, run in enumerate(at_20)]
     runs += [wide[0], wide[1], wide[20], wide[21]]  # humidity shocks at 0 and 40 degC
-    runs += [PlannedRun(f"dew {flow:.0f}", Air(2.0, 60.0), Air(20.0, 70.0), flow) for flow in (4.0, 8.0)]
+    runs += [Shock(f"dew {flow:.0f}", Air(2.0, 60.0), Air(20.0, 70.0), flow) for flow in (4.0, 8.0)]
     return [replace(run, id=f"{i:04d}") for i, run in enumerate(runs, 1)]
 
 

@@ -14,7 +14,7 @@ from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.effects import KINDS, RH, T
 from shockrig.rig.virtual.physics.moist import humidity_percent, saturation_pressure_hpa
 from shockrig.rig.virtual.plans import (
-    PlannedRun,
+    Shock,
     plan_from_protocol,
     plan_from_runs,
     single_airflow_plan,
@@ -35,14 +35,12 @@ QUIET = Truth(
     temperature_step_k=1e-6,
     humidity_step_percent=1e-6,
 )
-WARM = PlannedRun("up", Air(10.0, 50.0), Air(30.0, 20.0), 6.0, duration_s=50.0, lead_s=10.037)
-COOL = PlannedRun("down", Air(30.0, 20.0), Air(10.0, 60.0), 2.5, duration_s=50.0, lead_s=10.061)
-WET = PlannedRun("wet", Air(20.0, 20.0), Air(20.0, 80.0), 6.0, duration_s=50.0, lead_s=10.043)
-DRY = PlannedRun("dry", Air(20.0, 80.0), Air(20.0, 20.0), 12.0, duration_s=50.0, lead_s=10.085)
+WARM = Shock("up", Air(10.0, 50.0), Air(30.0, 20.0), 6.0, duration_s=50.0, lead_s=10.037)
+COOL = Shock("down", Air(30.0, 20.0), Air(10.0, 60.0), 2.5, duration_s=50.0, lead_s=10.061)
+WET = Shock("wet", Air(20.0, 20.0), Air(20.0, 80.0), 6.0, duration_s=50.0, lead_s=10.043)
+DRY = Shock("dry", Air(20.0, 80.0), Air(20.0, 20.0), 12.0, duration_s=50.0, lead_s=10.085)
 PLAN = [WARM, COOL, WET, DRY]
-DEWY = PlannedRun(
-    "dewy", Air(5.0, 50.0), Air(30.0, 60.0), duration_s=50.0, lead_s=10.05, extra={"irradiance_w_m2": 800.0}
-)
+DEWY = Shock("dewy", Air(5.0, 50.0), Air(30.0, 60.0), duration_s=50.0, lead_s=10.05, extra={"irradiance_w_m2": 800.0})
 
 
 def ventilation(airflow_m_s):
@@ -219,7 +217,7 @@ def test_ramp_and_dead_time_are_late_by_what_they_say(simulate):
 
 def test_die_lag_reads_a_cold_die_as_moist(simulate):
     """A die 10 K colder than air of 20 degC and 50 %RH reads 45 %RH more."""
-    run = PlannedRun("die", Air(-20.0, 50.0), Air(20.0, 50.0), duration_s=80.0, lead_s=10.0)
+    run = Shock("die", Air(-20.0, 50.0), Air(20.0, 50.0), duration_s=80.0, lead_s=10.0)
     truth = dataclasses.replace(QUIET, diffusivity_20c_m2_s=5e-11)
     _, hyt = read(simulate(Hidden("die_thermal_lag"), truth=truth, plan=[run]), "die")
     at = np.argmin(np.abs(hyt["temperature_c"] - 10.0))
@@ -241,7 +239,7 @@ def test_logger_effects_are_seen_in_the_files(simulate):
 
 def test_correlated_noise_has_its_size_and_time_constant(simulate):
     truth = dataclasses.replace(QUIET, temperature_noise=Noise(0.0, 0.02, 0.5))
-    run = PlannedRun("long", Air(20.0, 50.0), Air(20.0, 50.0), duration_s=300.0)
+    run = Shock("long", Air(20.0, 50.0), Air(20.0, 50.0), duration_s=300.0)
     imet, _ = read(simulate(truth=truth, plan=[run]), "long")
     noise = imet["temperature_c"] - 20.0
     assert noise.std() == pytest.approx(0.02, rel=0.15)

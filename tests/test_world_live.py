@@ -13,7 +13,7 @@ from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.effects import KINDS
 from shockrig.rig.virtual.hide import draw_effect, draw_hidden
 from shockrig.rig.virtual.physics import chains, course
-from shockrig.rig.virtual.plans import PlannedRun
+from shockrig.rig.virtual.plans import Shock
 from shockrig.rig.virtual.truth import ROUGH, Hidden, Noise, Truth, draw_truth, with_effects
 from shockrig.rig.virtual.world import RECORDED_BEFORE_S, ROOM, World
 
@@ -40,7 +40,7 @@ def world(truth=QUIET, **keys):
 
 
 def batch(truth, tmp_path, duration_s=30.0):
-    run = PlannedRun("1", SOURCE, DESTINATION, 6.0, duration_s=duration_s, lead_s=START_S)
+    run = Shock("1", SOURCE, DESTINATION, 6.0, duration_s=duration_s, lead_s=START_S)
     folder = simulate_campaign(truth, [run], 1, tmp_path / "campaign") / "runs" / "1"
     assert json.loads((folder / "run.json").read_text())["transfer"]["start_s"] == START_S
     return tuple(np.loadtxt(folder / f"{name}.csv", delimiter=",", skiprows=1) for name in ("imet", "hyt"))

@@ -9,10 +9,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from shockrig.analysis.characterization.chosen_runs import choose_runs
-from shockrig.analysis.characterization.export import to_profile
 from shockrig.analysis.characterization.extension import Extension
 from shockrig.analysis.characterization.part_fit import joint_rows
 from shockrig.analysis.characterization.result import ChannelResult, Characterization, Part, Row, channel_result
+from shockrig.analysis.characterization.to_profile import to_profile
 from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis
 from shockrig.analysis.diagnosis.export import stated_cause
 from shockrig.analysis.diagnosis.search import plain_fit

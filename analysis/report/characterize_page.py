@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from shockrig.analysis.characterization.export import to_profile
 from shockrig.analysis.characterization.result import FAR_DEVIATED, ChannelResult, Characterization, Row
+from shockrig.analysis.characterization.to_profile import to_profile
 from shockrig.analysis.inference.quantity import QUANTITIES
 from shockrig.analysis.report.fitted import UNIT, panels, relative_runs, residuals, single_runs
 from shockrig.analysis.report.html import Block, Cell, Details, Figure, KeyNumber, Report, Section, Table, Text

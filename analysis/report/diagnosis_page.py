@@ -339,7 +339,7 @@ def _material(views: Sequence[ChannelView]) -> list[Block]:
         for ambient in sorted(before.keys() | after.keys()):
             b, a = before.get(ambient), after.get(ambient)
             of = QUANTITIES[view.found.name]
-            label = of.symbol if of.pooled else f"{of.symbol} at {round(ambient, 1) + 0.0:.1f} °C"
+            label = of.diffusivity_label(ambient)
             change = _signed(100 * (b.diffusivity_m2_s / a.diffusivity_m2_s - 1)) + " %" if a and b else "–"
             times = [None if r is None else r.response.t63_s for r in (b, a)]
             rows.append([label, *(_diffusivity(r) for r in (b, a)), change, *times])

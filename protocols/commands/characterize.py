@@ -38,8 +38,8 @@ def main(args: argparse.Namespace) -> int:
 def write(campaign: Path, out: Path, seed: int, extend: Path | None, made_at: str) -> Characterization:
     """Characterize a campaign into the folder `out`, whole or not at all."""
     from shockrig.analysis.characterization.characterize import characterize
-    from shockrig.analysis.characterization.export import to_profile
     from shockrig.analysis.characterization.extension import read_extension
+    from shockrig.analysis.characterization.to_profile import to_profile
     from shockrig.analysis.report.characterize_page import write_characterization
     from shockrig.files.campaign import read_campaign
     from shockrig.files.profile import write_profile

@@ -24,7 +24,7 @@ from shockrig.rig.virtual.physics.air import Exposure, air_after
 from shockrig.rig.virtual.physics.moist import concentration_ppmv
 from shockrig.rig.virtual.physics.probes import Bodies, Probes
 from shockrig.rig.virtual.physics.readout import humidity_reading, temperature_reading
-from shockrig.rig.virtual.plans import PlannedRun
+from shockrig.rig.virtual.plans import Shock
 from shockrig.rig.virtual.truth import Truth
 
 SAMPLING_PERIOD_S = 0.1
@@ -33,7 +33,7 @@ FIRST_RUN_AT = datetime.datetime(2026, 5, 1, tzinfo=datetime.UTC)
 
 def simulate_campaign(
     truth: Truth,
-    plan: Sequence[PlannedRun],
+    plan: Sequence[Shock],
     rng_or_seed: np.random.Generator | int,
     out: Path,
     name: str = "virtual",
@@ -96,7 +96,7 @@ def simulate_campaign(
     return out
 
 
-def _true_airs(truth: Truth, plan: Sequence[PlannedRun], rng: np.random.Generator) -> np.ndarray:
+def _true_airs(truth: Truth, plan: Sequence[Shock], rng: np.random.Generator) -> np.ndarray:
     """True source and destination airs, (runs, 2, 2): degC and %RH. A chamber never hits its set point quite."""
     wanted = np.array(
         [[(air.temperature_c, air.humidity_percent) for air in (run.source, run.destination)] for run in plan],
@@ -105,7 +105,7 @@ def _true_airs(truth: Truth, plan: Sequence[PlannedRun], rng: np.random.Generato
     return wanted + rng.standard_normal(wanted.shape) * (truth.chamber_scatter_k, truth.chamber_scatter_percent)
 
 
-def _exposure(truth: Truth, plan: Sequence[PlannedRun], airs: np.ndarray) -> Exposure[np.ndarray]:
+def _exposure(truth: Truth, plan: Sequence[Shock], airs: np.ndarray) -> Exposure[np.ndarray]:
     pressure = np.array([run.pressure_hpa for run in plan], dtype=float)
     hidden = (truth.effect("finite_transfer") or {"duration_s": 0.0})["duration_s"]
     return Exposure(
@@ -165,7 +165,7 @@ class _Run:
         return np.interp(seen_at_s(self._truth, RH, time_s) - self._start_s, self._since, self._columns["die_c"])
 
 
-def _sampling(run: PlannedRun, rng: np.random.Generator) -> np.ndarray:
+def _sampling(run: Shock, rng: np.random.Generator) -> np.ndarray:
     phase = rng.uniform(0.0, SAMPLING_PERIOD_S)
     return np.round(np.arange(phase, run.duration_s, SAMPLING_PERIOD_S), 4)
 
@@ -180,7 +180,7 @@ def _survivors(
 
 def _run_json(
     truth: Truth,
-    run: PlannedRun,
+    run: Shock,
     index: int,
     airs: np.ndarray,
     exposure: Exposure[np.ndarray],

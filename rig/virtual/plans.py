@@ -23,7 +23,7 @@ GOLDEN_RATIO = (5.0**0.5 - 1.0) / 2.0
 
 
 @dataclass(frozen=True)
-class PlannedRun:
+class Shock:
     """One shock. `lead_s` None: drawn from 10 to 11 s. `transfer_duration_s` None: as fast as the stage goes; given:
     slowed on purpose, and measured. `extra` is written into run.json as it is (`irradiance_w_m2` is felt by the
     bead)."""
@@ -52,11 +52,11 @@ def _reverse(shock: tuple[Air, Air]) -> tuple[Air, Air]:
     return shock[1], shock[0]
 
 
-def _number(shocks: Iterable[tuple[Air, Air, float]]) -> list[PlannedRun]:
-    return [PlannedRun(f"{i:04d}", s, d, v) for i, (s, d, v) in enumerate(shocks, 1)]
+def _number(shocks: Iterable[tuple[Air, Air, float]]) -> list[Shock]:
+    return [Shock(f"{i:04d}", s, d, v) for i, (s, d, v) in enumerate(shocks, 1)]
 
 
-def plan_from_protocol(protocol: Protocol) -> list[PlannedRun]:
+def plan_from_protocol(protocol: Protocol) -> list[Shock]:
     """What a bench records by a protocol: its runs, each from its first record step to its last.
 
     The transfers come up to a second after the plateau's end, at ever other phases of the sampling.
@@ -75,18 +75,16 @@ def plan_from_protocol(protocol: Protocol) -> list[PlannedRun]:
         )
         lead_s = round(before_s + (i * GOLDEN_RATIO) % 1.0, 4)
         airflow_m_s = AIRFLOW_M_S if run.airflow_m_s is None else run.airflow_m_s
-        plan.append(
-            PlannedRun(run.id, run.source, run.destination, airflow_m_s, duration_s=lead_s + after_s, lead_s=lead_s)
-        )
+        plan.append(Shock(run.id, run.source, run.destination, airflow_m_s, duration_s=lead_s + after_s, lead_s=lead_s))
     return plan
 
 
-def standard_plan() -> list[PlannedRun]:
+def standard_plan() -> list[Shock]:
     """The campaign of the shipped standard protocol: 35 runs of 80 to 160 s, 0 to 40 degC."""
     return plan_from_protocol(load_protocol("standard"))
 
 
-def wide_plan() -> list[PlannedRun]:
+def wide_plan() -> list[Shock]:
     """A campaign of 33 runs of 80 s, with destinations from 0 to 60 degC."""
     shocks = []
     for t in AMBIENTS_C:
@@ -110,12 +108,12 @@ def wide_plan() -> list[PlannedRun]:
     return _number(shocks)
 
 
-def single_direction_plan() -> list[PlannedRun]:
+def single_direction_plan() -> list[Shock]:
     """The shocks of the wide campaign that go up in humidity or down in temperature: directions cannot be
     compared.
     """
 
-    def kept(run: PlannedRun) -> bool:
+    def kept(run: Shock) -> bool:
         cooling_k = known(run.source.temperature_c) - known(run.destination.temperature_c)
         wetting = known(run.destination.humidity_percent) - known(run.source.humidity_percent)
         return cooling_k > 0.0 or (cooling_k == 0.0 and wetting > 0.0)
@@ -123,12 +121,12 @@ def single_direction_plan() -> list[PlannedRun]:
     return _number((r.source, r.destination, r.airflow_m_s) for r in wide_plan() if kept(r))
 
 
-def single_airflow_plan() -> list[PlannedRun]:
+def single_airflow_plan() -> list[Shock]:
     """The wide campaign at one airflow: what depends on the airflow cannot be told from what does not."""
     return _number((r.source, r.destination, AIRFLOW_M_S) for r in wide_plan())
 
 
-def plan_from_runs(runs: Iterable[Mapping[str, Any]], first: int = 1) -> list[PlannedRun]:
+def plan_from_runs(runs: Iterable[Mapping[str, Any]], first: int = 1) -> list[Shock]:
     """A plan from runs in the terms of run.json (such as a diagnosis's `next_experiments`); ids are numbered from
     `first`.
     """
@@ -146,7 +144,7 @@ def plan_from_runs(runs: Iterable[Mapping[str, Any]], first: int = 1) -> list[Pl
         duration = (run.get("transfer") or {}).get("duration_s")
         extra = {k: run[k] for k in ("irradiance_w_m2",) if k in run}
         plan.append(
-            PlannedRun(
+            Shock(
                 f"{i:04d}",
                 source,
                 destination,
