@@ -1,4 +1,4 @@
-"""Small campaigns of the virtual bench, on which every effect of the catalogue can act, for tests of the analysis."""
+"""Worlds of the virtual bench for tests: quiet sensors, and small campaigns on which every effect can act."""
 
 from dataclasses import replace
 
@@ -8,8 +8,20 @@ from shockrig.files.campaign import read_campaign
 from shockrig.rig.seams import Air
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.plans import Shock, wide_plan
-from shockrig.rig.virtual.truth import SMOOTH, draw_truth
+from shockrig.rig.virtual.truth import SMOOTH, Noise, Truth, draw_truth
 
+# Sensors without noise, rounding or scatter: what is read is what the equations say.
+QUIET = Truth(
+    thermal_diffusivity_m2_s=9e-8,
+    diffusivity_20c_m2_s=8e-12,
+    temperature_noise=Noise(0.0),
+    humidity_noise=Noise(0.0),
+    die_noise_k=0.0,
+    chamber_scatter_k=0.0,
+    chamber_scatter_percent=0.0,
+    temperature_step_k=1e-6,
+    humidity_step_percent=1e-6,
+)
 LIGHT = {"irradiance_w_m2": 800.0}
 
 

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from small_worlds import QUIET
 
 from shockrig.rig.errors import BenchError
 from shockrig.rig.protocol import Protocol, load_protocol
@@ -24,17 +25,6 @@ from shockrig.rig.virtual.plans import (
 )
 from shockrig.rig.virtual.truth import Hidden, Noise, Truth, draw_truth, with_effects
 
-QUIET = Truth(
-    thermal_diffusivity_m2_s=9e-8,
-    diffusivity_20c_m2_s=8e-12,
-    temperature_noise=Noise(0.0),
-    humidity_noise=Noise(0.0),
-    die_noise_k=0.0,
-    chamber_scatter_k=0.0,
-    chamber_scatter_percent=0.0,
-    temperature_step_k=1e-6,
-    humidity_step_percent=1e-6,
-)
 WARM = Shock("up", Air(10.0, 50.0), Air(30.0, 20.0), 6.0, duration_s=50.0, lead_s=10.037)
 COOL = Shock("down", Air(30.0, 20.0), Air(10.0, 60.0), 2.5, duration_s=50.0, lead_s=10.061)
 WET = Shock("wet", Air(20.0, 20.0), Air(20.0, 80.0), 6.0, duration_s=50.0, lead_s=10.043)

@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+from small_worlds import QUIET
 
 from shockrig.rig.clock import VirtualClock
 from shockrig.rig.errors import BenchError
@@ -14,20 +15,9 @@ from shockrig.rig.virtual.effects import KINDS
 from shockrig.rig.virtual.hide import draw_effect, draw_hidden
 from shockrig.rig.virtual.physics import chains, course
 from shockrig.rig.virtual.plans import Shock
-from shockrig.rig.virtual.truth import ROUGH, Hidden, Noise, Truth, draw_truth, with_effects
+from shockrig.rig.virtual.truth import ROUGH, Hidden, Noise, draw_truth, with_effects
 from shockrig.rig.virtual.world import RECORDED_BEFORE_S, ROOM, World
 
-QUIET = Truth(
-    thermal_diffusivity_m2_s=9e-8,
-    diffusivity_20c_m2_s=8e-12,
-    temperature_noise=Noise(0.0),
-    humidity_noise=Noise(0.0),
-    die_noise_k=0.0,
-    chamber_scatter_k=0.0,
-    chamber_scatter_percent=0.0,
-    temperature_step_k=1e-6,
-    humidity_step_percent=1e-6,
-)
 SOURCE, DESTINATION = Air(12.0, 55.0), Air(27.0, 78.0)
 SOAK_S, START_S = 1800.0, RECORDED_BEFORE_S
 
