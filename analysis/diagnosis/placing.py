@@ -73,7 +73,7 @@ def _bounded_step(arrow: Arrow, left: Array, here: Array, low: Array, high: Arra
         free = ~held
         among = arrow.blocks * (free[:, :, None] & free[:, None, :]) + np.eye(here.shape[1]) * held[:, :, None]
         right = np.where(held, step, pull - (arrow.blocks @ np.where(held, step, 0.0)[..., None])[..., 0])
-        step = np.linalg.solve(among, right[..., None])[..., 0]
+        step = np.asarray(np.linalg.solve(among, right[..., None])[..., 0])
         beyond = free & ((here + step < low) | (here + step > high))
         if not beyond.any():
             break

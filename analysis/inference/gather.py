@@ -21,6 +21,7 @@ from shockrig.analysis.inference.driven_air import (
 )
 from shockrig.analysis.inference.quantity import HUMIDITY, QUANTITIES, TEMPERATURE, ChannelName, Quantity
 from shockrig.analysis.inference.starts import estimate_start, half_way_s
+from shockrig.analysis.inference.stated_airs import scatter_of_stated
 from shockrig.analysis.physics.chain import MeasuredAir
 from shockrig.analysis.physics.conditions import Conditions
 from shockrig.files.campaign import Campaign, Run, Trace
@@ -322,6 +323,13 @@ def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_
     runs = [one.run for one in usable]
     source_c, source_c_scatter = air("source", TEMPERATURE)
     destination_c, destination_c_scatter = air("destination", TEMPERATURE)
+    stated = np.array([one.air is None and one.run.source.temperature_c is not None for one in usable])
+    if quantity is TEMPERATURE and stated.any() and not any(run.airflow_m_s is not None for run in runs):
+        # On a bench that measures its airflow, effects that change with it are a likelier reason than its reference.
+        rest = np.array([plateau(one.trace, quantity.column, one.start_s, False) for one in usable])
+        scatter = scatter_of_stated(rest[stated], source_c[stated], quantity.air_scatter)
+        source_c_scatter = np.where(stated, scatter, source_c_scatter)
+        destination_c_scatter = np.where(stated, np.maximum(scatter, destination_c_scatter), destination_c_scatter)
     source_percent, source_percent_scatter = air("source", HUMIDITY)
     destination_percent, destination_percent_scatter = air("destination", HUMIDITY)
     driven = np.array([one.air is not None for one in usable])
