@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,6 @@ from numpy.typing import NDArray
 from shockrig.files.disk import TABLE_AT_MOST, is_there, open_text, shown
 from shockrig.files.errors import InputError
 from shockrig.files.ranges import RANGES, Range
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -64,20 +61,19 @@ def read_sensor(folder: Path, sensor: str) -> Trace | None:
         return None
     limits = SENSOR_COLUMNS[sensor]
     main, *others = limits
-    frame = _read_table(file)
+    table = _read_table(file)
     for column in ("time_s", main):
-        if column not in frame.columns:
+        if column not in table:
             expected = f"expected the columns time_s, {main}; name them so"
             raise InputError(f"{shown(file)}, line 1: no column {column}; {expected}")
-    time_s = _numbers(frame, "time_s", file)
+    time_s = _numbers(table, "time_s", file)
     values = {
-        name: _numbers(frame, name, file) if name in frame.columns else np.full(len(frame), np.nan)
-        for name in (main, *others)
+        name: _numbers(table, name, file) if name in table else np.full(time_s.size, np.nan) for name in (main, *others)
     }
     keep = np.isfinite(time_s)
     dropped = {"empty": int((~keep).sum()), "stale": 0, "implausible": 0}
-    if "stale" in frame.columns:
-        stale = _numbers(frame, "stale", file) > 0
+    if "stale" in table:
+        stale = _numbers(table, "stale", file) > 0
         dropped["stale"] = int((stale & keep).sum())
         keep &= ~stale
     impossible = {}
@@ -103,19 +99,19 @@ def read_air(folder: Path) -> Trace | None:
     file = folder / "air.csv"
     if not is_there(file):
         return None
-    frame = _read_table(file)
-    if "time_s" not in frame.columns or not set(AIR_COLUMNS) & set(frame.columns):
+    table = _read_table(file)
+    if "time_s" not in table or not set(AIR_COLUMNS) & set(table):
         expected = f"expected the column time_s and at least one of {', '.join(AIR_COLUMNS)}; name them so"
         raise InputError(f"{shown(file)}, line 1: {expected}")
-    time_s = _numbers(frame, "time_s", file)
+    time_s = _numbers(table, "time_s", file)
     keep = np.isfinite(time_s)
     known = np.zeros(time_s.size, dtype=bool)
     dropped = {"empty": int((~keep).sum()), "implausible": 0}
     values = {}
     for name, limits in AIR_COLUMNS.items():
-        if name not in frame.columns:
+        if name not in table:
             continue
-        column = _numbers(frame, name, file)
+        column = _numbers(table, name, file)
         possible = _possible(column, limits)
         dropped["implausible"] += int((~possible & ~np.isnan(column) & keep).sum())
         if (possible & keep).any():
@@ -146,8 +142,11 @@ def _merged(time_s: Array, values: dict[str, Array], keep: Mask) -> dict[str, Ar
     return merged
 
 
-def _read_table(file: Path) -> pd.DataFrame:
-    """A CSV file as it stands; its first line names the columns."""
+def _read_table(file: Path) -> Mapping[str, Any]:
+    """The columns of a CSV file, whose first line names them: arrays where all is numbers, else as pandas reads it."""
+    plain = _all_numbers(file)
+    if plain is not None:
+        return plain
     import pandas as pd
 
     try:
@@ -160,7 +159,23 @@ def _read_table(file: Path) -> pd.DataFrame:
         reason = " ".join(str(error).split())
         raise InputError(f"{shown(file)}: cannot be read as CSV ({reason}); the first line names the columns") from None
     frame.columns = [str(column).strip() for column in frame.columns]
-    return frame
+    return {name: frame[name] for name in frame.columns}
+
+
+def _all_numbers(file: Path) -> dict[str, Array] | None:
+    """The columns of a CSV file of nothing but numbers; None for any other.
+
+    What a logger writes is such a file, and pandas takes longer to import than a campaign of them to read.
+    """
+    with open_text(file, REMEDY, TABLE_AT_MOST) as stream, warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)  # a file without rows
+        try:
+            names = [name.strip() for name in stream.readline().split(",")]
+            cells = np.loadtxt(stream, delimiter=",", comments=None, ndmin=2)
+        except (ValueError, OSError, UserWarning):
+            return None
+    simple = len(set(names)) == cells.shape[1] == len(names) and '"' not in "".join(names)
+    return dict(zip(names, cells.T, strict=True)) if simple else None
 
 
 def _in_order(file: Path, time_s: Array, values: dict[str, Array], keep: Mask, dropped: dict[str, int]) -> Trace:
@@ -191,11 +206,13 @@ def _possible(values: Array, limits: Range) -> Mask:
         return (values >= limits.low) & (values <= limits.high)
 
 
-def _numbers(frame: pd.DataFrame, column: str, file: Path) -> Array:
+def _numbers(table: Mapping[str, Any], column: str, file: Path) -> Array:
     """A column as floats; empty cells are NaN, anything else that is not a number is an error with its line."""
+    values = table[column]
+    if isinstance(values, np.ndarray):
+        return np.where(np.isfinite(values), values, np.nan)
     import pandas as pd
 
-    values = frame[column]
     if isinstance(values, pd.DataFrame):
         raise InputError(f"{shown(file)}, line 1: column {column} is there twice; name one of them otherwise")
     if values.dtype.kind in "fiu":

@@ -10,6 +10,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -145,8 +146,16 @@ def two_runs(tmp_path):
     return campaign
 
 
-def test_two_runs_are_diagnosed_and_name_nothing(two_runs, tmp_path, capsys):
-    assert main(["diagnose", str(two_runs), "--out", str(tmp_path / "out")]) == 0
+@pytest.mark.parametrize("threads", [0, 1])
+def test_two_runs_are_diagnosed_and_name_nothing(threads, two_runs, tmp_path, capsys):
+    """Also where the process has threads of its own: then its helpers are not forked."""
+    done = threading.Event()
+    for _ in range(threads):
+        threading.Thread(target=done.wait).start()
+    try:
+        assert main(["diagnose", str(two_runs), "--out", str(tmp_path / "out")]) == 0
+    finally:
+        done.set()
     assert f"The bead could not be diagnosed: {NO_STEP}" in capsys.readouterr().out
     channels = load(tmp_path / "out", "diagnosis.json")["channels"]
     assert list(channels) == ["humidity"]

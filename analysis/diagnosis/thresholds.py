@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 from math import log
 
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.channel import Channel
@@ -59,7 +59,7 @@ def level(name: str) -> float:
 @cache
 def _quantile(parameters: int) -> float:
     alpha = FALSE_ALARMS / (CHANNELS * len(CATALOGUE))
-    return float(chi2.isf(alpha, parameters) if parameters else chi2.isf(2.0 * alpha, 1))
+    return float(chdtri(parameters, alpha) if parameters else chdtri(1, 2.0 * alpha))
 
 
 def penalty(effect: Effect, channel: Channel) -> float:

@@ -158,10 +158,15 @@ def fit_prior(
         weight = weight * len(reading) / 2
     low_t, low_b = _weakest(turbulence, bend, noise**2 * white)
 
-    def cost(p: Array) -> float:
-        model = np.exp(2 * p[0]) * turbulence + np.exp(2 * p[1]) * bend + np.exp(2 * p[2]) * white + known
-        likelihood = np.sum(weight * (np.log(model) + power / model))
-        return likelihood + 0.5 * ((p[2] - np.log(noise)) / spread) ** 2
+    parts = np.stack([turbulence, bend, np.full_like(bend, white)])
+
+    def cost(p: Array) -> tuple[float, Array]:
+        each = np.exp(2 * p)[:, None, None] * parts
+        model = each.sum(axis=0) + known
+        off = (p[2] - np.log(noise)) / spread
+        slope = 2 * np.sum(weight * (1 - power / model) / model * each, axis=(1, 2))
+        slope[2] += off / spread
+        return float(np.sum(weight * (np.log(model) + power / model))) + 0.5 * off**2, slope
 
     mean_power = np.average(power, axis=1, weights=weight).mean()
     high_t, high_b = (0.5 * np.log(mean_power / np.median(s)) + 3.0 for s in (turbulence, bend))
@@ -170,7 +175,7 @@ def fit_prior(
     for share_t in (0.1, 0.7):
         for share_b in (0.1, 0.5, 0.8):
             x0 = [b[0] + share * (b[1] - b[0]) for b, share in zip(bounds, (share_t, share_b, 0.5), strict=True)]
-            end = minimize(cost, x0, method="L-BFGS-B", bounds=bounds)
+            end = minimize(cost, x0, method="L-BFGS-B", jac=True, bounds=bounds)
             if end.fun < lowest - 1e-3:
                 lowest, found = float(end.fun), end.x
     turbulent, bent, noisy = np.exp(found)

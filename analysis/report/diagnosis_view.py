@@ -26,20 +26,31 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class ChannelView:
-    """One channel's diagnosis with all that the page shows of it; `figures` are name -> (file, caption, alt)."""
+class Compared:
+    """One channel's diagnosis, and the channel as a characterization without and with the causes found."""
 
     found: ChannelDiagnosis
     plain: ChannelResult | None
     extended: ChannelResult | None
+
+
+@dataclass(frozen=True)
+class ChannelView(Compared):
+    """One channel's diagnosis with all that the page shows of it; `figures` are name -> (file, caption, alt)."""
+
     held: HeldOut
     figures: Mapping[str, tuple[Path, str, str]]
 
 
-def look_at(found: ChannelDiagnosis, folder: Path) -> ChannelView:
-    """Fit what the page compares, draw the channel's plots into `folder`."""
-    before, after, held = plain_result(found), extended_result(found), held_out(found)
-    figures = {}
+def compare(found: ChannelDiagnosis) -> Compared:
+    """Fit what a diagnosis is compared by."""
+    return Compared(found, plain_result(found), extended_result(found))
+
+
+def look_at(compared: Compared, folder: Path) -> ChannelView:
+    """Predict the runs held out, draw the channel's plots into `folder`."""
+    found, before, after = compared.found, compared.plain, compared.extended
+    held, figures = held_out(found), {}
     for name, (drawing, caption, alt) in _draw(found, before, after, held).items():
         figures[name] = (save_figure(drawing, folder, f"{found.name}_{name}"), caption, alt)
     return ChannelView(found, before, after, held, figures)

@@ -93,8 +93,8 @@ def log_time(all_axes: Iterable[Axes], times_s: Sequence[Array]) -> None:
         axes.set_xlim(low, high)
         # The ticks between decades as one stroke: each tick of its own is five artists.
         axes.plot(
-            small, np.zeros(small.size), linestyle="none", marker=TICKDOWN, markersize=2, markeredgewidth=0.6, color=INK,
-            transform=axes.get_xaxis_transform(), scaley=False, clip_on=False,
+            small, np.zeros(small.size), linestyle="none", marker=TICKDOWN, markersize=2, markeredgewidth=0.6,
+            color=INK, transform=axes.get_xaxis_transform(), scaley=False, clip_on=False,
         )  # fmt: skip
 
 

@@ -6,18 +6,21 @@ import argparse
 import os
 import signal
 import sys
-from collections.abc import Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
-from contextlib import contextmanager
-from multiprocessing import get_context
+from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from concurrent.futures import Future, ProcessPoolExecutor
+
     from shockrig.analysis.diagnosis.diagnose import Diagnosis
     from shockrig.analysis.diagnosis.remainder import Tolerance
+    from shockrig.analysis.inference.channel import Channel
     from shockrig.analysis.inference.quantity import ChannelName
-    from shockrig.analysis.report.diagnosis_view import ChannelView
+    from shockrig.analysis.report.crossing import Crossing
+    from shockrig.analysis.report.diagnosis_view import ChannelView, Compared
+    from shockrig.files.campaign import Campaign
 
 CHANNELS: tuple[ChannelName, ...] = ("temperature", "humidity")
 
@@ -41,6 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Diagnose, write, print."""
+    _one_thread_a_process()
     from datetime import UTC, datetime
 
     from shockrig.analysis.diagnosis.remainder import Tolerance
@@ -59,47 +63,40 @@ def main(args: argparse.Namespace) -> int:
 
 def write(campaign: Path, out: Path, seed: int, made_at: str, tolerance: Tolerance | None = None) -> Diagnosis:
     """Diagnose a campaign into the folder `out`, whole or not at all."""
+    _one_thread_a_process()
     import json
 
+    from shockrig.analysis.checks.checked import checked
+    from shockrig.analysis.diagnosis.diagnose import enough, gathered
+    from shockrig.analysis.diagnosis.export import to_json
+    from shockrig.analysis.inference.gather import build_channel, usable_runs
+    from shockrig.files.campaign import read_campaign
+    from shockrig.files.disk import write_whole
     from shockrig.protocols.folder import software_version, whole_folder
 
-    with whole_folder(out) as folder, _looking(campaign, tolerance, folder) as waiting:
-        from shockrig.analysis.checks.checked import checked
-        from shockrig.analysis.diagnosis.diagnose import NO_STEP, gathered
-        from shockrig.analysis.diagnosis.export import to_json
-        from shockrig.analysis.diagnosis.extended import extended_profile
-        from shockrig.analysis.inference.gather import usable_runs
-        from shockrig.analysis.report.crossing import cross_inversion
-        from shockrig.analysis.report.diagnosis_page import write_diagnosis
-        from shockrig.analysis.report.style import write_whole
-        from shockrig.files.campaign import read_campaign
-        from shockrig.files.profile import write_profile
-
+    with whole_folder(out) as folder:
         input_ = checked(read_campaign(campaign))
         recorded = input_.campaign
         for finding in input_.findings:
             _say(f"input: {finding.sentence}")
-        views = [view for work in waiting if (view := work.result()) is not None]
-        diagnosis = gathered(input_, [view.found for view in views])
-        content = json.dumps(to_json(diagnosis), indent=2, allow_nan=False) + "\n"
-        write_whole(folder / "diagnosis.json", content.encode())
-        provenance: dict[str, Any] = {
-            "campaign_path": str(campaign),
-            "software": f"shockrig {software_version()}",
-            "made_at": made_at,
-            "seed": seed,
-        }
-        _say("extended profile, a flight with it, report")
-        reasons: dict[ChannelName, str] = dict.fromkeys(diagnosis.missing, NO_STEP)
-        plain = {view.found.name: view.plain for view in views}
-        extended = {view.found.name: view.extended for view in views}
-        reasons |= {name: "no run determines the diffusivity" for name, result in extended.items() if result is None}
-        if any(extended.values()):
-            profile = extended_profile(recorded, seed, extended, reasons, provenance)
-            write_profile(profile, folder / "profile.json")
-            crossings, notes = cross_inversion(extended_profile(recorded, seed, plain, reasons), profile, seed)
-        else:
-            crossings, notes = [], ["No run determines a diffusivity, so there is no profile to fly."]
+        built = [build_channel(recorded, name) for name in CHANNELS]
+        channels = [channel for channel in built if channel is not None and enough(channel)]
+        with _processes(max(len(channels), 1)) as pool:
+            compared, drawing = _diagnosed(channels, tolerance, folder, pool)
+            diagnosis = gathered(input_, [one.found for one in compared])
+            content = json.dumps(to_json(diagnosis), indent=2, allow_nan=False) + "\n"
+            write_whole(folder / "diagnosis.json", content.encode())
+            provenance: dict[str, Any] = {
+                "campaign_path": str(campaign),
+                "software": f"shockrig {software_version()}",
+                "made_at": made_at,
+                "seed": seed,
+            }
+            _say("extended profile, a flight with it, report")
+            crossings, notes = _flown(recorded, diagnosis, compared, seed, provenance, folder)
+            views = [work.result() for work in drawing]
+        from shockrig.analysis.report.diagnosis_page import write_diagnosis
+
         left_out = [entry for name in CHANNELS for entry in usable_runs(recorded, name)[1]]
         used = {f"runs used, {c.name}": ", ".join(c.problem.channel.run_ids) for c in diagnosis.channels}
         write_diagnosis(
@@ -108,34 +105,84 @@ def write(campaign: Path, out: Path, seed: int, made_at: str, tolerance: Toleran
     return diagnosis
 
 
-@contextmanager
-def _looking(campaign: Path, tolerance: Tolerance | None, folder: Path) -> Iterator[list[Future[ChannelView | None]]]:
-    """Both channels at once, in processes of their own that start before this one has read anything."""
-    # Two processes that each start as many threads as there are cores would stand in each other's way.
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+def _diagnosed(
+    channels: Sequence[Channel], tolerance: Tolerance | None, folder: Path, pool: ProcessPoolExecutor
+) -> tuple[list[Compared], list[Future[ChannelView]]]:
+    """Every channel diagnosed, all at once; what is done is drawn while the rest goes on."""
+    from concurrent.futures import as_completed
+
+    searching = [pool.submit(_search, channel, tolerance) for channel in channels]
+    drawing = {}
+    for work in as_completed(searching):
+        drawing[work] = pool.submit(_draw, work.result(), folder)
+        # What comes last takes long to import, and one process less is searching.
+        for room in ("crossing", "diagnosis_page"):
+            import_module(f"shockrig.analysis.report.{room}")
+    return [work.result() for work in searching], [drawing[work] for work in searching]
+
+
+def _search(channel: Channel, tolerance: Tolerance | None) -> Compared:
+    from shockrig.analysis.diagnosis.diagnose import diagnose_channel
+    from shockrig.analysis.report.diagnosis_view import compare
+
+    return compare(diagnose_channel(channel, _say, tolerance))
+
+
+def _draw(compared: Compared, folder: Path) -> ChannelView:
+    from shockrig.analysis.report.diagnosis_view import look_at
+
+    _say(f"{compared.found.name}: held-out residuals and plots")
+    return look_at(compared, folder)
+
+
+def _flown(
+    campaign: Campaign,
+    diagnosis: Diagnosis,
+    compared: Sequence[Compared],
+    seed: int,
+    provenance: dict[str, Any],
+    folder: Path,
+) -> tuple[list[Crossing], list[str]]:
+    """Write the extended profile and fly it; the crossings, and what has to be said of them."""
+    from shockrig.analysis.diagnosis.diagnose import NO_STEP
+    from shockrig.analysis.diagnosis.extended import extended_profile
+    from shockrig.analysis.report.crossing import cross_inversion
+    from shockrig.files.profile import write_profile
+
+    reasons: dict[ChannelName, str] = dict.fromkeys(diagnosis.missing, NO_STEP)
+    plain = {one.found.name: one.plain for one in compared}
+    extended = {one.found.name: one.extended for one in compared}
+    reasons |= {name: "no run determines the diffusivity" for name, result in extended.items() if result is None}
+    if not any(extended.values()):
+        return [], ["No run determines a diffusivity, so there is no profile to fly."]
+    profile = extended_profile(campaign, seed, extended, reasons, provenance)
+    write_profile(profile, folder / "profile.json")
+    return cross_inversion(extended_profile(campaign, seed, plain, reasons), profile, seed)
+
+
+def _processes(count: int) -> ProcessPoolExecutor:
+    """Processes for the channels: forked where that is safe, so that they need not import and read everything anew."""
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    # A process of several threads, also such that a library has started, cannot be forked safely, and macOS' cannot.
+    alone = sys.platform == "linux" and len(os.listdir("/proc/self/task")) == 1
+    if alone:
+        for used in ("matplotlib.figure", "matplotlib.backends.backend_agg", "shockrig.analysis.report.diagnosis_view"):
+            import_module(used)
     # Ctrl-C reaches the workers too: they end without a word, this process says what happened.
     silent = (signal.SIGINT, signal.SIG_DFL)
-    spawn = get_context("spawn")
-    with ProcessPoolExecutor(len(CHANNELS), mp_context=spawn, initializer=signal.signal, initargs=silent) as pool:
-        yield [pool.submit(_look_at_channel, campaign, name, tolerance, folder) for name in CHANNELS]
+    context = get_context("fork" if alone else "spawn")
+    return ProcessPoolExecutor(count, mp_context=context, initializer=signal.signal, initargs=silent)
 
 
-def _look_at_channel(
-    campaign: Path, name: ChannelName, tolerance: Tolerance | None, folder: Path
-) -> ChannelView | None:
-    from shockrig.analysis.checks.checked import checked
-    from shockrig.analysis.diagnosis.diagnose import diagnose_channel, enough
-    from shockrig.analysis.inference.gather import build_channel
-    from shockrig.analysis.report.diagnosis_view import look_at
-    from shockrig.files.campaign import read_campaign
+def _one_thread_a_process() -> None:
+    """Two processes that each start as many threads as there are cores would stand in each other's way.
 
-    channel = build_channel(checked(read_campaign(campaign)).campaign, name)
-    if channel is None or not enough(channel):
-        return None
-    found = diagnose_channel(channel, _say, tolerance)
-    _say(f"{name}: held-out residuals and plots")
-    return look_at(found, folder)
+    Only a library that is not imported yet heeds it.
+    """
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def summary(diagnosis: Diagnosis) -> str:
