@@ -17,15 +17,17 @@ import numpy as np
 from shockrig.analysis.flight.scenes import scores, try_scene
 from shockrig.analysis.flight.typical import typical_profile
 from shockrig.analysis.flight.weather import SCENES
-from shockrig.files.profile import Effect, Profile, Uncertain
+from shockrig.files.profile import Profile, StatedEffect, Uncertain
 
 
 def extended(profile: Profile) -> Profile:
     """The pair with an air film and a stem at the bead, a boundary layer and a slow share at the film."""
-    film = Effect("convective_film", {"biot_at_5_m_s": Uncertain(0.5, 0.005)})
-    stem = Effect("stem_conduction", {"fraction": Uncertain(0.03, 0.001), "time_constant_s": Uncertain(8.0, 0.2)})
-    layer = Effect("vapour_boundary_layer", {"biot_at_5_m_s": Uncertain(8.0, 0.1)})
-    slow = Effect("slow_relaxation", {"fraction": Uncertain(0.05, 0.002), "time_constant_s": Uncertain(30.0, 1.0)})
+    film = StatedEffect("convective_film", {"biot_at_5_m_s": Uncertain(0.5, 0.005)})
+    stem = StatedEffect("stem_conduction", {"fraction": Uncertain(0.03, 0.001), "time_constant_s": Uncertain(8.0, 0.2)})
+    layer = StatedEffect("vapour_boundary_layer", {"biot_at_5_m_s": Uncertain(8.0, 0.1)})
+    slow = StatedEffect(
+        "slow_relaxation", {"fraction": Uncertain(0.05, 0.002), "time_constant_s": Uncertain(30.0, 1.0)}
+    )
     return dataclasses.replace(
         profile,
         temperature=dataclasses.replace(profile.temperature, effects=(film, stem)),
@@ -39,8 +41,8 @@ def drawn(profile: Profile, rng: np.random.Generator) -> Profile:
     def moved(u: Uncertain) -> Uncertain:
         return Uncertain(u.value + u.standard_uncertainty * rng.standard_normal())
 
-    def effects(part) -> tuple[Effect, ...]:
-        return tuple(Effect(e.effect, {k: moved(v) for k, v in e.parameters.items()}) for e in part.effects)
+    def effects(part) -> tuple[StatedEffect, ...]:
+        return tuple(StatedEffect(e.effect, {k: moved(v) for k, v in e.parameters.items()}) for e in part.effects)
 
     rows = tuple(
         dataclasses.replace(r, diffusivity_m2_s=moved(Uncertain(r.diffusivity_m2_s, r.standard_uncertainty)).value)

@@ -27,8 +27,8 @@ class Uncertain:
 
 
 @dataclass(frozen=True)
-class Effect:
-    """An extension of the plain model: an id of the catalogue with its parameters (names carry units)."""
+class StatedEffect:
+    """An effect as a file states it: an id of the catalogue with its parameters (names carry units)."""
 
     effect: str
     parameters: Mapping[str, Uncertain] = field(default_factory=dict)
@@ -48,7 +48,7 @@ class Effect:
 
 def read_effect(
     item: JsonObject, catalogue: Mapping[str, Collection[str]] | None = None, channel: str | None = None
-) -> Effect:
+) -> StatedEffect:
     """An effect from one object of a file.
 
     Parameters
@@ -81,7 +81,7 @@ def read_effect(
             parameters[key] = parameter
         elif catalogue is not None:
             raise stated.error(key, "a number as value", stated.get(key), "add it or take the parameter out")
-    return Effect(
+    return StatedEffect(
         name,
         MappingProxyType(parameters),
         item.number("probability", PROBABILITY),
@@ -100,7 +100,7 @@ def read_uncertain(parent: JsonObject, key: str) -> Uncertain | None:
     return Uncertain(value, part.number("standard_uncertainty", at_least=0.0) or 0.0)
 
 
-def effect_document(effect: Effect) -> dict[str, Any]:
+def effect_document(effect: StatedEffect) -> dict[str, Any]:
     """An effect as in a profile's `effects` and a diagnosis's `causes`."""
     return known(
         effect=effect.effect,

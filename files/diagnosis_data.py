@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from shockrig.files.causes import Effect, Uncertain
+from shockrig.files.causes import StatedEffect, Uncertain
 
 CHANNELS = ("temperature", "humidity")
 VERDICTS = ("adequate", "explained", "described", "unexplained")
@@ -29,7 +29,7 @@ FACTORS = (
 
 
 @dataclass(frozen=True)
-class StatedCause(Effect):
+class StatedCause(StatedEffect):
     """A named cause: an effect of the catalogue, the parameters that stand at a bound, and the evidence in words."""
 
     at_bound: tuple[str, ...] = ()

@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Any
 
 from shockrig.files.campaign_names import DEFAULT_BODIES, read_body
-from shockrig.files.causes import Effect, Uncertain, effect_document, read_effect, uncertain_document
+from shockrig.files.causes import StatedEffect, Uncertain, effect_document, read_effect, uncertain_document
 from shockrig.files.errors import InputError
 from shockrig.files.json_files import JsonObject, as_object, known, read_json, write_json
 from shockrig.files.profile_data import (
@@ -28,7 +28,7 @@ from shockrig.files.ranges import RANGES
 __all__ = [
     "FORMAT",
     "DiffusivityRow",
-    "Effect",
+    "StatedEffect",
     "HumidityProfile",
     "Profile",
     "ResponseTime",

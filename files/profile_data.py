@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.files.campaign_names import DEFAULT_BODIES
-from shockrig.files.causes import Effect, Uncertain
+from shockrig.files.causes import StatedEffect, Uncertain
 from shockrig.files.errors import InputError
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ class TemperatureProfile:
     response_time_s: ResponseTime | None = None
     noise_k: float | None = None
     sampling_period_s: float | None = None
-    effects: tuple[Effect, ...] = ()
+    effects: tuple[StatedEffect, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class HumidityProfile:
     film_thickness_m: float = FILM_THICKNESS_M
     noise_percent: float | None = None
     sampling_period_s: float | None = None
-    effects: tuple[Effect, ...] = ()
+    effects: tuple[StatedEffect, ...] = ()
 
     @property
     def temperature_range_c(self) -> tuple[float, float]:

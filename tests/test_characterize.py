@@ -15,7 +15,7 @@ from shockrig.analysis.inference.model import Held
 from shockrig.analysis.physics.modes import response_times, sphere_core, sphere_core_biot
 from shockrig.files.campaign import read_campaign
 from shockrig.files.errors import InputError
-from shockrig.files.profile import Effect, Uncertain, read_profile
+from shockrig.files.profile import StatedEffect, Uncertain, read_profile
 from shockrig.protocols.cli import main
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.plans import standard_plan
@@ -137,7 +137,9 @@ def _relative_ventilation(airflow):
 
 
 def test_what_single_readings_show_is_held_and_not_fitted():
-    extension = extension_of([Effect("quantization", {"step": Uncertain(0.2, 0.001)}), Effect("hysteresis")])
+    extension = extension_of(
+        [StatedEffect("quantization", {"step": Uncertain(0.2, 0.001)}), StatedEffect("hysteresis")]
+    )
     assert extension.structure.held == (Held("quantization", "step", 0.2),)
     assert extension.structure.names == ("hysteresis.rh_percent",)
 

@@ -22,7 +22,7 @@ from shockrig.analysis.report.diagnosis_words import (
     worse,
 )
 from shockrig.analysis.report.parameters import RunParameter
-from shockrig.files.profile import Effect, HumidityProfile, Profile, TemperatureProfile, Uncertain
+from shockrig.files.profile import HumidityProfile, Profile, StatedEffect, TemperatureProfile, Uncertain
 
 
 def gain(before, after, floor):
@@ -186,8 +186,8 @@ def film_profile():
         noise_k=0.02,
         sampling_period_s=0.1,
         effects=(
-            Effect("convective_film", {"biot_at_5_m_s": Uncertain(0.1, 0.002)}),
-            Effect("finite_transfer", {"duration_s": Uncertain(0.5, 0.01)}),
+            StatedEffect("convective_film", {"biot_at_5_m_s": Uncertain(0.1, 0.002)}),
+            StatedEffect("finite_transfer", {"duration_s": Uncertain(0.5, 0.01)}),
         ),
     )
     return plain, Profile(bead, plain.humidity)

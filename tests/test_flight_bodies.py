@@ -20,7 +20,7 @@ from shockrig.analysis.flight.typical import typical_profile
 from shockrig.analysis.flight.weather import FINE_STEP_S, frontal, inversion
 from shockrig.analysis.physics.bodies import BODIES
 from shockrig.analysis.physics.modes import first_order, in_series, mix, response_times
-from shockrig.files.profile import DiffusivityRow, Effect, Profile, Uncertain
+from shockrig.files.profile import DiffusivityRow, Profile, StatedEffect, Uncertain
 
 PROFILE = typical_profile()
 QUIET = Profile(
@@ -31,7 +31,7 @@ SPEED = np.array([5.0])
 
 
 def effect(id_, **values):
-    return Effect(id_, {k: Uncertain(*v) if isinstance(v, tuple) else Uncertain(v) for k, v in values.items()})
+    return StatedEffect(id_, {k: Uncertain(*v) if isinstance(v, tuple) else Uncertain(v) for k, v in values.items()})
 
 
 def bead(*effects, body="sphere"):

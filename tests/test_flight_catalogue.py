@@ -16,7 +16,7 @@ from shockrig.analysis.flight.weather import frontal
 from shockrig.analysis.physics.bodies import BODIES
 from shockrig.analysis.report.crossing import cross_inversion
 from shockrig.files.errors import InputError
-from shockrig.files.profile import Effect, Profile, Uncertain
+from shockrig.files.profile import Profile, StatedEffect, Uncertain
 
 TYPICAL = typical_profile()
 QUIET = Profile(
@@ -69,7 +69,7 @@ def with_effects(profile, channel, *effects):
 
 
 def stated(effect, uncertainty=0.0, **values):
-    return Effect(effect, {name: Uncertain(value, uncertainty * abs(value)) for name, value in values.items()})
+    return StatedEffect(effect, {name: Uncertain(value, uncertainty * abs(value)) for name, value in values.items()})
 
 
 def rms(error):
@@ -158,7 +158,7 @@ def test_a_sensor_with_everything_at_once_is_undone():
 
 
 def test_profiles_of_other_programs_are_corrected_and_what_is_unknown_is_said():
-    foreign = Effect("frost_on_the_lid", {"thickness_mm": Uncertain(1.0)})
+    foreign = StatedEffect("frost_on_the_lid", {"thickness_mm": Uncertain(1.0)})
     misplaced = stated("stem_conduction", fraction=0.1, time_constant_s=9.0)
     profile = with_effects(QUIET, "humidity", foreign, misplaced, stated("dead_time", delay_s=0.2))
     said = not_undone(profile.humidity.effects, "humidity")
@@ -199,10 +199,10 @@ def test_no_airspeed_is_said_of_the_effects_that_need_it_alone():
 def test_the_readout_is_undone_from_its_end_and_its_uncertainty_by_hand():
     effects = acting(
         (
-            Effect("calibration_error", {"gain": Uncertain(0.25, 0.01), "offset": Uncertain(2.0, 0.3)}),
-            Effect("self_heating", {"rise_k_at_5_m_s": Uncertain(0.5, 0.2)}),
-            Effect("dead_time", {"delay_s": Uncertain(0.4, 0.02)}),
-            Effect("moving_average", {"samples": Uncertain(5.0)}),
+            StatedEffect("calibration_error", {"gain": Uncertain(0.25, 0.01), "offset": Uncertain(2.0, 0.3)}),
+            StatedEffect("self_heating", {"rise_k_at_5_m_s": Uncertain(0.5, 0.2)}),
+            StatedEffect("dead_time", {"delay_s": Uncertain(0.4, 0.02)}),
+            StatedEffect("moving_average", {"samples": Uncertain(5.0)}),
         ),
         "temperature",
     )
@@ -238,8 +238,8 @@ def test_a_readout_known_badly_widens_what_is_stated_and_moves_no_value():
         with_effects(
             QUIET,
             "temperature",
-            Effect("calibration_error", {"gain": Uncertain(0.0, 0.0), "offset": Uncertain(0.5, sigma)}),
-            Effect("dead_time", {"delay_s": Uncertain(0.3, sigma / 5)}),
+            StatedEffect("calibration_error", {"gain": Uncertain(0.0, 0.0), "offset": Uncertain(0.5, sigma)}),
+            StatedEffect("dead_time", {"delay_s": Uncertain(0.3, sigma / 5)}),
         )
         for sigma in (0.0, 0.1)
     )
@@ -255,7 +255,7 @@ def test_a_readout_known_badly_widens_what_is_stated_and_moves_no_value():
 
 def test_uncertainty_is_carried_to_first_order():
     (one,) = acting(
-        (Effect("parallel_lag", {"fraction": Uncertain(0.2, 0.01), "time_constant_s": Uncertain(9.0, 0.9)}),),
+        (StatedEffect("parallel_lag", {"fraction": Uncertain(0.2, 0.01), "time_constant_s": Uncertain(9.0, 0.9)}),),
         "temperature",
     )
     found = propagated(one, lambda v: v["fraction"] * np.array([1.0, 3.0]) + np.log(v["time_constant_s"]))
@@ -268,7 +268,7 @@ def test_the_crossing_leaves_on_the_bench_what_the_catalogue_leaves_there():
         "temperature",
         stated("clock_drift", ppm=2e4),
         stated("convective_film", biot_at_5_m_s=0.5),
-        Effect("frost_on_the_lid", {}),
+        StatedEffect("frost_on_the_lid", {}),
     )
     extended = dataclasses.replace(extended, humidity=None)
     (crossing,), notes = cross_inversion(dataclasses.replace(TYPICAL, humidity=None), extended)

@@ -22,7 +22,7 @@ from shockrig.analysis.flight.typical import typical_profile
 from shockrig.analysis.flight.weather import SCENES, convective, frontal, inversion
 from shockrig.analysis.physics.schemes.sampling import is_minimum_phase, zeros
 from shockrig.files.errors import InputError
-from shockrig.files.profile import DiffusivityRow, Effect, Profile, Uncertain
+from shockrig.files.profile import DiffusivityRow, Profile, StatedEffect, Uncertain
 from shockrig.files.ranges import RANGES
 
 PROFILE = typical_profile()
@@ -208,7 +208,7 @@ def test_slow_shares_and_biot_numbers_widen_the_uncertainty_by_their_part():
     n = np.array([20.0]), np.array([5.0])
 
     def with_effect(name, **values):
-        effect = Effect(name, {k: Uncertain(*v) for k, v in values.items()})
+        effect = StatedEffect(name, {k: Uncertain(*v) for k, v in values.items()})
         return film_response(dataclasses.replace(part, effects=(effect,)), *n)
 
     # L^2 / D (1/3 + 1 / Bi): at Bi = 3 half of the lag is the layer's
@@ -235,17 +235,17 @@ def test_d_is_followed_along_the_flight_and_not_its_mean():
 
 def test_extended_profiles_are_undone():
     bead = (
-        Effect("convective_film", {"biot_at_5_m_s": Uncertain(0.3)}),
-        Effect("stem_conduction", {"fraction": Uncertain(0.05), "time_constant_s": Uncertain(8.0)}),
-        Effect("self_heating", {"rise_k_at_5_m_s": Uncertain(0.3)}),
-        Effect("calibration_error", {"gain": Uncertain(0.0), "offset": Uncertain(-0.2)}),
-        Effect("finite_transfer", {"duration_s": Uncertain(0.5)}),
+        StatedEffect("convective_film", {"biot_at_5_m_s": Uncertain(0.3)}),
+        StatedEffect("stem_conduction", {"fraction": Uncertain(0.05), "time_constant_s": Uncertain(8.0)}),
+        StatedEffect("self_heating", {"rise_k_at_5_m_s": Uncertain(0.3)}),
+        StatedEffect("calibration_error", {"gain": Uncertain(0.0), "offset": Uncertain(-0.2)}),
+        StatedEffect("finite_transfer", {"duration_s": Uncertain(0.5)}),
     )
     film = (
-        Effect("slow_relaxation", {"fraction": Uncertain(0.1), "time_constant_s": Uncertain(20.0)}),
-        Effect("vapour_boundary_layer", {"biot_at_5_m_s": Uncertain(5.0)}),
-        Effect("dead_time", {"delay_s": Uncertain(0.25)}),
-        Effect("die_thermal_lag"),
+        StatedEffect("slow_relaxation", {"fraction": Uncertain(0.1), "time_constant_s": Uncertain(20.0)}),
+        StatedEffect("vapour_boundary_layer", {"biot_at_5_m_s": Uncertain(5.0)}),
+        StatedEffect("dead_time", {"delay_s": Uncertain(0.25)}),
+        StatedEffect("die_thermal_lag"),
     )
     extended = Profile(
         dataclasses.replace(EXACT.temperature, effects=bead), dataclasses.replace(PROFILE.humidity, effects=film)

@@ -12,13 +12,13 @@ from shockrig.analysis.flight.weather import FINE_STEP_S, SCENES, Weather, conve
 from shockrig.analysis.physics.humidity import ppmv_from_humidity
 from shockrig.analysis.physics.modes import film_mean, film_mean_biot, first_order, mix, sphere_core, sphere_core_biot
 from shockrig.files.errors import InputError
-from shockrig.files.profile import Effect, Profile, Uncertain
+from shockrig.files.profile import Profile, StatedEffect, Uncertain
 
 PROFILE = typical_profile()
 
 
 def effects(**named):
-    return tuple(Effect(name, {k: Uncertain(v) for k, v in p.items()}) for name, p in named.items())
+    return tuple(StatedEffect(name, {k: Uncertain(v) for k, v in p.items()}) for name, p in named.items())
 
 
 def with_effects(temperature=(), humidity=()):

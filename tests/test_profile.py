@@ -9,10 +9,10 @@ import pytest
 from shockrig.files.errors import InputError
 from shockrig.files.profile import (
     DiffusivityRow,
-    Effect,
     HumidityProfile,
     Profile,
     ResponseTime,
+    StatedEffect,
     TemperatureProfile,
     Uncertain,
     read_profile,
@@ -222,4 +222,4 @@ def test_one_row_speaks_for_its_own_ambient_only():
 
 def test_a_missing_parameter_is_named():
     with pytest.raises(InputError, match="time_constant_s"):
-        Effect("stem_conduction", {"fraction": Uncertain(0.1)}).value("time_constant_s")
+        StatedEffect("stem_conduction", {"fraction": Uncertain(0.1)}).value("time_constant_s")

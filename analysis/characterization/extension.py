@@ -13,7 +13,7 @@ from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.model import PLAIN, Held, Structure
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
 from shockrig.files.errors import InputError
-from shockrig.files.profile import Effect, Uncertain
+from shockrig.files.profile import StatedEffect, Uncertain
 
 FORMAT = "shock-diagnosis/1"
 MEND = "give the diagnosis.json of shockrig diagnose"
@@ -25,7 +25,7 @@ class Extension:
 
     structure: Structure = PLAIN
     starts: Mapping[str, float] | None = None
-    causes: tuple[Effect, ...] = ()
+    causes: tuple[StatedEffect, ...] = ()
 
 
 def read_extension(path: str | Path) -> dict[ChannelName, Extension]:
@@ -60,7 +60,7 @@ def read_extension(path: str | Path) -> dict[ChannelName, Extension]:
 
 
 def _extension(causes: list[Any], name: ChannelName, file: Path) -> Extension:
-    effects: list[Effect] = []
+    effects: list[StatedEffect] = []
     for i, cause in enumerate(causes):
         key = f"channels.{name}.causes[{i}]"
         effect = _mapping(cause, file, key).get("effect")
@@ -78,11 +78,11 @@ def _extension(causes: list[Any], name: ChannelName, file: Path) -> Extension:
             parameters[parameter] = Uncertain(float(value), float(spread) if _is_number(spread) else 0.0)
         probability = float(cause["probability"]) if _is_number(cause.get("probability")) else None
         alike = tuple(str(a) for a in cause.get("indistinguishable_from") or ())
-        effects.append(Effect(effect, parameters, probability, alike))
+        effects.append(StatedEffect(effect, parameters, probability, alike))
     return extension_of(effects)
 
 
-def extension_of(causes: list[Effect] | tuple[Effect, ...]) -> Extension:
+def extension_of(causes: list[StatedEffect] | tuple[StatedEffect, ...]) -> Extension:
     """The model that carries `causes`; what single readings show (rounding, repeats, averages) is held, not fitted."""
     causes = tuple({cause.effect: cause for cause in causes}.values())
     held: list[Held] = []

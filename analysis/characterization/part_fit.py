@@ -19,7 +19,7 @@ from shockrig.analysis.inference.problem import make_problem
 from shockrig.analysis.inference.quantity import RunEffect
 from shockrig.analysis.inference.samples import rmse_over_samples
 from shockrig.analysis.inference.scan import RATE_BOUNDS_PER_S
-from shockrig.files.profile import Effect, Uncertain
+from shockrig.files.profile import StatedEffect, Uncertain
 
 WORST_RELATIVE = 0.5  # a diffusivity known no better than this is none
 
@@ -96,7 +96,7 @@ def joint_rows(
     return rows, undetermined
 
 
-def fitted_effects(extension: Extension, part: Part) -> tuple[Effect, ...]:
+def fitted_effects(extension: Extension, part: Part) -> tuple[StatedEffect, ...]:
     """The extension's causes with the parameters of a fit."""
     values = part.fit.values()
     fitted = []

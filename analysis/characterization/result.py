@@ -15,7 +15,7 @@ from shockrig.analysis.inference.noise import Noise
 from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName, RunEffect
 from shockrig.files.campaign import Campaign
-from shockrig.files.profile import Effect, ResponseTime
+from shockrig.files.profile import ResponseTime, StatedEffect
 
 FAR_ABOVE_NOISE = 1.15  # residual over noise from which the model is not the whole story
 FAR_DEVIATED = 2.0  # likewise, for how far start times and airs are bent
@@ -69,7 +69,7 @@ class ChannelResult:
     rows : tuple of Row
         One for each ambient, by rising temperature; one in all for the bead.
     noise : Noise
-    effects : tuple of Effect
+    effects : tuple of StatedEffect
         What the model carries beside the plain diffusion, with fitted parameters.
     parts : tuple of Part
         All runs; for a plain film the ambients with isothermal shocks, and those with thermal shocks alone.
@@ -79,7 +79,7 @@ class ChannelResult:
 
     rows: tuple[Row, ...]
     noise: Noise
-    effects: tuple[Effect, ...]
+    effects: tuple[StatedEffect, ...]
     parts: tuple[Part, ...]
     set_aside: tuple[LeftOut, ...]
 
@@ -135,7 +135,7 @@ class Characterization:
 def channel_result(
     rows: Sequence[Row],
     noise: Noise,
-    effects: tuple[Effect, ...],
+    effects: tuple[StatedEffect, ...],
     parts: Sequence[Part],
     set_aside: Sequence[LeftOut],
 ) -> ChannelResult:

@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.inference.effect import Effect as Entry
-from shockrig.analysis.inference.effect import InFlight
+from shockrig.analysis.inference.effect import Effect, InFlight
 from shockrig.files.errors import InputError
-from shockrig.files.profile import Effect
+from shockrig.files.profile import StatedEffect
 
 Array = NDArray[np.float64]
 STEP = 1e-4  # of a parameter, relative, in finite differences: right to 1e-8
@@ -43,7 +42,7 @@ class Stated(dict[str, float]):
 class Acting:
     """One effect of a profile that takes part in a flight: its entry, its values, their standard uncertainties."""
 
-    entry: Entry
+    entry: Effect
     meaning: InFlight
     values: Stated
     uncertainties: Mapping[str, float] = field(default_factory=dict)
@@ -54,7 +53,7 @@ class Acting:
         return self.entry.id
 
 
-def acting(effects: Iterable[Effect], channel: str) -> tuple[Acting, ...]:
+def acting(effects: Iterable[StatedEffect], channel: str) -> tuple[Acting, ...]:
     """Those of a profile's effects that a correction has to do with, in the order of the measurement chain."""
     found = []
     for effect in effects:
@@ -67,7 +66,7 @@ def acting(effects: Iterable[Effect], channel: str) -> tuple[Acting, ...]:
     return tuple(sorted(found, key=lambda one: one.entry.order))
 
 
-def not_undone(effects: Iterable[Effect], channel: str) -> list[str]:
+def not_undone(effects: Iterable[StatedEffect], channel: str) -> list[str]:
     """One sentence for each of a profile's effects that a flight's correction leaves alone."""
     said = []
     for effect in effects:

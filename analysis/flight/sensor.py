@@ -19,7 +19,7 @@ from shockrig.analysis.flight.typical import NOISE_K, NOISE_PERCENT
 from shockrig.analysis.flight.weather import Weather
 from shockrig.analysis.physics.humidity import humidity_from_ppmv, ppmv_from_humidity
 from shockrig.files.errors import InputError
-from shockrig.files.profile import Effect, HumidityProfile, Profile, TemperatureProfile
+from shockrig.files.profile import HumidityProfile, Profile, StatedEffect, TemperatureProfile
 
 Array = NDArray[np.float64]
 SAMPLING_PERIOD_S = 0.1
@@ -111,20 +111,20 @@ def flyable(effect: str, channel: str) -> bool:
     return on_the_bench or effect in FLOWN_EFFECTS[channel]
 
 
-def _effects(part: TemperatureProfile | HumidityProfile) -> dict[str, Effect]:
+def _effects(part: TemperatureProfile | HumidityProfile) -> dict[str, StatedEffect]:
     return {e.effect: e for e in part.effects}
 
 
-def _shape(body: str, effects: dict[str, Effect]) -> str:
+def _shape(body: str, effects: dict[str, StatedEffect]) -> str:
     return next((name for name in SHAPES if f"body_{name}" in effects), body)
 
 
-def _inside(air: Array, effects: dict[str, Effect]) -> Array:
+def _inside(air: Array, effects: dict[str, StatedEffect]) -> Array:
     """The air that the body sees, behind a sheath or a cap."""
     return lag(air, effects["series_lag"].value("time_constant_s")) if "series_lag" in effects else air
 
 
-def _with_slow_shares(reading: Array, air: Array, effects: dict[str, Effect]) -> Array:
+def _with_slow_shares(reading: Array, air: Array, effects: dict[str, StatedEffect]) -> Array:
     for name in ("slow_relaxation", "stem_conduction", "parallel_lag"):
         if (e := effects.get(name)) is not None:
             share = e.value("fraction")
@@ -219,12 +219,12 @@ def _log(weather: Weather, profile: Profile, fine: dict[str, Array], seed: int, 
     return Flown(log, truth)
 
 
-def _late(time: Array, weather: Weather, fine: Array, effects: dict[str, Effect]) -> Array:
+def _late(time: Array, weather: Weather, fine: Array, effects: dict[str, StatedEffect]) -> Array:
     delay = effects["dead_time"].value("delay_s") if "dead_time" in effects else 0.0
     return np.interp(time - delay, weather.time_s, fine)
 
 
-def _averaged(reading: Array, effects: dict[str, Effect]) -> Array:
+def _averaged(reading: Array, effects: dict[str, StatedEffect]) -> Array:
     if (e := effects.get("moving_average")) is None:
         return reading
     width = max(round(e.value("samples")), 1)
@@ -232,7 +232,7 @@ def _averaged(reading: Array, effects: dict[str, Effect]) -> Array:
     return np.asarray((total[width:] - total[:-width]) / width)
 
 
-def _read_out(reading: Array, effects: dict[str, Effect], resolution: float) -> Array:
+def _read_out(reading: Array, effects: dict[str, StatedEffect], resolution: float) -> Array:
     if (e := effects.get("calibration_error")) is not None:
         reading = reading * (1 + e.value("gain", 0.0)) + e.value("offset", 0.0)
     if (e := effects.get("saturation_clipping")) is not None:
