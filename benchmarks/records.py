@@ -16,12 +16,18 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 COLUMN = {"temperature": ("imet.csv", "temperature_c"), "humidity": ("hyt.csv", "humidity_percent")}
+REFERENCE = {
+    "temperature": ("temperature_standard_uncertainty_k", 0.02),
+    "humidity": ("humidity_standard_uncertainty_percent", 0.1),
+}
 MOST_SAMPLES = 400  # of a run in a fit; errors are over all of them
 
 
 @dataclass(frozen=True)
 class Record:
-    """One channel of one run as recorded; what the run does not state is None. `air` is (time_s, value)."""
+    """One channel of one run as recorded; what the run does not state is None. `air` is (time_s, value), good to
+    `air_uncertainty`.
+    """
 
     id: str
     time_s: Array
@@ -31,6 +37,7 @@ class Record:
     destination: float | None
     air: tuple[Array, Array] | None
     onset_s: float
+    air_uncertainty: float = 0.02
 
     def thinned(self) -> Record:
         """At most `MOST_SAMPLES` readings, densest where the reading changes most."""
@@ -65,7 +72,9 @@ def read_records(campaign: str | Path, channel: str) -> list[Record]:
         start = (head.get("transfer") or {}).get("start_s")
         ends = [(head.get(end) or {}).get(column) for end in ("source", "destination")]
         onset = _onset(time, value) if start is None else float(start)
-        found.append(Record(head.get("id") or folder.name, time, value, start, *ends, air, onset))
+        key, usual = REFERENCE[channel]
+        good = float((head.get("reference") or {}).get(key, usual))
+        found.append(Record(head.get("id") or folder.name, time, value, start, *ends, air, onset, good))
     return found
 
 

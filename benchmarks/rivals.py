@@ -4,8 +4,9 @@ dead time, by least squares over the training runs, and judged on runs that took
 Shares no code with `analysis`. A run's own start and two plateaus are placed by `place`, in training and, with all else
 held, on held-out runs: the plateaus by linear least squares, the start by search, both within two standard
 uncertainties of what the campaign states (10 ms; 0.02 K or 0.1 %RH), freely where it states nothing. Where the air was
-measured the trace drives the models; offset and scale of the reading stand for the plateaus, and a run that had not
-settled when its record began has that departure as a third coefficient.
+measured the trace drives the models; what its lowest and its highest value are off by, within two standard
+uncertainties of the reference, stands for the plateaus, and a run that had not settled when its record began has that
+departure as a third coefficient.
 """
 
 from __future__ import annotations
@@ -93,13 +94,24 @@ def levels(modes: Modes, record: Record, start_s: float, dead_s: float, channel:
 
 
 def _place_in_air(modes: Modes, record: Record, dead_s: float) -> tuple[Array, Array]:
-    """Offset and scale of a reading in a measured air, and what it had not yet settled from when the record began."""
+    """What a measured air is off by at its two ends, and what a reading had not settled from when it began."""
+    assert record.air is not None
     weights, rates = modes
-    first = min(record.time_s[0], record.air[0][0]) if record.air else record.time_s[0]
+    first, (low, high) = min(record.time_s[0], record.air[0][0]), (record.air[1].min(), record.air[1].max())
+    shown = reply(modes, record, first, dead_s)
+    share = (shown - low) / max(high - low, TINY_S)
     unsettled = np.exp(-(record.time_s - first)[:, None] * rates) @ weights
-    design = np.column_stack([np.ones(record.time_s.size), reply(modes, record, first, dead_s), unsettled])
-    ends = np.linalg.lstsq(design, record.value, rcond=None)[0]
-    return ends, record.value - design @ ends
+    design, left = np.column_stack([1.0 - share, share, unsettled]), record.value - shown
+    bound, off, free = WITHIN * record.air_uncertainty, np.zeros(3), [0, 1, 2]
+    for _ in range(3):
+        rest = left - design @ np.where(np.isin(np.arange(3), free), 0.0, off)
+        off[free] = np.linalg.lstsq(design[:, free], rest, rcond=None)[0]
+        beyond = [i for i in free if i < 2 and abs(off[i]) > bound]
+        if not beyond:
+            break
+        off[beyond] = np.sign(off[beyond]) * bound
+        free = [i for i in free if i not in beyond]
+    return off, left - design @ off
 
 
 def _plateaus(shown: Array, record: Record, channel: str) -> Array:
