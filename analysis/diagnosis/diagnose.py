@@ -158,7 +158,7 @@ def _kept(channel: Channel, ready: Prepared, found: Search, adequacy: Adequacy) 
         tried += [
             Tried(e, "it helps, and is not certain beside what is left unexplained") for e in named if e not in certain
         ]
-        final = _reduced(problem, final, set(from_readings) | certain)
+        final = _reduced(problem, found, final, set(from_readings) | certain)
     choose = adequacy.passed
     while True:
         gain = measure_gain(channel, problem, base, found.plain, final, ready.noise, choose)
@@ -166,7 +166,7 @@ def _kept(channel: Channel, ready: Prepared, found: Search, adequacy: Adequacy) 
         if not dropped:
             break
         tried += dropped
-        final = _reduced(problem, final, set(final.structure.ids) - {t.effect for t in dropped})
+        final = _reduced(problem, found, final, set(final.structure.ids) - {t.effect for t in dropped})
         choose = False
     values = final.values()
     causes = [
@@ -176,10 +176,13 @@ def _kept(channel: Channel, ready: Prepared, found: Search, adequacy: Adequacy) 
     return _Kept(tuple(causes), final, gain, tuple(tried))
 
 
-def _reduced(problem: Problem, found: Fit, ids: set[str]) -> Fit:
+def _reduced(problem: Problem, found: Search, now: Fit, ids: set[str]) -> Fit:
     """The fit with only the effects `ids`."""
-    structure = found.structure.keeping(ids)
-    return found if structure.ids == found.structure.ids else refit(problem, structure, found)
+    structure = now.structure.keeping(ids)
+    if structure.ids == now.structure.ids:
+        return now
+    # From where an effect led, no descent need lead back: without any, the fit is the one that the search began with.
+    return found.plain if structure.ids == found.plain.structure.ids else refit(problem, structure, now)
 
 
 def _dropped(problem: Problem, final: Fit, gain: Gain, from_readings: dict[str, Cause]) -> list[Tried]:
