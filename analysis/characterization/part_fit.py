@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from shockrig.analysis.characterization.extension import Extension
-from shockrig.analysis.characterization.response import response_time
+from shockrig.analysis.characterization.response_times import response_time
 from shockrig.analysis.characterization.result import FAR_ABOVE_NOISE, Part, Row
 from shockrig.analysis.inference.channel import Channel, LeftOut
 from shockrig.analysis.inference.evolution import Misfit, Optimum, cross_check, evolve
