@@ -5,6 +5,7 @@ Unknown keys and columns are ignored; every error names the file, the line or ke
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -98,7 +99,8 @@ class Run:
 class Campaign:
     """A campaign: several runs on one pair of sensors.
 
-    `bodies` maps "imet" and "hyt" to the shape that the plain model has, one of `BODIES`.
+    `bodies` maps "imet" and "hyt" to the shape that the plain model has, one of `BODIES`. `emulated` says that nothing of
+    it was measured: it comes from emulated instruments.
     """
 
     name: str
@@ -108,6 +110,7 @@ class Campaign:
     film_thickness_m: float
     runs: tuple[Run, ...]
     bodies: dict[str, str] = field(default_factory=lambda: dict(DEFAULT_BODIES))
+    emulated: bool = False
 
     def to_frame(self) -> pd.DataFrame:
         """One row a run: the two airs, airflow, pressure, transfer, whether the air was measured, samples."""
@@ -193,6 +196,7 @@ def read_campaign(path: str | Path) -> Campaign:
         film_thickness_m=DEFAULT_FILM_THICKNESS_M if thickness is None else thickness,
         runs=runs,
         bodies=bodies,
+        emulated=head.get("emulated") is True,
     )
 
 
@@ -205,6 +209,8 @@ def _run_folders(runs: Path) -> list[Path]:
     for entry in found:
         if entry.is_symlink() and not entry.exists():
             raise InputError(f"{shown(entry)}: is a link that leads nowhere; restore the run or take the link away")
+        if entry.is_dir() and not os.access(entry, os.R_OK | os.X_OK, effective_ids=True):
+            raise InputError(f"{shown(entry)}: may not be read (permission denied); make it a folder that can be read")
     folders = [entry for entry in found if is_there(entry / "run.json")]
     if not folders:
         raise InputError(f"{shown(runs)}: no runs/ID/run.json in it; record or import at least one run")

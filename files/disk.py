@@ -135,8 +135,35 @@ def write_whole(path: Path, content: str | bytes, sync: bool = False) -> None:
 
 
 def beside(path: Path) -> Path:
-    """Where a file is written until it is whole: NAME.part in the same folder, which a rename puts into its place."""
+    """Where a file is written until it is whole: NAME.part in the same folder, which a rename puts into its place.
+
+    Raises OSError where something other than a file has that place: the rename would take a device's or a pipe's name.
+    """
+    demand_place(path)
     return path.with_name(path.name + ".part")
+
+
+def demand_place(path: Path) -> None:
+    """Raise OSError where a file cannot be written: its name is that of a folder, a pipe, a socket or a device."""
+    try:
+        found = os.stat(path)
+    except FileNotFoundError:
+        return
+    if not stat.S_ISREG(found.st_mode):
+        raise OSError(errno.EEXIST, _kind(found), os.fspath(path))
+
+
+def demand_name(path: str | os.PathLike[str], remedy: str) -> None:
+    """Raise InputError where a path can be no file's: it is too long, holds a NUL or half a character, or its links
+    lead in a circle. Whether something is there, and may be read, is another question.
+    """
+    try:
+        os.stat(path)
+    except OSError as error:
+        if error.errno in (errno.ELOOP, errno.ENAMETOOLONG):
+            raise InputError(f"{shown(path)}: {_reason(error)}; {remedy}") from None
+    except ValueError as error:
+        raise InputError(f"{shown(path)}: is no file name ({error}); {remedy}") from None
 
 
 def sync_folder(path: Path) -> None:
@@ -150,10 +177,13 @@ def sync_folder(path: Path) -> None:
 
 def _demand_regular(found: os.stat_result, where: str, remedy: str, at_most: int) -> None:
     if not stat.S_ISREG(found.st_mode):
-        kind = next((words for is_kind, words in _KINDS if is_kind(found.st_mode)), "is no regular file")
-        raise InputError(f"{where}: {kind}, expected a file; {remedy}")
+        raise InputError(f"{where}: {_kind(found)}, expected a file; {remedy}")
     if found.st_size > at_most:
         raise InputError(f"{where}: {_too_large(at_most)}; {remedy}")
+
+
+def _kind(found: os.stat_result) -> str:
+    return next((words for is_kind, words in _KINDS if is_kind(found.st_mode)), "is no regular file")
 
 
 def _too_large(at_most: int) -> str:

@@ -23,7 +23,7 @@ from shockrig.files.profile_data import (
     ResponseTime,
     TemperatureProfile,
 )
-from shockrig.files.ranges import RANGES
+from shockrig.files.ranges import RANGES, Range
 
 __all__ = [
     "FORMAT",
@@ -43,6 +43,7 @@ __all__ = [
 
 FORMAT = "sensor-profile/1"
 ASSUMED_RELATIVE_UNCERTAINTY = 0.05  # of a diffusivity whose file gives no standard uncertainty
+LARGEST_RELATIVE_UNCERTAINTY = 1e6  # beyond it nothing was measured, and arithmetic would not survive it
 REMEDY = "give the profile.json that shockrig characterize wrote"
 
 
@@ -153,14 +154,14 @@ def _temperature(part: JsonObject) -> TemperatureProfile:
     stated = part.child(key)
     if stated is None:
         raise part.error(key, 'an object with "value" and "standard_uncertainty"', None, "add it")
-    alpha = stated.demand("value", stated.number("value", positive=True), "a positive number")
+    alpha = stated.demand("value", _rate(stated, "value"), "a positive number")
     radius = part.number("bead_radius_m", RANGES["bead_radius_m"])
     return TemperatureProfile(
         thermal_diffusivity_m2_s=Uncertain(alpha, _uncertainty(stated, alpha)),
         bead_radius_m=BEAD_RADIUS_M if radius is None else radius,
         response_time_s=_response_time(part.child("response_time_s")),
-        noise_k=part.number("noise_k", at_least=0.0),
-        sampling_period_s=part.number("sampling_period_s", positive=True),
+        noise_k=part.number("noise_k", RANGES["noise_k"], at_least=0.0),
+        sampling_period_s=part.number("sampling_period_s", RANGES["sampling_period_s"], positive=True),
         effects=tuple(read_effect(item) for item in part.items("effects")),
     )
 
@@ -170,8 +171,8 @@ def _humidity(part: JsonObject) -> HumidityProfile:
     return HumidityProfile(
         diffusivity_table=_table(part),
         film_thickness_m=FILM_THICKNESS_M if thickness is None else thickness,
-        noise_percent=part.number("noise_percent", at_least=0.0),
-        sampling_period_s=part.number("sampling_period_s", positive=True),
+        noise_percent=part.number("noise_percent", RANGES["noise_percent"], at_least=0.0),
+        sampling_period_s=part.number("sampling_period_s", RANGES["sampling_period_s"], positive=True),
         effects=tuple(read_effect(item) for item in part.items("effects")),
     )
 
@@ -183,7 +184,7 @@ def _table(humidity: JsonObject) -> tuple[DiffusivityRow, ...]:
         stated = item.number("ambient_temperature_c", RANGES["temperature_c"])
         ambient_c = item.demand("ambient_temperature_c", stated)
         key = "diffusivity_m2_s"
-        value = item.demand(key, item.number(key, positive=True), "a positive number")
+        value = item.demand(key, _rate(item, key), "a positive number")
         if rows and ambient_c <= rows[-1].ambient_temperature_c:
             expected = "rows ordered by rising temperature, each once"
             raise item.error("ambient_temperature_c", expected, ambient_c, "put them in order")
@@ -203,9 +204,13 @@ def _table(humidity: JsonObject) -> tuple[DiffusivityRow, ...]:
     return tuple(rows)
 
 
+def _rate(stated: JsonObject, key: str) -> float | None:
+    return stated.number(key, RANGES["fitted_m2_s"], positive=True)
+
+
 def _uncertainty(stated: JsonObject, value: float) -> float:
     """The standard uncertainty beside a diffusivity; a cautious one where none is stated."""
-    given = stated.number("standard_uncertainty", at_least=0.0)
+    given = stated.number("standard_uncertainty", Range(0.0, LARGEST_RELATIVE_UNCERTAINTY * value), at_least=0.0)
     return ASSUMED_RELATIVE_UNCERTAINTY * value if given is None else given
 
 

@@ -57,6 +57,11 @@ RANGES: Mapping[str, Range] = MappingProxyType(
         "tolerance_k": Range(0.0, 50.0),
         "tolerance_percent": Range(0.0, 100.0),
         "rate_hz": Range(0.01, 1000.0),  # at which a sensor is read
+        # of a profile: a rate as it was fitted, effective or not, the readings' noise, and how often they come
+        "fitted_m2_s": Range(1e-25, 1.0, _FRACTION),
+        "noise_k": Range(0.0, 50.0),
+        "noise_percent": Range(0.0, 100.0),
+        "sampling_period_s": Range(1e-4, 86400.0, "is it in milliseconds"),
         # of the instrument that measures the airs
         "reference_time_constant_s": Range(0.0, 3600.0, "is it in milliseconds"),
         "reference_uncertainty_k": Range(0.0, 50.0),

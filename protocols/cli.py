@@ -6,9 +6,13 @@ A command is one file in protocols/commands and one line in COMMANDS.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib
+import os
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
 
 from shockrig.protocols.parser import Parser, nearest
 
@@ -107,14 +111,22 @@ def main(argv: list[str] | None = None) -> int:
     elif command not in COMMANDS:
         parser.error(f"no command {command!r}; {nearest(str(command), COMMANDS, 'shockrig --help lists the commands')}")
     args = parser.parse_args(arguments)
+    from shockrig.files.disk import shown
     from shockrig.files.errors import InputError
-    from shockrig.rig.errors import RigError
+    from shockrig.rig.errors import ConnectionFaults, RigError
 
     try:
-        _check_common(arguments, args)
-        return args.main(args) or 0
+        with _ended_by_signals():
+            _check_common(arguments, args)
+            return args.main(args) or 0
+    except ConnectionFaults as error:
+        for fault in error.faults:
+            print(f"shockrig {args.command}: {fault}", file=sys.stderr)
+        return 2
     except (InputError, RigError) as error:
-        print(f"shockrig {args.command}: {error}", file=sys.stderr)
+        # One line, whatever stands in the names of files that it tells of.
+        said = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in str(error))
+        print(f"shockrig {args.command}: {said}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         kept = "; what was recorded up to now is kept" if args.command in ("run", "demo") else ""
@@ -123,14 +135,46 @@ def main(argv: list[str] | None = None) -> int:
     except BrokenPipeError:
         sys.stderr.close()
         return 141
+    except OSError as error:
+        if error.filename is None:
+            raise
+        where = shown(os.fsdecode(error.filename))
+        print(
+            f"shockrig {args.command}: {where}: {error.strerror}; give another path, or access to it", file=sys.stderr
+        )
+        return 2
+
+
+@contextlib.contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """SIGTERM and a closed terminal end a command as an exception does, so that it clears away what is half done.
+
+    What is ignored (nohup) stays so, and a program that calls `main` keeps handlers of its own.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    ours = [number for number in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(number) is signal.SIG_DFL]
+    for number in ours:
+        signal.signal(number, _end)
+    try:
+        yield
+    finally:
+        for number in ours:
+            signal.signal(number, signal.SIG_DFL)
+
+
+def _end(number: int, frame: object) -> None:
+    raise SystemExit(128 + number)
 
 
 def _check_common(arguments: Sequence[str], args: argparse.Namespace) -> None:
-    """What holds for every command: no argument is empty, and a seed has 64 bits.
+    """What holds for every command: no argument is empty, every path can be one, and a seed has 64 bits.
 
     Looked for in the words themselves, because an empty path is parsed as the folder that one stands in: a script whose
     variable is empty would write there.
     """
+    from shockrig.files.disk import demand_name
     from shockrig.files.errors import InputError
 
     for before, word in zip(("", *arguments), arguments, strict=False):
@@ -138,6 +182,10 @@ def _check_common(arguments: Sequence[str], args: argparse.Namespace) -> None:
         if equals and not value.strip():
             said = f"{option}: is empty; give a value, or leave it out"
             raise InputError(said if option.startswith("--") else "an argument is empty; give a value")
+    for value in vars(args).values():
+        for path in value if isinstance(value, list) else [value]:
+            if isinstance(path, os.PathLike):
+                demand_name(path, "give another path")
     if getattr(args, "seed", None) is not None:
         from shockrig.rig.bench_file import LARGEST_SEED
 

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from glob import escape
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from shockrig.files.disk import is_there, shown
 from shockrig.files.errors import InputError
+
+TYPE_CHECKING = False  # as in shockrig/__init__.py
+if TYPE_CHECKING:
+    from shockrig.files.campaign import Campaign
+
+EMULATED = "emulated instruments: invented, not measured"
 
 
 @contextmanager
@@ -20,14 +29,17 @@ def whole_folder(out: Path) -> Iterator[Path]:
     cannot be written: before the work where that is known by then. Nothing is left of what went wrong.
     """
     out = Path(out)
-    if out.exists() and not out.is_dir():
-        raise InputError(f"--out {out}: is a file; name a folder")
+    if is_there(out) and not out.is_dir():
+        raise InputError(f"--out {shown(out)}: is a file; name a folder")
     # In a folder that is there already: the one above may be another file system, or closed to us.
     place = out.resolve() if out.exists() else out.resolve().parent
     partial = place / f".{out.resolve().name}.partial-{os.getpid()}"
     new = [folder for folder in partial.parents if not folder.exists()]
+    lock = -1
     try:
+        _remove_left_behind(place, out.resolve().name)
         partial.mkdir(parents=True)
+        lock = _lock(partial)
         yield partial
         if not out.exists():
             os.rename(partial, out)
@@ -42,9 +54,36 @@ def whole_folder(out: Path) -> Iterator[Path]:
         raise InputError(f"--out {out}: {error.strerror or error}; name a folder that can be written") from error
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+        if lock >= 0:
+            os.close(lock)
         for folder in new:
             with suppress(OSError):  # it holds the results
                 folder.rmdir()
+
+
+def _lock(folder: Path) -> int:
+    """Hold a folder for as long as this process lives, however it ends; raises OSError where another one holds it."""
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(handle)
+        raise
+    return handle
+
+
+def _remove_left_behind(place: Path, name: str) -> None:
+    """Clear away what a process that was killed could not: unfinished folders that nobody holds."""
+    for folder in place.glob(f".{escape(name)}.partial-*"):
+        with suppress(OSError):
+            handle = _lock(folder)
+            shutil.rmtree(folder, ignore_errors=True)
+            os.close(handle)
+
+
+def said_of_data(campaign: Campaign) -> dict[str, str]:
+    """What a result's provenance must say of the data that it comes from; nothing where they were measured."""
+    return {"data": f"{EMULATED} (campaign {campaign.name})"} if campaign.emulated else {}
 
 
 def software_version() -> str:

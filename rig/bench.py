@@ -10,7 +10,7 @@ import contextlib
 import errno
 import tempfile
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from shockrig.rig.bench_file import BenchConfig, Part, check_bench, load_bench
 from shockrig.rig.buses.i2c import SmbusBus
 from shockrig.rig.buses.serial_port import OpenPort, PyserialPort, pyserial_opener
 from shockrig.rig.clock import RealClock, VirtualClock
-from shockrig.rig.errors import BenchError, BusError, RigError
+from shockrig.rig.errors import BenchError, ConnectionFault, ConnectionFaults, RigError
 from shockrig.rig.seams import Chambers, Clock, I2cBus, Operator, Reference, Sensor, SerialPort, Stage
 from shockrig.rig.stages.manual import ConsoleOperator, PromptedChambers
 
@@ -37,31 +37,6 @@ REMEDIES = {
     errno.EIO: "nobody answers: check supply, wiring and address",
     errno.ETIMEDOUT: "the bus is held: check wiring and pull-ups, then switch the supply off and on",
 }
-
-
-@dataclass(frozen=True)
-class ConnectionFault:
-    """One instrument that cannot be used: device -> cause -> remedy."""
-
-    device: str
-    cause: str
-    remedy: str
-
-
-class ConnectionFaults(BusError):
-    """Everything that is unplugged, at once. `tree()` is the same over several lines."""
-
-    def __init__(self, faults: list[ConnectionFault]) -> None:
-        self.faults = tuple(faults)
-        super().__init__("; ".join(": ".join(filter(None, fault)) for fault in map(astuple, faults)))
-
-    def tree(self) -> str:
-        """Device, cause and remedy of each fault, each indented below the one before."""
-        rows = (
-            "\n".join(filter(None, (f.device, f"    {f.cause}", f.remedy and f"        {f.remedy}")))
-            for f in self.faults
-        )
-        return "\n".join(rows)
 
 
 @dataclass
@@ -82,6 +57,11 @@ class Bench:
     truth: Any = None
     instruments: Any = None
     devices: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def emulated(self) -> bool:
+        """Whether any of its instruments is emulated: what it records is then invented, not measured."""
+        return self.instruments is not None
 
     def __enter__(self) -> Bench:
         return self
@@ -183,8 +163,7 @@ def open_bench(
     """
     clock = VirtualClock() if config.general.clock == "virtual" else RealClock()
     person = operator or ConsoleOperator(clock)
-    emulated = any(config.is_virtual(part) for part in config.parts().values())
-    instruments, truth = _emulate(config, clock, truth, faults or {}) if emulated else (None, None)
+    instruments, truth = _emulate(config, clock, truth, faults or {}) if config.emulated else (None, None)
     if instruments is not None and config.is_virtual(config.stage):
         config = replace(config, stage=_fitted(config.stage, instruments))
         chambers = instruments.chambers(truth)

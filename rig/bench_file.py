@@ -13,6 +13,7 @@ import types
 import typing
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields
+from importlib import resources
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
@@ -98,15 +99,33 @@ class BenchConfig:
         """Whether a part is emulated: its port or bus is called "virtual"."""
         return "virtual" in (getattr(part.settings, "port", None), getattr(part.settings, "bus", None))
 
+    @property
+    def emulated(self) -> bool:
+        """Whether any part is emulated."""
+        return any(self.is_virtual(part) for part in self.parts().values())
+
     def parts(self) -> dict[str, Part]:
         """All instruments by name."""
         return {**self.sensors, "stage": self.stage, "reference": self.reference}
 
 
+def shipped_benches() -> list[str]:
+    """Names of the bench files that come with the package."""
+    folder = resources.files("shockrig.data") / "benches"
+    return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+
+
 def load_bench(path: str | Path) -> BenchConfig:
-    """Read and check a bench file. Raises BenchError naming the file, the key and the remedy."""
+    """Read and check a bench file, or one that comes with the package ("raspberry-pi").
+
+    Raises BenchError naming the file, the key and the remedy.
+    """
+    if str(path) in shipped_benches() and not Path(path).is_file():
+        text = (resources.files("shockrig.data") / "benches" / f"{path}.toml").read_text(encoding="utf-8")
+        return check_bench(tomllib.loads(text), f"{path}.toml")
     with as_bench_errors():
-        text = read_text(path, "name a bench file that exists", TOML_AT_MOST)
+        remedy = f"name a bench file that exists, or one of {', '.join(shipped_benches())}"
+        text = read_text(path, remedy, TOML_AT_MOST)
     try:
         content = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also numbers of too many digits

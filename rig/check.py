@@ -15,9 +15,9 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from shockrig.rig.bench import Bench, ConnectionFaults
+from shockrig.rig.bench import Bench
 from shockrig.rig.clock import VirtualClock
-from shockrig.rig.errors import BenchError
+from shockrig.rig.errors import BenchError, ConnectionFaults
 from shockrig.rig.protocol import Protocol
 from shockrig.rig.runner import SHORTEST_WAIT_S, check_plan
 from shockrig.rig.seams import Air, Move, Outcome, Reading

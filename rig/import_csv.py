@@ -99,6 +99,7 @@ def import_run(
     fresh = not campaign.exists()
     part = campaign / "runs" / f".{id_}.part"
     try:
+        shutil.rmtree(part, ignore_errors=True)  # of an import that was killed
         part.mkdir(parents=True)
         write_run(part, run, tables)
         if changed:
@@ -110,12 +111,20 @@ def import_run(
     return id_
 
 
+def _is_only_begun(campaign: Path) -> bool:
+    """Whether a folder is empty, or holds no more than what an import that was killed has left."""
+    entries = [entry for entry in campaign.iterdir() if entry.name != "campaign.json.part"]
+    if [entry.name for entry in entries] != ["runs"]:
+        return not entries
+    return all(run.name.startswith(".") and run.name.endswith(".part") for run in entries[0].iterdir())
+
+
 def _campaign_head(
     campaign: Path, name: str | None, sensors: Mapping[str, Mapping[str, Any]], series: Mapping[str, Series]
 ) -> tuple[dict[str, Any], bool]:
     file = campaign / "campaign.json"
     if not is_there(file):
-        if campaign.is_dir() and any(campaign.iterdir()) or campaign.is_file():
+        if is_there(campaign) and not (campaign.is_dir() and _is_only_begun(campaign)):
             raise BenchError(f"{campaign}: is neither empty nor a campaign; give another --out")
         described = {key: dict(sensors.get(key, {})) for key in series}
         return campaign_document(name or campaign.resolve().name, described), True

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from shockrig.files.disk import read_bytes
+
 _encode = json.JSONEncoder(separators=(",", ":"), allow_nan=False, ensure_ascii=True).encode
 
 
@@ -77,10 +79,10 @@ def read_journal(path: Path) -> Journal:
 
     Raises
     ------
-    OSError
-        The file cannot be read.
+    InputError
+        The file cannot be read, or is no file.
     """
-    lines = path.read_bytes().split(b"\n")
+    lines = read_bytes(path, "take it away or restore it").split(b"\n")
     tail = lines.pop()
     whole = [decode_line(line) for line in lines]
     records = tuple(record for record in whole if record is not None)

@@ -103,12 +103,13 @@ class PlannedRun:
 
 @dataclass(frozen=True)
 class Protocol:
-    """The plan of a campaign."""
+    """The plan of a campaign; `by_hand` says that it is for a person at a bench, not for emulated instruments."""
 
     name: str
     description: str
     runs: tuple[PlannedRun, ...]
     faults: Faults = Faults()
+    by_hand: bool = False
 
 
 def shipped_protocols() -> list[str]:
@@ -145,13 +146,16 @@ def parse_protocol(content: bytes, where: str) -> Protocol:
         raise BenchError(f"{where}: not UTF-8 at byte {error.start}; save the file as UTF-8") from None
     except (ValueError, RecursionError) as error:  # also numbers of too many digits
         raise BenchError(f"{where}: not TOML: {error}") from None
-    known = ("format", "name", "description", "airflow_m_s", "faults", "steps", "run")
+    known = ("format", "name", "description", "by_hand", "airflow_m_s", "faults", "steps", "run")
     refuse_unknown_keys(table, known, where)
     if table.get("format") != FORMAT:
         raise BenchError(f'{where}: format is {table.get("format")!r}; write format = "{FORMAT}"')
     name = _text(table, "name", where)
     description = _text(table, "description", where)
     airflow_m_s = _number(table, "airflow_m_s", where, RANGES["airflow_m_s"])
+    by_hand = table.get("by_hand", False)
+    if not isinstance(by_hand, bool):
+        raise BenchError(f"{where}: by_hand is {repr(by_hand)[:40]}; expected true or false")
     faults = _faults(_table(table, "faults", where), f"{where}: faults")
     recipes = {key: _steps(value, f"{where}: steps.{key}") for key, value in _table(table, "steps", where).items()}
     if not recipes:
@@ -177,7 +181,9 @@ def parse_protocol(content: bytes, where: str) -> Protocol:
                 note=_text(entry, "note", here),
             )
         )
-    return Protocol(name=name or Path(where).stem, description=description, runs=tuple(runs), faults=faults)
+    return Protocol(
+        name=name or Path(where).stem, description=description, runs=tuple(runs), faults=faults, by_hand=by_hand
+    )
 
 
 def _table(table: Mapping[str, Any], key: str, where: str) -> Mapping[str, Any]:

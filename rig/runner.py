@@ -7,13 +7,13 @@ protocol's limit) or interrupted (Ctrl-C or failure: kept aside, run again from 
 from __future__ import annotations
 
 import math
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from shockrig.rig.bench import Bench
-from shockrig.rig.errors import BenchError, BusError, RigError
+from shockrig.rig.errors import BenchError, ConnectionFault, ConnectionFaults, RigError
 from shockrig.rig.observer import Observer, SilentObserver
 from shockrig.rig.protocol import PlannedRun, Protocol, Record, Soak, Transfer
 from shockrig.rig.recorder import CampaignFolder, Recorder, RecordingError, RunRecord, is_good
@@ -27,6 +27,7 @@ AIR_EVERY_S = 1.0
 PHASE_S = (5.0 + 5.0**0.5) / 20.0  # from run to run: modulo 0.1 s the golden ratio of it, which spreads most evenly
 AIR_MEAN_S = 10.0  # the airs are averaged over the last seconds before the transfer and before the end
 SHORTEST_WAIT_S = 1e-4  # a part that is always due must not stop a virtual clock
+INVENTED = "emulated instruments: what is recorded now is invented by the virtual bench, not measured"
 BYTES_PER_S = 4000.0  # what a journal grows by at 10 Hz and two sensors, rounded up
 
 
@@ -106,7 +107,9 @@ def record_campaign(
         The disk does not take the recording.
     """
     watcher = observer or SilentObserver()
-    folder = CampaignFolder(path, protocol, bench.describe(), bench=bench.name, sync_every_s=sync_every_s)
+    folder = CampaignFolder(
+        path, protocol, bench.describe(), bench=bench.name, sync_every_s=sync_every_s, emulated=bench.emulated
+    )
     try:
         for text in folder.recover():
             watcher.say(text)
@@ -118,6 +121,8 @@ def record_campaign(
         recorded = []
         try:
             runner.open()
+            if bench.emulated:
+                watcher.say(INVENTED)
             for run in missing:
                 watcher.run_began(run, protocol.runs.index(run) + 1, total, bench.clock.now())
                 runner.record(run)
@@ -131,6 +136,9 @@ def record_campaign(
         finally:
             runner.make_safe()
         return recorded
+    except BaseException:
+        folder.abandon()
+        raise
     finally:
         folder.close()
 
@@ -147,6 +155,7 @@ class _Runner:
     recorder: Recorder | None = None
     move: Move | None = None
     good: dict[str, deque[tuple[float, float, float]]] = field(default_factory=dict)  # sensor -> (time, degC, %RH)
+    outcomes: dict[str, Counter[str]] = field(default_factory=dict)  # sensor -> what came since the last listening
 
     def open(self) -> None:
         """Open every instrument and hear of each sensor once."""
@@ -162,13 +171,25 @@ class _Runner:
 
     def _listen(self) -> None:
         self.good = {name: deque() for name in self.bench.describe()}
+        self.outcomes = {name: Counter() for name in self.good}
         heard_all = self._poll_until(self.bench.clock.now() + FIRST_READING_WITHIN_S, lambda: all(self.good.values()))
         if not heard_all:
-            silent = ", ".join(name for name, readings in self.good.items() if not readings)
-            raise BusError(
-                f"no good reading from {silent} in {FIRST_READING_WITHIN_S:g} s; check the wiring and the bench file, "
-                "then run the same command again to go on"
+            raise ConnectionFaults(
+                [
+                    ConnectionFault(
+                        self.bench.devices.get(name, name),
+                        f"no good reading in {FIRST_READING_WITHIN_S:g} s ({self._heard_of(name)})",
+                        "shockrig check says more; run the same command again to go on",
+                    )
+                    for name, readings in self.good.items()
+                    if not readings
+                ]
             )
+
+    def _heard_of(self, name: str) -> str:
+        """What a sensor answered instead of a good reading, most often first."""
+        counts = self.outcomes[name].most_common()
+        return ", ".join(f"{count} times {outcome.replace('_', ' ')}" for outcome, count in counts) or "silence"
 
     def record(self, run: PlannedRun) -> None:
         """Record one run, repeating it while faults spoil it."""
@@ -301,6 +322,8 @@ class _Runner:
         if self.recorder is not None:
             self.recorder.reading(reading)
         self.watcher.reading(reading)
+        if reading.sensor in self.outcomes:
+            self.outcomes[reading.sensor][reading.outcome.value] += 1
         if reading.sensor in self.good and is_good(reading):
             values = reading.values
             temperature_c = values.get("temperature_c", math.nan)

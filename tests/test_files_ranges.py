@@ -176,6 +176,10 @@ DOORS = {
     "step_s": {"protocol": of_protocol("for_s = 9", "for_s")},
     "tolerance_k": {"protocol": of_protocol("over_s = 10", "probes_within_k")},
     "tolerance_percent": {"protocol": of_protocol("over_s = 10", "reference_within_percent")},
+    "fitted_m2_s": {"profile": of_profile("humidity", "diffusivity_m2_s")},
+    "noise_k": {"profile": of_profile("temperature", "noise_k")},
+    "noise_percent": {"profile": of_profile("humidity", "noise_percent")},
+    "sampling_period_s": {"profile": of_profile("temperature", "sampling_period_s")},
 }
 POSITIVE = ("step_s", "tolerance_k", "tolerance_percent")  # a step that takes no time is none
 

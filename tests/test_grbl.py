@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import itertools
+import re
 
 import pytest
 from emulated import Replay, memory_port
@@ -12,7 +13,7 @@ from shockrig.rig.buses.serial_port import PyserialPort, pyserial_opener
 from shockrig.rig.clock import RealClock, VirtualClock
 from shockrig.rig.errors import StageError
 from shockrig.rig.seams import Air, Move
-from shockrig.rig.stages.grbl import GrblSettings, GrblStage
+from shockrig.rig.stages.grbl import GrblSettings, GrblStage, Report, why_late
 from shockrig.rig.stages.manual import ConsoleOperator, ManualSettings, ManualStage, PromptedChambers
 from shockrig.rig.virtual.chips.grbl import GrblController
 from shockrig.rig.virtual.faults import Fault, FaultySerial
@@ -360,3 +361,20 @@ def test_the_console_asks_on_one_stream_and_never_waits_for_a_confirmation():
         with pytest.raises(StageError, match="terminal was closed"):
             operator.ask("And now?")
     assert prompts.getvalue() == "Temperature?\nMove now.\nMove back.\nAnd now?\n"
+
+
+LATE = {
+    "a switch that sticks": (dict(pressed=True), "switch X has stayed pressed since the source end"),
+    "a carriage that hangs": (dict(position_mm=300.0, left_s=1.0), "switch X is not pressed: the carriage hangs"),
+    "a slow axis": (dict(position_mm=200.0, state="Run", left_s=1.0), "slower than feed_mm_min = .*see .110"),
+    "a move that was taken": (dict(position_mm=200.0, left_s=1.0), "stopped before 300 mm; find out"),
+}
+
+
+@pytest.mark.parametrize("case", LATE)
+def test_a_late_stage_names_the_cause(case):
+    """Each as the controller would report it when the time is over."""
+    state, words = LATE[case]
+    settings = GrblSettings("memory", 0.0, 300.0, 30000.0)
+    report = Report(0.0, state.get("state", "Idle"), state.get("position_mm", 0.0), state.get("pressed", False))
+    assert re.search(words, why_late(report, state.get("left_s"), settings))

@@ -125,7 +125,7 @@ def test_dry_run_prints_the_plan_and_touches_nothing(tmp_path, capsys, monkeypat
     monkeypatch.chdir(tmp_path)
     assert run("standard", "--dry-run") == 0
     plan = capsys.readouterr().out
-    assert "35 runs on virtual bench with imet, hyt" in plan
+    assert "35 runs on virtual bench (emulated instruments) with imet, hyt" in plan
     assert "soak at the source until the reference is stable to 0.05 K and 0.3 %RH over 30 s, at most 20 min" in plan
     assert "bench time: 74 min where every soak is stable at once" in plan
     assert list(tmp_path.iterdir()) == []
@@ -260,3 +260,108 @@ def test_of_a_recording_that_is_not_begun_no_folder_is_left(tmp_path, tiny, monk
     monkeypatch.setattr("shockrig.rig.runner.record_campaign", refuse)
     assert run(tiny, "--seed", "1", "--out", tmp_path / "may" / "campaign") == 2
     assert list(tmp_path.iterdir()) == [tiny]
+
+
+REAL = """
+[bench]
+name = "my bench"
+clock = "real"
+[sensors.imet]
+kind = "imet-xf"
+port = "{0}/no-imet"
+[sensors.hyt]
+kind = "hyt-271"
+bus = "{0}/no-i2c"
+[stage]
+kind = "manual"
+[reference]
+kind = "set-points"
+"""
+
+
+def test_a_start_that_fails_leaves_nothing_and_says_each_fault_with_its_remedy(tmp_path, tiny, capsys):
+    bench = tmp_path / "bench.toml"
+    bench.write_text(REAL.format(tmp_path))
+    before = sorted(tmp_path.rglob("*"))
+    assert run(tiny, "--bench", bench, "--out", tmp_path / "may" / "c") == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 2
+    for line, name in zip(lines, ("imet (imet-xf on", "hyt (hyt-271 on"), strict=True):
+        assert line.startswith(f"shockrig run: {name}") and "there is no such device: check the bench file" in line
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_start_that_fails_leaves_an_older_campaign_as_it_was(tmp_path, tiny, capsys):
+    bench = tmp_path / "bench.toml"
+    bench.write_text(REAL.format(tmp_path))
+    old = tmp_path / "c"
+    old.mkdir()
+    assert run(tiny, "--bench", bench, "--out", old) == 2
+    assert old.is_dir() and not list(old.iterdir())
+
+
+def test_going_on_with_a_real_campaign_speaks_of_its_bench_and_of_no_seal(tmp_path, tiny, capsys):
+    out = tmp_path / "c"
+    assert run(tiny, "--out", out, "--seed", 1) == 0
+    head = json.loads((out / "campaign.json").read_text())
+    assert head["emulated"] is True
+    head |= {"emulated": False, "bench": "my bench"}  # as if recorded there
+    (out / "campaign.json").write_text(json.dumps(head))
+    Path(f"{out}.sealed").unlink()
+    capsys.readouterr()
+    error = refused(capsys, "run", str(tiny), "--out", str(out))
+    assert "was recorded on the bench 'my bench', not on emulated instruments; name it by --bench" in error
+    assert "seal" not in error
+
+
+def test_emulated_instruments_cannot_be_forgotten(tmp_path, tiny, capsys):
+    """In the first line, in the plan, in campaign.json, and to whoever watches."""
+    out = tmp_path / "c"
+    assert run(tiny, "--dry-run") == 0
+    assert "2 runs on virtual bench (emulated instruments)" in capsys.readouterr().out
+    assert run(tiny, "--out", out, "--seed", 1) == 0
+    first = capsys.readouterr().err.splitlines()[0]
+    assert first == "emulated instruments: what is recorded now is invented by the virtual bench, not measured"
+    assert json.loads((out / "campaign.json").read_text())["emulated"] is True
+    assert main(["status", str(out)]) == 0
+    assert "emulated instruments: invented, not measured" in capsys.readouterr().out
+    assert main(["watch", str(out), "--once"]) == 0
+    assert "EMULATED" in capsys.readouterr().out
+    assert main(["characterize", str(out), "--out", str(tmp_path / "r")]) == 0
+    said = "emulated instruments: invented, not measured (campaign c)"
+    assert (
+        f'<h1>Characterization of c</h1>\n<p class="warning"><strong>{said}' in (tmp_path / "r/report.html").read_text()
+    )
+    assert json.loads((tmp_path / "r/profile.json").read_text())["provenance"]["data"] == said
+
+
+def test_a_protocol_for_a_person_asks_for_the_bench(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    error = refused(capsys, "run", "manual", "--out", "c")
+    assert "--bench is missing" in error and "give --bench virtual for invented data" in error
+    assert list(tmp_path.iterdir()) == []
+    assert run("manual", "--dry-run") == 0  # nothing is recorded
+    assert run("manual", "--bench", "virtual", "--out", "c") == 0
+    assert json.loads(Path("c/campaign.json").read_text())["emulated"] is True
+
+
+@pytest.mark.parametrize(("answer", "records"), [("", False), ("q", False), ("no", False), ("yes", True)])
+def test_the_question_at_a_terminal_takes_nothing_but_yes_for_yes(tmp_path, capsys, monkeypatch, answer, records):
+    import io
+
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.stdin", Terminal(f"{answer}\n"))
+    assert run("manual", "--out", "c") == (0 if records else 2)
+    assert Path("c").exists() == records
+    assert "Record invented data on the virtual bench instead? [yes/No]" in capsys.readouterr().err
+
+
+def test_shipped_benches_go_by_their_names(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run("quick", "--bench", "raspberry-pi", "--dry-run") == 0
+    assert "2 runs on raspberry pi with imet, hyt" in capsys.readouterr().out
+    assert "or one of manual, raspberry-pi, virtual" in refused(capsys, "run", "quick", "--bench", "pi", "--dry-run")

@@ -128,7 +128,11 @@ def test_a_recording_is_seen_and_its_watchers_can_be_killed(live, terminal):
     follower = Follower(out, time.monotonic)
     try:
         view = wait_for(lambda: (v := follower.look()).transfer_s and len(v.traces[0].points) > 15 and v)
-        assert view.state == "recording" and view.run == "0001" and view.bench == "virtual bench"
+        assert (
+            view.state == "recording"
+            and view.run == "0001"
+            and view.bench == "virtual bench (EMULATED: invented, not measured)"
+        )
         assert [step.state for step in view.steps] == ["done", "done", "done", "now"]
         assert view.step_left_s < 4.0 and view.left_s == pytest.approx(view.step_left_s)
         by_name = {health.sensor: health for health in view.health}

@@ -60,6 +60,8 @@ def correct_humidity(
     air, sigma = bridged(time_s, bead.value), bridged(time_s, bead.uncertainty)
     if air is None:
         return untouched("humidity", raw, screened, "no temperature of the air in the log", notes)
+    # an inversion that failed may give any temperature; near absolute zero there is no vapour to divide by
+    air = np.clip(air, RANGES["temperature_c"].low, RANGES["temperature_c"].high)
     sigma = np.zeros(raw.shape) if sigma is None else sigma
     die = _own_temperature(flight, effects, notes)
     plain = undone(effects, raw, speed, part.film_thickness_m, period)

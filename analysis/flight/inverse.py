@@ -33,6 +33,7 @@ Array = NDArray[np.float64]
 LAYERS = tuple(range(10, 1, -1))  # tried from the finest down
 SKEWS = (None, 0.5, 1.0)  # the core alone, or layers weighted towards it by (N - i + 1)^p
 SMALLEST_GAIN = 1e-3
+MOST_GAPS = 100.0  # times the samples, of steps that a straight line bridges
 ON_THE_CIRCLE = 0.02  # a zero so close to the unit circle cannot be inverted either way in time
 
 
@@ -80,7 +81,7 @@ def paper(readings: Readings, cutoff_hz: float | None = None) -> Estimate:
     """Correct one channel as the paper does; RefusedError where no layer count is stable."""
     period, time, reading = _evenly(readings)
     system, _ = paper_layers(readings.channel, mean_response(readings.response), period)
-    cutoff = cutoff_hz or suggest_cutoff_hz(reading, period, _noise(readings))
+    cutoff = _cutoff_hz(readings, cutoff_hz, reading, period)
     smooth = low_pass(reading, period, cutoff)
     air = low_pass(invert(system, smooth), period, cutoff)
     return _estimate(readings, time, air, smooth, period, cutoff, _gain(system, air.size, period, cutoff))
@@ -104,7 +105,7 @@ def invert(system: StateSpace, reading: Array) -> Array:
 def exact_inverse(readings: Readings, cutoff_hz: float | None = None) -> Estimate:
     """Correct one channel by the exact inverse; RefusedError where a zero lies on the unit circle."""
     period, time, reading = _evenly(readings)
-    cutoff = cutoff_hz or suggest_cutoff_hz(reading, period, _noise(readings))
+    cutoff = _cutoff_hz(readings, cutoff_hz, reading, period)
     smooth = low_pass(reading, period, cutoff)
     nearest = np.clip(np.searchsorted(readings.time_s - readings.delay_s, time), 0, readings.time_s.size - 1)
     along = readings.response.at(nearest)
@@ -191,8 +192,27 @@ def _evenly(readings: Readings) -> tuple[float, Array, Array]:
             f"{readings.channel}: {rows.size} usable samples are too few to invert; {LEAST_SAMPLES} are needed"
         )
     own = readings.time_s - readings.delay_s
+    if np.ptp(own) > MOST_GAPS * own.size * period:
+        row = int(np.argmax(np.diff(own)))
+        raise RefusedError(
+            f"{readings.channel}: time_s leaps by {own[row + 1] - own[row]:.3g} s at {own[row]:.1f} s, and the inverse "
+            "needs even steps; fix the log's clock or cut the log there, or use the smoother"
+        )
     time = np.arange(own[0], own[-1] + readings.delay_s + 0.5 * period, period)
     return period, time, np.interp(time, own[rows], readings.reading[rows])
+
+
+def _cutoff_hz(readings: Readings, given_hz: float | None, reading: Array, period: float) -> float:
+    """The cut-off asked for, or the one that the noise suggests; RefusedError where the samples do not reach it."""
+    if given_hz is None:
+        return suggest_cutoff_hz(reading, period, _noise(readings))
+    lowest, highest = 1.0 / (reading.size * period), 0.5 / period
+    if not lowest < given_hz < highest:
+        raise RefusedError(
+            f"{readings.channel}: a cut-off of {given_hz:g} Hz is not between {lowest:.3g} and {highest:.3g} Hz, what "
+            f"{reading.size} samples every {period:.3g} s hold; give another --cutoff-hz or leave it out"
+        )
+    return given_hz
 
 
 def _noise(readings: Readings) -> float:

@@ -15,9 +15,12 @@ from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.effect import Effect, InFlight
 from shockrig.files.errors import InputError
 from shockrig.files.profile import StatedEffect
+from shockrig.files.ranges import Range
 
 Array = NDArray[np.float64]
 STEP = 1e-4  # of a parameter, relative, in finite differences: right to 1e-8
+ROUNDED = 1e-6  # of a parameter's range
+LARGEST_UNCERTAINTY = 100.0  # times a parameter's range
 SLOW_M_S, FAST_M_S = 2.0, 20.0  # what differs between these airspeeds depends on the airspeed
 
 
@@ -62,8 +65,27 @@ def acting(effects: Iterable[StatedEffect], channel: str) -> tuple[Acting, ...]:
             continue
         values = Stated(effect.effect, {name: p.value for name, p in effect.parameters.items()})
         uncertainties = {name: p.standard_uncertainty for name, p in effect.parameters.items()}
+        _demand_possible(entry, values, uncertainties)
         found.append(Acting(entry, entry.in_flight, values, uncertainties))
     return tuple(sorted(found, key=lambda one: one.entry.order))
+
+
+def _demand_possible(entry: Effect, values: Stated, uncertainties: Mapping[str, float]) -> None:
+    """Raise InputError where a parameter lies outside of the catalogue's range: no fit of ours gives such a value, and
+    the correction's arithmetic would not survive it. A bound that was rounded on its way to the file is inside.
+    """
+    for parameter in entry.parameters:
+        value, room = values.get(parameter.name), ROUNDED * (parameter.high - parameter.low)
+        possible = Range(parameter.low - room, parameter.high + room)
+        where = f"profile: effect {entry.id}: {parameter.name}"
+        if value is not None and not possible.holds(value):
+            raise InputError(
+                f"{where} {value:g} cannot be; expected {parameter.low:g} to {parameter.high:g}; "
+                "correct it or take the effect out of the profile"
+            )
+        sigma = uncertainties.get(parameter.name, 0.0)
+        if sigma > LARGEST_UNCERTAINTY * (parameter.high - parameter.low):
+            raise InputError(f"{where}: a standard uncertainty of {sigma:g} says nothing; correct it in the profile")
 
 
 def not_undone(effects: Iterable[StatedEffect], channel: str) -> list[str]:

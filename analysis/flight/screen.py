@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 MEDIAN_WIDTH = 11  # a burst of up to 5 absurd samples in a row is seen
 LONE_SIGMAS = 10.0
+LATEST_S = 1e13  # since 1970 it is 2e9 s; beyond this a double's steps are no longer milliseconds
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class Screened:
 def ordered(time_s: Array) -> Mask:
     """True for the rows whose time is finite and runs forward; single jumps ahead and rows out of order are left
     out."""
-    good = np.isfinite(time_s)
+    good = np.abs(time_s) < LATEST_S
     while True:
         rows = np.flatnonzero(good)
         time = time_s[rows]

@@ -92,7 +92,10 @@ class Section:
 
 @dataclass(frozen=True)
 class Report:
-    """A whole page. `verdict` is the sentence a colleague would say; `provenance` ends the page as a small table."""
+    """A whole page. `verdict` is the sentence a colleague would say; `provenance` ends the page as a small table.
+
+    What the provenance says of the "data" (that they were not measured) stands under the title too.
+    """
 
     title: str
     verdict: str
@@ -123,6 +126,7 @@ def render(report: Report) -> str:
     provenance = "".join(
         f"<tr><th>{escape(name)}</th><td>{escape(plain(value))}</td></tr>" for name, value in report.provenance.items()
     )
+    data = report.provenance.get("data")
     return f"""<!DOCTYPE html>
 <html lang="en">
 <head>
@@ -135,6 +139,7 @@ def render(report: Report) -> str:
 <body>
 <main>
 <h1>{escape(report.title)}</h1>
+{f'<p class="warning"><strong>{escape(plain(data))}</strong></p>' if data else ""}
 <p class="verdict {report.tone}">{escape(report.verdict)}</p>
 {f'<dl class="key">{numbers}</dl>' if numbers else ""}
 {f'<nav aria-label="Contents"><ul>{contents}</ul></nav>' if len(report.sections) > 2 else ""}

@@ -43,7 +43,7 @@ def write(campaign: Path, out: Path, seed: int, extend: Path | None, made_at: st
     from shockrig.analysis.report.characterize_page import write_characterization
     from shockrig.files.campaign import read_campaign
     from shockrig.files.profile import write_profile
-    from shockrig.protocols.folder import software_version, whole_folder
+    from shockrig.protocols.folder import said_of_data, software_version, whole_folder
 
     extensions = None if extend is None else read_extension(extend)
     with whole_folder(out) as folder:
@@ -53,6 +53,7 @@ def write(campaign: Path, out: Path, seed: int, extend: Path | None, made_at: st
             "software": f"shockrig {software_version()}",
             "made_at": made_at,
             "seed": seed,
+            **said_of_data(result.campaign),
         }
         if extend is not None:
             provenance["extended_by"] = str(extend)

@@ -75,6 +75,8 @@ def main(args: argparse.Namespace) -> int:
         history=f"shockrig correct --method {args.method} --profile {args.profile.name}",
         progress=progress,
     )
+    if "data" in profile.provenance:
+        print(f"note: the profile is not of real sensors: {profile.provenance['data']}", file=sys.stderr)
     for note in done.notes:
         print(f"note: {note}", file=sys.stderr)
     print(f"{args.out}: {done.rows} rows, method {args.method}")

@@ -81,7 +81,10 @@ def main(args: argparse.Namespace) -> int:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="shockrig-emulate-")))
         else:
             folder = args.folder
-            folder.mkdir(parents=True, exist_ok=True)
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise BenchError(f"--folder {folder}: {error.strerror}; give another one") from None
         signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(0))
         clock = FastClock(args.speed)
         session = Session(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import secrets
-import signal
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -28,7 +27,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "keeps what was recorded; a second Ctrl-C ends at once."
     )
     parser.add_argument("protocol", metavar="PROTOCOL", help="quick, standard, manual, or the path of a TOML file")
-    parser.add_argument("--bench", metavar="BENCH.toml", type=Path, help="bench file (default: the virtual bench)")
+    parser.add_argument(
+        "--bench",
+        metavar="BENCH.toml",
+        type=Path,
+        help="bench file, or virtual (the default: emulated instruments), manual, raspberry-pi",
+    )
     parser.add_argument("--out", metavar="CAMPAIGN", type=Path, help="campaign folder, new or to go on with")
     parser.add_argument("--dry-run", action="store_true", help="check and print the plan; nothing moves")
     parser.add_argument("--watch", action="store_true", help="show the live view of shockrig watch meanwhile")
@@ -53,12 +57,14 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.rig.virtual.hide import seal
 
     protocol = load_protocol(args.protocol)
+    if args.bench is None and protocol.by_hand and not args.dry_run:
+        _ask_for_invented_data(protocol.name)
     config = default_bench() if args.bench is None else load_bench(args.bench)
     if args.watch and any(part.kind in ("manual", "operator") for part in config.parts().values()):
         raise BenchError("--watch needs the terminal, and so does the operator: run shockrig watch in another one")
     if args.out is None and not args.dry_run:
         raise BenchError("--out CAMPAIGN is missing: where shall the recording go?")
-    if not any(config.is_virtual(part) for part in config.parts().values()):
+    if not config.emulated:
         for name in ("seed", "rough", "hide", "sealed"):
             if getattr(args, name):
                 raise BenchError(f"--{name} is for emulated instruments; this bench has none")
@@ -88,22 +94,40 @@ def main(args: argparse.Namespace) -> int:
                     folder.rmdir()
 
 
+def _ask_for_invented_data(protocol: str) -> None:
+    """A protocol for a person at a real bench is not run on the virtual one because an option was forgotten."""
+    from shockrig.rig.errors import BenchError
+
+    missing = f"--bench is missing: the protocol {protocol} is for instruments of your own"
+    if sys.stdin.isatty():
+        print(f"{missing}. Record invented data on the virtual bench instead? [yes/No]", file=sys.stderr)
+        if sys.stdin.readline().strip().lower() in ("y", "yes"):
+            return
+    raise BenchError(f"{missing}; name them by --bench, or give --bench virtual for invented data")
+
+
 def _emulated(args: argparse.Namespace, config: Any) -> tuple[Any, _Sealed]:
     """A bench with emulated sensors, and their truth: drawn for a new campaign, or the sealed one of a campaign."""
     from dataclasses import replace
 
     import numpy as np
 
+    from shockrig.files.disk import is_there
     from shockrig.rig.bench import open_bench
     from shockrig.rig.bench_file import LARGEST_SEED
     from shockrig.rig.errors import BenchError
+    from shockrig.rig.recorder.campaign import read_head
     from shockrig.rig.virtual.hide import draw_hidden, open_seal
     from shockrig.rig.virtual.truth import ROUGH, SMOOTH, draw_truth, with_effects
 
     out = (args.out or Path("dry-run")).resolve()
     path = args.sealed or out.with_name(out.name + ".sealed")
     seed, truth, recorded = args.seed, None, 0
-    if (out / "campaign.json").exists() and not args.dry_run:
+    if is_there(out / "campaign.json") and not args.dry_run:
+        head = read_head(args.out)
+        if not head.get("emulated", path.exists()):
+            there = f"the bench {head['bench']!r}" if "bench" in head else "another bench"
+            raise BenchError(f"{args.out}: was recorded on {there}, not on emulated instruments; name it by --bench")
         if not path.exists():
             raise BenchError(f"{path}: the sealed truth of {args.out} is gone; name it by --sealed, or another --out")
         truth, seed = open_seal(path)
@@ -139,7 +163,8 @@ def _print_plan(protocol: Any, bench: Any) -> None:
     from shockrig.protocols.run_progress import duration, words
 
     print(f"{protocol.name}: {protocol.description}")
-    print(f"{len(protocol.runs)} runs on {bench.name} with {', '.join(bench.describe())}")
+    invented = " (emulated instruments)" if bench.emulated else ""
+    print(f"{len(protocol.runs)} runs on {bench.name}{invented} with {', '.join(bench.describe())}")
     steps: tuple[Any, ...] = ()
     for run in protocol.runs:
         if run.steps != steps:
@@ -162,21 +187,16 @@ def _record(args: argparse.Namespace, protocol: Any, bench: Any, sealed: _Sealed
     from shockrig.rig.watch.status_file import StatusFile
 
     in_real_time = not isinstance(bench.clock, VirtualClock)
-    before = {number: signal.signal(number, _end) for number in (signal.SIGTERM, signal.SIGHUP)}
-    try:
-        shown = LiveObserver(args.out) if args.watch else observer()
-        with bench, shown, StatusFile(args.out, protocol, bench.name, shown) as told:
-            recorded = record_campaign(
-                bench,
-                protocol,
-                args.out,
-                utc=_utc(bench.clock),
-                observer=told,
-                sync_every_s=1.0 if in_real_time else None,
-            )
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    shown = LiveObserver(args.out) if args.watch else observer()
+    with bench, shown, StatusFile(args.out, protocol, bench.name, shown) as told:
+        recorded = record_campaign(
+            bench,
+            protocol,
+            args.out,
+            utc=_utc(bench.clock),
+            observer=told,
+            sync_every_s=1.0 if in_real_time else None,
+        )
     state = read_state(args.out)
     spoilt = f", {len(state.set_aside)} attempts set aside" if state.set_aside else ""
     print(f"{len(state.recorded)} runs in {args.out} ({len(recorded)} recorded now{spoilt})")
@@ -185,11 +205,6 @@ def _record(args: argparse.Namespace, protocol: Any, bench: Any, sealed: _Sealed
     if sealed is not None:
         print(f"sealed truth: {sealed.path}")
     return 0
-
-
-def _end(number: int, frame: object) -> None:
-    """SIGTERM and a closed terminal end a recording as Ctrl-C does."""
-    raise SystemExit(128 + number)
 
 
 def _utc(clock: Any) -> Callable[[], str]:

@@ -11,11 +11,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
+    from shockrig.protocols.folder import EMULATED
     from shockrig.rig.recorder import read_state
 
     state = read_state(args.campaign)
     planned = f" of {len(state.planned)} planned" if state.planned else ""
     print(f"{state.name}: {len(state.recorded)} runs recorded{planned}")
+    if state.emulated:
+        print(EMULATED)
     if state.missing:
         print(f"missing: {', '.join(state.missing)}; run the same command again to record them")
     for id_ in state.in_progress:

@@ -8,6 +8,7 @@ set_aside/ID-N/         interrupted and spoilt attempts, kept with status and re
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import os
 import shutil
@@ -18,7 +19,8 @@ from typing import Any
 
 from shockrig.files.campaign_names import CAMPAIGN_FORMAT
 from shockrig.files.campaign_write import campaign_document, write_campaign
-from shockrig.files.disk import is_there, shown, sync_folder
+from shockrig.files.disk import is_there, read_bytes, shown, sync_folder
+from shockrig.files.errors import InputError
 from shockrig.files.json_files import read_json
 from shockrig.rig.errors import BenchError, as_bench_errors
 from shockrig.rig.protocol import PlannedRun, Protocol
@@ -36,6 +38,7 @@ from shockrig.rig.recorder.run import (
 )
 
 REMEDY = "fix or restore the file"
+FOLDERS = ("runs", "recording", "set_aside")
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,7 @@ class CampaignState:
     recorded: tuple[str, ...]
     in_progress: tuple[str, ...]
     set_aside: tuple[SetAside, ...]
+    emulated: bool = False
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -67,17 +71,27 @@ class CampaignFolder:
     """The one writer of a campaign folder, from opening (creating, or checking that it is the same plan) to closing."""
 
     def __init__(
-        self, path: Path, protocol: Protocol, sensors: Mapping[str, Any], *, bench: str, sync_every_s: float | None
+        self,
+        path: Path,
+        protocol: Protocol,
+        sensors: Mapping[str, Any],
+        *,
+        bench: str,
+        sync_every_s: float | None,
+        emulated: bool = False,
     ):
         self.path = path
         self._protocol = protocol
         self._sync_every_s = sync_every_s
         self._is_ours = False
+        self._is_new = False
+        self._made = [folder for folder in (path, *path.resolve().parents) if not is_there(folder)]
         content = campaign_document(
             path.name or protocol.name,
             sensors,
             protocol=protocol.name,
             bench=bench,
+            emulated=emulated,
             plan=[_plan_entry(run) for run in protocol.runs],
         )
         try:
@@ -88,13 +102,14 @@ class CampaignFolder:
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             self._is_ours = True
-            if (path / "campaign.json").exists():
+            if is_there(path / "campaign.json"):
                 _check_same(path, content)
             elif any(entry.name != "campaign.json.part" for entry in path.iterdir()):  # of a recording killed at once
                 raise BenchError(f"{path}: is neither empty nor a campaign; give another --out")
             else:
+                self._is_new = True
                 write_campaign(path, content)
-            for name in ("runs", "recording", "set_aside"):
+            for name in FOLDERS:
                 (path / name).mkdir(exist_ok=True)
         except BlockingIOError:
             self.close()
@@ -114,6 +129,17 @@ class CampaignFolder:
                     (self.path / name).rmdir()
             os.close(self._lock)
             self._lock = -1
+
+    def abandon(self) -> None:
+        """Take back a campaign that this opening began and that holds nothing; any other stays as it is."""
+        self.close()
+        content = [*FOLDERS, "campaign.json"]
+        if not self._is_new or any(entry.name not in content or _holds(entry) for entry in self.path.iterdir()):
+            return
+        (self.path / "campaign.json").unlink(missing_ok=True)
+        for folder in (*(self.path / name for name in FOLDERS), *self._made):
+            with contextlib.suppress(OSError):  # not there, or of somebody else by now
+                folder.rmdir()
 
     def recover(self) -> list[str]:
         """Bring what an earlier recording left unfinished into order; one line for each run found.
@@ -232,6 +258,7 @@ def read_state(path: Path) -> CampaignState:
         recorded=tuple(folder.name for folder in _folders(path / "runs") if (folder / "run.json").exists()),
         in_progress=tuple(folder.name for folder in _folders(path / "recording")),
         set_aside=tuple(aside),
+        emulated=content.get("emulated") is True,
     )
 
 
@@ -260,6 +287,11 @@ def _check_same(path: Path, content: Mapping[str, Any]) -> None:
     there = _content(file, CAMPAIGN_FORMAT)
     if "plan" not in there:
         raise BenchError(f"{path}: was not recorded by shockrig run and has no plan to go on with; give another --out")
+    if there.get("emulated", content["emulated"]) != content["emulated"]:
+        here = "emulated instruments" if content["emulated"] else "real ones"
+        raise BenchError(
+            f"{file}: was recorded on the bench {there.get('bench')!r}, and this one has {here}; name that bench"
+        )
     if there.get("sensors") != content["sensors"]:
         raise BenchError(f"{file}: was recorded with other sensors than this bench has; give another --out")
     before, now = there["plan"], content["plan"]
@@ -274,11 +306,20 @@ def _check_same(path: Path, content: Mapping[str, Any]) -> None:
 
 def _has_a_record(folder: Path) -> bool:
     """Whether a journal was begun and has one whole line at least; before that there is nothing to keep."""
-    try:
-        return b"\n" in (folder / JOURNAL).read_bytes()
-    except FileNotFoundError:
+    if not is_there(folder / JOURNAL):
         return False
+    try:
+        return b"\n" in read_bytes(folder / JOURNAL, REMEDY)
+    except InputError:
+        return True  # whoever reads it says why it cannot be
+
+
+def _holds(entry: Path) -> bool:
+    return entry.is_dir() and any(entry.iterdir())
 
 
 def _folders(path: Path) -> list[Path]:
-    return sorted(entry for entry in path.iterdir() if entry.is_dir()) if path.is_dir() else []
+    try:
+        return sorted(entry for entry in path.iterdir() if entry.is_dir()) if path.is_dir() else []
+    except OSError as error:
+        raise BenchError(f"{shown(path)}: {error.strerror}; make it a folder that can be read") from None

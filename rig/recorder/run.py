@@ -15,7 +15,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from shockrig.rig.errors import BenchError, RigError
+from shockrig.rig.errors import BenchError, RigError, as_bench_errors
 from shockrig.rig.journal import JournalWriter, read_journal
 from shockrig.rig.protocol import Faults
 from shockrig.rig.seams import Air, Move, Outcome, Reading
@@ -137,10 +137,8 @@ def read_run(folder: Path) -> RunRecord:
         There is no journal, or not even its first record is whole.
     """
     path = folder / JOURNAL
-    try:
+    with as_bench_errors():
         journal = read_journal(path)
-    except OSError as error:
-        raise BenchError(f"{path}: {error.strerror}") from None
     header: Mapping[str, Any] | None = None
     zero_s, started_at, last_s, move = None, None, 0.0, None
     status, reason = INTERRUPTED, "the recording was cut off"

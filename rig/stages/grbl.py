@@ -19,6 +19,7 @@ HOLD, RESET, STATUS = b"!", b"\x18", b"?"
 REPORT = re.compile(rb"<([A-Z][a-z]*)(?::\d)?\|MPos:(-?\d{1,9}(?:\.\d{1,9})?)[^>]*>")
 PRESSED = re.compile(rb"\|Pn:([A-Z]+)")
 LONGEST_LINE = 256
+SWITCH_MM = 5.0  # a switch is that near to the end that it stands for
 ASK_AGAIN_S = 0.05  # a report that was damaged on the way is asked for once more
 ALARMS = {
     1: "a hard limit was hit: position is lost, find out why and home again",
@@ -76,6 +77,22 @@ class _Transfer:
     before: Report  # the last report from the source, dated when the controller had the command
     left_s: float | None = None
     latest: Report | None = None
+
+
+def why_late(report: Report, left_s: float | None, settings: GrblSettings) -> str:
+    """What kept a transfer from ending in time, as far as the controller's last report tells, and the remedy.
+
+    `left_s` is when the carriage left the source, None where it was not seen to. GRBL counts its own steps: a carriage
+    that hangs is reported where it should be, and only a switch knows.
+    """
+    pin = settings.limit_pin
+    if pin and left_s is None and report.pressed:
+        return f"switch {pin} has stayed pressed since the source end: it sticks, or limit_pin is another's"
+    if pin and abs(report.position_mm - settings.destination_mm) <= SWITCH_MM:
+        return f'switch {pin} is not pressed: the carriage hangs, or the switch is unplugged (limit_pin = "": none)'
+    if report.state == "Run":
+        return f"slower than feed_mm_min = {settings.feed_mm_min:g}; see $110 and $120, and state the feed that it has"
+    return f"stopped before {settings.destination_mm:g} mm; find out what took the move from it, and home it"
 
 
 class GrblStage:
@@ -193,13 +210,13 @@ class GrblStage:
         if left_s is None and self._has_left(report):
             left_s = (previous.time_s + report.time_s) / 2
         arrived = report.pressed if self.settings.limit_pin else report.state == "Idle"
-        if left_s is not None and arrived and self._is_at(report, self.settings.destination_mm, switch_mm=5.0):
+        if left_s is not None and arrived and self._is_at(report, self.settings.destination_mm, switch_mm=SWITCH_MM):
             if report.state == "Idle" or self.settings.limit_pin:
                 self._transfer, self._may_move = None, False
                 return Move(left_s, max(left_s, (previous.time_s + report.time_s) / 2))
         if self._clock.now() > moving.deadline_s:
             raise StageError(
-                f"the stage did not arrive in time (stalled, or slower than feed_mm_min); {self._where(report)}"
+                f"the stage did not arrive in time; {self._where(report)}: {why_late(report, left_s, self.settings)}"
             )
         self._transfer = _Transfer(moving.deadline_s, moving.before, left_s, report)
         return None

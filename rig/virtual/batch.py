@@ -67,7 +67,7 @@ def simulate_campaign(
             "imet": {"kind": "imet-xf", "serial": "virtual", "bead_radius_m": truth.bead_radius_m},
             "hyt": {"kind": "hyt-271", "serial": "virtual", "film_thickness_m": truth.film_thickness_m},
         }
-        write_campaign(partial, campaign_document(name, sensors))
+        write_campaign(partial, campaign_document(name, sensors, emulated=True))
         for i, run in enumerate(plan):
             folder = partial / "runs" / run.id
             folder.mkdir()

@@ -22,6 +22,7 @@ from shockrig.rig.virtual.effects import CATALOGUED, KINDS, OUTSIDE, T
 from shockrig.rig.virtual.truth import HUMIDITY_STEP_PERCENT, Hidden, Truth
 
 FORMAT = "sealed-truth/1"
+LARGEST_CONTENT = 1 << 20  # bytes of a truth as text, some hundred times what one takes
 REMEDY = "give the sealed file that hiding wrote"
 COMFORTABLE, LIMIT = "comfortable", "limit"
 LIMIT_SHARES = (0.1, 1.0 / 3.0)
@@ -226,8 +227,11 @@ def open_seal(path: Path) -> tuple[Truth, int]:
         packed = base64.b64decode(content["sealed"], validate=True)
         if hashlib.sha256(packed).hexdigest() != content["sha256"]:
             raise ValueError("the checksum does not fit: the file was changed after it was sealed")
-        inner = json.loads(zlib.decompress(packed))
-        return Truth.from_json(inner["truth"]), int(inner["seed"])
+        inner = json.loads(zlib.decompressobj().decompress(packed, LARGEST_CONTENT))
+        seed = inner["seed"]
+        if not isinstance(seed, int) or not 0 <= seed < 1 << 64:
+            raise ValueError(f"key seed: expected a whole number of 64 bits, found {repr(seed)[:40]}")
+        return Truth.from_json(inner["truth"]), seed
     except BenchError as error:
         raise BenchError(f"{path}: {error}") from error
     except (RecursionError, ValueError, zlib.error) as error:

@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from shockrig.files.disk import open_regular
 from shockrig.files.errors import InputError
 from shockrig.files.json_files import read_json
 from shockrig.rig.errors import BenchError
@@ -56,6 +57,7 @@ class Follower:
         state, reason = self._state(status, runs)
         live = state in ("recording", "stalled")
         step_s, step_left_s, left_s, at_most_s = self._times(status, runs) if live else (None, None, None, None)
+        emulated = " (EMULATED: invented, not measured)" if campaign.get("emulated") is True else ""
         run = self._run
         now_s = run.last_s or 0.0
         zero_s = run.zero_s if run.zero_s is not None else now_s
@@ -64,7 +66,7 @@ class Follower:
         return View(
             campaign=clean(campaign.get("name", self._path.name)),
             protocol=clean(status.get("protocol", campaign.get("protocol", ""))),
-            bench=clean(status.get("bench", campaign.get("bench", ""))),
+            bench=clean(status.get("bench", campaign.get("bench", ""))) + emulated,
             state=state,
             reason=reason,
             run=run.id,
@@ -96,8 +98,9 @@ class Follower:
             return
         self._read_on()
         try:
-            file = os.open(newest, os.O_RDONLY)
-        except OSError:
+            with open_regular(newest, "look again") as opened:
+                file = os.dup(opened.fileno())
+        except InputError:
             return  # renamed in this very moment: next time
         self.close()
         self._file, self._torn, self._run = file, b"", RunSoFar()

@@ -16,6 +16,7 @@ import threading
 from pathlib import Path
 from typing import cast
 
+from shockrig.files.disk import beside
 from shockrig.rig.errors import BenchError
 from shockrig.rig.virtual.i2c_dev import I2C_M_RD, Wire
 
@@ -108,14 +109,17 @@ def build_preload(target: Path) -> Path:
     compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     if compiler is None:
         raise BenchError(f"{target}: no C compiler (cc) to build it with; on Debian: apt install gcc libc6-dev")
-    beside = target.with_name(target.name + ".part")
+    try:
+        part = beside(target)
+    except OSError as error:
+        raise BenchError(f"{target}: {error.strerror}; name a file for the library") from None
     done = subprocess.run(
-        [compiler, "-shared", "-fPIC", "-O2", "-o", str(beside), str(SOURCE), "-ldl", "-lpthread"],
+        [compiler, "-shared", "-fPIC", "-O2", "-o", str(part), str(SOURCE), "-ldl", "-lpthread"],
         capture_output=True,
         text=True,
     )
     if done.returncode:
-        beside.unlink(missing_ok=True)
+        part.unlink(missing_ok=True)
         raise BenchError(f"{target}: {compiler} refused {SOURCE}: {done.stderr.strip()[:300]}")
-    beside.replace(target)
+    part.replace(target)
     return target

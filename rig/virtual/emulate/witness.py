@@ -13,6 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from shockrig.files.disk import demand_place
 from shockrig.rig.errors import BenchError
 from shockrig.rig.virtual.chips.hyt271 import FULL_SCALE
 
@@ -47,6 +48,7 @@ class Witness:
         self._file = None
         if path is not None:
             try:
+                demand_place(path)
                 self._file = path.open("w", encoding="utf-8", buffering=1)
             except OSError as error:
                 raise BenchError(f"{path}: {error.strerror}; give another --truth") from None
