@@ -1,4 +1,4 @@
-"""shockrig diagnose: what the plain simulation gets wrong, why, and what mending it gains; profile, plots, report."""
+"""shockrig diagnose: what the plain simulation gets wrong, why, and what correcting it gains; profile, plots, report."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def write(campaign: Path, out: Path, seed: int, made_at: str, tolerance: Toleran
     from shockrig.analysis.inference.gather import build_channel, usable_runs
     from shockrig.files.campaign import read_campaign
     from shockrig.files.disk import write_whole
-    from shockrig.protocols.folder import software_version, whole_folder
+    from shockrig.protocols.folder import said_of_data, software_version, whole_folder
 
     with whole_folder(out) as folder:
         input_ = checked(read_campaign(campaign))
@@ -91,6 +91,7 @@ def write(campaign: Path, out: Path, seed: int, made_at: str, tolerance: Toleran
                 "software": f"shockrig {software_version()}",
                 "made_at": made_at,
                 "seed": seed,
+                **said_of_data(recorded),
             }
             _say("extended profile, a flight with it, report")
             crossings, notes = _flown(recorded, diagnosis, compared, seed, provenance, folder)
