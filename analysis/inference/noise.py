@@ -288,6 +288,8 @@ def whiteners(channel: Channel, noise: Noise, signals: Sequence[Array] | None = 
         used = channel.bin_of[run] >= 0
         time = channel.samples[run][0]
         index = np.rint((time[used] - time[0]) / period).astype(int)
+        # No two readings have all of their noise in common, however irregularly a logger stamps them.
+        index = np.maximum.accumulate(index - np.arange(index.size)) + np.arange(index.size)
         if step and signals is not None:
             lag = np.abs(index[:, None] - index[None, :])
             covariance: Array = np.where(lag < gamma.size, gamma[np.minimum(lag, gamma.size - 1)], 0.0)

@@ -1,0 +1,25 @@
+"""Noise of readings whose logger stamps them now closer, now further apart than its period."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import cholesky, toeplitz
+
+from shockrig.analysis.inference.bins import as_single_samples
+from shockrig.analysis.inference.gather import build_channel
+from shockrig.analysis.inference.noise import MAX_AVERAGED, Noise, whiteners
+from shockrig.files.campaign import read_campaign
+
+
+def test_two_readings_within_half_a_period_are_two_readings():
+    """Their noise has much in common, not all: taken for the same, their difference would weigh without a limit."""
+    channel = build_channel(read_campaign("data/examples/plain-rough"), "temperature").select(np.array([0]))
+    period, (time, value) = channel.sampling_period_s, channel.samples[0]
+    time = time[0] + period * (np.arange(time.size) + 0.7 * (np.arange(time.size) % 5 == 0))
+    noise = Noise(0.01, 0.02, 0.9, 2, 0.003, 50, np.zeros(MAX_AVERAGED))
+    bins = (np.arange(time.size),)
+    single = as_single_samples(replace(channel, samples=((time, value),), bin_of=bins))
+    whitener = whiteners(replace(single, count=np.ones_like(single.count)), noise)[0]
+    draws = np.random.default_rng(3).normal(size=(time.size, 100))
+    readings = cholesky(toeplitz(noise.autocovariance(time.size)), lower=True) @ draws
+    assert 0.9 < np.sqrt(np.mean((whitener @ readings) ** 2)) < 1.1
