@@ -191,8 +191,9 @@ def test_one_sensor_alone_is_diagnosed_and_the_other_is_said_to_be_missing(tmp_p
     assert "humidity" not in load(tmp_path / "out", "profile.json")
 
 
-def test_ctrl_c_ends_all_processes_with_one_line_and_leaves_nothing(tmp_path):
-    """As a terminal sends it: to the command and to its workers, of which that of the missing sensor has no work."""
+@pytest.mark.parametrize("interrupt", [os.killpg, os.kill])
+def test_ctrl_c_ends_all_processes_with_one_line_and_leaves_nothing(interrupt, tmp_path):
+    """As a terminal sends it, to the command and to its branches, and to the command alone: it ends them."""
     shutil.copytree(EXAMPLES / "plain-rough", tmp_path / "bead", ignore=shutil.ignore_patterns("hyt.csv"))
     command = [sys.executable, "-m", "shockrig.protocols.cli", "diagnose", "bead", "--out", "out"]
     env = os.environ | {"PYTHONPATH": str(ROOT)}
@@ -200,7 +201,8 @@ def test_ctrl_c_ends_all_processes_with_one_line_and_leaves_nothing(tmp_path):
     with subprocess.Popen(command, cwd=tmp_path, env=env, start_new_session=True, **pipes) as process:
         while (line := process.stderr.readline()) and "gain" not in line:
             pass
-        os.killpg(process.pid, signal.SIGINT)
+        interrupt(process.pid, signal.SIGINT)
+        # the pipes are at their end when the last process has closed them
         printed, errors = process.communicate(timeout=60)
     assert process.returncode == 130 and printed == ""
     assert "Traceback" not in errors and errors.splitlines()[-1].endswith("stopped by Ctrl-C")

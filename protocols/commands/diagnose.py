@@ -1,25 +1,27 @@
-"""shockrig diagnose: what the plain simulation gets wrong, why, and what correcting it gains; profile, plots, report."""
+"""shockrig diagnose: what the plain simulation gets wrong, why, what correcting it gains; profile, plots, report."""
 
 from __future__ import annotations
 
 import argparse
 import os
-import signal
 import sys
 from collections.abc import Sequence
+from contextlib import ExitStack
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
+
+from shockrig.protocols.branch import Send, branch, received
 
 if TYPE_CHECKING:
-    from concurrent.futures import Future, ProcessPoolExecutor
+    from multiprocessing.connection import Connection
 
     from shockrig.analysis.diagnosis.diagnose import Diagnosis
     from shockrig.analysis.diagnosis.remainder import Tolerance
     from shockrig.analysis.inference.channel import Channel
     from shockrig.analysis.inference.quantity import ChannelName
     from shockrig.analysis.report.crossing import Crossing
-    from shockrig.analysis.report.diagnosis_view import ChannelView, Compared
+    from shockrig.analysis.report.diagnosis_view import Compared
     from shockrig.files.campaign import Campaign
 
 CHANNELS: tuple[ChannelName, ...] = ("temperature", "humidity")
@@ -66,38 +68,40 @@ def write(campaign: Path, out: Path, seed: int, made_at: str, tolerance: Toleran
     _one_thread_a_process()
     import json
 
-    from shockrig.analysis.checks.checked import checked
-    from shockrig.analysis.diagnosis.diagnose import enough, gathered
+    from shockrig.analysis.diagnosis.diagnose import gathered
     from shockrig.analysis.diagnosis.export import to_json
-    from shockrig.analysis.inference.gather import build_channel, usable_runs
-    from shockrig.files.campaign import read_campaign
-    from shockrig.files.disk import write_whole
-    from shockrig.protocols.folder import said_of_data, software_version, whole_folder
+    from shockrig.analysis.inference.gather import usable_runs
+    from shockrig.protocols.folder import software_version, whole_folder
 
-    with whole_folder(out) as folder:
-        input_ = checked(read_campaign(campaign))
-        recorded = input_.campaign
-        for finding in input_.findings:
-            _say(f"input: {finding.sentence}")
-        built = [build_channel(recorded, name) for name in CHANNELS]
-        channels = [channel for channel in built if channel is not None and enough(channel)]
-        with _processes(max(len(channels), 1)) as pool:
-            compared, drawing = _diagnosed(channels, tolerance, folder, pool)
-            diagnosis = gathered(input_, [one.found for one in compared])
-            content = json.dumps(to_json(diagnosis), indent=2, allow_nan=False) + "\n"
-            write_whole(folder / "diagnosis.json", content.encode())
-            provenance: dict[str, Any] = {
-                "campaign_path": str(campaign),
-                "software": f"shockrig {software_version()}",
-                "made_at": made_at,
-                "seed": seed,
-                **said_of_data(recorded),
-            }
-            _say("extended profile, a flight with it, report")
-            crossings, notes = _flown(recorded, diagnosis, compared, seed, provenance, folder)
-            views = [work.result() for work in drawing]
+    import_module("shockrig.analysis.report.diagnosis_view")  # the branches use it too
+    with whole_folder(out) as folder, branch(_read_and_search, campaign, tolerance) as searching, ExitStack() as stack:
+        # Meanwhile this process imports what draws and flies.
         from shockrig.analysis.report.diagnosis_page import write_diagnosis
+        from shockrig.files.disk import write_whole
 
+        for room in ("matplotlib.figure", "matplotlib.backends.backend_agg", "shockrig.analysis.report.crossing"):
+            import_module(room)
+        input_, channels = received(searching)
+        compared: dict[ChannelName, Compared] = {}
+        drawing = {}
+        for _ in range(channels):
+            one = received(searching)
+            compared[one.found.name] = one
+            drawing[one.found.name] = stack.enter_context(branch(_draw, one, folder))
+        names = [name for name in CHANNELS if name in compared]
+        diagnosis = gathered(input_, [compared[name].found for name in names])
+        content = json.dumps(to_json(diagnosis), indent=2, allow_nan=False) + "\n"
+        write_whole(folder / "diagnosis.json", content.encode())
+        provenance: dict[str, Any] = {
+            "campaign_path": str(campaign),
+            "software": f"shockrig {software_version()}",
+            "made_at": made_at,
+            "seed": seed,
+        }
+        _say("extended profile, a flight with it, report")
+        recorded = input_.campaign
+        crossings, notes = _flown(recorded, diagnosis, [compared[name] for name in names], seed, provenance, folder)
+        views = [received(drawing[name]) for name in names]
         left_out = [entry for name in CHANNELS for entry in usable_runs(recorded, name)[1]]
         used = {f"runs used, {c.name}": ", ".join(c.problem.channel.run_ids) for c in diagnosis.channels}
         write_diagnosis(
@@ -106,34 +110,41 @@ def write(campaign: Path, out: Path, seed: int, made_at: str, tolerance: Toleran
     return diagnosis
 
 
-def _diagnosed(
-    channels: Sequence[Channel], tolerance: Tolerance | None, folder: Path, pool: ProcessPoolExecutor
-) -> tuple[list[Compared], list[Future[ChannelView]]]:
-    """Every channel diagnosed, all at once; what is done is drawn while the rest goes on."""
-    from concurrent.futures import as_completed
+def _read_and_search(send: Send, campaign: Path, tolerance: Tolerance | None) -> None:
+    """Send the campaign as checked with the number of its channels, then each channel's diagnosis when it is found."""
+    from multiprocessing.connection import wait
 
-    searching = [pool.submit(_search, channel, tolerance) for channel in channels]
-    drawing = {}
-    for work in as_completed(searching):
-        drawing[work] = pool.submit(_draw, work.result(), folder)
-        # What comes last takes long to import, and one process less is searching.
-        for room in ("crossing", "diagnosis_page"):
-            import_module(f"shockrig.analysis.report.{room}")
-    return [work.result() for work in searching], [drawing[work] for work in searching]
+    from shockrig.analysis.checks.checked import checked
+    from shockrig.analysis.diagnosis.diagnose import enough
+    from shockrig.analysis.inference.gather import build_channel
+    from shockrig.files.campaign import read_campaign
+
+    input_ = checked(read_campaign(campaign))
+    for finding in input_.findings:
+        _say(f"input: {finding.sentence}")
+    built = [build_channel(input_.campaign, name) for name in CHANNELS]
+    channels = [channel for channel in built if channel is not None and enough(channel)]
+    with ExitStack() as stack:
+        waiting: list[Any] = [stack.enter_context(branch(_search, channel, tolerance)) for channel in channels]
+        send((input_, len(channels)))
+        while waiting:
+            for ready in wait(waiting):
+                waiting.remove(ready)
+                send(received(cast("Connection", ready)))
 
 
-def _search(channel: Channel, tolerance: Tolerance | None) -> Compared:
+def _search(send: Send, channel: Channel, tolerance: Tolerance | None) -> None:
     from shockrig.analysis.diagnosis.diagnose import diagnose_channel
     from shockrig.analysis.report.diagnosis_view import compare
 
-    return compare(diagnose_channel(channel, _say, tolerance))
+    send(compare(diagnose_channel(channel, _say, tolerance)))
 
 
-def _draw(compared: Compared, folder: Path) -> ChannelView:
+def _draw(send: Send, compared: Compared, folder: Path) -> None:
     from shockrig.analysis.report.diagnosis_view import look_at
 
     _say(f"{compared.found.name}: held-out residuals and plots")
-    return look_at(compared, folder)
+    send(look_at(compared, folder))
 
 
 def _flown(
@@ -159,22 +170,6 @@ def _flown(
     profile = extended_profile(campaign, seed, extended, reasons, provenance)
     write_profile(profile, folder / "profile.json")
     return cross_inversion(extended_profile(campaign, seed, plain, reasons), profile, seed)
-
-
-def _processes(count: int) -> ProcessPoolExecutor:
-    """Processes for the channels: forked where that is safe, so that they need not import and read everything anew."""
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
-
-    # A process of several threads, also such that a library has started, cannot be forked safely, and macOS' cannot.
-    alone = sys.platform == "linux" and len(os.listdir("/proc/self/task")) == 1
-    if alone:
-        for used in ("matplotlib.figure", "matplotlib.backends.backend_agg", "shockrig.analysis.report.diagnosis_view"):
-            import_module(used)
-    # Ctrl-C reaches the workers too: they end without a word, this process says what happened.
-    silent = (signal.SIGINT, signal.SIG_DFL)
-    context = get_context("fork" if alone else "spawn")
-    return ProcessPoolExecutor(count, mp_context=context, initializer=signal.signal, initargs=silent)
 
 
 def _one_thread_a_process() -> None:

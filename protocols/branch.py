@@ -1,0 +1,67 @@
+"""A function in a process of its own: forked where that is safe, which spares it what is imported and read already."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from typing import Any
+
+Send = Callable[[object], None]
+
+
+@contextmanager
+def branch(function: Callable[..., None], *arguments: object) -> Iterator[Connection]:
+    """Run function(send, *arguments) beside what follows; `received` takes what it sends.
+
+    At the end of the block the process ends, whether it is done or not.
+    """
+    context: Any = get_context("fork" if _alone() else "spawn")
+    mine, theirs = context.Pipe(duplex=False)
+    process = context.Process(target=_run, args=(theirs, function, arguments))
+    process.start()
+    theirs.close()
+    try:
+        yield mine
+    finally:
+        mine.close()
+        process.terminate()
+        process.join()
+
+
+def received(connection: Connection) -> Any:
+    """The next that a branch has sent; its error is raised here. RuntimeError where it ended without a word."""
+    try:
+        done, value = connection.recv()
+    except EOFError:
+        raise RuntimeError("a process ended before it was done; was it killed, or is the memory full?") from None
+    if not done:
+        raise value
+    return value
+
+
+def _alone() -> bool:
+    """Whether this process can be forked: not beside threads, also such as a library has started, nor on macOS."""
+    return sys.platform == "linux" and len(os.listdir("/proc/self/task")) == 1
+
+
+def _run(connection: Connection, function: Callable[..., None], arguments: tuple[object, ...]) -> None:
+    # Ctrl-C reaches this process too: it ends without a word, the one that branched says what happened.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.signal(signal.SIGTERM, _leave)
+    with suppress(BrokenPipeError):  # nobody waits for it any more
+        try:
+            function(lambda value: connection.send((True, value)), *arguments)
+        except Exception as error:
+            error.add_note(traceback.format_exc())
+            connection.send((False, error))
+
+
+def _leave(*_: object) -> None:
+    """Leave by an exception, so that a branch of a branch ends with it."""
+    raise SystemExit(1)

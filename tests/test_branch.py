@@ -1,0 +1,70 @@
+"""Branches: what they send arrives, their errors are raised here, and they end with the block or with a word."""
+
+import os
+import signal
+import threading
+import time
+
+import pytest
+
+from shockrig.files.errors import InputError
+from shockrig.protocols.branch import branch, received
+
+
+def numbers(send, count):
+    for number in range(count):
+        send(number)
+
+
+def refuse(send, words):
+    send("before")
+    raise InputError(words)
+
+
+def die(send):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def sleep(send):
+    send(os.getpid())
+    time.sleep(600)
+
+
+def sleep_below(send):
+    with branch(sleep) as below:
+        send(received(below))
+        received(below)
+
+
+@pytest.mark.parametrize("threads", [0, 1])
+def test_what_is_sent_arrives_in_order_forked_or_not(threads):
+    done = threading.Event()
+    for _ in range(threads):
+        threading.Thread(target=done.wait).start()
+    try:
+        with branch(numbers, 3) as one, branch(numbers, 2) as other:
+            assert [received(one) for _ in range(3)] == [0, 1, 2]
+            assert [received(other) for _ in range(2)] == [0, 1]
+    finally:
+        done.set()
+
+
+def test_an_error_is_raised_here_with_where_it_came_from():
+    with branch(refuse, "campaign.json, line 3: fix it") as one:
+        assert received(one) == "before"
+        with pytest.raises(InputError, match="line 3: fix it") as caught:
+            received(one)
+    assert "in refuse" in caught.value.__notes__[0]
+
+
+def test_a_branch_that_is_killed_is_an_error():
+    with branch(die) as one, pytest.raises(RuntimeError, match="ended before it was done"):
+        received(one)
+
+
+@pytest.mark.parametrize("function", [sleep, sleep_below])
+def test_no_branch_outlives_its_block(function):
+    with branch(function) as one:
+        lowest = received(one)
+    with pytest.raises(ProcessLookupError):
+        os.kill(lowest, 0)
