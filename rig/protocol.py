@@ -74,11 +74,17 @@ STEPS: dict[str, type[Soak] | type[Record] | type[Transfer]] = {"soak": Soak, "r
 
 @dataclass(frozen=True)
 class Faults:
-    """When a run counts as spoilt, and how often it is repeated before the campaign pauses."""
+    """When a run counts as spoilt, and how often it is repeated before the campaign pauses.
+
+    `airs_within_*`: how far from the stated air a probe may stand, its calibration, what heats or wets it, and an air's
+    own unevenness included.
+    """
 
     repeat_at_most: int = 2
     largest_gap_s: float = 1.0
     missing_percent_at_most: float = 5.0
+    airs_within_k: float = 4.0
+    airs_within_percent: float = 12.0
 
 
 @dataclass(frozen=True)

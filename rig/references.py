@@ -39,6 +39,7 @@ class SetPoints(_NothingToAsk):
     """The two airs as the chambers report them, or as they were asked for where they cannot report."""
 
     Settings = SetPointsSettings
+    origins = ("set point", "set point")
 
     def __init__(self, chambers: Chambers) -> None:
         self._chambers = chambers
@@ -63,6 +64,7 @@ class OperatorEntry(_NothingToAsk):
     """A person reads both airs off instruments of their own, once for each run, before its recording begins."""
 
     Settings = OperatorEntrySettings
+    origins = ("typed", "typed")
 
     def __init__(self, chambers: Chambers, operator: Operator) -> None:
         self._chambers = chambers
@@ -137,6 +139,13 @@ class Hyt271Reference:
     @classmethod
     def build(cls, name: str, settings: Hyt271ReferenceSettings, parts: Parts) -> Hyt271Reference:
         return cls(settings, Hyt271("reference", settings, parts.i2c(settings.bus), parts.clock), parts.chambers)
+
+    @property
+    def origins(self) -> tuple[str, str]:
+        """An air where it never is comes from the chambers."""
+        never = {"source": "destination", "destination": "source"}.get(self._settings.air)
+        source, destination = ("set point" if place == never else "measured" for place in ("source", "destination"))
+        return source, destination
 
     def open(self) -> None:
         self._sensor.open()

@@ -17,6 +17,7 @@ from shockrig.rig.errors import BenchError, ConnectionFault, ConnectionFaults, R
 from shockrig.rig.observer import Observer, SilentObserver
 from shockrig.rig.protocol import PlannedRun, Protocol, Record, Soak, Transfer
 from shockrig.rig.recorder import CampaignFolder, Recorder, RecordingError, RunRecord, is_good
+from shockrig.rig.recorder.judging import mean_of
 from shockrig.rig.recorder.run import COMPLETE, INTERRUPTED, SPOILT
 from shockrig.rig.seams import Air, Move, Reading, Reference, Sensor
 from shockrig.rig.soak import unsettled
@@ -26,6 +27,7 @@ REPEAT_AFTER_S = 5.0  # times the attempt: what spoilt a run may pass by itself 
 AIR_EVERY_S = 1.0
 PHASE_S = (5.0 + 5.0**0.5) / 20.0  # from run to run: modulo 0.1 s the golden ratio of it, which spreads most evenly
 AIR_MEAN_S = 10.0  # the airs are averaged over the last seconds before the transfer and before the end
+OFF_PLAN_K, OFF_PLAN_PERCENT = 2.0, 5.0  # an air is what it is measured to be, but whoever set it wants to know
 SHORTEST_WAIT_S = 1e-4  # a part that is always due must not stop a virtual clock
 INVENTED = "emulated instruments: what is recorded now is invented by the virtual bench, not measured"
 BYTES_PER_S = 4000.0  # what a journal grows by at 10 Hz and two sensors, rounded up
@@ -196,6 +198,8 @@ class _Runner:
         limit = self.protocol.faults.repeat_at_most
         for attempt in range(1, limit + 2):
             record = self._attempt(run, attempt)
+            for text in off_plan(run, record):
+                self.watcher.say(text)
             self.watcher.run_ended(record, self.bench.clock.now())
             if record.status == COMPLETE:
                 return
@@ -215,6 +219,7 @@ class _Runner:
             "started_at": self.utc(),
             "pressure_hpa": self.bench.pressure_hpa,
             "sensors": list(self.bench.describe()),
+            "airs_from": dict(zip(("source", "destination"), self.bench.reference.origins, strict=True)),
         }
         self.move = None
         self.recorder = recorder = self.folder.begin(run, header, clock.now())
@@ -328,6 +333,17 @@ class _Runner:
             values = reading.values
             temperature_c = values.get("temperature_c", math.nan)
             self.good[reading.sensor].append((reading.time_s, temperature_c, values.get("humidity_percent", math.nan)))
+
+
+def off_plan(run: PlannedRun, record: RunRecord) -> list[str]:
+    """One sentence for each air of a run that was measured and is not what the protocol asked for."""
+    said = []
+    for place in ("source", "destination"):
+        for name, unit, far in (("temperature_c", "degC", OFF_PLAN_K), ("humidity_percent", "%RH", OFF_PLAN_PERCENT)):
+            planned, found = getattr(getattr(run, place), name), mean_of(record.airs[place], name)
+            if planned is not None and found is not None and abs(found - planned) > far:
+                said.append(f"run {run.id}: the {place} air has {found:.1f} {unit}; {planned:g} {unit} was planned")
+    return said
 
 
 def _cause(error: BaseException) -> str:

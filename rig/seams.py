@@ -190,7 +190,13 @@ class Stage(Protocol):
 
 
 class Reference(Protocol):
-    """What the airs are, from instruments better than the probes, or from a person."""
+    """What the airs are, from instruments better than the probes, or from a person.
+
+    `origins` says of source and destination how each is known: "measured", "typed" or "set point".
+    """
+
+    @property
+    def origins(self) -> tuple[str, str]: ...
 
     def open(self) -> None: ...
 

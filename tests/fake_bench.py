@@ -107,6 +107,8 @@ class FakeStage:
 
 
 class FakeReference:
+    origins = ("measured", "measured")
+
     def __init__(self, world):
         self._world = world
 

@@ -2,7 +2,8 @@
 
 from shockrig.rig.recorder.campaign import CampaignFolder, CampaignState, SetAside, read_state
 from shockrig.rig.recorder.files import write_run_files
-from shockrig.rig.recorder.run import Recorder, RecordingError, RunRecord, is_good, judge, read_run, sample_time_s
+from shockrig.rig.recorder.judging import judge
+from shockrig.rig.recorder.run import Recorder, RecordingError, RunRecord, is_good, read_run, sample_time_s
 
 __all__ = [
     "CampaignFolder",

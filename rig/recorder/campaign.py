@@ -25,6 +25,7 @@ from shockrig.files.json_files import read_json
 from shockrig.rig.errors import BenchError, as_bench_errors
 from shockrig.rig.protocol import PlannedRun, Protocol
 from shockrig.rig.recorder.files import write_run_files
+from shockrig.rig.recorder.judging import judge
 from shockrig.rig.recorder.run import (
     COMPLETE,
     INTERRUPTED,
@@ -33,7 +34,6 @@ from shockrig.rig.recorder.run import (
     Recorder,
     RecordingError,
     RunRecord,
-    judge,
     read_run,
 )
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from shockrig.files.campaign_write import run_document, table_text, write_run
+from shockrig.rig.recorder.judging import mean_of
 from shockrig.rig.recorder.run import COLUMNS, COMPLETE, RunRecord, sample_time_s
 from shockrig.rig.seams import Air, Outcome
 
@@ -38,6 +39,7 @@ def run_json(record: RunRecord) -> dict[str, Any]:
         reason=record.reason if record.reason and record.status != COMPLETE else None,
         damage=record.damage or None,
         note=header.get("note") or None,
+        airs_from=header.get("airs_from") or None,
         planned={key: header.get(key) for key in ("source", "destination")},
         outcomes={sensor: dict(counts) for sensor, counts in record.counts.items()},
     )
@@ -60,9 +62,5 @@ def _table(record: RunRecord, sensor: str, columns: Sequence[str]) -> str | None
 
 def _mean_air(airs: Sequence[Air]) -> dict[str, float]:
     """Mean of what the reference said; a quantity that it never knew is left out."""
-    content = {}
-    for name in ("temperature_c", "humidity_percent"):
-        known = [value for air in airs if (value := getattr(air, name)) is not None]
-        if known:
-            content[name] = round(sum(known) / len(known), 4)
-    return content
+    means = {name: mean_of(airs, name) for name in ("temperature_c", "humidity_percent")}
+    return {name: round(value, 4) for name, value in means.items() if value is not None}

@@ -12,12 +12,10 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 from shockrig.rig.errors import BenchError, RigError, as_bench_errors
 from shockrig.rig.journal import JournalWriter, read_journal
-from shockrig.rig.protocol import Faults
 from shockrig.rig.seams import Air, Move, Outcome, Reading
 
 FORMAT = "shock-journal/1"
@@ -194,7 +192,7 @@ def read_run(folder: Path) -> RunRecord:
         status=status,
         reason=reason,
         damage=damage,
-        counts={sensor: _count(values) for sensor, values in by_sensor.items()},
+        counts={sensor: count_outcomes(values) for sensor, values in by_sensor.items()},
     )
 
 
@@ -211,40 +209,7 @@ def is_good(reading: Reading) -> bool:
     return reading.outcome is Outcome.OK and COLUMNS[reading.sensor][0] in reading.values
 
 
-def judge(record: RunRecord, faults: Faults) -> str | None:
-    """Why a run that ran to its end is spoilt by faults of its sensors; None where it is good."""
-    zero_s, end_s = record.zero_s, record.last_s
-    if zero_s is None or record.move is None:
-        return "the transfer was not recorded"
-    for sensor in record.header.get("sensors", ()):
-        tried = record.recorded(sensor)
-        good_s = [sample_time_s(r) for r in tried if is_good(r)]
-        outcomes = ", ".join(f"{n} {outcome}" for outcome, n in sorted(_count(tried).items()))
-        if len(good_s) < 2:
-            return f"{sensor} gave no readings ({outcomes or 'silence'})"
-        edges = [zero_s, *good_s, end_s]
-        gaps = [(late - early, early) for early, late in zip(edges, edges[1:], strict=False)]
-        gap_s, at_s = max(gaps)
-        period_s = _period_s([gap for gap, _ in gaps[1:-1]])  # a slow sensor is not a broken one
-        if gap_s > max(faults.largest_gap_s, 2.5 * period_s):
-            return f"{sensor} gave no good reading for {gap_s:.1f} s at {at_s - zero_s:.1f} s ({outcomes})"
-        failed = sum(r.outcome not in (Outcome.OK, Outcome.REJECTED) for r in tried)
-        # Lines that are lost or rejected leave no failed reading: they show in the number that came.
-        lost = max(failed, (end_s - zero_s) / period_s - len(good_s))
-        missing_percent = 100.0 * lost / (lost + len(good_s))
-        if missing_percent > faults.missing_percent_at_most:
-            return f"{sensor}: {missing_percent:.1f} % of the readings are missing ({outcomes})"
-    return None
-
-
-def _period_s(gaps_s: list[float]) -> float:
-    """A sensor's own period: the median gap, unless many are much shorter: then most of its readings are missing."""
-    gaps_s = sorted(gaps_s)
-    short_s = gaps_s[len(gaps_s) // 10]
-    return median(gaps_s) if short_s > 0.7 * median(gaps_s) else short_s
-
-
-def _count(readings: Any) -> dict[str, int]:
+def count_outcomes(readings: Any) -> dict[str, int]:
     counts: dict[str, int] = {}
     for reading in readings:
         counts[reading.outcome.value] = counts.get(reading.outcome.value, 0) + 1
