@@ -34,7 +34,7 @@ LEAST_LEAD = 20.0  # of deviance by which it may be behind in any case
 WORTH_A_FIT = 0.25  # share of its penalty that a candidate must reach to first order
 QUICK_STARTS = 2  # of a candidate that are fitted: those that score best to first order
 PLAINLY_WRONG = 3.0  # objective per bin from which a fit's deviations mean nothing
-MOST_FITS = 300  # of a search: what it has reached by then is judged, and what is left called unexplained
+MOST_FITS = 150  # of a search: what it has reached by then is judged, and what is left called unexplained
 DRIVEN_COST = 6
 FINISHED = 3  # candidates that are carried to the end of their fits
 
