@@ -106,7 +106,7 @@ def figure_bytes(figure: Figure, dpi: int = 130) -> bytes:
     with house_style():
         # Drawn once: Figure.savefig draws everything twice where there is a layout.
         figure.dpi = dpi
-        canvas = FigureCanvasAgg(figure)
+        canvas: Any = FigureCanvasAgg(figure)  # whose methods have no annotations
         canvas.draw()
         figure.dpi = before
         figure.set_canvas(shown)

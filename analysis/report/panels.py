@@ -87,7 +87,7 @@ def log_time(all_axes: Iterable[Axes], times_s: Sequence[Array]) -> None:
     ticks, small = (x[(x >= low) & (x <= high)] for x in (named, between))
     for axes in all_axes:
         axes.set_xscale("log")
-        axes.xaxis.set_major_locator(FixedLocator(ticks))
+        axes.xaxis.set_major_locator(FixedLocator(ticks.tolist()))
         axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         axes.xaxis.set_minor_locator(NullLocator())
         axes.set_xlim(low, high)
