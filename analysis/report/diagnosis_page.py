@@ -46,7 +46,9 @@ from shockrig.analysis.report.html import (
     Text,
     Tone,
 )
+from shockrig.analysis.report.next_time import next_time
 from shockrig.analysis.report.numbers import measured, plain
+from shockrig.analysis.report.seen import seen_sentence
 from shockrig.analysis.report.style import save_figure
 
 # What data sheets of the HYT family promise (IST AHHYTM E2.2.1); a bead is calibrated to about the same.
@@ -124,11 +126,14 @@ def _key_numbers(views: Sequence[ChannelView], crossings: Sequence[Crossing]) ->
 
 def _channel(view: ChannelView) -> list[Block]:
     found = view.found
-    blocks: list[Block] = [Text(channel_verdict(found), "bad" if found.verdict == "unexplained" else "good")]
+    blocks: list[Block] = []
 
     def figure(name: str) -> list[Figure]:
         return [Figure(*view.figures[name])] if name in view.figures else []
 
+    if sentence := seen_sentence(found.problem.channel):
+        blocks += [Text(sentence), *figure("seen")]
+    blocks.append(Text(channel_verdict(found), "bad" if found.verdict == "unexplained" else "good"))
     blocks.append(Text(remainder_sentence(found)))
     if found.causes:
         blocks.append(_causes_table(found))
@@ -395,8 +400,11 @@ def _advice(views: Sequence[ChannelView]) -> list[Block]:
 
 def _next(diagnosis: Diagnosis) -> list[Block]:
     lines = experiments(diagnosis.next_experiments)
+    open_ = [Text(sentence) for sentence in next_time([c.problem.channel for c in diagnosis.channels])]
     if lines:
-        return [Text("These runs would best tell apart what is still tied:"), *(Text(line) for line in lines)]
+        return [Text("These runs would best tell apart what is still tied:"), *(Text(line) for line in lines), *open_]
+    if open_:
+        return [Text("What these runs leave open could be told from others:"), *open_]
     if any(c.verdict == "unexplained" for c in diagnosis.channels):
         text = (
             "Nothing is tied, but something is unexplained: repeat one run many times to see whether it repeats, then "

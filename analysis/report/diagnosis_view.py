@@ -19,6 +19,7 @@ from shockrig.analysis.report import residuals as drawings
 from shockrig.analysis.report.diagnosis_words import SENSOR, named
 from shockrig.analysis.report.fitted import UNIT, conditions, relative_runs
 from shockrig.analysis.report.parameters import parameter_by_condition
+from shockrig.analysis.report.seen import little_known, seen, seen_figure
 from shockrig.analysis.report.style import save_figure
 
 if TYPE_CHECKING:
@@ -61,6 +62,13 @@ def _draw(
 ) -> dict[str, tuple[Drawing, str, str]]:
     unit, noise, channel = UNIT[found.name], found.noise.standard_deviation, found.problem.channel
     sensor, figures = SENSOR[found.name], {}
+    steps = seen(channel) if little_known(channel) else ()
+    if any(one.times_s is not None for one in steps):
+        figures["seen"] = (
+            seen_figure(channel, steps),
+            "Readings over the way that they went, since the change is seen to begin. Circles: 63 % and 90 % of it.",
+            f"Readings of the {sensor} as shares of their way, with the times to 63 % and 90 %",
+        )
     if held.run_ids:
         extended = bool(found.final.structure.effects)
         both = zip(held.run_ids, held.time_s, held.before, held.after, strict=True)

@@ -191,10 +191,13 @@ def summary(diagnosis: Diagnosis) -> str:
         remainder_sentence,
         terminal_causes,
     )
+    from shockrig.analysis.report.next_time import next_time
+    from shockrig.analysis.report.seen import seen_sentence
 
     lines = [f"input: {sentence}" for sentence in diagnosis.input_findings]
     for found in diagnosis.channels:
-        lines += [f"{found.name}: {found.verdict}", f"  {channel_verdict(found)}", *terminal_causes(found)]
+        shown = [f"  {sentence}"] if (sentence := seen_sentence(found.problem.channel)) else []
+        lines += [f"{found.name}: {found.verdict}", *shown, f"  {channel_verdict(found)}", *terminal_causes(found)]
         gain = found.gain
         if found.causes:
             low, high = gain.interval_95
@@ -207,7 +210,7 @@ def summary(diagnosis: Diagnosis) -> str:
         if left_out:
             lines.append(f"  {found.problem.channel.runs} runs used, {left_out} left out (the report says why)")
     lines += missing(diagnosis)
-    wanted = experiments(diagnosis.next_experiments)
+    wanted = experiments(diagnosis.next_experiments) + next_time([c.problem.channel for c in diagnosis.channels])
     lines.append("to measure next: " + ("" if wanted else "nothing; no two explanations are tied"))
     return "\n".join([*lines, *(f"  {line}" for line in wanted)])
 

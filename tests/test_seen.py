@@ -1,0 +1,60 @@
+"""What a report says of a few runs by themselves, and of what to record next time."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.gather import build_channel
+from shockrig.analysis.report.next_time import next_time
+from shockrig.analysis.report.seen import seen, seen_sentence
+from shockrig.files.campaign import read_campaign
+
+TAU_S = 12.0
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return build_channel(read_campaign("data/examples/plain-rough"), "temperature")
+
+
+def unknown(channel: Channel, **known: bool) -> Channel:
+    """The channel as if nobody had recorded what is not `known`."""
+    no = {name: np.zeros(channel.runs, dtype=bool) for name in ("start_known", "airs_known", "airflow_known")}
+    return replace(channel, conditions=replace(channel.conditions, **{k: v for k, v in no.items() if k not in known}))
+
+
+def lagging(channel: Channel, runs: int = 2) -> Channel:
+    """The first runs of a channel with a lag's readings in place of their own."""
+    rng = np.random.default_rng(1)
+    part = channel.select(np.arange(runs))
+    time = np.arange(-60.0, 120.0, 0.5)
+    value = 20.0 + 15.0 * -np.expm1(-np.maximum(time, 0.0) / TAU_S)
+    return replace(part, samples=tuple((time, value + rng.normal(0.0, 0.01, time.size)) for _ in range(runs)))
+
+
+def test_times_to_shares_of_the_way_are_those_of_the_closed_form(whole):
+    for one in seen(lagging(whole)):
+        t63, t90 = one.times_s
+        assert t63 == pytest.approx(-TAU_S * np.log(1.0 - 0.632), rel=0.01)
+        assert t90 == pytest.approx(TAU_S * np.log(10.0), rel=0.01)
+
+
+def test_a_campaign_of_which_all_is_known_is_left_to_the_model(whole):
+    assert seen_sentence(whole) == ""
+    assert next_time([whole]) == []
+
+
+def test_what_was_not_recorded_is_asked_for(whole):
+    asked = " ".join(next_time([unknown(lagging(whole))]))
+    assert "at least 6 transfers" in asked and "(now 2)" in asked
+    assert "Log the air" in asked and "Measure the airflow" in asked
+    assert "to 0.36 s or better" in asked  # 3 % of the time to 63 %
+    assert "Log every" not in asked and "Begin each record" not in asked  # 24 readings in it; five times it before it
+
+
+def test_what_was_recorded_is_not_asked_for_again(whole):
+    asked = " ".join(next_time([unknown(lagging(whole), start_known=True, airflow_known=True)]))
+    assert "Log the air" in asked
+    assert "Mark when" not in asked and "airflow" not in asked
