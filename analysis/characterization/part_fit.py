@@ -76,8 +76,7 @@ def joint_rows(
         relative = enlarged * float(np.sqrt(max(found.covariance[g, g], 0.0)))
         low, high = np.log(RATE_BOUNDS_PER_S)
         if not (0.0 < relative < WORST_RELATIVE and low < found.theta[g] < high):
-            ambient = f"{channel.ambients_c[g]:.0f} degC"
-            reason = f"does not determine the diffusivity, alone at {ambient}; record isothermal shocks there"
+            reason = _undetermined(channel, float(channel.ambients_c[g]), misfits=enlarged > 1.0)
             undetermined += [LeftOut(run, channel.name, reason) for run in runs]
             continue
         value = float(np.exp(found.theta[g]) * channel.length_m**2)
@@ -94,6 +93,19 @@ def joint_rows(
             )
         )
     return rows, undetermined
+
+
+def _undetermined(channel: Channel, ambient_c: float, *, misfits: bool) -> str:
+    """Why runs give no diffusivity, and the remedy."""
+    symbol = channel.quantity.symbol
+    if misfits:
+        return (
+            f"the plain model ({channel.body}) fits too badly to give {symbol}; run shockrig diagnose, which tries "
+            "other bodies, or state another body in campaign.json"
+        )
+    if channel.quantity.pooled:
+        return f"does not determine {symbol}; record more runs, or larger steps"
+    return f"does not determine {symbol}, alone at {ambient_c:.0f} degC; record isothermal shocks there"
 
 
 def fitted_effects(extension: Extension, part: Part) -> tuple[StatedEffect, ...]:
