@@ -19,7 +19,7 @@ from shockrig.analysis.diagnosis.gain import Gain, measure_gain, worse_without
 from shockrig.analysis.diagnosis.limits import cannot_tell
 from shockrig.analysis.diagnosis.prepare import Prepared, likelier_average, prepare, with_rounding
 from shockrig.analysis.diagnosis.remainder import Remainder, Tolerance, measure_remainder
-from shockrig.analysis.diagnosis.search import Search, at_bound, evidence, refit, search
+from shockrig.analysis.diagnosis.search import Earlier, Search, at_bound, evidence, refit, search
 from shockrig.analysis.diagnosis.thresholds import level, penalty
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.channel import Channel
@@ -30,6 +30,7 @@ from shockrig.analysis.inference.noise import Noise
 from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
 from shockrig.files.campaign import Campaign
+from shockrig.files.diagnosis import StatedDiagnosis
 from shockrig.files.errors import InputError
 
 NO_STEP = "no usable run with a step of the air"
@@ -93,19 +94,22 @@ class Diagnosis:
 
 
 def diagnose_channel(
-    channel: Channel, progress: Progress = lambda _: None, tolerance: Tolerance | None = None
+    channel: Channel,
+    progress: Progress = lambda _: None,
+    tolerance: Tolerance | None = None,
+    earlier: Earlier | None = None,
 ) -> ChannelDiagnosis:
-    """Diagnose one channel."""
+    """Diagnose one channel; `earlier` is what an earlier diagnosis of its runs named, where the search then begins."""
     ready = prepare(channel)
     progress(f"{channel.name}: searching the catalogue")
     rough = search(ready.problem, ready.structure, thorough=False).final if ready.rounds_coarsely else None
     ready = with_rounding(ready, rough)
-    found = search(ready.problem, ready.structure)
+    found = search(ready.problem, ready.structure, earlier=earlier)
     adequacy = judge(ready.problem, found.final, ready.noise)
     averaged = likelier_average(ready, found, adequacy.passed)
     if averaged is not None:
         ready = with_rounding(prepare(channel, averaged), rough)
-        found = search(ready.problem, ready.structure)
+        found = search(ready.problem, ready.structure, earlier=earlier)
         adequacy = judge(ready.problem, found.final, ready.noise)
     plain_adequacy = judge(ready.problem, found.plain, ready.noise)
     progress(f"{channel.name}: measuring the gain on unseen runs")
@@ -264,7 +268,12 @@ def enough(channel: Channel) -> bool:
     return bool((step >= channel.quantity.least_step).any() or channel.measured.any())
 
 
-def diagnose(campaign: Campaign, progress: Progress = lambda _: None, tolerance: Tolerance | None = None) -> Diagnosis:
+def diagnose(
+    campaign: Campaign,
+    progress: Progress = lambda _: None,
+    tolerance: Tolerance | None = None,
+    earlier: StatedDiagnosis | None = None,
+) -> Diagnosis:
     """Diagnose every channel of a campaign that has usable runs.
 
     Parameters
@@ -273,6 +282,8 @@ def diagnose(campaign: Campaign, progress: Progress = lambda _: None, tolerance:
     progress : function of a sentence, optional
     tolerance : Tolerance, optional
         From which size on something that is left spoils a verdict.
+    earlier : StatedDiagnosis, optional
+        An earlier diagnosis of this campaign, read from its file: the search begins with what it named.
 
     Raises
     ------
@@ -286,8 +297,15 @@ def diagnose(campaign: Campaign, progress: Progress = lambda _: None, tolerance:
     for name in QUANTITIES:
         channel = build_channel(input_.campaign, name)
         if channel is not None and enough(channel):
-            found.append(diagnose_channel(channel, progress, tolerance))
+            found.append(diagnose_channel(channel, progress, tolerance, named_earlier(earlier, name)))
     return gathered(input_, found)
+
+
+def named_earlier(earlier: StatedDiagnosis | None, name: ChannelName) -> Earlier:
+    """What an earlier diagnosis named in a channel, as a search begins with it."""
+    if earlier is None or name not in earlier.channels:
+        return {}
+    return {c.effect: {k: v.value for k, v in c.parameters.items()} for c in earlier.channels[name].causes}
 
 
 def gathered(input_: Checked, channels: list[ChannelDiagnosis]) -> Diagnosis:

@@ -20,10 +20,11 @@ from shockrig.analysis.inference.effect import Effect
 from shockrig.analysis.inference.fit import Fit, fit, go_on
 from shockrig.analysis.inference.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.inference.problem import Problem
-from shockrig.analysis.inference.scan import open_starts, rough_point, scanned_starts
+from shockrig.analysis.inference.scan import open_starts, rough_point, rough_rates, scanned_starts
 
 Array = NDArray[np.float64]
 Starts = Sequence[Mapping[str, float]]
+Earlier = Mapping[str, Mapping[str, float]]  # effects that an earlier search of the same runs ended with: parameters
 
 MOST_EFFECTS = 6
 QUICK_STEPS = 2  # of Gauss and Newton at a time, to rank candidates
@@ -344,6 +345,27 @@ class Stepwise:
             known[effect] = drop(self.problem, current, effect)
         return known[effect]
 
+    def resumed(self, plain: Fit, earlier: Earlier) -> Fit:
+        """The plain model with the effects that an earlier search ended with, as far as they earn their place."""
+        structure, choice = plain.structure, dict[str, float]()
+        for effect in self.candidates:
+            values = earlier.get(effect.id)
+            if values is None or effect.id in structure.ids or effect.excludes & set(structure.ids):
+                continue
+            structure = structure.adding(effect)
+            known = [p for p in effect.parameters if p.name in values]
+            choice |= _named(effect, {p.name: float(np.clip(values[p.name], p.low, p.high)) for p in known})
+        if structure.ids == plain.structure.ids:
+            return plain
+        rates = rough_rates(self.problem, structure, _fresh(self.problem, plain), choice)
+        theta = Model(self.problem.channel, structure).start(rates, choice)
+        current = self.backward(fit(self.problem, structure, theta, _fresh(self.problem, plain), iterations=30))
+        added = self.added(current)
+        if len(added) == 1 and self.worth(plain.deviance - current.deviance, added[0]) <= 0:
+            return plain
+        self.moves.append(Move("resume", ", ".join(added), plain.deviance - current.deviance, ()))
+        return current
+
     def backward(self, current: Fit) -> Fit:
         """Without the effects that, now that others are there, no longer earn their place."""
         while True:
@@ -409,6 +431,7 @@ def search(
     candidates: Sequence[Effect] | None = None,
     thorough: bool = True,
     most: int = MOST_EFFECTS,
+    earlier: Earlier | None = None,
 ) -> Search:
     """Search the catalogue for the effects that explain a channel.
 
@@ -424,9 +447,13 @@ def search(
         than the few that score best to first order: needed for a verdict.
     most : int
         How many effects may be added.
+    earlier : {effect: {parameter: value}}, optional
+        What an earlier search of the same runs, or of some of them, ended with: this one begins there. Each of its
+        effects has to earn its place as any other.
     """
     looking = Stepwise(problem, base, candidates_of(problem.channel) if candidates is None else candidates)
-    plain = current = plain_fit(problem, base)
+    plain = plain_fit(problem, base)
+    current = looking.resumed(plain, earlier or {})
     standing: dict[str, Standing] = {}
     seen: set[frozenset[str]] = set()
     # A record that is driven all along costs several times as much.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,13 +23,18 @@ STUCK = 1.7  # mean square of a run's whitened residuals from which its start is
 START_GRID = np.linspace(-3.0, 3.0, 25)  # in standard deviations of a start
 
 
-def rough_rates(problem: Problem, structure: Structure = PLAIN, deviations: Array | None = None) -> Array:
-    """Rough ln rates (G,) from a scan, all ambients and all trial rates at once."""
+def rough_rates(
+    problem: Problem,
+    structure: Structure = PLAIN,
+    deviations: Array | None = None,
+    choice: Mapping[str, float] | None = None,
+) -> Array:
+    """Rough ln rates (G,) from a scan, all ambients and all trial rates at once; `choice` as in `Model.start`."""
     channel = problem.channel
     low, high = np.log(RATE_BOUNDS_PER_S)
     trials = np.linspace(max(low, LOG_RATE_BOUNDS[0]), high, RATES)
     model = Model(channel, structure)
-    theta = np.stack([model.start(np.full(channel.rates, trial)) for trial in trials])
+    theta = np.stack([model.start(np.full(channel.rates, trial), choice) for trial in trials])
     f = model.predict(Point(theta, channel.at_rest() if deviations is None else deviations))
     squares = (channel.count * (channel.value - f) ** 2).sum(axis=-1)
     by_group = np.stack([squares[:, channel.ambient == g].sum(axis=1) for g in range(channel.rates)], axis=1)

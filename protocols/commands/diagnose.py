@@ -23,8 +23,10 @@ if TYPE_CHECKING:
     from shockrig.analysis.report.crossing import Crossing
     from shockrig.analysis.report.diagnosis_view import Compared
     from shockrig.files.campaign import Campaign
+    from shockrig.files.diagnosis import StatedDiagnosis
 
 CHANNELS: tuple[ChannelName, ...] = ("temperature", "humidity")
+EARLIER_REMEDY = "give the diagnosis of this campaign, or leave --from out"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,6 +36,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", metavar="DIR", type=Path, required=True, help="folder for diagnosis, extended profile, plots, report"
     )
     parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the flight in the report (0)")
+    parser.add_argument(
+        "--from",
+        metavar="DIAGNOSIS",
+        dest="earlier",
+        type=Path,
+        help="an earlier diagnosis of this campaign (its folder or diagnosis.json): the search begins with what it "
+        "named, and tests it again",
+    )
     for option, unit, accuracy in (("--tolerance-k", "K", 0.03), ("--tolerance-percent", "%RH", 0.2)):
         parser.add_argument(
             option,
@@ -56,15 +66,30 @@ def main(args: argparse.Namespace) -> int:
     for option, value in (("--tolerance-k", args.tolerance_k), ("--tolerance-percent", args.tolerance_percent)):
         if not 0.0 <= value < 1e6:
             raise InputError(f"{option} {value:g}: expected a number from 0 on")
-    diagnosis = write(args.campaign, args.out, args.seed, made_at, Tolerance(args.tolerance_k, args.tolerance_percent))
+    earlier = None if args.earlier is None else _earlier(args.earlier)
+    tolerance = Tolerance(args.tolerance_k, args.tolerance_percent)
+    diagnosis = write(args.campaign, args.out, args.seed, made_at, tolerance, earlier)
     print(summary(diagnosis))
     for name in ("report.html", "diagnosis.json", "profile.json"):
         print(f"{name.split('.')[0]}: {args.out / name}")
     return 0
 
 
-def write(campaign: Path, out: Path, seed: int, made_at: str, tolerance: Tolerance | None = None) -> Diagnosis:
-    """Diagnose a campaign into the folder `out`, whole or not at all."""
+def _earlier(path: Path) -> StatedDiagnosis:
+    from shockrig.files.diagnosis import read_diagnosis
+
+    return read_diagnosis(path / "diagnosis.json" if path.is_dir() else path)
+
+
+def write(
+    campaign: Path,
+    out: Path,
+    seed: int,
+    made_at: str,
+    tolerance: Tolerance | None = None,
+    earlier: StatedDiagnosis | None = None,
+) -> Diagnosis:
+    """Diagnose a campaign into the folder `out`, whole or not at all; `earlier` is a diagnosis to begin from."""
     _one_thread_a_process()
     import json
 
@@ -74,7 +99,8 @@ def write(campaign: Path, out: Path, seed: int, made_at: str, tolerance: Toleran
     from shockrig.protocols.folder import software_version, whole_folder
 
     import_module("shockrig.analysis.report.diagnosis_view")  # the branches use it too
-    with whole_folder(out) as folder, branch(_read_and_search, campaign, tolerance) as searching, ExitStack() as stack:
+    with whole_folder(out) as folder, ExitStack() as stack:
+        searching = stack.enter_context(branch(_read_and_search, campaign, tolerance, earlier))
         # Meanwhile this process imports what draws and flies.
         from shockrig.analysis.report.diagnosis_page import write_diagnosis
         from shockrig.files.disk import write_whole
@@ -110,7 +136,7 @@ def write(campaign: Path, out: Path, seed: int, made_at: str, tolerance: Toleran
     return diagnosis
 
 
-def _read_and_search(send: Send, campaign: Path, tolerance: Tolerance | None) -> None:
+def _read_and_search(send: Send, campaign: Path, tolerance: Tolerance | None, earlier: StatedDiagnosis | None) -> None:
     """Send the campaign as checked with the number of its channels, then each channel's diagnosis when it is found."""
     from multiprocessing.connection import wait
 
@@ -118,14 +144,18 @@ def _read_and_search(send: Send, campaign: Path, tolerance: Tolerance | None) ->
     from shockrig.analysis.diagnosis.diagnose import enough
     from shockrig.analysis.inference.gather import build_channel
     from shockrig.files.campaign import read_campaign
+    from shockrig.files.errors import InputError
 
-    input_ = checked(read_campaign(campaign))
+    recorded = read_campaign(campaign)
+    if earlier is not None and earlier.campaign != recorded.name:
+        raise InputError(f"--from: diagnosis of {earlier.campaign!r}, not of {recorded.name!r}; {EARLIER_REMEDY}")
+    input_ = checked(recorded)
     for finding in input_.findings:
         _say(f"input: {finding.sentence}")
     built = [build_channel(input_.campaign, name) for name in CHANNELS]
     channels = [channel for channel in built if channel is not None and enough(channel)]
     with ExitStack() as stack:
-        waiting: list[Any] = [stack.enter_context(branch(_search, channel, tolerance)) for channel in channels]
+        waiting: list[Any] = [stack.enter_context(branch(_search, channel, tolerance, earlier)) for channel in channels]
         send((input_, len(channels)))
         while waiting:
             for ready in wait(waiting):
@@ -133,11 +163,11 @@ def _read_and_search(send: Send, campaign: Path, tolerance: Tolerance | None) ->
                 send(received(cast("Connection", ready)))
 
 
-def _search(send: Send, channel: Channel, tolerance: Tolerance | None) -> None:
-    from shockrig.analysis.diagnosis.diagnose import diagnose_channel
+def _search(send: Send, channel: Channel, tolerance: Tolerance | None, earlier: StatedDiagnosis | None) -> None:
+    from shockrig.analysis.diagnosis.diagnose import diagnose_channel, named_earlier
     from shockrig.analysis.report.diagnosis_view import compare
 
-    send(compare(diagnose_channel(channel, _say, tolerance)))
+    send(compare(diagnose_channel(channel, _say, tolerance, named_earlier(earlier, channel.name))))
 
 
 def _draw(send: Send, compared: Compared, folder: Path) -> None:
