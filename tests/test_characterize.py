@@ -147,7 +147,7 @@ def test_what_single_readings_show_is_held_and_not_fitted():
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ("{", "is not JSON"),
+        ("{", "line 1: not JSON"),
         ('{"format": "sensor-profile/1"}', "key format"),
         ('{"format": "shock-diagnosis/1", "channels": []}', "key channels"),
         ('{"format": "shock-diagnosis/1", "channels": {}}', "neither temperature nor humidity"),
@@ -157,7 +157,7 @@ def test_what_single_readings_show_is_held_and_not_fitted():
         ),
         (
             '{"format": "shock-diagnosis/1", "channels": {"humidity": {"causes": [{"effect": ["hysteresis"]}]}}}',
-            "['hysteresis'] is not in the catalogue",
+            "causes[0].effect: expected the id of an effect, found a list",
         ),
         (
             '{"format": "shock-diagnosis/1", "channels": {"humidity": {"causes": [{"effect": "stem_conduction"}]}}}',

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.model import PLAIN, Held, Structure
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
-from shockrig.files.causes import StatedEffect, read_effect
-from shockrig.files.json_files import read_json
-
-FORMAT = "shock-diagnosis/1"
-REMEDY = "give the diagnosis.json of shockrig diagnose"
+from shockrig.files.causes import StatedEffect
+from shockrig.files.diagnosis import read_diagnosis
 
 
 @dataclass(frozen=True)
@@ -33,19 +30,11 @@ def read_extension(path: str | Path) -> dict[ChannelName, Extension]:
     InputError
         Where the file is no diagnosis or names what the catalogue does not know: names file, key and remedy.
     """
-    top = read_json(path, FORMAT, REMEDY)
-    stated = top.mapping("channels")
-    channels = {name: channel for name in QUANTITIES if (channel := stated.child(name)) is not None}
-    if not channels:
-        raise top.refuse("channels", "holds neither temperature nor humidity", "diagnose the campaign first")
-    acts = {name: entry.channels for name, entry in CATALOGUE.items()}
-    return {
-        name: extension_of([read_effect(cause, acts, name) for cause in channel.items("causes")])
-        for name, channel in channels.items()
-    }
+    stated = read_diagnosis(path, {name: effect.channels for name, effect in CATALOGUE.items()})
+    return {name: extension_of(stated.channels[name].causes) for name in QUANTITIES if name in stated.channels}
 
 
-def extension_of(causes: list[StatedEffect] | tuple[StatedEffect, ...]) -> Extension:
+def extension_of(causes: Sequence[StatedEffect]) -> Extension:
     """The model that carries `causes`; what single readings show (rounding, repeats, averages) is held, not fitted."""
     causes = tuple({cause.effect: cause for cause in causes}.values())
     held: list[Held] = []
