@@ -35,8 +35,8 @@ UNKNOWN_START_SCATTER_S = 0.5
 UNKNOWN_START_SHARE = 0.5  # of the time to half of the step: a response that sets in late is seen late
 ORDINARY_HALF_WAY_S = (0.25, 8.0)  # of the sensors that the bins and the limits below were laid out for
 UNKNOWN_AIRFLOW_M_S = 5.0
-USUAL = {"temperature": 20.0, "humidity": 50.0}  # degC and %RH of an air of which nothing at all is known
 FEWEST_SAMPLES = 30
+SHORTEST_BEFORE, SHORTEST_AFTER = 2.0, 7.0  # records around a transfer, in times to half of the step; else 1 s and 5 s
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ def _usable(campaign: Campaign, quantity: Quantity) -> tuple[list[UsableRun], li
     # Where no run has a temperature, one is taken for all; a run without one among others that have it says nothing.
     needs_temperature = not quantity.pooled and any(_has_temperatures(one.run) for one in timed)
     for one in timed:
-        reason = _unfit(one, quantity, tempo)
+        reason = _unfit(one, quantity, tempo, half_s)
         if needs_temperature and one.air is None and not _has_temperatures(one.run):
             reason = "an air's temperature is unknown, and no thermometer recorded it"
         if reason is None:
@@ -93,7 +93,7 @@ def _timed(run: Run, quantity: Quantity) -> UsableRun | str:
     """A run with its start, or why it cannot be used."""
     if quantity.name in run.set_aside:
         return run.set_aside[quantity.name]
-    trace = run.imet if quantity is TEMPERATURE else run.hyt
+    trace = quantity.recorded(run)
     if trace is None:
         return f"no {quantity.file}"
     if trace.time_s.size < FEWEST_SAMPLES:
@@ -110,7 +110,7 @@ def _timed(run: Run, quantity: Quantity) -> UsableRun | str:
 
 def _found_start(run: Run) -> float | None:
     """Start of a run that nobody triggered: the earliest that its sensors show."""
-    traces = [(run.imet, TEMPERATURE.column), (run.hyt, HUMIDITY.column)]
+    traces = [(quantity.recorded(run), quantity.column) for quantity in _BOTH]
     found = [estimate_start(t.time_s, t.values[column]) for t, column in traces if t is not None]
     told = [start for start in found if start is not None]
     return min(told) if told else None
@@ -132,10 +132,8 @@ def _measured_air(run: Run, quantity: Quantity, start_s: float) -> MeasuredAir |
         values[column] = filled
     if (np.diff(time) <= 0).any():
         return "the times of air.csv do not run forward"
-    reference = run.reference
-    of_temperature = quantity is TEMPERATURE
-    lag = reference.temperature_time_constant_s if of_temperature else reference.humidity_time_constant_s
-    return MeasuredAir(time, values[TEMPERATURE.column], values[HUMIDITY.column], lag)
+    lag_s = getattr(run.reference, quantity.reference_lag)
+    return MeasuredAir(time, values[TEMPERATURE.column], values[HUMIDITY.column], lag_s)
 
 
 _BOTH = (TEMPERATURE, HUMIDITY)
@@ -160,17 +158,19 @@ def _tempo(half: float) -> float:
     return half / fast if half < fast else half / slow if half > slow else 1.0
 
 
-def _unfit(one: UsableRun, quantity: Quantity, tempo: float) -> str | None:
-    """Why a run cannot be used; None where it can."""
+def _unfit(one: UsableRun, quantity: Quantity, tempo: float, half_s: float) -> str | None:
+    """Why a run cannot be used; None where it can. A sensor halfway in `half_s` needs no longer record than a few of
+    these."""
     time, value, start = one.trace.time_s, one.trace.values[quantity.column], one.start_s
     if one.air is not None:
         return None
     period = float(np.median(np.diff(time)))
     before = time < start - min(0.05, 0.5 * period)
     fewest = 8 if period < 0.5 else 4
-    if before.sum() < fewest or start - time[0] < min(tempo, 1.0):
+    half = half_s if np.isfinite(half_s) else np.inf
+    if before.sum() < fewest or start - time[0] < min(SHORTEST_BEFORE * half, 1.0):
         return f"the plateau before the transfer is missing ({int(before.sum())} samples)"
-    if time[-1] - start < min(5.0 * tempo, 5.0) or (time > start).sum() < 20:
+    if time[-1] - start < min(SHORTEST_AFTER * half, 5.0) or (time > start).sum() < 20:
         return f"too short: {max(time[-1] - start, 0):.1f} s after the transfer"
     near = time[(time > start - 2 * period - 0.5 * tempo) & (time < start + 3.0 * tempo + 6 * period)]
     gap = float(np.diff(near).max()) if near.size > 1 else np.inf
@@ -257,7 +257,7 @@ def build_channel(campaign: Campaign, name: ChannelName) -> Channel | None:
         ambients_c=ambients,
         interpolation=interpolation,
         sampling_period_s=round(period, 4),
-        length_m=campaign.bead_radius_m if quantity is TEMPERATURE else campaign.film_thickness_m,
+        length_m=getattr(campaign, quantity.length),
         tempo=tempo,
         samples=samples,
         bin_of=bin_of,
@@ -268,14 +268,10 @@ def build_channel(campaign: Campaign, name: ChannelName) -> Channel | None:
     )
 
 
-def _trace_of(air: MeasuredAir, quantity: Quantity) -> Array:
-    return air.temperature_c if quantity is TEMPERATURE else air.humidity_percent
-
-
 def _followed(time: Array, value: Array, air: MeasuredAir | None, quantity: Quantity) -> Followed:
     if air is None:
         return follow_step(time, value, quantity.resolution)
-    return follow(time, value, air.time_s, _trace_of(air, quantity), quantity.resolution)
+    return follow(time, value, air.time_s, quantity.of_air(air), quantity.resolution)
 
 
 def _as_driven(air: MeasuredAir, edges: Array, first_s: float, excess: float, quantity: Quantity) -> MeasuredAir:
@@ -302,20 +298,16 @@ def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_
             run, value = one.run, getattr(getattr(one.run, kind), of.column)
             scatter = of.air_scatter if value is not None else of.unknown_air_scatter
             if one.air is not None:
-                trace = _trace_of(one.air, of)
+                trace = of.of_air(one.air)
                 known = trace[np.isfinite(trace)]
                 if known.size:
                     value = float(known[0] if kind == "source" else known[-max(known.size // 20, 1) :].mean())
-                    scatter = (
-                        run.reference.temperature_standard_uncertainty_k
-                        if of is TEMPERATURE
-                        else run.reference.humidity_standard_uncertainty_percent
-                    )
+                    scatter = getattr(run.reference, of.reference_uncertainty)
             if value is None:
                 found = run.hyt if of is HUMIDITY else (run.imet or run.hyt)
                 value = plateau(found, of.column, one.start_s, kind == "destination") if found is not None else np.nan
                 if not np.isfinite(value):
-                    value = USUAL[of.name]
+                    value = of.usual_air
             values.append(value)
             scatters.append(max(scatter, 1e-6))
         return np.array(values), np.array(scatters)

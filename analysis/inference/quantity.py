@@ -13,9 +13,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.physics.chain import Airs, Chain, humidity_reading, temperature_reading
+from shockrig.analysis.physics.chain import Airs, Chain, MeasuredAir, humidity_reading, temperature_reading
 from shockrig.analysis.physics.conditions import Conditions
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
+from shockrig.files.campaign import Run, Trace
 
 Array = NDArray[np.float64]
 ChannelName = Literal["temperature", "humidity"]
@@ -42,6 +43,10 @@ class Quantity:
     ----------
     name, sensor, file, column : str
         Of the channel, the sensor in campaign.json, its file, and its column there.
+    length : str
+        What the sensing body's length is called in `Campaign`.
+    reference_lag, reference_uncertainty : str
+        What is known of the instrument that measures the airs, as `Reference` calls it.
     noun, symbol : str
         What the sensing body is called, and the diffusivity that is fitted.
     unit : str
@@ -52,6 +57,8 @@ class Quantity:
         A smaller change of the air says nothing of a rate.
     air_scatter, unknown_air_scatter : float
         Standard uncertainty of an air that was recorded, and of one taken from a plateau.
+    usual_air : float
+        Of an air of which nothing at all is known.
     settled_within : float
         Drift of a plateau from which on it has not settled.
     air_fields : (str, str)
@@ -72,6 +79,9 @@ class Quantity:
     sensor: str
     file: str
     column: str
+    length: str
+    reference_lag: str
+    reference_uncertainty: str
     noun: str
     symbol: str
     unit: str
@@ -79,6 +89,7 @@ class Quantity:
     least_step: float
     air_scatter: float
     unknown_air_scatter: float
+    usual_air: float
     settled_within: float
     air_fields: tuple[str, str]
     rise: tuple[float, float]
@@ -87,6 +98,16 @@ class Quantity:
     reading: Callable[[Chain], Array]
     airs: Callable[[Conditions, Array], Airs]
     step: Callable[[Conditions], Array]
+
+    def recorded(self, run: Run) -> Trace | None:
+        """What the sensor recorded of a run."""
+        trace: Trace | None = getattr(run, self.sensor)
+        return trace
+
+    def of_air(self, air: MeasuredAir) -> Array:
+        """This quantity of a measured air (m,)."""
+        values: Array = getattr(air, self.column)
+        return values
 
     @property
     def run_effects(self) -> int:
@@ -143,6 +164,9 @@ TEMPERATURE = Quantity(
     sensor="imet",
     file="imet.csv",
     column="temperature_c",
+    length="bead_radius_m",
+    reference_lag="temperature_time_constant_s",
+    reference_uncertainty="temperature_standard_uncertainty_k",
     noun="bead",
     symbol="alpha",
     unit="K",
@@ -150,6 +174,7 @@ TEMPERATURE = Quantity(
     least_step=0.3,
     air_scatter=0.02,
     unknown_air_scatter=3.0,
+    usual_air=20.0,
     settled_within=0.15,
     air_fields=("source_c", "destination_c"),
     rise=(15.0, 25.0),
@@ -164,6 +189,9 @@ HUMIDITY = Quantity(
     sensor="hyt",
     file="hyt.csv",
     column="humidity_percent",
+    length="film_thickness_m",
+    reference_lag="humidity_time_constant_s",
+    reference_uncertainty="humidity_standard_uncertainty_percent",
     noun="film",
     symbol="D",
     unit="%RH",
@@ -171,6 +199,7 @@ HUMIDITY = Quantity(
     least_step=1.0,
     air_scatter=0.1,
     unknown_air_scatter=10.0,
+    usual_air=50.0,
     settled_within=0.8,
     air_fields=("source_percent", "destination_percent"),
     rise=(40.0, 60.0),

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.inference.noise import Noise
 from shockrig.analysis.inference.problem import Problem
-from shockrig.analysis.inference.quantity import TEMPERATURE
 from shockrig.analysis.inference.scan import rough_rates
 from shockrig.analysis.physics.bodies import BODIES
 from shockrig.analysis.physics.chain import MeasuredAir
@@ -38,9 +37,7 @@ def with_reference_noise(noise: Noise, problem: Problem) -> Noise:
     passed = []
     for air in channel.air:
         if air is not None:
-            passed.append(
-                _passed(air, air.temperature_c if channel.quantity is TEMPERATURE else air.humidity_percent, body)
-            )
+            passed.append(_passed(air, channel.quantity.of_air(air), body))
     decay = float(np.exp(-float(np.min(body.rate)) * channel.sampling_period_s))
     return replace(noise, passed=float(np.median(passed)), passed_memory=min(decay, 0.999))
 
