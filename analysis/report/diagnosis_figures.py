@@ -24,7 +24,7 @@ WINDOW_S = (-10.0, 40.0)  # about the instant at which the air changes fastest
 def crossing_figure(crossings: Sequence[Crossing]) -> Figure:
     """The air, the reading and both corrections about the inversion, and the corrections' errors below."""
     size_in = 4.9 * len(crossings), 4.8
-    figure, axes_of = panels((2, len(crossings)), size_in, top_in=0.06, across_in=0.7, heights=(1.5, 1), sharex=True)
+    figure, axes_of = panels((2, len(crossings)), size_in, top_in=0.06, across_in=0.78, heights=(1.5, 1), sharex=True)
     for (above, below), c in zip(axes_of.T, crossings, strict=True):
         smooth = np.convolve(c.air, np.ones(21) / 21, mode="same")
         inner = slice(30, -30)

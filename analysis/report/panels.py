@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
-LABEL_BELOW_IN, LABEL_LEFT_IN = 0.27, 0.45  # from a panel's edge, clear of the tick labels
+LABEL_BELOW_IN, LABEL_LEFT_IN = 0.27, 0.58  # from a panel's edge, clear of the tick labels
 TICKS = 5  # intervals of an axis at most
 
 
@@ -23,7 +23,7 @@ def panels(
     shape: tuple[int, int],
     size_in: tuple[float, float],
     *,
-    left_in: float = 0.62,
+    left_in: float = 0.74,
     right_in: float = 0.08,
     bottom_in: float = 0.48,
     top_in: float = 0.28,

@@ -38,7 +38,7 @@ def diffusivity(
     runs : fits of single runs, drawn faintly
     truth : (temperature_c, diffusivity) where a sealed truth is known
     """
-    figure, ((left, right),) = panels((1, 2), (9.6, 3.7), across_in=0.75)
+    figure, ((left, right),) = panels((1, 2), (9.6, 3.7), across_in=0.82)
     scale, power = power_of_ten(float(np.max(table.value)))
     positions: list[Callable[[np.ndarray], np.ndarray]] = [np.asarray, lambda t: 1000.0 / (np.asarray(t) + 273.15)]
     for axes, place in zip((left, right), positions, strict=True):

@@ -105,7 +105,7 @@ def before_after(
         raise ValueError("there are no residuals to draw")
     if rms is None:
         rms = _root_mean_square([r.before for r in runs]), _root_mean_square([r.after for r in runs])
-    figure, axes_of = panels((1, 3), (9.6, 3.6), across_in=0.5)
+    figure, axes_of = panels((1, 3), (9.6, 3.6), across_in=0.56)
     sides = [("before", RED, rms[0]), ("after", BLUE, rms[1]), ("after", BLUE, rms[1])]
     binned = {
         "before": [log_bins(run.time_s, run.before) for run in runs],
