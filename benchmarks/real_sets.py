@@ -100,7 +100,8 @@ def _haar_set(channel: str, sensor: str, air: str | None) -> RealSet:
 
     name = f"haar {channel} {sensor}" + (f", air from {air}" if air else "")
     forbidden = ("self_heating", "evaporative_cooling", "condensation")
-    return RealSet(name, channel, make, None if air else PUBLISHED_T63_S[sensor], forbidden)
+    published = PUBLISHED_T63_S[sensor] if channel == "temperature" and air is None else None
+    return RealSet(name, channel, make, published, forbidden)
 
 
 def _rbr_set(which: int, cuts: tuple, air: int | None, label: str) -> RealSet:

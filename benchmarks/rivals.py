@@ -223,11 +223,11 @@ def _rough_t63(record: Record) -> float:
 
 
 def errors(fitted: Fitted, records: Sequence[Record]) -> dict[str, float]:
-    """Mean square error of each run over its samples after the transfer, its start and plateaus placed."""
+    """Mean square error of each run over its samples, its start and plateaus placed."""
     found = {}
     for record in records:
         missed = place(fitted.modes, record, fitted.dead_s, fitted.channel)[2]
-        found[record.id] = float(np.mean(missed[record.time_s >= record.onset_s] ** 2))
+        found[record.id] = float(np.mean(missed**2))
     return found
 
 
