@@ -47,14 +47,14 @@ def refreshed(text: str) -> str:
         os.chdir(folder)
         try:
             interpreter = InteractiveInterpreter({})
-            make = {"console": _console, "pycon": lambda block: _python(block, interpreter)}
+            make = {"console": printed_by, "pycon": lambda block: _python(block, interpreter)}
             block = r"^```(console|pycon)\n(.*?)^```$"
             return re.sub(block, lambda m: f"```{m[1]}\n{make[m[1]](m[2])}```", text, flags=re.MULTILINE | re.DOTALL)
         finally:
             os.chdir(here)
 
 
-def _console(block: str) -> str:
+def printed_by(block: str) -> str:
     lines = []
     for command in (line[2:] for line in block.splitlines() if line.startswith("$ ")):
         print(command, file=sys.stderr)

@@ -58,3 +58,13 @@ def test_what_was_recorded_is_not_asked_for_again(whole):
     asked = " ".join(next_time([unknown(lagging(whole), start_known=True, airflow_known=True)]))
     assert "Log the air" in asked
     assert "Mark when" not in asked and "airflow" not in asked
+
+
+def test_a_step_between_two_readings_has_no_time_but_a_bound(whole):
+    """Every fiftieth reading: 25 s apart, with two time constants between them."""
+    slow = lagging(whole)
+    slow = replace(slow, sampling_period_s=25.0, samples=tuple((t[20::50], y[20::50]) for t, y in slow.samples))
+    for one in seen(slow):
+        assert one.at_most and one.times_s[0] >= TAU_S
+    assert "within" in seen_sentence(unknown(slow))
+    assert "Log every" in " ".join(next_time([unknown(slow)]))
