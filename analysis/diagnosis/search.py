@@ -21,6 +21,7 @@ from shockrig.analysis.inference.fit import Fit, fit, go_on
 from shockrig.analysis.inference.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.inference.scan import open_starts, rough_point, rough_rates, scanned_starts
+from shockrig.analysis.physics.bodies import BODIES
 
 Array = NDArray[np.float64]
 Starts = Sequence[Mapping[str, float]]
@@ -34,6 +35,7 @@ STILL_RUNNING = 0.5  # share of the leader's lead by which another may be behind
 LEAST_LEAD = 20.0  # of deviance by which it may be behind in any case
 WORTH_A_FIT = 0.25  # share of its penalty that a candidate must reach to first order
 QUICK_STARTS = 2  # of a candidate that are fitted: those that score best to first order
+SHARE_OF_RANGE = 0.98  # from which a share stands at the end of its range
 PLAINLY_WRONG = 3.0  # objective per bin from which a fit's deviations mean nothing
 MOST_FITS = 150  # of a search: what it has reached by then is judged, and what is left called unexplained
 DRIVEN_COST = 6
@@ -123,7 +125,24 @@ def refit(
         moved = scanned_starts(problem, best)
         if moved is not None:
             best = min((best, fit(problem, structure, best.theta, moved, iterations)), key=lambda f: f.deviance)
-    return best
+    mirrored = _mirrored(problem, best)
+    return best if mirrored is None else min((best, mirrored), key=lambda f: f.deviance)
+
+
+def _mirrored(problem: Problem, found: Fit) -> Fit | None:
+    """The fit from where a share at the end of its range and the body have changed places; None where none is."""
+    slowest = BODIES[problem.channel.body].held().rate[0]
+    middle = found.log_rates.mean()
+    for effect in found.structure.effects:
+        if not effect.mirrors:
+            continue
+        share, tau = (found.choice[f"{effect.id}.{name}"] for name in ("fraction", "time_constant_s"))
+        if share > SHARE_OF_RANGE * effect.parameter("fraction").high:
+            swapped = {"fraction": 1.0 - share, "time_constant_s": float(np.exp(-middle) / slowest)}
+            rates = found.log_rates - middle - np.log(tau * slowest)
+            theta = found.model.start(rates, found.choice | _named(effect, swapped))
+            return fit(problem, found.structure, theta, found.deviations)
+    return None
 
 
 def _begun(problem: Problem, near: Fit, effect: Effect, starts: Starts) -> list[Fit]:

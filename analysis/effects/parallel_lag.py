@@ -21,4 +21,5 @@ EFFECT = Effect(
     shape=True,
     testable=lambda channel: not channel.conditions.airflow_known.all(),
     needs="is looked for where the airflow was not recorded; its named causes are where it was",
+    mirrors=True,
 )

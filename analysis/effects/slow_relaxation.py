@@ -22,4 +22,5 @@ EFFECT = Effect(
     needs="needs runs whose airflow was recorded",
     in_flight=InFlight(lag=lambda p: (p["fraction"], p["time_constant_s"])),
     advice="Record for several of the slow time constants; do not take the plateau at one minute as the end value.",
+    mirrors=True,
 )

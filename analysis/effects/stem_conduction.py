@@ -23,4 +23,5 @@ EFFECT = Effect(
     needs="needs runs whose airflow was recorded",
     in_flight=InFlight(lag=lambda p: (p["fraction"], p["time_constant_s"])),
     advice="Expose more of the leads to the air, or use thinner ones; hold the plateau for five stem time constants.",
+    mirrors=True,
 )

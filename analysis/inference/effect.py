@@ -180,6 +180,9 @@ class Effect:
         Effects that cannot stand beside it.
     always_tried : bool
         Whether a first-order score says nothing of it, so that it is always fitted.
+    mirrors : bool
+        Whether it is a share (`fraction`) that follows with a `time_constant_s` beside the body: of two alike, either
+        can be called the body, and a share at the end of its range may be the other one.
     order : int
         Its place in the chain, set by the catalogue.
     """
@@ -214,6 +217,7 @@ class Effect:
     rare_in_known: bool = False
     excludes: frozenset[str] = frozenset()
     always_tried: bool = False
+    mirrors: bool = False
     order: int = 0
 
     @property
