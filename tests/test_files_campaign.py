@@ -2,6 +2,8 @@
 
 import json
 import shutil
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -243,3 +245,29 @@ def test_absurd_empty_and_repeated_rows_are_dropped_and_counted(small):
     trace = read_campaign(small).runs[0].imet
     assert trace.time_s.tolist() == [0.0, 0.3]
     assert trace.dropped == {"implausible": 1, "empty": 2, "repeated_time": 1}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "time_s,temperature_c\n0.0,40.0\n0.1,40.01\n0.2,39.99\n",
+        "\ufefftime_s , temperature_c\r\n0.0, 40.0\r\n\r\n0.1, 40.01\r\n0.2, 39.99\r\n",
+        '"time_s","temperature_c"\n0.0,40.0\n"0.1",40.01\n0.2,39.99\n',
+        "time_s,temperature_c,note\n0.0,40.0,\n0.1,40.01,late\n0.2,39.99,\n",
+        "time_s,temperature_c\n0.0,40.0\n0.05,\n0.1,40.01\n0.15,nan\n0.2,39.99\n0.25,inf\n",
+    ],
+    ids=["bare", "blanks and line ends", "quoted", "with words", "with gaps"],
+)
+def test_a_table_is_the_same_however_it_is_written(small, text):
+    """Files of bare numbers are read by another reader than those with words, quotes or gaps."""
+    (small / "runs/0001/imet.csv").write_text(text, encoding="utf-8", newline="")
+    trace = read_campaign(small).runs[0].imet
+    assert trace.time_s.tolist() == [0.0, 0.1, 0.2] and trace.values["temperature_c"].tolist() == [40.0, 40.01, 39.99]
+
+
+def test_numbers_alone_are_read_without_pandas():
+    """Whose import takes longer than a campaign to read."""
+    code = (
+        "import sys, shockrig; shockrig.read_campaign(shockrig.example('plain-rough')); print('pandas' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.split() == ["False"]
