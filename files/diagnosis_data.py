@@ -35,6 +35,10 @@ class StatedCause(StatedEffect):
     at_bound: tuple[str, ...] = ()
     evidence: str = ""
 
+    def as_effect(self) -> StatedEffect:
+        """The same as a profile states it, without what belongs to the diagnosis."""
+        return StatedEffect(self.effect, self.parameters, self.probability, self.indistinguishable_from)
+
 
 @dataclass(frozen=True)
 class StatedGain:

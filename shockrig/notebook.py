@@ -258,7 +258,8 @@ def _extensions(extend: Diagnosed | PathLike | None) -> dict[ChannelName, Extens
     if not isinstance(extend, Diagnosed):
         return read_extension(Path(extend))
     return {
-        found.name: extension_of([stated_cause(cause) for cause in found.causes]) for found in extend.result.channels
+        found.name: extension_of([stated_cause(cause).as_effect() for cause in found.causes])
+        for found in extend.result.channels
     }
 
 

@@ -31,7 +31,11 @@ def read_extension(path: str | Path) -> dict[ChannelName, Extension]:
         Where the file is no diagnosis or names what the catalogue does not know: names file, key and remedy.
     """
     stated = read_diagnosis(path, {name: effect.channels for name, effect in CATALOGUE.items()})
-    return {name: extension_of(stated.channels[name].causes) for name in QUANTITIES if name in stated.channels}
+    return {
+        name: extension_of([cause.as_effect() for cause in stated.channels[name].causes])
+        for name in QUANTITIES
+        if name in stated.channels
+    }
 
 
 def extension_of(causes: Sequence[StatedEffect]) -> Extension:

@@ -51,7 +51,7 @@ def extended_result(found: ChannelDiagnosis) -> ChannelResult | None:
     rows, undetermined = joint_rows(part, found.noise, "all runs")
     if not rows:
         return None
-    effects = tuple(stated_cause(cause) for cause in found.causes)
+    effects = tuple(stated_cause(cause).as_effect() for cause in found.causes)
     return channel_result(rows, found.noise, effects, [part], [*found.problem.channel.left_out, *undetermined])
 
 
