@@ -113,7 +113,7 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(arguments)
     from shockrig.files.disk import shown
     from shockrig.files.errors import InputError
-    from shockrig.rig.errors import ConnectionFaults, RigError
+    from shockrig.rig.errors import CampaignAborted, ConnectionFaults, RigError
 
     try:
         with _ended_by_signals():
@@ -121,16 +121,19 @@ def main(argv: list[str] | None = None) -> int:
             return args.main(args) or 0
     except ConnectionFaults as error:
         for fault in error.faults:
-            print(f"shockrig {args.command}: {fault}", file=sys.stderr)
+            _tell(f"shockrig {args.command}: {fault}")
         return 2
+    except CampaignAborted as error:
+        _tell(f"shockrig {args.command}: {error}; what was recorded up to now is kept")
+        return 130
     except (InputError, RigError) as error:
         # One line, whatever stands in the names of files that it tells of.
         said = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in str(error))
-        print(f"shockrig {args.command}: {said}", file=sys.stderr)
+        _tell(f"shockrig {args.command}: {said}")
         return 2
     except KeyboardInterrupt:
         kept = "; what was recorded up to now is kept" if args.command in ("run", "demo") else ""
-        print(f"shockrig {args.command}: stopped by Ctrl-C{kept}", file=sys.stderr)
+        _tell(f"shockrig {args.command}: stopped by Ctrl-C{kept}")
         return 130
     except BrokenPipeError:
         sys.stderr.close()
@@ -143,6 +146,12 @@ def main(argv: list[str] | None = None) -> int:
             f"shockrig {args.command}: {where}: {error.strerror}; give another path, or access to it", file=sys.stderr
         )
         return 2
+
+
+def _tell(text: str) -> None:
+    """One line on standard error, where there is still somebody to read it."""
+    with contextlib.suppress(OSError):
+        print(text, file=sys.stderr, flush=True)
 
 
 @contextlib.contextmanager

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from typing import Any, TextIO
 
 from shockrig.rig.observer import SilentObserver
+from shockrig.rig.operator import Prompt
 from shockrig.rig.protocol import PlannedRun, Step
 from shockrig.rig.recorder import RunRecord
 from shockrig.rig.seams import Air, Reading
@@ -45,7 +47,8 @@ class LineObserver(SilentObserver):
         self.say(f"run {run.id} ({number}/{total}): {words(run.source)} -> {words(run.destination)}{flow}")
 
     def say(self, text: str) -> None:
-        print(text, file=self._stream, flush=True)
+        with contextlib.suppress(OSError):  # the terminal is closed, which the recording need not end for
+            print(text, file=self._stream, flush=True)
 
 
 class BarObserver(SilentObserver):
@@ -73,7 +76,8 @@ class BarObserver(SilentObserver):
         return self
 
     def __exit__(self, *exception: object) -> None:
-        self._progress.stop()
+        with contextlib.suppress(OSError):
+            self._progress.stop()
 
     def run_began(self, run: PlannedRun, number: int, total: int, now_s: float) -> None:
         if self._task is None:
@@ -101,6 +105,13 @@ class BarObserver(SilentObserver):
 
     def say(self, text: str) -> None:
         self._progress.console.print(text)
+
+    def asked(self, prompt: Prompt | None) -> None:
+        """A bar that moves would write into what the operator types."""
+        if prompt is None:
+            self._progress.start()
+        else:
+            self._progress.stop()
 
     def _update(self) -> None:
         if self._task is not None:

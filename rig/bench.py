@@ -22,8 +22,9 @@ from shockrig.rig.buses.i2c import SmbusBus
 from shockrig.rig.buses.serial_port import OpenPort, PyserialPort, pyserial_opener
 from shockrig.rig.clock import RealClock, VirtualClock
 from shockrig.rig.errors import BenchError, ConnectionFault, ConnectionFaults, RigError
+from shockrig.rig.operator import ConsoleOperator
 from shockrig.rig.seams import Chambers, Clock, I2cBus, Operator, Reference, Sensor, SerialPort, Stage
-from shockrig.rig.stages.manual import ConsoleOperator, PromptedChambers
+from shockrig.rig.stages.manual import PromptedChambers
 
 __all__ = ["Bench", "ConnectionFault", "ConnectionFaults", "default_bench", "load_bench", "open_bench", "virtual_bench"]
 
@@ -56,6 +57,7 @@ class Bench:
     description: Mapping[str, Any] = field(default_factory=dict)
     truth: Any = None
     instruments: Any = None
+    operator: Operator | None = None
     devices: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -162,7 +164,7 @@ def open_bench(
         The parts do not fit together.
     """
     clock = VirtualClock() if config.general.clock == "virtual" else RealClock()
-    person = operator or ConsoleOperator(clock)
+    person = operator or ConsoleOperator(clock, within_s=config.general.answer_within_s)
     instruments, truth = _emulate(config, clock, truth, faults or {}) if config.emulated else (None, None)
     if instruments is not None and config.is_virtual(config.stage):
         config = replace(config, stage=_fitted(config.stage, instruments))
@@ -184,6 +186,7 @@ def open_bench(
         description={name: _described(name, part, parts, truth) for name, part in config.sensors.items()},
         truth=truth,
         instruments=instruments,
+        operator=person,
         devices={name: _device(name, part) for name, part in config.parts().items()},
     )
 

@@ -70,11 +70,16 @@ class VirtualSettings:
 
 @dataclass(frozen=True)
 class GeneralSettings:
-    """The [bench] section. `clock` is "real" or, where every part is emulated, "virtual"."""
+    """The [bench] section.
+
+    `clock` is "real" or, where every part is emulated, "virtual"; a question to the operator that waits for longer than
+    `answer_within_s` pauses the campaign.
+    """
 
     name: str
     clock: str = "real"
     pressure_hpa: float = 1013.25
+    answer_within_s: float = 1800.0
 
     def __post_init__(self) -> None:
         if self.clock not in ("real", "virtual"):

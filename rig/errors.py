@@ -4,7 +4,10 @@ RigError                     the tree's root; the command line prints it as one 
 |-- BenchError (ValueError)  a bench, protocol or campaign file is wrong: names the file, the key and the remedy
 |-- BusError (OSError)       a bus is gone or will not answer; a single failed reading is an Outcome, not an error
 |   `-- ConnectionFaults     everything on the bench that cannot be opened, each with its cause and its remedy
-`-- StageError (OSError)     the stage is in alarm, stalled, or did not arrive in time
+|-- StageError (OSError)     the stage is in alarm, stalled, or did not arrive in time
+|-- CampaignPaused           the bench needs a person, or a person wants a pause; the same command goes on later
+|-- CampaignAborted          a person ended the campaign
+`-- RunDecision              of the run alone: RunSkipped, RunRepeated, as a person at a prompt wants it
 """
 
 from __future__ import annotations
@@ -58,6 +61,26 @@ class ConnectionFaults(BusError):
 
 class StageError(RigError, OSError):
     """The stage is in alarm, stalled, or did not arrive in time."""
+
+
+class CampaignPaused(RigError, RuntimeError):
+    """A run stays spoilt however often it is repeated, nobody answers, or a person wants a pause."""
+
+
+class CampaignAborted(RigError):
+    """A person at a prompt ended the campaign."""
+
+
+class RunDecision(RigError):
+    """What a person at a prompt decided for the run in progress."""
+
+
+class RunSkipped(RunDecision):
+    """The run is left out for now; the campaign goes on with the next one."""
+
+
+class RunRepeated(RunDecision):
+    """The run begins anew, which does not count as a fault."""
 
 
 @contextmanager

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from shockrig.rig.operator import Prompt
 from shockrig.rig.protocol import PlannedRun, Step
 from shockrig.rig.recorder import RunRecord
 from shockrig.rig.seams import Reading
@@ -19,6 +20,10 @@ class Observer(Protocol):
     def reading(self, reading: Reading) -> None: ...
 
     def say(self, text: str) -> None: ...
+
+    def asked(self, prompt: Prompt | None) -> None:
+        """A person is asked to do something; None once nobody is."""
+        ...
 
     def run_ended(self, record: RunRecord, now_s: float) -> None: ...
 
@@ -36,6 +41,9 @@ class SilentObserver:
         pass
 
     def say(self, text: str) -> None:
+        pass
+
+    def asked(self, prompt: Prompt | None) -> None:
         pass
 
     def run_ended(self, record: RunRecord, now_s: float) -> None:

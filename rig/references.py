@@ -97,17 +97,19 @@ class OperatorEntry(_NothingToAsk):
 
     def _number(self, what: str, expected: float | None, possible: Range) -> float | None:
         proposal = "unknown" if expected is None else f"{expected:g}"
-        while True:
-            answer = self._operator.ask(f"{what} [Enter for {proposal}]:").replace(",", ".")
-            if not answer:
-                return expected
-            try:
-                value = float(answer)
-            except ValueError:
-                value = math.nan
-            if possible.holds(value):
-                return value
-            self._operator.say(f"{answer!r} is not a number from {possible}")
+
+        def check(answer: str) -> str:
+            return "" if not answer or possible.holds(_value(answer)) else f"{answer!r} is not a number from {possible}"
+
+        answer = self._operator.ask(f"{what} [Enter for {proposal}]:", check)
+        return _value(answer) if answer else expected
+
+
+def _value(answer: str) -> float:
+    try:
+        return float(answer.replace(",", "."))
+    except ValueError:
+        return math.nan
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,22 @@ protocol's limit) or interrupted (Ctrl-C or failure: kept aside, run again from 
 from __future__ import annotations
 
 import math
+import signal
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from shockrig.rig.bench import Bench
-from shockrig.rig.errors import BenchError, ConnectionFault, ConnectionFaults, RigError
+from shockrig.rig.errors import (
+    BenchError,
+    CampaignPaused,
+    ConnectionFault,
+    ConnectionFaults,
+    RunDecision,
+    RunRepeated,
+    RunSkipped,
+)
 from shockrig.rig.observer import Observer, SilentObserver
 from shockrig.rig.protocol import PlannedRun, Protocol, Record, Soak, Transfer
 from shockrig.rig.recorder import CampaignFolder, Recorder, RecordingError, RunRecord, is_good
@@ -31,10 +40,6 @@ OFF_PLAN_K, OFF_PLAN_PERCENT = 2.0, 5.0  # an air is what it is measured to be, 
 SHORTEST_WAIT_S = 1e-4  # a part that is always due must not stop a virtual clock
 INVENTED = "emulated instruments: what is recorded now is invented by the virtual bench, not measured"
 BYTES_PER_S = 4000.0  # what a journal grows by at 10 Hz and two sensors, rounded up
-
-
-class CampaignPaused(RigError, RuntimeError):
-    """A run stays spoilt however often it is repeated: the bench needs a person."""
 
 
 class _Spoilt(Exception):
@@ -103,8 +108,8 @@ def record_campaign(
     ------
     BenchError, BusError, StageError
         The plan cannot be run, or an instrument cannot be opened.
-    CampaignPaused
-        A run was spoilt more often than the protocol allows.
+    CampaignPaused, CampaignAborted
+        A run was spoilt more often than the protocol allows; nobody answered a prompt; the operator wants it.
     RecordingError
         The disk does not take the recording.
     """
@@ -127,8 +132,12 @@ def record_campaign(
                 watcher.say(INVENTED)
             for run in missing:
                 watcher.run_began(run, protocol.runs.index(run) + 1, total, bench.clock.now())
-                runner.record(run)
-                recorded.append(run.id)
+                try:
+                    runner.record(run)
+                except RunSkipped as decision:
+                    watcher.say(f"run {run.id} is {decision}; running the same command again records it")
+                else:
+                    recorded.append(run.id)
         except RecordingError:
             raise  # its message says where the journal is: that stays there until there is room again
         except BaseException:
@@ -161,6 +170,9 @@ class _Runner:
 
     def open(self) -> None:
         """Open every instrument and hear of each sensor once."""
+        if self.bench.operator is not None:
+            watcher = self.watcher
+            self.bench.operator.attend(self._poll_sensors, watcher.asked, self._note, watcher.say)
         self.bench.open()
         self._listen()
 
@@ -195,9 +207,15 @@ class _Runner:
 
     def record(self, run: PlannedRun) -> None:
         """Record one run, repeating it while faults spoil it."""
-        limit = self.protocol.faults.repeat_at_most
+        limit, wished = self.protocol.faults.repeat_at_most, 0
         for attempt in range(1, limit + 2):
-            record = self._attempt(run, attempt)
+            while True:
+                try:
+                    record = self._attempt(run, attempt + wished)
+                    break
+                except RunRepeated as decision:
+                    self.watcher.say(f"run {run.id}: {decision}")
+                    wished += 1
             for text in off_plan(run, record):
                 self.watcher.say(text)
             self.watcher.run_ended(record, self.bench.clock.now())
@@ -234,7 +252,10 @@ class _Runner:
             recorder.end(clock.now(), SPOILT, str(error))
         except BaseException as error:
             self.make_safe()  # before any file work: what moves is more urgent than what is written
-            recorder.end(clock.now(), INTERRUPTED, _cause(error))
+            recorder.end(clock.now(), INTERRUPTED, cause(error))
+            if isinstance(error, RunDecision):
+                self.recorder = None
+                self.watcher.run_ended(self.folder.finish(recorder.folder), clock.now())
             raise
         finally:
             self.recorder = None
@@ -271,6 +292,7 @@ class _Runner:
             readings.clear()
         while (now := self.bench.clock.now()) < began_s + step.at_most_s:
             airs.append((now, self.bench.reference.source()))
+            began_s += self.bench.clock.now() - now  # the time in which a person types an air is none of the soak's
             while airs[0][0] < now - step.over_s - 0.5 * AIR_EVERY_S:
                 airs.popleft()
             for readings in self.good.values():
@@ -315,13 +337,23 @@ class _Runner:
                 return False
             due_s = min(stage.due_s(), *(part.due_s() for part in asked))
             clock.sleep_until(min(until_s, max(due_s, now + SHORTEST_WAIT_S)))
-            now = clock.now()
-            for part in asked:
-                if part.due_s() <= now:
-                    for reading in part.poll():
-                        self._take(reading)
-            if stage.due_s() <= now and (move := stage.poll()) is not None:
+            self._poll_sensors()
+            if stage.due_s() <= clock.now() and (move := stage.poll()) is not None:
                 self.move = move
+
+    def _poll_sensors(self) -> None:
+        """Take what the sensors and the reference have by now."""
+        now = self.bench.clock.now()
+        asked: Sequence[Sensor | Reference] = (*self.bench.sensors, self.bench.reference)
+        for part in asked:
+            if part.due_s() <= now:
+                for reading in part.poll():
+                    self._take(reading)
+
+    def _note(self, text: str) -> None:
+        if self.recorder is not None:
+            self.recorder.note(self.bench.clock.now(), text)
+        self.watcher.say(f"note: {text}")
 
     def _take(self, reading: Reading) -> None:
         if self.recorder is not None:
@@ -346,10 +378,13 @@ def off_plan(run: PlannedRun, record: RunRecord) -> list[str]:
     return said
 
 
-def _cause(error: BaseException) -> str:
+def cause(error: BaseException) -> str:
+    """Why a recording ended, for its files."""
     match error:
         case KeyboardInterrupt():
             return "stopped by the operator"
+        case SystemExit(code=code) if code == 128 + signal.SIGHUP:
+            return "the terminal was closed (hang-up)"
         case SystemExit():
             return "the process was told to end"
     return str(error) or type(error).__name__

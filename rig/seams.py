@@ -8,7 +8,7 @@ second.
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -144,12 +144,29 @@ class Operator(Protocol):
 
     def say(self, message: str) -> None: ...
 
-    def ask(self, message: str) -> str:
-        """Wait for an answer (only between recordings)."""
+    def ask(self, message: str, check: Callable[[str], str] = ...) -> str:
+        """Wait for an answer that `check` finds nothing wrong with (only between recordings); a go-ahead by default.
+
+        Raises what the person decides instead (rig.errors: RunDecision, CampaignPaused, CampaignAborted).
+        """
         ...
 
-    def request(self, message: str) -> None:
+    def request(self, message: str, within_s: float) -> None:
         """Ask for a confirmation and return at once."""
+        ...
+
+    def leave(self) -> None:
+        """Take back a request that nobody needs to answer any more."""
+        ...
+
+    def attend(
+        self,
+        idle: Callable[[], None],
+        asked: Callable[[Any], None],
+        noted: Callable[[str], None],
+        said: Callable[[str], None],
+    ) -> None:
+        """Who is told while a campaign is recorded: what to do meanwhile, prompts (None: answered), notes, words."""
         ...
 
     def confirmed_s(self) -> float | None:

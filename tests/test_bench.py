@@ -33,11 +33,19 @@ class Operator:
     def say(self, message):
         self.prompts.append(message)
 
-    def ask(self, message):
-        self.prompts.append(message)
-        return self.answers.pop(0) if self.answers else ""
+    def ask(self, message, check=lambda answer: ""):
+        while True:
+            self.prompts.append(message)
+            answer = self.answers.pop(0) if self.answers else ""
+            if not (complaint := check(answer)):
+                return answer
+            self.say(complaint)
 
-    request = say
+    def request(self, message, within_s):
+        self.prompts.append(message)
+
+    def leave(self):
+        pass
 
     def confirmed_s(self):
         return None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import itertools
 import re
 
@@ -14,7 +13,7 @@ from shockrig.rig.clock import RealClock, VirtualClock
 from shockrig.rig.errors import StageError
 from shockrig.rig.seams import Air, Move
 from shockrig.rig.stages.grbl import GrblSettings, GrblStage, Report, why_late
-from shockrig.rig.stages.manual import ConsoleOperator, ManualSettings, ManualStage, PromptedChambers
+from shockrig.rig.stages.manual import ManualSettings, ManualStage, PromptedChambers
 from shockrig.rig.virtual.chips.grbl import GrblController
 from shockrig.rig.virtual.faults import Fault, FaultySerial
 from shockrig.rig.virtual.serial_line import PtyDevice
@@ -300,11 +299,14 @@ class Person:
     def say(self, message):
         self.prompts.append(message)
 
-    def ask(self, message):
+    def ask(self, message, check=None):
         self.prompts.append(message)
         return ""
 
-    def request(self, message):
+    def leave(self):
+        pass
+
+    def request(self, message, within_s):
         self.prompts.append(message)
         self.at_s = self.clock.now() + self.after_s
 
@@ -339,28 +341,6 @@ def test_a_transfer_that_nobody_confirms_ends():
         for _ in itertools.repeat(None, 100000):
             clock.sleep_until(stage.due_s())
             stage.poll()
-
-
-def test_the_console_asks_on_one_stream_and_never_waits_for_a_confirmation():
-    import os
-
-    reading, writing = os.pipe()
-    prompts, clock = io.StringIO(), VirtualClock(3.0)
-    with os.fdopen(reading) as answers:
-        operator = ConsoleOperator(clock, answers, prompts)
-        os.write(writing, b"21.5\n")
-        assert operator.ask("Temperature?") == "21.5"
-        operator.request("Move now.")
-        assert operator.confirmed_s() is None
-        os.write(writing, b"\n")
-        assert operator.confirmed_s() == 3.0
-        os.write(writing, b"\n")
-        operator.request("Move back.")
-        assert operator.confirmed_s() is None  # that Enter came before the question
-        os.close(writing)
-        with pytest.raises(StageError, match="terminal was closed"):
-            operator.ask("And now?")
-    assert prompts.getvalue() == "Temperature?\nMove now.\nMove back.\nAnd now?\n"
 
 
 LATE = {

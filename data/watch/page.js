@@ -78,8 +78,38 @@ function chart(trace, transfer) {
   return figure;
 }
 
+let rung = null; // the prompt that the bell has rung for
+
+// Two tones, made here: the page's policy loads nothing. A browser that has not been touched yet may keep silent.
+function bell() {
+  try {
+    const audio = new AudioContext();
+    for (const [k, hertz] of [[0, 880], [1, 660]]) {
+      const tone = audio.createOscillator();
+      tone.frequency.value = hertz;
+      tone.connect(audio.destination);
+      tone.start(audio.currentTime + 0.3 * k);
+      tone.stop(audio.currentTime + 0.3 * k + 0.25);
+    }
+  } catch (error) {
+    // no sound on this machine: the prompt is still the largest thing on the page
+  }
+}
+
+function showPrompt(prompt) {
+  part("prompt").hidden = prompt === null;
+  if (prompt !== null) {
+    if (part("prompt-text").textContent !== prompt.text) part("prompt-text").textContent = prompt.text;
+    part("prompt-keys").textContent = prompt.keys;
+    part("prompt-left").textContent = prompt.left_s === null ? "" : `${duration(prompt.left_s)} left`;
+    if (rung !== prompt.text) bell();
+  }
+  rung = prompt === null ? null : prompt.text;
+}
+
 function show(view) {
-  document.title = `${view.campaign} - ${view.state}`;
+  document.title = `${view.prompt === null ? "" : "YOUR TURN - "}${view.campaign} - ${view.state}`;
+  showPrompt(view.prompt);
   part("campaign").textContent = view.campaign;
   part("place").textContent = `${view.protocol} on ${view.bench}`;
   const state = part("state");

@@ -60,8 +60,6 @@ def main(args: argparse.Namespace) -> int:
     if args.bench is None and protocol.by_hand and not args.dry_run:
         _ask_for_invented_data(protocol.name)
     config = default_bench() if args.bench is None else load_bench(args.bench)
-    if args.watch and any(part.kind in ("manual", "operator") for part in config.parts().values()):
-        raise BenchError("--watch needs the terminal, and so does the operator: run shockrig watch in another one")
     if args.out is None and not args.dry_run:
         raise BenchError("--out CAMPAIGN is missing: where shall the recording go?")
     if not config.emulated:
@@ -187,7 +185,10 @@ def _record(args: argparse.Namespace, protocol: Any, bench: Any, sealed: _Sealed
     from shockrig.rig.watch.status_file import StatusFile
 
     in_real_time = not isinstance(bench.clock, VirtualClock)
-    shown = LiveObserver(args.out) if args.watch else observer()
+    shown: Any = observer()
+    if args.watch:
+        shown = LiveObserver(args.out)
+        bench.operator.hidden = lambda: shown.shows
     with bench, shown, StatusFile(args.out, protocol, bench.name, shown) as told:
         recorded = record_campaign(
             bench,

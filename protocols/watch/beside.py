@@ -51,6 +51,11 @@ class LiveObserver(SilentObserver):
             except OSError as error:
                 self._lines.say(f"the live view cannot be shown ({error}); the recording goes on")
 
+    @property
+    def shows(self) -> bool:
+        """Whether the live view is on the terminal, and with it what the operator is asked."""
+        return self._view is not None and self._view.poll() is None
+
     def say(self, text: str) -> None:
-        if self._view is None or self._view.poll() is not None:
+        if not self.shows:
             self._lines.say(text)

@@ -11,16 +11,18 @@ from typing import Any
 from shockrig.protocols.run_progress import duration
 from shockrig.protocols.watch import step_back
 from shockrig.rig.watch.follow import Follower
-from shockrig.rig.watch.view import Health, Trace, View
+from shockrig.rig.watch.view import Health, PromptView, Trace, View
 
 # bit of a dot by row (0 at the top) and column
 DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
 PLOT_ROWS = 6
 PLOT_EXTRA_ROWS = 3  # blank line, title, axis
+PROMPT_ROWS = 9
 RUNS_SHOWN = 5
 MESSAGES_SHOWN = 4
 STYLES = {
     "recording": "bold green",
+    "asking": "bold black on yellow",
     "ended": "bold",
     "idle": "bold",
     "stalled": "bold yellow",
@@ -57,13 +59,32 @@ def render(view: View, width: int, height: int, ascii_only: bool = False) -> Any
 
     latest = view.messages[-MESSAGES_SHOWN:]
     messages = [Text(text, style="yellow", no_wrap=True, overflow="ellipsis") for text in latest]
-    above = [_head(view), Text(""), _steps(view), Text(""), _sensors(view.health), *messages]
-    others = 10 + len(view.steps) + len(view.health) + len(messages) + min(RUNS_SHOWN, len(view.runs))
+    prompt = [] if view.prompt is None else [_prompt(view.prompt)]
+    above = [*prompt, _head(view), Text(""), _steps(view), Text(""), _sensors(view.health), *messages]
+    others = (
+        10
+        + PROMPT_ROWS * len(prompt)
+        + len(view.steps)
+        + len(view.health)
+        + len(messages)
+        + min(RUNS_SHOWN, len(view.runs))
+    )
     rows = (height - others) // max(1, len(view.traces)) - PLOT_EXTRA_ROWS
     traces: list[Any] = [Text("")]
     for trace in view.traces:
         traces.append(_trace(trace, view, width, min(rows, PLOT_ROWS), ascii_only))
     return Group(*above, *traces, _plan(view))
+
+
+def _prompt(prompt: PromptView) -> Any:
+    """What the operator must do now: the largest thing there is, a framed block over the whole width."""
+    from rich.panel import Panel
+    from rich.text import Text
+
+    text = Text(prompt.text, style="bold", justify="center")
+    text.append(f"\n\n{prompt.keys}", style="not bold")
+    left = "" if prompt.left_s is None else f"  {duration(prompt.left_s)} left  "
+    return Panel(text, title=" YOUR TURN ", subtitle=left, style="black on yellow", padding=(1, 2), expand=True)
 
 
 def _head(view: View) -> Any:
@@ -172,8 +193,13 @@ def watch_terminal(follower: Follower, wait: Callable[[float], None], every_s: f
         return
     step_back()
     view = follower.look()
+    rung = None
     with Live(console=console, screen=True, auto_refresh=False, vertical_overflow="crop") as live:
         while True:
+            asked = None if view.prompt is None else view.prompt.text
+            if asked is not None and asked != rung:
+                console.bell()
+            rung = asked
             live.update(render(view, console.width, console.height, ascii_only), refresh=True)
             if view.state in ("ended", "cut off"):
                 break

@@ -1,7 +1,8 @@
 """One run as it is recorded: events written to a journal, and the journal read back as a RunRecord.
 
 Records: ["run", header] ["step", t, text] ["air", t, "source" or "destination", degC, %RH] ["zero", t, utc]
-["move", start, end] ["reading", sensor, outcome, requested, came, sampled, values, raw hex] ["end", t, status, reason];
+["move", start, end] ["note", t, text]
+["reading", sensor, outcome, requested, came, sampled, values, raw hex] ["end", t, status, reason];
 times in s on the bench clock.
 """
 
@@ -55,6 +56,10 @@ class Recorder:
         end_s = None if move.end_s is None else _rounded(move.end_s)
         self._append(["move", _rounded(move.start_s), end_s], self._last_s)
 
+    def note(self, now_s: float, text: str) -> None:
+        """What a person at the bench wrote down."""
+        self._append(["note", _rounded(now_s), text], now_s)
+
     def reading(self, reading: Reading) -> None:
         record = [
             "reading",
@@ -100,6 +105,7 @@ class RunRecord:
     status: str
     reason: str
     damage: str = ""
+    notes: tuple[tuple[float, str], ...] = ()
     counts: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
 
     @property
@@ -142,6 +148,7 @@ def read_run(folder: Path) -> RunRecord:
     status, reason = INTERRUPTED, "the recording was cut off"
     airs: dict[str, list[Air]] = {"source": [], "destination": []}
     readings: dict[str, list[Reading]] = {}
+    notes: list[tuple[float, str]] = []
     try:
         for record in journal.records:
             match record:
@@ -165,6 +172,8 @@ def read_run(folder: Path) -> RunRecord:
                     pass
                 case ["step", last_s, _]:
                     pass
+                case ["note", last_s, str(text)]:
+                    notes.append((last_s, text))
                 case ["run", {"format": format_, "id": str()} as content] if format_ == FORMAT:
                     header = content
             _demand_numbers(last_s)
@@ -192,6 +201,7 @@ def read_run(folder: Path) -> RunRecord:
         status=status,
         reason=reason,
         damage=damage,
+        notes=tuple(notes),
         counts={sensor: count_outcomes(values) for sensor, values in by_sensor.items()},
     )
 

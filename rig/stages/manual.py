@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import select
-import sys
 from dataclasses import dataclass
-from typing import TextIO
 
 from shockrig.rig.errors import StageError
 from shockrig.rig.seams import Air, Chambers, Clock, Move, Operator, Parts
@@ -54,7 +51,8 @@ class ManualStage:
         self._deadline_s = self._clock.now() + self.settings.within_s
         self._next_s = self._clock.now()
         self._operator.request(
-            "Move the probes to the destination air; press Enter at the instant they leave the source air."
+            "Move the probes to the destination air; press Enter at the instant they leave the source air.",
+            self.settings.within_s,
         )
 
     def due_s(self) -> float:
@@ -73,7 +71,9 @@ class ManualStage:
             return None
         if self._left_s is None and self.settings.confirm_arrival:
             self._left_s = confirmed_s
-            self._operator.request("Press Enter again at the instant the probes are in the destination air.")
+            self._operator.request(
+                "Press Enter again at the instant the probes are in the destination air.", self.settings.within_s
+            )
             return None
         self._deadline_s = None
         if self._left_s is None:
@@ -81,8 +81,9 @@ class ManualStage:
         return Move(self._left_s, confirmed_s)
 
     def make_safe(self) -> None:
-        """A person's hand needs no stop."""
+        """A person's hand needs no stop; what was asked of it is taken back."""
         self._deadline_s = None
+        self._operator.leave()
 
     def close(self) -> None:
         pass
@@ -111,45 +112,3 @@ def _words(air: Air) -> str:
     temperature = "any temperature" if air.temperature_c is None else f"{air.temperature_c:g} degC"
     humidity = "any humidity" if air.humidity_percent is None else f"{air.humidity_percent:g} %RH"
     return f"{temperature} and {humidity}"
-
-
-class ConsoleOperator:
-    """A person at a terminal: prompts go to standard error, Enter is looked up without waiting."""
-
-    def __init__(self, clock: Clock, answers: TextIO | None = None, prompts: TextIO | None = None) -> None:
-        self._clock = clock
-        self._answers = answers or sys.stdin
-        self._prompts = prompts or sys.stderr
-        self._confirmed_s: float | None = None
-        self._pending = False
-
-    def say(self, message: str) -> None:
-        self._prompts.write(message + "\n")
-        self._prompts.flush()
-
-    def ask(self, message: str) -> str:
-        self.say(message)
-        return self._line()
-
-    def request(self, message: str) -> None:
-        while self._typed():
-            self._line()  # an Enter from before the question is no answer to it
-        self._confirmed_s, self._pending = None, True
-        self.say(message)
-
-    def confirmed_s(self) -> float | None:
-        if self._pending and self._typed():
-            self._confirmed_s, self._pending = self._clock.now(), False
-            self._line()
-        return self._confirmed_s
-
-    def _typed(self) -> bool:
-        return bool(select.select([self._answers], [], [], 0)[0])
-
-    def _line(self) -> str:
-        line = self._answers.readline()
-        if not line:
-            raise StageError(
-                "the operator's terminal was closed; run from a terminal, or use a bench with its own stage"
-            )
-        return line.strip()

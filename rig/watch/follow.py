@@ -21,7 +21,7 @@ from shockrig.rig.journal import decode_line
 from shockrig.rig.recorder.run import JOURNAL
 from shockrig.rig.watch.run_so_far import RunSoFar, health, traces
 from shockrig.rig.watch.status_file import FILE as STATUS_FILE
-from shockrig.rig.watch.view import RunView, StepView, View, air_words, as_list, clean, finite
+from shockrig.rig.watch.view import PromptView, RunView, StepView, View, air_words, as_list, clean, finite
 
 SOAK_SHOWN_S = 60.0
 STALLED_AFTER_S = 10.0
@@ -55,7 +55,7 @@ class Follower:
         campaign, status = _json(self._path / "campaign.json"), _json(self._path / STATUS_FILE)
         runs = self._runs(campaign)
         state, reason = self._state(status, runs)
-        live = state in ("recording", "stalled")
+        live = state in ("recording", "asking", "stalled")
         step_s, step_left_s, left_s, at_most_s = self._times(status, runs) if live else (None, None, None, None)
         emulated = " (EMULATED: invented, not measured)" if campaign.get("emulated") is True else ""
         run = self._run
@@ -82,6 +82,7 @@ class Follower:
             health=tuple(health(run, sensor, now_s) for sensor in run.sensors),
             runs=runs,
             messages=tuple(clean(text) for text in as_list(status.get("messages"))),
+            prompt=self._prompt(status.get("prompt")) if state == "asking" else None,
         )
 
     def close(self) -> None:
@@ -144,8 +145,17 @@ class Follower:
             return ("ended" if ended else "idle"), reason
         if status.get("host") == socket.gethostname() and not _alive(status.get("pid")):
             return "cut off", "the recorder is gone; running the same command again puts things in order"
+        if isinstance(status.get("prompt"), dict):
+            return "asking", reason
         stalled = self._heard_s is not None and self._now() - self._heard_s > STALLED_AFTER_S
         return ("stalled" if stalled else "recording"), reason
+
+    def _prompt(self, found: Any) -> PromptView:
+        stated = found if isinstance(found, dict) else {}
+        deadline_s, now_s = stated.get("deadline_s"), self._run.last_s
+        known = finite(deadline_s) and now_s is not None
+        left_s = max(0.0, float(deadline_s or 0.0) - (now_s or 0.0)) if known else None
+        return PromptView(clean(stated.get("text", "")), clean(stated.get("keys", "")), left_s)
 
     def _runs(self, campaign: Mapping[str, Any]) -> tuple[RunView, ...]:
         aside = Counter(name.rpartition("-")[0] for name in _names(self._path / "set_aside"))

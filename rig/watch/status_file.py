@@ -2,23 +2,28 @@
 
 {"format": "shock-status/1", "state": "recording" | "ended", "reason", "pid", "host", "protocol", "bench",
  "run": {"id", "number", "total"}, "began_s", "recorded_here", "last_end_s", "messages": [...],
+ "prompt": null or {"text", "deadline_s", "keys"},
  "steps": [{"text", "at_least_s", "at_most_s"}], "planned_s": {"0001": [at least, at most]}}
 Written whole at every step, beside the name and then renamed; times in s on the bench clock.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 from collections import deque
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from shockrig.files.json_files import write_json
 from shockrig.rig.observer import Observer
+from shockrig.rig.operator import KEYS, Prompt
 from shockrig.rig.protocol import PlannedRun, Protocol, Record, Soak, Step, Transfer
 from shockrig.rig.recorder import RunRecord
 from shockrig.rig.recorder.run import COMPLETE
+from shockrig.rig.runner import cause
 from shockrig.rig.seams import Reading
 
 FORMAT = "shock-status/1"
@@ -66,7 +71,7 @@ class StatusFile:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
         if "run" in self._content:  # a campaign that was refused is not ours to write into
-            self._write(state="ended", reason="" if error is None else _words(error))
+            self._write(state="ended", prompt=None, reason="" if error is None else _words(error))
 
     def run_began(self, run: PlannedRun, number: int, total: int, now_s: float) -> None:
         self._content.setdefault("began_s", now_s)
@@ -74,23 +79,33 @@ class StatusFile:
             run={"id": run.id, "number": number, "total": total},
             steps=[step_entry(step) for step in run.steps],
         )
-        self._inner.run_began(run, number, total, now_s)
+        with contextlib.suppress(OSError):  # of a terminal that was closed
+            self._inner.run_began(run, number, total, now_s)
 
     def step_began(self, step: Step, now_s: float) -> None:
-        self._inner.step_began(step, now_s)
+        with contextlib.suppress(OSError):  # of a terminal that was closed
+            self._inner.step_began(step, now_s)
         self._write()
 
     def reading(self, reading: Reading) -> None:
-        self._inner.reading(reading)
+        with contextlib.suppress(OSError):  # of a terminal that was closed
+            self._inner.reading(reading)
 
     def say(self, text: str) -> None:
-        self._inner.say(text)
+        with contextlib.suppress(OSError):  # of a terminal that was closed
+            self._inner.say(text)
         self._messages.append(text)
         if "run" in self._content:
             self._write()
 
+    def asked(self, prompt: Prompt | None) -> None:
+        with contextlib.suppress(OSError):  # of a terminal that was closed
+            self._inner.asked(prompt)
+        self._write(prompt=None if prompt is None else {**asdict(prompt), "keys": KEYS})
+
     def run_ended(self, record: RunRecord, now_s: float) -> None:
-        self._inner.run_ended(record, now_s)
+        with contextlib.suppress(OSError):  # of a terminal that was closed
+            self._inner.run_ended(record, now_s)
         self._recorded += record.status == COMPLETE
         self._write(recorded_here=self._recorded, last_end_s=now_s)
 
@@ -103,4 +118,4 @@ class StatusFile:
 
 
 def _words(error: BaseException) -> str:
-    return "stopped by Ctrl-C" if isinstance(error, KeyboardInterrupt) else str(error) or type(error).__name__
+    return "stopped by Ctrl-C" if isinstance(error, KeyboardInterrupt) else cause(error)

@@ -40,6 +40,15 @@ class StepView:
 
 
 @dataclass(frozen=True)
+class PromptView:
+    """What a person must do now, the keys that answer, and the seconds until the campaign pauses (None: not known)."""
+
+    text: str
+    keys: str
+    left_s: float | None
+
+
+@dataclass(frozen=True)
 class RunView:
     """A run of the plan; `state` is "recorded", "now" or "missing"; `set_aside` counts attempts that do not count."""
 
@@ -55,7 +64,8 @@ class RunView:
 class View:
     """All that a watcher shows. Times in s; None where it is not known.
 
-    `state` is "recording", "stalled" (nothing new for a while), "cut off" (the recorder is gone), "ended" or "idle".
+    `state` is "recording", "asking" (a person must do something), "stalled" (nothing new for a while), "cut off" (the
+    recorder is gone), "ended" or "idle".
     `left_s` is the best guess of what the whole campaign still takes, `left_at_most_s` the protocol's own limit.
     """
 
@@ -77,6 +87,7 @@ class View:
     health: tuple[Health, ...]
     runs: tuple[RunView, ...]
     messages: tuple[str, ...] = ()
+    prompt: PromptView | None = None
 
     def summary(self) -> str:
         """The state in one line."""

@@ -1,0 +1,429 @@
+"""What an operator does at a prompt, through a pseudo-terminal and in real time: docs/watching.md has it as a table."""
+
+import contextlib
+import io
+import json
+import os
+import re
+import select
+import signal
+import subprocess
+import sys
+import termios
+import time
+from pathlib import Path
+
+import pytest
+from made_recordings import STATUS, made_campaign, reading
+
+from shockrig.files.campaign import read_campaign
+from shockrig.protocols.cli import main
+from shockrig.protocols.watch.terminal import render
+from shockrig.rig.clock import VirtualClock
+from shockrig.rig.errors import CampaignAborted, CampaignPaused, RunRepeated, RunSkipped
+from shockrig.rig.operator import KEYS, ConsoleOperator
+from shockrig.rig.recorder import read_state
+from shockrig.rig.watch.follow import Follower
+
+pytestmark = pytest.mark.timeout(120)
+ROOT = Path(__file__).parents[1]
+# Emulated sensors that lie in their room, 20 degC and 50 %RH, in real time; everything else is a person's.
+BENCH = """
+[bench]
+name = "by hand"
+clock = "real"
+answer_within_s = {answer_s}
+[sensors.imet]
+kind = "imet-xf"
+port = "virtual"
+[sensors.hyt]
+kind = "hyt-271"
+bus = "virtual"
+conversion_s = 0.07
+[stage]
+kind = "manual"
+within_s = {move_s}
+[reference]
+kind = "operator"
+"""
+PROTOCOL = """
+format = "shock-protocol/1"
+name = "by hand"
+faults = {{ repeat_at_most = {repeat}, largest_gap_s = 5, missing_percent_at_most = 90 }} # a busy machine is none
+[steps]
+usual = [
+  {{ do = "soak", over_s = 1, at_most_s = {soak_s}, probes_within_k = 1, probes_within_percent = 2 }},
+  {{ do = "record", for_s = 1 }},
+  {{ do = "transfer", at_most_s = 60 }},
+  {{ do = "record", for_s = 1 }},
+]
+[[run]]
+source = {{ temperature_c = 20, humidity_percent = 50 }}
+destination = {{ temperature_c = 20, humidity_percent = 50 }}
+[[run]]
+source = {{ temperature_c = 20, humidity_percent = 50 }}
+destination = {{ temperature_c = 20, humidity_percent = 50 }}
+"""
+SET, PUT, MOVE = "Set the source air", "Put the probes into the source air", "Move the probes to the destination air"
+SOURCE_C, SOURCE_RH = "source air, temperature", "source air, relative humidity"
+DESTINATION_C, DESTINATION_RH = "destination air, temperature", "destination air, relative humidity"
+PROMPTS = (SET, PUT, SOURCE_C, SOURCE_RH, DESTINATION_C, DESTINATION_RH, MOVE)
+
+
+class Terminal:
+    """A recording on a pseudo-terminal of its own, which is its controlling terminal: what it says, and a keyboard."""
+
+    def __init__(self, folder, *more, answer_s=60, move_s=60, soak_s=60, repeat=0):
+        (folder / "bench.toml").write_text(BENCH.format(answer_s=answer_s, move_s=move_s))
+        (folder / "protocol.toml").write_text(PROTOCOL.format(soak_s=soak_s, repeat=repeat))
+        self.out = folder / "c"
+        words = ["run", folder / "protocol.toml", "--bench", folder / "bench.toml", "--out", self.out, *more]
+        self._master, slave = os.openpty()
+        termios.tcsetwinsize(slave, (40, 120))
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "shockrig.protocols.cli", *map(str, words)],
+            cwd=ROOT,
+            env={**os.environ, "TERM": "xterm"},
+            stdin=slave,
+            stdout=slave,
+            stderr=slave,
+            start_new_session=True,
+            preexec_fn=lambda: __import__("fcntl").ioctl(0, termios.TIOCSCTTY, 0),
+        )
+        os.close(slave)
+        self.said, self._from = "", 0
+
+    def wait_for(self, text, within_s=60.0):
+        """Wait until something new is said that has this text."""
+        deadline_s = time.monotonic() + within_s
+        while text not in self.said[self._from :]:
+            assert time.monotonic() < deadline_s, f"waited in vain for {text!r} in {self.said[self._from :]!r}"
+            if select.select([self._master], [], [], 0.1)[0]:
+                try:
+                    self.said += os.read(self._master, 1 << 16).decode("utf-8", "replace")
+                except OSError:
+                    assert text in self.said[self._from :], f"closed before {text!r}: {self.said[self._from :]!r}"
+        self._from = self.said.index(text, self._from) + len(text)
+
+    def type(self, line):
+        os.write(self._master, f"{line}\n".encode())
+
+    def answer(self, prompts=PROMPTS, with_=""):
+        """Wait for each of the prompts and press Enter at it."""
+        for prompt in prompts:
+            self.wait_for(prompt)
+            self.type(with_)
+
+    def end(self, within_s=60.0):
+        """The exit status, with all that was said until then read."""
+        deadline_s = time.monotonic() + within_s
+        while self.process.poll() is None:
+            assert time.monotonic() < deadline_s, f"it does not end: {self.said!r}"
+            if select.select([self._master], [], [], 0.05)[0]:
+                with contextlib.suppress(OSError):
+                    self.said += os.read(self._master, 1 << 16).decode("utf-8", "replace")
+        with contextlib.suppress(OSError):
+            while select.select([self._master], [], [], 0.05)[0] and (more := os.read(self._master, 1 << 16)):
+                self.said += more.decode("utf-8", "replace")
+        return self.process.returncode
+
+    def hang_up(self):
+        os.close(self._master)
+        self._master = -1
+
+    def close(self):
+        self.process.kill()
+        self.process.wait()
+        if self._master >= 0:
+            os.close(self._master)
+
+
+@pytest.fixture
+def start(tmp_path):
+    """Starts recordings that are gone after the test."""
+    begun = []
+
+    def begin(*more, **settings):
+        begun.append(Terminal(tmp_path, *more, **settings))
+        return begun[-1]
+
+    yield begin
+    for one in begun:
+        one.close()
+
+
+def aside(terminal):
+    return [(one.id, one.status, one.reason) for one in read_state(terminal.out).set_aside]
+
+
+def test_a_campaign_by_hand_with_wrong_keys_a_note_a_repeat_and_a_skip(start):
+    one = start()
+    one.wait_for(SET)
+    one.type("q")
+    one.wait_for("'q' is no answer here: Enter goes on, s skips this run")
+    one.type("n the fan rattles, 3.2 m/s")
+    one.wait_for("note: the fan rattles, 3.2 m/s")
+    one.type("")
+    one.answer([PUT])
+    one.wait_for(SOURCE_C)
+    one.type("warm")
+    one.wait_for("'warm' is not a number from -100 to 150")
+    one.type("q")
+    one.wait_for("'q' is not a number")
+    one.type("20,4")
+    one.answer([SOURCE_RH, DESTINATION_C, DESTINATION_RH])
+    one.wait_for(MOVE)
+    one.type("r")
+    one.wait_for("run 0001: the operator asked to repeat it")
+    one.answer(PROMPTS)
+    one.answer([SET, PUT])
+    one.wait_for(SOURCE_C)
+    one.type("s")
+    one.wait_for("run 0002 is skipped by the operator; running the same command again records it")
+    assert one.end() == 0
+    state = read_state(one.out)
+    assert state.recorded == ("0001",) and state.missing == ("0002",)
+    assert aside(one) == [
+        ("0001", "interrupted", "the operator asked to repeat it"),
+        ("0002", "interrupted", "skipped by the operator"),
+    ]
+    (run,) = read_campaign(one.out).runs
+    assert run.start_s is not None and run.extra["airs_from"] == {"source": "typed", "destination": "typed"}
+    noted = json.loads((one.out / "set_aside/0001-1/run.json").read_text())
+    assert [note["text"] for note in noted["notes"]] == ["the fan rattles, 3.2 m/s"]
+    assert one.said.count("\a") >= 16  # every prompt rings
+
+
+DECISIONS = {
+    "p": (2, "paused by the operator; the same command goes on from here"),
+    "a": (130, "aborted by the operator"),
+    "\x03": (130, "stopped by the operator"),
+}
+
+
+@pytest.mark.parametrize("key", DECISIONS)
+def test_a_pause_an_abort_and_ctrl_c_keep_what_there_is_and_the_campaign_goes_on(start, key):
+    status, reason = DECISIONS[key]
+    one = start()
+    one.answer()
+    one.wait_for(SET)
+    one.type(key)
+    assert one.end() == status
+    assert aside(one) == [("0002", "interrupted", reason)]
+    assert read_state(one.out).recorded == ("0001",)
+    if key == "p":
+        again = start()
+        again.answer()
+        assert again.end() == 0 and read_state(again.out).recorded == ("0001", "0002")
+
+
+def test_a_hang_up_at_a_prompt_is_filed_as_such(start):
+    one = start()
+    one.wait_for(SET)
+    one.hang_up()
+    assert one.process.wait(30) in (2, 128 + signal.SIGHUP)
+    ((id_, status, reason),) = aside(one)
+    assert (id_, status) == ("0001", "interrupted") and "hang-up" in reason and "Errno" not in reason
+    assert "hang-up" in json.loads((one.out / "status.json").read_text())["reason"]
+
+
+def test_absence_at_a_question_and_at_the_transfer_pauses(start):
+    one = start(answer_s=1)
+    one.wait_for(SET)
+    assert one.end() == 2
+    ((_, status, reason),) = aside(one)
+    assert status == "interrupted" and reason.startswith(f"nobody answered in time ('{SET}")
+    two = start(move_s=1)
+    two.answer(PROMPTS[:-1])
+    two.wait_for(MOVE)
+    assert two.end() == 2
+    assert aside(two)[-1][2].startswith(f"nobody answered in time ('{MOVE}")
+
+
+def test_a_slow_typist_does_not_spoil_the_soak(start):
+    """The soak may take 2 s; between its prompts the person takes longer."""
+    one = start(soak_s=3)
+    for prompt in PROMPTS:
+        one.wait_for(prompt)
+        time.sleep(0 if prompt in (SET, MOVE) else 1.0)
+        one.type("")
+    one.wait_for(SET)
+    assert read_state(one.out).recorded == ("0001",) and not aside(one)
+
+
+def test_a_wrong_air_that_was_typed_is_found_by_the_probes(start):
+    one = start()
+    one.answer([SET, PUT])
+    one.wait_for(SOURCE_C)
+    one.type("40")
+    one.answer([SOURCE_RH, DESTINATION_C, DESTINATION_RH, MOVE])
+    assert one.end() == 2
+    ((id_, status, reason),) = aside(one)
+    assert (id_, status) == ("0001", "spoilt")
+    assert re.fullmatch(
+        r"imet stood at (19|20)\.\d degC in the source air, which is said to have 40\.0 degC \(typed\)", reason
+    )
+
+
+def test_the_live_view_shows_the_prompt_and_takes_the_answer(start):
+    one = start("--watch")
+    one.wait_for("YOUR TURN")
+    one.wait_for(SET)
+    before = one.said
+    assert "\a" in before and "stalled" not in before and f"{SET} to 20 degC" in before
+    one.type("")
+    one.wait_for(PUT)
+    one.type("a")
+    assert one.end() == 130
+
+
+class Answers:
+    """Lines that are there at once, through a pipe, as the keyboard's."""
+
+    def __init__(self, text):
+        reading, self.writing = os.pipe()
+        os.write(self.writing, text.encode())
+        self.stream = os.fdopen(reading)
+
+    def close(self):
+        """End of the input; a second call does nothing."""
+        if self.writing >= 0:
+            os.close(self.writing)
+            self.writing = -1
+
+
+@pytest.fixture
+def keyboard():
+    """Makes keyboards whose streams are closed after the test."""
+    made = []
+
+    def make(text=""):
+        made.append(Answers(text))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.close()
+        one.stream.close()
+
+
+WISHES = {"s": RunSkipped, "r": RunRepeated, "p": CampaignPaused, "a": CampaignAborted, "pause": CampaignPaused}
+
+
+@pytest.mark.parametrize("key", WISHES)
+def test_each_key_means_the_same_at_every_kind_of_prompt(key, keyboard):
+    for way in ("ask", "number", "request"):
+        answers, clock = keyboard(f"{key}\n" * 2), VirtualClock(3.0)
+        operator = ConsoleOperator(clock, answers.stream, io.StringIO())
+        asked = []
+        operator.attend(lambda: None, asked.append, lambda text: None, lambda text: None)
+        if way == "request":
+            operator.request("Move", 10.0)
+            assert operator.confirmed_s() is None  # what was typed before the question is no answer to it
+            os.write(answers.writing, f"{key}\n".encode())
+        with pytest.raises(WISHES[key]):
+            operator.confirmed_s() if way == "request" else operator.ask("?", str if way == "number" else lambda a: "")
+        operator.leave()
+        assert asked[0].text in ("Move", "?") and asked[-1] is None
+
+
+def test_lines_typed_ahead_are_answers_in_their_order_and_an_end_of_input_pauses(keyboard):
+    answers, clock, prompts = keyboard("21.5\n\nn so\n\n"), VirtualClock(3.0), io.StringIO()
+    operator, notes = ConsoleOperator(clock, answers.stream, prompts), []
+    operator.attend(lambda: None, lambda prompt: None, notes.append, lambda text: None)
+    assert operator.ask("Temperature?", lambda answer: "") == "21.5"
+    assert operator.ask("Steady?") == "" and operator.ask("Still?") == "" and notes == ["so"]
+    answers.close()
+    with pytest.raises(CampaignPaused, match="terminal was closed .hang-up."):
+        operator.ask("And now?")
+    assert prompts.getvalue().count("\a") == 4
+
+
+def test_a_request_is_dated_by_the_instant_and_never_waited_for(keyboard):
+    answers, clock = keyboard(""), VirtualClock(3.0)
+    operator = ConsoleOperator(clock, answers.stream, io.StringIO())
+    operator.request("Move now.", 20.0)
+    assert operator.confirmed_s() is None
+    clock.sleep_until(4.5)
+    os.write(answers.writing, b"q\n")
+    assert operator.confirmed_s() is None
+    os.write(answers.writing, b"\n")
+    assert operator.confirmed_s() == 4.5
+    operator.request("Move back.", 20.0)
+    clock.sleep_until(24.6)
+    with pytest.raises(CampaignPaused, match="nobody answered in time"):
+        operator.confirmed_s()
+
+
+def test_while_a_question_waits_the_bench_is_listened_to(keyboard):
+    answers, clock, heard = keyboard(""), VirtualClock(), []
+
+    def idle():
+        heard.append(clock.now())
+        if len(heard) == 50:
+            os.write(answers.writing, b"\n")
+
+    operator = ConsoleOperator(clock, answers.stream, io.StringIO())
+    operator.attend(idle, lambda prompt: None, lambda text: None, lambda text: None)
+    operator.ask("Ready?")
+    assert len(heard) == 50 and max(b - a for a, b in zip(heard, heard[1:], strict=False)) < 0.05
+
+
+PROMPT = {"text": "Put the probes into the source air, then press Enter.", "deadline_s": 70.0, "keys": KEYS}
+
+
+def test_a_prompt_is_the_largest_thing_in_the_terminal_and_on_the_page(tmp_path):
+    records = [["step", 0.0, "soak"], reading("imet", 10.0, temperature_c=20.0)]
+    made_campaign(tmp_path / "c", records, STATUS | {"prompt": PROMPT})
+    follower = Follower(tmp_path / "c", lambda: 1000.0)
+    view = follower.look()
+    assert view.state == "asking" and view.prompt.left_s == pytest.approx(60.0, abs=0.2)
+    from rich.console import Console
+
+    for width, height in ((80, 24), (200, 60)):
+        console = Console(width=width, height=height, file=io.StringIO(), highlight=False)
+        console.print(render(view, width, height))
+        lines = console.file.getvalue().splitlines()
+        assert "YOUR TURN" in lines[0] and len(lines[0].rstrip()) == width
+        block = next(i for i, line in enumerate(lines) if line.startswith("╰"))
+        assert block >= 6 and "Put the probes" in "".join(lines[:block]) and "60 s left" in lines[block]
+    follower.close()
+    style = (ROOT / "data/watch/page.css").read_text()
+    sizes = {name: float(size) for name, size in re.findall(r"([#.\w-]+) \{[^}]*font-size: ([\d.]+)rem", style)}
+    assert sizes["#prompt-text"] > 1.5 * max(size for name, size in sizes.items() if name != "#prompt-text")
+    page = (ROOT / "data/watch/page.html").read_text()
+    assert page.index('id="prompt"') < page.index("<header>") and 'role="alert"' in page
+
+
+def test_a_hostile_prompt_in_the_status_is_text(tmp_path):
+    for prompt in ({"text": "\x1b[31mred\n" * 100, "keys": 5, "deadline_s": "soon"}, {}, {"deadline_s": 1e400}):
+        folder = tmp_path / str(len(list(tmp_path.iterdir())))
+        made_campaign(folder, [["step", 0.0, "soak"]], STATUS)
+        (folder / "status.json").write_text(json.dumps(STATUS | {"prompt": prompt}).replace("Infinity", "null"))
+        view = Follower(folder, lambda: 0.0).look()
+        assert view.prompt.left_s is None and view.prompt.text.isprintable() and len(view.prompt.text) <= 500
+        assert main(["watch", str(folder), "--once"]) == 0
+
+
+def test_a_sensor_unplugged_at_a_prompt_is_waited_for_by_the_soak(tmp_path):
+    """On a virtual clock: the question is answered, the soak waits until the sensor is heard again."""
+    from fake_bench import fake_bench, plan
+    from fake_bench import run as record
+
+    from shockrig.rig.seams import Outcome
+
+    def unplugged(now):
+        return Outcome.NOT_ACKNOWLEDGED if 20.0 < now < 60.0 else None
+
+    bench = fake_bench(hyt_fault=unplugged)
+    prepare, answered_s = bench.stage.prepare, []
+
+    def ask(source, destination, airflow_m_s):
+        bench.clock.sleep_until(25.0)  # a person takes that long, and unplugs the sensor meanwhile
+        answered_s.append(bench.clock.now())
+        prepare(source, destination, airflow_m_s)
+
+    bench.stage.prepare = ask
+    assert record(bench, tmp_path / "c", plan(1)) == ["0001"]
+    assert answered_s[0] == 25.0 and bench.clock.now() > 60.0
+    assert read_state(tmp_path / "c").set_aside == ()
