@@ -128,6 +128,47 @@ def test_what_is_there_is_not_written_over(tmp_path, capsys):
     assert (tmp_path / "log.toml").read_bytes() == before
 
 
+def test_runs_of_a_second_log_join_a_campaign_once(tmp_path, capsys):
+    log, map_ = plain_log(tmp_path)
+    again = written(tmp_path / "later.csv", Path(log).read_text(encoding="utf-8") + "\n")
+    out = tmp_path / "out"
+    assert run(log, "--map", map_, "--out", out) == 0
+    before = len(read_campaign(out).runs)
+    first = (out / "runs" / "0001" / "run.json").read_bytes()
+    assert run(again, "--map", map_, "--out", out) == 0
+    assert f"added to {before}" in capsys.readouterr().out
+    campaign = read_campaign(out)
+    assert len(campaign.runs) == 2 * before and campaign.runs[-1].id == f"{2 * before:04d}"
+    assert (out / "runs" / "0001" / "run.json").read_bytes() == first
+    assert run(again, "--map", map_, "--out", out) == 2
+    assert "has the runs of later.csv already" in capsys.readouterr().err
+    assert len(read_campaign(out).runs) == 2 * before
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (
+            "thermometer = { kind = 'other' }\n",
+            r"sensors.imet.kind not stated, the map 'other'; one campaign is of one",
+        ),
+        (("[sensor.bead]", "[sensor.second]"), r"its sensor is 'bead', the map's 'second'; give another --out"),
+    ],
+)
+def test_runs_of_another_sensor_do_not_join(tmp_path, capsys, change, expected):
+    log, map_ = plain_log(tmp_path)
+    out = tmp_path / "out"
+    assert run(log, "--map", map_, "--out", out) == 0
+    before = sorted(p.name for p in out.rglob("*"))
+    text_ = Path(map_).read_text(encoding="utf-8")
+    other = written(tmp_path / "b.toml", text_ + change if isinstance(change, str) else text_.replace(*change))
+    later = written(tmp_path / "later.csv", Path(log).read_text(encoding="utf-8") + "\n")
+    assert run(later, "--map", other, "--out", out) == 2
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1 and re.search(expected, message), message
+    assert sorted(p.name for p in out.rglob("*")) == before
+
+
 def test_the_map_in_the_documentation_is_one():
     """Every key that docs/importing.md shows is read, and what it says of the sensors is what is meant."""
     page = (Path(__file__).parent.parent / "docs" / "importing.md").read_text(encoding="utf-8")

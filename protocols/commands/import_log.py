@@ -59,34 +59,51 @@ def look(args: argparse.Namespace) -> int:
 
 
 def import_by_map(args: argparse.Namespace) -> int:
-    """Make a campaign of each sensor that the map wants, whole or not at all."""
+    """Make a campaign of each sensor that the map wants, whole or not at all; or add to campaigns that are there."""
+    from shockrig.files.campaign_write import write_campaign
     from shockrig.files.disk import shown
     from shockrig.protocols.folder import software_version, whole_folder
-    from shockrig.rig.logs.campaigns import import_logs, write_sensor_campaign
+    from shockrig.rig.logs.adding import with_more
+    from shockrig.rig.logs.campaigns import describe, import_logs, write_runs
     from shockrig.rig.logs.map_file import read_map
 
     out: Path = args.out
-    if out.is_file() or (out.is_dir() and any(out.iterdir())):
-        raise InputError(f"--out {shown(out)}: is there already; give another name, and all logs of a campaign at once")
     map_ = read_map(args.map)
-    imported = import_logs(args.logs, map_, args.sensor)
     several = args.sensor is None and len(map_.wanted) > 1
+    wanted = {sensor: out / sensor if several else out for sensor in ((args.sensor,) if args.sensor else map_.wanted)}
+    there = {sensor for sensor, place in wanted.items() if (place / "campaign.json").is_file()}
+    if not there and (out.is_file() or (out.is_dir() and any(out.iterdir()))):
+        raise InputError(f"--out {shown(out)}: is there already, and no campaign of this map; give another name")
+    imported = import_logs(args.logs, map_, args.sensor)
     made = [campaign for campaign in imported.campaigns if campaign.runs]
     name = args.name or map_.name or out.resolve().name
-    with whole_folder(out) as partial:
-        for campaign in made:
-            place = partial / campaign.sensor if several else partial
-            place.mkdir(exist_ok=True)
-            called = f"{name} {campaign.sensor}" if several else name
-            write_sensor_campaign(place, campaign, imported, called, software_version())
+    documents, first = {}, dict.fromkeys(wanted, 1)
+    for campaign in made:
+        sensor = campaign.sensor
+        called = f"{name} {sensor}" if several else name
+        documents[sensor] = describe(campaign, imported, called, software_version())
+        if sensor in there:
+            documents[sensor], first[sensor] = with_more(wanted[sensor], documents[sensor])
+    new = [campaign for campaign in made if campaign.sensor not in there]
+    if new:
+        with whole_folder(out) as partial:
+            for campaign in new:
+                place = partial / campaign.sensor if several else partial
+                place.mkdir(exist_ok=True)
+                write_runs(place / "runs", campaign.runs)
+                write_campaign(place, documents[campaign.sensor])
+    for campaign in made:
+        if campaign.sensor in there:
+            place = wanted[campaign.sensor]
+            with whole_folder(place / "runs") as partial:
+                write_runs(partial, campaign.runs, first[campaign.sensor])
+            write_campaign(place, documents[campaign.sensor])
     for one, those in zip(imported.logs, imported.steps, strict=True):
         _say_log(one, those, map_)
     for campaign in imported.campaigns:
-        place = out / campaign.sensor if several else out
-        _say_campaign(campaign, place)
+        _say_campaign(campaign, wanted[campaign.sensor], first[campaign.sensor])
     _say_unknown(imported)
-    places = [out / campaign.sensor if several else out for campaign in made]
-    for place in places:
+    for place in (wanted[campaign.sensor] for campaign in made):
         print(f"next: shockrig diagnose {place} --out {place}-diagnosis")
     return 0
 
@@ -130,10 +147,11 @@ def _say_log(sensors: SensorLog, steps: Sequence[LogStep], map_: LogMap) -> None
                 print(f"         {said_of(move)}")
 
 
-def _say_campaign(campaign: SensorCampaign, place: Path) -> None:
+def _say_campaign(campaign: SensorCampaign, place: Path, first: int) -> None:
     count = len(campaign.runs)
-    print(f"{place}: sensor {campaign.sensor}, {count} run{'' if count == 1 else 's'}")
-    for number, run in enumerate(campaign.runs, start=1):
+    added = f" added to {first - 1}" if first > 1 else ""
+    print(f"{place}: sensor {campaign.sensor}, {count} run{'' if count == 1 else 's'}{added}")
+    for number, run in enumerate(campaign.runs, start=first):
         seen_s = run.step.step.at_s
         readings = ", ".join(f"{name} {size}" for name, size in run.readings.items())
         print(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from shockrig.files.campaign_write import campaign_document, write_campaign, write_run
+from shockrig.files.campaign_write import campaign_document, write_run
 from shockrig.files.disk import TABLE_AT_MOST, read_bytes, shown
 from shockrig.rig.errors import BenchError
 from shockrig.rig.keys import nearest
@@ -90,15 +90,15 @@ def import_logs(paths: Sequence[Path], map_: LogMap, sensor: str | None = None) 
     return Imported(map_, logs, steps, tuple(campaigns))
 
 
-def write_sensor_campaign(folder: Path, campaign: SensorCampaign, imported: Imported, name: str, software: str) -> None:
-    """Write one campaign into a folder that is there and empty. Raises OSError where the disk does not take it."""
+def describe(campaign: SensorCampaign, imported: Imported, name: str, software: str) -> dict[str, Any]:
+    """Content of campaign.json of one sensor's campaign."""
     map_ = imported.map
     sensor = map_.sensors[campaign.sensor]
     described: dict[str, Mapping[str, Any]] = {}
     for key, instrument in (("imet", sensor.thermometer), ("hyt", sensor.hygrometer)):
         if any(key in run.tables for run in campaign.runs):
             described[key] = instrument
-    document = campaign_document(
+    return campaign_document(
         name,
         described,
         imported={
@@ -112,12 +112,14 @@ def write_sensor_campaign(folder: Path, campaign: SensorCampaign, imported: Impo
             "software": software,
         },
     )
-    for number, run in enumerate(campaign.runs, start=1):
+
+
+def write_runs(folder: Path, runs: Sequence[ImportedRun], first: int = 1) -> None:
+    """Write runs into an empty folder, numbered from `first`. Raises OSError where the disk does not take them."""
+    for number, run in enumerate(runs, start=first):
         id_ = f"{number:04d}"
-        place = folder / "runs" / id_
-        place.mkdir(parents=True)
-        write_run(place, {**run.document, "id": id_}, run.tables)
-    write_campaign(folder, document)
+        (folder / id_).mkdir(parents=True)
+        write_run(folder / id_, {**run.document, "id": id_}, run.tables)
 
 
 def _digest(path: Path) -> str:
