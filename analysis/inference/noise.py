@@ -273,8 +273,8 @@ def whiteners(channel: Channel, noise: Noise, signals: Sequence[Array] | None = 
         step, noise = 0.0, noise.with_rounding(step)
     period = channel.sampling_period_s
     # The whole length of the longest run: an autocovariance cut short is none.
-    longest = max(float(time[-1] - time[0]) for time, _ in channel.samples)
-    gamma = noise.autocovariance(int(longest / period) + 2)
+    longest = max(max(int((time[-1] - time[0]) / period), time.size) for time, _ in channel.samples)
+    gamma = noise.autocovariance(longest + 2)
     bins = channel.count.shape[1]
     whitener = np.zeros((channel.runs, bins, bins))
     white_only = noise.averaged == 1 and max(noise.correlated, noise.passed) < 0.03 * noise.standard_deviation
