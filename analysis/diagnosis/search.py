@@ -313,6 +313,7 @@ class Stepwise:
         self.fits += sum(len(starts) for starts in promising.values())
         found = {}
         for id_, trial in race(self.problem, current, promising).items():
+            trial = _mirrored(self.problem, trial) or trial
             values = {name: value for name, (value, _) in trial.values()[id_].items()}
             # A parameter at its bound is no finding, unless the effect vanishes there and its gain with it.
             effect = CATALOGUE[id_]

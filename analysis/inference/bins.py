@@ -18,19 +18,23 @@ Samples = Sequence[tuple[Array, Array]]
 BIN_PLAN = ((2.5, 0.1), (6.0, 0.2), (12.0, 0.4), (24.0, 0.8), (48.0, 1.6), (100.0, 3.2), (1e9, 10.0))
 BEFORE_S = 1.2  # width of a bin of the plateau before the transfer
 NEAR_S = 0.3  # before the transfer within which samples stand singly
+FINE = 0.08  # widest bin, in times to half of the step and since the transfer: the response hardly bends within it
 
 
-def edges_after_transfer(first_s: float, last_s: float, period_s: float, tempo: float) -> Array:
-    """Edges of the bins of runs whose air changes once, from `first_s` (negative) to `last_s`."""
+def edges_after_transfer(first_s: float, last_s: float, period_s: float, tempo: float, half_s: float = np.inf) -> Array:
+    """Edges of the bins of runs whose air changes once, from `first_s` (negative) to `last_s`.
+
+    `half_s` is the time to half of the step; infinite or NaN where no run tells it.
+    """
+    half = half_s if np.isfinite(half_s) else np.inf
     # Half a period before zero, so that with one sample a period each narrow bin holds one sample.
     wide, near = BEFORE_S * tempo, NEAR_S * tempo
     before = -np.arange(near, max(-first_s, near + 0.1 * tempo) + wide, wide)[::-1]
     close = np.arange(-near + period_s, 0.0, max(0.1 * tempo, period_s))
     after = [0.0]
     for until, width in BIN_PLAN:
-        step = max(width * tempo, period_s)
         while after[-1] < min(until * tempo, last_s) - 1e-9:
-            after.append(after[-1] + step)
+            after.append(after[-1] + max(min(width * tempo, FINE * (half + after[-1])), period_s))
     return np.concatenate([before, close, after])
 
 

@@ -63,6 +63,12 @@ class Parameter:
         """A value on the scale that is fitted."""
         return float(np.log(value)) if self.log else value
 
+    def starts_for(self, tempo: float) -> tuple[float, ...]:
+        """Values to begin from with a sensor so much slower than the ordinary ones: its time constants are as well."""
+        if not self.log or self.unit != "s":
+            return self.starts
+        return tuple(float(np.clip(start * tempo, self.low, self.high)) for start in self.starts)
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -239,7 +245,8 @@ class Effect:
         if told:
             return [told]
         names = [p.name for p in self.parameters]
-        return [dict(zip(names, v, strict=True)) for v in itertools.product(*(p.starts for p in self.parameters))]
+        starts = (p.starts_for(channel.tempo) for p in self.parameters)
+        return [dict(zip(names, v, strict=True)) for v in itertools.product(*starts)]
 
     def parameter(self, name: str) -> Parameter:
         """A parameter by name."""
