@@ -226,7 +226,7 @@ def build_channel(campaign: Campaign, name: ChannelName) -> Channel | None:
             for (t, _), a, f in zip(samples, air, followed, strict=True)
         )
     else:
-        edges = edges_after_transfer(first, last, period, tempo)
+        edges = edges_after_transfer(first, last, period, tempo, half_s)
     bin_of = place(samples, edges, conditions.start_scatter_s)
     time, value, count = bin_means([t for t, _ in samples], [y for _, y in samples], bin_of)
     die_samples: tuple[Array, ...] = ()
