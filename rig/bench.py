@@ -17,9 +17,10 @@ from typing import Any
 
 from shockrig.files.disk import read_text
 from shockrig.files.errors import InputError
-from shockrig.rig.bench_file import BenchConfig, Part, check_bench, load_bench
+from shockrig.rig.bench_file import CHAMBERS, BenchConfig, Part, check_bench, load_bench
 from shockrig.rig.buses.i2c import SmbusBus
 from shockrig.rig.buses.serial_port import OpenPort, PyserialPort, pyserial_opener
+from shockrig.rig.chambers.devices import DeviceChambers
 from shockrig.rig.clock import RealClock, VirtualClock
 from shockrig.rig.errors import BenchError, ConnectionFault, ConnectionFaults, RigError
 from shockrig.rig.operator import ConsoleOperator
@@ -58,6 +59,8 @@ class Bench:
     truth: Any = None
     instruments: Any = None
     operator: Operator | None = None
+    chambers: Chambers | None = None
+    climate: Mapping[str, Any] = field(default_factory=dict)
     devices: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -89,8 +92,9 @@ class Bench:
             raise ConnectionFaults(faults)
 
     def parts(self) -> dict[str, Any]:
-        """Sensors, reference and stage by name, in the order in which they are opened."""
-        return {**{sensor.name: sensor for sensor in self.sensors}, "reference": self.reference, "stage": self.stage}
+        """Sensors, chambers, reference and stage by name, in the order in which they are opened."""
+        sensors = {sensor.name: sensor for sensor in self.sensors}
+        return {**sensors, **self.climate, "reference": self.reference, "stage": self.stage}
 
     def describe(self) -> dict[str, Any]:
         """{"imet": {"kind", "serial", "bead_radius_m"}, "hyt": {"kind", "serial", "film_thickness_m"}}."""
@@ -139,6 +143,10 @@ class _Parts:
             opener = pyserial_opener(opener, baud)
         return PyserialPort(opener, self.clock, baud)
 
+    def climate(self, port: str, protocol: str) -> str:
+        """Where a chamber or fan is reached."""
+        return str(self.instruments.climate_port(self.name, protocol)) if port == "virtual" else port
+
 
 def open_bench(
     config: BenchConfig,
@@ -172,6 +180,11 @@ def open_bench(
     else:
         chambers = PromptedChambers(person)
     parts = _Parts(clock, person, chambers, instruments)
+    devices = {}
+    for name, part in config.chambers.items():
+        devices[name] = _build(CHAMBERS[name], part, parts, config)
+    if devices:
+        parts.chambers = chambers = DeviceChambers(devices, clock, person)
     for name, part in config.sensors.items():
         parts.sensors[name] = _build(name, part, parts, config)
     stage = _build("stage", config.stage, parts, config)
@@ -187,6 +200,8 @@ def open_bench(
         truth=truth,
         instruments=instruments,
         operator=person,
+        chambers=chambers,
+        climate={CHAMBERS[name]: device for name, device in devices.items()},
         devices={name: _device(name, part) for name, part in config.parts().items()},
     )
 

@@ -1,6 +1,7 @@
 """Bench files (TOML): which instruments make up a bench, where they are connected, and their settings.
 
 [bench] name, clock, pressure_hpa; [sensors.NAME], [stage], [reference] each with a kind and that kind's own settings;
+[chambers.source], [chambers.destination], [chambers.airflow] for devices that make them (a person does where left out);
 [virtual] for emulated parts. Kinds are a table of strings: nothing vendor-specific is imported before it is asked for.
 """
 
@@ -33,6 +34,10 @@ KINDS: dict[str, dict[str, str]] = {
         "imet-xq": "shockrig.rig.sensors.imet:Imet",
         "imet-humidity": "shockrig.rig.sensors.imet_humidity:ImetHumidity",
     },
+    "chambers": {
+        "scpi": "shockrig.rig.chambers.scpi:ScpiDevice",
+        "modbus": "shockrig.rig.chambers.modbus:ModbusDevice",
+    },
     "stage": {"manual": "shockrig.rig.stages.manual:ManualStage", "grbl": "shockrig.rig.stages.grbl:GrblStage"},
     "reference": {
         "set-points": "shockrig.rig.references:SetPoints",
@@ -42,6 +47,7 @@ KINDS: dict[str, dict[str, str]] = {
 }
 ENTRY_POINTS = "shockrig.instruments"
 SENSOR_NAMES = ("imet", "hyt")
+CHAMBERS = {"source": "source chamber", "destination": "destination chamber", "airflow": "fan"}  # as parts of a bench
 MAY_BE_ZERO = ("latency_s", "late_s", "sampled_after_s", "retry_s")
 LARGEST_SEED = 2**64 - 1
 POSITIVE_UNITS = ("_s", "_m", "_hpa", "_mm_min", "baud")
@@ -99,6 +105,7 @@ class BenchConfig:
     stage: Part
     reference: Part
     virtual: VirtualSettings = field(default_factory=VirtualSettings)
+    chambers: Mapping[str, Part] = field(default_factory=dict)
 
     def is_virtual(self, part: Part) -> bool:
         """Whether a part is emulated: its port or bus is called "virtual"."""
@@ -111,7 +118,8 @@ class BenchConfig:
 
     def parts(self) -> dict[str, Part]:
         """All instruments by name."""
-        return {**self.sensors, "stage": self.stage, "reference": self.reference}
+        chambers = {CHAMBERS[name]: part for name, part in self.chambers.items()}
+        return {**self.sensors, **chambers, "stage": self.stage, "reference": self.reference}
 
 
 def shipped_benches() -> list[str]:
@@ -140,7 +148,7 @@ def load_bench(path: str | Path) -> BenchConfig:
 
 def check_bench(content: Mapping[str, Any], path: str) -> BenchConfig:
     """The bench that a table of tables describes. Raises BenchError."""
-    refuse_unknown_keys(content, ("bench", "sensors", "stage", "reference", "virtual"), path)
+    refuse_unknown_keys(content, ("bench", "sensors", "chambers", "stage", "reference", "virtual"), path)
     for section in ("bench", "sensors", "stage", "reference"):
         if not isinstance(content.get(section), Mapping):
             raise BenchError(f"{path}: section [{section}] is missing; data/benches has examples")
@@ -148,6 +156,10 @@ def check_bench(content: Mapping[str, Any], path: str) -> BenchConfig:
     refuse_unknown_keys(sensors, SENSOR_NAMES, f"{path}: [sensors]")
     if not sensors:
         raise BenchError(f"{path}: [sensors] is empty; give at least one of {', '.join(SENSOR_NAMES)}")
+    chambers = content.get("chambers", {})
+    if not isinstance(chambers, Mapping):
+        raise BenchError(f"{path}: chambers must be tables such as [chambers.source]")
+    refuse_unknown_keys(chambers, CHAMBERS, f"{path}: [chambers]")
     config = BenchConfig(
         path,
         settings_from(GeneralSettings, content["bench"], f"{path}: [bench]"),
@@ -155,6 +167,7 @@ def check_bench(content: Mapping[str, Any], path: str) -> BenchConfig:
         _part("stage", content["stage"], f"{path}: [stage]"),
         _part("reference", content["reference"], f"{path}: [reference]"),
         settings_from(VirtualSettings, content.get("virtual", {}), f"{path}: [virtual]"),
+        {name: _part("chambers", table, f"{path}: [chambers.{name}]") for name, table in chambers.items()},
     )
     if config.general.clock == "virtual":
         for name, part in config.parts().items():

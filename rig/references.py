@@ -39,7 +39,6 @@ class SetPoints(_NothingToAsk):
     """The two airs as the chambers report them, or as they were asked for where they cannot report."""
 
     Settings = SetPointsSettings
-    origins = ("set point", "set point")
 
     def __init__(self, chambers: Chambers) -> None:
         self._chambers = chambers
@@ -47,6 +46,11 @@ class SetPoints(_NothingToAsk):
     @classmethod
     def build(cls, name: str, settings: SetPointsSettings, parts: Parts) -> SetPoints:
         return cls(parts.chambers)
+
+    @property
+    def origins(self) -> tuple[str, str]:
+        """As the chambers know them."""
+        return self._chambers.origins
 
     def source(self) -> Air:
         return self._chambers.airs()[0]
@@ -145,9 +149,13 @@ class Hyt271Reference:
     @property
     def origins(self) -> tuple[str, str]:
         """An air where it never is comes from the chambers."""
-        never = {"source": "destination", "destination": "source"}.get(self._settings.air)
-        source, destination = ("set point" if place == never else "measured" for place in ("source", "destination"))
-        return source, destination
+        source, destination = self._chambers.origins
+        match self._settings.air:
+            case "source":
+                return "measured", destination
+            case "destination":
+                return source, "measured"
+        return "measured", "measured"
 
     def open(self) -> None:
         self._sensor.open()

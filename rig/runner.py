@@ -66,6 +66,11 @@ def check_plan(protocol: Protocol, bench: Bench, free_bytes: int | None = None) 
         raise BenchError(f"the disk has {free_bytes / 1e6:.0f} MB free, the campaign needs {need_bytes / 1e6:.0f} MB")
     warnings = []
     for run in protocol.runs:
+        if bench.chambers is not None:
+            try:
+                bench.chambers.demand(run.source, run.destination, run.airflow_m_s)
+            except BenchError as error:
+                raise BenchError(f"run {run.id}: {error}") from None
         dew_point_c = _dew_point_c(run.destination)
         if dew_point_c is not None and run.source.temperature_c is not None and dew_point_c > run.source.temperature_c:
             warnings.append(
@@ -299,6 +304,7 @@ class _Runner:
                 while readings and readings[0][0] < now - step.over_s:
                     readings.popleft()
             waiting = "" if now - began_s >= step.over_s else "soaking"
+            waiting = waiting or (self.bench.chambers.waiting() if self.bench.chambers is not None else "")
             if not waiting and not (waiting := unsettled(step, [air for _, air in airs], self.good, now)):
                 return
             self._poll_until(now + AIR_EVERY_S)

@@ -180,8 +180,34 @@ class Chambers(Protocol):
     def set_airs(self, source: Air, destination: Air, airflow_m_s: float | None) -> None: ...
 
     def airs(self) -> tuple[Air, Air]:
-        """Source and destination air last asked for."""
+        """Source and destination air: as the chambers read them, or as they were last asked for."""
         ...
+
+    @property
+    def origins(self) -> tuple[str, str]:
+        """Of source and destination, whether `airs` are "measured" or a "set point"."""
+        ...
+
+    def demand(self, source: Air, destination: Air, airflow_m_s: float | None) -> None:
+        """Raise BenchError where these airs are beyond what the chambers can make."""
+        ...
+
+    def waiting(self) -> str:
+        """What has not come near its set point yet; empty where all has, or nobody knows."""
+        ...
+
+
+class SetPointsOnly:
+    """The part of `Chambers` where nobody knows more than the set points."""
+
+    origins = ("set point", "set point")
+
+    def demand(self, source: Air, destination: Air, airflow_m_s: float | None) -> None:
+        """Whatever a person, or an emulated chamber, makes."""
+
+    def waiting(self) -> str:
+        """Nobody knows."""
+        return ""
 
 
 class Stage(Protocol):
@@ -254,6 +280,10 @@ class Parts(Protocol):
 
     def serial(self, port: str, baud: int) -> SerialPort:
         """The serial port with this name."""
+        ...
+
+    def climate(self, port: str, protocol: str) -> str:
+        """Where a chamber or fan is reached; "virtual" is an emulated one that speaks `protocol` ("scpi", "modbus")."""
         ...
 
 

@@ -4,11 +4,13 @@ import pytest
 from fake_bench import STEPS, FakeReference, fake_bench, plan, run, run_json
 
 from shockrig.protocols.cli import main
+from shockrig.rig.chambers.devices import DeviceChambers
 from shockrig.rig.protocol import Faults, Record
 from shockrig.rig.recorder import read_state
 from shockrig.rig.references import Hyt271Reference, Hyt271ReferenceSettings, OperatorEntry, SetPoints
 from shockrig.rig.runner import CampaignPaused, SilentObserver
 from shockrig.rig.seams import Air
+from shockrig.rig.stages.manual import PromptedChambers
 
 
 class Claims(FakeReference):
@@ -94,7 +96,9 @@ def test_run_json_says_how_each_air_is_known(tmp_path):
 
 
 def test_every_reference_knows_where_its_airs_come_from():
-    assert SetPoints(None).origins == ("set point", "set point")
+    person, device = PromptedChambers(None), DeviceChambers({"destination": None}, None, None)
+    assert SetPoints(person).origins == ("set point", "set point")
+    assert SetPoints(device).origins == ("set point", "measured")
     assert OperatorEntry(None, None).origins == ("typed", "typed")
     for place, origins in (
         ("probes", ("measured", "measured")),
@@ -102,7 +106,7 @@ def test_every_reference_knows_where_its_airs_come_from():
         ("destination", ("set point", "measured")),
     ):
         settings = Hyt271ReferenceSettings(bus=1, air=place)
-        assert Hyt271Reference(settings, None, None).origins == origins
+        assert Hyt271Reference(settings, None, person).origins == origins
 
 
 def test_an_air_that_is_measured_and_not_as_planned_is_said_and_counts(tmp_path):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from shockrig.rig.errors import StageError
-from shockrig.rig.seams import Air, Chambers, Clock, Move, Operator, Parts
+from shockrig.rig.seams import Air, Chambers, Clock, Move, Operator, Parts, SetPointsOnly
 
 LOOK_S = 0.005
 
@@ -89,7 +89,7 @@ class ManualStage:
         pass
 
 
-class PromptedChambers:
+class PromptedChambers(SetPointsOnly):
     """Two airs that a person makes."""
 
     def __init__(self, operator: Operator) -> None:

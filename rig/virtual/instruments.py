@@ -10,10 +10,11 @@ import threading
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Protocol
 
-from shockrig.rig.seams import Air, Clock, known
+from shockrig.rig.seams import Air, Clock, SetPointsOnly, known
 from shockrig.rig.virtual.chips.grbl import GrblController
 from shockrig.rig.virtual.chips.hyt271 import Hyt271Chip
 from shockrig.rig.virtual.chips.imet import ImetUnit
+from shockrig.rig.virtual.climate import ModbusServer, ScpiServer
 from shockrig.rig.virtual.faults import Fault, FaultyI2c, FaultySerial
 from shockrig.rig.virtual.i2c_dev import I2cWire, Wire, plug_in, pull_out
 from shockrig.rig.virtual.serial_line import Device, MemorySerial, PtyDevice
@@ -57,7 +58,7 @@ class _Locked:
         return locked
 
 
-class WorldChambers:
+class WorldChambers(SetPointsOnly):
     """Chambers that make about what they are asked for, and references that report about what they make.
 
     `made` and `reported` are one sigma of what the air differs from the set point, and its report from the air, in K
@@ -93,6 +94,51 @@ class WorldChambers:
 
     def airs(self) -> tuple[Air, Air]:
         return self._airs
+
+
+class Room:
+    """Both airs and the airflow of a world as single set points, each of which a device of its own may change."""
+
+    def __init__(self, world: PhysicalWorld, pressure_hpa: float) -> None:
+        self._world = world
+        self._pressure_hpa = pressure_hpa
+        self.values = {
+            ("source", "temperature"): 20.0,
+            ("source", "humidity"): 50.0,
+            ("destination", "temperature"): 20.0,
+            ("destination", "humidity"): 50.0,
+            ("fan", "airflow"): 5.0,
+        }
+
+    def change(self, place: str, quantity: str, value: float) -> None:
+        """Have the world make it, with the rest as it was; ValueError where this place does not make that."""
+        if (place, quantity) not in self.values:
+            raise ValueError(f"the {place} makes no {quantity}")
+        self.values[place, quantity] = value
+        source, destination = (
+            Air(self.values[place, "temperature"], self.values[place, "humidity"])
+            for place in ("source", "destination")
+        )
+        self._world.set_airs(source, destination, self.values["fan", "airflow"], self._pressure_hpa)
+
+
+class RoomPart:
+    """One chamber or the fan of a room, as the device in front of it sees it: at its set point at once."""
+
+    def __init__(self, room: Room, place: str) -> None:
+        self._room, self._place = room, place
+
+    def set(self, quantity: str, value: float) -> None:
+        self._room.change(self._place, quantity, value)
+
+    def asked(self, quantity: str) -> float:
+        return self._room.values[self._place, quantity]
+
+    def read(self, quantity: str) -> float:
+        return self._room.values[self._place, quantity]
+
+    def switch(self, on: bool) -> None:
+        """It holds its air either way."""
 
 
 class _LooseWire:
@@ -162,6 +208,8 @@ class VirtualInstruments:
         self._random = random.Random(f"phases {seed}")
         self._paths: list[str] = []
         self._ptys: list[PtyDevice] = []
+        self._servers: list[ScpiServer | ModbusServer] = []
+        self._room: Room | None = None
         self.parts: dict[str, object] = {}  # the emulated chip, unit or controller of each part, for tests
 
     def i2c_path(self, part: str, address: int) -> str:
@@ -231,7 +279,20 @@ class VirtualInstruments:
         reported = truth.reference_scatter_k, truth.reference_scatter_percent
         return WorldChambers(self.world, self._pressure_hpa, made, reported, self._seed)
 
+    def climate_port(self, part: str, protocol: str) -> str:
+        """Where an emulated chamber ("source chamber", "destination chamber") or "fan" of this world is reached."""
+        if self._room is None:
+            self._room = Room(self.world, self._pressure_hpa)
+        climate = RoomPart(self._room, part.removesuffix(" chamber"))
+        server = ScpiServer(climate) if protocol == "scpi" else ModbusServer(climate)
+        self._servers.append(server)
+        self.parts[part] = server
+        return server.port
+
     def close(self) -> None:
+        for server in self._servers:
+            server.close()
+        self._servers = []
         for path in self._paths:
             pull_out(path)
         for pty in self._ptys:
