@@ -276,7 +276,7 @@ def bench_toml(found: Iterable[Found], name: str = "found by scan") -> str:
     if films:
         lines += ["", "[sensors.hyt]", *_hyt_lines(films[0]), '# serial = "H00000" # SET: yours to choose']
     elif imets[0].has_humidity:
-        lines += ["", "[sensors.hyt]", 'kind = "imet-humidity" # the HYT-271 that the iMet reads itself']
+        lines += ["", "[sensors.hyt]", 'kind = "imet-humidity" # the hygrometer that the iMet reads itself']
     lines += ["", "[stage]"]
     if stages:
         lines += [

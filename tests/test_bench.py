@@ -369,3 +369,13 @@ def test_contract_of_every_registered_sensor(kind, fault):
         assert reading.requested_s <= reading.time_s
         assert bool(reading.values) == (reading.outcome in (Outcome.OK, Outcome.STALE))
         assert (reading.sampled_s is not None) == (reading.outcome is Outcome.OK)
+
+
+@pytest.mark.parametrize(("unit", "kind"), [("imet-xf", "hyt-271"), ("imet-xq2", "imet-xq2-humidity")])
+def test_a_units_own_hygrometer_is_called_what_it_is(tmp_path, unit, kind):
+    text = VIRTUAL.replace('kind = "imet-xf"', f'kind = "{unit}"')
+    film = text.index("[sensors.hyt]")
+    text = text[:film] + '[sensors.hyt]\nkind = "imet-humidity"\n' + text[text.index("[stage]") :]
+    path = tmp_path / "bench.toml"
+    path.write_text(text)
+    assert open_bench(load_bench(path)).describe()["hyt"]["kind"] == kind

@@ -342,3 +342,13 @@ def test_other_files_go_to_the_kernel_while_a_fake_is_plugged_in(tmp_path):
             smbus2.SMBus(str(tmp_path / "plain"))
         assert caught.value.errno == errno.ENOTTY
     assert smbus2.smbus2.os is os and ctypes.sizeof(smbus2.i2c_msg) >= 8
+
+
+@pytest.mark.parametrize("conversion_s", [0.06, 0.08, 0.09])
+def test_at_its_defaults_a_sensor_makes_ten_readings_a_second(conversion_s):
+    with hyt_bench(conversion_s=conversion_s) as (sensor, _, _, clock):
+        sensor.open()
+        readings = watch(sensor, clock, 10.3)
+    assert {reading.outcome for reading in readings} == {Outcome.OK}
+    gaps = [late.requested_s - early.requested_s for early, late in zip(readings, readings[1:], strict=False)]
+    assert gaps == pytest.approx([0.1] * len(gaps), abs=0.002) and len(readings) == pytest.approx(100, abs=1)

@@ -1,4 +1,7 @@
-"""The HYT-271 that an iMet unit reads itself, as a sensor of its own: it takes what the iMet's lines bring along."""
+"""The hygrometer that an iMet unit reads itself, as a sensor of its own: it takes what the iMet's lines bring along.
+
+An XF reads a HYT-271; what an XQ or XQ2 has is its maker's own sensor, and is called after the unit.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +42,9 @@ class ImetHumidity:
         return cls(name, settings, imet)
 
     def describe(self) -> dict[str, Any]:
-        return {"kind": "hyt-271", "serial": self.settings.serial, "film_thickness_m": self.settings.film_thickness_m}
+        unit = str(self._imet.describe()["kind"])
+        kind = "hyt-271" if unit == "imet-xf" else f"{unit}-humidity"
+        return {"kind": kind, "serial": self.settings.serial, "film_thickness_m": self.settings.film_thickness_m}
 
     def open(self) -> None:
         self._imet.keep_humidity(self.name)
