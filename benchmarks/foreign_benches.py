@@ -136,7 +136,27 @@ def table(results: list[dict]) -> str:
     lines.append("falsely named: " + (", ".join(f"{k} {v}" for k, v in sorted(names.items()) if v) or "none"))
     worse = [r for r in results if (growth(r) or 0.0) > WORSE]
     lines.append(f"extensions worse on fresh runs by more than {100 * WORSE:.0f} %: {len(worse)}")
+    lines += pairs(groups)
     return "\n".join(lines)
+
+
+def pairs(groups: dict[str, list[dict]]) -> list[str]:
+    """Stated relative uncertainty of the rate behind a slow chamber with a measured air, beside that by ideal steps."""
+    from foreign_worlds import PAIRED
+
+    lines = []
+    for ideal, slow in PAIRED.items():
+        stated = [{r["seed"]: r["rate_plain"] for r in groups[name] if r["rate_plain"]} for name in (slow, ideal)]
+        relative = [{seed: told[1] / told[0] for seed, told in one.items()} for one in stated]
+        ratios = [relative[0][seed] / relative[1][seed] for seed in sorted(set(relative[0]) & set(relative[1]))]
+        if ratios:
+            middle, most = np.median(ratios), np.max(ratios)
+            within = np.mean(np.array(ratios) <= 1.5)
+            lines.append(
+                f"u(rate) {slow} over {ideal}, the same sensors: median {middle:.2f}, largest {most:.2f}, "
+                f"at most 1.5 in {100 * within:.0f} % of {len(ratios)}"
+            )
+    return lines
 
 
 def _one(work: tuple) -> dict:

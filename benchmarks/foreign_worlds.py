@@ -21,8 +21,9 @@ CLASSES = (
     *("runs_1", "runs_2", "runs_3", "runs_6"),
     *("hz_1", "hz_100", "lags"),
     *("bodies_right", "bodies_wrong", "sheath", "slow_share"),
-    *("chamber_air", "chamber_60"),
+    *("chamber_air", "chamber_60", "steps_60"),
 )
+PAIRED = {"steps_60": "chamber_60"}  # the same sensors, loggers and seeds, with ideal steps of known airs
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,14 @@ class World:
 
 def draw(name: str, seed: int) -> World:
     """The world of a class and a seed; thermometers have even seeds, hygrometers odd ones."""
+    if name in PAIRED:
+        slow = draw(PAIRED[name], seed)
+        written = replace(slow.bench.written, start=True, airs=True, airflow=True)
+        bench, fresh = (
+            replace(b, name=name, approach=Approach(), reference=None, written=written)
+            for b in (slow.bench, slow.fresh)
+        )
+        return replace(slow, name=name, bench=bench, fresh=fresh, words=slow.words.split(", air ")[0] + ", steps")
     rng = np.random.default_rng([zlib.crc32(name.encode()), seed])
     channel = "temperature" if seed % 2 == 0 else "humidity"
     default = DEFAULT_BODY[channel]
