@@ -10,7 +10,7 @@ import contextlib
 import errno
 import tempfile
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -61,6 +61,8 @@ class Bench:
     operator: Operator | None = None
     chambers: Chambers | None = None
     climate: Mapping[str, Any] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    calibration: Mapping[str, Any] = field(default_factory=dict)
     devices: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -172,6 +174,7 @@ def open_bench(
         The parts do not fit together.
     """
     clock = VirtualClock() if config.general.clock == "virtual" else RealClock()
+    settings = _snapshot(config)  # before the emulated stage is told how fast the truth has it
     person = operator or ConsoleOperator(clock, within_s=config.general.answer_within_s)
     instruments, truth = _emulate(config, clock, truth, faults or {}) if config.emulated else (None, None)
     if instruments is not None and config.is_virtual(config.stage):
@@ -201,9 +204,17 @@ def open_bench(
         instruments=instruments,
         operator=person,
         chambers=chambers,
+        settings=settings,
+        calibration={name: dict(part.calibration) for name, part in config.parts().items() if part.calibration},
         climate={CHAMBERS[name]: device for name, device in devices.items()},
         devices={name: _device(name, part) for name, part in config.parts().items()},
     )
+
+
+def _snapshot(config: BenchConfig) -> dict[str, Any]:
+    """The whole bench file with its defaults, but for what is sealed: how emulated sensors are."""
+    parts = {name: {"kind": part.kind, **asdict(part.settings)} for name, part in config.parts().items()}
+    return {"bench": asdict(config.general), **parts}
 
 
 def _build(name: str, part: Part, parts: _Parts, config: BenchConfig) -> Any:

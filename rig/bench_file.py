@@ -1,6 +1,7 @@
 """Bench files (TOML): which instruments make up a bench, where they are connected, and their settings.
 
-[bench] name, clock, pressure_hpa; [sensors.NAME], [stage], [reference] each with a kind and that kind's own settings;
+[bench] name, clock, pressure_hpa; [sensors.NAME], [stage], [reference] each with a kind and that kind's own settings,
+and for any of them certificate = "..." and calibrated = 2026-04-01;
 [chambers.source], [chambers.destination], [chambers.airflow] for devices that make them (a person does where left out);
 [virtual] for emulated parts. Kinds are a table of strings: nothing vendor-specific is imported before it is asked for.
 """
@@ -49,17 +50,20 @@ ENTRY_POINTS = "shockrig.instruments"
 SENSOR_NAMES = ("imet", "hyt")
 CHAMBERS = {"source": "source chamber", "destination": "destination chamber", "airflow": "fan"}  # as parts of a bench
 MAY_BE_ZERO = ("latency_s", "late_s", "sampled_after_s", "retry_s")
+CALIBRATION = ("certificate", "calibrated")  # of any instrument: the certificate's number, and its date
 LARGEST_SEED = 2**64 - 1
 POSITIVE_UNITS = ("_s", "_m", "_hpa", "_mm_min", "baud")
 
 
 @dataclass(frozen=True)
 class Part:
-    """One instrument of a bench: its kind, the class behind it, and that class's settings."""
+    """One instrument of a bench: its kind, the class behind it, that class's settings, and what is known of its
+    calibration ("certificate", "calibrated")."""
 
     kind: str
     backend: Backend
     settings: Any
+    calibration: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -189,7 +193,9 @@ def _part(section: str, table: Any, where: str) -> Part:
     if not isinstance(kind, str) or kind not in known:
         raise BenchError(f'{where}: kind = "{kind}" is not known{nearest(str(kind), sorted(known))}')
     backend = _backend(section, kind, where)
-    return Part(kind, backend, settings_from(backend.Settings, {k: v for k, v in table.items() if k != "kind"}, where))
+    calibration = {key: str(table[key]) for key in CALIBRATION if key in table}
+    own = {key: value for key, value in table.items() if key != "kind" and key not in calibration}
+    return Part(kind, backend, settings_from(backend.Settings, own, where), calibration)
 
 
 def _backend(section: str, kind: str, where: str) -> Any:

@@ -9,9 +9,10 @@ from __future__ import annotations
 import math
 import signal
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from shockrig.rig.bench import Bench
 from shockrig.rig.errors import (
@@ -88,6 +89,7 @@ def record_campaign(
     utc: Callable[[], str],
     observer: Observer | None = None,
     sync_every_s: float | None = 1.0,
+    session: Mapping[str, Any] | None = None,
 ) -> list[str]:
     """Record the runs of a protocol that a campaign folder does not hold yet.
 
@@ -103,6 +105,8 @@ def record_campaign(
         Time of day as ISO 8601 text.
     sync_every_s : float or None
         How often the journal is forced to the disk, in s; None for a virtual clock.
+    session : mapping, optional
+        Who records with what, for campaign.json; its "bench" is held against that of the campaign's last session.
 
     Returns
     -------
@@ -128,6 +132,8 @@ def record_campaign(
         missing = folder.missing()
         if not missing:
             return []
+        for text in folder.changed(session) if session is not None else ():
+            watcher.say(f"another setting than in this campaign's last session: {text}")
         runner = _Runner(bench, protocol, folder, watcher, utc)
         total = len(protocol.runs)
         recorded = []
@@ -135,6 +141,8 @@ def record_campaign(
             runner.open()
             if bench.emulated:
                 watcher.say(INVENTED)
+            if session is not None:
+                runner.session = folder.add_session(session)
             for run in missing:
                 watcher.run_began(run, protocol.runs.index(run) + 1, total, bench.clock.now())
                 try:
@@ -168,6 +176,7 @@ class _Runner:
     folder: CampaignFolder
     watcher: Observer
     utc: Callable[[], str]
+    session: int | None = None
     recorder: Recorder | None = None
     move: Move | None = None
     good: dict[str, deque[tuple[float, float, float]]] = field(default_factory=dict)  # sensor -> (time, degC, %RH)
@@ -237,13 +246,15 @@ class _Runner:
 
     def _attempt(self, run: PlannedRun, attempt: int) -> RunRecord:
         clock = self.bench.clock
-        header = {
+        header: dict[str, Any] = {
             "attempt": attempt,
             "started_at": self.utc(),
             "pressure_hpa": self.bench.pressure_hpa,
             "sensors": list(self.bench.describe()),
             "airs_from": dict(zip(("source", "destination"), self.bench.reference.origins, strict=True)),
         }
+        if self.session is not None:
+            header["session"] = self.session
         self.move = None
         self.recorder = recorder = self.folder.begin(run, header, clock.now())
         try:

@@ -34,6 +34,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="bench file, or virtual (the default: emulated instruments), manual, raspberry-pi",
     )
     parser.add_argument("--out", metavar="CAMPAIGN", type=Path, help="campaign folder, new or to go on with")
+    parser.add_argument(
+        "--operator", metavar="NAME", help="who records, for campaign.json (asked once on a real bench)"
+    )
     parser.add_argument("--dry-run", action="store_true", help="check and print the plan; nothing moves")
     parser.add_argument("--watch", action="store_true", help="show the live view of shockrig watch meanwhile")
     virtual = parser.add_argument_group("emulated instruments")
@@ -177,6 +180,7 @@ def _print_plan(protocol: Any, bench: Any) -> None:
 
 
 def _record(args: argparse.Namespace, protocol: Any, bench: Any, sealed: _Sealed | None) -> int:
+    from shockrig.protocols.provenance import session
     from shockrig.protocols.run_progress import duration, observer
     from shockrig.protocols.watch.beside import LiveObserver
     from shockrig.rig.clock import VirtualClock
@@ -184,6 +188,7 @@ def _record(args: argparse.Namespace, protocol: Any, bench: Any, sealed: _Sealed
     from shockrig.rig.runner import record_campaign
     from shockrig.rig.watch.status_file import StatusFile
 
+    operator = args.operator or _operator(args.out, bench)
     in_real_time = not isinstance(bench.clock, VirtualClock)
     shown: Any = observer()
     if args.watch:
@@ -197,6 +202,7 @@ def _record(args: argparse.Namespace, protocol: Any, bench: Any, sealed: _Sealed
             utc=_utc(bench.clock),
             observer=told,
             sync_every_s=1.0 if in_real_time else None,
+            session=session(bench, _utc(bench.clock)(), operator),
         )
     state = read_state(args.out)
     spoilt = f", {len(state.set_aside)} attempts set aside" if state.set_aside else ""
@@ -206,6 +212,21 @@ def _record(args: argparse.Namespace, protocol: Any, bench: Any, sealed: _Sealed
     if sealed is not None:
         print(f"sealed truth: {sealed.path}")
     return 0
+
+
+def _operator(out: Path, bench: Any) -> str | None:
+    """Who recorded this campaign's last session; for a new one on a real bench the person at the terminal is asked."""
+    from shockrig.files.disk import is_there
+    from shockrig.rig.recorder.campaign import read_head
+
+    if is_there(out / "campaign.json"):
+        sessions = read_head(out).get("sessions")
+        last = sessions[-1] if isinstance(sessions, list) and sessions else {}
+        return last.get("operator") if isinstance(last, dict) else None
+    if bench.emulated or not (sys.stdin.isatty() and sys.stderr.isatty()):
+        return None
+    print("Who records? [name, Enter for nobody] ", end="", file=sys.stderr, flush=True)
+    return sys.stdin.readline().strip() or None
 
 
 def _utc(clock: Any) -> Callable[[], str]:

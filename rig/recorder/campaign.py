@@ -36,6 +36,7 @@ from shockrig.rig.recorder.run import (
     RunRecord,
     read_run,
 )
+from shockrig.rig.recorder.session import changes
 
 REMEDY = "fix or restore the file"
 FOLDERS = ("runs", "recording", "set_aside")
@@ -129,6 +130,26 @@ class CampaignFolder:
                     (self.path / name).rmdir()
             os.close(self._lock)
             self._lock = -1
+
+    def changed(self, session: Mapping[str, Any]) -> list[str]:
+        """What differs from the campaign's last session; raises BenchError where that would shift time stamps."""
+        sessions = _content(self.path / "campaign.json", CAMPAIGN_FORMAT).get("sessions")
+        last = sessions[-1] if isinstance(sessions, list) and sessions else None
+        before = last.get("bench") if isinstance(last, dict) else None
+        if not isinstance(before, dict):
+            return []
+        try:
+            return changes(before, session["bench"])
+        except BenchError as error:
+            raise BenchError(f"{self.path}: {error}") from None
+
+    def add_session(self, session: Mapping[str, Any]) -> int:
+        """Keep a session that begins in campaign.json; its number, counted from 1."""
+        content = _content(self.path / "campaign.json", CAMPAIGN_FORMAT)
+        sessions = content.get("sessions")
+        kept = [*(sessions if isinstance(sessions, list) else []), dict(session)]
+        write_campaign(self.path, content | {"sessions": kept})
+        return len(kept)
 
     def abandon(self) -> None:
         """Take back a campaign that this opening began and that holds nothing; any other stays as it is."""
@@ -301,7 +322,8 @@ def _check_same(path: Path, content: Mapping[str, Any]) -> None:
             "give the same protocol, or another --out"
         )
     if len(now) > len(before):
-        write_campaign(path, content)
+        kept = {"sessions": there["sessions"]} if "sessions" in there else {}
+        write_campaign(path, {**content, **kept})
 
 
 def _has_a_record(folder: Path) -> bool:

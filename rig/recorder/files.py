@@ -41,6 +41,7 @@ def run_json(record: RunRecord) -> dict[str, Any]:
         note=header.get("note") or None,
         notes=[{"time_s": round(at_s - (record.zero_s or at_s), 3), "text": text} for at_s, text in record.notes]
         or None,
+        session=header.get("session"),
         airs_from=header.get("airs_from") or None,
         planned={key: header.get(key) for key in ("source", "destination")},
         outcomes={sensor: dict(counts) for sensor, counts in record.counts.items()},

@@ -26,11 +26,12 @@ LATE = {errno.ETIMEDOUT, errno.EAGAIN}  # clock stretched too long, or another m
 class Hyt271Settings:
     """Settings of one HYT-271; all but `bus` may be left out.
 
-    `conversion_s` is the wait between request and first fetch (public drivers use 0.06 to 0.1 s; the maker's figure is
-    not known): too early a fetch does no harm, too late a one costs the next reading its place at 10 Hz. From then on the
-    fetch is repeated every `retry_s` until it is fresh, or until `deadline_s` after the request was first tried. `sampled_after_s` says how long after the request the humidity is taken: it is converted
-    after the temperature, so late in the conversion. Measure it where tens of milliseconds matter. `confirm` fetches
-    every reading three times (five for a while after a damaged one): a frame has no checksum, and the repeats (the same
+    `conversion_s` is the wait between request and first fetch (public drivers use 0.06 to 0.1 s; the maker's figure
+    is not known): too early a fetch does no harm, too late a one costs the next reading its place at 10 Hz. From
+    then on the fetch is repeated every `retry_s` until it is fresh, or until `deadline_s` after the request was
+    first tried. `sampled_after_s` says how long after the request the humidity is taken: it is converted after the
+    temperature, so late in the conversion. Measure it where tens of milliseconds matter. `confirm` fetches every
+    reading three times (five for a while after a damaged one): a frame has no checksum, and the repeats (the same
     bits, Stale set) are the only sign of a bit that was flipped on the way.
     """
 
