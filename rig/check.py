@@ -15,11 +15,14 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from shockrig.files.disk import shown
 from shockrig.rig.bench import Bench
+from shockrig.rig.chambers.limits import UNITS
 from shockrig.rig.clock import VirtualClock
 from shockrig.rig.errors import BenchError, ConnectionFaults
 from shockrig.rig.protocol import Protocol
-from shockrig.rig.runner import SHORTEST_WAIT_S, check_plan
+from shockrig.rig.recorder.campaign import check_folder
+from shockrig.rig.runner import SHORTEST_WAIT_S, check_plan, demand_room
 from shockrig.rig.seams import Air, Move, Outcome, Reading
 
 SETTLE_S = 0.5  # what had gathered while the other instruments were opened is old
@@ -102,7 +105,7 @@ def examine(
     Returns
     -------
     list of Finding
-        Sensors, reference and stage in the bench's order, then clock and disk.
+        Sensors, chambers, reference and stage in the bench's order, then clock, plan and disk.
     """
     if not may_move:
         bench = replace(bench, stage=LeftAlone())
@@ -115,7 +118,8 @@ def examine(
     opened = {name: part for name, part in bench.parts().items() if label[name] not in faults}
     real = not isinstance(bench.clock, VirtualClock)
     wall_before_s, bench_before_s = wall(), bench.clock.now()
-    heard = _listen(bench, {name: part for name, part in opened.items() if name != "stage"})
+    silent = ("stage", *bench.climate)
+    heard = _listen(bench, {name: part for name, part in opened.items() if name not in silent})
     jump_s = (wall() - wall_before_s) - (bench.clock.now() - bench_before_s) if real else 0.0
     findings = []
     for name, part in bench.parts().items():
@@ -123,12 +127,15 @@ def examine(
             findings.append(Finding(label[name], "", faults[label[name]].cause, faults[label[name]].remedy))
         elif name == "stage":
             findings.append(Finding(label[name], "answers" if may_move else "left alone, as asked"))
+        elif name in bench.climate:
+            findings.append(_climate(label[name], part))
         elif name in bench.describe() or heard[name]:
             findings.append(_judged(label[name], part, heard[name], bench.describe().get(name, {})))
         else:
             findings.append(Finding(label[name], "nothing to read before a run"))
     findings.append(clock_finding(bench.clock, wall, jump_s) if real else Finding("clock", "virtual"))
-    findings.append(_disk(folder, bench, protocol, bench.clock.now if real else None))
+    findings.append(_plan(folder, bench, protocol))
+    findings.append(_disk(folder, protocol, bench.clock.now if real else None))
     return findings
 
 
@@ -221,9 +228,31 @@ def clock_finding(clock: Any, wall: Callable[[], float], jump_s: float) -> Findi
     return Finding("clock", says)
 
 
-def _disk(folder: Path, bench: Bench, protocol: Protocol, now: Callable[[], float] | None) -> Finding:
+def _climate(device: str, part: Any) -> Finding:
+    """What a chamber or fan reads; its set points are left alone."""
+    try:
+        found = {quantity: part.get(quantity) for quantity in UNITS if part.has(quantity)}
+    except OSError as error:
+        return Finding(device, "", error.strerror or str(error), "check the commands or registers in the bench file")
+    said = [f"{name} {value:.4g} {UNITS[name]}" for name, value in found.items() if value is not None]
+    return Finding(device, ", ".join(said) or f"answers; takes {', '.join(found)}, and reads none of it")
+
+
+def _plan(folder: Path, bench: Bench, protocol: Protocol) -> Finding:
+    """Whether a run of this protocol into this folder would be begun."""
+    device = f"plan ({protocol.name} into {shown(folder)})"
+    try:
+        warnings = check_plan(protocol, bench)
+        if folder != Path():
+            check_folder(folder, protocol, bench.describe(), bench=bench.name, emulated=bench.emulated)
+    except BenchError as error:
+        return Finding(device, "", str(error), "shockrig run would refuse it")
+    return Finding(device, "; ".join([f"{len(protocol.runs)} runs", *warnings]))
+
+
+def _disk(folder: Path, protocol: Protocol, now: Callable[[], float] | None) -> Finding:
     """Room for the protocol, and how fast small writes reach the disk (`now` None: not timed)."""
-    home = next(parent for parent in (folder, *folder.resolve().parents) if parent.is_dir())
+    home = next(parent for parent in (folder, *Path(os.path.realpath(folder)).parents) if parent.is_dir())
     device = f"disk ({home})"
     try:
         disk = os.statvfs(home)
@@ -236,7 +265,7 @@ def _disk(folder: Path, bench: Bench, protocol: Protocol, now: Callable[[], floa
         says += f"; {BLOCK_BYTES // 1024} kB reach the disk in {1e3 * median(times_s):.2g} ms"
         says += f", {1e3 * max(times_s):.2g} ms at most"
     try:
-        check_plan(protocol, bench, free_bytes)
+        demand_room(protocol, free_bytes)
     except BenchError as error:
         return Finding(device, says, str(error), "free some space, or give an --out on another disk")
     if max(times_s) > SYNC_S:

@@ -62,9 +62,8 @@ def check_plan(protocol: Protocol, bench: Bench, free_bytes: int | None = None) 
     """
     if not bench.sensors:
         raise BenchError(f"bench {bench.name}: has no sensor to record; add [sensors.imet] or [sensors.hyt]")
-    need_bytes = 2.0 * sum(run.shortest_s() for run in protocol.runs) * BYTES_PER_S
-    if free_bytes is not None and free_bytes < need_bytes:
-        raise BenchError(f"the disk has {free_bytes / 1e6:.0f} MB free, the campaign needs {need_bytes / 1e6:.0f} MB")
+    if free_bytes is not None:
+        demand_room(protocol, free_bytes)
     warnings = []
     for run in protocol.runs:
         if bench.chambers is not None:
@@ -79,6 +78,13 @@ def check_plan(protocol: Protocol, bench: Bench, free_bytes: int | None = None) 
                 f"into air with a dew point of {dew_point_c:.1f} degC"
             )
     return warnings
+
+
+def demand_room(protocol: Protocol, free_bytes: int) -> None:
+    """Raise BenchError where a disk has no room for a campaign."""
+    need_bytes = 2.0 * sum(run.shortest_s() for run in protocol.runs) * BYTES_PER_S
+    if free_bytes < need_bytes:
+        raise BenchError(f"the disk has {free_bytes / 1e6:.0f} MB free, the campaign needs {need_bytes / 1e6:.0f} MB")
 
 
 def record_campaign(

@@ -24,9 +24,11 @@ BUS_WAIT_S = 2.0
 PLAUSIBLE_C = (-45.0, 90.0)
 IMET_BAUD, GRBL_BAUD = 57600, 115200
 LISTEN_S = 2.6  # an XQ2 speaks once in a second; a GRBL board that opening resets boots within two
+REPORT_WITHIN_S = 0.5
 LOOK_EVERY_S = 0.02
 ENOUGH_LINES = 2
 BANNER = re.compile(rb"Grbl (\S+)|GrblHAL (\S+)")
+PRESSED = re.compile(rb"\|Pn:([A-Z]+)")
 REPORT = re.compile(rb"<[A-Z][a-z]*(:\d)?\|[MW]Pos:[^<>\r\n]*>")
 
 
@@ -61,10 +63,12 @@ class FoundImet:
 
 @dataclass(frozen=True)
 class FoundGrbl:
-    """A GRBL controller; `version` is empty where it did not announce itself."""
+    """A GRBL controller; `version` is empty where it did not announce itself, `pins` are the switches that it reports
+    as pressed."""
 
     port: str
     version: str
+    pins: str = ""
 
     def __str__(self) -> str:
         return f"{self.port}: GRBL {self.version}".rstrip()
@@ -173,7 +177,14 @@ class SerialListener:
             self._heard_any |= bool(chunk)
             self._heard = (self._heard + chunk)[-10_000:]
             self.found = _recognized(self.path, self._heard, self._baud)
-            if self.found is not None:
+            if isinstance(self.found, FoundGrbl) and self._may_ask and not self._asked:
+                # It has said hello: its report shows the switches.
+                self._asked, self._until_s = True, self._clock.now() + REPORT_WITHIN_S
+                self._port.write(b"?")
+            elif isinstance(self.found, FoundGrbl) and self._asked and not REPORT.search(self._heard):
+                if self._clock.now() >= self._until_s:
+                    self._end()
+            elif self.found is not None:
                 self._end()
             elif self._clock.now() >= self._until_s:
                 self._go_on()
@@ -221,10 +232,11 @@ def scan_serial(
 
 def _recognized(path: str, heard: bytes, baud: int) -> FoundImet | FoundGrbl | None:
     banner = BANNER.search(heard)
-    if banner is not None:
-        return FoundGrbl(path, (banner[1] or banner[2]).decode("ascii", "replace"))
-    if REPORT.search(heard):
-        return FoundGrbl(path, "")
+    report = REPORT.search(heard)
+    if banner is not None or report is not None:
+        version = "" if banner is None else (banner[1] or banner[2]).decode("ascii", "replace")
+        pressed = None if report is None else PRESSED.search(report[0])
+        return FoundGrbl(path, version, "" if pressed is None else pressed[1].decode())
     best = max((_as_imet(heard, kind) for kind in TABLES), key=lambda lines: len(lines[1]))
     kind, lines = best
     if len([line for line in lines if "temperature_c" in line]) < ENOUGH_LINES:
@@ -285,6 +297,12 @@ def bench_toml(found: Iterable[Found], name: str = "found by scan") -> str:
             "source_mm = 0.0 # SET: machine positions of the two ends; this is a short, slow move until you have",
             "destination_mm = -10.0 # SET",
             "feed_mm_min = 600.0 # SET",
+            f'limit_pin = "{stages[0].pins[:1]}"'
+            + (
+                " # pressed now"
+                if stages[0].pins
+                else ' # SET: "X" where there is a switch at each end (none is pressed now)'
+            ),
             "home = true # SET: false where the machine has no homing switches",
         ]
     else:

@@ -134,9 +134,44 @@ def test_exit_status(tmp_path, capsys):
         '[sensors.imet]\nkind = "imet-xf"\nport = "/dev/ttyNowhere"\n'
         '[stage]\nkind = "manual"\n[reference]\nkind = "operator"\n'
     )
-    assert main(["check", "--bench", str(bench), "--out", str(tmp_path)]) == 1
+    assert main(["check", "--bench", str(bench), "--out", str(tmp_path / "c")]) == 1
     text = capsys.readouterr().out
     assert text.endswith("2 faults\n") and "/dev/i2c-nowhere" in text and "/dev/ttyNowhere" in text
     bench.write_text("[bench]\n")
     assert main(["check", "--bench", str(bench)]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_check_finds_what_run_would_stumble_over(tmp_path, capsys):
+    """A folder that is another campaign's or somebody's, a file, a plan beyond the chambers' limits."""
+    out = tmp_path / "c"
+    assert main(["run", "quick", "--out", str(out), "--seed", "1"]) == 0
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis/chapter1.tex").write_text("years of work")
+    (tmp_path / "file").write_text("")
+    capsys.readouterr()
+    for arguments, words in (
+        (["--out", str(out)], "was begun with the protocol 'quick' and another plan"),
+        (["--out", str(tmp_path / "thesis")], "is neither empty nor a campaign"),
+        (["--out", str(tmp_path / "file")], "is a file; give another --out"),
+    ):
+        assert main(["check", *arguments]) == 1
+        said = capsys.readouterr().out
+        assert "FAULT  plan (standard into " in said and words in said and "1 fault" in said
+    for arguments in (["--out", str(out), "--protocol", "quick"], ["--out", str(tmp_path / "new")]):
+        assert main(["check", *arguments]) == 0
+        assert "ok     plan (" in capsys.readouterr().out
+    assert (tmp_path / "thesis/chapter1.tex").read_text() == "years of work" and not (tmp_path / "new").exists()
+
+
+def test_check_reads_chambers_and_fan_and_holds_the_plan_against_their_limits(tmp_path, capsys):
+    from test_chambers import bench_file
+
+    assert main(["check", "--bench", str(bench_file(tmp_path)), "--protocol", "quick"]) == 0
+    said = capsys.readouterr().out
+    assert "source chamber (scpi on virtual)" in said and "temperature 20 degC, humidity 50 %RH" in said
+    assert "fan (modbus on virtual)" in said and "airflow 5 m/s" in said
+    bench = bench_file(tmp_path, "highest_c = 30.0")
+    assert main(["check", "--bench", str(bench), "--protocol", "quick"]) == 1
+    said = capsys.readouterr().out
+    assert "run 0002: temperature 40 degC is beyond the source's limits (-40 to 30)" in said and "1 fault" in said

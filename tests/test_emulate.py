@@ -183,7 +183,7 @@ def test_a_grbl_sender_moves_the_emulated_carriage(tmp_path):
     [
         (("imet-xf", "imet-xq2"), "two beads"),
         (("hyt-271", "imet-xq2"), "two films"),
-        (("hyt-271", "--link", "x"), "--link x: is for one serial instrument"),
+        (("hyt-271", "--link", "x"), "--link x: here are 0 serial instruments"),
         (("imet-xf", "--fault", "nack@1"), "no fault 'nack'"),
         (("imet-xf", "--fault", "silence"), "KIND@START"),
         (("imet-xf", "--profile", "p.json"), "only with --flight"),

@@ -175,10 +175,21 @@ def test_an_imet_set_to_the_other_baud_rate():
     assert on_ports(usb=(device, 115200))["usb"].found.baud == 115200 and device.heard == b""
 
 
-def test_grbl_that_announces_itself_is_not_asked():
-    device = Replay([(at_s, BANNER) for at_s in (0.3, 3.0)])  # opening a port resets such a board
-    assert on_ports(usb=(device, 115200))["usb"].found == FoundGrbl("usb", "1.1h")
+def test_grbl_that_announces_itself_is_asked_for_its_switches_by_one_byte():
+    banners = [(at_s, BANNER) for at_s in (0.3, 3.0)]  # opening a port resets such a board
+    for report, pins in ((b"<Idle|MPos:0.000,0.000,0.000|FS:0,0|Pn:XZ>\r\n", "XZ"), (b"", "")):
+        device = Replay([*banners, (3.2, report)])
+        assert on_ports(usb=(device, 115200))["usb"].found == FoundGrbl("usb", "1.1h", pins)
+        assert [data for _, data in device.heard] == [b"?"]
+    device = Replay(banners)
+    assert on_ports(usb=(device, 115200), may_ask=False)["usb"].found == FoundGrbl("usb", "1.1h")
     assert device.heard == []
+
+
+@pytest.mark.parametrize(("pins", "line"), [("XZ", 'limit_pin = "X" # pressed now'), ("", 'limit_pin = "" # SET: "X"')])
+def test_the_bench_file_has_the_switch_that_is_pressed(pins, line):
+    text = bench_toml([HYT, FoundGrbl("/dev/ttyACM0", "1.1h", pins)])
+    assert line in text and check_bench(tomllib.loads(text), "x").stage.settings.limit_pin == pins[:1]
 
 
 def test_grbl_that_is_silent_is_asked_by_one_byte():
@@ -187,7 +198,7 @@ def test_grbl_that_is_silent_is_asked_by_one_byte():
     receive = device.receive
     device.receive = lambda data, at_s: (heard.append(data), receive(data, at_s))
     listener = on_ports(usb=(device, 115200))["usb"]
-    assert listener.found == FoundGrbl("usb", "") and heard == [b"?"]
+    assert listener.found == FoundGrbl("usb", "", "X") and heard == [b"?"]
     assert device._needs_homing  # it was not reset, homed or moved
     assert on_ports(usb=(GrblController(0.0, 300.0), 115200), may_ask=False)["usb"].trouble == "silent"
 
@@ -256,7 +267,7 @@ def test_what_is_found_passes_check(tmp_path, capsys, monkeypatch):
     try:
         assert main(["scan", *command]) == 0
         assert f"wrote {out}" in capsys.readouterr().out
-        assert main(["check", "--bench", str(out), "--out", str(tmp_path)]) == 0
+        assert main(["check", "--bench", str(out), "--out", str(tmp_path / "c")]) == 0
         said = capsys.readouterr().out
         assert f"imet (imet-xf on {ptys[0].path})" in said and "temperature 21.25 degC" in said
         assert f"hyt (hyt-271 on {path} at 0x28)" in said and "humidity 50" in said

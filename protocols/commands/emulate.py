@@ -10,6 +10,8 @@ from typing import Any
 from shockrig.protocols.parser import whole_number
 
 PRESSURE_HPA = 1013.25
+CHAMBERS_FILE = "chambers.toml"
+REGISTERS = ("temperature", "humidity", "airflow")  # of the emulated chambers and fan, from 0
 KINDS = ("imet-xf", "imet-xq2", "imet-xq", "hyt-271", "grbl")
 
 
@@ -17,7 +19,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     parser.epilog = "Ends at the end of the flight, else by Ctrl-C. What each instrument does: docs/emulators.md."
     parser.add_argument("kinds", metavar="KIND", nargs="+", choices=KINDS, help=", ".join(KINDS))
-    parser.add_argument("--link", metavar="PATH", type=Path, help="symbolic link to the serial instrument's terminal")
+    parser.add_argument(
+        "--link",
+        metavar="[KIND=]PATH",
+        action="append",
+        default=[],
+        help="symbolic link to a serial instrument's terminal; of several each by its kind, as imet-xf=/tmp/ttyXF",
+    )
     parser.add_argument("--folder", metavar="F", type=Path, help="where the I2C socket and library go (default: /tmp)")
     parser.add_argument("--build", metavar="LIB.so", type=Path, help="build the I2C preload library there, and end")
     parser.add_argument("--bus", type=int, default=1, metavar="N", help="/dev/i2c-N that programs open (default 1)")
@@ -32,6 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--seed", metavar="N", type=int, default=0, help="noise, and without a flight the sensors themselves"
     )
     air = parser.add_argument_group("without a flight")
+    air.add_argument("--chambers", action="store_true", help="two chambers (SCPI, Modbus) and a fan that make the airs")
     air.add_argument("--source", metavar="DEGC,RH", default="20,50", help="air where the probes are (default 20,50)")
     air.add_argument("--destination", metavar="DEGC,RH", default="40,20", help="air where grbl carries them")
     air.add_argument("--airflow", metavar="M_S", type=float, default=6.0, help="past the probes (default 6)")
@@ -51,6 +60,7 @@ def main(args: argparse.Namespace) -> int:
     import tempfile
     import time
 
+    from shockrig.files.disk import write_whole
     from shockrig.files.ranges import RANGES, Range
     from shockrig.rig.errors import BenchError
     from shockrig.rig.virtual.emulate.i2c_socket import build_preload
@@ -68,11 +78,13 @@ def main(args: argparse.Namespace) -> int:
         if not low <= getattr(args, name) <= high:
             raise BenchError(f"--{name} {getattr(args, name)}: expected {low} to {high}")
     faults = tuple(_fault(text) for text in args.fault)
-    options = Options(args.address, args.bus, args.rate_hz, args.humidity, seed=args.seed, faults=faults)
+    airs = (*_both_airs(args), args.airflow) if args.chambers else None
+    if airs is not None and args.flight is not None:
+        raise BenchError("--chambers: make the airs of a bench; a flight has its own")
+    options = Options(args.address, args.bus, args.rate_hz, args.humidity, seed=args.seed, faults=faults, chambers=airs)
     check_kinds(args.kinds, options)
     serial = [kind for kind in args.kinds if kind != "hyt-271"]
-    if args.link is not None and len(serial) != 1:
-        raise BenchError(f"--link {args.link}: is for one serial instrument; here are {len(serial)}")
+    links = _links(args.link, serial)
     if args.profile is not None and args.flight is None:
         raise BenchError(f"--profile {args.profile}: flies only with --flight FLIGHT.csv")
     world, end_s = _flight(args) if args.flight is not None else (_bench(args), None)
@@ -91,10 +103,13 @@ def main(args: argparse.Namespace) -> int:
             args.kinds, world, clock, folder.resolve(), unix_s=time.time, truth=args.truth, options=options
         )
         stack.callback(session.close)
-        if args.link is not None:
-            _link(args.link, session.serial[serial[0]])
-            stack.callback(args.link.unlink, missing_ok=True)
-        _introduce(args, session)
+        for kind, link in links.items():
+            _link(link, session.serial[kind])
+            stack.callback(link.unlink, missing_ok=True)
+        if session.climate:
+            write_whole(folder / CHAMBERS_FILE, _chambers_toml(session.climate))
+            stack.callback((folder / CHAMBERS_FILE).unlink, missing_ok=True)
+        _introduce(args, session, links, folder)
         with contextlib.suppress(KeyboardInterrupt):
             _serve(clock, session, end_s, args.speed)
         if session.witness.trouble:
@@ -110,10 +125,39 @@ def _serve(clock: Any, session: Any, end_s: float | None, speed: float) -> None:
             return
 
 
-def _introduce(args: argparse.Namespace, session: Any) -> None:
+def _links(given: list[str], serial: list[str]) -> dict[str, Path]:
+    """Kind -> link, from PATH (one serial instrument) or KIND=PATH."""
+    from shockrig.rig.errors import BenchError
+
+    links = {}
+    for text in given:
+        kind, equals, path = text.partition("=")
+        if not equals and len(serial) == 1:
+            kind, path = serial[0], text
+        if kind not in serial or not path:
+            known = " or ".join(f"{name}=PATH" for name in serial) or "nothing: there is no serial instrument"
+            raise BenchError(f"--link {text}: here are {len(serial)} serial instruments; expected {known}")
+        links[kind] = Path(path)
+    return links
+
+
+def _chambers_toml(climate: dict[str, tuple[str, str]]) -> str:
+    """The sections of a bench file by which the emulated chambers and fan are reached."""
+    lines = []
+    for name, (kind, port) in climate.items():
+        lines += ["", f"[chambers.{name}]", f'kind = "{kind}"', f'port = "{port}"']
+        if kind == "modbus":
+            for quantity in ("airflow",) if name == "airflow" else ("temperature", "humidity"):
+                lines += [f"{way}_{quantity} = {REGISTERS.index(quantity)}" for way in ("set", "read")]
+    return "\n".join(lines) + "\n"
+
+
+def _introduce(args: argparse.Namespace, session: Any, links: dict[str, Path], folder: Path) -> None:
     for kind, path in session.serial.items():
-        named = f" ({args.link})" if args.link is not None else ""
+        named = f" ({links[kind]})" if kind in links else ""
         print(f"{kind} on {path}{named}", flush=True)
+    if session.climate:
+        print(f"chambers and a fan: append {folder / CHAMBERS_FILE} to a bench file", flush=True)
     if session.environment:
         setting = " ".join(f"{name}={value}" for name, value in session.environment.items())
         request = f"i2ctransfer -y {args.bus} w0@{args.address:#04x}"
@@ -125,11 +169,16 @@ def _introduce(args: argparse.Namespace, session: Any) -> None:
 
 def _bench(args: argparse.Namespace) -> Any:
     """A pair of sensors at rest between two chambers; a carriage moves them."""
-    from shockrig.rig.seams import Air
     from shockrig.rig.virtual.emulate.rest import RestingBench
 
+    return RestingBench(*_both_airs(args), args.airflow, PRESSURE_HPA, args.seed)
+
+
+def _both_airs(args: argparse.Namespace) -> tuple[Any, Any]:
+    from shockrig.rig.seams import Air
+
     source, destination = (Air(*_air(name, getattr(args, name))) for name in ("source", "destination"))
-    return RestingBench(source, destination, args.airflow, PRESSURE_HPA, args.seed)
+    return source, destination
 
 
 def _flight(args: argparse.Namespace) -> tuple[Any, float]:

@@ -11,7 +11,8 @@ from typing import Any
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
         "Serial ports are listened to first, at 57600 and at 115200 baud. Nothing is ever written to a port that "
-        "speaks; a port that stays silent gets the one byte '?', which GRBL answers, unless --listen-only is given. "
+        "speaks; one that stays silent, or said that it is GRBL, gets the one byte '?', which GRBL answers, unless "
+        "--listen-only is given. "
         "Opening a port resets some GRBL boards: let no stage move meanwhile. Exit status: 0 a sensor was found, "
         "1 none was, 2 bad arguments."
     )

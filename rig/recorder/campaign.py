@@ -87,14 +87,7 @@ class CampaignFolder:
         self._is_ours = False
         self._is_new = False
         self._made = [folder for folder in (path, *path.resolve().parents) if not is_there(folder)]
-        content = campaign_document(
-            path.name or protocol.name,
-            sensors,
-            protocol=protocol.name,
-            bench=bench,
-            emulated=emulated,
-            plan=[_plan_entry(run) for run in protocol.runs],
-        )
+        content = _document(path, protocol, sensors, bench, emulated)
         try:
             path.mkdir(parents=True, exist_ok=True)
             self._lock = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
@@ -103,10 +96,10 @@ class CampaignFolder:
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             self._is_ours = True
+            _demand_place(path)
             if is_there(path / "campaign.json"):
-                _check_same(path, content)
-            elif any(entry.name != "campaign.json.part" for entry in path.iterdir()):  # of a recording killed at once
-                raise BenchError(f"{path}: is neither empty nor a campaign; give another --out")
+                if _is_longer(path, content):
+                    write_campaign(path, content)
             else:
                 self._is_new = True
                 write_campaign(path, content)
@@ -302,8 +295,41 @@ def _plan_entry(run: PlannedRun) -> dict[str, Any]:
     return entry | {"airflow_m_s": run.airflow_m_s, "note": run.note, "steps": [str(step) for step in run.steps]}
 
 
-def _check_same(path: Path, content: Mapping[str, Any]) -> None:
-    """A campaign goes on with the sensors and the plan it began with; a longer plan extends it."""
+def check_folder(
+    path: Path, protocol: Protocol, sensors: Mapping[str, Any], *, bench: str, emulated: bool = False
+) -> None:
+    """Raise BenchError where a recording would not be begun, or gone on with, in this folder; touches nothing."""
+    if is_there(path) and not path.is_dir():
+        raise BenchError(f"{shown(path)}: is a file; give another --out")
+    if is_there(path):
+        _demand_place(path)
+    if is_there(path / "campaign.json"):
+        _is_longer(path, _document(path, protocol, sensors, bench, emulated))
+
+
+def _document(path: Path, protocol: Protocol, sensors: Mapping[str, Any], bench: str, emulated: bool) -> dict[str, Any]:
+    return campaign_document(
+        path.name or protocol.name,
+        sensors,
+        protocol=protocol.name,
+        bench=bench,
+        emulated=emulated,
+        plan=[_plan_entry(run) for run in protocol.runs],
+    )
+
+
+def _demand_place(path: Path) -> None:
+    """Raise BenchError where a folder holds what is not a campaign; half a campaign.json is of a recording killed at
+    once."""
+    if not is_there(path / "campaign.json") and any(entry.name != "campaign.json.part" for entry in path.iterdir()):
+        raise BenchError(f"{path}: is neither empty nor a campaign; give another --out")
+
+
+def _is_longer(path: Path, content: dict[str, Any]) -> bool:
+    """Whether a plan extends that of a campaign, which goes on with the sensors and the plan that it began with.
+
+    `content` then has what the campaign's own file knows besides. Raises BenchError where it is another.
+    """
     file = path / "campaign.json"
     there = _content(file, CAMPAIGN_FORMAT)
     if "plan" not in there:
@@ -321,9 +347,9 @@ def _check_same(path: Path, content: Mapping[str, Any]) -> None:
             f"{file}: was begun with the protocol {there.get('protocol')!r} and another plan; "
             "give the same protocol, or another --out"
         )
-    if len(now) > len(before):
-        kept = {"sessions": there["sessions"]} if "sessions" in there else {}
-        write_campaign(path, {**content, **kept})
+    if "sessions" in there:
+        content["sessions"] = there["sessions"]
+    return len(now) > len(before)
 
 
 def _has_a_record(folder: Path) -> bool:

@@ -16,13 +16,14 @@ import threading
 from collections.abc import Callable
 from typing import Protocol
 
-from shockrig.rig.seams import Clock
+from shockrig.rig.seams import Air, Clock, known
 
 SCPI = {"TEMP": "temperature", "HUM": "humidity", "FLOW": "airflow"}
 # Modbus: registers of set points (holding) and of readings (input), and what one count of each is
 REGISTERS = ("temperature", "humidity", "airflow")
 COUNTS = {"temperature": 0.1, "humidity": 0.1, "airflow": 0.01}
 RUN_REGISTER = 3
+BEGIN = Air(20.0, 50.0)
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = 1, 2, 3
 _SET = re.compile(r"SOUR:(TEMP|HUM|FLOW) ([-+]?\d+(?:\.\d+)?)")
 _READ = re.compile(r"(MEAS|SOUR):(TEMP|HUM|FLOW)\?")
@@ -87,6 +88,59 @@ class Approach:
     def _begin_anew(self) -> None:
         self._from = {quantity: self.read(quantity) for quantity in self._from}
         self._since_s = self._clock.now()
+
+
+class Room:
+    """Two airs and an airflow as single set points, each of which a device of its own may change.
+
+    `make` has the world make all of them: (source, destination, airflow in m/s).
+    """
+
+    def __init__(
+        self,
+        make: Callable[[Air, Air, float], None],
+        source: Air = BEGIN,
+        destination: Air = BEGIN,
+        airflow_m_s: float = 5.0,
+    ) -> None:
+        self._make = make
+        self.values = {
+            ("source", "temperature"): known(source.temperature_c),
+            ("source", "humidity"): known(source.humidity_percent),
+            ("destination", "temperature"): known(destination.temperature_c),
+            ("destination", "humidity"): known(destination.humidity_percent),
+            ("fan", "airflow"): airflow_m_s,
+        }
+
+    def change(self, place: str, quantity: str, value: float) -> None:
+        """Have the world make it, with the rest as it was; ValueError where this place does not make that."""
+        if (place, quantity) not in self.values:
+            raise ValueError(f"the {place} makes no {quantity}")
+        self.values[place, quantity] = value
+        source, destination = (
+            Air(self.values[place, "temperature"], self.values[place, "humidity"])
+            for place in ("source", "destination")
+        )
+        self._make(source, destination, self.values["fan", "airflow"])
+
+
+class RoomPart:
+    """One chamber or the fan of a room, as the device in front of it sees it: at its set point at once."""
+
+    def __init__(self, room: Room, place: str) -> None:
+        self._room, self._place = room, place
+
+    def set(self, quantity: str, value: float) -> None:
+        self._room.change(self._place, quantity, value)
+
+    def asked(self, quantity: str) -> float:
+        return self._room.values[self._place, quantity]
+
+    def read(self, quantity: str) -> float:
+        return self._room.values[self._place, quantity]
+
+    def switch(self, on: bool) -> None:
+        """It holds its air either way."""
 
 
 class ScpiServer:

@@ -14,7 +14,7 @@ from shockrig.rig.seams import Air, Clock, SetPointsOnly, known
 from shockrig.rig.virtual.chips.grbl import GrblController
 from shockrig.rig.virtual.chips.hyt271 import Hyt271Chip
 from shockrig.rig.virtual.chips.imet import ImetUnit
-from shockrig.rig.virtual.climate import ModbusServer, ScpiServer
+from shockrig.rig.virtual.climate import ModbusServer, Room, RoomPart, ScpiServer
 from shockrig.rig.virtual.faults import Fault, FaultyI2c, FaultySerial
 from shockrig.rig.virtual.i2c_dev import I2cWire, Wire, plug_in, pull_out
 from shockrig.rig.virtual.serial_line import Device, MemorySerial, PtyDevice
@@ -94,51 +94,6 @@ class WorldChambers(SetPointsOnly):
 
     def airs(self) -> tuple[Air, Air]:
         return self._airs
-
-
-class Room:
-    """Both airs and the airflow of a world as single set points, each of which a device of its own may change."""
-
-    def __init__(self, world: PhysicalWorld, pressure_hpa: float) -> None:
-        self._world = world
-        self._pressure_hpa = pressure_hpa
-        self.values = {
-            ("source", "temperature"): 20.0,
-            ("source", "humidity"): 50.0,
-            ("destination", "temperature"): 20.0,
-            ("destination", "humidity"): 50.0,
-            ("fan", "airflow"): 5.0,
-        }
-
-    def change(self, place: str, quantity: str, value: float) -> None:
-        """Have the world make it, with the rest as it was; ValueError where this place does not make that."""
-        if (place, quantity) not in self.values:
-            raise ValueError(f"the {place} makes no {quantity}")
-        self.values[place, quantity] = value
-        source, destination = (
-            Air(self.values[place, "temperature"], self.values[place, "humidity"])
-            for place in ("source", "destination")
-        )
-        self._world.set_airs(source, destination, self.values["fan", "airflow"], self._pressure_hpa)
-
-
-class RoomPart:
-    """One chamber or the fan of a room, as the device in front of it sees it: at its set point at once."""
-
-    def __init__(self, room: Room, place: str) -> None:
-        self._room, self._place = room, place
-
-    def set(self, quantity: str, value: float) -> None:
-        self._room.change(self._place, quantity, value)
-
-    def asked(self, quantity: str) -> float:
-        return self._room.values[self._place, quantity]
-
-    def read(self, quantity: str) -> float:
-        return self._room.values[self._place, quantity]
-
-    def switch(self, on: bool) -> None:
-        """It holds its air either way."""
 
 
 class _LooseWire:
@@ -282,7 +237,11 @@ class VirtualInstruments:
     def climate_port(self, part: str, protocol: str) -> str:
         """Where an emulated chamber ("source chamber", "destination chamber") or "fan" of this world is reached."""
         if self._room is None:
-            self._room = Room(self.world, self._pressure_hpa)
+            self._room = Room(
+                lambda source, destination, airflow_m_s: self.world.set_airs(
+                    source, destination, airflow_m_s, self._pressure_hpa
+                )
+            )
         climate = RoomPart(self._room, part.removesuffix(" chamber"))
         server = ScpiServer(climate) if protocol == "scpi" else ModbusServer(climate)
         self._servers.append(server)

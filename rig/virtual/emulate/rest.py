@@ -16,7 +16,8 @@ class RestingBench:
     """A virtual world between two chambers, asked on a clock that begins when the probes have settled in the source."""
 
     def __init__(self, source: Air, destination: Air, airflow_m_s: float, pressure_hpa: float, seed: int) -> None:
-        self._world = World(draw_truth(np.random.default_rng(seed)), VirtualClock(), seed)
+        self._clock = VirtualClock()
+        self._world = World(draw_truth(np.random.default_rng(seed)), self._clock, seed)
         self._world.set_airs(source, destination, airflow_m_s, pressure_hpa)
         self._pressure_hpa = pressure_hpa
         self._world.air(RESTED_S)
@@ -35,6 +36,11 @@ class RestingBench:
 
     def pressure_hpa(self, at_s: float) -> float:
         return self._pressure_hpa
+
+    def set_airs(self, source: Air, destination: Air, airflow_m_s: float, at_s: float) -> None:
+        """The chambers' airs from `at_s` on."""
+        self._clock.sleep_until(RESTED_S + at_s)
+        self._world.set_airs(source, destination, airflow_m_s, self._pressure_hpa)
 
     def begin_transfer(self, at_s: float) -> None:
         self._world.begin_transfer(RESTED_S + at_s)

@@ -9,9 +9,11 @@ from typing import Any
 
 from shockrig.rig.clock import RealClock
 from shockrig.rig.errors import BenchError
+from shockrig.rig.seams import Air
 from shockrig.rig.virtual.chips.grbl import GrblController
 from shockrig.rig.virtual.chips.hyt271 import Hyt271Chip
 from shockrig.rig.virtual.chips.imet import ImetUnit
+from shockrig.rig.virtual.climate import ModbusServer, Room, RoomPart, ScpiServer
 from shockrig.rig.virtual.emulate.i2c_socket import I2cSocket, build_preload
 from shockrig.rig.virtual.emulate.witness import Witness
 from shockrig.rig.virtual.faults import I2C_KINDS, SERIAL_KINDS, Fault, FaultyI2c, FaultySerial
@@ -22,6 +24,7 @@ KINDS = ("imet-xf", "imet-xq2", "imet-xq", "hyt-271", "grbl")
 LINES_HZ = {"imet-xf": 10.0, "imet-xq2": 1.0, "imet-xq": 1.0}
 BAUD = {"imet-xf": 57600, "imet-xq2": 57600, "imet-xq": 57600, "grbl": 115200}
 FASTEST_MM_MIN = 30_000.0
+CLIMATE = (("source", "source", "scpi"), ("destination", "destination", "modbus"), ("airflow", "fan", "modbus"))
 PRELOAD = "i2c_preload.so"
 
 
@@ -41,7 +44,8 @@ class FastClock:
 
 @dataclass(frozen=True)
 class Options:
-    """How the instruments are; `rate_hz` None is each unit's own, `humidity` gives an iMet-XF its own HYT-271."""
+    """How the instruments are; `rate_hz` None is each unit's own, `humidity` gives an iMet-XF its own HYT-271;
+    `chambers` are the airs and the airflow that chambers and a fan begin with, where there are any."""
 
     address: int = 0x28
     bus: int = 1
@@ -50,6 +54,7 @@ class Options:
     travel_mm: float = 300.0
     seed: int = 0
     faults: tuple[Fault, ...] = ()
+    chambers: tuple[Air, Air, float] | None = None
 
 
 def check_kinds(kinds: Iterable[str], options: Options) -> None:
@@ -82,6 +87,8 @@ class Session:
     ----------
     serial : dict
         Kind -> path of its pseudo-terminal.
+    climate : dict
+        "source", "destination", "airflow" of a bench file's [chambers] -> (kind, port).
     environment : dict
         What another program needs in its environment to see the I2C bus.
     """
@@ -104,6 +111,7 @@ class Session:
         self._folder = folder
         self.serial: dict[str, str] = {}
         self.environment: dict[str, str] = {}
+        self.climate: dict[str, tuple[str, str]] = {}
         self._parts: list[Any] = []
         self.witness = Witness(world, unix_s, truth)
         try:
@@ -112,6 +120,8 @@ class Session:
                     self._plug_i2c()
                 else:
                     self._plug_serial(kind)
+            if self._options.chambers is not None:
+                self._plug_climate(*self._options.chambers)
         except BaseException:
             self.close()
             raise
@@ -141,6 +151,18 @@ class Session:
         pty = PtyDevice(device, self._clock)
         self._parts.append(pty)
         self.serial[kind] = pty.path
+
+    def _plug_climate(self, source: Air, destination: Air, airflow_m_s: float) -> None:
+        """The source's chamber speaks SCPI, the destination's and the fan speak Modbus."""
+        room = Room(self._make_airs, source, destination, airflow_m_s)
+        for name, place, protocol in CLIMATE:
+            climate = RoomPart(room, place)
+            server = ScpiServer(climate) if protocol == "scpi" else ModbusServer(climate)
+            self._parts.append(server)
+            self.climate[name] = (protocol, server.port)
+
+    def _make_airs(self, source: Air, destination: Air, airflow_m_s: float) -> None:
+        self.witness.set_airs(source, destination, airflow_m_s, self._clock.now())
 
     def _carriage(self) -> GrblController:
         begin, back = self.witness.begin_transfer, self.witness.begin_return

@@ -15,6 +15,7 @@ from typing import Any
 
 from shockrig.files.disk import demand_place
 from shockrig.rig.errors import BenchError
+from shockrig.rig.seams import Air
 from shockrig.rig.virtual.chips.hyt271 import FULL_SCALE
 
 COLUMNS = ("time_s", "unix_s", "instrument", "quantity", "said", "air")
@@ -77,6 +78,11 @@ class Witness:
     def pressure_hpa(self, at_s: float) -> float:
         with self._lock:
             return self._world.pressure_hpa(at_s)
+
+    def set_airs(self, source: Air, destination: Air, airflow_m_s: float, at_s: float) -> None:
+        """A chamber or the fan was given another set point."""
+        with self._lock:
+            self._world.set_airs(source, destination, airflow_m_s, at_s)
 
     def begin_transfer(self, at_s: float) -> None:
         """The carriage leaves the source air."""
