@@ -68,6 +68,7 @@ ENDS = {
     "convective_film": ({"biot_at_5_m_s": 1e6}, everywhere, 1e-4),
     "vapour_boundary_layer": ({"biot_at_5_m_s": 1e7}, everywhere, 1e-4),
     "series_lag": ({"time_constant_s": 1e-5}, everywhere, 1e-3),
+    "sheath": ({"time_constant_s": 1e-5, "capacity": 1.0}, everywhere, 1e-3),
     "condensation": ({"drying_time_s": 5.0}, lambda channel: ~np.isfinite(channel.wet_until_s), 1e-9),
     # The die's temperature is measured: 0.05 K are 0.3 % of a humidity.
     "die_thermal_lag": ({}, lambda channel: channel.isothermal, 0.5),
@@ -208,12 +209,17 @@ def stated_so(effect):
     return lambda channel: replace(channel, body=effect.removeprefix("body_"))
 
 
+def of_another_lab(channel):
+    return replace(channel, kind="somebody's")
+
+
 # What takes away each thing that an effect needs.
 WITHOUT = {
     "finite_transfer": (start_unknown, all_measured),
     "air_relaxation": (airs_unknown, all_measured),
     "convective_film": (airflow_unknown,),
     "vapour_boundary_layer": (airflow_unknown,),
+    "sheath": (lambda channel: replace(channel, kind="hyt-271"), lambda channel: replace(channel, body="lumped")),
     "condensation": (
         airs_unknown,
         lambda channel: replace(channel, wet_until_s=np.full(channel.runs, np.nan)),
@@ -246,6 +252,8 @@ def test_it_acts_where_it_can_and_says_what_it_needs_elsewhere(channels, effect)
     for name, channel in channels.items():
         if effect == "parallel_lag":
             rich = airflow_unknown(channel)
+        elif effect == "sheath":
+            rich = of_another_lab(channel)
         elif entry.excludes:
             rich = replace(channel, body=next(shape for shape in BODIES if f"body_{shape}" != effect))
         else:
@@ -326,7 +334,7 @@ RECOVERED = {
 }
 # What the air of a room is shows hardly in the bead.
 UNSEEN = {"room_temperature_c", "room_humidity_percent"}
-FOREIGN = {"series_lag", "parallel_lag", *(f"body_{shape}" for shape in BODIES)}
+FOREIGN = {"series_lag", "sheath", "parallel_lag", *(f"body_{shape}" for shape in BODIES)}
 
 
 def test_every_entry_is_recovered_from_an_independent_bench():
@@ -424,3 +432,16 @@ def test_a_lag_is_recovered_from_another_labs_bench(tmp_path, effect, true):
     found = searched(problem, CATALOGUE[effect])
     recovered(found.values()[effect], expected | {"time_constant_s": true * SPHERE_63 / truth.rate_per_s})
     assert run_misfit(problem, found).mean() < 1.25
+
+
+@pytest.mark.parametrize(("shape", "time_constant", "capacity"), [("sphere", 0.6, 0.5), ("cylinder_mean", 0.3, 1.4)])
+def test_a_sheath_that_the_body_loads_is_recovered_from_another_labs_bench(tmp_path, shape, time_constant, capacity):
+    """With its time constant (in units of the bare body's t63), its capacity, and the body's own rate."""
+    body = foreign.make_body(shape, 5.0, sheath=(time_constant, capacity))
+    channel, truth = foreign_channel(tmp_path / "c", body, shape)
+    problem = make_problem(channel, whiteners(channel, estimate_noise(channel)))
+    found = searched(problem, CATALOGUE["sheath"], CATALOGUE["series_lag"])
+    bare_63_s = BODIES[shape].landmarks[0] / truth.rate_per_s
+    recovered(found.values()["sheath"], {"time_constant_s": time_constant * bare_63_s, "capacity": capacity})
+    assert run_misfit(problem, found).mean() < 1.25
+    assert abs(found.log_rates[0] - np.log(truth.rate_per_s)) < 3.5 * np.sqrt(found.covariance[0, 0])

@@ -41,6 +41,7 @@ CASES = {
     "convective_film": ({"biot_at_5_m_s": 0.4}, COOLER),
     "vapour_boundary_layer": ({"biot_at_5_m_s": 3.0}, COOLER),
     "series_lag": ({"time_constant_s": 2.0}, COOLER),
+    "sheath": ({"time_constant_s": 1.5, "capacity": 0.8}, COOLER),
     "condensation": ({"drying_time_s": 5.0}, MOISTER),
     "direction_dependent_diffusivity": ({"ratio_drying_to_wetting": 0.7}, COOLER | {"humidity_after_percent": 20.0}),
     "concentration_dependent_diffusivity": ({"slope_per_unit_activity": 1.2}, COOLER),
@@ -176,7 +177,8 @@ def test_a_missing_or_impossible_parameter_is_one_clear_line():
     flight = to_flight(fly(frontal(**COOLER), QUIET, 1).log)
     for effect, match in (
         (stated("stem_conduction", fraction=0.1), "stem_conduction lacks the parameter 'time_constant_s'"),
-        (stated("series_lag", time_constant_s=0.0), "series_lag has a time constant of 0 s"),
+        (stated("series_lag", time_constant_s=0.0), "series_lag: time_constant_s 0 cannot be"),
+        (stated("sheath", time_constant_s=2.0, capacity=-1.0), "sheath: capacity -1 cannot be"),
         (stated("self_heating"), "self_heating lacks the parameter 'rise_k_at_5_m_s'"),
     ):
         with pytest.raises(InputError, match=match):

@@ -22,6 +22,7 @@ _FILES = (
     "convective_film",
     "vapour_boundary_layer",
     "series_lag",
+    "sheath",
     "condensation",
     "other_body",
     "direction_dependent_diffusivity",

@@ -36,7 +36,9 @@ def _entry(name: str) -> Effect:
         rare_in_known=True,
         shape=True,
         rate_factor=lambda channel: _t63(name) / _t63(channel.body),
-        excludes=frozenset(f"body_{other}" for other in BODIES if other != name),
+        # Around a lump a sheath cannot be told from a lag in series, which has one parameter less.
+        excludes=frozenset(f"body_{other}" for other in BODIES if other != name)
+        | ({"sheath"} if name == "lumped" else set()),
     )
 
 

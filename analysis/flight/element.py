@@ -45,12 +45,15 @@ class Cells:
         Resistance from the last cell's centre to the surface.
     weight : ndarray (N,)
         Of each cell in the reading; sums to 1.
+    sheath_s : float
+        Time constant with which the last cell follows the air when alone, where it is a sheath; else 0.
     """
 
     capacity: Array
     link: Array
     to_surface: float
     weight: Array
+    sheath_s: float = 0.0
 
 
 def cells(shape: str) -> Cells:
@@ -75,6 +78,17 @@ def cells(shape: str) -> Cells:
     return Cells(capacity, 1.0 / resistance[:-1], float(resistance[-1]), weight)
 
 
+def sheathed(body: Cells, time_constant_s: float, capacity: float) -> Cells:
+    """A body with one more cell around it, which holds `capacity` times what the body holds and is not read."""
+    return Cells(
+        np.append(body.capacity, capacity * body.capacity.sum()),
+        np.append(body.link, 1.0 / body.to_surface),
+        body.to_surface,
+        np.append(body.weight, 0.0),
+        time_constant_s,
+    )
+
+
 def march(body: Cells, rate: Array, biot: Array, drive: Array, follow: Follow | None = None) -> Array:
     """Reading (r, n) of r bodies driven at their surface by `drive` (r, n), from rest.
 
@@ -87,7 +101,8 @@ def march(body: Cells, rate: Array, biot: Array, drive: Array, follow: Follow | 
     drive : ndarray (r, n)
         The air, every FINE_STEP_S.
     follow : (step, states (r, N)) -> ndarray (r, N), optional
-        A further factor of the rate in each cell.
+        A further factor of the rate in each cell. A sheath has no rate of its own: it follows the air at its time
+        constant, and what the body takes from it goes at the rate of the body's last cell; `biot` says nothing then.
 
     Notes
     -----
@@ -112,9 +127,13 @@ def march(body: Cells, rate: Array, biot: Array, drive: Array, follow: Follow | 
             if follow is not None:
                 own_factor = follow(k, (2 * state - before).reshape(runs, size))
             local = scale[:, k, None] * own_factor
+            if body.sheath_s:
+                local[:, -1] = local[:, -2]
             between = np.zeros((runs, size + 1))
             between[:, 1:-1] = body.link * 0.5 * (local[:, 1:] + local[:, :-1])
             opening = surface[:, k] * local[:, -1]
+            if body.sheath_s:
+                opening = np.full(runs, body.capacity[-1] / body.sheath_s)
             own = between[:, 1:] + between[:, :-1]
             own[:, -1] += opening
             beside = -between[:, 1:].ravel()[:-1]

@@ -109,7 +109,7 @@ def exact_inverse(readings: Readings, cutoff_hz: float | None = None) -> Estimat
     smooth = low_pass(reading, period, cutoff)
     nearest = np.clip(np.searchsorted(readings.time_s - readings.delay_s, time), 0, readings.time_s.size - 1)
     along = readings.response.at(nearest)
-    rates = along.rate[:, along.within.start]  # of the body: those of a sheath are the same all along
+    rates = along.rate[:, along.within.start]  # of the body: those of a cap are the same all along
     looked_at = {int(np.argmin(rates)), int(np.argmax(rates)), time.size // 2}
     systems = [sampled(along, period, row) for row in sorted(looked_at)]
     if all(is_minimum_phase(system) for system in systems):
@@ -138,8 +138,8 @@ def _mean_system(along: Response, period: float) -> StateSpace:
 
 def _invert_along(along: Response, reading: Array, period: float) -> Array:
     """Inverse of the lags under zero-order hold, weights and rates taken anew at each step."""
-    step = stepped(along.rate, np.array(period), along.sheath, along.inside)
-    decay, fed, within, count = step.decay, step.fed, along.within, len(along.sheath)
+    step = stepped(along.rate, np.array(period), along.cap, along.inside)
+    decay, fed, within, count = step.decay, step.fed, along.within, len(along.cap)
     drive = 1.0 - decay
     drive[:, within] -= fed.sum(axis=-1)
     carry, reaction = along.weight * decay, np.sum(along.weight * drive, axis=1)

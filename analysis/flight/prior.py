@@ -113,9 +113,9 @@ def passing_step(passing: Passing, step_s: Array) -> tuple[Array, Array]:
 def gain_squared(response: Response, frequency_hz: Array, period_s: float) -> Array:
     """|H|^2 from the sampled air, straight between samples, to the reading: (n, f) for n instants."""
     z = np.exp(2j * np.pi * frequency_hz * period_s)
-    step = stepped(response.rate, np.array(period_s), response.sheath, response.inside)
+    step = stepped(response.rate, np.array(period_s), response.cap, response.inside)
     driven = step.old[..., None] + step.new[..., None] * z
-    if count := len(response.sheath):
+    if count := len(response.cap):
         outer = driven[:, :count] / (z - step.decay[:, :count, None])
         driven[:, response.within] += np.einsum("nmj,njf->nmf", step.fed, outer)
     h = np.einsum("nk,nkf->nf", response.weight, driven / (z - step.decay[..., None]))

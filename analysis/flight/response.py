@@ -1,7 +1,8 @@
 """The sensor as a correction sees it: first-order lags behind the air, weights and rates changing along a flight.
 
 reading = sum_k w_k q_k, dq_k/dt = rate_k (u - q_k), sum_k w_k = 1: the closed forms of `analysis.physics.bodies` with
-w_k = -a_k, cut to the slowest few. u is the air, or the inside of a sheath, itself a mix of lags behind the air.
+w_k = -a_k, cut to the slowest few. u is the air, or the inside of a cap or a sheath that the body does not load, itself
+a mix of lags behind the air; a sheath that the body loads is in the body's own modes.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.flight.profile_effects import Acting, Stated, acting, propagated
 from shockrig.analysis.physics.bodies import BODIES, Body
-from shockrig.analysis.physics.modes import Modes, first_order, in_series
+from shockrig.analysis.physics.modes import Modes, first_order, in_series, slowest
 from shockrig.files.errors import InputError
 from shockrig.files.profile import HumidityProfile, TemperatureProfile
 
@@ -33,13 +34,13 @@ class Response:
     Attributes
     ----------
     weight, rate : ndarray (n, K)
-        Weights in the reading [1] and rates [1/s]: the sheath's lags (weight 0), those inside it, those beside it.
+        Weights in the reading [1] and rates [1/s]: the cap's lags (weight 0), those inside it, those beside it.
     relative_uncertainty : ndarray (n,)
         Standard uncertainty of the time scale, relative.
     slow_uncertainty : ndarray (P,)
         Of the shares of the reading that the last P lags carry.
-    sheath : tuple of float
-        Mix v of the first lags that makes the air inside a sheath; its rates are the same at all instants.
+    cap : tuple of float
+        Mix v of the first lags that makes the air inside a cap; its rates are the same at all instants.
     inside : int
         How many of the next lags follow that air.
     body : str
@@ -50,7 +51,7 @@ class Response:
     rate: Array
     relative_uncertainty: Array
     slow_uncertainty: Array = field(default_factory=lambda: np.zeros(0))
-    sheath: tuple[float, ...] = ()
+    cap: tuple[float, ...] = ()
     inside: int = 0
     body: str = ""
 
@@ -65,33 +66,33 @@ class Response:
 
     @property
     def within(self) -> slice:
-        """Columns of the lags that follow the inside of the sheath."""
-        return slice(len(self.sheath), len(self.sheath) + self.inside)
+        """Columns of the lags that follow the inside of the cap."""
+        return slice(len(self.cap), len(self.cap) + self.inside)
 
     @property
     def slowest_s(self) -> float:
         """Time constant of the slowest lag that at least 20 % of the reading passes, at its slowest."""
         passing = self.weight.copy()
-        through = np.abs(self.weight[..., self.within].sum(axis=-1, keepdims=True) * np.asarray(self.sheath))
-        passing[..., : len(self.sheath)] = through
+        through = np.abs(self.weight[..., self.within].sum(axis=-1, keepdims=True) * np.asarray(self.cap))
+        passing[..., : len(self.cap)] = through
         return float(np.max(np.where(passing > 0.2, 1.0 / self.rate, 0.0)))
 
     def clean(self, frequency_hz: Array, row: int = 0) -> NDArray[np.complex128]:
         """Transfer function from the air to the reading at one instant, continuous in time."""
         s = 2j * np.pi * np.asarray(frequency_hz)[..., None]
         lags = self.rate[row] / (self.rate[row] + s)
-        if self.sheath:
-            lags[..., self.within] *= lags[..., : len(self.sheath)] @ np.asarray(self.sheath)[:, None]
+        if self.cap:
+            lags[..., self.within] *= lags[..., : len(self.cap)] @ np.asarray(self.cap)[:, None]
         return np.asarray(np.sum(self.weight[row] * lags, axis=-1))
 
     def modes(self, row: int = 0) -> Modes:
         """Response to a step of the air at one instant as modes (K,), rates ascending."""
-        weight, rate, count = self.weight[row], self.rate[row], len(self.sheath)
+        weight, rate, count = self.weight[row], self.rate[row], len(self.cap)
         parts = [Modes(-weight[self.within.stop :], rate[self.within.stop :])]
         if self.inside:
             share = float(weight[self.within].sum())
             body = Modes(-weight[self.within] / share, rate[self.within])
-            for mix, outer in zip(self.sheath, rate[:count], strict=True):
+            for mix, outer in zip(self.cap, rate[:count], strict=True):
                 behind = in_series(body, 1.0 / outer)
                 parts.append(Modes(share * mix * behind.amplitude, behind.rate))
         amplitude = np.concatenate([p.amplitude for p in parts])
@@ -120,15 +121,6 @@ def film_response(part: HumidityProfile, temperature_c: Array, airspeed_m_s: Arr
     return _response(effects, body, part.film_thickness_m, rate, relative, airspeed_m_s)
 
 
-def slowest(modes: Modes, count: int) -> Modes:
-    """The slowest `count` modes, the last of them carrying the rest, so that the response starts at zero."""
-    if modes.rate.shape[-1] <= count:
-        return modes
-    amplitude = np.array(np.broadcast_to(modes.amplitude, modes.rate.shape)[..., :count])
-    amplitude[..., -1] = -1.0 - amplitude[..., :-1].sum(axis=-1)
-    return Modes(amplitude, modes.rate[..., :count])
-
-
 def _few(body: Body) -> int:
     """How many modes a flight takes of a body: a core's alternate in sign and fall off fast in time."""
     return CORE_MODES if np.any(body.held().amplitude > 0) else MEAN_MODES
@@ -139,20 +131,24 @@ def _response(
 ) -> Response:
     body = BODIES[next((e.meaning.body for e in reversed(effects) if e.meaning.body), name)]
     layers, outside, lags = [], [], []
+    loaded = next((e for e in effects if e.meaning.loaded is not None), None)
     for e in effects:
         if e.meaning.biot is not None:
             layers.append(e)
         if e.meaning.series_s is not None:
-            outside.append((e, _positive(e, e.meaning.series_s(e.values))))
+            outside.append((e, e.meaning.series_s(e.values)))
         if e.meaning.lag is not None:
             share, time_constant_s = e.meaning.lag(e.values)
-            lags.append((e, share, _positive(e, time_constant_s)))
+            lags.append((e, share, time_constant_s))
 
-    modes, rows = body.held(), np.zeros(rate.size, dtype=np.int64)
-    if layers:
+    modes, rows, few = body.held(), np.zeros(rate.size, dtype=np.int64), _few(body)
+    if loaded is not None:
+        modes, rows = _sheathed(body, loaded, layers, rate)
+        few += 1  # the sheath's own
+    elif layers:
         ladder, rows = _steps(_biot(layers, airspeed, length_m))
         modes = body.behind(ladder)
-    modes = slowest(modes, _few(body))
+    modes = slowest(modes, few)
     amplitude = np.broadcast_to(modes.amplitude, modes.rate.shape).reshape(-1, modes.rate.shape[-1])
     weight, rates = -amplitude[rows], modes.rate.reshape(amplitude.shape)[rows] * rate[:, None]
 
@@ -170,13 +166,17 @@ def _response(
     return Response(weight, rates, relative, slow, tuple(float(-a) for a in mix.amplitude), inside, body.name)
 
 
-def _positive(effect: Acting, time_constant_s: float) -> float:
-    if not time_constant_s > 0:
+def _sheathed(body: Body, loaded: Acting, layers: list[Acting], rate: Array) -> tuple[Modes, NDArray[np.int64]]:
+    """Modes of a body in a sheath that it loads, for a ladder of the body's rates, and the rung of each instant."""
+    if layers:
         raise InputError(
-            f"profile: effect {effect.id} has a time constant of {time_constant_s:g} s; "
-            "give a positive one or take the effect out of the profile"
+            f"profile: {loaded.id} and {layers[0].id} cannot stand together: each says how the air reaches the body; "
+            "take one out of the profile"
         )
-    return time_constant_s
+    assert loaded.meaning.loaded is not None
+    time_constant_s, capacity = loaded.meaning.loaded(loaded.values)
+    ladder, rows = _steps(time_constant_s * rate)
+    return body.sheathed(ladder, capacity), rows
 
 
 def _sheath(time_constants_s: list[float]) -> Modes:
@@ -204,11 +204,12 @@ def _time_scale(
     """Relative standard uncertainty (n,) of the mean lag behind the air, body and what stands before it together.
 
     Behind a Biot number the mean lag of a body is that of the held one + 1 / (surface_to_volume Bi), exactly; a lag in
-    series adds its time constant. Each parameter moves it by its own part.
+    series adds its time constant, a sheath that the body loads (1 + 1 / capacity) of it. Each parameter moves it by its
+    own part.
     """
     held = body.held()
     own = float(-np.sum(held.amplitude / held.rate))
-    shaping = [e for e in effects if e.meaning.biot is not None or e.meaning.series_s is not None]
+    shaping = [e for e in effects if e.meaning.biot or e.meaning.series_s or e.meaning.loaded]
 
     def mean_lag_s(effects: Iterable[Acting]) -> tuple[Array, Array]:
         """Of the body with its exchange, and of all together."""
@@ -216,8 +217,10 @@ def _time_scale(
         lag = np.full(rate.shape, own)
         if any(e.meaning.biot is not None for e in effects):
             lag = lag + 1.0 / (body.surface_to_volume * np.maximum(_biot(effects, airspeed, length_m), LEAST_BIOT))
-        series = sum(e.meaning.series_s(e.values) for e in effects if e.meaning.series_s is not None)
-        return lag / rate, lag / rate + series
+        outside = sum(e.meaning.series_s(e.values) for e in effects if e.meaning.series_s is not None)
+        sheaths = [e.meaning.loaded(e.values) for e in effects if e.meaning.loaded is not None]
+        outside += sum(time_constant_s * (1.0 + 1.0 / capacity) for time_constant_s, capacity in sheaths)
+        return lag / rate, lag / rate + outside
 
     of_body, whole = mean_lag_s(shaping)
     variance = (relative * of_body / whole) ** 2
@@ -241,8 +244,11 @@ def _share_uncertainty(effect: Acting) -> float:
     return float(np.hypot(of_share, share * of_time))
 
 
-def _steps(biot: Array) -> tuple[Array, NDArray[np.int64]]:
-    """Biot numbers on a ladder of 1 % steps, and the rung of each."""
-    rung = np.round(np.log(np.maximum(biot, LEAST_BIOT)) / BIOT_STEP).astype(int)
+def _steps(values: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Biot numbers (or their like) on a ladder of 1 % steps, and the rung of each; a single value is kept as it is."""
+    values = np.maximum(values, LEAST_BIOT)
+    if np.all(values == values[0]):
+        return values[:1], np.zeros(values.size, dtype=np.int64)
+    rung = np.round(np.log(values) / BIOT_STEP).astype(int)
     unique, rows = np.unique(rung, return_inverse=True)
     return np.exp(unique * BIOT_STEP), rows

@@ -34,7 +34,7 @@ def mean_response(response: Response) -> Response:
 
 def sampled(response: Response, period_s: float, row: int) -> StateSpace:
     """Exact zero-order hold of the response at one row, in lags."""
-    a = held_matrix(response.rate[row], period_s, response.sheath, response.inside)
+    a = held_matrix(response.rate[row], period_s, response.cap, response.inside)
     # at rest in unit air every lag stands at one
     return StateSpace(a, 1.0 - a.sum(axis=1), response.weight[row], 0.0, period_s)
 

@@ -14,7 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.flight.element import SHAPES, cells, held_back, lag, march, since
+from shockrig.analysis.flight.element import SHAPES, Cells, cells, held_back, lag, march, sheathed, since
 from shockrig.analysis.flight.typical import NOISE_K, NOISE_PERCENT
 from shockrig.analysis.flight.weather import Weather
 from shockrig.analysis.physics.humidity import humidity_from_ppmv, ppmv_from_humidity
@@ -32,9 +32,8 @@ PRANDTL = 0.71
 DIE_TIME_CONSTANT_S = 17.0  # a humidity chip in flight follows the air so (iMet-XQ2 flights: 17 to 19 s)
 HYSTERESIS_SPAN_PERCENT = 5.0  # change of humidity over which hysteresis sets in
 
-_BOTH = "series_lag parallel_lag calibration_error dead_time moving_average stale_samples quantization".split() + [
-    f"body_{name}" for name in SHAPES
-]
+_BOTH = "series_lag sheath parallel_lag calibration_error dead_time moving_average stale_samples quantization".split()
+_BOTH += [f"body_{name}" for name in SHAPES]
 FLOWN_EFFECTS = {
     "temperature": frozenset(
         "convective_film stem_conduction evaporative_cooling self_heating radiative_heating".split() + _BOTH
@@ -115,8 +114,11 @@ def _effects(part: TemperatureProfile | HumidityProfile) -> dict[str, StatedEffe
     return {e.effect: e for e in part.effects}
 
 
-def _shape(body: str, effects: dict[str, StatedEffect]) -> str:
-    return next((name for name in SHAPES if f"body_{name}" in effects), body)
+def _element(body: str, effects: dict[str, StatedEffect]) -> Cells:
+    element = cells(next((name for name in SHAPES if f"body_{name}" in effects), body))
+    if (e := effects.get("sheath")) is None:
+        return element
+    return sheathed(element, e.value("time_constant_s"), e.value("capacity"))
 
 
 def _inside(air: Array, effects: dict[str, StatedEffect]) -> Array:
@@ -140,7 +142,7 @@ def _thermometer(part: TemperatureProfile, body: str, air: dict[str, Array]) -> 
     if (e := effects.get("convective_film")) is not None:
         biot = e.value("biot_at_5_m_s") * factor
     rate = np.array(part.thermal_diffusivity_m2_s.value / radius**2)
-    reading = march(cells(_shape(body, effects)), rate, biot, _inside(temperature, effects))
+    reading = march(_element(body, effects), rate, biot, _inside(temperature, effects))
     reading = _with_slow_shares(reading, temperature, effects)
     if (e := effects.get("evaporative_cooling")) is not None:
         saturated = ppmv_from_humidity(100.0, reading)
@@ -164,7 +166,7 @@ def _hygrometer(part: HumidityProfile, body: str, air: dict[str, Array]) -> dict
     biot = np.full(temperature.shape, np.inf)
     if (e := effects.get("vapour_boundary_layer")) is not None:
         biot = e.value("biot_at_5_m_s") * np.sqrt(air["airspeed_m_s"] / REFERENCE_AIRSPEED_M_S)
-    element, seen = cells(_shape(body, effects)), _inside(ppmv, effects)
+    element, seen = _element(body, effects), _inside(ppmv, effects)
     slope = ratio = None
     if (e := effects.get("concentration_dependent_diffusivity")) is not None:
         slope = e.value("slope_per_unit_activity")

@@ -224,7 +224,7 @@ def lags_behind(values: Array, along: Response, period: float) -> tuple[Array, A
     lags, apart = (np.empty((values.size, decay.size)) for _ in range(2))
     inside = range(decay.size)[along.within]
     for k, d in enumerate(decay):
-        drive = lags[:, : len(along.sheath)] @ np.asarray(along.sheath) if k in inside else values
+        drive = lags[:, : len(along.cap)] @ np.asarray(along.cap) if k in inside else values
         lags[:, k] = lfilter([1 - d], [1.0, -d], drive, zi=[d * drive[0]])[0]
         apart[:, k] = np.sqrt(lfilter([1 - d], [1.0, -d], (drive - lags[:, k]) ** 2))
     return lags, apart

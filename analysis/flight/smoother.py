@@ -131,7 +131,7 @@ def _model(step_s: Array, response: Response, prior: Prior, passing: Passing | N
     """Transition and its noise for each step, shape (n, w, size, size)."""
     step = np.ascontiguousarray(step_s.T)
     rate, modes = np.moveaxis(response.rate, 1, 0), response.rate.shape[-1]
-    lag_step = stepped(rate, step, response.sheath, response.inside)
+    lag_step = stepped(rate, step, response.cap, response.inside)
     old, new = lag_step.old, lag_step.new
     lags = slice(AIR_STATES, AIR_STATES + modes)
     size = lags.stop + 2 * (passing is not None)
@@ -141,7 +141,7 @@ def _model(step_s: Array, response: Response, prior: Prior, passing: Passing | N
     phi[..., lags, :AIR_STATES] = old[..., None] * AIR + new[..., None] * (AIR @ a)[..., None, :]
     index = np.arange(lags.start, lags.stop)
     phi[..., index, index] = lag_step.decay
-    if count := len(response.sheath):
+    if count := len(response.cap):
         phi[..., lags, lags][..., response.within, :count] = lag_step.fed
     qa = innovation(step, Prior(prior.turbulence.T, prior.bend.T, prior.noise.T))
     to_air = qa @ AIR

@@ -98,6 +98,8 @@ class InFlight:
         The shape of the sensing body, where it is another than the profile states.
     series_s : values -> time constant [s]
         A first-order lag in series with the body.
+    loaded : values -> (time constant [s], capacity relative to the body's)
+        A sheath: a well-mixed layer around the body that the body loads.
     biot : (values, airspeed (n,) [m/s], body's length [m]) -> ndarray (n,)
         Biot number of the exchange along the flight.
     lag : values -> (share, time constant [s])
@@ -120,6 +122,7 @@ class InFlight:
     body: str = ""
     biot: Callable[[Values, Array, float], Array] | None = None
     series_s: Callable[[Values], float] | None = None
+    loaded: Callable[[Values], tuple[float, float]] | None = None
     lag: Callable[[Values], tuple[float, float]] | None = None
     undo: Callable[[Values, Array, Array, float], Array] | None = None
     delay_s: Callable[[Values, float], float] | None = None

@@ -1,5 +1,5 @@
-"""The shapes that a sensing body may have in the plain model, each with its closed form held at the air and behind a
-resistance.
+"""The shapes that a sensing body may have in the plain model, each with its closed form held at the air, behind a
+resistance and within a sheath that it loads.
 
 `BODIES` is the table that `sensors.imet.body` and `sensors.hyt.body` of campaign.json name; a new shape is one entry.
 """
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shockrig.analysis.physics import modes
+from shockrig.analysis.physics import modes, sheathed
 from shockrig.analysis.physics.exponentials import Modes, response_times
 from shockrig.analysis.physics.lags import first_order
 
@@ -40,6 +40,9 @@ class Body:
         Surface at the air; one set of modes (K,). A shape takes the number of modes as an argument.
     behind : (Biot numbers, any shape, positive) -> Modes
         Surface behind a transfer resistance; modes of shape (..., K). A shape takes the number of modes as well.
+    sheathed : (time constants, capacities, positive, broadcasting) -> Modes
+        Within a well-mixed layer: what it would follow the air with when alone, times the body's rate, and its capacity
+        relative to the body's; modes of shape (..., K).
     """
 
     name: str
@@ -49,6 +52,7 @@ class Body:
     surface_to_volume: float
     held: Callable[..., Modes]
     behind: Callable[..., Modes]
+    sheathed: Callable[..., Modes]
 
     @property
     def symbol(self) -> str:
@@ -88,6 +92,7 @@ _SHAPES = (
         surface_to_volume=3.0,
         held=modes.sphere_core,
         behind=modes.sphere_core_biot,
+        sheathed=sheathed.sphere_core,
     ),
     Body(
         name="film",
@@ -97,6 +102,7 @@ _SHAPES = (
         surface_to_volume=1.0,
         held=modes.film_mean,
         behind=modes.film_mean_biot,
+        sheathed=sheathed.film_mean,
     ),
     Body(
         name="sphere_mean",
@@ -106,6 +112,7 @@ _SHAPES = (
         surface_to_volume=3.0,
         held=modes.sphere_mean,
         behind=modes.sphere_mean_biot,
+        sheathed=sheathed.sphere_mean,
     ),
     Body(
         name="cylinder",
@@ -115,6 +122,7 @@ _SHAPES = (
         surface_to_volume=2.0,
         held=modes.cylinder_core,
         behind=modes.cylinder_core_biot,
+        sheathed=sheathed.cylinder_core,
     ),
     Body(
         name="cylinder_mean",
@@ -124,6 +132,7 @@ _SHAPES = (
         surface_to_volume=2.0,
         held=modes.cylinder_mean,
         behind=modes.cylinder_mean_biot,
+        sheathed=sheathed.cylinder_mean,
     ),
     Body(
         name="plate",
@@ -133,6 +142,7 @@ _SHAPES = (
         surface_to_volume=1.0,
         held=modes.plate_middle,
         behind=modes.plate_middle_biot,
+        sheathed=sheathed.plate_middle,
     ),
     Body(
         name="lumped",
@@ -142,6 +152,7 @@ _SHAPES = (
         surface_to_volume=1.0,
         held=_lump,
         behind=_lump_behind,
+        sheathed=sheathed.lump,
     ),
 )
 

@@ -122,7 +122,9 @@ class Chain:
     lags : tuple of (share, time constant [s]), each (B, 1)
         Parts of the body that follow the air as a first-order lag.
     series : tuple of time constants [s], each (B, 1)
-        First-order lags in series with the body: a sheath, a housing, a cap.
+        First-order lags in series with the body: a housing, a vent, a cap.
+    loaded : (time constant [s], capacity relative to the body's), each (B, 1), or None
+        A sheath: a well-mixed layer around the body that the body loads, in place of `biot`.
     wet_until_s : ndarray (B, R) or None
         Until when a film with dew on it sees saturated air [s]; 0 or less for runs without dew.
     at_die_temperature : bool
@@ -149,6 +151,7 @@ class Chain:
     activity_slope: Array | None = None
     lags: tuple[tuple[Array, Array], ...] = ()
     series: tuple[Array, ...] = ()
+    loaded: tuple[Array, Array] | None = None
     wet_until_s: Array | None = None
     at_die_temperature: bool = False
     readouts: tuple[Callable[[Array, Array], Array], ...] = ()
@@ -288,7 +291,11 @@ def humidity_reading(chain: Chain) -> Array:
 
 def _response(chain: Chain, rate: Array) -> modes.Modes:
     """Response of body, lags in parallel and lags in series to the air."""
-    body = chain.body.held() if chain.biot is None else chain.body.behind(chain.biot)
+    if chain.loaded is not None:
+        time_constant_s, capacity = chain.loaded
+        body = chain.body.sheathed(time_constant_s * rate, capacity)
+    else:
+        body = chain.body.held() if chain.biot is None else chain.body.behind(chain.biot)
     response = body.scaled(rate)
     for time_constant_s in chain.series:
         response = modes.in_series(response, time_constant_s)

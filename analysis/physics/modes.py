@@ -48,38 +48,38 @@ AVERAGED_TERMS = 8  # last partial sums of an alternating series that are averag
 def sphere_core(count: int = 24) -> Modes:
     """Core of a sphere whose surface follows the air: a_n = 2 (-1)^n, lambda_n = n^2 pi^2, per alpha/R^2."""
     n = np.arange(1.0, count + 1.0)
-    return _alternating(2.0 * (-1.0) ** n, (n * np.pi) ** 2)
+    return alternating(2.0 * (-1.0) ** n, (n * np.pi) ** 2)
 
 
 def sphere_mean(count: int = 96) -> Modes:
     """Mean of a sphere whose surface follows the air: a_n = -6 / (n pi)^2, lambda_n = n^2 pi^2, per D/R^2."""
     n = np.arange(1.0, count + 1.0)
-    return _closed(-6.0 / (n * np.pi) ** 2, (n * np.pi) ** 2)
+    return closed(-6.0 / (n * np.pi) ** 2, (n * np.pi) ** 2)
 
 
 def cylinder_core(count: int = 24) -> Modes:
     """Axis of a long cylinder whose surface follows the air: J0(b) = 0, a = -2 / (b J1(b)), rates b^2 per alpha/R^2."""
-    b = _zeros(0, count)
-    return _alternating(-2.0 / (b * j1(b)), b**2)
+    b = bessel_zeros(0, count)
+    return alternating(-2.0 / (b * j1(b)), b**2)
 
 
 def cylinder_mean(count: int = 96) -> Modes:
     """Mean of a long cylinder whose surface follows the air: J0(b) = 0, a = -4 / b^2, rates b^2 per D/R^2."""
-    b = _zeros(0, count)
-    return _closed(-4.0 / b**2, b**2)
+    b = bessel_zeros(0, count)
+    return closed(-4.0 / b**2, b**2)
 
 
 def plate_middle(count: int = 24) -> Modes:
     """Middle of a plate, both faces at the air: b = (n + 1/2) pi, a_n = -2 (-1)^n / b, rates b^2 per alpha/L^2."""
     n = np.arange(float(count))
     b = (n + 0.5) * np.pi
-    return _alternating(-2.0 * (-1.0) ** n / b, b**2)
+    return alternating(-2.0 * (-1.0) ** n / b, b**2)
 
 
 def film_mean(count: int = 96) -> Modes:
     """Mean of a film sealed below, surface at the air: b = (n + 1/2) pi, a_n = -2 / b^2, rates b^2 per D/L^2."""
     b = (np.arange(float(count)) + 0.5) * np.pi
-    return _closed(-2.0 / b**2, b**2)
+    return closed(-2.0 / b**2, b**2)
 
 
 def sphere_core_biot(biot: ArrayLike, count: int = 24) -> Modes:
@@ -87,7 +87,7 @@ def sphere_core_biot(biot: ArrayLike, count: int = 24) -> Modes:
 
     def solve(bi: Array) -> Modes:
         b = _sphere_roots(bi, count)
-        return _alternating(-4.0 * (np.sin(b) - b * np.cos(b)) / (2 * b - np.sin(2 * b)), b**2)
+        return alternating(-4.0 * (np.sin(b) - b * np.cos(b)) / (2 * b - np.sin(2 * b)), b**2)
 
     return _by_value(biot, solve)
 
@@ -97,7 +97,7 @@ def sphere_mean_biot(biot: ArrayLike, count: int = 96) -> Modes:
 
     def solve(bi: Array) -> Modes:
         b = _sphere_roots(bi, count)
-        return _closed(-6.0 * bi**2 / (b**2 * (b**2 + bi**2 - bi)), b**2)
+        return closed(-6.0 * bi**2 / (b**2 * (b**2 + bi**2 - bi)), b**2)
 
     return _by_value(biot, solve)
 
@@ -109,7 +109,7 @@ def cylinder_core_biot(biot: ArrayLike, count: int = 24) -> Modes:
         b = _cylinder_roots(bi, count)
         # 1 / J0 = Bi / (b J1) by the condition; of the two Bessel functions the larger keeps its digits.
         over = np.where(np.abs(j0(b)) > np.abs(j1(b)), 1.0 / j0(b), bi / (b * j1(b)))
-        return _alternating(-2.0 * bi * over / (b**2 + bi**2), b**2)
+        return alternating(-2.0 * bi * over / (b**2 + bi**2), b**2)
 
     return _by_value(biot, solve)
 
@@ -119,7 +119,7 @@ def cylinder_mean_biot(biot: ArrayLike, count: int = 96) -> Modes:
 
     def solve(bi: Array) -> Modes:
         b = _cylinder_roots(bi, count)
-        return _closed(-4.0 * bi**2 / (b**2 * (b**2 + bi**2)), b**2)
+        return closed(-4.0 * bi**2 / (b**2 * (b**2 + bi**2)), b**2)
 
     return _by_value(biot, solve)
 
@@ -129,7 +129,7 @@ def plate_middle_biot(biot: ArrayLike, count: int = 24) -> Modes:
 
     def solve(bi: Array) -> Modes:
         b = _plate_roots(bi, count)
-        return _alternating(-4.0 * np.sin(b) / (2 * b + np.sin(2 * b)), b**2)
+        return alternating(-4.0 * np.sin(b) / (2 * b + np.sin(2 * b)), b**2)
 
     return _by_value(biot, solve)
 
@@ -139,19 +139,19 @@ def film_mean_biot(biot: ArrayLike, count: int = 64) -> Modes:
 
     def solve(bi: Array) -> Modes:
         b = _plate_roots(bi, count)
-        return _closed(-2.0 * bi**2 / (b**2 * (b**2 + bi**2 + bi)), b**2)
+        return closed(-2.0 * bi**2 / (b**2 * (b**2 + bi**2 + bi)), b**2)
 
     return _by_value(biot, solve)
 
 
-def _closed(amplitude: Array, rate: Array) -> Modes:
+def closed(amplitude: Array, rate: Array) -> Modes:
     """Modes whose last amplitude carries the truncated tail, so that the response starts at exactly zero."""
     amplitude = np.array(np.broadcast_to(amplitude, rate.shape), dtype=float)
     amplitude[..., -1] = -1.0 - amplitude[..., :-1].sum(axis=-1)
     return Modes(amplitude, rate)
 
 
-def _alternating(amplitude: Array, rate: Array) -> Modes:
+def alternating(amplitude: Array, rate: Array) -> Modes:
     """Modes of a core, whose signs alternate: the last partial sums are averaged with binomial weights.
 
     This is Euler's transformation (Hardy 1949, Divergent Series, chapter VIII): a series that does not converge at
@@ -161,11 +161,11 @@ def _alternating(amplitude: Array, rate: Array) -> Modes:
     terms = min(AVERAGED_TERMS, max(1, count // 3))
     chosen = np.array([comb(terms, i) for i in range(1, terms + 1)]) / 2.0**terms
     weight = np.concatenate([np.ones(count - terms), np.cumsum(chosen[::-1])[::-1]])
-    return _closed(amplitude * weight, rate)
+    return closed(amplitude * weight, rate)
 
 
 @cache
-def _zeros(order: int, count: int) -> Array:
+def bessel_zeros(order: int, count: int) -> Array:
     """First zeros of the Bessel function J0 or J1."""
     return jn_zeros(order, count)
 
@@ -175,14 +175,16 @@ def _sphere_roots(bi: Array, count: int) -> Array:
     k = np.arange(1, count + 1)
     low = np.broadcast_to((k - 1) * np.pi, (bi.size, count)) + 1e-7
     high = np.broadcast_to(k * np.pi, low.shape) - 1e-9
-    return _roots(lambda x: x * np.cos(x) - (1 - bi) * np.sin(x), lambda x: bi * np.cos(x) - x * np.sin(x), low, high)
+    return roots_between(
+        lambda x: x * np.cos(x) - (1 - bi) * np.sin(x), lambda x: bi * np.cos(x) - x * np.sin(x), low, high
+    )
 
 
 def _cylinder_roots(bi: Array, count: int) -> Array:
     """Roots of b J1(b) = Bi J0(b), one between each zero of J1 and the next of J0."""
-    low = np.broadcast_to(np.concatenate([[1e-9], _zeros(1, count)[:-1]]), (bi.size, count))
-    high = np.broadcast_to(_zeros(0, count), low.shape)
-    return _roots(lambda x: x * j1(x) - bi * j0(x), lambda x: x * j0(x) + bi * j1(x), low, high)
+    low = np.broadcast_to(np.concatenate([[1e-9], bessel_zeros(1, count)[:-1]]), (bi.size, count))
+    high = np.broadcast_to(bessel_zeros(0, count), low.shape)
+    return roots_between(lambda x: x * j1(x) - bi * j0(x), lambda x: x * j0(x) + bi * j1(x), low, high)
 
 
 def _plate_roots(bi: Array, count: int) -> Array:
@@ -190,10 +192,14 @@ def _plate_roots(bi: Array, count: int) -> Array:
     k = np.arange(count)
     low = np.broadcast_to(k * np.pi, (bi.size, count)) + 1e-9
     high = np.broadcast_to((k + 0.5) * np.pi, low.shape)
-    return _roots(lambda x: x * np.sin(x) - bi * np.cos(x), lambda x: (1 + bi) * np.sin(x) + x * np.cos(x), low, high)
+    return roots_between(
+        lambda x: x * np.sin(x) - bi * np.cos(x), lambda x: (1 + bi) * np.sin(x) + x * np.cos(x), low, high
+    )
 
 
-def _roots(function: Callable[[Array], Array], derivative: Callable[[Array], Array], low: Array, high: Array) -> Array:
+def roots_between(
+    function: Callable[[Array], Array], derivative: Callable[[Array], Array], low: Array, high: Array
+) -> Array:
     """Roots of a function that changes sign once in each bracket: bisection, then Newton kept inside the bracket."""
     sign = np.sign(function(low))
     for _ in range(12):
