@@ -24,6 +24,7 @@ from shockrig.rig.protocol import Protocol
 from shockrig.rig.recorder.campaign import check_folder
 from shockrig.rig.runner import SHORTEST_WAIT_S, check_plan, demand_room
 from shockrig.rig.seams import Air, Move, Outcome, Reading
+from shockrig.rig.sensors.imet_lines import PROBES
 
 SETTLE_S = 0.5  # what had gathered while the other instruments were opened is old
 LISTEN_S = 6.0  # an XQ2 speaks once in a second
@@ -186,7 +187,8 @@ def _judged(device: str, part: Any, readings: list[Reading], entry: Mapping[str,
         says.append(f"{(len(good) - 1) / span_s:.3g} readings/s" if span_s > 0 else f"{len(good)} readings")
     unknown = getattr(part, "unknown_ids", {})
     if unknown:
-        says.append(f"lines of unknown id {', '.join(map(repr, unknown))} (add them to lines)")
+        named = ", ".join(f"{id_!r} ({PROBES[id_]})" if id_ in PROBES else repr(id_) for id_ in unknown)
+        says.append(f"lines of unknown id {named} (add them to lines)")
     # The first line after opening is the tail of one that had begun before.
     lost = sum(failed.values()) - (readings[0].outcome is Outcome.REJECTED)
     if lost and 100.0 * lost / len(readings) > FAILED_PERCENT_AT_MOST:

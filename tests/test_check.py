@@ -2,9 +2,11 @@
 
 import itertools
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from fake_bench import fake_bench, plan
 
 from shockrig.protocols.cli import main
 from shockrig.rig.bench import default_bench, open_bench, virtual_bench
@@ -175,3 +177,18 @@ def test_check_reads_chambers_and_fan_and_holds_the_plan_against_their_limits(tm
     assert main(["check", "--bench", str(bench), "--protocol", "quick"]) == 1
     said = capsys.readouterr().out
     assert "run 0002: temperature 40 degC is beyond the source's limits (-40 to 30)" in said and "1 fault" in said
+
+
+def test_a_probe_that_no_table_reads_is_called_by_the_makers_name(tmp_path):
+    from emulated import Replay, memory_port
+
+    from shockrig.rig.clock import VirtualClock
+    from shockrig.rig.sensors.imet import Imet, ImetSettings
+
+    clock = VirtualClock()
+    device = Replay([(0.1 * i, b"5,2000,6600\r\n2,2150\r\n99,1\r\n") for i in range(1, 200)])
+    sensor = Imet("imet", ImetSettings(port="memory"), memory_port(device, clock), clock)
+    bench = replace(fake_bench(clock=clock), sensors=[sensor], description={"imet": {}})
+    found = examine(bench, plan(), tmp_path / "c", wall=lambda: 1.8e9)
+    said = next(finding for finding in found if finding.device == "imet").says
+    assert "lines of unknown id '2' (infrared thermometer), '99' (add them to lines)" in said

@@ -285,3 +285,34 @@ def test_a_hung_up_terminal_is_an_outcome_under_the_real_pyserial():
     clock.sleep_until(clock_end)
     assert [reading.outcome for reading in sensor.poll()] == [Outcome.NOT_ACKNOWLEDGED]  # not replugged yet
     sensor.close()
+
+
+ANALOG = b"0012, 0345,1023,0,0,7,88,1000,"
+
+
+def test_analog_inputs_before_the_xq_and_spaces_around_fields_change_nothing():
+    table, plain = LineTable.of(XQ2), LineTable.of(XQ2).parse(XQ2_LINE)
+    spaced = XQ2_LINE.replace(b",", b" , ")
+    for line in (ANALOG + XQ2_LINE, spaced, ANALOG + spaced):
+        assert table.parse(line) == plain
+    for line in (ANALOG[6:] + XQ2_LINE, b"7," + ANALOG + XQ2_LINE, ANALOG.replace(b"88", b"xy") + XQ2_LINE):
+        with pytest.raises(UnknownLine):
+            table.parse(line)
+
+
+def test_a_line_that_begins_with_analog_inputs_is_one_line_and_dated_by_its_first_byte():
+    assembler = LineAssembler(LineTable.of(XQ2).begins())
+    whole = ANALOG + XQ2_LINE
+    (line,) = assembler.feed(b"\0\0" + whole + b"\r\n", 2.0, 0.001)
+    assert line.raw.strip(b"\0") == whole and line.whole
+    assert line.start_s == pytest.approx(2.0 - 0.001 * (len(whole) + 2))
+    broken, good = assembler.feed(b"XQ,+0951" + XQ2_LINE + b"\n", 3.0, 0.001)  # a glued start is one as before
+    assert not broken.whole and good.raw == XQ2_LINE
+
+
+def test_a_units_second_bead_is_not_taken_for_its_first():
+    sensor, clock = imet_over(Replay([(0.1 * i, b"5,2000,6600\r\n13,4000,2700\r\n") for i in range(1, 20)]))
+    readings = watch(sensor, clock, 2.0)
+    good = [reading for reading in readings if reading.outcome is Outcome.OK]
+    assert len(good) > 15 and {reading.values["temperature_c"] for reading in good} == {20.0}
+    assert sensor.unknown_ids["13"] > 15

@@ -2,6 +2,7 @@
 
 iMet-XF  5,2512,5376              first field an id (optional letters before it), then the fields of that id
 iMet-XQ2 XQ,+095188,+2407,+0294,+2553,2015/10/18,00:38:44,+0000000000,+0000000000,-00017000,00
+         some units say eight numbers of their analog inputs before the XQ; fields may have spaces around them
 Sources: XF from NOAA-PMEL/envDS (InterMet), ids and meanings not confirmed by the maker; XQ2 from recorded logs. No
 line has a checksum, so that only its shape and plausibility can be checked; widths differ by firmware: split on
 commas.
@@ -17,6 +18,7 @@ from dataclasses import dataclass
 from shockrig.rig.errors import BenchError
 
 NUMBER = re.compile(rb"[+-]?\d+(?:\.\d*)?")
+_ANALOG = re.compile(rb"(?:[ \t]*[+-]?\d+(?:\.\d*)?[ \t]*,){8}[ \t]*")
 LETTERS = string.ascii_letters.encode()
 LONGEST_LINE = 256
 PLAUSIBLE = {
@@ -43,6 +45,13 @@ XQ2: Mapping[str, Sequence[str]] = {
     "XQ": ("pressure_hpa/100", "temperature_c/100", "humidity_percent/10", "die_temperature_c/100", *_XQ_END)
 }
 XQ: Mapping[str, Sequence[str]] = {"XQ": ("pressure_hpa/100", "temperature_c/100", "humidity_percent/10", *_XQ_END)}
+# What the maker's own application calls the probes of an XF by their ids; how the fields of most are laid out nobody says,
+# so that only those of the table above are read. A second bead or film (13, 17) is not mixed with the first.
+PROBES: Mapping[str, str] = {
+    "1": "EE03", "2": "infrared thermometer", "4": "HTU21D", "5": "NTC A", "6": "CO", "7": "CH4", "8": "HYT-271",
+    "13": "NTC B", "14": "EEH210", "15": "PT100", "16": "PT100", "17": "HYT-271 B",
+}  # fmt: skip
+ANALOG_INPUTS = 8
 TABLES = {"imet-xf": XF, "imet-xq2": XQ2, "imet-xq": XQ}
 
 
@@ -79,7 +88,7 @@ class LineTable:
         ValueError
             Wrong number of fields, or a field that is not a number.
         """
-        head, *fields = line.strip(b" \t").split(b",")
+        head, *fields = self._own([part.strip(b" \t") for part in line.split(b",")])
         if not head.isascii():
             raise ValueError("not ASCII")
         key = head.decode()
@@ -105,6 +114,12 @@ class LineTable:
             for name in ("latitude_deg", "longitude_deg", "altitude_m"):
                 values.pop(name, None)
         return key, values
+
+    def _own(self, parts: list[bytes]) -> list[bytes]:
+        """The fields from the line's id on: what the analog inputs say before it is left out."""
+        before, after = parts[:ANALOG_INPUTS], parts[ANALOG_INPUTS:]
+        lettered = after and after[0].isalpha() and after[0].decode() in self.lines
+        return after if lettered and all(map(NUMBER.fullmatch, before)) else parts
 
     def names(self, key: str) -> set[str]:
         """What lines of this id tell."""
@@ -179,6 +194,6 @@ class LineAssembler:
         if broken or len(raw) > LONGEST_LINE:
             return [Line(raw, self._start_s, whole=False)]
         glued = max((raw.rfind(begin) for begin in self._begins), default=-1)
-        if glued > 0 and raw[:glued].strip(b"\0"):
+        if glued > 0 and raw[:glued].strip(b"\0") and not _ANALOG.fullmatch(raw[:glued].lstrip(b"\0")):
             return [Line(raw[:glued], self._start_s, whole=False), Line(raw[glued:], self._start_s)]
         return [Line(raw, self._start_s)]
