@@ -10,16 +10,17 @@ from collections import Counter
 
 import pytest
 import smbus2
-from emulated import hyt_bench, ramp_percent, watch
+from emulated import hyt_bench, ramp_percent, steady_c, watch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from shockrig.protocols.cli import main
 from shockrig.rig.buses.i2c import LEASE_S, SmbusBus
-from shockrig.rig.clock import VirtualClock
+from shockrig.rig.clock import RealClock, VirtualClock
 from shockrig.rig.errors import BenchError, BusError
 from shockrig.rig.seams import Outcome
 from shockrig.rig.sensors.hyt271 import Hyt271, Hyt271Settings, decode_frame
-from shockrig.rig.sensors.hyt271_commands import change_address, read_address
+from shockrig.rig.sensors.hyt271_commands import answering, change_address, read_address, wait_for_answer
 from shockrig.rig.virtual.chips.hyt271 import Hyt271Chip, encode_frame
 from shockrig.rig.virtual.faults import Fault
 from shockrig.rig.virtual.i2c_dev import I2cWire, plug_in, pull_out
@@ -352,3 +353,66 @@ def test_at_its_defaults_a_sensor_makes_ten_readings_a_second(conversion_s):
     assert {reading.outcome for reading in readings} == {Outcome.OK}
     gaps = [late.requested_s - early.requested_s for early, late in zip(readings, readings[1:], strict=False)]
     assert gaps == pytest.approx([0.1] * len(gaps), abs=0.002) and len(readings) == pytest.approx(100, abs=1)
+
+
+def test_a_dry_run_tells_the_word_and_writes_nothing_and_an_address_in_use_is_refused():
+    with hyt_bench() as (sensor, chip, _, clock):
+        bus = SmbusBus(sensor.settings.bus, clock)
+        bus.open()
+        chip.eeprom[0x1C] |= 0x1280  # the maker's bits
+        assert answering(bus) == [0x28]
+        chip.power_on(clock.now())
+        words = change_address(bus, clock, 0x28, 0x2B, confirmed=False, dry_run=True)
+        assert (words.old, words.new) == (0x1280 | 0x28, 0x1280 | 0x2B)
+        assert chip.eeprom[0x1C] == 0x1280 | 0x28 and not chip.command_mode
+        with pytest.raises(BenchError, match="somebody answers at 0x28 already"):
+            change_address(bus, clock, 0x2A, 0x28, confirmed=True)
+        assert not wait_for_answer(bus, clock, 0x2B, 1.0)
+        chip.power_on(clock.now())
+        change_address(bus, clock, 0x28, 0x2B, confirmed=True)
+        chip.power_on(clock.now())
+        assert wait_for_answer(bus, clock, 0x2B, 1.0) and answering(bus) == [0x2B]
+        bus.close()
+
+
+def test_the_command_says_how_it_asks_what_it_found_and_what_it_stored(capsys, monkeypatch):
+    """The supply is switched by the emulated chip whenever somebody has knocked in vain for a while."""
+    clock = RealClock()
+    chip = Hyt271Chip(ramp_percent, steady_c)
+    knocked = [0]
+
+    class Switched:
+        """The wire, with a hand at the supply."""
+
+        def __init__(self, wire):
+            self._wire = wire
+
+        def __getattr__(self, name):
+            return getattr(self._wire, name)
+
+        def write(self, address, data):
+            if data[:1] == b"\xa0":
+                knocked[0] += 1
+                if knocked[0] % 5 == 1:
+                    chip.power_on(clock.now())
+            self._wire.write(address, data)
+
+        def read(self, address, length):
+            if address == 0x2B and chip.eeprom[0x1C] & 0x7F == 0x2B and chip.address != 0x2B:
+                chip.power_on(clock.now())
+            return self._wire.read(address, length)
+
+    path = "/dev/i2c-address-command"
+    plug_in(path, Switched(I2cWire([chip], clock)))
+    try:
+        words = ["hyt-address", "--bus", path, "--wait-s", "20"]
+        assert main([*words, "--to", "0x2b", "--dry-run"]) == 0
+        said = capsys.readouterr()
+        assert f"answering on {path}: 0x28" in said.err and "knocking at 0x28 for 20 s" in said.err
+        assert said.out == "word 0x1c was 0x0028, would be 0x002b\n" and chip.eeprom[0x1C] == 0x28
+        assert main([*words, "--to", "0x2b"]) == 2
+        assert "is permanent: confirm it" in capsys.readouterr().err
+        assert main([*words, "--to", "0x2b", "--yes-change-it"]) == 0
+        assert capsys.readouterr().out == "word 0x1c was 0x0028, is 0x002b\nanswers at 0x2b\n"
+    finally:
+        pull_out(path)

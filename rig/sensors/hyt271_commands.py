@@ -7,6 +7,7 @@ word, 0x40-0x5F write it (12 ms), 0x80 leaves. The address is word 0x1C, bits 6:
 from __future__ import annotations
 
 import errno
+from dataclasses import dataclass
 
 from shockrig.rig.errors import BenchError, BusError
 from shockrig.rig.seams import Clock, I2cBus
@@ -16,6 +17,8 @@ ADDRESS_WORD = 0x1C
 ENTER, LEAVE = bytes((0xA0, 0, 0)), bytes((0x80, 0, 0))
 EEPROM_WRITE_S = 0.015
 REPLY_S = 0.0005
+LOOK_S = 0.05
+FREE = tuple(address for address in range(0x08, 0x78) if address not in {*range(0x30, 0x38), *range(0x50, 0x60)})
 ABSENT = {errno.EREMOTEIO, errno.ENXIO, errno.EIO, errno.ETIMEDOUT}
 
 
@@ -70,34 +73,81 @@ def read_address(bus: I2cBus, clock: Clock, address: int, wait_s: float = 30.0) 
         bus.write(address, LEAVE)
 
 
+def answering(bus: I2cBus) -> list[int]:
+    """Addresses at which somebody acknowledges a plain read, which asks nothing of a chip; reserved ones left alone."""
+    return [address for address in FREE if _answers(bus, address)]
+
+
+def _answers(bus: I2cBus, address: int) -> bool:
+    try:
+        bus.read(address, 1)
+    except OSError as error:
+        if error.errno not in ABSENT:
+            raise
+        return False
+    return True
+
+
+def wait_for_answer(bus: I2cBus, clock: Clock, address: int, wait_s: float) -> bool:
+    """Whether somebody acknowledges a read at an address within some time."""
+    deadline_s = clock.now() + wait_s
+    while clock.now() < deadline_s:
+        if _answers(bus, address):
+            return True
+        clock.sleep_until(clock.now() + LOOK_S)
+    return False
+
+
+@dataclass(frozen=True)
+class AddressWords:
+    """EEPROM word 0x1C as it was and as it is to be; the address is bits 6:0, the others are the maker's."""
+
+    old: int
+    new: int
+
+
 def change_address(
-    bus: I2cBus, clock: Clock, address: int, new_address: int, *, confirmed: bool, wait_s: float = 30.0
-) -> None:
+    bus: I2cBus,
+    clock: Clock,
+    address: int,
+    new_address: int,
+    *,
+    confirmed: bool,
+    dry_run: bool = False,
+    wait_s: float = 30.0,
+) -> AddressWords:
     """Store another address in the sensor; it holds from the next power-on.
 
     Parameters
     ----------
     confirmed : bool
         That a person wants this: nothing on the sensor shows its address, so that a forgotten one must be searched for.
+    dry_run : bool
+        Read the word and say what it would become; nothing is written.
 
     Raises
     ------
     BenchError
-        Not confirmed, or an address that is reserved on I2C.
+        Not confirmed, an address that is reserved on I2C, or one at which somebody answers already.
     BusError
         No sensor, or it did not take the address (it keeps the old one then).
     """
     if not 0x08 <= new_address <= 0x77:
         raise BenchError(f"address {new_address:#04x} is reserved on I2C: choose one from 0x08 to 0x77")
-    if not confirmed:
+    if not (confirmed or dry_run):
         raise BenchError(f"changing the address from {address:#04x} to {new_address:#04x} is permanent: confirm it")
+    if new_address != address and _answers(bus, new_address):
+        raise BenchError(f"somebody answers at {new_address:#04x} already: choose another address, or unplug that one")
     enter_command_mode(bus, clock, address, wait_s)
     try:
         word = read_address_word(bus, clock, address)
         wanted = word & ~0x7F | new_address  # the other bits belong to the maker
+        if dry_run:
+            return AddressWords(word, wanted)
         _command(bus, clock, address, bytes((0x40 | ADDRESS_WORD, wanted >> 8, wanted & 0xFF)), EEPROM_WRITE_S)
         stored = read_address_word(bus, clock, address)
         if stored != wanted:
             raise BusError(f"the sensor at {address:#04x} stored {stored:#06x} and not {wanted:#06x}; try again")
+        return AddressWords(word, wanted)
     finally:
         bus.write(address, LEAVE)

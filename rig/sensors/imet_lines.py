@@ -45,8 +45,8 @@ XQ2: Mapping[str, Sequence[str]] = {
     "XQ": ("pressure_hpa/100", "temperature_c/100", "humidity_percent/10", "die_temperature_c/100", *_XQ_END)
 }
 XQ: Mapping[str, Sequence[str]] = {"XQ": ("pressure_hpa/100", "temperature_c/100", "humidity_percent/10", *_XQ_END)}
-# What the maker's own application calls the probes of an XF by their ids; how the fields of most are laid out nobody says,
-# so that only those of the table above are read. A second bead or film (13, 17) is not mixed with the first.
+# What the maker's own application calls the probes of an XF by their ids. How the fields of most are laid out nobody
+# says, so that only those of the table above are read. A second bead or film (13, 17) is not mixed with the first.
 PROBES: Mapping[str, str] = {
     "1": "EE03", "2": "infrared thermometer", "4": "HTU21D", "5": "NTC A", "6": "CO", "7": "CH4", "8": "HYT-271",
     "13": "NTC B", "14": "EEH210", "15": "PT100", "16": "PT100", "17": "HYT-271 B",
