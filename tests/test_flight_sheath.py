@@ -4,21 +4,22 @@ import dataclasses
 
 import numpy as np
 import pytest
-from test_flight_bodies import PROFILE, QUIET, bead, effect, film, rms
+from test_flight_bodies import PROFILE, QUIET, bead, effect, rms
 
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.element import cells, march, sheathed
+from shockrig.analysis.flight.response import bead_response
 from shockrig.analysis.flight.scenes import to_flight
 from shockrig.analysis.flight.sensor import fly
 from shockrig.analysis.flight.weather import FINE_STEP_S, frontal, inversion
 from shockrig.analysis.physics.bodies import BODIES
 from shockrig.analysis.physics.modes import in_series
-from shockrig.files.errors import InputError
 from shockrig.files.profile import DiffusivityRow, Profile
 
 ALPHA = PROFILE.temperature.thermal_diffusivity_m2_s
 BEAD_RATE = ALPHA.value / PROFILE.temperature.bead_radius_m**2
 SHEATH = effect("sheath", time_constant_s=2.0, capacity=0.7)
+WITH_FILM = dataclasses.replace(PROFILE.temperature, effects=(SHEATH, effect("convective_film", biot_at_5_m_s=0.5)))
 
 
 @pytest.mark.parametrize(("time_constant_s", "capacity"), [(0.5, 0.3), (4.0, 2.0)])
@@ -64,11 +65,33 @@ def test_a_cap_may_stand_before_a_sheath():
     np.testing.assert_allclose(found.step(time), in_series(body, 5.0).step(time), atol=2e-3)
 
 
-def test_an_air_film_and_a_sheath_are_refused_together():
-    with pytest.raises(InputError, match="sheath and convective_film cannot stand together.*take one out"):
-        bead(SHEATH, effect("convective_film", biot_at_5_m_s=0.5))
-    with pytest.raises(InputError, match="sheath and vapour_boundary_layer cannot stand together"):
-        film(SHEATH, effect("vapour_boundary_layer", biot_at_5_m_s=8.0))
+@pytest.mark.parametrize("biot", [0.2, 3.0])
+@pytest.mark.parametrize("name", ["sphere", "cylinder_mean", "film", "lumped"])
+def test_cells_in_a_sheath_within_a_film_follow_the_closed_form(name, biot):
+    """The film's resistance and the sheath's own add."""
+    rate, time = 0.3, np.arange(3001.0) * FINE_STEP_S
+    air = np.clip(time - 1.0, 0.0, 1.0)
+    found = march(sheathed(cells(name), 2.0, 0.7), np.array(rate), np.array(biot), air[None])[0]
+    time_constant = rate * 2.0 + 0.7 / (BODIES[name].surface_to_volume * biot)
+    expected = BODIES[name].sheathed(time_constant, 0.7).scaled(rate).ramp(time - 1.0, 1.0)
+    np.testing.assert_allclose(found, expected, atol=1e-3)
+
+
+def test_an_air_film_outside_of_a_sheath_slows_it_with_the_airspeed():
+    found = bead(SHEATH, effect("convective_film", biot_at_5_m_s=0.5)).modes()
+    exact = BODIES["sphere"].sheathed(2.0 * BEAD_RATE + 0.7 / (3.0 * 0.5), 0.7).scaled(BEAD_RATE)
+    time = np.geomspace(0.5, 60.0, 40)
+    np.testing.assert_allclose(found.step(time), exact.step(time), atol=2e-3)
+    fast, slow = (bead_response(WITH_FILM, np.array([speed])).slowest_s for speed in (20.0, 1.0))
+    assert slow > 1.2 * fast
+
+
+def test_a_sheath_within_an_air_film_is_undone():
+    profile = Profile(dataclasses.replace(QUIET.temperature, effects=WITH_FILM.effects), QUIET.humidity)
+    flown = fly(frontal(airspeed_m_s=15.0, lead_m=600.0, width_m=150.0), profile, 2)
+    done = correct(to_flight(flown.log), profile).temperature_c
+    truth, reading = flown.truth["temperature_c"].to_numpy(), flown.log["temperature_c"].to_numpy()
+    assert rms(done - truth) < 0.12 * rms(reading - truth)
 
 
 def test_its_parameters_widen_the_time_scale_by_their_part_of_the_mean_lag():
@@ -77,6 +100,13 @@ def test_its_parameters_widen_the_time_scale_by_their_part_of_the_mean_lag():
     found = bead(effect("sheath", time_constant_s=(0.5 * lag_s, 0.05 * lag_s), capacity=(1.0, 0.2)))
     # d ln(whole) = 0.5 d ln(tau) = 0.05, and -tau d(capacity) / whole = 0.05
     assert found.relative_uncertainty[0] == pytest.approx(np.sqrt((0.5 * own) ** 2 + 2 * 0.05**2), rel=1e-3)
+    # an air film outside that both fill: 2 / (3 Bi) = 2/6 of R^2 / alpha, as much again as all the rest
+    layered = bead(
+        effect("sheath", time_constant_s=0.5 * lag_s, capacity=1.0),
+        effect("convective_film", biot_at_5_m_s=(2.0, 0.2)),
+    )
+    by_hand = np.hypot(0.75 * own, 0.5 * 0.1)  # the film's lag goes with 1 / alpha as the bead's own does
+    assert layered.relative_uncertainty[0] == pytest.approx(by_hand, rel=1e-3)
 
 
 def test_a_film_whose_d_moves_in_a_sheath_is_undone():

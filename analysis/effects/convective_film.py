@@ -23,5 +23,4 @@ EFFECT = Effect(
         biot=lambda p, airspeed, radius: p["biot_at_5_m_s"] * ventilation_ratio(airspeed, radius),
     ),
     advice="State the airflow with every response time; correct flights at their own airspeed.",
-    excludes=frozenset({"sheath"}),
 )

@@ -1,6 +1,6 @@
 """A sheath or a housing with heat (or vapour) of its own, which the body inside loads: it warms as it gives, and more
-slowly for it. `series_lag` is its limit for a capacity far above the body's; it may stand outside (a cap before the
-sheath), and a search that has taken it for the sheath finds the way from there.
+slowly for it. `series_lag` is its limit for a capacity far above the body's, a film of air or vapour outside it adds to
+the resistance; both may stand beside it, and a search that took one of them for the sheath finds the way from there.
 """
 
 from dataclasses import replace
@@ -33,5 +33,5 @@ EFFECT = Effect(
     in_flight=InFlight(loaded=lambda p: (p["time_constant_s"], p["capacity"])),
     shape=True,
     rate_factor=lambda channel: LOADED,
-    excludes=frozenset({"convective_film", "vapour_boundary_layer", "body_lumped"}),
+    excludes=frozenset({"body_lumped"}),
 )

@@ -26,5 +26,4 @@ EFFECT = Effect(
         biot=lambda p, airspeed, thickness: p["biot_at_5_m_s"] * np.sqrt(np.maximum(airspeed, 0.05) / 5.0),
     ),
     advice="Take off the filter cap or aspirate harder; state the airflow with every response time.",
-    excludes=frozenset({"sheath"}),
 )

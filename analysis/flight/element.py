@@ -101,17 +101,19 @@ def march(body: Cells, rate: Array, biot: Array, drive: Array, follow: Follow | 
     drive : ndarray (r, n)
         The air, every FINE_STEP_S.
     follow : (step, states (r, N)) -> ndarray (r, N), optional
-        A further factor of the rate in each cell. A sheath has no rate of its own: it follows the air at its time
-        constant, and what the body takes from it goes at the rate of the body's last cell; `biot` says nothing then.
+        A further factor of the rate in each cell.
 
     Notes
     -----
-    Chains of cells lie one after another in one symmetric tridiagonal system.
+    Chains of cells lie one after another in one symmetric tridiagonal system. A sheath has no rate of its own: it
+    follows the air at its time constant, through the film of `biot` where there is one, and what the body takes from it
+    goes at the rate of the body's last cell.
     """
     runs, count = drive.shape
     size = body.capacity.size
     scale = np.broadcast_to(rate, drive.shape)
-    surface = np.broadcast_to(1.0 / (body.to_surface + 1.0 / biot), drive.shape)
+    film = np.broadcast_to(1.0 / biot, drive.shape)
+    surface = 1.0 / (body.to_surface + film)
     steady = follow is None and bool(np.all(scale == scale[:, :1]) and np.all(surface == surface[:, :1]))
     heavy = np.tile(body.capacity, runs) * 1.5 / FINE_STEP_S
     state = np.repeat(drive[:, 0], size)
@@ -133,7 +135,7 @@ def march(body: Cells, rate: Array, biot: Array, drive: Array, follow: Follow | 
             between[:, 1:-1] = body.link * 0.5 * (local[:, 1:] + local[:, :-1])
             opening = surface[:, k] * local[:, -1]
             if body.sheath_s:
-                opening = np.full(runs, body.capacity[-1] / body.sheath_s)
+                opening = 1.0 / (body.sheath_s / body.capacity[-1] + film[:, k] / local[:, -1])
             own = between[:, 1:] + between[:, :-1]
             own[:, -1] += opening
             beside = -between[:, 1:].ravel()[:-1]

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from shockrig.analysis.flight.profile_effects import Acting, Stated, acting, propagated
 from shockrig.analysis.physics.bodies import BODIES, Body
 from shockrig.analysis.physics.modes import Modes, first_order, in_series, slowest
-from shockrig.files.errors import InputError
 from shockrig.files.profile import HumidityProfile, TemperatureProfile
 
 Array = NDArray[np.float64]
@@ -131,7 +130,7 @@ def _response(
 ) -> Response:
     body = BODIES[next((e.meaning.body for e in reversed(effects) if e.meaning.body), name)]
     layers, outside, lags = [], [], []
-    loaded = next((e for e in effects if e.meaning.loaded is not None), None)
+    sheaths = [e.meaning.loaded(e.values) for e in effects if e.meaning.loaded is not None]
     for e in effects:
         if e.meaning.biot is not None:
             layers.append(e)
@@ -142,11 +141,13 @@ def _response(
             lags.append((e, share, time_constant_s))
 
     modes, rows, few = body.held(), np.zeros(rate.size, dtype=np.int64), _few(body)
-    if loaded is not None:
-        modes, rows = _sheathed(body, loaded, layers, rate)
-        few += 1  # the sheath's own
-    elif layers:
-        ladder, rows = _steps(_biot(layers, airspeed, length_m))
+    biot = np.maximum(_biot(layers, airspeed, length_m), LEAST_BIOT) if layers else None
+    if sheaths:
+        time_constant_s, capacity = sheaths[-1]
+        ladder, rows = _steps(body.sheath_time(time_constant_s * rate, capacity, biot))
+        modes, few = body.sheathed(ladder, capacity), few + 1
+    elif biot is not None:
+        ladder, rows = _steps(biot)
         modes = body.behind(ladder)
     modes = slowest(modes, few)
     amplitude = np.broadcast_to(modes.amplitude, modes.rate.shape).reshape(-1, modes.rate.shape[-1])
@@ -164,19 +165,6 @@ def _response(
         rates = np.concatenate([rates, beside / time_constant_s], axis=1)
     slow = np.array([_share_uncertainty(e) for e, _, _ in lags])
     return Response(weight, rates, relative, slow, tuple(float(-a) for a in mix.amplitude), inside, body.name)
-
-
-def _sheathed(body: Body, loaded: Acting, layers: list[Acting], rate: Array) -> tuple[Modes, NDArray[np.int64]]:
-    """Modes of a body in a sheath that it loads, for a ladder of the body's rates, and the rung of each instant."""
-    if layers:
-        raise InputError(
-            f"profile: {loaded.id} and {layers[0].id} cannot stand together: each says how the air reaches the body; "
-            "take one out of the profile"
-        )
-    assert loaded.meaning.loaded is not None
-    time_constant_s, capacity = loaded.meaning.loaded(loaded.values)
-    ladder, rows = _steps(time_constant_s * rate)
-    return body.sheathed(ladder, capacity), rows
 
 
 def _sheath(time_constants_s: list[float]) -> Modes:
@@ -204,8 +192,8 @@ def _time_scale(
     """Relative standard uncertainty (n,) of the mean lag behind the air, body and what stands before it together.
 
     Behind a Biot number the mean lag of a body is that of the held one + 1 / (surface_to_volume Bi), exactly; a lag in
-    series adds its time constant, a sheath that the body loads (1 + 1 / capacity) of it. Each parameter moves it by its
-    own part.
+    series adds its time constant. A sheath that the body loads adds (1 + 1 / capacity) of its own, and what passes a
+    film outside of it is 1 + capacity as much. Each parameter moves the lag by its own part.
     """
     held = body.held()
     own = float(-np.sum(held.amplitude / held.rate))
@@ -214,12 +202,13 @@ def _time_scale(
     def mean_lag_s(effects: Iterable[Acting]) -> tuple[Array, Array]:
         """Of the body with its exchange, and of all together."""
         effects = list(effects)
-        lag = np.full(rate.shape, own)
-        if any(e.meaning.biot is not None for e in effects):
-            lag = lag + 1.0 / (body.surface_to_volume * np.maximum(_biot(effects, airspeed, length_m), LEAST_BIOT))
+        lag, filled = np.full(rate.shape, own), 1.0
         outside = sum(e.meaning.series_s(e.values) for e in effects if e.meaning.series_s is not None)
-        sheaths = [e.meaning.loaded(e.values) for e in effects if e.meaning.loaded is not None]
-        outside += sum(time_constant_s * (1.0 + 1.0 / capacity) for time_constant_s, capacity in sheaths)
+        for time_constant_s, capacity in (e.meaning.loaded(e.values) for e in effects if e.meaning.loaded):
+            outside, filled = outside + time_constant_s * (1.0 + 1.0 / capacity), 1.0 + capacity
+        if any(e.meaning.biot is not None for e in effects):
+            biot = np.maximum(_biot(effects, airspeed, length_m), LEAST_BIOT)
+            lag = lag + filled / (body.surface_to_volume * biot)
         return lag / rate, lag / rate + outside
 
     of_body, whole = mean_lag_s(shaping)

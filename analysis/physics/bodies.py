@@ -69,6 +69,15 @@ class Body:
         t63, t90, t98 = response_times(self.held())
         return t63, t90, t98
 
+    def sheath_time(self, time_constant: ArrayLike, capacity: ArrayLike, biot: ArrayLike | None) -> Array:
+        """Time constant of a sheath (times the body's rate) with a film outside of it: their resistances add.
+
+        `biot` is the film's number for this body's surface, None where there is none; the sheath's own would be
+        capacity / (surface_to_volume time_constant).
+        """
+        own = np.asarray(time_constant, dtype=float)
+        return own if biot is None else own + np.asarray(capacity) / (self.surface_to_volume * np.asarray(biot))
+
 
 def _lump_behind(biot: ArrayLike) -> Modes:
     """A lump has no profile inside, so two conductances in series are all there is: rate Bi / (1 + Bi), one mode.

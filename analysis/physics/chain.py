@@ -124,7 +124,7 @@ class Chain:
     series : tuple of time constants [s], each (B, 1)
         First-order lags in series with the body: a housing, a vent, a cap.
     loaded : (time constant [s], capacity relative to the body's), each (B, 1), or None
-        A sheath: a well-mixed layer around the body that the body loads, in place of `biot`.
+        A sheath: a well-mixed layer around the body that the body loads; `biot` is then the air film's outside of it.
     wet_until_s : ndarray (B, R) or None
         Until when a film with dew on it sees saturated air [s]; 0 or less for runs without dew.
     at_die_temperature : bool
@@ -293,7 +293,8 @@ def _response(chain: Chain, rate: Array) -> modes.Modes:
     """Response of body, lags in parallel and lags in series to the air."""
     if chain.loaded is not None:
         time_constant_s, capacity = chain.loaded
-        body = chain.body.sheathed(time_constant_s * rate, capacity)
+        time_constant = chain.body.sheath_time(time_constant_s * rate, capacity, chain.biot)
+        body = chain.body.sheathed(time_constant, capacity)
     else:
         body = chain.body.held() if chain.biot is None else chain.body.behind(chain.biot)
     response = body.scaled(rate)
