@@ -19,8 +19,8 @@ from shockrig.analysis.diagnosis.gain import Gain, measure_gain, worse_without
 from shockrig.analysis.diagnosis.limits import cannot_tell
 from shockrig.analysis.diagnosis.prepare import Prepared, likelier_average, prepare, with_rounding
 from shockrig.analysis.diagnosis.remainder import Remainder, Tolerance, measure_remainder
-from shockrig.analysis.diagnosis.search import Earlier, Search, at_bound, evidence, refit, search
-from shockrig.analysis.diagnosis.thresholds import level, penalty
+from shockrig.analysis.diagnosis.search import Earlier, Search, at_bound, evidence, refit, says_nothing, search
+from shockrig.analysis.diagnosis.thresholds import TIE, level, penalty
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.effect import Finding, unchanged
@@ -117,7 +117,8 @@ def diagnose_channel(
     if kept.final is not found.final:
         adequacy = judge(ready.problem, kept.final, ready.noise)
     remainder = measure_remainder(ready.problem, kept.final, ready.noise, adequacy, kept.gain, tolerance or Tolerance())
-    spoilt = not adequacy.passed and remainder.material
+    spoilt = remainder.significant and remainder.material
+    left = spoilt or not adequacy.passed
     verdict = "unexplained" if spoilt else "explained" if kept.causes else "adequate"
     return ChannelDiagnosis(
         name=channel.name,
@@ -137,7 +138,7 @@ def diagnose_channel(
         ),
         cannot_tell=cannot_tell(channel),
         tried=kept.tried,
-        discrepancy=None if adequacy.passed else describe(ready.problem, kept.final, ready.noise, adequacy),
+        discrepancy=describe(ready.problem, kept.final, ready.noise, adequacy) if left else None,
     )
 
 
@@ -156,14 +157,26 @@ def _kept(channel: Channel, ready: Prepared, found: Search, adequacy: Adequacy) 
     problem, base, final = ready.problem, ready.structure, found.final
     tried: list[Tried] = []
     from_readings = {f.effect: _from_readings(f) for f in ready.findings}
-    named = {c.effect: c for c in _named(problem, found)}
-    if not adequacy.passed:
-        certain = {c.effect for c in named.values() if _certain(c, adequacy, channel)}
-        tried += [
-            Tried(e, "it helps, and is not certain beside what is left unexplained") for e in named if e not in certain
-        ]
-        final = _reduced(problem, found, final, set(from_readings) | certain)
-    choose = adequacy.passed
+    choose, described = adequacy.passed, dict[str, Cause]()
+    named = _named(problem, found, adequacy)
+    while not adequacy.passed:
+        # Without an effect more is left, beside which others may no longer be certain.
+        doubtful = [e for e, c in named.items() if e in final.structure.ids and not _certain(c, adequacy, channel)]
+        if not doubtful:
+            break
+        tried += [Tried(e, "it helps, and is not certain beside what is left unexplained") for e in doubtful]
+        keep = set(final.structure.ids) - set(doubtful)
+        for effect in doubtful:
+            # How the response behaves can be said where what makes it behave so cannot.
+            shape = next(
+                (e for e in named[effect].indistinguishable_from if CATALOGUE[e].shape and e not in keep), None
+            )
+            if shape is not None and keep <= set((instead := found.standing[effect].instead[shape]).structure.ids):
+                final, keep = instead, {*keep, shape}
+                described[shape] = _described(named[effect], shape, instead)
+        final = _reduced(problem, found, final, keep)
+        adequacy = judge(problem, final, ready.noise)
+        named = _named(problem, found, adequacy) | described
     while True:
         gain = measure_gain(channel, problem, base, found.plain, final, ready.noise, choose)
         dropped = _dropped(problem, final, gain, from_readings)
@@ -197,7 +210,7 @@ def _dropped(problem: Problem, final: Fit, gain: Gain, from_readings: dict[str, 
     if not tested:
         return []
     for effect in tested:
-        if effect not in from_readings and (why := _says_nothing(effect, values[effect])):
+        if effect not in from_readings and (why := says_nothing(CATALOGUE[effect], values[effect])):
             return [Tried(effect, why)]
     if not gain.measured:
         return [Tried(e, "it could not be tried on a run that was not fitted") for e in tested]
@@ -210,41 +223,39 @@ def _dropped(problem: Problem, final: Fit, gain: Gain, from_readings: dict[str, 
     return []
 
 
-def _says_nothing(effect: str, parameters: dict[str, tuple[float, float]]) -> str:
-    """Why a fitted effect says nothing: at the end of its range, or anywhere in it."""
-    entry = CATALOGUE[effect]
-    ends = at_bound(entry, {name: value for name, (value, _) in parameters.items()})
-    if ends:
-        return f"its {ends[0]} stands at the end of its range"
-    for parameter in entry.parameters:
-        value, spread = parameters[parameter.name]
-        if parameter.log and spread > level("anything") * abs(value):
-            return f"its {parameter.name} may be anything"
-    return ""
-
-
 def _from_readings(finding: Finding) -> Cause:
     return Cause(finding.effect, finding.parameters, MOST_CERTAIN, (), np.inf, (), finding.evidence)
 
 
-def _named(problem: Problem, found: Search) -> list[Cause]:
+def _named(problem: Problem, found: Search, adequacy: Adequacy) -> dict[str, Cause]:
     values, channel = found.final.values(), problem.channel
-    causes = []
+    causes = {}
+    # Beside a misfit that is no accident, what tells explanations apart must be more than what all of them leave.
+    alike = TIE if adequacy.passed else max(TIE * adequacy.inflation, adequacy.excess)
     for effect, standing in found.standing.items():
-        weights = np.exp(-0.5 * np.clip(np.array([0.0, *standing.rivals.values()]), 0, 200))
+        weights = np.exp(-0.5 * np.clip(np.array([0.0, *standing.rivals.values()]) * TIE / alike, 0, 200))
+        tied = {*standing.ties, *(e for e, rise in standing.rivals.items() if rise < alike)}
+        most = level("shape_in_doubt") if CATALOGUE[effect].shape and not adequacy.passed else MOST_CERTAIN
         worth = evidence(problem, standing.necessity)
         real = float(special.expit(0.5 * (worth - penalty(CATALOGUE[effect], channel)) + 2.0))
-        causes.append(
-            Cause(
-                effect=effect,
-                parameters=values[effect],
-                probability=float(np.clip(real * weights[0] / weights.sum(), 0.01, MOST_CERTAIN)),
-                indistinguishable_from=tuple(sorted(standing.ties, key=lambda e: standing.rivals[e])),
-                evidence=standing.necessity,
-                at_bound=at_bound(CATALOGUE[effect], {name: value for name, (value, _) in values[effect].items()}),
-            )
+        causes[effect] = Cause(
+            effect=effect,
+            parameters=values[effect],
+            probability=float(np.clip(real * weights[0] / weights.sum(), 0.01, most)),
+            indistinguishable_from=tuple(sorted(tied, key=lambda e: standing.rivals[e])),
+            evidence=standing.necessity,
+            at_bound=at_bound(CATALOGUE[effect], {name: value for name, (value, _) in values[effect].items()}),
         )
     return causes
+
+
+def _described(cause: Cause, shape: str, fitted: Fit) -> Cause:
+    """The shape that stands for a cause that is not certain."""
+    others = (cause.effect, *(e for e in cause.indistinguishable_from if e != shape))
+    probability = min(cause.probability, level("shape_in_doubt"))
+    return replace(
+        cause, effect=shape, indistinguishable_from=others, probability=probability, parameters=fitted.values()[shape]
+    )
 
 
 def _certain(cause: Cause, adequacy: Adequacy, channel: Channel) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 
 from shockrig.analysis.diagnosis.adequacy import Adequacy, varies_with, when_largest
 from shockrig.analysis.diagnosis.gain import Gain
+from shockrig.analysis.diagnosis.thresholds import level
 from shockrig.analysis.inference.fit import Fit
 from shockrig.analysis.inference.noise import Noise
 from shockrig.analysis.inference.problem import Problem
@@ -62,11 +63,12 @@ def measure_remainder(
     # Four standard deviations of the bin's own noise are what the largest of a few thousand bins may show by chance.
     beyond = np.where(filled, np.abs(found.residual) - 4.0 * spread, 0.0)
     begins, ends = when_largest(channel, found, noise)
+    left = np.sqrt(max(gain.after**2 - gain.noise_floor**2, 0.0))
     return Remainder(
-        rms=float(np.sqrt(max(gain.after**2 - gain.noise_floor**2, 0.0))),
+        rms=float(np.hypot(left, adequacy.hidden_rms)),
         peak=float(max(beyond.max(initial=0.0), 0.0)),
         unit=unit,
-        significant=not adequacy.passed,
+        significant=not adequacy.passed or (gain.measured and gain.after > level("held_out_excess") * gain.noise_floor),
         tolerance=tolerance.of(unit),
         from_s=begins,
         until_s=ends,

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.diagnosis.thresholds import TIE, penalty
+from shockrig.analysis.diagnosis.thresholds import TIE, level, penalty
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.effect import Effect
@@ -64,11 +64,14 @@ class Standing:
         {other effect: rise in deviance when it stands in its place} for the close ones.
     ties : dict
         {other effect: the fit with it in its place} where that explains the data equally well.
+    instead : dict
+        Likewise for all rivals.
     """
 
     necessity: float
     rivals: dict[str, float] = field(default_factory=dict)
     ties: dict[str, Fit] = field(default_factory=dict)
+    instead: dict[str, Fit] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -168,19 +171,23 @@ def _rate_shift(effect: Effect, channel: Channel) -> float:
 def race(problem: Problem, current: Fit, starts: Mapping[str, Starts]) -> dict[str, Fit]:
     """Best fit of the current model with each of some effects added, far enough to rank them.
 
-    All begin from each of their starts and go a few steps at a time; those that fall behind are not followed on. Where
-    the current model is nearly right that soon tells; where it is plainly wrong the way is long.
+    All begin from each of their starts and go a few steps at a time. One that is behind the leader, and does not fall
+    fast enough to reach it in the steps that remain, is not followed on. Where the current model is nearly right that
+    soon tells; where it is plainly wrong the way is long.
     """
     fits = {id_: _begun(problem, current, CATALOGUE[id_], tried) for id_, tried in starts.items()}
     far = plainly_wrong(problem, current)
-    for _ in range(FAR_ROUNDS if far else NEAR_ROUNDS):
+    rounds = FAR_ROUNDS if far else NEAR_ROUNDS
+    falling = {id(f): np.inf for own in fits.values() for f in own[:1]}  # by how much each fell in its last round
+    for left in range(rounds, 0, -1):
         best = min((own[0].deviance for own in fits.values()), default=0.0)
-        ahead = sorted(fits, key=lambda e: fits[e][0].deviance)[:FINISHED]
-        for id_, own in fits.items():
+        for own in fits.values():
             leader = best if far else own[0].deviance
-            level = leader + max(STILL_RUNNING * (current.deviance - leader), LEAST_LEAD)
-            running = sum(f.deviance <= level for f in own) or int(id_ in ahead)
-            own[:running] = [go_on(problem, f, QUICK_STEPS) for f in own[:running]]
+            within = leader + max(STILL_RUNNING * (current.deviance - leader), LEAST_LEAD)
+            for i, f in enumerate(own):
+                if f.deviance <= within or f.deviance - left * falling.get(id(f), 0.0) <= leader:
+                    own[i] = go_on(problem, f, QUICK_STEPS)
+                    falling[id(own[i])] = f.deviance - own[i].deviance
             own.sort(key=lambda f: f.deviance)
     for id_, own in fits.items():
         if not far and any(p.weakest is not None for p in CATALOGUE[id_].parameters):
@@ -221,6 +228,18 @@ def at_bound(effect: Effect, values: Mapping[str, float]) -> tuple[str, ...]:
         if value <= parameter.low + above or value >= parameter.high - width:
             out.append(parameter.name)
     return tuple(out)
+
+
+def says_nothing(effect: Effect, parameters: Mapping[str, tuple[float, float]]) -> str:
+    """Why a fitted effect says nothing: at the end of its range, or anywhere in it. Empty where it says something."""
+    ends = at_bound(effect, {name: value for name, (value, _) in parameters.items()})
+    if ends:
+        return f"its {ends[0]} stands at the end of its range"
+    for parameter in effect.parameters:
+        value, spread = parameters[parameter.name]
+        if parameter.log and spread > level("anything") * abs(value):
+            return f"its {parameter.name} may be anything"
+    return ""
 
 
 def drop(problem: Problem, current: Fit, effect: str) -> Fit:
@@ -314,10 +333,10 @@ class Stepwise:
         found = {}
         for id_, trial in race(self.problem, current, promising).items():
             trial = _mirrored(self.problem, trial) or trial
-            values = {name: value for name, (value, _) in trial.values()[id_].items()}
-            # A parameter at its bound is no finding, unless the effect vanishes there and its gain with it.
-            effect = CATALOGUE[id_]
-            if not at_bound(effect, values) and not (effect.refused and effect.refused(self.problem.channel, values)):
+            effect, told = CATALOGUE[id_], trial.values()[id_]
+            values = {name: value for name, (value, _) in told.items()}
+            # A parameter at its bound, or that may be anything, is no finding.
+            if not says_nothing(effect, told) and not (effect.refused and effect.refused(self.problem.channel, values)):
                 found[id_] = trial
         return found
 
@@ -418,8 +437,9 @@ class Stepwise:
             likely = {e: r + CATALOGUE[e].rarity(channel) - own for e, r in rises.items()}
             standing[effect] = Standing(
                 necessity=necessity,
-                rivals={e: r for e, r in likely.items() if r < max(0.5 * necessity, 2 * TIE)},
+                rivals=(rivals := {e: r for e, r in likely.items() if r < max(0.5 * necessity, 2 * TIE)}),
                 ties={e: others[e] for e, r in likely.items() if r < TIE},
+                instead={e: others[e] for e in rivals},
             )
             if swap and rises:
                 best = min(rises, key=lambda e: rises[e] + penalty(CATALOGUE[e], channel))

@@ -34,7 +34,7 @@ EFFECT = Effect(
     id="dead_time",
     link="logger",
     channels=("temperature", "humidity"),
-    parameters=(Parameter("delay_s", "s", -0.02, 5.0, (0.06, 0.15, 0.3, 0.6)),),
+    parameters=(Parameter("delay_s", "s", -0.02, 5.0, (0.01, 0.06, 0.15, 0.3, 0.6)),),
     apply=lambda chain, p: replace(chain, time_s=chain.time_s - p["delay_s"][..., None]),
     sentence="This channel is logged late by {delay_s} s.",
     equation="reading(t) = true(t - delay)",
