@@ -77,7 +77,8 @@ class Run:
     """One fast transfer of the probes from `source` to `destination`, or what they saw in an air that was measured.
 
     `air` is the air beside the probes where it was measured (air.csv): then it is the input, not a step. `set_aside`
-    maps a channel to the sentence of the check that keeps its readings from being fitted.
+    maps a channel to the sentence of the check that keeps its readings from being fitted. `started_at` is the time of
+    day at time_s = 0 as the file has it (ISO 8601).
     """
 
     id: str
@@ -93,14 +94,15 @@ class Run:
     air: Trace | None = None
     reference: Reference = Reference()
     set_aside: Mapping[str, str] = field(default_factory=dict)
+    started_at: str | None = None
 
 
 @dataclass(frozen=True)
 class Campaign:
     """A campaign: several runs on one pair of sensors.
 
-    `bodies` maps "imet" and "hyt" to the shape that the plain model has, one of `BODIES`. `emulated` says that nothing of
-    it was measured: it comes from emulated instruments.
+    `bodies` maps "imet" and "hyt" to the shape that the plain model has, one of `BODIES`. `emulated` says that nothing
+    of it was measured: it comes from emulated instruments.
     """
 
     name: str
@@ -239,6 +241,7 @@ def _read_run(folder: Path) -> Run:
         extra={key: value for key, value in head.content.items() if key not in _KNOWN_RUN_KEYS},
         air=read_air(folder),
         reference=_read_reference(head.mapping("reference")),
+        started_at=began if isinstance(began := head.get("started_at"), str) else None,
     )
 
 

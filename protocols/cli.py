@@ -28,6 +28,8 @@ COMMANDS = {
     "import": ("import_csv", "turn other loggers' files, also one long log with many steps, into a campaign"),
     "watch": ("watch", "watch a campaign while it is recorded, in the terminal or in the browser"),
     "status": ("status", "say what a campaign holds, what is missing and why"),
+    "list": ("list_campaigns", "list the campaigns of a folder, what they gave, and what changed from one to the next"),
+    "export": ("export", "write a campaign as netCDF, Parquet or bluesky event documents"),
     "characterize": ("characterize", "fit alpha and D(T) to a campaign and write the sensor profile"),
     "diagnose": ("diagnose", "say what the simulation gets wrong, why, and what correcting it gains"),
     "reveal": ("reveal", "open a sealed truth beside a diagnosis and score it"),

@@ -187,6 +187,7 @@ ARGUMENTS = {
     "check": [],
     "scan": [],
     "slips": [],
+    "export": ["c"],
 }
 
 
