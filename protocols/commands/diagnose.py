@@ -18,12 +18,14 @@ if TYPE_CHECKING:
 
     from shockrig.analysis.diagnosis.diagnose import Diagnosis
     from shockrig.analysis.diagnosis.remainder import Tolerance
+    from shockrig.analysis.diagnosis.search import Earlier
     from shockrig.analysis.inference.channel import Channel
     from shockrig.analysis.inference.quantity import ChannelName
     from shockrig.analysis.report.crossing import Crossing
     from shockrig.analysis.report.diagnosis_view import Compared
     from shockrig.files.campaign import Campaign
-    from shockrig.files.diagnosis import StatedDiagnosis
+
+    Named = tuple[str, dict[ChannelName, Earlier]]
 
 CHANNELS: tuple[ChannelName, ...] = ("temperature", "humidity")
 EARLIER_REMEDY = "give the diagnosis of this campaign, or leave --from out"
@@ -75,10 +77,13 @@ def main(args: argparse.Namespace) -> int:
     return 0
 
 
-def _earlier(path: Path) -> StatedDiagnosis:
+def _earlier(path: Path) -> Named:
+    """The campaign that a diagnosis is of, and what it named in each channel."""
+    from shockrig.analysis.diagnosis.diagnose import named_earlier
     from shockrig.files.diagnosis import read_diagnosis
 
-    return read_diagnosis(path / "diagnosis.json" if path.is_dir() else path)
+    stated = read_diagnosis(path / "diagnosis.json" if path.is_dir() else path)
+    return stated.campaign, {name: named_earlier(stated, name) for name in CHANNELS}
 
 
 def write(
@@ -87,7 +92,7 @@ def write(
     seed: int,
     made_at: str,
     tolerance: Tolerance | None = None,
-    earlier: StatedDiagnosis | None = None,
+    earlier: Named | None = None,
 ) -> Diagnosis:
     """Diagnose a campaign into the folder `out`, whole or not at all; `earlier` is a diagnosis to begin from."""
     _one_thread_a_process()
@@ -136,7 +141,7 @@ def write(
     return diagnosis
 
 
-def _read_and_search(send: Send, campaign: Path, tolerance: Tolerance | None, earlier: StatedDiagnosis | None) -> None:
+def _read_and_search(send: Send, campaign: Path, tolerance: Tolerance | None, earlier: Named | None) -> None:
     """Send the campaign as checked with the number of its channels, then each channel's diagnosis when it is found."""
     from multiprocessing.connection import wait
 
@@ -147,8 +152,8 @@ def _read_and_search(send: Send, campaign: Path, tolerance: Tolerance | None, ea
     from shockrig.files.errors import InputError
 
     recorded = read_campaign(campaign)
-    if earlier is not None and earlier.campaign != recorded.name:
-        raise InputError(f"--from: diagnosis of {earlier.campaign!r}, not of {recorded.name!r}; {EARLIER_REMEDY}")
+    if earlier is not None and earlier[0] != recorded.name:
+        raise InputError(f"--from: diagnosis of {earlier[0]!r}, not of {recorded.name!r}; {EARLIER_REMEDY}")
     input_ = checked(recorded)
     for finding in input_.findings:
         _say(f"input: {finding.sentence}")
@@ -163,11 +168,11 @@ def _read_and_search(send: Send, campaign: Path, tolerance: Tolerance | None, ea
                 send(received(cast("Connection", ready)))
 
 
-def _search(send: Send, channel: Channel, tolerance: Tolerance | None, earlier: StatedDiagnosis | None) -> None:
-    from shockrig.analysis.diagnosis.diagnose import diagnose_channel, named_earlier
+def _search(send: Send, channel: Channel, tolerance: Tolerance | None, earlier: Named | None) -> None:
+    from shockrig.analysis.diagnosis.diagnose import diagnose_channel
     from shockrig.analysis.report.diagnosis_view import compare
 
-    send(compare(diagnose_channel(channel, _say, tolerance, named_earlier(earlier, channel.name))))
+    send(compare(diagnose_channel(channel, _say, tolerance, {} if earlier is None else earlier[1][channel.name])))
 
 
 def _draw(send: Send, compared: Compared, folder: Path) -> None:
