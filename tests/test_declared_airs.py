@@ -5,10 +5,11 @@ from fake_bench import STEPS, FakeReference, fake_bench, plan, run, run_json
 
 from shockrig.protocols.cli import main
 from shockrig.rig.chambers.devices import DeviceChambers
+from shockrig.rig.errors import CampaignPaused
+from shockrig.rig.observer import SilentObserver
 from shockrig.rig.protocol import Faults, Record
 from shockrig.rig.recorder import read_state
 from shockrig.rig.references import Hyt271Reference, Hyt271ReferenceSettings, OperatorEntry, SetPoints
-from shockrig.rig.runner import CampaignPaused, SilentObserver
 from shockrig.rig.seams import Air
 from shockrig.rig.stages.manual import PromptedChambers
 

@@ -55,8 +55,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     from shockrig.rig.bench import default_bench, load_bench, open_bench
     from shockrig.rig.errors import BenchError
+    from shockrig.rig.planning import check_plan
     from shockrig.rig.protocol import load_protocol
-    from shockrig.rig.runner import check_plan
     from shockrig.rig.virtual.hide import seal
 
     protocol = load_protocol(args.protocol)
@@ -117,7 +117,7 @@ def _emulated(args: argparse.Namespace, config: Any) -> tuple[Any, _Sealed]:
     from shockrig.rig.bench import open_bench
     from shockrig.rig.bench_file import LARGEST_SEED
     from shockrig.rig.errors import BenchError
-    from shockrig.rig.recorder.campaign import read_head
+    from shockrig.rig.recorder.state import read_head
     from shockrig.rig.virtual.hide import draw_hidden, open_seal
     from shockrig.rig.virtual.truth import ROUGH, SMOOTH, draw_truth, with_effects
 
@@ -217,7 +217,7 @@ def _record(args: argparse.Namespace, protocol: Any, bench: Any, sealed: _Sealed
 def _operator(out: Path, bench: Any) -> str | None:
     """Who recorded this campaign's last session; for a new one on a real bench the person at the terminal is asked."""
     from shockrig.files.disk import is_there
-    from shockrig.rig.recorder.campaign import read_head
+    from shockrig.rig.recorder.state import read_head
 
     if is_there(out / "campaign.json"):
         sessions = read_head(out).get("sessions")

@@ -31,7 +31,7 @@ def main(args: argparse.Namespace) -> int:
     import time
 
     from shockrig.files.errors import InputError
-    from shockrig.rig.recorder.campaign import read_head
+    from shockrig.rig.recorder.state import read_head
     from shockrig.rig.watch.follow import Follower
 
     if not 0.05 <= args.every <= 60.0:

@@ -13,7 +13,7 @@ import fcntl
 import os
 import shutil
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,14 +21,12 @@ from shockrig.files.campaign_names import CAMPAIGN_FORMAT
 from shockrig.files.campaign_write import campaign_document, write_campaign
 from shockrig.files.disk import is_there, read_bytes, shown, sync_folder
 from shockrig.files.errors import InputError
-from shockrig.files.json_files import read_json
-from shockrig.rig.errors import BenchError, as_bench_errors
+from shockrig.rig.errors import BenchError
 from shockrig.rig.protocol import PlannedRun, Protocol
 from shockrig.rig.recorder.files import write_run_files
 from shockrig.rig.recorder.judging import judge
 from shockrig.rig.recorder.run import (
     COMPLETE,
-    INTERRUPTED,
     JOURNAL,
     SPOILT,
     Recorder,
@@ -37,35 +35,9 @@ from shockrig.rig.recorder.run import (
     read_run,
 )
 from shockrig.rig.recorder.session import changes
+from shockrig.rig.recorder.state import REMEDY, read_content
 
-REMEDY = "fix or restore the file"
 FOLDERS = ("runs", "recording", "set_aside")
-
-
-@dataclass(frozen=True)
-class SetAside:
-    """An attempt that does not count, and why."""
-
-    id: str
-    folder: Path
-    status: str
-    reason: str
-
-
-@dataclass(frozen=True)
-class CampaignState:
-    """What a campaign folder holds."""
-
-    name: str
-    planned: tuple[str, ...]
-    recorded: tuple[str, ...]
-    in_progress: tuple[str, ...]
-    set_aside: tuple[SetAside, ...]
-    emulated: bool = False
-
-    @property
-    def missing(self) -> tuple[str, ...]:
-        return tuple(id_ for id_ in self.planned if id_ not in self.recorded)
 
 
 class CampaignFolder:
@@ -126,7 +98,7 @@ class CampaignFolder:
 
     def changed(self, session: Mapping[str, Any]) -> list[str]:
         """What differs from the campaign's last session; raises BenchError where that would shift time stamps."""
-        sessions = _content(self.path / "campaign.json", CAMPAIGN_FORMAT).get("sessions")
+        sessions = read_content(self.path / "campaign.json", CAMPAIGN_FORMAT).get("sessions")
         last = sessions[-1] if isinstance(sessions, list) and sessions else None
         before = last.get("bench") if isinstance(last, dict) else None
         if not isinstance(before, dict):
@@ -138,7 +110,7 @@ class CampaignFolder:
 
     def add_session(self, session: Mapping[str, Any]) -> int:
         """Keep a session that begins in campaign.json; its number, counted from 1."""
-        content = _content(self.path / "campaign.json", CAMPAIGN_FORMAT)
+        content = read_content(self.path / "campaign.json", CAMPAIGN_FORMAT)
         sessions = content.get("sessions")
         kept = [*(sessions if isinstance(sessions, list) else []), dict(session)]
         write_campaign(self.path, content | {"sessions": kept})
@@ -249,47 +221,6 @@ class CampaignFolder:
         return target
 
 
-def read_state(path: Path) -> CampaignState:
-    """What is in a campaign folder, ours or another lab's (which has no plan: then nothing is missing).
-
-    Raises
-    ------
-    BenchError
-        Not a campaign, or a file of it cannot be read.
-    """
-    content = read_head(path)
-    plan = content.get("plan")
-    planned = [str(entry.get("id")) for entry in plan if isinstance(entry, dict)] if isinstance(plan, list) else []
-    aside = []
-    for folder in _folders(path / "set_aside"):
-        said = _content(folder / "run.json") if is_there(folder / "run.json") else {}
-        status = str(said.get("status", INTERRUPTED))
-        reason = str(said.get("reason", "nothing could be recovered"))
-        aside.append(SetAside(folder.name.rsplit("-", 1)[0], folder, status, reason))
-    return CampaignState(
-        name=str(content.get("name", path.name)),
-        planned=tuple(planned),
-        recorded=tuple(folder.name for folder in _folders(path / "runs") if (folder / "run.json").exists()),
-        in_progress=tuple(folder.name for folder in _folders(path / "recording")),
-        set_aside=tuple(aside),
-        emulated=content.get("emulated") is True,
-    )
-
-
-def read_head(path: Path) -> dict[str, Any]:
-    """campaign.json of a campaign folder; raises BenchError where it is not there, is damaged, or is something else."""
-    if not is_there(path / "campaign.json"):
-        found = "is no campaign (it has no campaign.json)" if path.is_dir() else "no such campaign folder"
-        raise BenchError(f"{shown(path)}: {found}; give the folder that holds campaign.json, the --out of shockrig run")
-    return _content(path / "campaign.json", CAMPAIGN_FORMAT)
-
-
-def _content(path: Path, expected: str | None = None) -> dict[str, Any]:
-    """A JSON object from a file, of format `expected`; raises BenchError naming the file and the place."""
-    with as_bench_errors():
-        return dict(read_json(path, expected, REMEDY).content)
-
-
 def _plan_entry(run: PlannedRun) -> dict[str, Any]:
     entry = {"id": run.id, "source": asdict(run.source), "destination": asdict(run.destination)}
     return entry | {"airflow_m_s": run.airflow_m_s, "note": run.note, "steps": [str(step) for step in run.steps]}
@@ -331,7 +262,7 @@ def _is_longer(path: Path, content: dict[str, Any]) -> bool:
     `content` then has what the campaign's own file knows besides. Raises BenchError where it is another.
     """
     file = path / "campaign.json"
-    there = _content(file, CAMPAIGN_FORMAT)
+    there = read_content(file, CAMPAIGN_FORMAT)
     if "plan" not in there:
         raise BenchError(f"{path}: was not recorded by shockrig run and has no plan to go on with; give another --out")
     if there.get("emulated", content["emulated"]) != content["emulated"]:
@@ -364,10 +295,3 @@ def _has_a_record(folder: Path) -> bool:
 
 def _holds(entry: Path) -> bool:
     return entry.is_dir() and any(entry.iterdir())
-
-
-def _folders(path: Path) -> list[Path]:
-    try:
-        return sorted(entry for entry in path.iterdir() if entry.is_dir()) if path.is_dir() else []
-    except OSError as error:
-        raise BenchError(f"{shown(path)}: {error.strerror}; make it a folder that can be read") from None
