@@ -167,7 +167,7 @@ def _roots(
 
 def _signs(count: int) -> Array:
     """Of sin b or cos b between the poles."""
-    return (-1.0) ** np.arange(count)
+    return np.where(np.arange(count) % 2 == 0, 1.0, -1.0)
 
 
 def _by_value(time_constant: ArrayLike, capacity: ArrayLike, solve: Solve) -> Modes:
