@@ -73,8 +73,8 @@ def record(folder: Path, port: str, factor: int, seconds: float) -> None:
     from shockrig.rig.buses.i2c import SmbusBus
     from shockrig.rig.buses.serial_port import PyserialPort, pyserial_opener
     from shockrig.rig.clock import RealClock
-    from shockrig.rig.recorder import Recorder, read_run
     from shockrig.rig.listening import SHORTEST_WAIT_S
+    from shockrig.rig.recorder import Recorder, read_run
     from shockrig.rig.sensors.hyt271 import Hyt271, Hyt271Settings
     from shockrig.rig.sensors.imet import Imet, ImetSettings
     from shockrig.rig.sensors.imet_humidity import ImetHumidity, ImetHumiditySettings
