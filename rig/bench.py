@@ -242,6 +242,8 @@ def _device(name: str, part: Part) -> str:
     address = getattr(part.settings, "address", None)
 
     place = "" if where is None else f" on {where}"
+    channel = getattr(part.settings, "mux_channel", -1)
+    place += "" if channel < 0 else f", channel {channel}"
     return f"{name} ({part.kind}{place}{'' if address is None else f' at {address:#04x}'})"
 
 

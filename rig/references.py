@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from shockrig.files.ranges import RANGES, Range
 from shockrig.rig.errors import BenchError
 from shockrig.rig.seams import Air, Chambers, Operator, Parts, Reading
-from shockrig.rig.sensors.hyt271 import Hyt271, Hyt271Settings
+from shockrig.rig.sensors.hyt271 import Hyt271, Hyt271Settings, bus_of
 
 NEVER_S = math.inf
 
@@ -127,6 +127,7 @@ class Hyt271ReferenceSettings(Hyt271Settings):
     mean_s: float = 10.0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.air not in ("source", "destination", "probes"):
             raise BenchError(f'air = "{self.air}" must be "source", "destination" or "probes"')
 
@@ -144,7 +145,7 @@ class Hyt271Reference:
 
     @classmethod
     def build(cls, name: str, settings: Hyt271ReferenceSettings, parts: Parts) -> Hyt271Reference:
-        return cls(settings, Hyt271("reference", settings, parts.i2c(settings.bus), parts.clock), parts.chambers)
+        return cls(settings, Hyt271("reference", settings, bus_of(settings, parts), parts.clock), parts.chambers)
 
     @property
     def origins(self) -> tuple[str, str]:

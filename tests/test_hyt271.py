@@ -16,12 +16,14 @@ from hypothesis import strategies as st
 
 from shockrig.protocols.cli import main
 from shockrig.rig.buses.i2c import LEASE_S, SmbusBus
+from shockrig.rig.buses.mux import MuxedBus
 from shockrig.rig.clock import RealClock, VirtualClock
 from shockrig.rig.errors import BenchError, BusError
 from shockrig.rig.seams import Outcome
 from shockrig.rig.sensors.hyt271 import Hyt271, Hyt271Settings, decode_frame
 from shockrig.rig.sensors.hyt271_commands import answering, change_address, read_address, wait_for_answer
 from shockrig.rig.virtual.chips.hyt271 import Hyt271Chip, encode_frame
+from shockrig.rig.virtual.chips.tca9548a import MuxedWire
 from shockrig.rig.virtual.faults import Fault
 from shockrig.rig.virtual.i2c_dev import I2cWire, plug_in, pull_out
 
@@ -416,3 +418,48 @@ def test_the_command_says_how_it_asks_what_it_found_and_what_it_stored(capsys, m
         assert capsys.readouterr().out == "word 0x1c was 0x0028, is 0x002b\nanswers at 0x2b\n"
     finally:
         pull_out(path)
+
+
+def test_sensors_of_one_address_behind_a_multiplexer_are_told_apart():
+    """Both on one adapter, at 10 readings a second together; a dip of the multiplexer's supply changes nothing."""
+    clock = VirtualClock()
+    wire = MuxedWire({0: [Hyt271Chip(lambda t: 20.0, steady_c)], 5: [Hyt271Chip(lambda t: 70.0, steady_c)]}, clock)
+    path = "/dev/i2c-multiplexed"
+    plug_in(path, wire)
+    try:
+        bus = SmbusBus(path, clock)
+        sensors = [
+            Hyt271(f"hyt{channel}", Hyt271Settings(bus=path, period_s=0.2), MuxedBus(bus, 0x70, channel), clock)
+            for channel in (0, 5)
+        ]
+        for sensor in sensors:
+            sensor.open()
+        found = {sensor.name: [] for sensor in sensors}
+        while clock.now() < 10.0:
+            clock.sleep_until(min(sensor.due_s() for sensor in sensors) + 1e-4)
+            for sensor in sensors:
+                found[sensor.name] += sensor.poll()
+            if 5.0 < clock.now() < 5.1:
+                wire.mux.register = 0
+        for name, percent in (("hyt0", 20.0), ("hyt5", 70.0)):
+            good = [reading for reading in found[name] if reading.outcome is Outcome.OK]
+            assert len(good) > 40 and len(good) == len(found[name])
+            assert {round(reading.values["humidity_percent"]) for reading in good} == {round(percent)}
+        for sensor in sensors:
+            sensor.close()
+    finally:
+        pull_out(path)
+
+
+def test_without_the_multiplexer_two_of_one_address_garble_each_other():
+    clock = VirtualClock()
+    wire = MuxedWire({0: [Hyt271Chip(ramp_percent, steady_c)], 1: [Hyt271Chip(ramp_percent, steady_c)]}, clock)
+    wire.write(0x70, b"\x03")
+    with pytest.raises(OSError):
+        wire.read(0x28, 4)
+
+
+@pytest.mark.parametrize(("setting", "words"), [({"mux_channel": 8}, "from 0 to 7"), ({"mux_address": 0x28}, "0x70")])
+def test_a_channel_that_cannot_be_is_refused(setting, words):
+    with pytest.raises(BenchError, match=words):
+        Hyt271Settings(bus=1, **setting)

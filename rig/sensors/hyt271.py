@@ -12,6 +12,8 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
+from shockrig.rig.buses.mux import ADDRESSES, CHANNELS, MuxedBus
+from shockrig.rig.errors import BenchError
 from shockrig.rig.seams import Clock, I2cBus, Outcome, Parts, Reading
 
 FULL_SCALE = 16383
@@ -32,7 +34,8 @@ class Hyt271Settings:
     first tried. `sampled_after_s` says how long after the request the humidity is taken: it is converted after the
     temperature, so late in the conversion. Measure it where tens of milliseconds matter. `confirm` fetches every
     reading three times (five for a while after a damaged one): a frame has no checksum, and the repeats (the same
-    bits, Stale set) are the only sign of a bit that was flipped on the way.
+    bits, Stale set) are the only sign of a bit that was flipped on the way. `mux_channel` is the channel of a TCA9548A multiplexer at
+    `mux_address` behind which the sensor is.
     """
 
     bus: int | str
@@ -48,6 +51,16 @@ class Hyt271Settings:
     confirm: bool = True
     plausible_temperature_c: tuple[float, float] = (-60.0, 125.0)
     leave_command_mode: bool = True
+    mux_channel: int = -1
+    mux_address: int = 0x70
+
+    def __post_init__(self) -> None:
+        if self.mux_channel != -1 and self.mux_channel not in CHANNELS:
+            raise BenchError(
+                f"mux_channel = {self.mux_channel} must be from 0 to 7, or -1 where there is no multiplexer"
+            )
+        if self.mux_address not in ADDRESSES:
+            raise BenchError(f"mux_address = {self.mux_address:#04x} must be from 0x70 to 0x77")
 
 
 def decode_frame(frame: bytes) -> tuple[Outcome, dict[str, float]]:
@@ -72,6 +85,12 @@ def decode_frame(frame: bytes) -> tuple[Outcome, dict[str, float]]:
         "temperature_c": 165.0 * temperature_raw / FULL_SCALE - 40.0,
     }
     return (Outcome.STALE if frame[0] & STALE_BIT else Outcome.OK), values
+
+
+def bus_of(settings: Hyt271Settings, parts: Parts) -> I2cBus:
+    """The adapter's bus, or the one behind a channel of its multiplexer."""
+    bus = parts.i2c(settings.bus)
+    return bus if settings.mux_channel < 0 else MuxedBus(bus, settings.mux_address, settings.mux_channel)
 
 
 class Hyt271:
@@ -105,7 +124,7 @@ class Hyt271:
 
     @classmethod
     def build(cls, name: str, settings: Hyt271Settings, parts: Parts) -> Hyt271:
-        return cls(name, settings, parts.i2c(settings.bus), parts.clock)
+        return cls(name, settings, bus_of(settings, parts), parts.clock)
 
     def describe(self) -> dict[str, Any]:
         return {"kind": self.KIND, "serial": self.settings.serial, "film_thickness_m": self.settings.film_thickness_m}
