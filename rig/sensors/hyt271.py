@@ -34,8 +34,8 @@ class Hyt271Settings:
     first tried. `sampled_after_s` says how long after the request the humidity is taken: it is converted after the
     temperature, so late in the conversion. Measure it where tens of milliseconds matter. `confirm` fetches every
     reading three times (five for a while after a damaged one): a frame has no checksum, and the repeats (the same
-    bits, Stale set) are the only sign of a bit that was flipped on the way. `mux_channel` is the channel of a TCA9548A multiplexer at
-    `mux_address` behind which the sensor is.
+    bits, Stale set) are the only sign of a bit that was flipped on the way. `mux_channel` is the channel of a TCA9548A
+    multiplexer at `mux_address` behind which the sensor is.
     """
 
     bus: int | str
