@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 from small_worlds import record
 
+from shockrig.analysis.diagnosis.diagnose import diagnose_channel
+from shockrig.analysis.diagnosis.extended import extended_result
 from shockrig.analysis.diagnosis.search import plain_fit, search
 from shockrig.analysis.effects import CATALOGUE, structure_of
 from shockrig.analysis.inference.effect import Readings, unchanged
@@ -445,3 +447,15 @@ def test_a_sheath_that_the_body_loads_is_recovered_from_another_labs_bench(tmp_p
     recovered(found.values()["sheath"], {"time_constant_s": time_constant * bare_63_s, "capacity": capacity})
     assert run_misfit(problem, found).mean() < 1.25
     assert abs(found.log_rates[0] - np.log(truth.rate_per_s)) < 3.5 * np.sqrt(found.covariance[0, 0])
+
+
+@pytest.mark.parametrize(("shape", "time_constant", "capacity"), [("sphere", 0.4, 1.2), ("film", 0.8, 0.8)])
+def test_a_diagnosis_names_a_sheath_and_nothing_beside_it(tmp_path, shape, time_constant, capacity):
+    """A lag in series alone would need a slow transfer or an air film beside it, and leave t63 off."""
+    body = foreign.make_body(shape, 5.0, sheath=(time_constant, capacity))
+    channel, truth = foreign_channel(tmp_path / "c", body, shape)
+    found = diagnose_channel(channel)
+    assert [cause.effect for cause in found.causes] == ["sheath"]
+    assert found.causes[0].parameters["capacity"][0] == pytest.approx(capacity, rel=0.05)
+    response = extended_result(found).rows[0].response
+    assert abs(response.t63_s - 5.0) < 3.5 * response.standard_uncertainties_s[0] + 0.002
