@@ -1,6 +1,7 @@
-"""A sheath or a housing with heat (or vapour) of its own, which the body inside loads: it warms as it gives, and more
-slowly for it. `series_lag` is its limit for a capacity far above the body's, a film of air or vapour outside it adds to
-the resistance; both may stand beside it, and a search that took one of them for the sheath finds the way from there.
+"""A sheath or a housing with heat (or vapour) of its own, which the body inside loads: it lags by what the body takes.
+
+`series_lag` is its limit for a capacity far above the body's; a film of air or vapour outside adds to the resistance.
+Both may stand beside it, and a search that took one of them for the sheath finds the way from there.
 """
 
 from dataclasses import replace
