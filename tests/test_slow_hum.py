@@ -1,0 +1,52 @@
+"""A hum slower than a piece of plateau is long looks like wandering noise: its line in the spectrum tells it."""
+
+import numpy as np
+import pytest
+
+from shockrig.analysis.diagnosis.adequacy import judge
+from shockrig.analysis.diagnosis.diagnose import diagnose_channel
+from shockrig.analysis.diagnosis.prepare import prepare
+from shockrig.analysis.diagnosis.search import plain_fit
+from shockrig.analysis.inference.gather import build_channel
+from shockrig.files.campaign import read_campaign
+from shockrig.rig.virtual.batch import simulate_campaign
+from shockrig.rig.virtual.plans import standard_plan
+from shockrig.rig.virtual.truth import Hidden, draw_truth
+
+LINE = "a line in the spectrum of the plateaus"
+
+
+def recorded(tmp_path, seed, *hidden):
+    rng = np.random.default_rng(seed)
+    truth = draw_truth(rng, "rough", hidden)
+    return build_channel(
+        read_campaign(simulate_campaign(truth, standard_plan(), rng, tmp_path / "campaign")), "temperature"
+    )
+
+
+def line(channel):
+    ready = prepare(channel)
+    judged = judge(ready.problem, plain_fit(ready.problem, ready.structure), ready.noise)
+    return judged, next(check for check in judged.checks if check.name == LINE)
+
+
+@pytest.mark.parametrize("frequency_hz, amplitude_k, seed", [(0.15, 0.05, 1), (0.3, 0.05, 3), (0.5, 0.03, 5)])
+def test_a_slow_hum_is_seen_with_its_size(frequency_hz, amplitude_k, seed, tmp_path):
+    hum = {"amplitude": amplitude_k, "hum_hz": frequency_hz, "burst_share": 0.0}
+    judged, check = line(recorded(tmp_path, seed, Hidden("unknown_interference", hum, ("temperature",))))
+    assert not judged.passed and check.p < 1e-20
+    # A line between two frequencies of the spectrum loses up to a quarter of its height.
+    assert 0.6 * amplitude_k / np.sqrt(2) < judged.hidden_rms < 1.3 * amplitude_k / np.sqrt(2)
+
+
+def test_a_hum_as_large_as_the_tolerance_spoils_the_verdict(tmp_path):
+    hum = {"amplitude": 0.1, "hum_hz": 0.35, "burst_share": 0.0}
+    found = diagnose_channel(recorded(tmp_path, 7, Hidden("unknown_interference", hum, ("temperature",))))
+    assert found.verdict == "unexplained" and found.causes == ()
+    assert found.remainder.rms >= found.remainder.tolerance
+
+
+@pytest.mark.parametrize("seed", range(20, 26))
+def test_wandering_noise_is_no_hum(seed, tmp_path):
+    judged, check = line(recorded(tmp_path, seed))
+    assert judged.passed and check.p > 1e-4
