@@ -122,6 +122,7 @@ FLOWN = ("correct", "f.csv", "--profile", "p.json", "--out")
 WRITING = {
     "correct": lambda odd: (*FLOWN, odd),
     "correct, netCDF": lambda odd: (*FLOWN, odd),
+    "export": lambda odd: ("export", campaign(Path("c")), "--out", odd),
     "the seal of run": lambda odd: ("run", "quick", "--out", "o", "--sealed", odd),
     "the truth of emulate": lambda odd: ("emulate", "imet-xf", "--flight", "f.csv", "--truth", odd),
     "the library of emulate": lambda odd: ("emulate", "hyt-271", "--build", odd),
@@ -142,7 +143,7 @@ def test_what_is_no_file_is_not_read(tmp_path, monkeypatch, capsys, case, make):
 def test_what_is_no_file_is_not_written_over(tmp_path, monkeypatch, capsys, case, make):
     """A rename onto a pipe or a device would take its name away: as root, /dev/null's too."""
     monkeypatch.chdir(tmp_path)
-    odd = Path("odd.nc" if "netCDF" in case else "odd")
+    odd = Path("odd.nc" if "netCDF" in case or case == "export" else "odd")
     flight(Path("f.csv")), profile(Path("p.json"))
     make(odd)
     refused(capsys, "odd", *WRITING[case](odd))
@@ -226,6 +227,9 @@ NAMED = {
     "import --id": ("import", "--imet", "f.csv", "--out", "o", "--id", "{}"),
     "emulate --folder": ("emulate", "hyt-271", "--folder", "{}"),
     "emulate --link": ("emulate", "imet-xf", "--link", "{}"),
+    "export": ("export", "{}", "--out", "o.nc"),
+    "export --out": ("export", "c", "--out", "{}.nc"),
+    "list": ("list", "{}"),
     "scan --out": ("scan", "--out", "{}", "--i2c", "/none"),
 }
 

@@ -127,6 +127,7 @@ def _serve(clock: Any, session: Any, end_s: float | None, speed: float) -> None:
 
 def _links(given: list[str], serial: list[str]) -> dict[str, Path]:
     """Kind -> link, from PATH (one serial instrument) or KIND=PATH."""
+    from shockrig.files.disk import demand_name
     from shockrig.rig.errors import BenchError
 
     links = {}
@@ -137,6 +138,7 @@ def _links(given: list[str], serial: list[str]) -> dict[str, Path]:
         if kind not in serial or not path:
             known = " or ".join(f"{name}=PATH" for name in serial) or "nothing: there is no serial instrument"
             raise BenchError(f"--link {text}: here are {len(serial)} serial instruments; expected {known}")
+        demand_name(path, "give another path")
         links[kind] = Path(path)
     return links
 
