@@ -14,6 +14,8 @@ import time
 from pathlib import Path
 
 import pytest
+from fake_bench import STEPS, fake_bench, plan
+from fake_bench import run as record
 from made_recordings import STATUS, made_campaign, reading
 
 from shockrig.files.campaign import read_campaign
@@ -21,8 +23,10 @@ from shockrig.protocols.cli import main
 from shockrig.protocols.watch.terminal import render
 from shockrig.rig.clock import VirtualClock
 from shockrig.rig.errors import CampaignAborted, CampaignPaused, RunRepeated, RunSkipped
+from shockrig.rig.journal import read_journal
 from shockrig.rig.operator import KEYS, ConsoleOperator
 from shockrig.rig.recorder import read_state
+from shockrig.rig.seams import Outcome
 from shockrig.rig.watch.follow import Follower
 
 pytestmark = pytest.mark.timeout(120)
@@ -240,15 +244,25 @@ def test_absence_at_a_question_and_at_the_transfer_pauses(start):
     assert aside(two)[-1][2].startswith(f"nobody answered in time ('{MOVE}")
 
 
-def test_a_slow_typist_does_not_spoil_the_soak(start):
-    """The soak may take 2 s; between its prompts the person takes longer."""
-    one = start(soak_s=3)
-    for prompt in PROMPTS:
-        one.wait_for(prompt)
-        time.sleep(0 if prompt in (SET, MOVE) else 1.0)
-        one.type("")
-    one.wait_for(SET)
-    assert read_state(one.out).recorded == ("0001",) and not aside(one)
+def test_a_slow_typist_does_not_spoil_the_soak(tmp_path):
+    """On a virtual clock: typing the airs takes ten times as long as the soak may, and the soak as long as ever."""
+    bench = fake_bench()
+    source, typed_s = bench.reference.source, []
+
+    def typed():
+        if not typed_s:
+            typed_s.append(bench.clock.now())
+            bench.clock.sleep_until(bench.clock.now() + 1200.0)
+        return source()
+
+    bench.reference.source = typed
+    soak = STEPS[0]
+    assert soak.at_most_s == 120.0
+    assert record(bench, tmp_path / "c", plan(1)) == ["0001"]
+    steps = [line for line in read_journal(tmp_path / "c/runs/0001/journal.log").records if line[0] == "step"]
+    soaked_s = steps[1][1] - steps[0][1] - 1200.0
+    assert soak.over_s <= soaked_s < soak.at_most_s
+    assert read_state(tmp_path / "c").set_aside == ()
 
 
 def test_a_wrong_air_that_was_typed_is_found_by_the_probes(start):
@@ -407,10 +421,6 @@ def test_a_hostile_prompt_in_the_status_is_text(tmp_path):
 
 def test_a_sensor_unplugged_at_a_prompt_is_waited_for_by_the_soak(tmp_path):
     """On a virtual clock: the question is answered, the soak waits until the sensor is heard again."""
-    from fake_bench import fake_bench, plan
-    from fake_bench import run as record
-
-    from shockrig.rig.seams import Outcome
 
     def unplugged(now):
         return Outcome.NOT_ACKNOWLEDGED if 20.0 < now < 60.0 else None
