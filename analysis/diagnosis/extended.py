@@ -6,11 +6,15 @@ With the causes in the model alpha and D are the material's; without them they a
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
+
+import numpy as np
 
 from shockrig.analysis.characterization.chosen_runs import choose_runs
 from shockrig.analysis.characterization.extension import Extension
 from shockrig.analysis.characterization.part_fit import joint_rows
+from shockrig.analysis.characterization.response_times import response_time
 from shockrig.analysis.characterization.result import ChannelResult, Characterization, Part, Row, channel_result
 from shockrig.analysis.characterization.to_profile import to_profile
 from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis
@@ -51,8 +55,37 @@ def extended_result(found: ChannelDiagnosis) -> ChannelResult | None:
     rows, undetermined = joint_rows(part, found.noise, "all runs")
     if not rows:
         return None
+    if found.verdict == "unexplained":
+        rows = [_in_doubt(found, row) for row in rows]
     effects = tuple(stated_cause(cause).as_effect() for cause in found.causes)
     return channel_result(rows, found.noise, effects, [part], [*found.problem.channel.left_out, *undetermined])
+
+
+def _in_doubt(found: ChannelDiagnosis, row: Row) -> Row:
+    """A row of a model that does not explain the runs: as uncertain as its nearest rivals are away from it.
+
+    What the search ended with lowers the misfit and may not be named, for want of runs or of certainty, and what is
+    tied may be as true; how far their times are from those that are stated is how far these may be off.
+    """
+    channel, standing = found.problem.channel, found.search.standing
+    ambient = int(np.argmin(np.abs(channel.ambients_c - row.ambient_c)))
+    tied = [
+        standing[c.effect].instead[e]
+        for c in found.causes
+        if c.effect in standing
+        for e in c.indistinguishable_from
+        if e in standing[c.effect].instead
+    ]
+    stated, others = row.response, [response_time(channel, fit, ambient) for fit in (found.search.final, *tied)]
+    times = np.array([[r.t63_s, r.t90_s, r.t98_s] for r in (stated, *others)])
+    away = np.abs(np.log(times[1:] / times[0])).max(axis=0)
+    uncertain = np.hypot(stated.standard_uncertainties_s or (0.0, 0.0, 0.0), times[0] * away)
+    first, second, third = (float(u) for u in uncertain)
+    return replace(
+        row,
+        standard_uncertainty=float(np.hypot(row.standard_uncertainty, row.diffusivity_m2_s * away[0])),
+        response=replace(stated, standard_uncertainties_s=(first, second, third)),
+    )
 
 
 def extended_profile(

@@ -111,14 +111,21 @@ def likelier_average(before: Prepared, found: Search, adequate: bool) -> int | N
     else:
         likely = estimate_noise(channel, rounding, tuple(lengths)).log_likelihood_by_average
     average = _averaging()
-    kept = found.final.structure.keeping(set(found.final.structure.ids) - alike - {average.id})
-    start = refit(problem, kept, found.final, iterations=4)
+    whole = found.final.structure
+    without = whole.keeping(set(whole.ids) - alike - {average.id})
+    models = [without]
+    if not adequate:
+        # Where nothing explains the channel, what looks alike and a mean may both be there, with the rest or alone.
+        own = set(before.structure.ids)
+        models += [whole.keeping(ids - {average.id}) for ids in (set(whole.ids), *(own | {e} for e in sorted(alike)))]
     cost = found.final.deviance + sum(penalty(CATALOGUE[e], channel) for e in found.standing)
-    own = penalty(average, channel) + sum(penalty(CATALOGUE[e], channel) for e in kept.ids if e in found.standing)
     best = None
-    for n in sorted(lengths):
-        trial = refit(problem, kept.adding(average, Held(average.id, average.parameters[0].name, float(n))), start)
-        total = trial.deviance + 2 * (likely[0] - likely[n - 1]) + own
-        if total < cost - level("average_gain"):
-            cost, best = total, n
+    for kept in models:
+        start = refit(problem, kept, found.final, iterations=4)
+        paid = penalty(average, channel) + sum(penalty(CATALOGUE[e], channel) for e in kept.ids if e in found.standing)
+        for n in sorted(lengths):
+            trial = refit(problem, kept.adding(average, Held(average.id, average.parameters[0].name, float(n))), start)
+            total = trial.deviance + 2 * (likely[0] - likely[n - 1]) + paid
+            if total < cost - level("average_gain"):
+                cost, best = total, n
     return best

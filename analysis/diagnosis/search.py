@@ -39,6 +39,7 @@ SHARE_OF_RANGE = 0.98  # from which a share stands at the end of its range
 PLAINLY_WRONG = 3.0  # objective per bin from which a fit's deviations mean nothing
 MOST_FITS = 150  # of a search: what it has reached by then is judged, and what is left called unexplained
 DRIVEN_COST = 6
+AVERAGED_COST = 4.0  # readings in a mean from which on a fit costs the more the longer it is
 FINISHED = 3  # candidates that are carried to the end of their fits
 
 
@@ -148,6 +149,11 @@ def _mirrored(problem: Problem, found: Fit) -> Fit | None:
     return None
 
 
+def _far_apart(effect: Effect) -> bool:
+    """Whether an effect's starts are so far apart that scores, and a few steps, do not tell them apart."""
+    return any(p.weakest is not None for p in effect.parameters)
+
+
 def _begun(problem: Problem, near: Fit, effect: Effect, starts: Starts) -> list[Fit]:
     """A few steps of `near` with one more effect from each of its starts, the best first."""
     structure, rates = near.structure.adding(effect), _rate_shift(effect, problem.channel)
@@ -178,7 +184,8 @@ def race(problem: Problem, current: Fit, starts: Mapping[str, Starts]) -> dict[s
     fits = {id_: _begun(problem, current, CATALOGUE[id_], tried) for id_, tried in starts.items()}
     far = plainly_wrong(problem, current)
     rounds = FAR_ROUNDS if far else NEAR_ROUNDS
-    falling = {id(f): np.inf for own in fits.values() for f in own[:1]}  # by how much each fell in its last round
+    # By how much each fell in its last round; from starts far apart the best so far tells little, and all go on.
+    falling = {id(f): np.inf for id_, own in fits.items() for f in (own if _far_apart(CATALOGUE[id_]) else own[:1])}
     for left in range(rounds, 0, -1):
         best = min((own[0].deviance for own in fits.values()), default=0.0)
         for own in fits.values():
@@ -190,7 +197,7 @@ def race(problem: Problem, current: Fit, starts: Mapping[str, Starts]) -> dict[s
                     falling[id(own[i])] = f.deviance - own[i].deviance
             own.sort(key=lambda f: f.deviance)
     for id_, own in fits.items():
-        if not far and any(p.weakest is not None for p in CATALOGUE[id_].parameters):
+        if not far and _far_apart(CATALOGUE[id_]):
             # From starts this far apart a few steps rank by luck: the two best are followed on.
             own[:2] = [go_on(problem, f, 2 * QUICK_STEPS) for f in own[:2]]
             own.sort(key=lambda f: f.deviance)
@@ -210,7 +217,8 @@ def finish(problem: Problem, found: Fit) -> Fit:
     if found.converged and not nudged:
         return found
     fresh = _fresh(problem, found)
-    fits = [go_on(problem, found, 25)]
+    # From the scatter of rates that is usual: one that has grown may hide what the model now explains.
+    fits = [found, fit(problem, found.structure, found.theta, found.deviations)]
     for name, offset in nudged:
         theta = found.theta.copy()
         theta[found.model.place(name)] += offset
@@ -323,7 +331,7 @@ class Stepwise:
 
     @staticmethod
     def _best_starts(effect: Effect, scored: list[tuple[float, Mapping[str, float]]]) -> Starts:
-        if any(p.weakest is not None for p in effect.parameters):
+        if _far_apart(effect):
             return [start for _, start in scored]  # scored at one value: the scores do not tell the starts apart
         return [start for _, start in sorted(scored, key=lambda s: -s[0])[:QUICK_STARTS]]
 
@@ -358,8 +366,14 @@ class Stepwise:
             current = again
             anew = race(self.problem, current, {e: promising[e] for e in self._ahead(trials)})
             trials |= {e: min((trials[e], f), key=lambda f: f.deviance) for e, f in anew.items()}
-        gains = {e: current.deviance - f.deviance for e, f in trials.items()}
-        best = max(gains, key=lambda e: self.worth(gains[e], e))
+        best, gains = self._likeliest(current, trials)
+        if self.worth(gains[best], best) <= 0:
+            # An effect can hide in the runs' own deviations: before the end, the nearest are fitted from none as well.
+            for effect in self._ahead(trials):
+                if gains[effect] > WORTH_A_FIT * penalty(CATALOGUE[effect], self.problem.channel):
+                    anew = refit(self.problem, trials[effect].structure, trials[effect])
+                    trials[effect] = min((trials[effect], anew), key=lambda f: f.deviance)
+            best, gains = self._likeliest(current, trials)
         ranked = tuple(sorted(gains.items(), key=lambda item: -item[1]))
         if self.worth(gains[best], best) > 0:
             self.moves.append(Move("add", best, gains[best], ranked))
@@ -369,6 +383,14 @@ class Stepwise:
             return taken, True
         self.moves.append(Move("stop", "", 0.0, ranked))
         return current, False
+
+    def _likeliest(self, current: Fit, trials: Mapping[str, Fit]) -> tuple[str, dict[str, float]]:
+        """The candidate that does best, and by how much each lowers the deviance."""
+        gains = {e: current.deviance - f.deviance for e, f in trials.items()}
+        # Large drops are all worth nearly the same by Student: candidates are judged by what is between them.
+        most, channel = max(gains.values()), self.problem.channel
+        best = min(gains, key=lambda e: evidence(self.problem, most - gains[e]) + penalty(CATALOGUE[e], channel))
+        return best, gains
 
     @staticmethod
     def _ahead(trials: Mapping[str, Fit]) -> list[str]:
@@ -442,7 +464,7 @@ class Stepwise:
                 instead={e: others[e] for e in rivals},
             )
             if swap and rises:
-                best = min(rises, key=lambda e: rises[e] + penalty(CATALOGUE[e], channel))
+                best = min(rises, key=lambda e: rises[e] + penalty(CATALOGUE[e], self.problem.channel))
                 better = penalty(CATALOGUE[effect], channel) - penalty(CATALOGUE[best], channel) - rises[best]
                 if better > 0.5:
                     self.moves.append(Move("swap", f"{effect} -> {best}", -rises[best], ()))
@@ -463,6 +485,12 @@ def reconsider(problem: Problem, base: Structure, found: Fit) -> tuple[Fit, dict
         current = found if looking.worth(one_less.deviance - found.deviance, effect) > 0 else one_less
     current = looking.backward(current)
     return looking.forward(current, 3)[0], without
+
+
+def _averaged(problem: Problem, base: Structure) -> float:
+    """Length of a running mean that has to be summed reading by reading."""
+    held = [value for e in base.effects if e.averages for value in base.held_values(e.id).values()]
+    return max(held, default=1.0) if problem.channel.jumps_with_air else 1.0
 
 
 def search(
@@ -496,8 +524,9 @@ def search(
     current = looking.resumed(plain, earlier or {})
     standing: dict[str, Standing] = {}
     seen: set[frozenset[str]] = set()
-    # A record that is driven all along costs several times as much.
-    enough = MOST_FITS // DRIVEN_COST if problem.channel.measured.any() else MOST_FITS
+    # A record that is driven all along costs several times as much, and so does a long mean of RH.
+    cost = DRIVEN_COST if problem.channel.measured.any() else max(_averaged(problem, base) / AVERAGED_COST, 1.0)
+    enough = int(MOST_FITS / cost)
     while len(looking.added(current)) < most and looking.fits < enough:
         current, added = looking.forward(current, 7 if thorough else 4)
         if added:

@@ -6,6 +6,7 @@ Averaging loses nothing where the response is slow and makes every later step an
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -126,6 +127,21 @@ class Channel:
     def jumps_with_air(self) -> bool:
         """Whether a reading jumps with the air's temperature, as RH does that is read at it."""
         return not self.quantity.pooled
+
+    @cached_property
+    def _earlier_dies(self) -> dict[float, Array]:
+        return {}
+
+    def die_earlier_c(self, shift_s: float) -> Array:
+        """The die's temperature (R, n) so long before each reading; computed once for each shift [s]."""
+        if shift_s not in self._earlier_dies:
+            traces = zip(self.time_s, self.samples, self.die_samples, strict=True)
+            self._earlier_dies[shift_s] = (
+                np.stack([np.interp(time - shift_s, t, die) for time, (t, _), die in traces])
+                if shift_s > 0 and self.die_samples
+                else self.die_c
+            )
+        return self._earlier_dies[shift_s]
 
     def at_rest(self) -> Array:
         """Random effects (R, U) of runs that are all as recorded."""

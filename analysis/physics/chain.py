@@ -70,6 +70,7 @@ class Recorded(Protocol):
     def length_m(self) -> float: ...
     @property
     def jumps_with_air(self) -> bool: ...
+    def die_earlier_c(self, shift_s: float) -> Array: ...
 
 
 @dataclass(frozen=True)
@@ -192,7 +193,8 @@ def _running_mean(chain: Chain, reading_of: Callable[[Chain], Array]) -> Array:
     single = replace(chain, averaged=1)
 
     def at(shift_s: float, columns: NDArray[np.int64]) -> Array:
-        moved = replace(single, time_s=chain.time_s[..., columns] - shift_s, die_c=chain.die_c[:, columns])
+        die = chain.channel.die_earlier_c(shift_s) if chain.at_die_temperature else chain.die_c
+        moved = replace(single, time_s=chain.time_s[..., columns] - shift_s, die_c=die[:, columns])
         return evaluate(moved, reading_of)
 
     smooth = ~_near_corners(chain, NODES_FROM * n * period)
