@@ -1,0 +1,45 @@
+"""A logger's mean of RH that is read at the die's temperature: each reading is turned at the die as it was then."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shockrig.analysis.diagnosis.prepare import prepare
+from shockrig.analysis.diagnosis.search import plain_fit, refit
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.inference.fit import run_misfit
+from shockrig.analysis.inference.gather import build_channel
+from shockrig.files.campaign import read_campaign
+from shockrig.rig.virtual.batch import simulate_campaign
+from shockrig.rig.virtual.plans import standard_plan
+from shockrig.rig.virtual.truth import Hidden, draw_truth
+
+EXAMPLE = Path(__file__).parent.parent / "data" / "examples" / "plain-rough"
+
+
+@pytest.mark.parametrize("readings", [5, 13])
+def test_the_true_model_leaves_noise_alone(readings, tmp_path):
+    rng = np.random.default_rng(90 + readings)
+    hidden = [
+        Hidden("die_thermal_lag", {}, ("humidity",)),
+        Hidden("moving_average", {"samples": float(readings)}, ("humidity",)),
+    ]
+    campaign = simulate_campaign(draw_truth(rng, "rough", hidden), standard_plan(), rng, tmp_path / "campaign")
+    ready = prepare(build_channel(read_campaign(campaign), "humidity"))
+    assert ready.structure.held_values("moving_average") == {"samples": readings}
+    structure = ready.structure.adding(CATALOGUE["die_thermal_lag"])
+    found = refit(ready.problem, structure, plain_fit(ready.problem, ready.structure))
+    assert run_misfit(ready.problem, found).mean() < 1.2
+
+
+def test_the_die_is_taken_from_its_own_trace():
+    """A die that warms by 1 K in a second stood 0.4 K lower 0.4 s before."""
+    times = np.arange(-5.0, 20.0, 0.1)
+    die = np.where(times > 0, 20.0 + np.minimum(times, 10.0), 20.0)
+    channel = build_channel(read_campaign(EXAMPLE), "humidity").select(np.array([0]))
+    channel = replace(channel, samples=((times, np.zeros(times.size)),), die_samples=(die,))
+    late = (channel.time_s[0] > 1.0) & (channel.time_s[0] < 9.0)
+    earlier = channel.die_earlier_c(0.4)[0, late]
+    assert earlier == pytest.approx(20.0 + channel.time_s[0, late] - 0.4, abs=1e-9)
