@@ -26,7 +26,7 @@ def _entry(name: str) -> Effect:
         channels=("temperature", "humidity"),
         parameters=(),
         apply=with_body,
-        sentence=f"The sensor responds like {body.sentence}, not like the body that campaign.json states.",
+        sentence=f"The sensor responds like {body.sentence}, not like the body that is taken for it.",
         equation=f"the closed form of {body.sentence}; its rate is {body.symbol}",
         source="Carslaw and Jaeger 1959, chapters 3, 7 and 9",
         advice=f'Set sensors.*.body to "{name}" in campaign.json if that is what the sensor is.',

@@ -114,7 +114,10 @@ def channel_verdict(found: ChannelDiagnosis, whole: bool = True) -> str:
         return " ".join([*said, gain_sentence(found)])
     if not whole:
         said = [f"{listed([named(c.effect) for c in causes]).capitalize()}."] if causes else []
-    return " ".join([unexplained(found, whole), *(["Certain all the same:", *said] if said else [])])
+    # A shape claims no cause: it says how the sensor behaves as far as these runs tell.
+    shapes = all(CATALOGUE[c.effect].shape for c in causes)
+    opening = "As far as these runs tell:" if shapes else "Certain all the same:"
+    return " ".join([unexplained(found, whole), *([opening, *said] if said else [])])
 
 
 def unexplained(found: ChannelDiagnosis, whole: bool = True) -> str:

@@ -246,7 +246,7 @@ def summary(diagnosis: Diagnosis) -> str:
             lines.append(f"  {found.problem.channel.runs} runs used, {left_out} left out (the report says why)")
     lines += missing(diagnosis)
     wanted = experiments(diagnosis.next_experiments) + next_time([c.problem.channel for c in diagnosis.channels])
-    lines.append("to measure next: " + ("" if wanted else "nothing; no two explanations are tied"))
+    lines.append("to measure next:" + ("" if wanted else " nothing; no two explanations are tied"))
     return "\n".join([*lines, *(f"  {line}" for line in wanted)])
 
 
