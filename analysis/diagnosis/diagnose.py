@@ -177,9 +177,10 @@ def _kept(channel: Channel, ready: Prepared, found: Search, adequacy: Adequacy) 
         final = _reduced(problem, found, final, keep)
         adequacy = judge(problem, final, ready.noise)
         named = _named(problem, found, adequacy) | described
+    plain_case = adequacy.passed and problem.channel.runs >= level("many_runs")
     while True:
         gain = measure_gain(channel, problem, base, found.plain, final, ready.noise, choose)
-        dropped = _dropped(problem, final, gain, from_readings)
+        dropped = _dropped(problem, final, gain, from_readings, plain_case)
         if not dropped:
             break
         tried += dropped
@@ -202,7 +203,9 @@ def _reduced(problem: Problem, found: Search, now: Fit, ids: set[str]) -> Fit:
     return found.plain if structure.ids == found.plain.structure.ids else refit(problem, structure, now)
 
 
-def _dropped(problem: Problem, final: Fit, gain: Gain, from_readings: dict[str, Cause]) -> list[Tried]:
+def _dropped(
+    problem: Problem, final: Fit, gain: Gain, from_readings: dict[str, Cause], plain_case: bool
+) -> list[Tried]:
     """Effects of a model that may not be named, and why; one that unseen runs speak against goes alone."""
     values = final.values()
     # What leaves the mean response alone is told by the readings and has no part in a prediction.
@@ -218,7 +221,9 @@ def _dropped(problem: Problem, final: Fit, gain: Gain, from_readings: dict[str, 
     if worst:
         least = min(worst, key=lambda e: float(np.nanmean(gain.without[e] - gain.run_kept)))
         return [Tried(least, "without it unseen runs are predicted no worse")]
-    if not gain.real:
+    # Runs that were not fitted are half as sensitive as the fit. Where many were recorded and nothing is left, the
+    # fit's evidence holds as long as they do not speak against it.
+    if not (gain.real or (plain_case and gain.likely)):
         return [Tried(e, "unseen runs are not predicted better by more than runs differ") for e in tested]
     return []
 

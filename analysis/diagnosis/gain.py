@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 FOLDS = 3
 USUAL_SPREAD, USUAL_DEGREES = 0.5, 3  # of gains from run to run, relative, before any run has told
 CONFIDENCE = 0.975  # one-sided, of what is called a gain
+LIKELY = 0.7  # likewise, of what unseen runs do not speak against
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,8 @@ class Gain:
         Of that share in the next campaign of the same plan.
     real : bool
         Whether the error falls by more than runs differ; without that nothing is gained.
+    likely : bool
+        Whether it falls by more than half of what runs differ by chance: unseen runs do not speak against the gain.
     run_before, run_after : ndarray (R,)
         Mean squares of single runs; NaN where a run could not be held out.
     without : dict
@@ -56,6 +59,7 @@ class Gain:
     explained_fraction: float
     interval_95: tuple[float, float]
     real: bool
+    likely: bool
     run_before: Array
     run_after: Array
     run_kept: Array
@@ -164,7 +168,7 @@ def summarise(
     told = np.isfinite(before)
     kept = after if kept is None else kept
     if not told.any():
-        return Gain(floor, floor, floor, 0.0, (0.0, 0.0), False, before, after, kept, dict(without or {}))
+        return Gain(floor, floor, floor, 0.0, (0.0, 0.0), False, False, before, after, kept, dict(without or {}))
     run_before, run_after = before[told], after[told]
     # A model cannot do better than the noise; where it seems to, the noise was stated too high.
     floor = min(floor, float(np.sqrt(min(run_after.mean(), run_before.mean()))))
@@ -179,6 +183,7 @@ def summarise(
         explained_fraction=share,
         interval_95=interval,
         real=gained > 0 and better > float(stdtrit(of, CONFIDENCE)) * unsure,
+        likely=gained > 0 and better > float(stdtrit(of, LIKELY)) * unsure,
         run_before=before,
         run_after=after,
         run_kept=kept,

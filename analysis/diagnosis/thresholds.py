@@ -46,6 +46,7 @@ THRESHOLDS = {
         ("average_unlikely", 40.0, "log likelihood below which a length is out", f"{_TRIALS} one"),
         ("hidden_noise", 0.5, "noise in steps that rounding hides", f"{_TRIALS} ID, rounding"),
         ("not_gaussian", 1.5, "by how much codes say less than their variance", f"{_TRIALS} ID, rounding"),
+        ("many_runs", 20.0, "runs whose fit tells a small effect by itself", f"{_TRIALS} one --strength limit"),
         ("held_out_excess", 2.0, "multiple of the noise that is no accident on unseen runs", "benchmarks/real_data.py"),
         ("shape_in_doubt", 0.8, "most that a shape is given beside what is left", "benchmarks/real_data.py"),
         ("anything", 2.0, "uncertainty, in its logarithm, of what may be anything", f"{_TRIALS} ordinary"),
