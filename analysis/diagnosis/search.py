@@ -371,8 +371,8 @@ class Stepwise:
             # An effect can hide in the runs' own deviations: before the end, the nearest are fitted from none as well.
             for effect in self._ahead(trials):
                 if gains[effect] > WORTH_A_FIT * penalty(CATALOGUE[effect], self.problem.channel):
-                    anew = refit(self.problem, trials[effect].structure, trials[effect])
-                    trials[effect] = min((trials[effect], anew), key=lambda f: f.deviance)
+                    fresh = refit(self.problem, trials[effect].structure, trials[effect])
+                    trials[effect] = min((trials[effect], fresh), key=lambda f: f.deviance)
             best, gains = self._likeliest(current, trials)
         ranked = tuple(sorted(gains.items(), key=lambda item: -item[1]))
         if self.worth(gains[best], best) > 0:
