@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -101,6 +101,31 @@ def plot_diagnosis(document: Mapping[str, Any]) -> Figure:
         axes.invert_yaxis()
         axes.set_xlabel(f"error on unseen runs, {row['unit']}")
         axes.set_title(literal(f"{channel}: {document['channels'][channel]['verdict']}"))
+    return figure
+
+
+def plan_frame(runs: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    """One row for each run to record: airs and airflow in the terms of run.json, expected evidence and why."""
+    import pandas as pd
+
+    return pd.json_normalize([dict(run) for run in runs])
+
+
+def plan_card(runs: Sequence[Mapping[str, Any]], advice: Sequence[str]) -> str:
+    """The runs to record next, and what else to do."""
+    return card("To record next", [("to do", sentence) for sentence in advice], plan_frame(runs))
+
+
+@styled
+def plot_plan(runs: Sequence[Mapping[str, Any]]) -> Figure:
+    """Evidence that each proposed run is expected to bring between the explanations that are tied."""
+    figure = notebook_figure(6.4, 1.2 + 0.35 * max(len(runs), 1))
+    axes = figure.subplots()
+    evidence = [float(run.get("expected_evidence", np.nan)) for run in runs]
+    axes.barh([f"run {i}" for i in range(1, len(runs) + 1)], evidence, color=BLUE, height=0.55)
+    axes.invert_yaxis()
+    axes.set_xlabel("expected drop in deviance between what is tied")
+    axes.set_title("nothing is tied" if not runs else "runs that would decide")
     return figure
 
 

@@ -4,6 +4,7 @@
 
     found = shockrig.characterize("campaign")            # alpha of the bead, D(T) of the film
     why = shockrig.diagnose("campaign")                  # what that model gets wrong, and which effects cause it
+    shockrig.plan(why)                                   # what to record next
     sensors = shockrig.characterize("campaign", extend=why)
     flight = shockrig.correct("flight.csv", sensors)     # corrected, with uncertainty
     flight.plot()
@@ -23,8 +24,8 @@ if TYPE_CHECKING:
     from shockrig.files.campaign import Campaign, read_campaign
     from shockrig.files.errors import InputError
     from shockrig.files.profile import Profile, read_profile, write_profile
-    from shockrig.notebook import characterize, correct, diagnose, example
-    from shockrig.results import Characterized, CorrectedFlight, Diagnosed
+    from shockrig.notebook import characterize, correct, diagnose, example, plan
+    from shockrig.results import Characterized, CorrectedFlight, Diagnosed, Planned
 
 __all__ = [
     "Campaign",
@@ -32,12 +33,14 @@ __all__ = [
     "CorrectedFlight",
     "Diagnosed",
     "InputError",
+    "Planned",
     "Profile",
     "__version__",
     "characterize",
     "correct",
     "diagnose",
     "example",
+    "plan",
     "read_campaign",
     "read_profile",
     "write_profile",
@@ -51,11 +54,13 @@ _HOMES = {
     "CorrectedFlight": "results",
     "Diagnosed": "results",
     "InputError": "files.errors",
+    "Planned": "results",
     "Profile": "files.profile",
     "characterize": "notebook",
     "correct": "notebook",
     "diagnose": "notebook",
     "example": "notebook",
+    "plan": "notebook",
     "read_campaign": "files.campaign",
     "read_profile": "files.profile",
     "write_profile": "files.profile",

@@ -15,12 +15,13 @@ from shockrig.analysis.diagnosis.diagnose import diagnose as _diagnose
 from shockrig.analysis.diagnosis.export import stated_cause, to_json
 from shockrig.analysis.diagnosis.remainder import Tolerance
 from shockrig.analysis.flight.correct import correct as _correct
+from shockrig.analysis.report.next_time import next_time
 from shockrig.files.campaign import Campaign, read_campaign
 from shockrig.files.errors import InputError
 from shockrig.files.flight import Flight, read_layout
 from shockrig.files.flight_rows import read_blocks, to_flight
 from shockrig.files.profile import Profile, read_profile
-from shockrig.results import Characterized, CorrectedFlight, Diagnosed
+from shockrig.results import Characterized, CorrectedFlight, Diagnosed, Planned
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -157,6 +158,32 @@ def diagnose(
     tolerance = Tolerance(tolerance_k, tolerance_percent)
     result = _diagnose(recorded, progress=progress or (lambda text: None), tolerance=tolerance)
     return Diagnosed(to_json(result), result)
+
+
+def plan(found: Diagnosed) -> Planned:
+    """Say which runs to record next, so that what a diagnosis could not tell can be told.
+
+    Parameters
+    ----------
+    found : Diagnosed
+        What `diagnose` returned.
+
+    Returns
+    -------
+    Planned
+        Runs that would tell tied explanations apart, and advice on what was not recorded.
+
+    Examples
+    --------
+    Five ambients, three airflows, both directions and repeats leave nothing tied where nothing is hidden.
+
+    >>> import shockrig
+    >>> found = shockrig.diagnose(shockrig.example("plain-rough"), channels=["temperature"])
+    >>> shockrig.plan(found).runs
+    ()
+    """
+    channels = [channel.problem.channel for channel in found.result.channels]
+    return Planned(tuple(found.result.next_experiments), tuple(next_time(channels)))
 
 
 def correct(

@@ -110,6 +110,34 @@ class Diagnosed:
 
 
 @dataclass(frozen=True)
+class Planned:
+    """What `plan` proposes.
+
+    Attributes
+    ----------
+    runs : tuple of dict
+        Runs that would tell tied explanations apart, in the terms of run.json, each with the evidence that is expected
+        of it and the reason; empty where nothing is tied.
+    advice : tuple of str
+        What to record otherwise, so that the rest can be told.
+    """
+
+    runs: tuple[dict[str, Any], ...]
+    advice: tuple[str, ...]
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row for each run."""
+        return views.plan_frame(self.runs)
+
+    def plot(self) -> Figure:
+        """The evidence that each run is expected to bring."""
+        return views.plot_plan(self.runs)
+
+    def _repr_html_(self) -> str:
+        return views.plan_card(self.runs, self.advice)
+
+
+@dataclass(frozen=True)
 class CorrectedFlight:
     """A flight and its correction.
 

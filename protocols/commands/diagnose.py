@@ -96,10 +96,8 @@ def write(
 ) -> Diagnosis:
     """Diagnose a campaign into the folder `out`, whole or not at all; `earlier` is a diagnosis to begin from."""
     _one_thread_a_process()
-    import json
-
     from shockrig.analysis.diagnosis.diagnose import gathered
-    from shockrig.analysis.diagnosis.export import to_json
+    from shockrig.analysis.diagnosis.export import stated
     from shockrig.analysis.inference.gather import usable_runs
     from shockrig.protocols.folder import software_version, whole_folder
 
@@ -108,7 +106,7 @@ def write(
         searching = stack.enter_context(branch(_read_and_search, campaign, tolerance, earlier))
         # Meanwhile this process imports what draws and flies.
         from shockrig.analysis.report.diagnosis_page import write_diagnosis
-        from shockrig.files.disk import write_whole
+        from shockrig.files.diagnosis import write_diagnosis as write_document
 
         for room in ("matplotlib.figure", "matplotlib.backends.backend_agg", "shockrig.analysis.report.crossing"):
             import_module(room)
@@ -121,8 +119,7 @@ def write(
             drawing[one.found.name] = stack.enter_context(branch(_draw, one, folder))
         names = [name for name in CHANNELS if name in compared]
         diagnosis = gathered(input_, [compared[name].found for name in names])
-        content = json.dumps(to_json(diagnosis), indent=2, allow_nan=False) + "\n"
-        write_whole(folder / "diagnosis.json", content.encode())
+        write_document(stated(diagnosis), folder / "diagnosis.json")
         provenance: dict[str, Any] = {
             "campaign_path": str(campaign),
             "software": f"shockrig {software_version()}",
