@@ -27,7 +27,7 @@ from shockrig.files.profile import HumidityProfile, Profile, StatedEffect, Tempe
 
 def gain(before, after, floor):
     runs = [np.full(3, x**2) for x in (before, after, after)]
-    return Gain(before, after, floor, 0.99, (0.98, 1.0), True, *runs)
+    return Gain(before, after, floor, 0.99, (0.98, 1.0), True, True, *runs)
 
 
 def channel(name, verdict, causes=(), discrepancy=None):

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 import zlib
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -448,7 +449,9 @@ def test_a_command_that_is_told_to_end_leaves_nothing(tmp_path):
     campaign_ = Path(__file__).parents[1] / "data" / "examples" / "plain-rough"
     command = [sys.executable, "-m", "shockrig.protocols.cli", "characterize", str(campaign_), "--out", "o"]
     for number in (signal.SIGTERM, signal.SIGHUP):
-        with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE) as one:
+        # Started as a terminal starts it, also where whoever runs the tests ignores a hang-up (nohup).
+        heeding = partial(signal.signal, number, signal.SIG_DFL)
+        with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, preexec_fn=heeding) as one:
             assert b"temperature" in one.stderr.readline()
             assert entries(tmp_path)
             one.send_signal(number)
