@@ -168,12 +168,11 @@ def _kept(channel: Channel, ready: Prepared, found: Search, adequacy: Adequacy) 
         keep = set(final.structure.ids) - set(doubtful)
         for effect in doubtful:
             # How the response behaves can be said where what makes it behave so cannot.
-            shape = next(
-                (e for e in named[effect].indistinguishable_from if CATALOGUE[e].shape and e not in keep), None
-            )
-            if shape is not None and keep <= set((instead := found.standing[effect].instead[shape]).structure.ids):
-                final, keep = instead, {*keep, shape}
-                described[shape] = _described(named[effect], shape, instead)
+            instead = found.standing[effect].instead if effect in found.standing else {}
+            shape = next((e for e in named[effect].indistinguishable_from if _plain_shape(e, channel, keep)), "")
+            if shape in instead and keep <= set(instead[shape].structure.ids):
+                final, keep = instead[shape], {*keep, shape}
+                described[shape] = _described(named[effect], shape, final)
         final = _reduced(problem, found, final, keep)
         adequacy = judge(problem, final, ready.noise)
         named = _named(problem, found, adequacy) | described
@@ -252,6 +251,12 @@ def _named(problem: Problem, found: Search, adequacy: Adequacy) -> dict[str, Cau
             at_bound=at_bound(CATALOGUE[effect], {name: value for name, (value, _) in values[effect].items()}),
         )
     return causes
+
+
+def _plain_shape(effect: str, channel: Channel, taken: set[str]) -> bool:
+    """Whether an effect only says how the response behaves, in a sensor where that is as likely as anything."""
+    entry = CATALOGUE[effect]
+    return entry.shape and not entry.rarity(channel) and effect not in taken
 
 
 def _described(cause: Cause, shape: str, fitted: Fit) -> Cause:
