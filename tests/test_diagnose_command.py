@@ -136,6 +136,14 @@ def test_the_report_shows_before_and_after_and_needs_nothing_else(film):
     assert not (out / "humidity_before_after.png").exists()  # nothing was extended there
 
 
+def test_what_was_emulated_is_said_to_be_invented(film):
+    out = film[0]
+    said = "emulated instruments: invented, not measured"
+    page = (out / "report.html").read_text()
+    assert page.index(said) < page.index("The bead does not follow")  # before the verdict
+    assert said in load(out, "profile.json")["provenance"]["data"]
+
+
 @pytest.fixture
 def two_runs(tmp_path):
     """Two runs of an example, in which humidity steps and temperature does not."""

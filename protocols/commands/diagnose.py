@@ -99,7 +99,7 @@ def write(
     from shockrig.analysis.diagnosis.diagnose import gathered
     from shockrig.analysis.diagnosis.export import stated
     from shockrig.analysis.inference.gather import usable_runs
-    from shockrig.protocols.folder import software_version, whole_folder
+    from shockrig.protocols.folder import said_of_data, software_version, whole_folder
 
     import_module("shockrig.analysis.report.diagnosis_view")  # the branches use it too
     with whole_folder(out) as folder, ExitStack() as stack:
@@ -125,6 +125,7 @@ def write(
             "software": f"shockrig {software_version()}",
             "made_at": made_at,
             "seed": seed,
+            **said_of_data(input_.campaign),
         }
         _say("extended profile, a flight with it, report")
         recorded = input_.campaign
