@@ -91,6 +91,14 @@ def read_bytes(path: str | os.PathLike[str], remedy: str, at_most: int = TABLE_A
     return content
 
 
+def decoded(content: bytes) -> str:
+    """Text of a table that some other program wrote: UTF-8, or what spreadsheets on Windows write."""
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return content.decode("cp1252", errors="replace")
+
+
 def read_text(path: str | os.PathLike[str], remedy: str, at_most: int = JSON_AT_MOST) -> str:
     """The content of a UTF-8 file, with or without a byte-order mark; arguments and errors as for `open_regular`."""
     content = read_bytes(path, remedy, at_most)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 
-from shockrig.files.disk import read_bytes
+from shockrig.files.disk import decoded, read_bytes
 from shockrig.files.ranges import RANGES
 from shockrig.rig.errors import BenchError, as_bench_errors
 from shockrig.rig.keys import nearest
@@ -125,11 +125,7 @@ def read_series(path: Path, wanted: Sequence[str], layout: CsvLayout) -> Series:
 def _rows(path: Path, layout: CsvLayout) -> list[tuple[int, list[str]]]:
     """(line number, cells) of every line that is not a comment."""
     with as_bench_errors():
-        content = read_bytes(path, "name a CSV file that can be read")
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = content.decode("cp1252", errors="replace")  # what spreadsheets on Windows write
+        text = decoded(read_bytes(path, "name a CSV file that can be read"))
     if "\0" in text:
         line = text.partition("\0")[0].count("\n") + 1
         raise BenchError(f"{path}, line {line}: holds a NUL byte; is it a CSV file?")

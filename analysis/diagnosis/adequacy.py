@@ -20,7 +20,7 @@ from scipy import special
 from shockrig.analysis.diagnosis.thresholds import level
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.fit import Fit
-from shockrig.analysis.inference.noise import Noise
+from shockrig.analysis.inference.noise import Noise, whole_pieces
 from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.inference.quantity import RUN_EFFECT_NAMES, RunEffect
 
@@ -252,22 +252,12 @@ def _plateaus(channel: Channel) -> Iterator[tuple[Array, Array]]:
                 yield t, y - np.polyval(np.polyfit(t, y, 2), t)
 
 
-def _bridged(t: Array, y: Array, period_s: float) -> Iterator[Array]:
-    """Stretches of readings, up to two missing in a row bridged by a straight line."""
-    for stretch in np.split(np.arange(t.size), np.flatnonzero(np.diff(t) > 3.3 * period_s) + 1):
-        steps = int(round((t[stretch[-1]] - t[stretch[0]]) / period_s))
-        yield np.interp(t[stretch[0]] + period_s * np.arange(steps + 1), t[stretch], y[stretch])
-
-
 def _line(plateaus: Sequence[tuple[Array, Array]], noise: Noise, length: int, period_s: float) -> Check | None:
     """Whether the plateaus' spectrum, in pieces of so many samples, has a line that the noise has not; None where there
     are too few."""
     window = np.hanning(length)
     spectra = [
-        np.abs(np.fft.rfft(y[i : i + length] * window)) ** 2
-        for t, whole in plateaus
-        for y in _bridged(t, whole, period_s)
-        for i in range(0, y.size - length + 1, length)
+        np.abs(np.fft.rfft(piece * window)) ** 2 for t, y in plateaus for piece in whole_pieces(t, y, period_s, length)
     ]
     if len(spectra) < FEWEST_PIECES:
         return None

@@ -238,7 +238,6 @@ def _named(problem: Problem, found: Search, adequacy: Adequacy) -> dict[str, Cau
     alike = TIE if adequacy.passed else max(TIE * adequacy.inflation, adequacy.excess)
     for effect, standing in found.standing.items():
         weights = np.exp(-0.5 * np.clip(np.array([0.0, *standing.rivals.values()]) * TIE / alike, 0, 200))
-        tied = {*standing.ties, *(e for e, rise in standing.rivals.items() if rise < alike)}
         most = level("shape_in_doubt") if CATALOGUE[effect].shape and not adequacy.passed else MOST_CERTAIN
         worth = evidence(problem, standing.necessity)
         real = float(special.expit(0.5 * (worth - penalty(CATALOGUE[effect], channel)) + 2.0))
@@ -246,7 +245,7 @@ def _named(problem: Problem, found: Search, adequacy: Adequacy) -> dict[str, Cau
             effect=effect,
             parameters=values[effect],
             probability=float(np.clip(real * weights[0] / weights.sum(), 0.01, most)),
-            indistinguishable_from=tuple(sorted(tied, key=lambda e: standing.rivals[e])),
+            indistinguishable_from=tuple(standing.alike(alike)),
             evidence=standing.necessity,
             at_bound=at_bound(CATALOGUE[effect], {name: value for name, (value, _) in values[effect].items()}),
         )
@@ -360,6 +359,6 @@ def next_experiments(channel: ChannelDiagnosis) -> list[dict[str, object]]:
         (channel.final, rival)
         for effect, standing in channel.search.standing.items()
         if effect in named
-        for rival in standing.ties.values()
+        for rival in (standing.instead[e] for e in standing.alike(TIE))
     ]
     return propose(channel.problem, pairs)

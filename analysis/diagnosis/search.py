@@ -8,7 +8,7 @@ competes with every named cause on equal terms. A gain must pay for its paramete
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,16 +63,17 @@ class Standing:
         How much the deviance rises without it, all else refitted.
     rivals : dict
         {other effect: rise in deviance when it stands in its place} for the close ones.
-    ties : dict
-        {other effect: the fit with it in its place} where that explains the data equally well.
     instead : dict
-        Likewise for all rivals.
+        {other effect: the fit with it in its place} for the same.
     """
 
     necessity: float
-    rivals: dict[str, float] = field(default_factory=dict)
-    ties: dict[str, Fit] = field(default_factory=dict)
-    instead: dict[str, Fit] = field(default_factory=dict)
+    rivals: dict[str, float]
+    instead: dict[str, Fit]
+
+    def alike(self, within: float) -> list[str]:
+        """Rivals with which the deviance rises by less, the likeliest first."""
+        return sorted((e for e, rise in self.rivals.items() if rise < within), key=self.rivals.__getitem__)
 
 
 @dataclass(frozen=True)
@@ -110,16 +111,13 @@ def refit(
     problem: Problem,
     structure: Structure,
     near: Fit,
-    choice: Mapping[str, float] | None = None,
     iterations: int = 30,
-    rates: float = 0.0,
 ) -> Fit:
-    """Fit `structure` from the parameters of `near`, with `choice` for what is new; from two starts of the deviations.
+    """Fit `structure` from the parameters of `near`; from two starts of the deviations.
 
-    An effect can hide in the runs' own deviations, and the deviations in an effect: hence both starts. `rates` is added
-    to the ln rates of `near`.
+    An effect can hide in the runs' own deviations, and the deviations in an effect: hence both starts.
     """
-    theta = Model(problem.channel, structure).start(near.log_rates + rates, near.choice | dict(choice or {}))
+    theta = Model(problem.channel, structure).start(near.log_rates, near.choice)
     best = fit(problem, structure, theta, _fresh(problem, near), iterations)
     # Without an effect that mattered the model is plainly wrong from any start.
     lost = len(structure.effects) < len(near.structure.effects) and plainly_wrong(problem, best)
@@ -154,8 +152,24 @@ def _far_apart(effect: Effect) -> bool:
     return any(p.weakest is not None for p in effect.parameters)
 
 
-def _begun(problem: Problem, near: Fit, effect: Effect, starts: Starts) -> list[Fit]:
-    """A few steps of `near` with one more effect from each of its starts, the best first."""
+@dataclass(frozen=True)
+class _Runner:
+    """A candidate's fit so far, and by how much its deviance fell in its last round."""
+
+    fit: Fit
+    fall: float
+
+    def after(self, problem: Problem, steps: int) -> _Runner:
+        """So many steps on."""
+        later = go_on(problem, self.fit, steps)
+        return _Runner(later, self.fit.deviance - later.deviance)
+
+
+def _begun(problem: Problem, near: Fit, effect: Effect, starts: Starts) -> list[_Runner]:
+    """A few steps of `near` with one more effect from each of its starts, the best first.
+
+    That one goes on in any case, and from starts far apart all do: the best so far tells little there.
+    """
     structure, rates = near.structure.adding(effect), _rate_shift(effect, problem.channel)
     # From the deviations of `near` where these mean anything.
     deviations = _fresh(problem, near) if plainly_wrong(problem, near) else near.deviations
@@ -163,7 +177,8 @@ def _begun(problem: Problem, near: Fit, effect: Effect, starts: Starts) -> list[
     for start in starts:
         theta = Model(problem.channel, structure).start(near.log_rates + rates, near.choice | _named(effect, start))
         fits.append(fit(problem, structure, theta, deviations, QUICK_STEPS))
-    return sorted(fits, key=lambda f: f.deviance)
+    fits.sort(key=lambda f: f.deviance)
+    return [_Runner(f, np.inf if i == 0 or _far_apart(effect) else 0.0) for i, f in enumerate(fits)]
 
 
 def _named(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
@@ -181,27 +196,23 @@ def race(problem: Problem, current: Fit, starts: Mapping[str, Starts]) -> dict[s
     fast enough to reach it in the steps that remain, is not followed on. Where the current model is nearly right that
     soon tells; where it is plainly wrong the way is long.
     """
-    fits = {id_: _begun(problem, current, CATALOGUE[id_], tried) for id_, tried in starts.items()}
+    runners = {id_: _begun(problem, current, CATALOGUE[id_], tried) for id_, tried in starts.items()}
     far = plainly_wrong(problem, current)
-    rounds = FAR_ROUNDS if far else NEAR_ROUNDS
-    # By how much each fell in its last round; from starts far apart the best so far tells little, and all go on.
-    falling = {id(f): np.inf for id_, own in fits.items() for f in (own if _far_apart(CATALOGUE[id_]) else own[:1])}
-    for left in range(rounds, 0, -1):
-        best = min((own[0].deviance for own in fits.values()), default=0.0)
-        for own in fits.values():
-            leader = best if far else own[0].deviance
+    for left in range(FAR_ROUNDS if far else NEAR_ROUNDS, 0, -1):
+        best = min((own[0].fit.deviance for own in runners.values()), default=0.0)
+        for own in runners.values():
+            leader = best if far else own[0].fit.deviance
             within = leader + max(STILL_RUNNING * (current.deviance - leader), LEAST_LEAD)
-            for i, f in enumerate(own):
-                if f.deviance <= within or f.deviance - left * falling.get(id(f), 0.0) <= leader:
-                    own[i] = go_on(problem, f, QUICK_STEPS)
-                    falling[id(own[i])] = f.deviance - own[i].deviance
-            own.sort(key=lambda f: f.deviance)
-    for id_, own in fits.items():
+            for i, runner in enumerate(own):
+                if runner.fit.deviance <= within or runner.fit.deviance - left * runner.fall <= leader:
+                    own[i] = runner.after(problem, QUICK_STEPS)
+            own.sort(key=lambda r: r.fit.deviance)
+    for id_, own in runners.items():
         if not far and _far_apart(CATALOGUE[id_]):
             # From starts this far apart a few steps rank by luck: the two best are followed on.
-            own[:2] = [go_on(problem, f, 2 * QUICK_STEPS) for f in own[:2]]
-            own.sort(key=lambda f: f.deviance)
-    return {id_: own[0] for id_, own in fits.items()}
+            own[:2] = [runner.after(problem, 2 * QUICK_STEPS) for runner in own[:2]]
+            own.sort(key=lambda r: r.fit.deviance)
+    return {id_: own[0].fit for id_, own in runners.items()}
 
 
 def finish(problem: Problem, found: Fit) -> Fit:
@@ -457,12 +468,8 @@ class Stepwise:
             rises = {e: f.deviance - current.deviance for e, f in others.items()}
             own = CATALOGUE[effect].rarity(channel)
             likely = {e: r + CATALOGUE[e].rarity(channel) - own for e, r in rises.items()}
-            standing[effect] = Standing(
-                necessity=necessity,
-                rivals=(rivals := {e: r for e, r in likely.items() if r < max(0.5 * necessity, 2 * TIE)}),
-                ties={e: others[e] for e, r in likely.items() if r < TIE},
-                instead={e: others[e] for e in rivals},
-            )
+            rivals = {e: r for e, r in likely.items() if r < max(0.5 * necessity, 2 * TIE)}
+            standing[effect] = Standing(necessity, rivals, {e: others[e] for e in rivals})
             if swap and rises:
                 best = min(rises, key=lambda e: rises[e] + penalty(CATALOGUE[e], self.problem.channel))
                 better = penalty(CATALOGUE[effect], channel) - penalty(CATALOGUE[best], channel) - rises[best]

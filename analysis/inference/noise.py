@@ -6,7 +6,7 @@ one scatter matrix, so that one evaluation costs one small Cholesky factor howev
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -100,8 +100,7 @@ def _autocovariance(white: float, correlated: float, memory: float, averaged: in
 def plateau_pieces(channel: Channel, late_share: float = 1 / 3) -> tuple[Array, Array]:
     """Pieces of plateau (m, n) before the transfer, and from the last `late_share` of the time after it.
 
-    n is `PIECE`, or less where a slow logger leaves fewer samples. Up to two missing samples in a row are bridged by a
-    straight line; longer gaps end a piece.
+    n is `PIECE`, or less where a slow logger leaves fewer samples.
     """
     before = [int((time < 0).sum()) for time, _ in channel.samples]
     piece = int(np.clip(0.85 * np.median(before), SHORTEST_PIECE, PIECE))
@@ -113,13 +112,20 @@ def plateau_pieces(channel: Channel, late_share: float = 1 / 3) -> tuple[Array, 
         parts = [(time < -2 * period, early), (time > (1 - late_share) * time[-1], late)] if air is None else []
         for part, pieces in parts or [(np.ones(time.size, dtype=bool), late)]:
             t, y = time[part], value[part]
-            for stretch in np.split(np.arange(t.size), np.flatnonzero(np.diff(t) > 3.3 * period) + 1):
-                if stretch.size < 2:
-                    continue
-                grid = t[stretch[0]] + period * np.arange(int(round((t[stretch[-1]] - t[stretch[0]]) / period)) + 1)
-                filled = np.interp(grid, t[stretch], y[stretch])
-                pieces.extend(filled[i : i + piece] for i in range(0, grid.size - piece + 1, piece))
+            pieces.extend(whole_pieces(t, y, period, piece))
     return np.array(early).reshape(-1, piece), np.array(late).reshape(-1, piece)
+
+
+def whole_pieces(time_s: Array, value: Array, period_s: float, length: int) -> Iterator[Array]:
+    """Pieces of so many readings one after the other, up to two missing in a row bridged by a straight line; a longer
+    gap ends a piece."""
+    for stretch in np.split(np.arange(time_s.size), np.flatnonzero(np.diff(time_s) > 3.3 * period_s) + 1):
+        if stretch.size < 2:
+            continue
+        first, last = time_s[stretch[0]], time_s[stretch[-1]]
+        grid = first + period_s * np.arange(int(round((last - first) / period_s)) + 1)
+        filled = np.interp(grid, time_s[stretch], value[stretch])
+        yield from (filled[i : i + length] for i in range(0, grid.size - length + 1, length))
 
 
 @dataclass(frozen=True)

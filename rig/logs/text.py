@@ -14,7 +14,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from shockrig.files.disk import read_bytes, shown
+from shockrig.files.disk import decoded, read_bytes, shown
 from shockrig.rig.errors import BenchError
 from shockrig.rig.logs.units import is_unit
 
@@ -134,10 +134,7 @@ def _lines(path: Path) -> list[str]:
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         text = content.decode("utf-16", errors="replace")
     else:
-        try:
-            text = content.decode("utf-8-sig")
-        except UnicodeDecodeError:
-            text = content.decode("cp1252", errors="replace")  # what spreadsheets on Windows write
+        text = decoded(content)
     if "\0" in text:
         line = text.partition("\0")[0].count("\n") + 1
         raise BenchError(f"{shown(path)}, line {line}: holds a NUL byte; is it a text file? Export it as CSV")
