@@ -163,7 +163,7 @@ class FlightWorld:
     def pressure_hpa(self, at_s: float) -> float:
         return float(np.interp(self._inside(at_s), self.weather.time_s, self.weather.pressure_hpa))
 
-    def begin_transfer(self, at_s: float) -> None:
+    def begin_transfer(self, at_s: float, duration_s: float | None = None) -> None:
         """A carriage changes nothing in flight."""
 
     def begin_return(self, at_s: float) -> None:

@@ -72,7 +72,10 @@ class LeftAlone:
     def prepare(self, source: Air, destination: Air, airflow_m_s: float | None) -> None:
         raise BenchError("this stage must not move")
 
-    def begin_transfer(self) -> None:
+    def demand_transfer(self, duration_s: float) -> None:
+        raise BenchError("this stage must not move")
+
+    def begin_transfer(self, duration_s: float | None = None) -> None:
         raise BenchError("this stage must not move")
 
     def due_s(self) -> float:

@@ -4,12 +4,14 @@ A step is an action plus an end condition:
     { do = "soak", over_s = 30, at_most_s = 1200 }    bring the probes into the source air, wait until it is stable
     { do = "record", for_s = 10 }
     { do = "transfer", at_most_s = 20 }               carry the probes into the destination air
+A run may be slowed on purpose, `transfer = { duration_s = 2.0 }`. `continues = N` says that the runs follow N others of
+the same campaign: they are numbered from N + 1.
 """
 
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields
 from importlib import resources
 from pathlib import Path
@@ -97,6 +99,7 @@ class PlannedRun:
     airflow_m_s: float | None
     steps: tuple[Step, ...]
     note: str = ""
+    transfer_s: float | None = None  # slowed on purpose; as fast as the stage goes where None
 
     def shortest_s(self) -> float:
         """Time that the run takes if the soak is stable at once, in s."""
@@ -109,13 +112,22 @@ class PlannedRun:
 
 @dataclass(frozen=True)
 class Protocol:
-    """The plan of a campaign; `by_hand` says that it is for a person at a bench, not for emulated instruments."""
+    """The plan of a campaign; `by_hand` says that it is for a person at a bench, not for emulated instruments.
+
+    `continues` is how many runs of the campaign come before these.
+    """
 
     name: str
     description: str
     runs: tuple[PlannedRun, ...]
     faults: Faults = Faults()
     by_hand: bool = False
+    continues: int = 0
+
+
+def run_id(number: int) -> str:
+    """Id of a campaign's run by its number, from 1."""
+    return f"{number:04d}"
 
 
 def shipped_protocols() -> list[str]:
@@ -152,7 +164,7 @@ def parse_protocol(content: bytes, where: str) -> Protocol:
         raise BenchError(f"{where}: not UTF-8 at byte {error.start}; save the file as UTF-8") from None
     except (ValueError, RecursionError) as error:  # also numbers of too many digits
         raise BenchError(f"{where}: not TOML: {error}") from None
-    known = ("format", "name", "description", "by_hand", "airflow_m_s", "faults", "steps", "run")
+    known = ("format", "name", "description", "by_hand", "continues", "airflow_m_s", "faults", "steps", "run")
     refuse_unknown_keys(table, known, where)
     if table.get("format") != FORMAT:
         raise BenchError(f'{where}: format is {table.get("format")!r}; write format = "{FORMAT}"')
@@ -162,6 +174,9 @@ def parse_protocol(content: bytes, where: str) -> Protocol:
     by_hand = table.get("by_hand", False)
     if not isinstance(by_hand, bool):
         raise BenchError(f"{where}: by_hand is {repr(by_hand)[:40]}; expected true or false")
+    continues = table.get("continues", 0)
+    if isinstance(continues, bool) or not isinstance(continues, int) or not 0 <= continues < 10000:
+        raise BenchError(f"{where}: continues is {repr(continues)[:40]}; expected the number of runs before these")
     faults = _faults(_table(table, "faults", where), f"{where}: faults")
     recipes = {key: _steps(value, f"{where}: steps.{key}") for key, value in _table(table, "steps", where).items()}
     if not recipes:
@@ -172,23 +187,29 @@ def parse_protocol(content: bytes, where: str) -> Protocol:
     runs = []
     for number, entry in enumerate(entries, start=1):
         here = f"{where}: run {number}"
-        refuse_unknown_keys(entry, ("source", "destination", "airflow_m_s", "steps", "note"), here)
+        refuse_unknown_keys(entry, ("source", "destination", "airflow_m_s", "transfer", "steps", "note"), here)
         recipe = entry.get("steps", next(iter(recipes)))
         if not isinstance(recipe, str) or recipe not in recipes:
             raise BenchError(f"{here}: steps = {recipe!r} is not defined{nearest(str(recipe), recipes)}")
         speed_m_s = _number(entry, "airflow_m_s", here, RANGES["airflow_m_s"])
         runs.append(
             PlannedRun(
-                id=f"{number:04d}",
+                id=run_id(continues + number),
                 source=_air(entry, "source", here),
                 destination=_air(entry, "destination", here),
                 airflow_m_s=airflow_m_s if speed_m_s is None else speed_m_s,
                 steps=recipes[recipe],
                 note=_text(entry, "note", here),
+                transfer_s=_slowed(entry, recipes[recipe], here),
             )
         )
     return Protocol(
-        name=name or Path(where).stem, description=description, runs=tuple(runs), faults=faults, by_hand=by_hand
+        name=name or Path(where).stem,
+        description=description,
+        runs=tuple(runs),
+        faults=faults,
+        by_hand=by_hand,
+        continues=continues,
     )
 
 
@@ -227,6 +248,19 @@ def _air(entry: Mapping[str, Any], key: str, where: str) -> Air:
     temperature_c = _number(table, "temperature_c", here, RANGES["temperature_c"])
     humidity_percent = _number(table, "humidity_percent", here, RANGES["humidity_set_percent"])
     return Air(temperature_c=temperature_c, humidity_percent=humidity_percent)
+
+
+def _slowed(entry: Mapping[str, Any], steps: Sequence[Step], where: str) -> float | None:
+    """How long a run's transfer shall take; None where it is as fast as the stage goes."""
+    table, here = _table(entry, "transfer", where), f"{where}: transfer"
+    refuse_unknown_keys(table, ("duration_s",), here)
+    duration_s = _number(table, "duration_s", here, RANGES["transfer_s"], positive=True)
+    longest_s = next(step.at_most_s for step in steps if isinstance(step, Transfer))
+    if duration_s is not None and duration_s >= longest_s:
+        raise BenchError(
+            f"{here}: duration_s is {duration_s:g} and the step allows {longest_s:g} s; raise its at_most_s"
+        )
+    return duration_s
 
 
 def _numbers(kind: type, table: Mapping[str, Any], where: str) -> dict[str, Any]:

@@ -34,6 +34,7 @@ REPEAT_AFTER_S = 5.0  # times the attempt: what spoilt a run may pass by itself 
 AIR_EVERY_S = 1.0
 PHASE_S = (5.0 + 5.0**0.5) / 20.0  # from run to run: modulo 0.1 s the golden ratio of it, which spreads most evenly
 AIR_MEAN_S = 10.0  # the airs are averaged over the last seconds before the transfer and before the end
+More = Callable[[str | None, float], Protocol | None]
 INVENTED = "emulated instruments: what is recorded now is invented by the virtual bench, not measured"
 
 
@@ -50,6 +51,7 @@ def record_campaign(
     observer: Observer | None = None,
     sync_every_s: float | None = 1.0,
     session: Mapping[str, Any] | None = None,
+    more: More | None = None,
 ) -> list[str]:
     """Record the runs of a protocol that a campaign folder does not hold yet.
 
@@ -67,6 +69,9 @@ def record_campaign(
         How often the journal is forced to the disk, in s; None for a virtual clock.
     session : mapping, optional
         Who records with what, for campaign.json; its "bench" is held against that of the campaign's last session.
+    more : callable, optional
+        Asked once all runs are recorded, and again after these: given the id of a run that the operator wants left out
+        (else None) and the bench's time [s], the protocol with further runs, or None where the campaign is done.
 
     Returns
     -------
@@ -90,12 +95,11 @@ def record_campaign(
         for text in folder.recover():
             watcher.say(text)
         missing = folder.missing()
-        if not missing:
+        if not missing and more is None:
             return []
         for text in folder.changed(session) if session is not None else ():
             watcher.say(f"another setting than in this campaign's last session: {text}")
         runner = _Runner(bench, protocol, folder, watcher, utc)
-        total = len(protocol.runs)
         recorded = []
         try:
             runner.open()
@@ -103,14 +107,25 @@ def record_campaign(
                 watcher.say(INVENTED)
             if session is not None:
                 runner.session = folder.add_session(session)
-            for run in missing:
-                watcher.run_began(run, protocol.runs.index(run) + 1, total, bench.clock.now())
-                try:
-                    runner.record(run)
-                except RunSkipped as decision:
-                    watcher.say(f"run {run.id} is {decision}; running the same command again records it")
-                else:
-                    recorded.append(run.id)
+            while True:
+                left_out = None
+                for run in missing:
+                    number = protocol.continues + protocol.runs.index(run) + 1
+                    watcher.run_began(run, number, protocol.continues + len(protocol.runs), bench.clock.now())
+                    try:
+                        runner.record(run)
+                    except RunSkipped as decision:
+                        left_out = run.id
+                        after = "running the same command again records it" if more is None else "another is chosen"
+                        watcher.say(f"run {run.id} is {decision}; {after}")
+                    else:
+                        recorded.append(run.id)
+                further = None if more is None else more(left_out, bench.clock.now())
+                if further is None:
+                    break
+                runner.protocol = protocol = further
+                folder.extend(protocol)
+                missing = folder.missing()
         except RecordingError:
             raise  # its message says where the journal is: that stays there until there is room again
         except BaseException:
@@ -233,9 +248,9 @@ class _Runner:
                 case Transfer():
                     # Transfers at ever other phases of the sampling show together what one cannot: a fast probe's first
                     # tenths of a second. The sensors keep to the clock's grid, so the phase is set on the clock.
-                    phase_s = PHASE_S * self.protocol.runs.index(run)
+                    phase_s = PHASE_S * (self.protocol.continues + self.protocol.runs.index(run))
                     self.ear.poll_until(math.ceil(clock.now() - phase_s) + phase_s)
-                    self._transfer(step, recorder)
+                    self._transfer(step, recorder, run.transfer_s)
 
     def _soak(self, step: Soak) -> None:
         """Wait until the reference is stable and the probes have settled in it."""
@@ -271,8 +286,8 @@ class _Runner:
                 return
             self.ear.poll_until(min(end_s, now + AIR_EVERY_S))
 
-    def _transfer(self, step: Transfer, recorder: Recorder) -> None:
-        self.bench.stage.begin_transfer()
+    def _transfer(self, step: Transfer, recorder: Recorder, duration_s: float | None) -> None:
+        self.bench.stage.begin_transfer(duration_s)
         self.ear.poll_until(self.bench.clock.now() + step.at_most_s, lambda: self.ear.move is not None)
         if self.ear.move is None:
             raise _Spoilt(f"the transfer did not end within {step.at_most_s:g} s")

@@ -82,7 +82,10 @@ class FakeStage:
         self.log.append("prepare")
         self._world.change((source, destination), 0)
 
-    def begin_transfer(self):
+    def demand_transfer(self, duration_s):
+        pass
+
+    def begin_transfer(self, duration_s=None):
         self.log.append("begin")
         now = self._world.clock.now()
         if self._fault and (error := self._fault(now)):

@@ -60,6 +60,7 @@ class CampaignFolder:
         self._is_new = False
         self._made = [folder for folder in (path, *path.resolve().parents) if not is_there(folder)]
         content = _document(path, protocol, sensors, bench, emulated)
+        _demand_beginning(path, protocol)
         try:
             path.mkdir(parents=True, exist_ok=True)
             self._lock = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
@@ -70,7 +71,7 @@ class CampaignFolder:
             self._is_ours = True
             _demand_place(path)
             if is_there(path / "campaign.json"):
-                if _is_longer(path, content):
+                if _is_longer(path, content, protocol.continues):
                     write_campaign(path, content)
             else:
                 self._is_new = True
@@ -169,6 +170,17 @@ class CampaignFolder:
         """Runs of the plan that are not there yet, in order."""
         return [run for run in self._protocol.runs if not (self.path / "runs" / run.id / "run.json").exists()]
 
+    def extend(self, protocol: Protocol) -> None:
+        """Take up a plan that has more runs than the one so far; raises BenchError where it is another."""
+        content = read_content(self.path / "campaign.json", CAMPAIGN_FORMAT)
+        before, now = content["plan"], [_plan_entry(run) for run in protocol.runs]
+        plan = _joined(before, now, protocol.continues)
+        if plan is None:
+            raise BenchError(f"{self.path / 'campaign.json'}: the plan to go on with is another than it was begun with")
+        if len(plan) > len(before):
+            write_campaign(self.path, content | {"plan": plan}, sync=self._sync_every_s is not None)
+        self._protocol = protocol
+
     def begin(self, run: PlannedRun, header: Mapping[str, Any], now_s: float) -> Recorder:
         """Start the journal of a run."""
         folder = self.path / "recording" / run.id
@@ -223,6 +235,8 @@ class CampaignFolder:
 
 def _plan_entry(run: PlannedRun) -> dict[str, Any]:
     entry = {"id": run.id, "source": asdict(run.source), "destination": asdict(run.destination)}
+    if run.transfer_s is not None:
+        entry["transfer"] = {"duration_s": run.transfer_s}
     return entry | {"airflow_m_s": run.airflow_m_s, "note": run.note, "steps": [str(step) for step in run.steps]}
 
 
@@ -235,7 +249,8 @@ def check_folder(
     if is_there(path):
         _demand_place(path)
     if is_there(path / "campaign.json"):
-        _is_longer(path, _document(path, protocol, sensors, bench, emulated))
+        _is_longer(path, _document(path, protocol, sensors, bench, emulated), protocol.continues)
+    _demand_beginning(path, protocol)
 
 
 def _document(path: Path, protocol: Protocol, sensors: Mapping[str, Any], bench: str, emulated: bool) -> dict[str, Any]:
@@ -256,7 +271,27 @@ def _demand_place(path: Path) -> None:
         raise BenchError(f"{path}: is neither empty nor a campaign; give another --out")
 
 
-def _is_longer(path: Path, content: dict[str, Any]) -> bool:
+def _demand_beginning(path: Path, protocol: Protocol) -> None:
+    """Raise BenchError where a protocol goes on with a campaign that is not there."""
+    if protocol.continues and not is_there(path / "campaign.json"):
+        raise BenchError(
+            f"{path}: is no campaign, and the protocol {protocol.name!r} goes on after {protocol.continues} runs of "
+            "one; give that campaign's folder by --out"
+        )
+
+
+def _joined(before: list[Any], now: list[Any], continues: int) -> list[Any] | None:
+    """The plan of a campaign once `now` follows its first runs; None where that would change what was planned.
+
+    A plan that the campaign has gone beyond already is no other plan.
+    """
+    plan = before[:continues] + now
+    if len(before) < continues or plan[: len(before)] != before[: len(plan)]:
+        return None
+    return plan + before[len(plan) :]
+
+
+def _is_longer(path: Path, content: dict[str, Any], continues: int) -> bool:
     """Whether a plan extends that of a campaign, which goes on with the sensors and the plan that it began with.
 
     `content` then has what the campaign's own file knows besides. Raises BenchError where it is another.
@@ -272,15 +307,18 @@ def _is_longer(path: Path, content: dict[str, Any]) -> bool:
         )
     if there.get("sensors") != content["sensors"]:
         raise BenchError(f"{file}: was recorded with other sensors than this bench has; give another --out")
-    before, now = there["plan"], content["plan"]
-    if now[: len(before)] != before:
+    before = there["plan"]
+    plan = _joined(before, content["plan"], continues)
+    if plan is None:
+        after = f" of {len(before)} runs; the one given goes on after {continues}" if continues else ""
         raise BenchError(
-            f"{file}: was begun with the protocol {there.get('protocol')!r} and another plan; "
+            f"{file}: was begun with the protocol {there.get('protocol')!r} and another plan{after}; "
             "give the same protocol, or another --out"
         )
+    content |= {"plan": plan, "protocol": there.get("protocol", content["protocol"])}
     if "sessions" in there:
         content["sessions"] = there["sessions"]
-    return len(now) > len(before)
+    return len(plan) > len(before)
 
 
 def _has_a_record(folder: Path) -> bool:

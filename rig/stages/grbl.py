@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from shockrig.rig.errors import StageError
+from shockrig.rig.errors import BenchError, StageError
 from shockrig.rig.seams import Air, Chambers, Clock, Move, Parts, SerialPort
 
 HOLD, RESET, STATUS = b"!", b"\x18", b"?"
@@ -171,14 +171,23 @@ class GrblStage:
         except OSError as error:
             raise self._lost(error) from error
 
-    def begin_transfer(self) -> None:
+    def demand_transfer(self, duration_s: float) -> None:
+        """A move takes as long as wanted, but for less than the feed allows."""
+        if duration_s < self._travel_s():
+            raise BenchError(
+                f"transfer.duration_s is {duration_s:g} and the stage takes {self._travel_s():.2g} s at "
+                f"feed_mm_min = {self.settings.feed_mm_min:g}; give more, or leave it out"
+            )
+
+    def begin_transfer(self, duration_s: float | None = None) -> None:
         """Start the move and return; `poll` follows it."""
         before = self._status()
         if not self._is_at(before, self.settings.source_mm):
             raise StageError(f"the probes are not at the source end; {self._where(before)}; prepare the run again")
-        taken_s = self._drive(self.settings.destination_mm)
+        travel_s = self._travel_s() if duration_s is None else duration_s
+        taken_s = self._drive(self.settings.destination_mm, travel_s)
         now = self._clock.now()
-        deadline_s = now + self._travel_s() + self.settings.margin_s
+        deadline_s = now + travel_s + self.settings.margin_s
         self._transfer = _Transfer(deadline_s, replace(before, time_s=taken_s))
         self._next_ask_s = now
 
@@ -236,9 +245,10 @@ class GrblStage:
     def _travel_s(self) -> float:
         return 60 * abs(self.settings.destination_mm - self.settings.source_mm) / self.settings.feed_mm_min
 
-    def _drive(self, position_mm: float) -> float:
+    def _drive(self, position_mm: float, travel_s: float | None = None) -> float:
         """Start a move; returns when the controller had the whole command, before which nothing can have moved."""
-        command = b"G90 G53 G1 X%.3f F%.1f" % (position_mm, self.settings.feed_mm_min)
+        feed_mm_min = self.settings.feed_mm_min * (1.0 if travel_s is None else self._travel_s() / travel_s)
+        command = b"G90 G53 G1 X%.3f F%.1f" % (position_mm, feed_mm_min)
         taken_s = self._clock.now() + (len(command) + 1) * self._port.byte_s
         self._may_move = True
         self._command(command, self.settings.reply_s)

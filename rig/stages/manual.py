@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from shockrig.rig.errors import StageError
+from shockrig.rig.errors import BenchError, StageError
 from shockrig.rig.seams import Air, Chambers, Clock, Move, Operator, Parts, SetPointsOnly
 
 LOOK_S = 0.005
@@ -46,7 +46,11 @@ class ManualStage:
         self._chambers.set_airs(source, destination, airflow_m_s)
         self._operator.ask("Put the probes into the source air, then press Enter.")
 
-    def begin_transfer(self) -> None:
+    def demand_transfer(self, duration_s: float) -> None:
+        """A hand does not keep to a speed."""
+        raise BenchError("transfer.duration_s is for a motorised stage: a hand does not keep to a speed; leave it out")
+
+    def begin_transfer(self, duration_s: float | None = None) -> None:
         self._left_s = None
         self._deadline_s = self._clock.now() + self.settings.within_s
         self._next_s = self._clock.now()

@@ -28,7 +28,7 @@ class PhysicalWorld(Protocol):
 
     def set_airs(self, source: Air, destination: Air, airflow_m_s: float, pressure_hpa: float) -> None: ...
 
-    def begin_transfer(self, at_s: float) -> None: ...
+    def begin_transfer(self, at_s: float, duration_s: float | None = None) -> None: ...
 
     def begin_return(self, at_s: float) -> None: ...
 
@@ -197,6 +197,7 @@ class VirtualInstruments:
                 self.world.begin_return,
                 self.feed_mm_min(settings),
                 settings.baud,
+                slowed=self.world.begin_transfer,
             )
         own_humidity = kind != "imet-xf"
         period_s = 0.1

@@ -75,7 +75,17 @@ def plan_from_protocol(protocol: Protocol) -> list[Shock]:
         )
         lead_s = round(before_s + (i * GOLDEN_RATIO) % 1.0, 4)
         airflow_m_s = AIRFLOW_M_S if run.airflow_m_s is None else run.airflow_m_s
-        plan.append(Shock(run.id, run.source, run.destination, airflow_m_s, duration_s=lead_s + after_s, lead_s=lead_s))
+        plan.append(
+            Shock(
+                run.id,
+                run.source,
+                run.destination,
+                airflow_m_s,
+                duration_s=lead_s + after_s,
+                lead_s=lead_s,
+                transfer_duration_s=run.transfer_s,
+            )
+        )
     return plan
 
 

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from shockrig.rig.virtual.serial_line import OutputQueue
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
+AS_FAST = 0.99  # of the highest rate, from which a move is as fast as the carriage goes
 WORD = re.compile(r"([A-Z])(-?\d+(?:\.\d+)?)")
 
 
@@ -25,6 +26,8 @@ class GrblController:
         Told the time at which the carriage leaves a switch: the probes begin to leave that air.
     max_rate_mm_min : float
         Moves are never faster.
+    slowed : callable, optional
+        Told the time and the duration of a move from the source that is slower than that, in place of `left_source`.
     """
 
     BOOT_S = 0.3
@@ -38,10 +41,12 @@ class GrblController:
         max_rate_mm_min: float = 1e9,
         baud: int = 115200,
         needs_homing: bool = True,
+        slowed: Callable[[float, float], None] | None = None,
     ) -> None:
         self.source_mm, self.destination_mm = source_mm, destination_mm
         self._left = {source_mm: left_source, destination_mm: left_destination}
         self._max_rate = max_rate_mm_min
+        self._slowed = slowed
         self.byte_s = 10 / baud
         self._queue = OutputQueue(self.byte_s)
         self._line = b""
@@ -154,9 +159,12 @@ class GrblController:
         if self.stalled:
             self._state = "Run"
             return
+        duration_s = 60 * abs(to_mm - self._from_mm) / min(rate_mm_min, self._max_rate)
         departed = self._left.get(self._from_mm)
-        if departed is not None:
+        if self._slowed is not None and self._from_mm == self.source_mm and rate_mm_min < AS_FAST * self._max_rate:
+            self._slowed(at_s, duration_s)
+        elif departed is not None:
             departed(at_s)
         self._to_mm = to_mm
-        self._end_s = at_s + 60 * abs(to_mm - self._from_mm) / min(rate_mm_min, self._max_rate)
+        self._end_s = at_s + duration_s
         self._state = "Run"

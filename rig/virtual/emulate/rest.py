@@ -42,8 +42,8 @@ class RestingBench:
         self._clock.sleep_until(RESTED_S + at_s)
         self._world.set_airs(source, destination, airflow_m_s, self._pressure_hpa)
 
-    def begin_transfer(self, at_s: float) -> None:
-        self._world.begin_transfer(RESTED_S + at_s)
+    def begin_transfer(self, at_s: float, duration_s: float | None = None) -> None:
+        self._world.begin_transfer(RESTED_S + at_s, duration_s)
 
     def begin_return(self, at_s: float) -> None:
         self._world.begin_return(RESTED_S + at_s)
