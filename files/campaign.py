@@ -15,10 +15,14 @@ from shockrig.files.campaign_names import (
     BODIES,
     CAMPAIGN_FORMAT,
     DEFAULT_BODIES,
+    FIRST_PROBE,
     RUN_FORMAT,
     Reference,
     is_run_id,
+    probes_of,
     read_body,
+    sensor_and_probe,
+    sensor_name,
 )
 from shockrig.files.disk import is_there, shown
 from shockrig.files.errors import InputError
@@ -48,6 +52,7 @@ __all__ = [
     "Trace",
     "is_run_id",
     "read_campaign",
+    "read_probes",
 ]
 
 DEFAULT_BEAD_RADIUS_M = 4e-4
@@ -99,8 +104,9 @@ class Run:
 
 @dataclass(frozen=True)
 class Campaign:
-    """A campaign: several runs on one pair of sensors.
+    """A campaign: several runs on one pair of sensors, that of the probe which was read.
 
+    `sensors` and the runs hold that pair as "imet" and "hyt"; `name` names the probe where it is not the first.
     `bodies` maps "imet" and "hyt" to the shape that the plain model has, one of `BODIES`. `emulated` says that nothing
     of it was measured: it comes from emulated instruments.
     """
@@ -113,6 +119,7 @@ class Campaign:
     runs: tuple[Run, ...]
     bodies: dict[str, str] = field(default_factory=lambda: dict(DEFAULT_BODIES))
     emulated: bool = False
+    probe: str = FIRST_PROBE
 
     def to_frame(self) -> pd.DataFrame:
         """One row a run: the two airs, airflow, pressure, transfer, whether the air was measured, samples."""
@@ -156,8 +163,25 @@ class Campaign:
         return campaign_card(self)
 
 
-def read_campaign(path: str | Path) -> Campaign:
+def read_probes(path: str | Path) -> tuple[str, ...]:
+    """The probes of a campaign, the first one first: ("1",) for most. Raises InputError as `read_campaign` does."""
+    return probes_of(_read_head(Path(path)).mapping("sensors").content) or (FIRST_PROBE,)
+
+
+def _read_head(folder: Path) -> JsonObject:
+    if not is_there(folder):
+        raise InputError(f"{shown(folder)}: no such campaign folder; give the folder that holds campaign.json")
+    return read_json(folder / "campaign.json", CAMPAIGN_FORMAT, "give the folder that holds a whole campaign.json")
+
+
+def read_campaign(path: str | Path, probe: str = FIRST_PROBE) -> Campaign:
     """Read and validate a campaign folder.
+
+    Parameters
+    ----------
+    path : str or Path
+    probe : str
+        Which one, where several were recorded at once: "2" is the one with the sensors `imet-2` and `hyt-2`.
 
     Raises
     ------
@@ -174,15 +198,22 @@ def read_campaign(path: str | Path) -> Campaign:
     (20, 6.0)
     """
     folder = Path(path)
-    if not is_there(folder):
-        raise InputError(f"{shown(folder)}: no such campaign folder; give the folder that holds campaign.json")
-    head = read_json(folder / "campaign.json", CAMPAIGN_FORMAT, "give the folder that holds a whole campaign.json")
-    sensors = dict(head.children("sensors"))
-    radius = head.mapping("sensors").mapping("imet").number("bead_radius_m", RANGES["bead_radius_m"])
-    thickness = head.mapping("sensors").mapping("hyt").number("film_thickness_m", RANGES["film_thickness_m"])
-    bodies = {name: read_body(head.mapping("sensors").mapping(name), name) for name in DEFAULT_BODIES}
+    head = _read_head(folder)
+    stated = dict(head.children("sensors"))
+    there = probes_of(stated)
+    if probe not in (FIRST_PROBE, *there):
+        raise InputError(
+            f"{shown(folder / 'campaign.json')}: key sensors: no probe {shown(probe)!r}; name one of {', '.join(there)}"
+        )
+    sensors = {name: one for name, one in stated.items() if sensor_and_probe(name) is None}
+    places = {sensor_name(name, probe): name for name in DEFAULT_BODIES}
+    sensors |= {places[name]: one for name, one in stated.items() if name in places}
+    its = {name: head.mapping("sensors").mapping(place) for place, name in places.items()}
+    radius = its["imet"].number("bead_radius_m", RANGES["bead_radius_m"])
+    thickness = its["hyt"].number("film_thickness_m", RANGES["film_thickness_m"])
+    bodies = {name: read_body(its[name], name) for name in DEFAULT_BODIES}
     folders = _run_folders(folder / "runs")
-    runs = tuple(_read_run(one) for one in folders)
+    runs = tuple(_read_run(one, probe) for one in folders)
     first: dict[str, Path] = {}
     for one, run in zip(folders, runs, strict=True):
         if first.setdefault(run.id, one) != one:
@@ -191,7 +222,7 @@ def read_campaign(path: str | Path) -> Campaign:
                 "give each run its folder's name"
             )
     return Campaign(
-        name=str(head.get("name") or folder.name),
+        name=str(head.get("name") or folder.name) + ("" if probe == FIRST_PROBE else f", probe {probe}"),
         path=folder,
         sensors={name: dict(sensor.content) for name, sensor in sensors.items()},
         bead_radius_m=DEFAULT_BEAD_RADIUS_M if radius is None else radius,
@@ -199,6 +230,7 @@ def read_campaign(path: str | Path) -> Campaign:
         runs=runs,
         bodies=bodies,
         emulated=head.get("emulated") is True,
+        probe=probe,
     )
 
 
@@ -224,7 +256,7 @@ _KNOWN_RUN_KEYS = {
 }
 
 
-def _read_run(folder: Path) -> Run:
+def _read_run(folder: Path, probe: str) -> Run:
     head = read_json(folder / "run.json", RUN_FORMAT, REMEDY)
     transfer = head.mapping("transfer")
     pressure = head.number("pressure_hpa", RANGES["pressure_hpa"])
@@ -236,8 +268,8 @@ def _read_run(folder: Path) -> Run:
         pressure_hpa=DEFAULT_PRESSURE_HPA if pressure is None else pressure,
         start_s=transfer.number("start_s", RANGES["time_s"]),
         duration_s=transfer.number("duration_s", RANGES["transfer_s"]),
-        imet=read_sensor(folder, "imet"),
-        hyt=read_sensor(folder, "hyt"),
+        imet=read_sensor(folder, sensor_name("imet", probe)),
+        hyt=read_sensor(folder, sensor_name("hyt", probe)),
         extra={key: value for key, value in head.content.items() if key not in _KNOWN_RUN_KEYS},
         air=read_air(folder),
         reference=_read_reference(head.mapping("reference")),

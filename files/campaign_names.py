@@ -1,8 +1,13 @@
-"""What reader and writer of a campaign share: names of the formats, ids, bodies, what is known of a reference."""
+"""What reader and writer of a campaign share: names of the formats, of sensors and probes, ids, bodies, references.
+
+A campaign may record several probes at once: `imet` and `hyt` are the first one's sensors, `imet-2` and `hyt-2` those
+of the probe "2".
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from shockrig.files.json_files import JsonObject
@@ -12,6 +17,8 @@ RUN_FORMAT = "shock-run/1"
 BODIES = ("sphere", "film", "sphere_mean", "cylinder", "cylinder_mean", "plate", "lumped")
 DEFAULT_BODIES: Mapping[str, str] = {"imet": "sphere", "hyt": "film"}
 LONGEST_ID = 100
+FIRST_PROBE = "1"
+_SENSOR = re.compile(rf"({'|'.join(DEFAULT_BODIES)})(?:-([A-Za-z0-9]{{1,20}}))?")
 
 
 @dataclass(frozen=True)
@@ -22,6 +29,25 @@ class Reference:
     temperature_standard_uncertainty_k: float = 0.02
     humidity_time_constant_s: float = 0.0
     humidity_standard_uncertainty_percent: float = 0.1
+
+
+def sensor_and_probe(name: str) -> tuple[str, str] | None:
+    """What a sensor is and on which probe: ("imet", "2") for "imet-2", ("hyt", "1") for "hyt"; None for other names."""
+    found = _SENSOR.fullmatch(name)
+    if found is None or found[2] == FIRST_PROBE:
+        return None
+    return found[1], found[2] or FIRST_PROBE
+
+
+def sensor_name(sensor: str, probe: str) -> str:
+    """The name of a probe's sensor, which is also that of its file: "imet-2" of "imet" and "2"."""
+    return sensor if probe == FIRST_PROBE else f"{sensor}-{probe}"
+
+
+def probes_of(names: Iterable[str]) -> tuple[str, ...]:
+    """The probes that have any of these sensors, the first one first."""
+    found = {place[1] for name in names if (place := sensor_and_probe(name)) is not None}
+    return tuple(sorted(found, key=lambda probe: (probe != FIRST_PROBE, len(probe), probe)))
 
 
 def is_run_id(text: object) -> bool:

@@ -11,11 +11,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from shockrig.files.campaign_names import CAMPAIGN_FORMAT, RUN_FORMAT, Reference
+from shockrig.files.campaign_names import CAMPAIGN_FORMAT, RUN_FORMAT, Reference, sensor_and_probe
 from shockrig.files.disk import write_whole
 from shockrig.files.json_files import json_text, known
 
-TABLES = ("imet", "hyt", "air")
 USUAL_FORM = "%.4f"  # finer than any of the sensors' own steps
 
 Columns = Mapping[str, Sequence[float | None]]
@@ -28,7 +27,8 @@ def campaign_document(name: str, sensors: Mapping[str, Mapping[str, Any]], **mor
     ----------
     name : str
     sensors : mapping
-        "imet" and/or "hyt" -> what is known of it: kind, serial, bead_radius_m or film_thickness_m, body.
+        "imet" and/or "hyt" -> what is known of it: kind, serial, bead_radius_m or film_thickness_m, body; "imet-2"
+        and "hyt-2" are those of the probe "2", and so on.
     **more
         What else a writer has to say, after that.
     """
@@ -116,7 +116,7 @@ def write_run(folder: Path, document: Mapping[str, Any], tables: Mapping[str, st
     document : mapping
         From `run_document`.
     tables : mapping
-        "imet", "hyt", "air" -> text from `table_text`; an instrument without readings has none.
+        "imet", "hyt", "air", also "imet-2" -> text from `table_text`; an instrument without readings has none.
     sync : bool
         Wait for the disk.
 
@@ -127,13 +127,12 @@ def write_run(folder: Path, document: Mapping[str, Any], tables: Mapping[str, st
     OSError
         The disk does not take it.
     """
-    unknown = sorted(set(tables) - set(TABLES))
+    unknown = sorted(name for name in tables if name != "air" and sensor_and_probe(name) is None)
     if unknown:
-        raise ValueError(f"no such table of a run: {unknown[0]!r}; known are {', '.join(TABLES)}")
+        raise ValueError(f"no such table of a run: {unknown[0]!r}; known are imet, hyt, air, and imet-2, hyt-2, ...")
     text = json_text(document)
-    for name in TABLES:
-        if name in tables:
-            write_whole(folder / f"{name}.csv", tables[name], sync)
+    for name, table in tables.items():
+        write_whole(folder / f"{name}.csv", table, sync)
     write_whole(folder / "run.json", text, sync)
 
 

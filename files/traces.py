@@ -49,7 +49,7 @@ class Trace:
 
 
 def read_sensor(folder: Path, sensor: str) -> Trace | None:
-    """Read runs/ID/`sensor`.csv ("imet" or "hyt"); None where the sensor has no file.
+    """Read runs/ID/`sensor`.csv ("imet", "hyt", "imet-2"); None where the sensor has no file.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def read_sensor(folder: Path, sensor: str) -> Trace | None:
     file = folder / f"{sensor}.csv"
     if not is_there(file):
         return None
-    limits = SENSOR_COLUMNS[sensor]
+    limits = SENSOR_COLUMNS[sensor.partition("-")[0]]
     main, *others = limits
     table = _read_table(file)
     for column in ("time_s", main):

@@ -104,12 +104,14 @@ def changes(entries: list[Entry]) -> list[str]:
     said = []
     for channel, sensor in BEGINS.items():
         last: dict[str, tuple[Entry, float, float]] = {}
-        for entry in entries:
-            serial = entry.serials.get(sensor)
-            rates_found = [rate for one in entry.profiles.values() if (rate := _rate(one, channel)) is not None]
-            if serial is None or not rates_found:
+        found = [(entry, one) for entry in entries for one in entry.profiles.values()]
+        for entry, one in found:
+            stated = one.sensors.get(sensor)  # of the profile's own probe, where several were recorded at once
+            serial = (stated.get("serial") if isinstance(stated, dict) else None) or entry.serials.get(sensor)
+            rate = _rate(one, channel)
+            if not serial or rate is None or (serial in last and last[serial][0] is entry):
                 continue
-            value, sigma = rates_found[0]
+            value, sigma = rate
             if serial in last:
                 before, old, old_sigma = last[serial]
                 apart = (value - old) / ((sigma**2 + old_sigma**2) ** 0.5 or 1.0)

@@ -11,11 +11,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from shockrig.files.campaign_names import FIRST_PROBE
 from shockrig.files.diagnosis import REMEDY, StatedChannel, diagnosis_from_document, read_diagnosis
 from shockrig.files.errors import InputError
 from shockrig.rig.virtual.effects import OUTSIDE
 from shockrig.rig.virtual.hide import open_seal
-from shockrig.rig.virtual.truth import Truth
+from shockrig.rig.virtual.truth import Truth, of_probe
 
 
 @dataclass(frozen=True)
@@ -69,12 +70,13 @@ class Score:
         return all(channel.exact for channel in self.channels.values())
 
 
-def score(sealed: Path, diagnosis: Path | Mapping[str, Any]) -> Score:
-    """Score a diagnosis (diagnosis.json's path or content) against a sealed truth.
+def score(sealed: Path, diagnosis: Path | Mapping[str, Any], probe: str = FIRST_PROBE) -> Score:
+    """Score a diagnosis (diagnosis.json's path or content) of a probe against a sealed truth.
 
     Raises InputError where the diagnosis cannot be read, BenchError where the seal cannot.
     """
     truth, seed = open_seal(Path(sealed))
+    truth = truth if probe == FIRST_PROBE else of_probe(truth, probe)
     stated = diagnosis_from_document(dict(diagnosis)) if isinstance(diagnosis, Mapping) else read_diagnosis(diagnosis)
     where = "diagnosis" if isinstance(diagnosis, Mapping) else str(diagnosis)
     judged = {name: _score_channel(truth, name, channel, where) for name, channel in stated.channels.items()}

@@ -15,6 +15,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from shockrig.files.campaign_names import FIRST_PROBE, probes_of
 from shockrig.files.disk import read_text
 from shockrig.files.errors import InputError
 from shockrig.rig.bench_file import CHAMBERS, BenchConfig, Part, check_bench, load_bench
@@ -254,7 +255,7 @@ def _fitted(stage: Part, instruments: Any) -> Part:
 
 def _emulate(config: BenchConfig, clock: Clock, truth: Any, faults: Mapping[str, Iterable[Any]]) -> tuple[Any, Any]:
     from shockrig.rig.virtual.instruments import VirtualInstruments
-    from shockrig.rig.virtual.truth import Truth, draw_truth
+    from shockrig.rig.virtual.truth import Truth, draw_truth, of_probe
     from shockrig.rig.virtual.world import World
 
     seed = config.virtual.seed
@@ -272,6 +273,11 @@ def _emulate(config: BenchConfig, clock: Clock, truth: Any, faults: Mapping[str,
         World(truth, clock, seed),
         clock,
         config.general.pressure_hpa,
+        others={
+            probe: World(of_probe(truth, probe), clock, seed + k)
+            for k, probe in enumerate(probes_of(config.sensors))
+            if probe != FIRST_PROBE
+        },
         seed=seed,
         in_real_time=config.general.clock == "real",
         transfer_s=transfer["duration_s"] if transfer else 0.0,

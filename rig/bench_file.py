@@ -1,6 +1,7 @@
 """Bench files (TOML): which instruments make up a bench, where they are connected, and their settings.
 
-[bench] name, clock, pressure_hpa; [sensors.NAME], [stage], [reference] each with a kind and that kind's own settings,
+[bench] name, clock, pressure_hpa; [sensors.imet], [sensors.hyt] (of further probes: [sensors.imet-2], ...), [stage],
+[reference] each with a kind and that kind's own settings,
 and for any of them certificate = "..." and calibrated = 2026-04-01;
 [chambers.source], [chambers.destination], [chambers.airflow] for devices that make them (a person does where left out);
 [virtual] for emulated parts. Kinds are a table of strings: nothing vendor-specific is imported before it is asked for.
@@ -20,6 +21,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
+from shockrig.files.campaign_names import DEFAULT_BODIES, sensor_and_probe
 from shockrig.files.disk import TOML_AT_MOST, read_text
 from shockrig.files.ranges import RANGES
 from shockrig.rig.errors import BenchError, as_bench_errors
@@ -47,7 +49,6 @@ KINDS: dict[str, dict[str, str]] = {
     },
 }
 ENTRY_POINTS = "shockrig.instruments"
-SENSOR_NAMES = ("imet", "hyt")
 CHAMBERS = {"source": "source chamber", "destination": "destination chamber", "airflow": "fan"}  # as parts of a bench
 MAY_BE_ZERO = ("latency_s", "late_s", "sampled_after_s", "retry_s")
 CALIBRATION = ("certificate", "calibrated")  # of any instrument: the certificate's number, and its date
@@ -157,9 +158,7 @@ def check_bench(content: Mapping[str, Any], path: str) -> BenchConfig:
         if not isinstance(content.get(section), Mapping):
             raise BenchError(f"{path}: section [{section}] is missing; data/benches has examples")
     sensors = content["sensors"]
-    refuse_unknown_keys(sensors, SENSOR_NAMES, f"{path}: [sensors]")
-    if not sensors:
-        raise BenchError(f"{path}: [sensors] is empty; give at least one of {', '.join(SENSOR_NAMES)}")
+    _demand_names(sensors, f"{path}: [sensors]")
     chambers = content.get("chambers", {})
     if not isinstance(chambers, Mapping):
         raise BenchError(f"{path}: chambers must be tables such as [chambers.source]")
@@ -179,6 +178,16 @@ def check_bench(content: Mapping[str, Any], path: str) -> BenchConfig:
             if (connected and not config.is_virtual(part)) or part.kind in ("manual", "operator"):
                 raise BenchError(f'{path}: {name} is real, and reality keeps real time: set [bench] clock = "real"')
     return config
+
+
+def _demand_names(sensors: Mapping[str, Any], where: str) -> None:
+    """Raise BenchError unless each is a probe's thermometer or hygrometer, and the first probe has one."""
+    first = tuple(DEFAULT_BODIES)
+    strange = [name for name in sensors if sensor_and_probe(name) is None]
+    refuse_unknown_keys(strange, (*first, *(f"{name}-2" for name in first)), where)
+    if not any(name in sensors for name in first):
+        of_first = f"the first probe's sensors are called {' and '.join(first)}"
+        raise BenchError(f"{where}: {of_first}; name one so" if sensors else f"{where} is empty; {of_first}, give one")
 
 
 def _part(section: str, table: Any, where: str) -> Part:

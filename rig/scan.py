@@ -11,14 +11,14 @@ import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
+from shockrig.files.campaign_names import sensor_name
 from shockrig.rig.errors import BenchError
 from shockrig.rig.seams import Clock, I2cBus, Outcome, SerialPort
 from shockrig.rig.sensors.hyt271 import decode_frame
+from shockrig.rig.sensors.hyt271_commands import FREE
 from shockrig.rig.sensors.imet_lines import TABLES, LineAssembler, LineTable, UnknownLine, implausible
 
 USUAL_ADDRESS = 0x28
-# Reserved addresses, and those of memories (SPD, EDID), which are nobody's to try.
-LEFT_ALONE = {*range(0x08), *range(0x30, 0x38), *range(0x50, 0x60), *range(0x78, 0x80)}
 CONVERSION_S = 0.12
 BUS_WAIT_S = 2.0
 PLAUSIBLE_C = (-45.0, 90.0)
@@ -93,9 +93,8 @@ def scan_i2c(path: str, bus: I2cBus, clock: Clock) -> tuple[list[FoundHyt], str]
             if clock.now() >= deadline_s:
                 return [], "a recording is using it"
             clock.sleep_until(clock.now() + LOOK_EVERY_S)
-        others = [address for address in range(0x80) if address != USUAL_ADDRESS and address not in LEFT_ALONE]
         found = []
-        for address in (USUAL_ADDRESS, *others):
+        for address in (USUAL_ADDRESS, *(address for address in FREE if address != USUAL_ADDRESS)):
             if address == USUAL_ADDRESS or _reads_like_one(bus, address):
                 sensor = _measured(path, bus, clock, address)
                 found += [sensor] if sensor else []
@@ -281,13 +280,16 @@ def bench_toml(found: Iterable[Found], name: str = "found by scan") -> str:
         f"name = {_quoted(name)}",
         "pressure_hpa = 1013.25 # SET: of the laboratory, on the day",
     ]
-    if imets:
-        lines += ["", "[sensors.imet]", f"kind = {_quoted(imets[0].kind)}", f"port = {_quoted(imets[0].port)}"]
-        lines += [f"baud = {imets[0].baud}"] if imets[0].baud != IMET_BAUD else []
+    for number, imet in enumerate(imets, start=1):
+        lines += ["", f"[sensors.{sensor_name('imet', str(number))}]"]
+        lines += [f"kind = {_quoted(imet.kind)}", f"port = {_quoted(imet.port)}"]
+        lines += [f"baud = {imet.baud}"] if imet.baud != IMET_BAUD else []
         lines += ['# serial = "X00000" # SET: printed on the unit']
-    if films:
-        lines += ["", "[sensors.hyt]", *_hyt_lines(films[0]), '# serial = "H00000" # SET: yours to choose']
-    elif imets[0].has_humidity:
+    reference = films[len(imets) or 1 :][:1]  # one film to a bead; what is left over is better kept
+    for number, film in enumerate((film for film in films if film not in reference), start=1):
+        lines += ["", f"[sensors.{sensor_name('hyt', str(number))}]", *_hyt_lines(film)]
+        lines += ['# serial = "H00000" # SET: yours to choose']
+    if not films and imets[0].has_humidity:
         lines += ["", "[sensors.hyt]", 'kind = "imet-humidity" # the hygrometer that the iMet reads itself']
     lines += ["", "[stage]"]
     if stages:
@@ -308,8 +310,8 @@ def bench_toml(found: Iterable[Found], name: str = "found by scan") -> str:
     else:
         lines += ['kind = "manual"']
     lines += ["", "[reference]"]
-    if len(films) > 1:
-        lines += ['kind = "hyt-271"', *_hyt_lines(films[1])[1:], 'air = "probes" # SET: or "source", "destination"']
+    if reference:
+        lines += [*_hyt_lines(reference[0]), 'air = "probes" # SET: or "source", "destination"']
     else:
         lines += ['kind = "operator" # both airs are typed in; "set-points" takes them from the protocol']
     return "\n".join(lines) + "\n"

@@ -323,16 +323,17 @@ def test_changing_the_address_needs_confirmation_and_holds_after_power_on():
         bus.open()
         chip.eeprom[0x1C] |= 0x1280  # the maker's bits
         with pytest.raises(BenchError, match="confirm"):
-            change_address(bus, clock, 0x28, 0x31, confirmed=False)
-        with pytest.raises(BenchError, match="reserved"):
-            change_address(bus, clock, 0x28, 0x03, confirmed=True)
+            change_address(bus, clock, 0x28, 0x3A, confirmed=False)
+        for address in (0x03, 0x31, 0x50, 0x78):  # where a scan does not look
+            with pytest.raises(BenchError, match="reserved"):
+                change_address(bus, clock, 0x28, address, confirmed=True)
         assert not spy.log
         chip.power_on(clock.now())
-        change_address(bus, clock, 0x28, 0x31, confirmed=True)
-        assert chip.eeprom[0x1C] == 0x1280 | 0x31
+        change_address(bus, clock, 0x28, 0x3A, confirmed=True)
+        assert chip.eeprom[0x1C] == 0x1280 | 0x3A
         assert chip.address == 0x28
         chip.power_on(clock.now())
-        assert read_address(bus, clock, 0x31) == 0x31
+        assert read_address(bus, clock, 0x3A) == 0x3A
         bus.close()
 
 

@@ -13,6 +13,7 @@ from shockrig.rig.buses.i2c import SmbusBus
 from shockrig.rig.clock import RealClock, VirtualClock
 from shockrig.rig.errors import BenchError
 from shockrig.rig.scan import FoundGrbl, FoundHyt, FoundImet, bench_toml, scan_i2c, scan_serial
+from shockrig.rig.sensors.hyt271_commands import FREE
 from shockrig.rig.virtual.chips.grbl import BANNER, GrblController
 from shockrig.rig.virtual.chips.hyt271 import Hyt271Chip, encode_frame
 from shockrig.rig.virtual.chips.imet import ImetUnit
@@ -247,6 +248,22 @@ def test_every_bench_file_is_valid(found):
     assert config.reference.kind == ("hyt-271" if {HYT, SECOND} <= set(found) else "operator")
     if HYT in found:
         assert (config.sensors["hyt"].settings.bus, config.sensors["hyt"].settings.address) == (1, 0x28)
+
+
+def test_whatever_address_can_be_stored_is_found():
+    for address in FREE[::17]:
+        (found,), _ = on_a_bus([Hyt271Chip(ramp_percent, steady_c, address)])
+        assert found.address == address
+
+
+def test_several_of_a_kind_are_several_probes():
+    second = FoundImet("/dev/ttyUSB1", "imet-xf", 57600, 20.0, False)
+    third = FoundHyt("/dev/i2c-3", 0x2B, 50.0, 20.0)
+    config = check_bench(tomllib.loads(bench_toml([HYT, SECOND, third, XF, second])), "found.toml")
+    assert list(config.sensors) == ["imet", "imet-2", "hyt", "hyt-2"]
+    assert config.sensors["imet-2"].settings.port == "/dev/ttyUSB1"
+    assert config.sensors["hyt-2"].settings.address == 0x2A
+    assert config.reference.settings.address == 0x2B  # one more than there are beads
 
 
 def test_names_are_quoted():

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
+    from shockrig.protocols import probes
+
     parser.add_argument("campaign", metavar="CAMPAIGN", type=Path, help="campaign folder (campaign.json, runs/)")
     parser.add_argument(
         "--out", metavar="DIR", type=Path, required=True, help="folder for profile, table, plots, report"
@@ -21,22 +23,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--extend", metavar="DIAGNOSIS.json", type=Path, help="fit the model with the causes that this diagnosis names"
     )
+    probes.add_argument(parser)
 
 
 def main(args: argparse.Namespace) -> int:
     """Characterize, write, print."""
     from datetime import UTC, datetime
 
+    from shockrig.protocols import probes
+
     made_at = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
-    result = write(args.campaign, args.out, args.seed, args.extend, made_at)
-    print(summary(result))
-    print(f"report: {args.out / 'report.html'}")
-    print(f"profile: {args.out / 'profile.json'}")
+    for probe, its in probes.each(args.campaign, args.probe):
+        out, extend = its(args.out), None if args.extend is None else its(args.extend)
+        result = write(args.campaign, out, args.seed, extend, made_at, probe)
+        print(summary(result))
+        print(f"report: {out / 'report.html'}")
+        print(f"profile: {out / 'profile.json'}", flush=True)
     return 0
 
 
-def write(campaign: Path, out: Path, seed: int, extend: Path | None, made_at: str) -> Characterization:
-    """Characterize a campaign into the folder `out`, whole or not at all."""
+def write(
+    campaign: Path, out: Path, seed: int, extend: Path | None, made_at: str, probe: str = "1"
+) -> Characterization:
+    """Characterize a campaign's probe into the folder `out`, whole or not at all."""
     from shockrig.analysis.characterization.characterize import characterize
     from shockrig.analysis.characterization.extension import read_extension
     from shockrig.analysis.characterization.to_profile import to_profile
@@ -47,7 +56,7 @@ def write(campaign: Path, out: Path, seed: int, extend: Path | None, made_at: st
 
     extensions = None if extend is None else read_extension(extend)
     with whole_folder(out) as folder:
-        result = characterize(read_campaign(campaign), seed, extensions, _say)
+        result = characterize(read_campaign(campaign, probe), seed, extensions, _say)
         provenance: dict[str, Any] = {
             "campaign_path": str(campaign),
             "software": f"shockrig {software_version()}",

@@ -33,6 +33,8 @@ EARLIER_REMEDY = "give the diagnosis of this campaign, or leave --from out"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
+    from shockrig.protocols import probes
+
     parser.add_argument("campaign", metavar="CAMPAIGN", type=Path, help="campaign folder (campaign.json, runs/)")
     parser.add_argument(
         "--out", metavar="DIR", type=Path, required=True, help="folder for diagnosis, extended profile, plots, report"
@@ -46,6 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="an earlier diagnosis of this campaign (its folder or diagnosis.json): the search begins with what it "
         "named, and tests it again",
     )
+    probes.add_argument(parser)
     for option, unit, accuracy in (("--tolerance-k", "K", 0.03), ("--tolerance-percent", "%RH", 0.2)):
         parser.add_argument(
             option,
@@ -63,17 +66,19 @@ def main(args: argparse.Namespace) -> int:
 
     from shockrig.analysis.diagnosis.remainder import Tolerance
     from shockrig.files.errors import InputError
+    from shockrig.protocols import probes
 
     made_at = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
     for option, value in (("--tolerance-k", args.tolerance_k), ("--tolerance-percent", args.tolerance_percent)):
         if not 0.0 <= value < 1e6:
             raise InputError(f"{option} {value:g}: expected a number from 0 on")
-    earlier = None if args.earlier is None else _earlier(args.earlier)
     tolerance = Tolerance(args.tolerance_k, args.tolerance_percent)
-    diagnosis = write(args.campaign, args.out, args.seed, made_at, tolerance, earlier)
-    print(summary(diagnosis))
-    for name in ("report.html", "diagnosis.json", "profile.json"):
-        print(f"{name.split('.')[0]}: {args.out / name}")
+    for probe, its in probes.each(args.campaign, args.probe):
+        out, earlier = its(args.out), None if args.earlier is None else _earlier(its(args.earlier))
+        diagnosis = write(args.campaign, out, args.seed, made_at, tolerance, earlier, probe)
+        print(summary(diagnosis))
+        for name in ("report.html", "diagnosis.json", "profile.json"):
+            print(f"{name.split('.')[0]}: {out / name}", flush=True)
     return 0
 
 
@@ -93,8 +98,9 @@ def write(
     made_at: str,
     tolerance: Tolerance | None = None,
     earlier: Named | None = None,
+    probe: str = "1",
 ) -> Diagnosis:
-    """Diagnose a campaign into the folder `out`, whole or not at all; `earlier` is a diagnosis to begin from."""
+    """Diagnose a campaign's probe into the folder `out`, whole or not at all; `earlier` is what it begins from."""
     _one_thread_a_process()
     from shockrig.analysis.diagnosis.diagnose import gathered
     from shockrig.analysis.diagnosis.export import stated
@@ -103,7 +109,7 @@ def write(
 
     import_module("shockrig.analysis.report.diagnosis_view")  # the branches use it too
     with whole_folder(out) as folder, ExitStack() as stack:
-        searching = stack.enter_context(branch(_read_and_search, campaign, tolerance, earlier))
+        searching = stack.enter_context(branch(_read_and_search, campaign, probe, tolerance, earlier))
         # Meanwhile this process imports what draws and flies.
         from shockrig.analysis.report.diagnosis_page import write_diagnosis
         from shockrig.files.diagnosis import write_diagnosis as write_document
@@ -139,7 +145,9 @@ def write(
     return diagnosis
 
 
-def _read_and_search(send: Send, campaign: Path, tolerance: Tolerance | None, earlier: Named | None) -> None:
+def _read_and_search(
+    send: Send, campaign: Path, probe: str, tolerance: Tolerance | None, earlier: Named | None
+) -> None:
     """Send the campaign as checked with the number of its channels, then each channel's diagnosis when it is found."""
     from multiprocessing.connection import wait
 
@@ -149,7 +157,7 @@ def _read_and_search(send: Send, campaign: Path, tolerance: Tolerance | None, ea
     from shockrig.files.campaign import read_campaign
     from shockrig.files.errors import InputError
 
-    recorded = read_campaign(campaign)
+    recorded = read_campaign(campaign, probe)
     if earlier is not None and earlier[0] != recorded.name:
         raise InputError(f"--from: diagnosis of {earlier[0]!r}, not of {recorded.name!r}; {EARLIER_REMEDY}")
     input_ = checked(recorded)

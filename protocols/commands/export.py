@@ -16,6 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         required=True,
         help="its ending says the format: .nc (netCDF, CF), .parquet, .jsonl (bluesky event documents)",
     )
+    parser.add_argument("--probe", metavar="NAME", default="1", help="which of several probes recorded at once (1)")
 
 
 def main(args: argparse.Namespace) -> int:
@@ -28,7 +29,7 @@ def main(args: argparse.Namespace) -> int:
     out: Path = args.out
     if out.suffix not in (".nc", ".parquet", ".jsonl"):
         raise InputError(f"--out {out}: its ending names no format; end it in .nc, .parquet or .jsonl")
-    campaign = read_campaign(args.campaign)
+    campaign = read_campaign(args.campaign, args.probe)
     try:
         if out.suffix == ".nc":
             write_netcdf(campaign, out, f"shockrig {software_version()} export {args.campaign.name}")

@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--bus", required=True, help="I2C bus: its number or its device file (1 is /dev/i2c-1)")
     parser.add_argument("--address", type=_address, default=0x28, help="the address it has now (default 0x28)")
-    parser.add_argument("--to", type=_address, metavar="ADDRESS", help="store this address in it, from 0x08 to 0x77")
+    parser.add_argument("--to", type=_address, metavar="ADDRESS", help="store this address in it")
     parser.add_argument(
         "--yes-change-it", action="store_true", help="that you mean --to: nothing on the sensor shows it"
     )

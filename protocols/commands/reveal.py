@@ -11,10 +11,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--diagnosis", metavar="DIAGNOSIS.json", type=Path, required=True, help="diagnosis.json to judge"
     )
+    parser.add_argument("--probe", metavar="NAME", default="1", help="whose diagnosis it is, of several probes (1)")
 
 
 def main(args: argparse.Namespace) -> int:
     from shockrig.protocols.reveal import score, table
 
-    print(table(score(args.sealed, args.diagnosis)))
+    print(table(score(args.sealed, args.diagnosis, args.probe)))
     return 0

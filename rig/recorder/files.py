@@ -1,4 +1,4 @@
-"""run.json, imet.csv and hyt.csv (shock-run/1) made from a recorded run; every file appears whole or not at all."""
+"""run.json, imet.csv, hyt.csv, imet-2.csv ... of a recorded run (shock-run/1); each appears whole or not at all."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Any
 
 from shockrig.files.campaign_write import run_document, table_text, write_run
 from shockrig.rig.recorder.judging import mean_of
-from shockrig.rig.recorder.run import COLUMNS, COMPLETE, RunRecord, sample_time_s
+from shockrig.rig.recorder.run import COMPLETE, RunRecord, columns_of, sample_time_s
 from shockrig.rig.seams import Air, Outcome
 
 
 def write_run_files(folder: Path, record: RunRecord, sync: bool = False) -> None:
     """Make the files of a run in its folder; a sensor without readings gets no file."""
-    tables = {sensor: table for sensor, columns in COLUMNS.items() if (table := _table(record, sensor, columns))}
+    tables = {sensor: table for sensor in record.readings if (table := _table(record, sensor, columns_of(sensor)))}
     write_run(folder, run_json(record), tables, sync=sync)
 
 
@@ -49,10 +49,10 @@ def run_json(record: RunRecord) -> dict[str, Any]:
 
 
 def _table(record: RunRecord, sensor: str, columns: Sequence[str]) -> str | None:
-    """The sensor's CSV file; None where it has no readings."""
-    flagged = sensor == "hyt"
+    """The sensor's CSV file; None where it has no readings, and for what is no probe's sensor."""
+    flagged = "humidity_percent" in columns
     kept = (Outcome.OK, Outcome.STALE) if flagged else (Outcome.OK,)
-    rows = [r for r in record.recorded(sensor) if r.outcome in kept and columns[0] in r.values]
+    rows = [r for r in record.recorded(sensor) if r.outcome in kept and columns and columns[0] in r.values]
     if not rows:
         return None
     zero_s = record.zero_s or 0.0

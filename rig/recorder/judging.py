@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from statistics import median
 
 from shockrig.rig.protocol import Faults
-from shockrig.rig.recorder.run import RunRecord, count_outcomes, is_good, sample_time_s
+from shockrig.rig.recorder.run import RunRecord, columns_of, count_outcomes, is_good, sample_time_s
 from shockrig.rig.seams import Air, Outcome
 
 PLATEAU_S = 5.0  # the last seconds in an air, over which a probe's readings are averaged
@@ -49,10 +49,13 @@ def _airs_denied(record: RunRecord, faults: Faults) -> str | None:
     A probe is compared with the source air where it stood before the transfer, and with the destination air at the end,
     where it has settled; a part of it that follows late may leave it half of the way short.
     """
-    for name, unit, sensor, allowed in (
-        ("temperature_c", "degC", "imet", faults.airs_within_k),
-        ("humidity_percent", "%RH", "hyt", faults.airs_within_percent),
-    ):
+    limits = {
+        "temperature_c": ("degC", faults.airs_within_k),
+        "humidity_percent": ("%RH", faults.airs_within_percent),
+    }
+    for sensor in record.header.get("sensors", ()):
+        name = columns_of(sensor)[0]
+        unit, allowed = limits[name]
         stated = [mean_of(record.airs[place], name) for place in ("source", "destination")]
         source, destination = stated
         for place, air in zip(("source", "destination"), stated, strict=True):

@@ -15,15 +15,22 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from shockrig.files.campaign_names import sensor_and_probe
 from shockrig.rig.errors import BenchError, RigError, as_bench_errors
 from shockrig.rig.journal import JournalWriter, read_journal
 from shockrig.rig.seams import Air, Move, Outcome, Reading
 
 FORMAT = "shock-journal/1"
-# sensor -> what its file has after time_s: the quantity that the sensor is there for, then what it may say besides
-COLUMNS: Mapping[str, tuple[str, ...]] = {"imet": ("temperature_c",), "hyt": ("humidity_percent", "temperature_c")}
+# what the file of a sensor has after time_s: the quantity that the sensor is there for, then what it may say besides
+_COLUMNS: Mapping[str, tuple[str, ...]] = {"imet": ("temperature_c",), "hyt": ("humidity_percent", "temperature_c")}
 JOURNAL = "journal.log"
 COMPLETE, SPOILT, INTERRUPTED = "complete", "spoilt", "interrupted"
+
+
+def columns_of(sensor: str) -> tuple[str, ...]:
+    """What the file of a sensor ("imet", "hyt-2") has after time_s; nothing for what is not a probe's sensor."""
+    place = sensor_and_probe(sensor)
+    return () if place is None else _COLUMNS[place[0]]
 
 
 class RecordingError(RigError, OSError):
@@ -216,7 +223,7 @@ def _demand_numbers(*values: Any, or_none: bool = False) -> None:
 
 def is_good(reading: Reading) -> bool:
     """Whether a reading is fresh and has what its sensor is there for; a unit also sends other lines (position)."""
-    return reading.outcome is Outcome.OK and COLUMNS[reading.sensor][0] in reading.values
+    return reading.outcome is Outcome.OK and columns_of(reading.sensor)[0] in reading.values
 
 
 def count_outcomes(readings: Any) -> dict[str, int]:

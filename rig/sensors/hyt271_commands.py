@@ -18,6 +18,7 @@ ENTER, LEAVE = bytes((0xA0, 0, 0)), bytes((0x80, 0, 0))
 EEPROM_WRITE_S = 0.015
 REPLY_S = 0.0005
 LOOK_S = 0.05
+# For anybody: not reserved, and not of memories (SPD, EDID), which are not to be tried. Where `shockrig scan` looks.
 FREE = tuple(address for address in range(0x08, 0x78) if address not in {*range(0x30, 0x38), *range(0x50, 0x60)})
 ABSENT = {errno.EREMOTEIO, errno.ENXIO, errno.EIO, errno.ETIMEDOUT}
 
@@ -128,12 +129,15 @@ def change_address(
     Raises
     ------
     BenchError
-        Not confirmed, an address that is reserved on I2C, or one at which somebody answers already.
+        Not confirmed, an address that is not `FREE`, or one at which somebody answers already.
     BusError
         No sensor, or it did not take the address (it keeps the old one then).
     """
-    if not 0x08 <= new_address <= 0x77:
-        raise BenchError(f"address {new_address:#04x} is reserved on I2C: choose one from 0x08 to 0x77")
+    if new_address not in FREE:
+        raise BenchError(
+            f"address {new_address:#04x} is reserved on I2C or a memory's, where shockrig scan does not look: "
+            "choose one from 0x08 to 0x77, not 0x30 to 0x37 or 0x50 to 0x5f"
+        )
     if not (confirmed or dry_run):
         raise BenchError(f"changing the address from {address:#04x} to {new_address:#04x} is permanent: confirm it")
     if new_address != address and _answers(bus, new_address):

@@ -10,6 +10,7 @@ import threading
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Protocol
 
+from shockrig.files.campaign_names import FIRST_PROBE, sensor_and_probe
 from shockrig.rig.seams import Air, Clock, SetPointsOnly, known
 from shockrig.rig.virtual.chips.grbl import GrblController
 from shockrig.rig.virtual.chips.hyt271 import Hyt271Chip
@@ -58,6 +59,25 @@ class _Locked:
         return locked
 
 
+class SideBySide:
+    """Worlds of several probes on one carriage in the same airs: what the bench does, it does to all of them."""
+
+    def __init__(self, worlds: Mapping[str, PhysicalWorld]) -> None:
+        self.worlds = worlds
+
+    def set_airs(self, *airs: Any) -> None:
+        for world in self.worlds.values():
+            world.set_airs(*airs)
+
+    def begin_transfer(self, at_s: float) -> None:
+        for world in self.worlds.values():
+            world.begin_transfer(at_s)
+
+    def begin_return(self, at_s: float) -> None:
+        for world in self.worlds.values():
+            world.begin_return(at_s)
+
+
 class WorldChambers(SetPointsOnly):
     """Chambers that make about what they are asked for, and references that report about what they make.
 
@@ -67,7 +87,7 @@ class WorldChambers(SetPointsOnly):
 
     def __init__(
         self,
-        world: PhysicalWorld,
+        world: PhysicalWorld | SideBySide,
         pressure_hpa: float,
         made: tuple[float, float],
         reported: tuple[float, float],
@@ -130,6 +150,8 @@ class VirtualInstruments:
 
     Parameters
     ----------
+    others : mapping
+        Worlds of further probes by their names ("2").
     in_real_time : bool
         Serial devices are pseudo-terminals then, and objects in memory else.
     transfer_s : float
@@ -146,13 +168,17 @@ class VirtualInstruments:
         clock: Clock,
         pressure_hpa: float,
         *,
+        others: Mapping[str, PhysicalWorld] | None = None,
         seed: int = 0,
         in_real_time: bool = False,
         transfer_s: float = 0.0,
         missing_fraction: float = 0.0,
         faults: Mapping[str, Iterable[Fault]] | None = None,
     ) -> None:
-        self.world = _Locked(world) if in_real_time else world
+        worlds = {FIRST_PROBE: world, **(others or {})}
+        self._worlds: dict[str, Any] = {probe: _Locked(one) if in_real_time else one for probe, one in worlds.items()}
+        self.world = self._worlds[FIRST_PROBE]
+        self._bench = SideBySide(self._worlds)
         self._clock = clock
         self._pressure_hpa = pressure_hpa
         self._seed = seed
@@ -176,7 +202,8 @@ class VirtualInstruments:
                 address,
             )
         else:
-            chip = Hyt271Chip(self.world.film_humidity_percent, self.world.die_temperature_c, address)
+            world = self._of(part)
+            chip = Hyt271Chip(world.film_humidity_percent, world.die_temperature_c, address)
         wire: Wire = I2cWire([chip], self._clock)
         if part != "reference" and self._missing_fraction > 0.0:
             wire = _LooseWire(wire, self._clock, self._missing_fraction, self._seed)
@@ -188,26 +215,32 @@ class VirtualInstruments:
         self.parts[part] = chip
         return path
 
+    def _of(self, part: str) -> Any:
+        """The world of a probe's sensor."""
+        place = sensor_and_probe(part)
+        return self.world if place is None else self._worlds[place[1]]
+
     def _device(self, part: str, kind: str, settings: Any) -> Device:
         if kind == "grbl":
             return GrblController(
                 settings.source_mm,
                 settings.destination_mm,
-                self.world.begin_transfer,
-                self.world.begin_return,
+                self._bench.begin_transfer,
+                self._bench.begin_return,
                 self.feed_mm_min(settings),
                 settings.baud,
                 slowed=self.world.begin_transfer,
             )
+        world = self._of(part)
         own_humidity = kind != "imet-xf"
         period_s = 0.1
         losses = random.Random(f"lost lines {self._seed}")
         return ImetUnit(
-            self.world.bead_temperature_c,
+            world.bead_temperature_c,
             lambda at_s: self._pressure_hpa,
             kind,
-            self.world.film_humidity_percent if own_humidity else None,
-            self.world.die_temperature_c if own_humidity else None,
+            world.film_humidity_percent if own_humidity else None,
+            world.die_temperature_c if own_humidity else None,
             period_s=period_s,
             phase_s=self._clock.now() + self._random.random() * period_s,
             baud=settings.baud,
@@ -233,13 +266,13 @@ class VirtualInstruments:
         """The two airs, with the scatter of the truth's chambers and of its reference instruments."""
         made = truth.chamber_scatter_k, truth.chamber_scatter_percent
         reported = truth.reference_scatter_k, truth.reference_scatter_percent
-        return WorldChambers(self.world, self._pressure_hpa, made, reported, self._seed)
+        return WorldChambers(self._bench, self._pressure_hpa, made, reported, self._seed)
 
     def climate_port(self, part: str, protocol: str) -> str:
         """Where an emulated chamber ("source chamber", "destination chamber") or "fan" of this world is reached."""
         if self._room is None:
             self._room = Room(
-                lambda source, destination, airflow_m_s: self.world.set_airs(
+                lambda source, destination, airflow_m_s: self._bench.set_airs(
                     source, destination, airflow_m_s, self._pressure_hpa
                 )
             )

@@ -8,6 +8,7 @@ curvature).
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 import sys
 from collections.abc import Mapping, Sequence
@@ -168,6 +169,18 @@ def draw_truth(rng: np.random.Generator, tier: str = SMOOTH, effects: Sequence[H
         **rough,
     )
     return with_effects(truth, effects)
+
+
+def of_probe(truth: Truth, probe: str) -> Truth:
+    """Another probe on the same bench: of the same kinds, each of its rates between two thirds and one and a half times
+    the first one's, by the first one's truth and the probe's name alone."""
+    digest = hashlib.sha256(f"{probe} {truth.to_json()}".encode()).digest()
+    alpha, d = np.exp(np.random.default_rng(list(digest)).uniform(-np.log(1.5), np.log(1.5), 2))
+    return dataclasses.replace(
+        truth,
+        thermal_diffusivity_m2_s=float(alpha * truth.thermal_diffusivity_m2_s),
+        diffusivity_20c_m2_s=float(d * truth.diffusivity_20c_m2_s),
+    )
 
 
 def with_effects(truth: Truth, effects: Sequence[Hidden]) -> Truth:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from shockrig.rig.recorder.run import COLUMNS
+from shockrig.rig.recorder.run import columns_of
 from shockrig.rig.watch.view import Health, Trace, as_list, clean, finite
 
 HEALTH_OVER_S = 10.0
@@ -63,7 +63,7 @@ def traces(run: RunSoFar, begin_s: float, zero_s: float) -> list[Trace]:
     units = {"temperature_c": ("temperature", "degC"), "humidity_percent": ("humidity", "%RH")}
     found = []
     for sensor in run.sensors:
-        for name in COLUMNS.get(sensor, tuple(units)):
+        for name in columns_of(sensor) or units:
             points = [
                 (round(at_s - zero_s, 3), values[name])
                 for at_s, outcome, values in run.readings.get(sensor, ())
