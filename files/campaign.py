@@ -24,6 +24,7 @@ from shockrig.files.campaign_names import (
     sensor_and_probe,
     sensor_name,
 )
+from shockrig.files.common_uncertainty import CommonUncertainty, read_common
 from shockrig.files.disk import is_there, shown
 from shockrig.files.errors import InputError
 from shockrig.files.json_files import JsonObject, read_json
@@ -108,7 +109,8 @@ class Campaign:
 
     `sensors` and the runs hold that pair as "imet" and "hyt"; `name` names the probe where it is not the first.
     `bodies` maps "imet" and "hyt" to the shape that the plain model has, one of `BODIES`. `emulated` says that nothing
-    of it was measured: it comes from emulated instruments.
+    of it was measured: it comes from emulated instruments. `common` is what it states of errors that all runs share;
+    None where it states nothing. `sessions` are those of its recording, as campaign.json has them.
     """
 
     name: str
@@ -120,6 +122,8 @@ class Campaign:
     bodies: dict[str, str] = field(default_factory=lambda: dict(DEFAULT_BODIES))
     emulated: bool = False
     probe: str = FIRST_PROBE
+    common: CommonUncertainty | None = None
+    sessions: tuple[Mapping[str, Any], ...] = ()
 
     def to_frame(self) -> pd.DataFrame:
         """One row a run: the two airs, airflow, pressure, transfer, whether the air was measured, samples."""
@@ -231,7 +235,13 @@ def read_campaign(path: str | Path, probe: str = FIRST_PROBE) -> Campaign:
         bodies=bodies,
         emulated=head.get("emulated") is True,
         probe=probe,
+        common=read_common(head),
+        sessions=tuple(one for one in _listed(head.get("sessions")) if isinstance(one, dict)),
     )
+
+
+def _listed(value: object) -> list[Any]:
+    return value if isinstance(value, list) else []
 
 
 def _run_folders(runs: Path) -> list[Path]:

@@ -66,6 +66,13 @@ RANGES: Mapping[str, Range] = MappingProxyType(
         "reference_time_constant_s": Range(0.0, 3600.0, "is it in milliseconds"),
         "reference_uncertainty_k": Range(0.0, 50.0),
         "reference_uncertainty_percent": Range(0.0, 50.0),
+        # standard uncertainties of what all runs of a campaign share
+        "common_air_temperature_k": Range(0.0, 50.0),
+        "common_air_humidity_percent": Range(0.0, 50.0),
+        "common_airflow_percent": Range(0.0, 100.0),
+        "common_pressure_hpa": Range(0.0, 500.0, "is it in pascal"),
+        "common_trigger_offset_s": Range(0.0, 60.0, "is it in milliseconds"),
+        "common_clock_ppm": Range(0.0, 1e5),
     }
 )
 

@@ -76,9 +76,12 @@ def test_scores_are_those_of_the_marginal_model_with_theta_projected_out(case):
     jacobian, runs, _ = dense(arrow)
     precision, directions = marginal(arrow), columns.reshape(R * N, C)
     at_zero = residual.ravel() + runs @ deviations.ravel()
-    seen = precision - precision @ jacobian @ np.linalg.solve(jacobian.T @ precision @ jacobian, jacobian.T @ precision)
-    right, normal = arrow.scores(columns, residual, deviations)
-    assert right == pytest.approx(directions.T @ seen @ at_zero, rel=1e-6)
+    known = jacobian.T @ precision @ jacobian + np.diag(arrow.prior_weight)
+    seen = precision - precision @ jacobian @ np.linalg.solve(known, jacobian.T @ precision)
+    pull = arrow.prior_weight * rng.standard_normal(P)
+    right, normal = arrow.scores(columns, residual, deviations, pull)
+    pulled = directions.T @ precision @ jacobian @ np.linalg.solve(known, pull)
+    assert right == pytest.approx(directions.T @ seen @ at_zero - pulled, rel=1e-6)
     assert normal == pytest.approx(directions.T @ seen @ directions, rel=1e-6)
 
 
@@ -87,9 +90,24 @@ def test_what_is_off_in_every_run_alike_and_what_random_effects_cannot_hide(case
     jacobian, *_ = dense(arrow)
     precision = marginal(arrow)
     for effect in (RunEffect.START, RunEffect.DESTINATION):
-        column = arrow.run_jacobian[..., effect].ravel()
-        assert arrow.common(effect) == pytest.approx(jacobian.T @ precision @ column, rel=1e-7, abs=1e-9)
+        column = arrow.run_jacobian[..., effect]
+        assert arrow.pull(column) == pytest.approx(jacobian.T @ precision @ column.ravel(), rel=1e-7, abs=1e-9)
     assert arrow.hidden(residual) == pytest.approx(residual.ravel() @ precision @ residual.ravel(), rel=1e-9)
+
+
+def test_the_covariance_is_the_sum_of_what_readings_runs_and_the_prior_give_to_it(case):
+    arrow, *_ = case
+    from_runs, from_readings = arrow.shares()
+    covariance = arrow.covariance()
+    from_prior = covariance @ np.diag(np.sqrt(arrow.prior_weight))
+    total = sum(x @ x.T for x in (*from_runs, from_readings, from_prior))
+    assert total == pytest.approx(covariance, rel=1e-6, abs=1e-12)
+    # One run's random effect, off by its standard deviation, moves theta by what the dense equations say.
+    whole = dense(arrow)[2]
+    run, effect = 2, int(RunEffect.SOURCE)
+    inverse = np.linalg.inv(whole)
+    moved = -inverse[:P, P + run * U + effect] * np.sqrt(arrow.weight[run, effect])
+    assert np.abs(from_runs[effect, :, run]) == pytest.approx(np.abs(moved), rel=1e-6, abs=1e-12)
 
 
 def test_a_parameter_that_nothing_sees_is_unknown_and_leaves_the_others_alone(case):

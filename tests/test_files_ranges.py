@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from shockrig.files.campaign import read_campaign
+from shockrig.files.common_uncertainty import INPUTS
 from shockrig.files.errors import InputError
 from shockrig.files.profile import profile_from_document
 from shockrig.files.ranges import MATERIALS, RANGES
@@ -43,6 +44,17 @@ def of_run(key):
 
 def of_sensor(key):
     return lambda folder, value: campaign_with(folder, sensors=nested(key, value))
+
+
+def of_common(key):
+    def read(folder, value):
+        (folder / "runs/0001").mkdir(parents=True)
+        (folder / "runs/0001/run.json").write_text('{"format": "shock-run/1"}')
+        head = {"format": "shock-campaign/1", "common_uncertainty": {key: value}}
+        (folder / "campaign.json").write_text(json.dumps(head))
+        assert getattr(read_campaign(folder).common, key) == value
+
+    return read
 
 
 def of_air(column):
@@ -173,6 +185,7 @@ DOORS = {
     "reference_time_constant_s": {"run.json": of_run("reference.humidity_time_constant_s")},
     "reference_uncertainty_k": {"run.json": of_run("reference.temperature_standard_uncertainty_k")},
     "reference_uncertainty_percent": {"run.json": of_run("reference.humidity_standard_uncertainty_percent")},
+    **{f"common_{key}": {"campaign.json": of_common(key)} for key in INPUTS},
     "step_s": {"protocol": of_protocol("for_s = 9", "for_s")},
     "tolerance_k": {"protocol": of_protocol("over_s = 10", "probes_within_k")},
     "tolerance_percent": {"protocol": of_protocol("over_s = 10", "reference_within_percent")},

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from shockrig.analysis.characterization.chosen_runs import choose_runs
 from shockrig.analysis.characterization.extension import Extension
-from shockrig.analysis.characterization.part_fit import fit_part, fitted_effects, joint_rows
+from shockrig.analysis.characterization.part_fit import fit_part, fitted_effects, joint_rows, make_part
 from shockrig.analysis.characterization.result import ChannelResult, Characterization, Part, Row, channel_result
 from shockrig.analysis.checks.checked import checked
 from shockrig.analysis.inference.effect import Readings
@@ -20,7 +20,6 @@ from shockrig.analysis.inference.gather import build_channel, usable_runs, why_n
 from shockrig.analysis.inference.noise import estimate_noise
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
 from shockrig.analysis.inference.rate_scatter import posterior_scatter
-from shockrig.analysis.inference.samples import rmse_over_samples
 from shockrig.files.campaign import Campaign
 from shockrig.files.errors import InputError
 
@@ -82,7 +81,7 @@ def _with_scatter(result: ChannelResult, scatter: float) -> ChannelResult:
     for part in result.parts:
         problem = part.problem.with_rate_scatter(scatter)
         found = fit(problem, part.fit.structure, part.fit.theta, part.fit.deviations, adapt_scatter=False)
-        parts.append(Part(problem, found, rmse_over_samples(part.channel, found)))
+        parts.append(make_part(problem, found))
         for row in joint_rows(parts[-1], result.noise, "")[0]:
             searched = rows[row.runs]
             rows[row.runs] = replace(row, basis=searched.basis, evolution=searched.evolution, check=searched.check)

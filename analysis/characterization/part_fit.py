@@ -9,13 +9,14 @@ import numpy as np
 
 from shockrig.analysis.characterization.extension import Extension
 from shockrig.analysis.characterization.response_times import response_time
-from shockrig.analysis.characterization.result import FAR_ABOVE_NOISE, Part, Row
+from shockrig.analysis.characterization.result import Part, Row
+from shockrig.analysis.characterization.shifts import widened
 from shockrig.analysis.inference.channel import Channel, LeftOut
 from shockrig.analysis.inference.evolution import Misfit, Optimum, cross_check, evolve
-from shockrig.analysis.inference.fit import fit
+from shockrig.analysis.inference.fit import Fit, fit
 from shockrig.analysis.inference.model import Model
 from shockrig.analysis.inference.noise import Noise, whiteners
-from shockrig.analysis.inference.problem import make_problem
+from shockrig.analysis.inference.problem import Problem, make_problem
 from shockrig.analysis.inference.quantity import RunEffect
 from shockrig.analysis.inference.samples import rmse_over_samples
 from shockrig.analysis.inference.scan import RATE_BOUNDS_PER_S
@@ -52,9 +53,14 @@ def fit_part(
     deviations = channel.at_rest()
     deviations[:, RunEffect.START] = late_s
     found = fit(problem, extension.structure, start, deviations)
-    part = Part(problem, found, rmse_over_samples(channel, found))
+    part = make_part(problem, found)
     rows, undetermined = joint_rows(part, noise, basis, optima)
     return part, rows, undetermined
+
+
+def make_part(problem: Problem, found: Fit) -> Part:
+    """A fit with what else may be off in all runs alike in its covariance, and its RMSE."""
+    return Part(problem, widened(problem, found), rmse_over_samples(problem.channel, found))
 
 
 def joint_rows(
@@ -65,10 +71,7 @@ def joint_rows(
     `optima` are each ambient's findings of the two optimisers, where they were asked.
     """
     channel, found = part.channel, part.fit
-    # Where the model is wrong its formal uncertainty is too small: enlarged by as much as the residuals, or the runs'
-    # start times and airs, are too far off.
-    ratio = max(part.rmse / noise.standard_deviation, part.normalised_deviation)
-    enlarged = ratio if ratio > FAR_ABOVE_NOISE else 1.0
+    enlarged = part.enlarged(noise)
     rows: list[Row] = []
     undetermined: list[LeftOut] = []
     for g, (first, check) in enumerate(optima or [(None, None)] * channel.ambients_c.size):

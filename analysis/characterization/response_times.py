@@ -1,4 +1,4 @@
-"""Response times t63, t90, t98 of a fitted chain to a step of the air, at the campaign's median airflow.
+"""Response times t63, t90, t98 of a fitted chain to a step of the air, at one airflow, temperature and pressure.
 
 The plain chain has them in closed form; with effects the chain is evaluated on a rising step and crossings are read.
 What belongs to the bench (slow transfers, room air) is left off; what belongs to the sensor stays.
@@ -6,7 +6,7 @@ What belongs to the bench (slow transfers, room air) is left off; what belongs t
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,18 +25,32 @@ USUAL = {"temperature_c": 20.0, "humidity_percent": 50.0}  # of the quantity tha
 STEPS = 3000
 
 
+@dataclass(frozen=True)
+class Air:
+    """The air that a response time is stated for; None is the campaign's: its median airflow and pressure, and of
+    temperature what the step goes through (a film: the ambient)."""
+
+    airflow_m_s: float | None = None
+    temperature_c: float | None = None
+    pressure_hpa: float | None = None
+
+
 def response_time(channel: Channel, found: Fit, ambient: int, enlarged: float = 1.0) -> ResponseTime:
     """Times [s] to 1 - 1/e, 90 and 98 % of a rising step at one ambient (its index), including the sensor's effects.
 
     Their standard uncertainties come from the covariance of all parameters that move them, times `enlarged`.
     """
-    times = _times(channel, found.structure, found.theta, ambient)
-    return ResponseTime(*times, _uncertainties(channel, found, ambient, np.array(times), enlarged))
+    times, slopes = response_slopes(channel, found, ambient)
+    variance = np.einsum("ki,ij,kj->k", slopes, found.covariance, slopes)
+    first, second, third = np.minimum(enlarged * np.sqrt(np.maximum(variance, 0.0)), 1e3 * times)
+    t63, t90, t98 = times.tolist()
+    return ResponseTime(t63, t90, t98, (float(first), float(second), float(third)))
 
 
-def _uncertainties(
-    channel: Channel, found: Fit, ambient: int, times: Array, enlarged: float
-) -> tuple[float, float, float]:
+def response_slopes(channel: Channel, found: Fit, ambient: int, air: Air | None = None) -> tuple[Array, Array]:
+    """The times [s] (3,) in an air, and by how much theta moves them (3, P)."""
+    air = air or Air()
+    times = np.array(_times(channel, found.structure, found.theta, ambient, air))
     of_sensor = set(found.structure.of_sensor().names)
     moving = [found.model.place(name) for name in found.structure.names if name in of_sensor]
     spread = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
@@ -51,14 +65,12 @@ def _uncertainties(
         for end in ends:
             theta = found.theta.copy()
             theta[i] = end
-            moved.append(np.array(_times(channel, found.structure, theta, ambient)))
+            moved.append(np.array(_times(channel, found.structure, theta, ambient, air)))
         slopes[:, i] = (moved[0] - moved[1]) / (ends[0] - ends[1]) if ends[0] > ends[1] else 0.0
-    variance = np.einsum("ki,ij,kj->k", slopes, found.covariance, slopes)
-    first, second, third = np.minimum(enlarged * np.sqrt(np.maximum(variance, 0.0)), 1e3 * times)
-    return float(first), float(second), float(third)
+    return times, slopes
 
 
-def _times(channel: Channel, structure: Structure, theta: Array, ambient: int) -> tuple[float, float, float]:
+def _times(channel: Channel, structure: Structure, theta: Array, ambient: int, air: Air) -> tuple[float, float, float]:
     rate = float(np.exp(theta[ambient]))
     kept = structure.of_sensor()
     if not kept.effects:
@@ -70,7 +82,7 @@ def _times(channel: Channel, structure: Structure, theta: Array, ambient: int) -
     lags = [value for e in kept.effects for name, (value, _) in values[e.id].items() if name == "time_constant_s"]
     slowest = 1.0 / rate + sum(lags)
     time = np.concatenate([[-100.0 * slowest], np.geomspace(1e-3 / rate, 60.0 * slowest, STEPS)])
-    step = _one_step(channel, ambient, time)
+    step = _one_step(channel, ambient, time, air)
     model = Model(step, Structure(kept.effects, held))
     reading = model.predict(Point(theta[model.rates], step.at_rest()))[0, 0]
     share = (reading - reading[0]) / (reading[-1] - reading[0])
@@ -82,12 +94,17 @@ def _times(channel: Channel, structure: Structure, theta: Array, ambient: int) -
     return times[0], times[1], times[2]
 
 
-def _one_step(channel: Channel, ambient: int, time: Array) -> Channel:
-    """A channel of one ideal run: a rising step at one ambient and the median airflow."""
+def _one_step(channel: Channel, ambient: int, time: Array, air: Air) -> Channel:
+    """A channel of one ideal run: a rising step at one ambient, in the air that is asked for."""
     one = channel.select(np.array([int(np.flatnonzero(channel.ambient == ambient)[0])]))
-    here = np.array([float(channel.ambients_c[ambient])])
+    usual_c = float(channel.ambients_c[ambient])
+    here = np.array([usual_c if air.temperature_c is None else air.temperature_c])
+    conditions = channel.conditions
+    airflow = float(np.median(conditions.airflow_m_s)) if air.airflow_m_s is None else air.airflow_m_s
+    pressure = float(np.median(conditions.pressure_hpa)) if air.pressure_hpa is None else air.pressure_hpa
     changed = {
-        "airflow_m_s": np.array([float(np.median(channel.conditions.airflow_m_s))]),
+        "airflow_m_s": np.array([airflow]),
+        "pressure_hpa": np.array([pressure]),
         "irradiance_w_m2": np.zeros(1),
         "source_c": here,
         "destination_c": here,
@@ -95,6 +112,8 @@ def _one_step(channel: Channel, ambient: int, time: Array) -> Channel:
         "destination_percent": np.array([USUAL["humidity_percent"]]),
     }
     for name, level in zip(channel.quantity.air_fields, channel.quantity.rise, strict=True):
+        if channel.quantity.pooled and air.temperature_c is not None:
+            level += air.temperature_c - USUAL["temperature_c"]
         changed[name] = np.array([level])
     shape = (1, time.size)
     weights = np.zeros((1, channel.rates))
@@ -108,5 +127,6 @@ def _one_step(channel: Channel, ambient: int, time: Array) -> Channel:
         conditions=replace(one.conditions, **changed),
         interpolation=weights,
         air=(None,),
+        common=None,
         wet_until_s=np.full(1, np.nan),
     )

@@ -51,6 +51,12 @@ class Part:
     def channel(self) -> Channel:
         return self.problem.channel
 
+    def enlarged(self, noise: Noise) -> float:
+        """By how much its formal uncertainty is too small, because the model is wrong: by as much as the residuals, or
+        the runs' start times and airs, are too far off; 1 where they are not."""
+        ratio = max(self.rmse / noise.standard_deviation, self.normalised_deviation)
+        return ratio if ratio > FAR_ABOVE_NOISE else 1.0
+
     @property
     def normalised_deviation(self) -> float:
         """RMS normalised deviation of start times and airs: as fitted, in units of the uncertainty they came with."""

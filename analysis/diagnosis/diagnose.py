@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
+from shockrig.analysis.characterization.shifts import widened
 from shockrig.analysis.checks.checked import Checked, checked
 from shockrig.analysis.diagnosis.adequacy import Adequacy, describe, judge
 from shockrig.analysis.diagnosis.experiments import propose
@@ -185,7 +186,7 @@ def _kept(channel: Channel, ready: Prepared, found: Search, adequacy: Adequacy) 
         tried += dropped
         final = _reduced(problem, found, final, set(final.structure.ids) - {t.effect for t in dropped})
         choose = False
-    values = final.values()
+    values = widened(problem, final).values()
     causes = [
         replace(from_readings.get(e) or named[e], parameters=from_readings[e].parameters if e in from_readings else v)
         for e, v in values.items()

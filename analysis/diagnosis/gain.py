@@ -125,7 +125,8 @@ def measure_gain(
 
 def plainly(found: Fit) -> Fit:
     """The same rates under the plain chain, without even what single readings have shown."""
-    return replace(found, model=Model(found.model.channel, PLAIN), theta=found.log_rates)
+    model = Model(found.model.channel, PLAIN)
+    return replace(found, model=model, theta=np.concatenate([found.log_rates, found.theta[found.model.behind]]))
 
 
 def run_errors(held: Channel, bins: Problem, found: Fit) -> Array:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.characterization.result import ChannelResult
 from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis
-from shockrig.analysis.diagnosis.gain import folds
+from shockrig.analysis.diagnosis.gain import folds, plainly
 from shockrig.analysis.diagnosis.placing import placed
 from shockrig.analysis.inference.bins import log_bins
 from shockrig.analysis.inference.fit import Fit, fit
@@ -72,8 +72,8 @@ def _residuals(
     """`structure` is what predicts: the plain model goes without what the single readings have shown."""
     own = fit(problem.select(train), whole.structure, whole.theta, whole.deviations[train])
     bins = problem.select(test)
-    theta = own.theta if structure.ids else own.log_rates
-    predicting = replace(own, model=Model(bins.channel, structure), theta=theta)
+    predicting = own if structure.ids else plainly(own)
+    predicting = replace(predicting, model=Model(bins.channel, structure))
     models = model_at_samples(bins.channel, replace(predicting, deviations=placed(bins, predicting)))
     return {int(i): problem.channel.samples[i][1] - model for i, model in zip(test, models, strict=True)}
 

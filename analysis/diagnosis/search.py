@@ -312,6 +312,7 @@ class Stepwise:
             for start in effect.starts(channel):
                 weak = {k: v if (w := effect.parameter(k).weakest) is None else w for k, v in start.items()}
                 theta = model.start(rates, current.choice | _named(effect, weak))
+                theta[model.behind] = current.theta[current.model.behind]
                 columns.append(model.predict(Point(theta, current.deviations))[0] - base)
                 owners.append((effect, start))
         if not columns:

@@ -2,13 +2,30 @@
 
 from dataclasses import replace
 
-from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Parameter
+import numpy as np
+
+from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.common import OWN_AIR
+from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Parameter, Values
 from shockrig.analysis.physics.chain import Chain
 
 
 def _apply(chain: Chain, p: Arrays) -> Chain:
     gain, offset = p["gain"][..., None], p["offset"][..., None]
     return replace(chain, readouts=(*chain.readouts, lambda reading, time: reading * (1 + gain) + offset))
+
+
+LEAST = 3.0  # standard uncertainties of the references' own calibration: less may be theirs
+
+
+def _no_more_than_the_references(channel: Channel, values: Values) -> bool:
+    """Whether a reading is nowhere in the campaign's airs further off than the references may be themselves."""
+    if channel.common is None:
+        return False
+    source, destination = (getattr(channel.conditions, name) for name in channel.quantity.air_fields)
+    airs = np.concatenate([source, destination])
+    off = float(np.abs(values["gain"] * airs + values["offset"]).max())
+    return off < LEAST * float(getattr(channel.common, OWN_AIR[channel.name]))
 
 
 EFFECT = Effect(
@@ -27,6 +44,7 @@ EFFECT = Effect(
     needs="needs runs whose airs were recorded",
     steady=True,
     always_tried=True,
+    refused=_no_more_than_the_references,
     in_flight=InFlight(
         undo=lambda p, reading, airspeed, length: (reading - p.get("offset", 0.0)) / (1.0 + p.get("gain", 0.0))
     ),

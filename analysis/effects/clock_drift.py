@@ -4,13 +4,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.analysis.inference.effect import RARE, Arrays, Effect, Parameter
+from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.effect import RARE, Arrays, Effect, Parameter, Values
 from shockrig.analysis.physics.chain import Chain
 
 
 def _apply(chain: Chain, p: Arrays) -> Chain:
     elapsed = chain.time_s + chain.channel.conditions.start_s[:, None]
     return replace(chain, time_s=chain.time_s - 1e-6 * p["ppm"][..., None] * np.maximum(elapsed, 0.0))
+
+
+LEAST = 3.5  # standard uncertainties of a clock that is off alike in all runs
+
+
+def _no_more_than_the_clock(channel: Channel, values: Values) -> bool:
+    return channel.common is not None and abs(values["ppm"]) < LEAST * channel.common.clock_ppm
 
 
 EFFECT = Effect(
@@ -25,6 +33,7 @@ EFFECT = Effect(
     of_sensor=False,
     rare=RARE,
     needs="needs runs whose start was recorded on the clock of the readings",
+    refused=_no_more_than_the_clock,
     testable=lambda channel: bool((channel.conditions.start_known & ~channel.measured).any()),
     advice="Stamp all channels with one clock, or log a time mark at both ends of every run.",
 )

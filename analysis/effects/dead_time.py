@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.effect import Effect, InFlight, Parameter
+from shockrig.analysis.inference.common import LEAST_TRIGGER_OFFSET_S
+from shockrig.analysis.inference.effect import Effect, InFlight, Parameter, Values
 
-LEAST_DELAY_S = 0.014  # triggers may all be off alike by some milliseconds, and that is no delay of the channel
+LEAST = 3.5  # standard uncertainties of a trigger that is off alike in all runs: less is no delay of the channel
 SPREAD_S = 0.06  # of the jumps' times from run to run, sampling and trigger together
 NUDGES_S = (-0.02, -0.01, 0.01, 0.02)  # the objective has steps where a sample crosses the jump
 LEAST_CHANGE_K = 3.0  # of the air, for its jump to stand out in the RH read at its temperature
@@ -30,6 +31,11 @@ def _when_it_jumps(channel: Channel) -> dict[str, float]:
     return {"delay_s": middle} if agree else {}
 
 
+def _no_more_than_the_trigger(channel: Channel, values: Values) -> bool:
+    stated_s = 0.0 if channel.common is None else channel.common.trigger_offset_s
+    return abs(values["delay_s"]) < LEAST * max(stated_s, LEAST_TRIGGER_OFFSET_S)
+
+
 EFFECT = Effect(
     id="dead_time",
     link="logger",
@@ -44,7 +50,7 @@ EFFECT = Effect(
     like_average=lambda p, period_s: {int(2 * p["delay_s"] / period_s) + k for k in (0, 1, 2)},
     needs="needs runs whose start was recorded on the clock of the readings",
     in_flight=InFlight(delay_s=lambda p, period_s: max(p["delay_s"], 0.0)),
-    refused=lambda channel, values: abs(values["delay_s"]) < LEAST_DELAY_S,
+    refused=_no_more_than_the_trigger,
     testable=lambda channel: bool(channel.conditions.start_known.any()),
     advice="Time-stamp at the measurement and not at the read-out; request a conversion before every fetch.",
 )

@@ -15,8 +15,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.inference.quantity import RunEffect
-
 Array = NDArray[np.float64]
 
 
@@ -99,13 +97,31 @@ class Arrow:
         """Of the runs' blocks, all together."""
         return float(np.linalg.slogdet(self.blocks)[1].sum())
 
-    def common(self, effect: RunEffect) -> Array:
-        """Right side of theta (P,) for a random effect that is one unit off in every run alike."""
-        column = self.run_jacobian[..., effect]
+    def pull(self, column: Array) -> Array:
+        """Right side of theta (P,) for readings that are all off by a whitened column (R, n): covariance @ pull is
+        how far the estimate moves."""
         own = np.linalg.solve(self.blocks, (self._turned @ column[..., None]))[..., 0]
         coupled, _ = self._coupled
         whole = self.jacobian.reshape(-1, self.jacobian.shape[-1]).T @ column.ravel()
         return np.asarray(whole - coupled.reshape(-1, coupled.shape[-1]).T @ own.ravel())
+
+    def shares(self) -> tuple[Array, Array]:
+        """Where the covariance of theta comes from, as columns for errors of unit variance that are independent.
+
+        Returns
+        -------
+        from_runs : ndarray (U, P, R)
+            What each run's random effect moves theta by when it is off by its standard deviation.
+        from_readings : ndarray (P, R n)
+            What each whitened reading moves theta by.
+
+        With what the prior lets theta be off by, their products with themselves add up to the covariance.
+        """
+        covariance = self.covariance()
+        solved = self._coupled[1]
+        from_runs = np.einsum("pq,ruq,ru->upr", covariance, solved, np.sqrt(self.weight))
+        own = self.jacobian - self.run_jacobian @ solved
+        return from_runs, covariance @ own.reshape(-1, own.shape[-1]).T
 
     def hidden(self, difference: Array) -> float:
         """Squared length of whitened values (R, n) that the runs' random effects cannot take up."""
@@ -113,10 +129,13 @@ class Arrow:
         taken = np.linalg.solve(self.blocks, own[..., None])[..., 0]
         return float((difference**2).sum() - (own * taken).sum())
 
-    def scores(self, columns: Array, residual: Array, deviations: Array) -> tuple[Array, Array]:
+    def scores(
+        self, columns: Array, residual: Array, deviations: Array, pull: Array | None = None
+    ) -> tuple[Array, Array]:
         """Scores (C,) and their covariance (C, C) for whitened `columns` (R, n, C).
 
-        What the residual says of each direction once theta and the runs' random effects have had their say.
+        What the residual says of each direction once theta and the runs' random effects have had their say; `pull` (P,)
+        is what the prior adds for theta.
         """
         both = np.concatenate([self.jacobian, columns], axis=-1)
         coupled = self._turned @ both
@@ -127,6 +146,8 @@ class Arrow:
         at_zero = residual + (self.run_jacobian @ deviations[..., None])[..., 0]
         right = tall.T @ at_zero.ravel() - reduced.T @ (self._turned @ at_zero[..., None]).ravel()
         p = self.jacobian.shape[-1]
+        whole[:p, :p] += np.diag(self.prior_weight)
+        right[:p] += 0.0 if pull is None else pull
         scale = np.sqrt(np.maximum(np.diag(whole)[:p], 1e-300))
         outer = np.outer(scale, scale)
         inverse = np.linalg.pinv(whole[:p, :p] / outer, rcond=1e-10, hermitian=True) / outer

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from shockrig.analysis.inference.quantity import ChannelName, Quantity
 from shockrig.analysis.physics.chain import MeasuredAir
 from shockrig.analysis.physics.conditions import Conditions
+from shockrig.files.common_uncertainty import CommonUncertainty
 
 Array = NDArray[np.float64]
 AMBIENT_WIDTH_K = 1.0
@@ -68,6 +69,8 @@ class Channel:
     wet_until_s : ndarray (R,)
         When the die passes the destination's dew point [s]; NaN for runs that no dew falls in.
     left_out : tuple of LeftOut
+    common : CommonUncertainty or None
+        What may be off in all runs alike, where the campaign states it.
     """
 
     quantity: Quantity
@@ -91,6 +94,7 @@ class Channel:
     wet_until_s: Array
     die_samples: tuple[Array, ...] = ()
     left_out: tuple[LeftOut, ...] = field(default=())
+    common: CommonUncertainty | None = None
 
     @property
     def name(self) -> ChannelName:

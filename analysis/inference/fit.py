@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.inference.arrow import Arrow
+from shockrig.analysis.inference.common import LEAST_TRIGGER_OFFSET_S, TRIGGER
 from shockrig.analysis.inference.model import Model, Point, Structure
 from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.inference.quantity import RunEffect
@@ -20,8 +21,6 @@ from shockrig.analysis.physics.chain import at_jump, evaluate
 
 Array = NDArray[np.float64]
 
-# A trigger is good to 10 ms from run to run; this much of it may be the same in every run, and no fit can see that.
-COMMON_START_SCATTER_S = 0.004
 TOLERANCE = 0.02  # drop of the objective at which a fit ends
 MOST_TRIES = 7  # of a step, each damped more
 LONGEST_RUN_STEP = 20.0  # of a run's random effects, in standard deviations
@@ -98,7 +97,8 @@ class Fit:
 
     def scores(self, problem: Problem, columns: Array) -> tuple[Array, Array]:
         """Scores (C,) of whitened columns (R, n, C) and their covariance, see `Arrow.scores`."""
-        return self.arrow.scores(columns, problem.whiten(self.residual), self.deviations)
+        mean, weight = self.model.priors()
+        return self.arrow.scores(columns, problem.whiten(self.residual), self.deviations, weight * (mean - self.theta))
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def _linearise(problem: Problem, model: Model, point: Point, hold_theta: bool = 
     channel, theta = problem.channel, point.theta
     rates, step = channel.rates, model.steps()
     run_step = np.array(channel.quantity.run_steps)
-    free, width = 0 if hold_theta else theta.size - rates, run_step.size
+    free, width = 0 if hold_theta else model.behind.start - rates, run_step.size
     count = 1 + free + width
     thetas = np.tile(theta, (count, 1))
     deviations = np.tile(point.deviations, (count, 1, 1))
@@ -151,7 +151,12 @@ def _linearise(problem: Problem, model: Model, point: Point, hold_theta: bool = 
     jacobian = np.zeros((*base.shape, theta.size))
     if not hold_theta:
         jacobian[..., :rates] = run_jacobian[..., RunEffect.RATE, None] * channel.interpolation[:, None, :]
-        jacobian[..., rates:] = (whitened[..., 1 : 1 + free] - base[..., None]) / step[rates:]
+        jacobian[..., rates : rates + free] = (whitened[..., 1 : 1 + free] - base[..., None]) / step[
+            rates : rates + free
+        ]
+        for k, one in enumerate(model.shared, start=rates + free):
+            moved = sum(run_jacobian[..., effect] for effect in one.moves)
+            jacobian[..., k] = moved * one.acts(channel)[:, None]
     return Linearised(point, f[0], jacobian, run_jacobian, whitened[..., count] - base, int(mute.sum()))
 
 
@@ -276,12 +281,14 @@ def _own_rates(arrow: Arrow, deviations: Array, model: Model) -> OwnRates:
 
 def _finished(problem: Problem, model: Model, at: Linearised, arrow: Arrow, objective: float, converged: bool) -> Fit:
     covariance = arrow.covariance()
-    moved = covariance @ arrow.common(RunEffect.START) * COMMON_START_SCATTER_S
+    if TRIGGER not in model.names:
+        moved = covariance @ arrow.pull(arrow.run_jacobian[..., RunEffect.START]) * LEAST_TRIGGER_OFFSET_S
+        covariance = covariance + np.outer(moved, moved)
     complexity = arrow.log_determinant() + 2 * float(np.log(problem.scatter).sum())
     return Fit(
         model=model,
         theta=at.point.theta,
-        covariance=covariance + np.outer(moved, moved),
+        covariance=covariance,
         deviations=at.point.deviations,
         objective=objective,
         deviance=objective + complexity + float(prior_cost(np.array(problem.rate_scatter))),

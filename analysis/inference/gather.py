@@ -227,7 +227,8 @@ def build_channel(campaign: Campaign, name: ChannelName) -> Channel | None:
         )
     else:
         edges = edges_after_transfer(first, last, period, tempo, half_s)
-    bin_of = place(samples, edges, conditions.start_scatter_s)
+    off_s = 0.0 if campaign.common is None else campaign.common.trigger_offset_s
+    bin_of = place(samples, edges, np.hypot(conditions.start_scatter_s, off_s))
     time, value, count = bin_means([t for t, _ in samples], [y for _, y in samples], bin_of)
     die_samples: tuple[Array, ...] = ()
     die, wet = np.full(time.shape, np.nan), np.full(len(usable), np.nan)
@@ -265,6 +266,7 @@ def build_channel(campaign: Campaign, name: ChannelName) -> Channel | None:
         wet_until_s=wet,
         die_samples=die_samples,
         left_out=tuple(left_out),
+        common=campaign.common,
     )
 
 

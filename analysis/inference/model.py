@@ -1,18 +1,21 @@
 """A model of one channel: the plain chain with effects, some of their parameters held; and a point in its space.
 
-`theta` holds ln rates of the ambients, then the effects' free parameters on the scale that is fitted; a run's random
-effects stand beside it (`shockrig.analysis.inference.quantity.RunEffect` names their columns).
+`theta` holds ln rates of the ambients, then the effects' free parameters on the scale that is fitted, then what may be
+off in all runs alike (`shockrig.analysis.inference.common`); a run's random effects stand beside it
+(`shockrig.analysis.inference.quantity.RunEffect` names their columns).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.common import FURTHEST, Shared, shared
 from shockrig.analysis.inference.effect import Effect, Parameter
 from shockrig.analysis.inference.quantity import RunEffect
 from shockrig.analysis.physics.bodies import BODIES
@@ -104,10 +107,15 @@ class Model:
     channel: Channel
     structure: Structure = field(default=PLAIN)
 
+    @cached_property
+    def shared(self) -> tuple[Shared, ...]:
+        """What may be off in all runs alike and is fitted along, in the order of theta behind the parameters."""
+        return shared(self.channel)
+
     @property
     def size(self) -> int:
         """Length of theta, P."""
-        return self.channel.rates + len(self.structure.parameters)
+        return self.channel.rates + len(self.structure.parameters) + len(self.shared)
 
     @property
     def rates(self) -> slice:
@@ -116,27 +124,36 @@ class Model:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of theta: `ln rate` at each ambient, then `effect.parameter`."""
-        return (*("ln rate" for _ in range(self.channel.rates)), *self.structure.names)
+        """Of theta: `ln rate` at each ambient, then `effect.parameter`, then keys of what all runs share."""
+        common = (one.name for one in self.shared)
+        return (*("ln rate" for _ in range(self.channel.rates)), *self.structure.names, *common)
 
     def place(self, name: str) -> int:
         """Where a parameter `effect.parameter` stands in theta."""
         return self.channel.rates + self.structure.names.index(name)
 
+    @property
+    def behind(self) -> slice:
+        """Where what all runs share stands in theta."""
+        return slice(self.size - len(self.shared), self.size)
+
     def bounds(self) -> tuple[Array, Array]:
         """Lower and upper ends of theta."""
         own = [(p.encoded(p.low), p.encoded(p.high)) for _, p in self.structure.parameters]
+        own += [(-FURTHEST * one.standard_uncertainty, FURTHEST * one.standard_uncertainty) for one in self.shared]
         low, high = zip(*[LOG_RATE_BOUNDS] * self.channel.rates, *own, strict=True)
         return np.array(low), np.array(high)
 
     def reach(self) -> Array:
         """How far one step of a fit may go in each coordinate of theta."""
         own = [1.5 if p.log else 0.3 * (p.high - p.low) for _, p in self.structure.parameters]
+        own += [FURTHEST * one.standard_uncertainty for one in self.shared]
         return np.array([1.0] * self.channel.rates + own)
 
     def steps(self) -> Array:
         """Finite differences of theta."""
         own = [1e-4 if p.log else 1e-5 * (p.high - p.low) for _, p in self.structure.parameters]
+        own += [1e-3 * one.standard_uncertainty for one in self.shared]
         return np.array([1e-4] * self.channel.rates + own)
 
     def priors(self) -> tuple[Array, Array]:
@@ -145,16 +162,17 @@ class Model:
         for i, (_, parameter) in enumerate(self.structure.parameters, start=self.channel.rates):
             if parameter.prior is not None:
                 mean[i], weight[i] = parameter.prior[0], 1.0 / parameter.prior[1] ** 2
+        weight[self.behind] = [1.0 / one.standard_uncertainty**2 for one in self.shared]
         return mean, weight
 
     def start(self, log_rates: ArrayLike, choice: Mapping[str, float] | None = None) -> Array:
         """theta from ln rates (G,) and each parameter's first start, or `choice` by "effect.parameter"."""
         own = [p.encoded((choice or {}).get(f"{e.id}.{p.name}", p.starts[0])) for e, p in self.structure.parameters]
-        return np.concatenate([np.asarray(log_rates, dtype=float), own])
+        return np.concatenate([np.asarray(log_rates, dtype=float), own, np.zeros(len(self.shared))])
 
     def choice(self, theta: Array) -> dict[str, float]:
         """{"effect.parameter": value} at one theta (P,)."""
-        values = theta[self.channel.rates :]
+        values = theta[self.channel.rates : self.behind.start]
         return {
             name: float(np.exp(x) if p.log else x)
             for name, (_, p), x in zip(self.structure.names, self.structure.parameters, values, strict=True)
@@ -174,7 +192,8 @@ class Model:
 
     def chain(self, point: Point) -> Chain:
         """The chain at a point of B candidates."""
-        channel, theta, deviations = self.channel, point.theta, point.deviations
+        channel, theta = self.channel, point.theta
+        deviations = self._with_shared(theta, point.deviations)
         rate = np.exp(theta[:, self.rates] @ channel.interpolation.T + deviations[..., RunEffect.RATE])
         airs = channel.quantity.airs(channel.conditions, deviations)
         chain = Chain(
@@ -199,6 +218,16 @@ class Model:
         for effect in self.structure.effects:
             chain = effect.apply(chain, values[effect.id])
         return chain
+
+    def _with_shared(self, theta: Array, deviations: Array) -> Array:
+        """The runs' random effects (B, R, U) with what all of them share."""
+        if not self.shared:
+            return deviations
+        moved = np.broadcast_to(deviations, (max(theta.shape[0], deviations.shape[0]), *deviations.shape[1:])).copy()
+        for one, off in zip(self.shared, theta.T[self.behind], strict=True):
+            for effect in one.moves:
+                moved[..., effect] += off[:, None] * one.acts(self.channel)
+        return np.asarray(moved)
 
     def predict(self, point: Point) -> Array:
         """Predicted readings (B, R, n) at a point."""

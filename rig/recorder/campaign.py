@@ -19,6 +19,7 @@ from typing import Any
 
 from shockrig.files.campaign_names import CAMPAIGN_FORMAT
 from shockrig.files.campaign_write import campaign_document, write_campaign
+from shockrig.files.common_uncertainty import NOTHING_COMMON
 from shockrig.files.disk import is_there, read_bytes, shown, sync_folder
 from shockrig.files.errors import InputError
 from shockrig.rig.errors import BenchError
@@ -254,12 +255,15 @@ def check_folder(
 
 
 def _document(path: Path, protocol: Protocol, sensors: Mapping[str, Any], bench: str, emulated: bool) -> dict[str, Any]:
+    # Emulated references, anemometers and triggers have no error of their own.
+    invented = {"common_uncertainty": NOTHING_COMMON.document()} if emulated else {}
     return campaign_document(
         path.name or protocol.name,
         sensors,
         protocol=protocol.name,
         bench=bench,
         emulated=emulated,
+        **invented,
         plan=[_plan_entry(run) for run in protocol.runs],
     )
 
@@ -316,8 +320,9 @@ def _is_longer(path: Path, content: dict[str, Any], continues: int) -> bool:
             "give the same protocol, or another --out"
         )
     content |= {"plan": plan, "protocol": there.get("protocol", content["protocol"])}
-    if "sessions" in there:
-        content["sessions"] = there["sessions"]
+    for key in ("sessions", "common_uncertainty"):
+        if key in there:
+            content[key] = there[key]
     return len(plan) > len(before)
 
 

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from shockrig.files.campaign_write import campaign_document, run_document, table_text, write_campaign, write_run
+from shockrig.files.common_uncertainty import NOTHING_COMMON
 from shockrig.rig.errors import BenchError
 from shockrig.rig.virtual.effects import RH, T
 from shockrig.rig.virtual.logger import Logger, seen_at_s
@@ -67,7 +68,9 @@ def simulate_campaign(
             "imet": {"kind": "imet-xf", "serial": "virtual", "bead_radius_m": truth.bead_radius_m},
             "hyt": {"kind": "hyt-271", "serial": "virtual", "film_thickness_m": truth.film_thickness_m},
         }
-        write_campaign(partial, campaign_document(name, sensors, emulated=True))
+        write_campaign(
+            partial, campaign_document(name, sensors, emulated=True, common_uncertainty=NOTHING_COMMON.document())
+        )
         for i, run in enumerate(plan):
             folder = partial / "runs" / run.id
             folder.mkdir()

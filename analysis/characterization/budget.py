@@ -1,0 +1,235 @@
+"""Uncertainty budget of a figure (JCGM 100:2008): what its uncertainty is made of, line by line, and what to multiply.
+
+A figure is a function of a fit's parameters, so its variance is a sum over independent inputs: noise of the readings
+and what differs from run to run (type A), what references, triggers and anemometers are good to (type B).
+    nu = u^4 / sum(u_i^4 / nu_i)     (Welch and Satterthwaite, JCGM 100 G.4.1),     U = k u, k for 95.45 %.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtrit
+
+from shockrig.analysis.characterization.response_times import USUAL, Air, response_slopes
+from shockrig.analysis.characterization.result import ChannelResult, Part
+from shockrig.analysis.characterization.shifts import shifts
+from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.common import LEAST_TRIGGER_OFFSET_S, TRIGGER
+from shockrig.analysis.inference.noise import Noise
+from shockrig.analysis.inference.quantity import RunEffect
+from shockrig.analysis.inference.rate_scatter import RATE_SCATTER_WEIGHT
+
+Array = NDArray[np.float64]
+
+COVERAGE = 0.9545  # two standard deviations of a normal distribution
+LEAST_SHARE = 1e-9  # of the variance: a smaller line is none
+COMMON_LINES = {
+    "air_temperature_k": ("reference thermometer, all runs alike", "K"),
+    "air_humidity_percent": ("reference hygrometer, all runs alike", "%RH"),
+    "airflow_percent": ("anemometer, all runs alike", "%"),
+    "pressure_hpa": ("barometer, all runs alike", "hPa"),
+    TRIGGER: ("trigger, all runs alike", "s"),
+    "clock_ppm": ("clock, all runs alike", "1e-6"),
+}
+
+
+@dataclass(frozen=True)
+class Line:
+    """One component of a budget.
+
+    Attributes
+    ----------
+    component : str
+    kind : str
+        "A" (evaluated from the readings) or "B" (from what is stated of an input).
+    distribution : str
+    standard_uncertainty, unit : float, str
+        Of the input.
+    sensitivity : float
+        Change of the figure by one unit of the input; of what differs from run to run (or from reading to reading),
+        the root of the sum of squares over the runs, without a sign.
+    degrees : float
+        Degrees of freedom; infinite where the uncertainty is taken as it was stated.
+    key : str
+        Of what all runs share: its key in campaign.json; empty for the rest.
+    """
+
+    component: str
+    kind: str
+    distribution: str
+    standard_uncertainty: float
+    unit: str
+    sensitivity: float
+    degrees: float = math.inf
+    key: str = ""
+
+    @property
+    def contribution(self) -> float:
+        """In the figure's unit, not negative."""
+        return abs(self.sensitivity) * self.standard_uncertainty
+
+
+@dataclass(frozen=True)
+class Budget:
+    """A figure with its budget.
+
+    `figure` is "alpha", "D", "t63" or "t90"; `air` is what it is stated for, with every value known; `lines` are by
+    falling contribution.
+    """
+
+    figure: str
+    channel: str
+    unit: str
+    value: float
+    air: Air
+    lines: tuple[Line, ...]
+
+    @property
+    def standard_uncertainty(self) -> float:
+        """Root of the sum of squares of the contributions (JCGM 100, equation 10)."""
+        return math.sqrt(sum(line.contribution**2 for line in self.lines))
+
+    @property
+    def degrees(self) -> float:
+        """Effective degrees of freedom (JCGM 100, equation G.2b)."""
+        below = sum(line.contribution**4 / line.degrees for line in self.lines)
+        return self.standard_uncertainty**4 / below if below > 0 else math.inf
+
+    @property
+    def coverage_factor(self) -> float:
+        """Student's t that holds 95.45 %; for degrees of freedom cut to a whole number, as JCGM 100 G.4.1 asks."""
+        whole = math.floor(self.degrees) if self.degrees < 1e6 else 1e9
+        return float(stdtrit(max(whole, 1), 0.5 + 0.5 * COVERAGE))
+
+    @property
+    def expanded_uncertainty(self) -> float:
+        """U = k u."""
+        return self.coverage_factor * self.standard_uncertainty
+
+    def share(self, line: Line) -> float:
+        """Of the variance, from 0 to 1."""
+        return (line.contribution / self.standard_uncertainty) ** 2 if self.standard_uncertainty > 0 else 0.0
+
+    @property
+    def random(self) -> float:
+        """Standard uncertainty without what all runs share: what differs from one campaign to the next on one bench."""
+        return math.sqrt(sum(line.contribution**2 for line in self.lines if not line.key))
+
+
+@dataclass(frozen=True)
+class _Source:
+    """One input: its line without a sensitivity, and what it moves theta by, columns (P, m) of unit variance."""
+
+    component: str
+    kind: str
+    standard_uncertainty: float
+    unit: str
+    moves: Array
+    degrees: float = math.inf
+    key: str = ""
+
+    def line(self, slope: Array) -> Line:
+        """The line of a figure that theta moves by `slope` (P,)."""
+        along = slope @ self.moves
+        moved = float(along[0]) if along.size == 1 else float(np.sqrt((along**2).sum()))
+        sensitivity = moved / self.standard_uncertainty
+        return Line(
+            self.component,
+            self.kind,
+            "normal",
+            self.standard_uncertainty,
+            self.unit,
+            sensitivity,
+            self.degrees,
+            self.key,
+        )
+
+
+def budgets(result: ChannelResult, air: Air | None = None) -> list[Budget]:
+    """Budgets of alpha or of each D, and of t63 and t90 in an air; a film's are at each row's own temperature."""
+    found: list[Budget] = []
+    for row in result.rows:
+        part = next(part for part in result.parts if row.runs[0] in part.channel.run_ids)
+        ambient = int(np.argmin(np.abs(part.channel.ambients_c - row.ambient_c)))
+        found += _of_ambient(part, result.noise, ambient, row.diffusivity_m2_s, air or Air())
+    return found
+
+
+def _of_ambient(part: Part, noise: Noise, ambient: int, diffusivity: float, air: Air) -> list[Budget]:
+    channel, theta = part.channel, part.fit.theta
+    stated = _stated(channel, ambient, air)
+    times, slopes = response_slopes(channel, part.fit, ambient, stated)
+    of_rate = np.zeros(theta.size)
+    of_rate[ambient] = diffusivity
+    sources, misfit = _sources(part, noise), part.enlarged(noise)
+    figures = [(channel.quantity.symbol, "m²/s", diffusivity, of_rate)]
+    figures += [(name, "s", float(times[i]), slopes[i]) for i, name in enumerate(("t63", "t90"))]
+    made = []
+    for figure, unit, value, slope in figures:
+        lines = [source.line(slope) for source in sources]
+        variance = sum(line.contribution**2 for line in lines)
+        if misfit > 1.0:
+            lines.append(_misfit_line(misfit, math.sqrt(variance), channel.runs))
+        kept = [line for line in lines if line.contribution**2 > LEAST_SHARE * variance]
+        kept.sort(key=lambda line: -line.contribution)
+        made.append(Budget(figure, channel.name, unit, value, stated, tuple(kept)))
+    return made
+
+
+def _stated(channel: Channel, ambient: int, air: Air) -> Air:
+    """The air that figures are stated for, nothing left open but an airflow that nobody recorded."""
+    conditions = channel.conditions
+    airflow, temperature, pressure = air.airflow_m_s, air.temperature_c, air.pressure_hpa
+    if airflow is None and conditions.airflow_known.any():
+        airflow = float(np.median(conditions.airflow_m_s))
+    if not channel.quantity.pooled:
+        temperature = float(channel.ambients_c[ambient])
+    elif temperature is None:
+        temperature = USUAL["temperature_c"]
+    return Air(airflow, temperature, float(np.median(conditions.pressure_hpa)) if pressure is None else pressure)
+
+
+def _sources(part: Part, noise: Noise) -> list[_Source]:
+    channel, found = part.channel, part.fit
+    model, arrow, unit = found.model, found.arrow, part.channel.quantity.unit
+    from_runs, from_readings = arrow.shares()
+    used = int((channel.count > 0).sum())
+    sources = [_Source("noise of the readings", "A", noise.standard_deviation, unit, from_readings, max(used, 1))]
+    air_unit = {RunEffect.SOURCE: unit, RunEffect.DESTINATION: unit, RunEffect.DESTINATION_C: "K"}
+    start = "trigger, run by run" if channel.conditions.start_known.any() else "start, which nobody recorded"
+    airs = "run by run" if channel.conditions.airs_known.any() else "taken from the plateaus"
+    names = {
+        RunEffect.START: start,
+        RunEffect.SOURCE: f"source air, {airs}",
+        RunEffect.DESTINATION: f"destination air, {airs}",
+        RunEffect.DESTINATION_C: "difference of the airs' temperatures, run by run",
+    }
+    for effect, moves in zip(RunEffect, from_runs, strict=False):
+        if effect is RunEffect.RATE:
+            degrees = max(channel.runs - channel.rates, 0) + RATE_SCATTER_WEIGHT
+            sources.append(_Source("rate, run by run", "A", found.rate_scatter, "1", moves, degrees))
+            continue
+        size = float(np.sqrt((1.0 / arrow.weight[:, effect]).mean()))
+        sources.append(_Source(names[effect], "B", size, "s" if effect is RunEffect.START else air_unit[effect], moves))
+    covariance, prior = arrow.covariance(), model.priors()[1]
+    for k in np.flatnonzero(prior):
+        name, size = model.names[k], float(1.0 / np.sqrt(prior[k]))
+        component, its_unit = COMMON_LINES.get(name, (f"what is known of {name} beforehand", "1"))
+        moves = (covariance[:, k] / size)[:, None]
+        sources.append(_Source(component, "B", size, its_unit, moves, key=name if name in COMMON_LINES else ""))
+    for name, moved in shifts(part.problem, found).items():
+        component, its_unit = COMMON_LINES[name]
+        least = channel.common is None or channel.common.trigger_offset_s < LEAST_TRIGGER_OFFSET_S
+        size = LEAST_TRIGGER_OFFSET_S if name == TRIGGER and least else float(getattr(channel.common, name))
+        sources.append(_Source(component, "B", size, its_unit, moved[:, None], key=name))
+    return sources
+
+
+def _misfit_line(enlarged: float, uncertainty: float, runs: int) -> Line:
+    """What the uncertainty is enlarged by, because the model leaves more than the noise."""
+    beyond = math.sqrt(enlarged**2 - 1.0)
+    return Line("misfit of the model", "A", "normal", beyond, "1", uncertainty, max(runs - 1, 1))

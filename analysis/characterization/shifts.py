@@ -1,0 +1,93 @@
+"""How far a fit's parameters are off where an input is off in all runs alike and no reading shows it.
+
+An airflow, a pressure, a clock: the channel is looked at with the input perturbed, and the estimate moves by
+covariance @ pull of what changes in the prediction (-H^-1 d2/dtheta dq, with the runs' random effects eliminated).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.inference.common import LEAST_TRIGGER_OFFSET_S, PERTURBED, TRIGGER
+from shockrig.analysis.inference.fit import Fit
+from shockrig.analysis.inference.problem import Problem
+from shockrig.analysis.inference.quantity import RunEffect
+
+Array = NDArray[np.float64]
+
+# An effective rate at a stated airflow: with how large a power of the airflow it may go, before the runs say. A time
+# constant that an air film makes goes about as airflow^-0.45 (Ranz and Marshall 1952 at a bead's Reynolds numbers).
+LARGEST_EXPONENT = 0.45
+USUAL_SLOPE_PER_K = 0.03  # of ln D over temperature, where one ambient alone was recorded: 21 kJ/mol at 20 degC
+NOTHING = 1e-9  # change of a prediction, in standard deviations of the noise, that is none
+
+
+def shifts(problem: Problem, found: Fit) -> dict[str, Array]:
+    """What moves theta (P,) by an input that is off by one standard uncertainty in all runs, by its key.
+
+    Empty where the campaign states nothing, but for the trigger: nobody's is perfect. What the fit carries itself
+    (`Model.shared`) is not among them.
+    """
+    moved: dict[str, Array] = {}
+    arrow = found.arrow
+    covariance = arrow.covariance()
+    fitted = {one.name for one in found.model.shared}
+    if TRIGGER not in fitted:
+        moved[TRIGGER] = covariance @ arrow.pull(arrow.run_jacobian[..., RunEffect.START]) * LEAST_TRIGGER_OFFSET_S
+    stated, channel = found.model.channel.common, problem.channel
+    if stated is None:
+        return moved
+    base = found.model.predict(found.point)[0]
+    for name, (perturbed, step) in PERTURBED.items():
+        uncertainty = float(getattr(stated, name))
+        if name in fitted or name == TRIGGER or uncertainty == 0.0:
+            continue
+        there = found.model.on(perturbed(channel, step)).predict(found.point)[0]
+        unused = found.residual == 0.0  # empty bins, and those too near a jump to say anything
+        change = problem.whiten(np.where(unused, 0.0, there - base)) / step
+        seen = bool(np.abs(change * uncertainty).max() > NOTHING)
+        moved[name] = covariance @ arrow.pull(change) * uncertainty if seen else np.zeros(found.theta.size)
+        if name == "airflow_percent" and not seen and channel.conditions.airflow_known.any():
+            moved[name][found.model.rates] += airflow_exponent(found) * uncertainty / 100.0
+    if not channel.quantity.pooled and stated.air_temperature_k > 0:
+        # The rate is right, and belongs to another temperature than the one that is stated.
+        label = temperature_slopes(found) * stated.air_temperature_k
+        moved.setdefault("air_temperature_k", np.zeros(found.theta.size))[found.model.rates] += label
+    return moved
+
+
+def widened(problem: Problem, found: Fit) -> Fit:
+    """The fit with its covariance widened by the shifts that it does not carry itself."""
+    extra = [moved for name, moved in shifts(problem, found).items() if name != TRIGGER]
+    if not extra:
+        return found
+    return replace(found, covariance=found.covariance + sum(np.outer(one, one) for one in extra))
+
+
+def airflow_exponent(found: Fit) -> float:
+    """With what power of the airflow an effective rate may go: root mean square, after what the runs say of it."""
+    own, air = found.own_rates(), found.model.channel.conditions
+    known = air.airflow_known & (air.airflow_m_s > 0)
+    log_airflow = np.log(np.where(known, air.airflow_m_s, 1.0))
+    weight = np.where(known, 1.0 / (own.spread**2 + found.rate_scatter**2), 0.0)
+    squares = product = 0.0
+    for g in np.unique(own.ambient):
+        w = np.where(own.ambient == g, weight, 0.0)
+        if w.sum() <= 0:
+            continue
+        x = log_airflow - (w * log_airflow).sum() / w.sum()
+        squares += float((w * x**2).sum())
+        product += float((w * x * own.own).sum())
+    variance = 1.0 / (squares + 1.0 / LARGEST_EXPONENT**2)
+    return float(np.sqrt((variance * product) ** 2 + variance))
+
+
+def temperature_slopes(found: Fit) -> Array:
+    """d ln rate / dT at each ambient (G,) [1/K]."""
+    ambients = found.model.channel.ambients_c
+    if ambients.size < 2:
+        return np.full(ambients.size, USUAL_SLOPE_PER_K)
+    return np.asarray(np.gradient(found.log_rates, ambients))
