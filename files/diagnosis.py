@@ -6,18 +6,14 @@ Keys that the format does not know are kept as `extra`; every number is finite, 
 from __future__ import annotations
 
 import dataclasses
-import math
 import os
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
-from shockrig.files.causes import PROBABILITY, Uncertain, effect_document, read_effect, read_uncertain
+from shockrig.files.causes import Uncertain, effect_document, read_effect
 from shockrig.files.diagnosis_data import (
-    BEHAVIOURS,
     CHANNELS,
-    DRIVERS,
-    FACTORS,
     VERDICTS,
     Dependence,
     Discovered,
@@ -29,7 +25,8 @@ from shockrig.files.diagnosis_data import (
     StatedGain,
     StatedRemainder,
 )
-from shockrig.files.json_files import JsonObject, as_object, is_number, known, measured, read_json, write_json
+from shockrig.files.discovered import interval, plain, read_discovered
+from shockrig.files.json_files import JsonObject, as_object, known, read_json, write_json
 
 __all__ = [
     "CHANNELS",
@@ -101,8 +98,8 @@ def diagnosis_document(diagnosis: StatedDiagnosis) -> dict[str, Any]:
         "format": FORMAT,
         "campaign": diagnosis.campaign,
         "channels": {name: _channel_document(name, channel) for name, channel in diagnosis.channels.items()},
-        "next_experiments": _plain(diagnosis.next_experiments),
-        **_plain(diagnosis.extra),
+        "next_experiments": plain(diagnosis.next_experiments),
+        **plain(diagnosis.extra),
     }
 
 
@@ -119,34 +116,18 @@ def _channel_document(name: str, channel: StatedChannel) -> dict[str, Any]:
     return known(
         verdict=channel.verdict,
         causes=[_cause_document(cause) for cause in channel.causes],
-        discovered=[_plain(one) for one in channel.discovered],
-        gain=None if channel.gain is None else _plain(channel.gain),
-        remainder=None if channel.remainder is None else _plain(channel.remainder),
-        discrepancy=None if channel.discrepancy is None else _plain(channel.discrepancy),
-        **_plain(channel.extra),
+        discovered=[plain(one) for one in channel.discovered],
+        gain=None if channel.gain is None else plain(channel.gain),
+        remainder=None if channel.remainder is None else plain(channel.remainder),
+        discrepancy=None if channel.discrepancy is None else plain(channel.discrepancy),
+        **plain(channel.extra),
     )
 
 
 def _cause_document(cause: StatedCause) -> dict[str, Any]:
-    content = _plain(effect_document(cause))
+    content = plain(effect_document(cause))
     content["parameters"] = {name: stated for name, stated in content["parameters"].items() if "value" in stated}
     return {**content, **known(at_bound=list(cause.at_bound) or None, evidence=cause.evidence or None)}
-
-
-def _plain(value: Any) -> Any:
-    """The same for a JSON file: dataclasses as objects, numbers to seven digits, what is unknown left out."""
-    if hasattr(value, "tolist"):  # numpy's arrays and numbers
-        return _plain(value.tolist())
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return _plain({field.name: getattr(value, field.name) for field in dataclasses.fields(value)})
-    if isinstance(value, Mapping):
-        plain = {str(key): _plain(item) for key, item in value.items()}
-        return {key: item for key, item in plain.items() if item is not None}
-    if isinstance(value, list | tuple):
-        if any(isinstance(item, float) and not math.isfinite(item) for item in value):
-            return None  # a list whose places mean something cannot lose one of them
-        return [_plain(item) for item in value]
-    return measured(value) if isinstance(value, float) else value
 
 
 def _diagnosis(head: JsonObject, catalogue: Catalogue | None) -> StatedDiagnosis:
@@ -172,7 +153,7 @@ def _channel(channel: JsonObject, name: str, catalogue: Catalogue | None) -> Sta
     return StatedChannel(
         verdict=verdict,
         causes=tuple(_cause(item, name, catalogue) for item in channel.items("causes")),
-        discovered=tuple(_discovered(item) for item in channel.items("discovered")),
+        discovered=tuple(read_discovered(item) for item in channel.items("discovered")),
         gain=None if gain is None else _gain(gain),
         remainder=None if remainder is None else _remainder(remainder),
         discrepancy=None if discrepancy is None else discrepancy.content,
@@ -192,7 +173,7 @@ def _gain(item: JsonObject) -> StatedGain:
         held_out_rmse_after=item.number("held_out_rmse_after", at_least=0.0),
         noise_floor=item.number("noise_floor", at_least=0.0),
         explained_fraction=item.number("explained_fraction"),
-        interval_95=_interval(item, "interval_95"),
+        interval_95=interval(item, "interval_95"),
     )
 
 
@@ -210,56 +191,6 @@ def _remainder(item: JsonObject) -> StatedRemainder:
         until_s=item.number("until_s"),
         varies_with=item.texts("varies_with"),
     )
-
-
-def _discovered(item: JsonObject) -> Discovered:
-    size, nearest = item.child("size"), item.child("nearest_catalogued")
-    return Discovered(
-        behaves_as=item.word("behaves_as", BEHAVIOURS),
-        driver=item.word("driver", DRIVERS),
-        time_constant_s=read_uncertain(item, "time_constant_s"),
-        period_s=read_uncertain(item, "period_s"),
-        size=None
-        if size is None
-        else Size(
-            size.demand("value", size.number("value")),
-            size.number("standard_uncertainty", at_least=0.0) or 0.0,
-            size.text("unit") or "1",
-        ),
-        depends_on=tuple(
-            Dependence(
-                on.word("factor", FACTORS),
-                on.text("form") or "",
-                on.number("value"),
-                on.number("standard_uncertainty", at_least=0.0),
-            )
-            for on in item.items("depends_on")
-        ),
-        does_not_depend_on=item.texts("does_not_depend_on"),
-        alternatives=tuple(_discovered(other) for other in item.items("alternatives")),
-        nearest_catalogued=None
-        if nearest is None
-        else Likeness(
-            nearest.text("effect") or "", nearest.number("likeness", PROBABILITY) or 0.0, nearest.text("why_not") or ""
-        ),
-        probability=item.number("probability", PROBABILITY),
-        explained_fraction=item.number("explained_fraction"),
-        seen_over={
-            name: interval
-            for name in item.mapping("seen_over").content
-            if (interval := _interval(item.mapping("seen_over"), name)) is not None
-        },
-    )
-
-
-def _interval(item: JsonObject, key: str) -> tuple[float, float] | None:
-    """Two numbers, the lower one first; None where there are none."""
-    ends = item.get(key)
-    if ends is None:
-        return None
-    if not isinstance(ends, list) or len(ends) != 2 or not all(map(is_number, ends)) or ends[0] > ends[1]:
-        raise item.error(key, "two numbers, the lower one first", ends)
-    return float(ends[0]), float(ends[1])
 
 
 def _rest(item: JsonObject, *keys: str) -> dict[str, Any]:

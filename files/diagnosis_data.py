@@ -105,14 +105,15 @@ class Likeness:
 class Discovered:
     """An effect that nobody listed, described by how it behaves.
 
-    `seen_over` maps a quantity with its unit ("airflow_m_s") to the lowest and highest value at which it was seen;
-    nothing is known beyond.
+    `phase_rad` is a swing's at the transfer. `seen_over` maps a quantity with its unit ("airflow_m_s") to the lowest
+    and highest value at which it was seen; nothing is known beyond.
     """
 
     behaves_as: str
     driver: str
     time_constant_s: Uncertain | None = None
     period_s: Uncertain | None = None
+    phase_rad: Uncertain | None = None
     size: Size | None = None
     depends_on: tuple[Dependence, ...] = ()
     does_not_depend_on: tuple[str, ...] = ()

@@ -12,6 +12,7 @@ from typing import Any
 
 from shockrig.files.campaign_names import DEFAULT_BODIES, read_body
 from shockrig.files.causes import StatedEffect, Uncertain, effect_document, read_effect, uncertain_document
+from shockrig.files.discovered import plain, read_discovered
 from shockrig.files.errors import InputError
 from shockrig.files.json_files import JsonObject, as_object, known, read_json, write_json
 from shockrig.files.profile_data import (
@@ -103,6 +104,7 @@ def profile_document(profile: Profile) -> dict[str, Any]:
             noise_k=t.noise_k,
             sampling_period_s=t.sampling_period_s,
             effects=[effect_document(e) for e in t.effects],
+            discovered=[plain(one) for one in t.discovered] or None,
         )
     if (h := profile.humidity) is not None:
         document["humidity"] = known(
@@ -124,6 +126,7 @@ def profile_document(profile: Profile) -> dict[str, Any]:
             noise_percent=h.noise_percent,
             sampling_period_s=h.sampling_period_s,
             effects=[effect_document(e) for e in h.effects],
+            discovered=[plain(one) for one in h.discovered] or None,
         )
     document["provenance"] = dict(profile.provenance)
     return document
@@ -163,6 +166,7 @@ def _temperature(part: JsonObject) -> TemperatureProfile:
         noise_k=part.number("noise_k", RANGES["noise_k"], at_least=0.0),
         sampling_period_s=part.number("sampling_period_s", RANGES["sampling_period_s"], positive=True),
         effects=tuple(read_effect(item) for item in part.items("effects")),
+        discovered=tuple(read_discovered(item) for item in part.items("discovered")),
     )
 
 
@@ -174,6 +178,7 @@ def _humidity(part: JsonObject) -> HumidityProfile:
         noise_percent=part.number("noise_percent", RANGES["noise_percent"], at_least=0.0),
         sampling_period_s=part.number("sampling_period_s", RANGES["sampling_period_s"], positive=True),
         effects=tuple(read_effect(item) for item in part.items("effects")),
+        discovered=tuple(read_discovered(item) for item in part.items("discovered")),
     )
 
 

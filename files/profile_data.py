@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from shockrig.files.campaign_names import DEFAULT_BODIES
 from shockrig.files.causes import StatedEffect, Uncertain
+from shockrig.files.diagnosis_data import Discovered
 from shockrig.files.errors import InputError
 
 if TYPE_CHECKING:
@@ -51,6 +52,7 @@ class TemperatureProfile:
     noise_k: float | None = None
     sampling_period_s: float | None = None
     effects: tuple[StatedEffect, ...] = ()
+    discovered: tuple[Discovered, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,7 @@ class HumidityProfile:
     noise_percent: float | None = None
     sampling_period_s: float | None = None
     effects: tuple[StatedEffect, ...] = ()
+    discovered: tuple[Discovered, ...] = ()
 
     @property
     def temperature_range_c(self) -> tuple[float, float]:

@@ -11,7 +11,13 @@ from dataclasses import replace
 
 from shockrig.analysis.characterization.chosen_runs import choose_runs
 from shockrig.analysis.characterization.extension import Extension
-from shockrig.analysis.characterization.part_fit import fit_part, fitted_effects, joint_rows, make_part
+from shockrig.analysis.characterization.part_fit import (
+    fit_part,
+    fitted_discovered,
+    fitted_effects,
+    joint_rows,
+    make_part,
+)
 from shockrig.analysis.characterization.result import ChannelResult, Characterization, Part, Row, channel_result
 from shockrig.analysis.checks.checked import checked
 from shockrig.analysis.inference.effect import Readings
@@ -85,8 +91,14 @@ def _with_scatter(result: ChannelResult, scatter: float) -> ChannelResult:
         for row in joint_rows(parts[-1], result.noise, "")[0]:
             searched = rows[row.runs]
             rows[row.runs] = replace(row, basis=searched.basis, evolution=searched.evolution, check=searched.check)
-    effects = fitted_effects(Extension(causes=result.effects), parts[0])
-    return replace(result, parts=tuple(parts), rows=tuple(rows.values()), effects=effects)
+    carried = Extension(causes=result.effects, discovered=result.discovered)
+    return replace(
+        result,
+        parts=tuple(parts),
+        rows=tuple(rows.values()),
+        effects=fitted_effects(carried, parts[0]),
+        discovered=fitted_discovered(carried, parts[0]),
+    )
 
 
 class _Unusable(Exception):
@@ -121,4 +133,5 @@ def characterize_channel(
             parts.append(part)
     if not rows:
         raise _Unusable(why_none(set_aside))
-    return channel_result(rows, noise, fitted_effects(extension, parts[0]), parts, set_aside)
+    effects, described = fitted_effects(extension, parts[0]), fitted_discovered(extension, parts[0])
+    return channel_result(rows, noise, effects, parts, set_aside, described)

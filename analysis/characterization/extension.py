@@ -7,19 +7,23 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.effects.described import entry_of, stated_values
 from shockrig.analysis.inference.model import PLAIN, Held, Structure
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
 from shockrig.files.causes import StatedEffect
 from shockrig.files.diagnosis import read_diagnosis
+from shockrig.files.diagnosis_data import Discovered
 
 
 @dataclass(frozen=True)
 class Extension:
-    """Extended model of one channel: its structure, starts by "effect.parameter", and the causes as they were named."""
+    """Extended model of one channel: its structure, starts by "effect.parameter", the causes as they were named, and
+    the effects that nobody listed as they were described."""
 
     structure: Structure = PLAIN
     starts: Mapping[str, float] | None = None
     causes: tuple[StatedEffect, ...] = ()
+    discovered: tuple[Discovered, ...] = ()
 
 
 def read_extension(path: str | Path) -> dict[ChannelName, Extension]:
@@ -32,14 +36,19 @@ def read_extension(path: str | Path) -> dict[ChannelName, Extension]:
     """
     stated = read_diagnosis(path, {name: effect.channels for name, effect in CATALOGUE.items()})
     return {
-        name: extension_of([cause.as_effect() for cause in stated.channels[name].causes])
+        name: extension_of(
+            [cause.as_effect() for cause in stated.channels[name].causes], stated.channels[name].discovered, name
+        )
         for name in QUANTITIES
         if name in stated.channels
     }
 
 
-def extension_of(causes: Sequence[StatedEffect]) -> Extension:
-    """The model that carries `causes`; what single readings show (rounding, repeats, averages) is held, not fitted."""
+def extension_of(
+    causes: Sequence[StatedEffect], discovered: Sequence[Discovered] = (), channel: ChannelName = "temperature"
+) -> Extension:
+    """The model that carries `causes`, and what was described beside them in `channel`; what single readings show
+    (rounding, repeats, averages) is held, not fitted."""
     causes = tuple({cause.effect: cause for cause in causes}.values())
     held: list[Held] = []
     starts: dict[str, float] = {}
@@ -54,5 +63,16 @@ def extension_of(causes: Sequence[StatedEffect]) -> Extension:
                 starts[f"{cause.effect}.{parameter.name}"] = value
             else:
                 held.append(Held(cause.effect, parameter.name, value))
-    structure = Structure(tuple(CATALOGUE[c.effect] for c in causes), tuple(held))
-    return Extension(structure, starts, causes)
+    entries = [CATALOGUE[c.effect] for c in causes]
+    carried = []
+    for one in discovered:
+        described = entry_of(one, channel)
+        if described is None:
+            continue
+        values = stated_values(one)
+        for parameter in described.parameters:
+            value = values[parameter.name].value if parameter.name in values else parameter.starts[0]
+            starts[f"{described.id}.{parameter.name}"] = float(min(max(value, parameter.low), parameter.high))
+        entries.append(described)
+        carried.append(one)
+    return Extension(Structure(tuple(entries), tuple(held)), starts, causes, tuple(carried))

@@ -11,6 +11,7 @@ from shockrig.analysis.characterization.extension import Extension
 from shockrig.analysis.characterization.response_times import response_time
 from shockrig.analysis.characterization.result import Part, Row
 from shockrig.analysis.characterization.shifts import widened
+from shockrig.analysis.effects.described import entry_of, with_values
 from shockrig.analysis.inference.channel import Channel, LeftOut
 from shockrig.analysis.inference.evolution import Misfit, Optimum, cross_check, evolve
 from shockrig.analysis.inference.fit import Fit, fit
@@ -20,6 +21,7 @@ from shockrig.analysis.inference.problem import Problem, make_problem
 from shockrig.analysis.inference.quantity import RunEffect
 from shockrig.analysis.inference.samples import rmse_over_samples
 from shockrig.analysis.inference.scan import RATE_BOUNDS_PER_S
+from shockrig.files.diagnosis_data import Discovered
 from shockrig.files.profile import StatedEffect, Uncertain
 
 WORST_RELATIVE = 0.5  # a diffusivity known no better than this is none
@@ -121,4 +123,14 @@ def fitted_effects(extension: Extension, part: Part) -> tuple[StatedEffect, ...]
             # What the single readings showed is held in this fit and keeps the uncertainty it came with.
             parameters[name] = Uncertain(value, spread) if spread > 0 or name not in parameters else parameters[name]
         fitted.append(replace(cause, parameters=parameters))
+    return tuple(fitted)
+
+
+def fitted_discovered(extension: Extension, part: Part) -> tuple[Discovered, ...]:
+    """The extension's described effects with the numbers of a fit."""
+    values, fitted = part.fit.values(), []
+    for one in extension.discovered:
+        entry = entry_of(one, part.channel.name)
+        if entry is not None:
+            fitted.append(with_values(one, entry, values[entry.id]))
     return tuple(fitted)

@@ -15,6 +15,7 @@ from shockrig.analysis.inference.noise import Noise
 from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName, RunEffect
 from shockrig.files.campaign import Campaign
+from shockrig.files.diagnosis_data import Discovered
 from shockrig.files.profile import ResponseTime, StatedEffect
 
 FAR_ABOVE_NOISE = 1.15  # residual over noise from which the model is not the whole story
@@ -81,6 +82,8 @@ class ChannelResult:
         All runs; for a plain film the ambients with isothermal shocks, and those with thermal shocks alone.
     set_aside : tuple of LeftOut
         Runs that take no part, and why.
+    discovered : tuple of Discovered
+        Effects that nobody listed and the model carries too, with fitted numbers.
     """
 
     rows: tuple[Row, ...]
@@ -88,6 +91,7 @@ class ChannelResult:
     effects: tuple[StatedEffect, ...]
     parts: tuple[Part, ...]
     set_aside: tuple[LeftOut, ...]
+    discovered: tuple[Discovered, ...] = ()
 
     @property
     def channel(self) -> Channel:
@@ -144,6 +148,7 @@ def channel_result(
     effects: tuple[StatedEffect, ...],
     parts: Sequence[Part],
     set_aside: Sequence[LeftOut],
+    discovered: tuple[Discovered, ...] = (),
 ) -> ChannelResult:
     """A channel's result with its rows by rising ambient and the runs set aside in their order."""
     return ChannelResult(
@@ -152,4 +157,5 @@ def channel_result(
         effects=effects,
         parts=tuple(parts),
         set_aside=tuple(sorted(set_aside, key=lambda entry: entry.run)),
+        discovered=discovered,
     )

@@ -21,6 +21,7 @@ def to_profile(result: Characterization, provenance: Mapping[str, Any] | None = 
             noise_k=t.noise.standard_deviation,
             sampling_period_s=t.channel.sampling_period_s,
             effects=t.effects,
+            discovered=t.discovered,
         )
     if (h := result.humidity) is not None:
         humidity = HumidityProfile(
@@ -32,6 +33,7 @@ def to_profile(result: Characterization, provenance: Mapping[str, Any] | None = 
             noise_percent=h.noise.standard_deviation,
             sampling_period_s=h.channel.sampling_period_s,
             effects=h.effects,
+            discovered=h.discovered,
         )
     known = {
         "campaign": result.campaign.name,

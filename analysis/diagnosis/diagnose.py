@@ -15,7 +15,8 @@ from scipy import special
 from shockrig.analysis.characterization.shifts import widened
 from shockrig.analysis.checks.checked import Checked, checked
 from shockrig.analysis.diagnosis.adequacy import Adequacy, describe, judge
-from shockrig.analysis.diagnosis.experiments import propose
+from shockrig.analysis.diagnosis.describing import Description, alternatives, describe_rest
+from shockrig.analysis.diagnosis.experiments import propose, unseen
 from shockrig.analysis.diagnosis.gain import Gain, measure_gain, worse_without
 from shockrig.analysis.diagnosis.limits import cannot_tell
 from shockrig.analysis.diagnosis.prepare import Prepared, likelier_average, prepare, with_rounding
@@ -32,6 +33,7 @@ from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
 from shockrig.files.campaign import Campaign
 from shockrig.files.diagnosis import StatedDiagnosis
+from shockrig.files.diagnosis_data import Discovered
 from shockrig.files.errors import InputError
 
 NO_STEP = "no usable run with a step of the air"
@@ -81,6 +83,12 @@ class ChannelDiagnosis:
     cannot_tell: tuple[str, ...] = ()
     tried: tuple[Tried, ...] = ()
     discrepancy: dict[str, object] | None = None
+    described: Description | None = None
+
+    @property
+    def discovered(self) -> tuple[Discovered, ...]:
+        """Effects that nobody listed, as the diagnosis states them."""
+        return () if self.described is None else self.described.discovered
 
 
 @dataclass(frozen=True)
@@ -121,6 +129,17 @@ def diagnose_channel(
     spoilt = remainder.significant and remainder.material
     left = spoilt or not adequacy.passed
     verdict = "unexplained" if spoilt else "explained" if kept.causes else "adequate"
+    described = None
+    if spoilt:
+        progress(f"{channel.name}: describing what no catalogued effect explains")
+        described = describe_rest(
+            channel, ready.problem, ready.noise, found.plain, kept.final, kept.gain, tolerance or Tolerance()
+        )
+    if described is not None:
+        kept = _beside(kept, described)
+        adequacy, remainder = described.adequacy, described.remainder
+        spoilt = remainder.significant and remainder.material
+        left, verdict = spoilt or not adequacy.passed, "unexplained" if spoilt else "described"
     return ChannelDiagnosis(
         name=channel.name,
         verdict=verdict,
@@ -140,7 +159,17 @@ def diagnose_channel(
         cannot_tell=cannot_tell(channel),
         tried=kept.tried,
         discrepancy=describe(ready.problem, kept.final, ready.noise, adequacy) if left else None,
+        described=described,
     )
+
+
+def _beside(kept: _Kept, described: Description) -> _Kept:
+    """What may be named beside a description: the causes that its model carries too, with its parameters."""
+    values = described.fit.values()
+    causes = tuple(replace(c, parameters=values[c.effect]) for c in kept.causes if c.effect in values)
+    lost = [c.effect for c in kept.causes if c.effect not in values]
+    tried = (*kept.tried, *(Tried(e, "one described behaviour explains what it did, and the rest") for e in lost))
+    return _Kept(causes, described.fit, described.gain, tried)
 
 
 @dataclass(frozen=True)
@@ -362,4 +391,6 @@ def next_experiments(channel: ChannelDiagnosis) -> list[dict[str, object]]:
         if effect in named
         for rival in (standing.instead[e] for e in standing.alike(TIE))
     ]
-    return propose(channel.problem, pairs)
+    if channel.described is None:
+        return propose(channel.problem, pairs)
+    return [*propose(channel.problem, [*pairs, *alternatives(channel.described)]), *unseen(channel.problem)]

@@ -26,6 +26,7 @@ AirOf = tuple[float, float]  # degC and %RH
 REPEATS = 2  # of each proposed run
 DECIDED = 12.0  # expected drop in deviance from which on a choice is safe
 MOST_KINDS = 2
+SLOWEST_M_S = 0.7  # that a fan keeps steady
 USUAL_C = 20.0  # about which runs are proposed
 
 
@@ -61,6 +62,22 @@ def propose(problem: Problem, ties: list[tuple[Fit, Fit]]) -> list[Planned]:
     return runs
 
 
+def unseen(problem: Problem) -> list[Planned]:
+    """Runs at the conditions next to those that were recorded: a description says nothing of them."""
+    c = problem.channel.conditions
+    flows = (float(c.airflow_m_s.min()), float(c.airflow_m_s.max()))
+    here = (round(USUAL_C, 1), 55.0)
+    shock = ((round(USUAL_C + 20.0, 1), 18.0), here)
+    if problem.channel.jumps_with_air:
+        shock = ((here[0], 20.0), (here[0], 80.0))
+    runs = []
+    if c.airflow_known.all():
+        words = "at an airflow that was not seen: what was described is known at the recorded ones alone"
+        beyond = 0.5 * flows[0] if flows[0] > 2.0 * SLOWEST_M_S else 1.5 * flows[1]
+        runs.append(_planned(problem.channel, words, *shock, beyond))
+    return runs
+
+
 def _menu(channel: Channel) -> list[Planned]:
     """Runs that a bench can do: both directions, more and less airflow, larger and smaller steps, a slowed transfer."""
     c = channel.conditions
@@ -71,16 +88,7 @@ def _menu(channel: Channel) -> list[Planned]:
     def run(
         reason: str, source: AirOf, destination: AirOf, airflow: float = flow, duration: float | None = None
     ) -> Planned:
-        transfer = {} if duration is None else {"duration_s": duration}
-        names = ("temperature_c", "humidity_percent")
-        return {
-            "source": dict(zip(names, source, strict=True)),
-            "destination": dict(zip(names, destination, strict=True)),
-            "airflow_m_s": round(airflow, 2),
-            "pressure_hpa": round(float(np.median(c.pressure_hpa)), 2),
-            "transfer": transfer,
-            "reason": reason,
-        }
+        return _planned(channel, reason, source, destination, airflow, duration)
 
     warm = (round(middle + 20.0, 1), 18.0)
     here = (round(middle, 1), 55.0)
@@ -100,6 +108,21 @@ def _menu(channel: Channel) -> list[Planned]:
         menu.append(run(f"{reason}, much airflow", source, destination, 2.5 * flow))
         menu.append(run(f"{reason}, the transfer slowed", source, destination, flow, 2.0))
     return menu
+
+
+def _planned(
+    channel: Channel, reason: str, source: AirOf, destination: AirOf, airflow: float, duration: float | None = None
+) -> Planned:
+    """A run in the terms of run.json."""
+    names = ("temperature_c", "humidity_percent")
+    return {
+        "source": dict(zip(names, source, strict=True)),
+        "destination": dict(zip(names, destination, strict=True)),
+        "airflow_m_s": round(airflow, 2),
+        "pressure_hpa": round(float(np.median(channel.conditions.pressure_hpa)), 2),
+        "transfer": {} if duration is None else {"duration_s": duration},
+        "reason": reason,
+    }
 
 
 def _separation(problem: Problem, chosen: Fit, rival: Fit, run: Planned) -> float:

@@ -40,6 +40,7 @@ def _channel(channel: ChannelDiagnosis) -> StatedChannel:
     return StatedChannel(
         verdict=channel.verdict,
         causes=tuple(stated_cause(cause) for cause in channel.causes),
+        discovered=channel.discovered,
         gain=StatedGain(gain.before, gain.after, gain.noise_floor, gain.explained_fraction, gain.interval_95),
         remainder=StatedRemainder(
             rms=left.rms,

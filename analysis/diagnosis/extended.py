@@ -56,7 +56,8 @@ def extended_result(found: ChannelDiagnosis) -> ChannelResult | None:
     if found.verdict == "unexplained":
         rows = [_in_doubt(found, row) for row in rows]
     effects = tuple(stated_cause(cause).as_effect() for cause in found.causes)
-    return channel_result(rows, found.noise, effects, [part], [*found.problem.channel.left_out, *undetermined])
+    left_out = [*found.problem.channel.left_out, *undetermined]
+    return channel_result(rows, found.noise, effects, [part], left_out, found.discovered)
 
 
 def _in_doubt(found: ChannelDiagnosis, row: Row) -> Row:

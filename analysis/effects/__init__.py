@@ -10,6 +10,7 @@ import importlib
 from collections.abc import Iterable
 from dataclasses import replace
 
+from shockrig.analysis.effects.described import described, is_described
 from shockrig.analysis.inference.effect import Effect, Parameter
 from shockrig.analysis.inference.model import Held, Structure
 
@@ -60,6 +61,8 @@ def by_id(id_: str) -> Effect:
 
 
 def _reduced(effect: Effect) -> tuple[object, ...]:
+    if is_described(effect.id):
+        return described, (effect.id, "humidity" in effect.channels)
     return by_id, (effect.id,)
 
 

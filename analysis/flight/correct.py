@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from shockrig.analysis.flight.channel import Channel, Readings, judged, lacking, too_few, untouched
 from shockrig.analysis.flight.humidity import correct_humidity
 from shockrig.analysis.flight.inverse import exact_inverse, paper
-from shockrig.analysis.flight.profile_effects import acting, not_undone, of_airspeed
+from shockrig.analysis.flight.profile_effects import acting, not_undone, of_airspeed, unseen
 from shockrig.analysis.flight.readout import ceiling, noise_floor, not_known, stale, undone
 from shockrig.analysis.flight.response import bead_response
 from shockrig.analysis.flight.screen import ordered, screen
@@ -109,9 +109,9 @@ def _airspeed(flight: Flight, profile: Profile, notes: list[str]) -> Array:
         return np.interp(flight.time_s, flight.time_s[known], speed[known])
     used: list[str] = []
     if (t := profile.temperature) is not None:
-        used += of_airspeed(acting(t.effects, "temperature"), t.bead_radius_m)
+        used += of_airspeed(acting(t.effects, "temperature", t.discovered), t.bead_radius_m)
     if (h := profile.humidity) is not None:
-        used += of_airspeed(acting(h.effects, "humidity"), h.film_thickness_m)
+        used += of_airspeed(acting(h.effects, "humidity", h.discovered), h.film_thickness_m)
     if used:
         notes.append(f"no airspeed in the log: {', '.join(sorted(used))} taken at {REFERENCE_AIRFLOW_M_S:g} m/s")
     return np.full(speed.shape, REFERENCE_AIRFLOW_M_S)
@@ -128,7 +128,7 @@ def _temperature(
     notes: list[str],
 ) -> Channel:
     raw, time_s = flight.temperature_c, flight.time_s
-    effects = acting(part.effects, "temperature") if part else ()
+    effects = acting(part.effects, "temperature", part.discovered) if part else ()
     noise = given or NOISE_K
     if part is not None:
         own_noise = NOISE_K if part.noise_k is None else part.noise_k
@@ -138,14 +138,15 @@ def _temperature(
     screened = screen(time_s, raw, RANGES["temperature_c"], noise, limit=ceiling(effects), stale=old)
     if part is None or too_few(screened):
         return untouched("temperature", raw, screened, lacking(part, "temperature"), notes)
-    notes.extend(not_undone(part.effects, "temperature"))
+    notes.extend(not_undone(part.effects, "temperature", part.discovered))
     plain = undone(effects, raw, speed, part.bead_radius_m, period)
     variance = (np.hypot(noise, screened.resolution / np.sqrt(12)) / plain.gain) ** 2
-    response = bead_response(part, speed, body)
+    response = bead_response(part, speed, body, raw)
     readings = Readings("temperature", time_s, plain.reading, screened.usable, response, variance, plain.delay_s)
     found = solve(readings, cutoff_hz)
     everywhere = np.ones(raw.size)
-    channel = judged(readings, found, plain, screened, everywhere < 0, raw, everywhere, notes)
+    outside = unseen(part.discovered, speed, raw)
+    channel = judged(readings, found, plain, screened, outside, raw, everywhere, notes)
     return replace(channel, uncertainty=np.hypot(channel.uncertainty, not_known(effects)))
 
 

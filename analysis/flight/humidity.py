@@ -14,7 +14,7 @@ from scipy.ndimage import uniform_filter1d
 
 from shockrig.analysis.flight.channel import Channel, Readings, bridged, judged, lacking, too_few, untouched
 from shockrig.analysis.flight.prior import Passing
-from shockrig.analysis.flight.profile_effects import Acting, acting, not_undone
+from shockrig.analysis.flight.profile_effects import Acting, acting, not_undone, unseen
 from shockrig.analysis.flight.readout import ceiling, noise_floor, not_known, stale, undone
 from shockrig.analysis.flight.response import Response, film_response
 from shockrig.analysis.flight.screen import screen
@@ -46,7 +46,7 @@ def correct_humidity(
 ) -> Channel:
     """The humidity channel; `bead` is the temperature's, corrected, and `given` a noise floor other than the part's."""
     raw, time_s = flight.humidity_percent, flight.time_s
-    effects = acting(part.effects, "humidity") if part else ()
+    effects = acting(part.effects, "humidity", part.discovered) if part else ()
     noise = given or NOISE_PERCENT
     if part is not None:
         own_noise = NOISE_PERCENT if part.noise_percent is None else part.noise_percent
@@ -56,14 +56,14 @@ def correct_humidity(
     screened = screen(time_s, raw, RANGES["humidity_reading_percent"], noise, limit=ceiling(effects), stale=old)
     if part is None or too_few(screened):
         return untouched("humidity", raw, screened, lacking(part, "humidity"), notes)
-    notes.extend(not_undone(part.effects, "humidity"))
+    notes.extend(not_undone(part.effects, "humidity", part.discovered))
     air, sigma = bridged(time_s, bead.value), bridged(time_s, bead.uncertainty)
     if air is None:
         return untouched("humidity", raw, screened, "no temperature of the air in the log", notes)
     # an inversion that failed may give any temperature; near absolute zero there is no vapour to divide by
     air = np.clip(air, RANGES["temperature_c"].low, RANGES["temperature_c"].high)
     sigma = np.zeros(raw.shape) if sigma is None else sigma
-    die = _own_temperature(flight, effects, notes)
+    die = _own_temperature(flight, effects, air, notes)
     plain = undone(effects, raw, speed, part.film_thickness_m, period)
     # a late reading is of the air that was; the die's temperature comes from the same chip and is as late
     now, air, error = air, *(_earlier(time_s, values, plain.delay_s) for values in (air, sigma))
@@ -83,7 +83,8 @@ def correct_humidity(
     variance = (np.hypot(noise, screened.resolution / np.sqrt(12)) / plain.gain * to_vapour) ** 2
     readings = Readings("humidity", time_s, vapour, screened.usable, response, variance, plain.delay_s, passing)
     found = solve(readings, cutoff_hz)
-    channel = judged(readings, found, plain, screened, ~part.covers(now), raw, from_vapour, notes)
+    outside = ~part.covers(now) | unseen(part.discovered, speed, now)
+    channel = judged(readings, found, plain, screened, outside, raw, from_vapour, notes)
     uncertainty = channel.uncertainty
     if die is not None or found.cutoff_hz is not None:
         wrong = channel.value * _steepness(now) * sigma
@@ -105,18 +106,20 @@ def _steepness(temperature_c: Array) -> Array:
     return np.log(above) - np.log(below)
 
 
-def _own_temperature(flight: Flight, effects: tuple[Acting, ...], notes: list[str]) -> Array | None:
+def _own_temperature(flight: Flight, effects: tuple[Acting, ...], air: Array, notes: list[str]) -> Array | None:
     """Temperature that the sensor turns vapour into humidity at, where it is its own and was logged; else None."""
-    asking = [one.id for one in effects if one.meaning.at_die]
+    asking = [one for one in effects if one.meaning.at_die]
     if not asking:
         return None
     die = bridged(flight.time_s, flight.die_temperature_c)
     if die is None:
         notes.append(
-            f"humidity: {', '.join(asking)} is in the profile and the log has no temperature of the die; "
-            "the air's is taken"
+            f"humidity: {', '.join(one.values.effect for one in asking)} is in the profile and the log has no "
+            "temperature of the die; the air's is taken"
         )
-    return die
+        return None
+    shares = [1.0 if one.meaning.die_share is None else one.meaning.die_share(one.values) for one in asking]
+    return air + max(shares) * (die - air)
 
 
 def _coupling(

@@ -12,15 +12,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.effects.described import entry_of, stated_values
 from shockrig.analysis.inference.effect import Effect, InFlight
+from shockrig.files.diagnosis_data import Discovered
 from shockrig.files.errors import InputError
 from shockrig.files.profile import StatedEffect
+from shockrig.files.profile_data import AMBIENT_TOLERANCE_K
 from shockrig.files.ranges import Range
 
 Array = NDArray[np.float64]
 STEP = 1e-4  # of a parameter, relative, in finite differences: right to 1e-8
 ROUNDED = 1e-6  # of a parameter's range
 LARGEST_UNCERTAINTY = 100.0  # times a parameter's range
+AIRSPEED_MARGIN = 0.1  # relative, within which an airspeed counts as seen
 SLOW_M_S, FAST_M_S = 2.0, 20.0  # what differs between these airspeeds depends on the airspeed
 
 
@@ -56,9 +60,21 @@ class Acting:
         return self.entry.id
 
 
-def acting(effects: Iterable[StatedEffect], channel: str) -> tuple[Acting, ...]:
-    """Those of a profile's effects that a correction has to do with, in the order of the measurement chain."""
+def acting(effects: Iterable[StatedEffect], channel: str, discovered: Iterable[Discovered] = ()) -> tuple[Acting, ...]:
+    """Those of a profile's effects that a correction has to do with, in the order of the measurement chain.
+
+    `discovered` are those that nobody listed: what they mean follows from how they behave.
+    """
     found = []
+    for one in discovered:
+        described = entry_of(one, channel)
+        if described is None or described.in_flight is None:
+            continue
+        stated = stated_values(one)
+        values = Stated(behaviour(one), {name: p.value for name, p in stated.items()})
+        uncertainties = {name: p.standard_uncertainty for name, p in stated.items()}
+        _demand_possible(described, values, uncertainties)
+        found.append(Acting(described, described.in_flight, values, uncertainties))
     for effect in effects:
         entry = CATALOGUE.get(effect.effect)
         if entry is None or entry.in_flight is None or channel not in entry.channels:
@@ -88,9 +104,42 @@ def _demand_possible(entry: Effect, values: Stated, uncertainties: Mapping[str, 
             raise InputError(f"{where}: a standard uncertainty of {sigma:g} says nothing; correct it in the profile")
 
 
-def not_undone(effects: Iterable[StatedEffect], channel: str) -> list[str]:
+def behaviour(one: Discovered) -> str:
+    """How a described effect behaves, in a few words."""
+    factors = " and ".join(dict.fromkeys(on.factor.replace("_", " ") for on in one.depends_on))
+    words = f"a described {one.behaves_as.replace('_', ' ')}"
+    return f"{words} that depends on {factors}" if factors else words
+
+
+def unseen(discovered: Iterable[Discovered], airspeed: Array, temperature_c: Array) -> NDArray[np.bool_]:
+    """Rows (n,) outside of the conditions that a described effect was seen under: nothing is known of it there."""
+    outside = np.zeros(airspeed.shape, dtype=bool)
+    for one in discovered:
+        for name, values, margin in (
+            ("airflow_m_s", airspeed, AIRSPEED_MARGIN),
+            ("ambient_temperature_c", temperature_c, 0.0),
+        ):
+            if name in one.seen_over:
+                low, high = one.seen_over[name]
+                low, high = (1.0 - margin) * low, (1.0 + margin) * high
+                if not margin:
+                    low, high = low - AMBIENT_TOLERANCE_K, high + AMBIENT_TOLERANCE_K
+                outside |= (values < low) | (values > high)
+    return outside
+
+
+def not_undone(effects: Iterable[StatedEffect], channel: str, discovered: Iterable[Discovered] = ()) -> list[str]:
     """One sentence for each of a profile's effects that a flight's correction leaves alone."""
     said = []
+    for one in discovered:
+        described = entry_of(one, channel)
+        if described is None:
+            why = "is in the profile and unknown to this version, so it is not undone"
+            said.append(f"{channel}: {behaviour(one)} {why}")
+        elif described.in_flight is None:
+            said.append(f"{channel}: {behaviour(one)} is taken for the bench's and has no part in a flight")
+        elif described.in_flight.left:
+            said.append(f"{channel}: {behaviour(one)} is in the profile and is not undone in a flight")
     for effect in effects:
         entry = CATALOGUE.get(effect.effect)
         if entry is None:
@@ -117,6 +166,9 @@ def of_airspeed(effects: Iterable[Acting], length_m: float) -> list[str]:
             seen.append(one.meaning.biot(one.values, speeds, length_m))
         if one.meaning.undo is not None:
             seen.append(one.meaning.undo(one.values, reading, speeds, length_m))
+        for moved in (one.meaning.rate, one.meaning.series_along):
+            if moved is not None:
+                seen.append(moved(one.values, speeds, reading))
         if any(np.ptp(np.broadcast_to(values, speeds.shape)) > 0 for values in seen):
             found.append(one.id)
     return found

@@ -7,13 +7,15 @@ a mix of lags behind the air; a sheath that the body loads is in the body's own 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.analysis.effects.behaviours import USUAL_C
 from shockrig.analysis.flight.profile_effects import Acting, Stated, acting, propagated
+from shockrig.analysis.inference.effect import Values
 from shockrig.analysis.physics.bodies import BODIES, Body
 from shockrig.analysis.physics.modes import Modes, first_order, in_series, slowest
 from shockrig.files.profile import HumidityProfile, TemperatureProfile
@@ -100,13 +102,19 @@ class Response:
         return Modes(amplitude[order], rates[order])
 
 
-def bead_response(part: TemperatureProfile, airspeed_m_s: Array, body: str = "sphere") -> Response:
-    """Response of the thermometer at each airspeed (n,); `body` is the shape of the plain model."""
+def bead_response(
+    part: TemperatureProfile, airspeed_m_s: Array, body: str = "sphere", temperature_c: Array | None = None
+) -> Response:
+    """Response of the thermometer at each airspeed (n,); `body` is the shape of the plain model.
+
+    `temperature_c` (n,) matters to a rate that was described to move with it; left out, it is taken as usual.
+    """
     alpha = part.thermal_diffusivity_m2_s
     still = np.ones(airspeed_m_s.size)
     rate, relative = alpha.value / part.bead_radius_m**2, alpha.standard_uncertainty / alpha.value
-    effects = acting(part.effects, "temperature")
-    return _response(effects, body, part.bead_radius_m, rate * still, relative * still, airspeed_m_s)
+    effects = acting(part.effects, "temperature", part.discovered)
+    usual = USUAL_C * still if temperature_c is None else np.where(np.isfinite(temperature_c), temperature_c, USUAL_C)
+    return _response(effects, body, part.bead_radius_m, rate * still, relative * still, airspeed_m_s, usual)
 
 
 def film_response(part: HumidityProfile, temperature_c: Array, airspeed_m_s: Array, body: str = "film") -> Response:
@@ -116,8 +124,8 @@ def film_response(part: HumidityProfile, temperature_c: Array, airspeed_m_s: Arr
     """
     diffusivity, uncertainty = part.diffusivity_m2_s(temperature_c, outside="hold")
     rate, relative = diffusivity / part.film_thickness_m**2, uncertainty / diffusivity
-    effects = acting(part.effects, "humidity")
-    return _response(effects, body, part.film_thickness_m, rate, relative, airspeed_m_s)
+    effects = acting(part.effects, "humidity", part.discovered)
+    return _response(effects, body, part.film_thickness_m, rate, relative, airspeed_m_s, temperature_c)
 
 
 def _few(body: Body) -> int:
@@ -126,8 +134,18 @@ def _few(body: Body) -> int:
 
 
 def _response(
-    effects: tuple[Acting, ...], name: str, length_m: float, rate: Array, relative: Array, airspeed: Array
+    effects: tuple[Acting, ...],
+    name: str,
+    length_m: float,
+    rate: Array,
+    relative: Array,
+    airspeed: Array,
+    temperature_c: Array,
 ) -> Response:
+    for e in effects:
+        if (moves := e.meaning.rate) is not None:
+            rate = rate * moves(e.values, airspeed, temperature_c)
+            relative = np.hypot(relative, _moved(e, moves, airspeed, temperature_c))
     body = BODIES[next((e.meaning.body for e in reversed(effects) if e.meaning.body), name)]
     layers, outside, lags = [], [], []
     sheaths = [e.meaning.loaded(e.values) for e in effects if e.meaning.loaded is not None]
@@ -158,13 +176,21 @@ def _response(
     if mix.rate.size:
         inside = weight.shape[1]
         weight = np.concatenate([np.zeros((rate.size, mix.rate.size)), weight], axis=1)
-        rates = np.concatenate([np.broadcast_to(mix.rate, (rate.size, mix.rate.size)), rates], axis=1)
+        own = np.broadcast_to(mix.rate, (rate.size, mix.rate.size))
+        if len(outside) == 1 and (along := outside[0][0].meaning.series_along) is not None:
+            own = own / along(outside[0][0].values, airspeed, temperature_c)[:, None]
+        rates = np.concatenate([own, rates], axis=1)
     for _, share, time_constant_s in lags:
         beside = np.full((rate.size, 1), 1.0)
         weight = np.concatenate([(1 - share) * weight, share * beside], axis=1)
         rates = np.concatenate([rates, beside / time_constant_s], axis=1)
     slow = np.array([_share_uncertainty(e) for e, _, _ in lags])
     return Response(weight, rates, relative, slow, tuple(float(-a) for a in mix.amplitude), inside, body.name)
+
+
+def _moved(one: Acting, moves: Callable[[Values, Array, Array], Array], airspeed: Array, temperature_c: Array) -> Array:
+    """Relative standard uncertainty (n,) of what an effect makes of the rate along a flight."""
+    return propagated(one, lambda values: np.log(moves(values, airspeed, temperature_c)))
 
 
 def _sheath(time_constants_s: list[float]) -> Modes:

@@ -98,6 +98,8 @@ class InFlight:
         The shape of the sensing body, where it is another than the profile states.
     series_s : values -> time constant [s]
         A first-order lag in series with the body.
+    series_along, rate : (values, airspeed (n,) [m/s], temperature (n,) [degC]) -> ndarray (n,)
+        By what that lag's time constant, and the body's rate, are multiplied along the flight.
     loaded : values -> (time constant [s], capacity relative to the body's)
         A sheath: a well-mixed layer around the body that the body loads.
     biot : (values, airspeed (n,) [m/s], body's length [m]) -> ndarray (n,)
@@ -115,6 +117,8 @@ class InFlight:
         Standard uncertainty of what cannot be undone.
     at_die : bool
         Whether vapour is turned into humidity at the sensor's own temperature.
+    die_share : values -> float
+        How far from the air's temperature to its own, where not all the way.
     left : bool
         Whether it is left in the reading, and said to be.
     """
@@ -122,6 +126,8 @@ class InFlight:
     body: str = ""
     biot: Callable[[Values, Array, float], Array] | None = None
     series_s: Callable[[Values], float] | None = None
+    series_along: Callable[[Values, Array, Array], Array] | None = None
+    rate: Callable[[Values, Array, Array], Array] | None = None
     loaded: Callable[[Values], tuple[float, float]] | None = None
     lag: Callable[[Values], tuple[float, float]] | None = None
     undo: Callable[[Values, Array, Array, float], Array] | None = None
@@ -130,6 +136,7 @@ class InFlight:
     ceiling: Callable[[Values], float] | None = None
     uncertainty: Callable[[Values], float] | None = None
     at_die: bool = False
+    die_share: Callable[[Values], float] | None = None
     left: bool = False
 
     @property

@@ -356,6 +356,7 @@ def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_
         duration_s=duration,
         ramp_ratio=duration / np.median(duration) if all_timed else np.ones(len(runs)),
         ramp_own_s=np.full(len(runs), np.nan) if all_timed else np.where(duration > 0, duration, np.nan),
+        order=np.arange(len(runs), dtype=float),
     )
 
 

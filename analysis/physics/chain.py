@@ -120,10 +120,12 @@ class Chain:
         Biot number of the exchange; None holds the surface at the air.
     activity_slope : ndarray (B, 1) or None
         Relative slope of D with water activity.
-    lags : tuple of (share, time constant [s]), each (B, 1)
+    lags : tuple of (share, time constant [s]), each (B, 1 or R)
         Parts of the body that follow the air as a first-order lag.
-    series : tuple of time constants [s], each (B, 1)
+    series : tuple of time constants [s], each (B, 1 or R)
         First-order lags in series with the body: a housing, a vent, a cap.
+    echoes : tuple of (share, time constant [s]), each (B, 1 or R)
+        Shares of the whole response that pass one more first-order lag; a negative share is a lead.
     loaded : (time constant [s], capacity relative to the body's), each (B, 1), or None
         A sheath: a well-mixed layer around the body that the body loads; `biot` is then the air film's outside of it.
     wet_until_s : ndarray (B, R) or None
@@ -152,6 +154,7 @@ class Chain:
     activity_slope: Array | None = None
     lags: tuple[tuple[Array, Array], ...] = ()
     series: tuple[Array, ...] = ()
+    echoes: tuple[tuple[Array, Array], ...] = ()
     loaded: tuple[Array, Array] | None = None
     wet_until_s: Array | None = None
     at_die_temperature: bool = False
@@ -304,6 +307,8 @@ def _response(chain: Chain, rate: Array) -> modes.Modes:
         response = modes.in_series(response, time_constant_s)
     for share, time_constant_s in chain.lags:
         response = modes.mix(response, modes.first_order(time_constant_s), share)
+    for share, time_constant_s in chain.echoes:
+        response = modes.mix(response, modes.in_series(response, time_constant_s), share)
     return response
 
 

@@ -16,6 +16,7 @@ class Conditions:
 
     `duration_s` is NaN where the transfer was not timed. Where all runs state it, `ramp_ratio` is each run's in units
     of the typical one; where only some do (slowed on purpose), `ramp_own_s` is theirs and NaN elsewhere.
+    `order` is each run's place in the campaign, from 0.
     """
 
     source_c: Array
@@ -37,6 +38,7 @@ class Conditions:
     duration_s: Array
     ramp_ratio: Array
     ramp_own_s: Array
+    order: Array
 
     def select(self, index: NDArray[np.int64]) -> Conditions:
         """The same for the runs `index` alone."""

@@ -1,0 +1,91 @@
+"""From a verdict that would be `unexplained` to a description, where one holds: the search for it, its gain, what it
+leaves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from shockrig.analysis.diagnosis.adequacy import Adequacy, judge
+from shockrig.analysis.diagnosis.gain import Gain, measure_gain, worse_without
+from shockrig.analysis.diagnosis.remainder import Remainder, Tolerance, measure_remainder
+from shockrig.analysis.discovery.discover import TIE, Discovery, discover
+from shockrig.analysis.discovery.race import NUMBER
+from shockrig.analysis.discovery.stating import stated
+from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.fit import Fit
+from shockrig.analysis.inference.noise import Noise
+from shockrig.analysis.inference.problem import Problem
+from shockrig.files.diagnosis_data import Discovered
+
+
+@dataclass(frozen=True)
+class Description:
+    """What was described, as it is stated, with the tests, the gain and the remainder of the model that carries it."""
+
+    discovery: Discovery
+    discovered: tuple[Discovered, ...]
+    adequacy: Adequacy
+    gain: Gain
+    remainder: Remainder
+
+    @property
+    def fit(self) -> Fit:
+        """Of the model with the described effects."""
+        return self.discovery.fit
+
+
+def describe_rest(
+    channel: Channel,
+    problem: Problem,
+    noise: Noise,
+    plain: Fit,
+    named: Fit,
+    gain: Gain,
+    tolerance: Tolerance,
+) -> Description | None:
+    """Describe what the model `named` leaves, or what the plain one does where that takes less; None where nothing
+    holds on conditions and runs that it was not fitted to.
+
+    `channel` is the channel as recorded, `gain` that of `named`.
+    """
+
+    def left(found: Fit) -> Adequacy:
+        return judge(problem, found, noise)
+
+    found = discover(problem, named, left)
+    if named.structure.ids != plain.structure.ids and (found is None or not found.passed or len(found.effects) > 1):
+        other = discover(problem, plain, left)
+        found = other if other is not None and _plainer(found, other) else found
+    if found is None:
+        return None
+    # A description stands in the structure that the folds begin from: they fit it again and try each without it.
+    reached = measure_gain(channel, problem, found.fit.structure, plain, found.fit, noise, choose=False)
+    if reached.measured and (
+        reached.after >= gain.after or not all(worse_without(reached, one.effect.id) for one in found.effects)
+    ):
+        return None
+    adequacy = left(found.fit)
+    remainder = measure_remainder(problem, found.fit, noise, adequacy, reached, tolerance)
+    share = reached.explained_fraction if len(found.effects) == 1 and not named.structure.ids else None
+    discovered = stated(problem, found)
+    if share is not None:
+        discovered = tuple(replace(one, explained_fraction=round(share, 4)) for one in discovered)
+    return Description(found, discovered, adequacy, reached, remainder)
+
+
+def alternatives(described: Description) -> list[tuple[Fit, Fit]]:
+    """Pairs of fits that further runs should tell apart: the description, and each that does as well."""
+    return [(described.fit, other.fit) for one in described.discovery.effects for other in one.instead]
+
+
+def _plainer(found: Discovery | None, other: Discovery) -> bool:
+    """Whether a description without the named causes does better than one beside them."""
+    if found is None:
+        return other.passed
+    if other.passed != found.passed:
+        return other.passed
+
+    def cost(one: Discovery) -> float:
+        return one.fit.deviance + NUMBER * len(one.fit.structure.parameters)
+
+    return cost(other) < cost(found) - TIE

@@ -1,0 +1,136 @@
+"""The grammar of behaviours: every form that a channel's runs could show, with the values that its fit begins from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.effects.behaviours import Factor, Form, own_step
+from shockrig.analysis.inference.channel import Channel
+
+Array = NDArray[np.float64]
+
+LEAST_RUNS = 8  # fewer say nothing of conditions that were held out
+AIRFLOWS, STEPS = 1.2, 1.5  # ratios from which on a factor has varied
+AMBIENTS_K, LEVELS_PERCENT, PRESSURES = 3.0, 10.0, 0.03
+PERIODS = 28  # that are tried, from a second to the length of a run
+
+SCALING: tuple[Factor, ...] = (
+    ("airflow", "power"),
+    ("ambient", "exponential"),
+    ("direction", "ratio"),
+    ("step", "power"),
+    ("humidity", "exponential"),
+    ("pressure", "power"),
+    ("run_order", "exponential"),
+)
+
+
+def varied(channel: Channel) -> set[str]:
+    """Factors that the channel's runs vary, and that are known of all of them."""
+    c = channel.conditions
+    step = own_step(c, channel.jumps_with_air)
+    real = np.abs(step) >= channel.quantity.least_step
+    sizes = np.abs(step[real]) if real.any() else np.ones(1)
+    level = 0.5 * (c.source_percent + c.destination_percent)
+    tests = {
+        "airflow": c.airflow_known.all() and c.airflow_m_s.max() > AIRFLOWS * max(c.airflow_m_s.min(), 1e-9),
+        "ambient": np.ptp(c.destination_c) > AMBIENTS_K,
+        "direction": (step[real] > 0).any() and (step[real] < 0).any(),
+        "step": sizes.max() > STEPS * sizes.min(),
+        "humidity": np.ptp(level) > LEVELS_PERCENT,
+        "pressure": np.ptp(c.pressure_hpa) > PRESSURES * c.pressure_hpa.mean(),
+        "run_order": channel.runs >= LEAST_RUNS,
+    }
+    return {name for name, holds in tests.items() if holds}
+
+
+def scaling_factors(form: Form, channel: Channel) -> list[Factor]:
+    """Factors that a form's strength (or time constant, or the rate) may depend on in a channel, besides its own."""
+    there = varied(channel)
+    if form.behaves_as == "rate_change" and not channel.quantity.pooled:
+        there -= {"ambient"}  # each ambient has its own rate
+    if form.behaves_as == "periodic" or "zero_at" in dict(form.depends_on).values():
+        return []
+    if "run_order" in form.factors or form.driver == "die_temperature":
+        there -= {"run_order"}
+    if form.behaves_as in ("added_response", "added_rate", "gain", "periodic") and form.driver != "none":
+        there -= {"step"}  # it is in the driver
+    if form.behaves_as == "lag_in_series" and form.driver == "airflow":
+        there &= {"airflow", "ambient", "pressure", "direction"}
+    return [pair for pair in SCALING if pair[0] in there - set(form.factors)]
+
+
+def forms(channel: Channel) -> Iterator[Form]:
+    """All forms that the channel's runs could show; none where a record is driven all along."""
+    c = channel.conditions
+    if channel.measured.any() or channel.runs < LEAST_RUNS:
+        return
+    for base in _bases(channel):
+        if base.behaves_as != "rate_change" or base.depends_on:
+            yield base
+        for factor in scaling_factors(base, channel):
+            yield base.with_factor(*factor)
+    if not c.airs_known.all():
+        return
+    there = varied(channel)
+    for behaviour in ("gain", "offset"):
+        driver = "own_response" if behaviour == "gain" else "none"
+        if "run_order" in there:
+            yield Form(behaviour, driver, (("run_order", "linear"),))
+    if "ambient" in there:
+        zero = Form("gain", "own_response", (("ambient", "zero_at"),))
+        own = "air_humidity" if channel.jumps_with_air else "air_temperature"
+        room = Form("added_response", own, (("ambient", "zero_at"),))
+        if channel.jumps_with_air:
+            yield room.with_factor("humidity", "zero_at")
+        else:
+            yield zero
+            yield room
+            if "airflow" in there:
+                yield zero.with_factor("airflow", "power")
+    if "direction" in there:
+        yield Form("offset", "none", (("direction", "sign"), ("step", "sets_in_over")))
+
+
+def _bases(channel: Channel) -> Iterator[Form]:
+    """Behaviours with their drivers, depending on nothing yet."""
+    c = channel.conditions
+    own, other = ("air_humidity", "air_temperature") if channel.jumps_with_air else ("air_temperature", "air_humidity")
+    yield Form("lag_in_series", own)
+    if "airflow" in varied(channel):
+        yield Form("lag_in_series", "airflow")
+    yield Form("parallel_lag", own)
+    yield Form("rate_change", "none")
+    yield Form("added_rate", "own_response")
+    if channel.jumps_with_air and "humidity" in varied(channel):
+        yield Form("rate_change", "own_response", (("humidity", "linear"),))
+    if c.start_known.any():
+        yield Form("delay", "none")
+    if not c.airs_known.all():
+        return
+    yield Form("gain", "own_response")
+    yield Form("offset", "none")
+    for driver in (own, other, "none"):
+        yield Form("added_rate", driver)
+    for driver in (own, other, "own_response"):
+        yield Form("added_response", driver)
+    for driver in (own, "own_response"):  # creeping on, ever slower or all the time alike
+        yield Form("added_response", driver, (("history", "logarithmic"),))
+        yield Form("added_response", driver, (("history", "linear"),))
+    yield Form("periodic", "none")
+    yield Form("periodic", own)
+    if np.isfinite(channel.die_c).any():
+        yield Form("gain", "die_temperature")
+        yield Form("added_response", "die_temperature")
+
+
+def periods_s(channel: Channel) -> Array:
+    """Periods that a swing is looked for at."""
+    longest = float(np.median([time[-1] for time, _ in channel.samples]))
+    shortest = max(6.0 * channel.sampling_period_s, 1.0)
+    # Equally far apart in frequency: a run tells frequencies apart by the inverse of its length.
+    frequency = np.linspace(1.0 / longest, 1.0 / shortest, 4 * PERIODS)
+    return np.asarray(1.0 / frequency)

@@ -1,0 +1,160 @@
+"""The forms that score best, fitted: a few steps each from their best starts, the leaders to the end, and then with one
+factor more where that is worth its number."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from shockrig.analysis.discovery.grammar import SCALING, forms, scaling_factors
+from shockrig.analysis.discovery.scores import Scored, first_order
+from shockrig.analysis.effects.behaviours import Form, form_of
+from shockrig.analysis.effects.described import described
+from shockrig.analysis.inference.effect import Effect
+from shockrig.analysis.inference.fit import Fit, fit, go_on
+from shockrig.analysis.inference.model import Model
+from shockrig.analysis.inference.problem import Problem
+
+NUMBER = 6.0  # of deviance that each further number of a form must bring: odds of twenty
+QUICK, FURTHER, WHOLE = 3, 4, 25  # steps of Gauss and Newton
+EACH, LEADERS, REFINED = 3, 10, 4  # forms of a behaviour, forms that are fitted to the end, forms that get a factor
+ROUNDS, STAY = 2, 18  # rounds of further steps, and forms that take part in them
+WRONG = 3.0  # objective per bin from which the runs' deviations mean nothing
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A form fitted on top of a model: its entry, the fit, and the deviance with what its numbers must bring."""
+
+    effect: Effect
+    fit: Fit
+
+    @property
+    def form(self) -> Form:
+        """What it is."""
+        return form_of(self.effect.id)
+
+    @property
+    def cost(self) -> float:
+        """Deviance, and what each of its numbers must bring."""
+        return self.fit.deviance + NUMBER * len(self.effect.parameters)
+
+
+def candidates(problem: Problem, near: Fit) -> tuple[list[Candidate], float]:
+    """Forms fitted on top of `near`, the best first, and the drop in deviance that the best of all reaches by chance.
+
+    None where no form scores more than that.
+    """
+    scored, null = first_order(problem, near, forms(problem.channel))
+    if not scored or scored[0].gain <= null:
+        return [], null
+    running = [one for entry in _entered(scored, null) for one in _begun(problem, near, entry)]
+    if plainly_wrong(problem, near):
+        # The way is long: whoever is ahead after a few steps need not be at its end.
+        running = [_further(problem, one) for one in _ahead(running, 2)]
+    for _ in range(ROUNDS):
+        running = [_further(problem, one) for one in _ahead(running, 1)]
+    ended = _distinct([_ended(problem, one) for one in _distinct(running)[:LEADERS]])
+    simpler = [less for one in ended[:REFINED] for less in _simpler(problem, one)]
+    refined = [more for one in _distinct([*ended, *simpler])[:REFINED] for more in _refined(problem, one)]
+    return _distinct([*ended, *simpler, *refined]), null
+
+
+def _entered(scored: Sequence[Scored], null: float) -> list[Scored]:
+    """Of each behaviour with its driver, the forms that score best and the one that depends on nothing."""
+    taken: dict[tuple[str, str], list[Scored]] = {}
+    for entry in scored:
+        form = form_of(entry.effect.id)
+        group = taken.setdefault((form.behaves_as, form.driver), [])
+        if entry.gain > null and (len(group) < EACH or not form.depends_on):
+            group.append(entry)
+    return [entry for group in taken.values() for entry in group]
+
+
+def plainly_wrong(problem: Problem, found: Fit) -> bool:
+    """Whether a fit is so far off that its runs' deviations mean nothing."""
+    return found.objective > WRONG * problem.channel.count.size
+
+
+def _ahead(running: Sequence[Candidate], starts: int) -> list[Candidate]:
+    """The forms ahead, and the best of every behaviour with its driver, each from so many of its starts."""
+    ranked = _distinct(running)
+    groups: dict[tuple[str, str], str] = {}
+    for one in ranked:
+        groups.setdefault((one.form.behaves_as, one.form.driver), one.effect.id)
+    stay = {one.effect.id for one in ranked[:STAY]} | set(groups.values())
+    found = []
+    for key in stay:
+        own = sorted((one for one in running if one.effect.id == key), key=lambda c: c.cost)
+        found += own[:starts]
+    return found
+
+
+def _further(problem: Problem, one: Candidate) -> Candidate:
+    return Candidate(one.effect, go_on(problem, one.fit, FURTHER))
+
+
+def _begun(problem: Problem, near: Fit, entry: Scored) -> list[Candidate]:
+    structure = near.structure.adding(entry.effect)
+    model = Model(problem.channel, structure)
+    # From the deviations of `near` where these mean anything.
+    deviations = problem.channel.at_rest() if plainly_wrong(problem, near) else near.deviations
+    found = []
+    for start in entry.starts:
+        named = {f"{entry.effect.id}.{name}": value for name, value in start.items()}
+        theta = model.start(near.log_rates, near.choice | named)
+        found.append(Candidate(entry.effect, fit(problem, structure, theta, deviations, QUICK)))
+    return found
+
+
+def _ended(problem: Problem, one: Candidate) -> Candidate:
+    structure, at_rest = one.fit.structure, problem.channel.at_rest()
+    ends = [fit(problem, structure, one.fit.theta, start, WHOLE) for start in (one.fit.deviations, at_rest)]
+    return Candidate(one.effect, min(ends, key=lambda f: f.deviance))
+
+
+def _refined(problem: Problem, one: Candidate) -> list[Candidate]:
+    """The same form depending on one factor more, where that is worth its number."""
+    if len(one.form.depends_on) > 1:
+        return []
+    values, found = one.fit.choice, []
+    without = one.fit.structure.dropping(one.effect.id)
+    for factor, how in scaling_factors(one.form, problem.channel):
+        effect = described(one.form.with_factor(factor, how).key, problem.channel.jumps_with_air)
+        named = {f"{effect.id}.{p.name}": values[f"{one.effect.id}.{p.name}"] for p in one.effect.parameters}
+        neutral = 1.0 if how == "ratio" else 0.0
+        structure = without.adding(effect)
+        theta = Model(problem.channel, structure).start(
+            one.fit.log_rates, values | named | {f"{effect.id}.{factor}": neutral}
+        )
+        found.append(Candidate(effect, fit(problem, structure, theta, one.fit.deviations, WHOLE)))
+    return [better for better in found if better.cost < one.cost]
+
+
+def _simpler(problem: Problem, one: Candidate) -> list[Candidate]:
+    """The same form without one of the factors that only scale it."""
+    values, found = one.fit.choice, []
+    without = one.fit.structure.dropping(one.effect.id)
+    for factor, how in one.form.depends_on:
+        form = Form(one.form.behaves_as, one.form.driver, tuple(f for f in one.form.depends_on if f[0] != factor))
+        if (factor, how) not in SCALING or (form.behaves_as == "rate_change" and not form.depends_on):
+            continue
+        effect = described(form.key, problem.channel.jumps_with_air)
+        named = {f"{effect.id}.{p.name}": values[f"{one.effect.id}.{p.name}"] for p in effect.parameters}
+        structure = without.adding(effect)
+        theta = Model(problem.channel, structure).start(one.fit.log_rates, values | named)
+        found.append(Candidate(effect, fit(problem, structure, theta, one.fit.deviations, WHOLE)))
+    return found
+
+
+def _distinct(found: Iterable[Candidate]) -> list[Candidate]:
+    """The best fit of each form, the best form first; fits that lead nowhere are left out."""
+    best: dict[str, Candidate] = {}
+    for one in found:
+        if not np.isfinite(one.fit.deviance):
+            continue
+        if one.effect.id not in best or one.cost < best[one.effect.id].cost:
+            best[one.effect.id] = one
+    return sorted(best.values(), key=lambda c: c.cost)

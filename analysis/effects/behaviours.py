@@ -1,0 +1,259 @@
+"""How an effect that nobody listed may behave: closed forms through the same chain, made from data and not from code.
+
+A form is a behaviour, a driver, and what its strength (or its time constant, or the body's rate) depends on; the words
+are those of `discovered` in shock-diagnosis/1. Sizes and numbers of the factors are the parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.physics.chain import REFERENCE_AIRFLOW_M_S, Chain, Recorded, RoomAir
+from shockrig.analysis.physics.conditions import Conditions
+from shockrig.analysis.physics.humidity import saturation_pressure_hpa
+
+Array = NDArray[np.float64]
+Arrays = Mapping[str, Array]
+Factor = tuple[str, str]  # what it depends on, and how
+
+USUAL_C = 20.0
+USUAL_PERCENT = 50.0
+USUAL_HPA = 1013.25
+USUAL_STEP = {True: 40.0, False: 20.0}  # of a channel that jumps with the air (%RH), and of one that does not (K)
+A_MINUTE_S = 60.0
+LEAST_STEP = 0.1  # share of a usual step
+
+
+@dataclass(frozen=True)
+class Form:
+    """A behaviour with its driver and what it depends on: (factor, how) pairs, at most two."""
+
+    behaves_as: str
+    driver: str
+    depends_on: tuple[Factor, ...] = ()
+
+    @property
+    def key(self) -> str:
+        """The form as one word, from which `form_of` makes it again."""
+        return "|".join([self.behaves_as, self.driver, *(f"{factor}:{how}" for factor, how in self.depends_on)])
+
+    @property
+    def factors(self) -> tuple[str, ...]:
+        """What it depends on."""
+        return tuple(factor for factor, _ in self.depends_on)
+
+    def with_factor(self, factor: str, how: str) -> Form:
+        """The same, depending on one factor more; the order in which factors come does not make another form."""
+        return replace(self, depends_on=tuple(sorted((*self.depends_on, (factor, how)))))
+
+
+def form_of(key: str) -> Form:
+    """The form that a key stands for.
+
+    Raises
+    ------
+    ValueError
+        The key is that of no form.
+    """
+    parts = key.split("|")
+    if len(parts) < 2:
+        raise ValueError(f"{key!r} is no form of behaviour")
+    pairs = [tuple(part.split(":")) for part in parts[2:]]
+    if any(len(pair) != 2 for pair in pairs):
+        raise ValueError(f"{key!r} is no form of behaviour")
+    return Form(parts[0], parts[1], tuple((factor, how) for factor, how in pairs))
+
+
+def scaling(factor: str, how: str, conditions: Conditions, jumps: bool, value: Array) -> Array:
+    """By what a strength is multiplied in each run (B, R) for values (B, 1) of a factor's number."""
+    c = conditions
+    if how == "power":
+        of = {
+            "airflow": np.maximum(c.airflow_m_s, 0.05) / REFERENCE_AIRFLOW_M_S,
+            "step": np.maximum(np.abs(own_step(c, jumps)) / USUAL_STEP[jumps], LEAST_STEP),
+            "pressure": c.pressure_hpa / USUAL_HPA,
+        }[factor]
+        return np.asarray(of**value)
+    if how == "exponential":
+        exponent = {
+            "ambient": c.destination_c - USUAL_C,
+            "humidity": 0.5 * (c.source_percent + c.destination_percent) / 100.0 - 0.5,
+            "run_order": c.order,
+        }[factor]
+        return np.asarray(np.exp(value * exponent))
+    if how == "ratio":  # falling to rising
+        return np.asarray(np.where(own_step(c, jumps) < 0, value, 1.0))
+    raise ValueError(f"a strength that depends on {factor} as {how!r} is no form of behaviour")
+
+
+def own_step(conditions: Conditions, jumps: bool) -> Array:
+    """Signed change of the air's own quantity in each run (R,)."""
+    c = conditions
+    return c.destination_percent - c.source_percent if jumps else c.destination_c - c.source_c
+
+
+def _scale(form: Form, chain: Chain, p: Arrays) -> Array:
+    """Product of all factors that scale, (B, R)."""
+    out = np.ones((1, chain.channel.conditions.airflow_m_s.size))
+    for factor, how in form.depends_on:
+        if how in ("power", "exponential", "ratio"):
+            out = out * scaling(factor, how, chain.channel.conditions, chain.channel.jumps_with_air, p[factor])
+    return out
+
+
+def _driver_step(form: Form, channel: Recorded) -> tuple[Array, Array]:
+    """What a driver is before and after the transfer (R,), from its usual value."""
+    c = channel.conditions
+    if form.driver == "air_temperature":
+        return c.source_c - USUAL_C, c.destination_c - USUAL_C
+    if form.driver == "air_humidity":
+        return c.source_percent - USUAL_PERCENT, c.destination_percent - USUAL_PERCENT
+    return np.zeros(c.source_c.shape), np.ones(c.source_c.shape)
+
+
+def _relaxed(time: Array, time_constant_s: Array) -> Array:
+    """exp(-t / time constant) after the transfer, 0 before it."""
+    return np.where(time > 0, np.exp(-np.maximum(time, 0.0) / time_constant_s[..., None]), 0.0)
+
+
+def _readout(chain: Chain, added: Callable[[Array, Array], Array]) -> Chain:
+    return replace(chain, readouts=(*chain.readouts, lambda reading, time: reading + added(reading, time)))
+
+
+def _lag_in_series(form: Form, chain: Chain, p: Arrays) -> Chain:
+    if form.driver == "airflow":  # the exchange with the air holds it back: size is its resistance over the body's own
+        return replace(chain, biot=1.0 / (p["size"] * _scale(form, chain, p)))
+    return replace(chain, series=(*chain.series, p["time_constant_s"] * _scale(form, chain, p)))
+
+
+def _parallel_lag(form: Form, chain: Chain, p: Arrays) -> Chain:
+    scale = _scale(form, chain, p)
+    share = np.clip(p["size"] * scale, -0.95, 0.95)
+    return replace(chain, lags=(*chain.lags, (share, np.broadcast_to(p["time_constant_s"], share.shape))))
+
+
+def _rate_change(form: Form, chain: Chain, p: Arrays) -> Chain:
+    if ("humidity", "linear") in form.depends_on:  # moves with what the body itself holds, all along a run
+        chain = replace(chain, activity_slope=p["humidity"])
+    return replace(chain, rate=chain.rate * _scale(form, chain, p))
+
+
+def _delay(form: Form, chain: Chain, p: Arrays) -> Chain:
+    return replace(chain, time_s=chain.time_s - (p["size"] * _scale(form, chain, p))[..., None])
+
+
+def _added_response(form: Form, chain: Chain, p: Arrays) -> Chain:
+    """Something leaks in, proportional to a driver, with its own time constant."""
+    if ("ambient", "zero_at") in form.depends_on:  # air of another state comes in with the probes and goes
+        humid = p.get("humidity", np.full_like(p["ambient"], USUAL_PERCENT))
+        room = RoomAir(p["size"], p["time_constant_s"], p["ambient"], humid)
+        return replace(chain, rooms=(*chain.rooms, room))
+    size = (p["size"] * _scale(form, chain, p))[..., None]
+    if form.driver == "die_temperature":
+        die = chain.die_c - USUAL_C
+        return _readout(chain, lambda reading, time: size * np.where(np.isfinite(die), die, 0.0))
+    kinetics = dict(form.depends_on).get("history", "")
+    time_constant_s = p["time_constant_s"][..., None] if "time_constant_s" in p else np.full((1, 1, 1), A_MINUTE_S)
+
+    def come_in(time: Array) -> Array:
+        since = np.maximum(time, 0.0) / time_constant_s
+        if kinetics == "logarithmic":
+            return np.log1p(since)
+        return since if kinetics == "linear" else -np.expm1(-since)
+
+    if form.driver == "own_response":  # what the reading shows creeps
+        return _readout(chain, lambda reading, time: size * reading * come_in(time))
+    before, after = (x[:, None] for x in _driver_step(form, chain.channel))
+    lasting = 0.0 if kinetics else before  # what creeps all along has no level that it began from
+    return _readout(chain, lambda reading, time: size * (lasting + (after - before) * come_in(time)))
+
+
+def _added_rate(form: Form, chain: Chain, p: Arrays) -> Chain:
+    """Proportional to a driver's rate of change, which is seen through a lag: (driver - lagged driver) / time constant.
+
+    Without a driver it is what the transfer itself does, and dies away.
+    """
+    size = p["size"] * _scale(form, chain, p)
+    if form.driver == "own_response":
+        tau = np.broadcast_to(p["time_constant_s"], size.shape)
+        return replace(chain, echoes=(*chain.echoes, (-size / tau, tau)))
+    before, after = _driver_step(form, chain.channel)
+    time_constant_s = p["time_constant_s"]
+    step = size * (after - before) / (1.0 if form.driver == "none" else time_constant_s)
+    return _readout(chain, lambda reading, time: step[..., None] * _relaxed(time, time_constant_s))
+
+
+def _gain(form: Form, chain: Chain, p: Arrays) -> Chain:
+    if form.driver == "die_temperature":  # as the saturation pressure moves from the air's temperature to the die's
+        size = (p["size"] * _scale(form, chain, p))[..., None]
+
+        def of_die(reading: Array, time: Array) -> Array:
+            air = np.where(time > 0, chain.destination_c[..., None], chain.source_c[..., None])
+            die = np.where(np.isfinite(chain.die_c), chain.die_c, air)
+            return np.asarray(
+                reading * np.expm1(size * np.log(saturation_pressure_hpa(die) / saturation_pressure_hpa(air)))
+            )
+
+        return _readout(chain, of_die)
+    zero = p["ambient"][..., None] if ("ambient", "zero_at") in form.depends_on else 0.0
+    size = (_signed(form, chain, p, p["size"]) * _scale(form, chain, p))[..., None]
+    return _readout(chain, lambda reading, time: size * (reading - zero))
+
+
+def _signed(form: Form, chain: Chain, p: Arrays, size: Array) -> Array:
+    """A size (B, R) that grows from run to run."""
+    return size * chain.channel.conditions.order if ("run_order", "linear") in form.depends_on else size
+
+
+def _offset(form: Form, chain: Chain, p: Arrays) -> Chain:
+    size = (_signed(form, chain, p, p["size"]) * _scale(form, chain, p))[..., None]
+    if ("direction", "sign") not in form.depends_on:
+        return _readout(chain, lambda reading, time: np.broadcast_to(size, np.broadcast_shapes(size.shape, time.shape)))
+    first = (chain.source_percent if chain.channel.jumps_with_air else chain.source_c)[..., None]
+    width = p["step"][..., None]
+    return _readout(chain, lambda reading, time: size * np.tanh((reading - first) / width))
+
+
+def _periodic(form: Form, chain: Chain, p: Arrays) -> Chain:
+    """A swing that begins with the transfer; driven by the step of the air it dies away."""
+    before, after = _driver_step(form, chain.channel)
+    size = (p["size"] * (after - before) * _scale(form, chain, p))[..., None]
+    turn, phase = 2.0 * np.pi / p["period_s"][..., None], p["phase_rad"][..., None]
+    decay = p.get("time_constant_s")
+
+    def swing(reading: Array, time: Array) -> Array:
+        alive = (time > 0) if decay is None else _relaxed(time, decay)
+        return np.asarray(size * alive * np.sin(turn * np.maximum(time, 0.0) + phase))
+
+    return _readout(chain, swing)
+
+
+_BEHAVIOURS: dict[str, Callable[[Form, Chain, Arrays], Chain]] = {
+    "lag_in_series": _lag_in_series,
+    "parallel_lag": _parallel_lag,
+    "added_response": _added_response,
+    "added_rate": _added_rate,
+    "gain": _gain,
+    "offset": _offset,
+    "rate_change": _rate_change,
+    "delay": _delay,
+    "periodic": _periodic,
+}
+
+
+def acting(form: Form) -> Callable[[Chain, Arrays], Chain]:
+    """What a form does to a chain.
+
+    Raises
+    ------
+    ValueError
+        Nothing behaves so.
+    """
+    if form.behaves_as not in _BEHAVIOURS:
+        raise ValueError(f"{form.behaves_as!r} is no behaviour that can be computed")
+    return partial(_BEHAVIOURS[form.behaves_as], form)

@@ -1,0 +1,255 @@
+"""Effects that nobody listed, as entries that model, fit and flight take like those of the catalogue.
+
+Everything of such an entry follows from its form, and its id is the form's key: profiles and diagnoses carry it as
+data (`discovered`), never as code.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from functools import cache
+
+from shockrig.analysis.effects.behaviours import Form, acting, form_of
+from shockrig.analysis.effects.described_in_flight import flown
+from shockrig.analysis.inference.effect import Effect, Link, Parameter
+from shockrig.files.causes import Uncertain
+from shockrig.files.diagnosis_data import Dependence, Discovered, Size
+
+LINKS: dict[str, Link] = {
+    "lag_in_series": "exchange",
+    "parallel_lag": "body",
+    "added_response": "readout",
+    "added_rate": "readout",
+    "gain": "readout",
+    "offset": "readout",
+    "rate_change": "body",
+    "delay": "logger",
+    "periodic": "air",
+}
+LAST = 1000  # in the order of the chain: after all of the catalogue
+TIMES_S = (0.3, 1.0, 3.0, 10.0, 30.0)
+NUMBERS: dict[tuple[str, str], tuple[float, float, tuple[float, ...], str, bool]] = {
+    # (factor, how): lowest, highest, starts, unit, in its logarithm
+    ("airflow", "power"): (-3.0, 3.0, (-0.5, 0.5), "1", False),
+    ("step", "power"): (-3.0, 3.0, (-0.5, 0.5), "1", False),
+    ("pressure", "power"): (-5.0, 5.0, (-0.5, 0.5), "1", False),
+    ("ambient", "exponential"): (-0.2, 0.2, (-0.02, 0.02), "1/K", False),
+    ("humidity", "exponential"): (-6.0, 6.0, (-1.0, 1.0), "1", False),
+    ("humidity", "linear"): (-1.6, 1.9, (-0.3, 0.3), "1", False),
+    ("run_order", "exponential"): (-0.3, 0.3, (-0.01, 0.01), "1", False),
+    ("direction", "ratio"): (0.05, 20.0, (0.8, 1.25), "1", True),
+    ("ambient", "zero_at"): (-60.0, 100.0, (22.0,), "degC", False),
+    ("humidity", "zero_at"): (-50.0, 150.0, (45.0,), "%RH", False),
+}
+# What is known of a room's air before any data, as of those that come in with the probes in the catalogue.
+ROOM = {"ambient": (21.0, 8.0), "humidity": (45.0, 20.0)}
+
+
+def is_described(id_: str) -> bool:
+    """Whether an effect's id is the key of a form."""
+    return "|" in id_
+
+
+@cache
+def described(key: str, jumps: bool) -> Effect:
+    """The entry for a form; `jumps` is True in a channel whose reading jumps with the air's temperature (RH).
+
+    Raises
+    ------
+    ValueError
+        The key is that of no form, or of one that cannot be computed.
+    """
+    form = form_of(key)
+    return Effect(
+        id=key,
+        link=LINKS.get(form.behaves_as, "readout"),
+        channels=("humidity",) if jumps else ("temperature",),
+        parameters=tuple(_parameters(form, jumps)),
+        apply=acting(form),
+        sentence="",
+        equation=equation(form),
+        source="the campaign's own runs",
+        advice="Record the runs that are proposed, and look on the bench for what behaves so.",
+        of_sensor=of_sensor(form),
+        in_flight=flown(form),
+        order=LAST,
+    )
+
+
+def of_sensor(form: Form) -> bool:
+    """Whether it can belong to the sensor; what grows from run to run, or swings with the air, is the bench's."""
+    room = form.behaves_as == "added_response" and ("ambient", "zero_at") in form.depends_on
+    pulse = form.behaves_as == "added_rate" and form.driver == "none"
+    return not (room or pulse or form.behaves_as == "periodic" or "run_order" in form.factors)
+
+
+def _parameters(form: Form, jumps: bool) -> Iterable[Parameter]:
+    """The numbers of a form, each with its range and where a fit begins."""
+    unit = "%RH" if jumps else "K"
+    kind = form.behaves_as
+    room = kind == "added_response" and ("ambient", "zero_at") in form.depends_on
+    if kind == "delay":
+        yield Parameter("size", "s", -0.5, 10.0, (0.05, 0.3))
+    elif kind == "parallel_lag":
+        yield Parameter("size", "1", -0.9, 0.9, (0.03,), percent=True)
+    elif kind == "lag_in_series" and form.driver == "airflow":
+        yield Parameter("size", "1", 0.01, 200.0, (0.05, 0.3, 3.0), log=True, none=None)
+    elif kind == "gain":
+        most = 3.0 if form.driver == "die_temperature" else 0.3
+        yield Parameter("size", "1", -most, most, (0.02 * most, -0.02 * most))
+    elif kind == "added_response":
+        limits = {"air_temperature": 5.0, "die_temperature": 5.0, "air_humidity": 1.0, "own_response": 0.5}
+        if room:
+            yield Parameter("size", "1", 0.001, 0.6, (0.03,), percent=True)
+        else:
+            most = limits.get(form.driver, 30.0)
+            yield Parameter("size", size_unit(form, unit), -most, most, (2e-3 * most,))
+    elif kind == "added_rate":
+        most = {"own_response": 60.0, "none": 60.0}.get(form.driver, 200.0)
+        yield Parameter("size", size_unit(form, unit), -most, most, (2e-3 * most, -2e-3 * most))
+    elif kind == "offset":
+        yield Parameter("size", unit, -30.0, 30.0, (0.05, -0.05) if not jumps else (0.3, -0.3))
+    elif kind == "periodic":
+        most = 1.0 if form.driver != "none" else 20.0
+        yield Parameter("size", size_unit(form, unit), -most, most, (2e-3 * most,))
+        yield Parameter("period_s", "s", 0.5, 300.0, (10.0,), log=True, none=None)
+        yield Parameter("phase_rad", "1", -10.0, 10.0, (0.0, 1.5708), none=None)
+        if form.driver != "none":
+            yield Parameter("time_constant_s", "s", 0.5, 300.0, (5.0,), log=True, none=None)
+    if has_time_constant(form) and kind != "periodic":
+        starts: tuple[float, ...] = TIMES_S
+        if kind == "lag_in_series":
+            starts = (0.03, 0.1, *TIMES_S)
+        elif kind == "added_rate" and form.driver == "own_response":
+            starts = (0.2, 1.0, 5.0)
+        yield Parameter("time_constant_s", "s", 0.01, 1000.0, starts, log=True, none=None)
+    for factor, how in form.depends_on:
+        if (factor, how) in NUMBERS:
+            low, high, begin, of, log = NUMBERS[factor, how]
+            prior = ROOM.get(factor) if room else None
+            yield Parameter(factor, of, low, high, begin, log=log, none=1.0 if log else 0.0, prior=prior)
+        elif (factor, how) == ("step", "sets_in_over"):
+            start = 3.0 if jumps else 1.0
+            yield Parameter(factor, unit, 0.02 * start, 20.0 * start, (start,), log=True, none=None)
+
+
+def has_time_constant(form: Form) -> bool:
+    """Whether a form has a time constant of its own."""
+    if form.behaves_as == "added_response":
+        return form.driver != "die_temperature" and ("history", "linear") not in form.depends_on
+    if form.behaves_as == "lag_in_series":
+        return form.driver != "airflow"
+    return form.behaves_as in ("parallel_lag", "added_rate") or (
+        form.behaves_as == "periodic" and form.driver != "none"
+    )
+
+
+def size_unit(form: Form, unit: str) -> str:
+    """Unit of a form's size in a channel of this unit."""
+    of = {"air_temperature": "K", "die_temperature": "K", "air_humidity": "%RH", "own_response": unit}.get(form.driver)
+    if of is None:
+        return unit
+    share = "1" if of == unit else f"{unit}/{of}"
+    if form.behaves_as == "added_rate":
+        return "s" if of == unit else f"{unit} s/{of}"
+    return share
+
+
+def equation(form: Form) -> str:
+    """The equation that a form adds."""
+    if form.behaves_as == "lag_in_series" and form.driver == "airflow":
+        words = "".join(f" {_in_words(factor, how)}" for factor, how in form.depends_on)
+        return f"flux into the body = (air - surface) / (size{words}), size in units of the body's own resistance"
+    depends = "".join(f" {_in_words(factor, how)}" for factor, how in form.depends_on)
+    x = {"air_temperature": "T_air", "air_humidity": "H_air", "die_temperature": "T_die", "own_response": "reading"}
+    driver = x.get(form.driver, "1")
+    return {
+        "lag_in_series": f"time_constant{depends} dx/dt = air - x, and the body follows x",
+        "parallel_lag": f"reading = (1 - size{depends}) body + size{depends} (1 - exp(-t / time_constant))",
+        "added_response": f"reading + size{depends} {driver} behind a lag of time_constant",
+        "added_rate": f"reading + size{depends} d{driver}/dt behind a lag of time_constant",
+        "gain": f"reading (1 + size{depends})",
+        "offset": f"reading + size{depends}",
+        "rate_change": f"rate{depends}",
+        "delay": f"reading(t) = true(t - size{depends})",
+        "periodic": f"reading + size{depends} sin(2 pi t / period + phase)",
+    }.get(form.behaves_as, "")
+
+
+def _in_words(factor: str, how: str) -> str:
+    return {
+        "power": f"{factor}^n",
+        "exponential": f"exp(n {factor})",
+        "logarithmic": "ln(1 + t / time_constant)",
+        "ratio": f"(falling: times n, {factor})",
+    }.get(how, f"({how.replace('_', ' ')}, {factor})")
+
+
+def form_of_discovered(stated: Discovered) -> Form:
+    """The form of a described effect as a file states it."""
+    return Form(stated.behaves_as, stated.driver, tuple((on.factor, on.form) for on in stated.depends_on))
+
+
+def entry_of(stated: Discovered, channel: str) -> Effect | None:
+    """The entry for a described effect of a file; None where this version cannot compute it."""
+    form = form_of_discovered(stated)
+    try:
+        return described(form.key, channel == "humidity")
+    except (ValueError, KeyError):
+        return None
+
+
+def stated_values(stated: Discovered) -> dict[str, Uncertain]:
+    """Values of a described effect's parameters by name, as `described` names them."""
+    found: dict[str, Uncertain] = {}
+    if stated.size is not None:
+        found["size"] = Uncertain(stated.size.value, stated.size.standard_uncertainty)
+    for name in ("time_constant_s", "period_s", "phase_rad"):
+        if (value := getattr(stated, name)) is not None:
+            found[name] = value
+    for on in stated.depends_on:
+        if on.value is not None:
+            found[on.factor] = Uncertain(on.value, on.standard_uncertainty or 0.0)
+    return found
+
+
+def with_values(stated: Discovered, effect: Effect, values: Mapping[str, tuple[float, float]]) -> Discovered:
+    """A described effect of a file with other numbers."""
+    anew = discovered_of(effect, values)
+    return replace(
+        stated,
+        time_constant_s=anew.time_constant_s,
+        period_s=anew.period_s,
+        phase_rad=anew.phase_rad,
+        size=anew.size,
+        depends_on=anew.depends_on,
+    )
+
+
+def discovered_of(effect: Effect, values: Mapping[str, tuple[float, float]]) -> Discovered:
+    """A described effect with its values (value, standard uncertainty) as a file states it."""
+    form = form_of(effect.id)
+
+    def uncertain(name: str) -> Uncertain | None:
+        if name not in values:
+            return None
+        value, spread = values[name]
+        return Uncertain(value, spread if math.isfinite(spread) else abs(value) * 1e3)
+
+    size = uncertain("size")
+    unit = next((p.unit for p in effect.parameters if p.name == "size"), "1")
+    depends_on = tuple(
+        Dependence(factor, how, *((u.value, u.standard_uncertainty) if (u := uncertain(factor)) else (None, None)))
+        for factor, how in form.depends_on
+    )
+    return Discovered(
+        behaves_as=form.behaves_as,
+        driver=form.driver,
+        time_constant_s=uncertain("time_constant_s"),
+        period_s=uncertain("period_s"),
+        phase_rad=uncertain("phase_rad"),
+        size=None if size is None else Size(size.value, size.standard_uncertainty, unit),
+        depends_on=depends_on,
+    )

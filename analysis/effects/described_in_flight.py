@@ -1,0 +1,67 @@
+"""What a described effect means in a flight: what can be undone is, what cannot is left and said to be.
+
+A flight knows its airspeed, and the temperature at which the sensor is; a direction, a step or a run it has not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.effects.behaviours import USUAL_C, Form
+from shockrig.analysis.inference.effect import InFlight, Values
+from shockrig.analysis.physics.chain import REFERENCE_AIRFLOW_M_S
+
+Array = NDArray[np.float64]
+KNOWN = {("airflow", "power"), ("ambient", "exponential")}
+
+
+def along(form: Form, p: Values, airspeed: Array, temperature_c: Array) -> Array:
+    """By what a strength is multiplied along a flight (n,)."""
+    out = np.ones(airspeed.shape)
+    for factor, how in form.depends_on:
+        if (factor, how) == ("airflow", "power"):
+            out = out * (np.maximum(airspeed, 0.05) / REFERENCE_AIRFLOW_M_S) ** p[factor]
+        elif (factor, how) == ("ambient", "exponential"):
+            out = out * np.exp(p[factor] * (temperature_c - USUAL_C))
+    return out
+
+
+def flown(form: Form) -> InFlight | None:
+    """How a correction treats a form; None where it belongs to the bench."""
+    if form.depends_on == (("ambient", "zero_at"),) and form.behaves_as == "gain":
+        return InFlight(undo=lambda p, y, airspeed, length: (y + p["size"] * p["ambient"]) / (1 + p["size"]))
+    if "run_order" in form.factors or form.behaves_as == "periodic" or "zero_at" in dict(form.depends_on).values():
+        return None
+    if form.behaves_as == "added_rate" and form.driver == "none":
+        return None
+    if any(pair not in KNOWN for pair in form.depends_on):
+        return InFlight(left=True)
+    scale: Callable[[Values, Array, Array], Array] = partial(along, form)
+    only_airflow = set(form.depends_on) <= {("airflow", "power")}
+    still = np.full(1, USUAL_C)
+    if form.behaves_as == "lag_in_series" and form.driver == "airflow":
+        if not only_airflow:
+            return InFlight(left=True)
+        return InFlight(biot=lambda p, airspeed, length: 1.0 / (p["size"] * scale(p, airspeed, still)))
+    if form.behaves_as == "lag_in_series":
+        return InFlight(
+            series_s=lambda p: p["time_constant_s"],
+            series_along=scale if form.depends_on else None,
+        )
+    if form.behaves_as == "rate_change":
+        return InFlight(rate=scale)
+    if not form.depends_on and form.behaves_as == "parallel_lag":
+        return InFlight(lag=lambda p: (p["size"], p["time_constant_s"]))
+    if not form.depends_on and form.behaves_as == "delay":
+        return InFlight(delay_s=lambda p, period_s: max(p["size"], 0.0))
+    if form.driver == "die_temperature" and form.behaves_as == "gain" and not form.depends_on:
+        return InFlight(at_die=True, die_share=lambda p: -p["size"])
+    if form.driver == "own_response" and form.behaves_as == "gain" and only_airflow:
+        return InFlight(undo=lambda p, y, airspeed, length: y / (1.0 + p["size"] * scale(p, airspeed, still)))
+    if form.behaves_as == "offset" and only_airflow:
+        return InFlight(undo=lambda p, y, airspeed, length: y - p["size"] * scale(p, airspeed, still))
+    return InFlight(left=True)

@@ -1,0 +1,277 @@
+"""Descriptions of effects that nobody listed, against the truth: an entry of the catalogue is taken away and hidden.
+
+    python benchmarks/discovery.py --kind one_out --seeds 2 --first-seed 100 [--effects stem_conduction,...]
+    python benchmarks/discovery.py --kind none --seeds 10
+    python benchmarks/discovery.py --kind two --seeds 4
+    python benchmarks/discovery.py --tables
+
+Each trial appends one line to benchmarks/results/discovery.jsonl; `--tables` says what all lines there show. Kinds:
+one_out (an entry taken away and hidden, or an effect from outside of the catalogue), none (plain worlds), two (two
+catalogued effects, nothing taken away). Tolerances are 0: every significant remainder is material.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+
+RESULTS = Path(__file__).parent / "results" / "discovery.jsonl"
+FRESH = 1_000_000
+T, RH = "temperature", "humidity"
+
+# (effect, channel) -> what counts as the right behaviour and dependence: (behaviour, driver or "", factors that may be
+# there). A description is right where its behaviour (and driver, if given) is one of these and its factors are exactly
+# one of the sets.
+NONE: frozenset[str] = frozenset()
+AIRFLOW, AMBIENT, DIRECTION = frozenset({"airflow"}), frozenset({"ambient"}), frozenset({"direction"})
+RIGHT: dict[tuple[str, str], tuple[tuple[str, str, tuple[frozenset[str], ...]], ...]] = {
+    ("stem_conduction", T): (("parallel_lag", "", (NONE,)), ("added_rate", "own_response", (NONE,))),
+    ("convective_film", T): (("lag_in_series", "", (AIRFLOW,)), ("rate_change", "", (AIRFLOW,))),
+    ("self_heating", T): (("offset", "none", (AIRFLOW,)),),
+    ("calibration_error", T): (("gain", "own_response", (AMBIENT, NONE)), ("offset", "none", (NONE,))),
+    ("calibration_error", RH): (("gain", "own_response", (NONE,)), ("offset", "none", (NONE,))),
+    ("air_relaxation", T): (("added_response", "air_temperature", (AMBIENT,)), ("added_rate", "none", (AMBIENT,))),
+    ("finite_transfer", T): (("lag_in_series", "", (NONE,)), ("delay", "", (NONE,))),
+    ("dead_time", T): (("delay", "", (NONE,)),),
+    ("vapour_boundary_layer", RH): (("lag_in_series", "", (AIRFLOW,)), ("rate_change", "", (AIRFLOW,))),
+    ("direction_dependent_diffusivity", RH): (("rate_change", "", (DIRECTION,)),),
+    ("concentration_dependent_diffusivity", RH): (("rate_change", "", (frozenset({"humidity"}),)),),
+    ("slow_relaxation", RH): (("parallel_lag", "", (NONE,)), ("added_rate", "own_response", (NONE,))),
+    ("die_thermal_lag", RH): (("gain", "die_temperature", (NONE,)), ("added_rate", "air_temperature", (NONE,))),
+    ("hysteresis", RH): (("offset", "none", (frozenset({"direction", "step"}),)),),
+    ("unknown_air_cycling", T): (("periodic", "none", (NONE,)),),
+    ("unknown_chamber_overshoot", T): (("periodic", "air_temperature", (NONE,)),),
+    ("unknown_rate_with_temperature", T): (("rate_change", "", (AMBIENT,)),),
+    ("unknown_log_creep", T): (("added_response", "air_temperature", (frozenset({"history"}),)),),
+    ("unknown_log_creep", RH): (("added_response", "air_humidity", (frozenset({"history"}),)),),
+    ("unknown_sorption_heat", RH): (
+        ("added_rate", "own_response", (NONE, frozenset({"humidity"}), DIRECTION, DIRECTION | {"humidity"})),
+    ),
+    ("unknown_wall_radiation", T): (("gain", "own_response", (AIRFLOW | AMBIENT,)),),
+    ("unknown_run_drift", T): (("offset", "none", (frozenset({"run_order"}),)),),
+    ("unknown_run_drift", RH): (("offset", "none", (frozenset({"run_order"}),)),),
+    ("unknown_gain_drift", T): (("added_response", "own_response", (frozenset({"history"}), NONE)),),
+    ("unknown_gain_drift", RH): (("added_response", "own_response", (frozenset({"history"}), NONE)),),
+}
+# Numbers of the truth that a description's own can be compared with: parameter hidden -> (what is stated, factor).
+NUMBERS = {
+    ("stem_conduction", "time_constant_s"): "time_constant_s",
+    ("stem_conduction", "fraction"): "size",
+    ("slow_relaxation", "time_constant_s"): "time_constant_s",
+    ("slow_relaxation", "fraction"): "size",
+    ("unknown_log_creep", "onset_s"): "time_constant_s",
+    ("unknown_log_creep", "fraction"): "size",
+    ("dead_time", "delay_s"): "size",
+    ("self_heating", "rise_k_at_5_m_s"): "size",
+    ("unknown_run_drift", "per_run"): "size",
+    ("unknown_air_cycling", "amplitude_k"): "size",
+    ("unknown_air_cycling", "period_s"): "period_s",
+    ("unknown_gain_drift", "per_minute"): "size",
+    ("unknown_rate_with_temperature", "per_kelvin"): "ambient",
+    ("direction_dependent_diffusivity", "ratio_drying_to_wetting"): "direction",
+    ("concentration_dependent_diffusivity", "slope_per_unit_activity"): "humidity",
+}
+
+
+def is_right(stated: dict, effect: str, channel: str) -> bool:
+    """Whether one description has the behaviour and the dependence of what was hidden."""
+    factors = frozenset(on["factor"] for on in stated["depends_on"])
+    return any(
+        stated["behaves_as"] == behaviour and driver in ("", stated["driver"]) and factors in sets
+        for behaviour, driver, sets in RIGHT[effect, channel]
+    )
+
+
+def run(kind: str, effect: str, channel: str, seed: int, tier: str) -> dict:
+    """Record a world, diagnose a channel of it without the hidden effect's entry, and score the description."""
+    from shockrig.analysis.diagnosis.diagnose import diagnose_channel
+    from shockrig.analysis.diagnosis.remainder import Tolerance
+    from shockrig.analysis.effects import CATALOGUE
+    from shockrig.analysis.inference.gather import build_channel
+    from shockrig.files.campaign import read_campaign
+    from shockrig.files.discovered import plain
+    from shockrig.rig.virtual.batch import simulate_campaign
+    from shockrig.rig.virtual.hide import draw_effect, draw_hidden
+    from shockrig.rig.virtual.plans import standard_plan
+    from shockrig.rig.virtual.truth import draw_truth
+
+    rng = np.random.default_rng(seed)
+    hidden = [draw_effect(rng, effect, "comfortable", channel)] if kind == "one_out" else []
+    if kind == "two":
+        hidden = draw_hidden(rng, 2)
+    truth = draw_truth(rng, tier, hidden)
+    with tempfile.TemporaryDirectory() as folder:
+        path = simulate_campaign(truth, standard_plan(), rng, Path(folder) / "campaign")
+        data = build_channel(read_campaign(path), channel)
+        taken, order = CATALOGUE.get(effect) if kind == "one_out" else None, dict(CATALOGUE)
+        began = time.process_time()
+        try:
+            if taken is not None:
+                del CATALOGUE[effect]
+            found = diagnose_channel(data, tolerance=Tolerance(0.0, 0.0))
+        finally:
+            CATALOGUE.clear()
+            CATALOGUE.update(order)
+        seconds = time.process_time() - began
+        gain = None
+        if kind == "one_out" and found.discovered:
+            again = read_campaign(simulate_campaign(truth, standard_plan(), seed + FRESH, Path(folder) / "again"))
+            gain = fresh_gain(build_channel(again, channel), found)
+    result = {
+        "kind": kind,
+        "effect": effect,
+        "channel": channel,
+        "seed": seed,
+        "tier": tier,
+        "hidden": {h.effect: h.parameters for h in truth.effects if channel in h.channels},
+        "verdict": found.verdict,
+        "causes": [cause.effect for cause in found.causes],
+        "discovered": [plain(one) for one in found.discovered],
+        "held_out": [found.gain.before, found.gain.after, found.gain.noise_floor],
+        "fresh_share": gain,
+        "seconds": round(seconds, 1),
+    }
+    return result
+
+
+def fresh_gain(channel, found) -> float | None:
+    """Share of the explainable error that the description, as fitted, removes on a fresh campaign of the same world."""
+    from shockrig.analysis.diagnosis.gain import kinds, plainly, run_errors, summarise
+    from shockrig.analysis.diagnosis.prepare import prepare
+
+    if channel is None or channel.rates != found.problem.channel.rates:
+        return None
+    problem = prepare(channel, found.noise.averaged).problem
+    before = run_errors(channel, problem, plainly(found.plain))
+    after = run_errors(channel, problem, found.final)
+    return summarise(before, after, found.noise.standard_deviation, kinds(channel)).explained_fraction
+
+
+def scored(result: dict) -> dict[str, object]:
+    """What one trial of `one_out` shows."""
+    effect, channel, told = result["effect"], result["channel"], result["discovered"]
+    named = [one for one in told if is_right(one, effect, channel)]
+    listed = [one for one in told if any(is_right(other, effect, channel) for other in one.get("alternatives", []))]
+    single = len(told) == 1 and not told[0].get("alternatives")
+    score: dict[str, object] = {
+        "flagged": result["verdict"] != "adequate",
+        "catalogued": bool(result["causes"]) and not told,
+        "described": bool(told),
+        "right": bool(named),
+        "in the set": bool(named or listed),
+        "single and wrong": single and not named,
+        "numbers": [],
+    }
+    if named and effect in result["hidden"]:
+        one, off = named[0], []
+        for name, true in result["hidden"][effect].items():
+            key = NUMBERS.get((effect, name))
+            value = _number(one, key) if key else None
+            if value is not None and one["behaves_as"] != "added_rate":
+                off.append((key, value / true - 1.0))
+        score["numbers"] = off
+    return score
+
+
+def _number(one: dict, key: str) -> float | None:
+    if key in ("size", "time_constant_s", "period_s"):
+        return one[key]["value"] if key in one else None
+    return next((on["value"] for on in one["depends_on"] if on["factor"] == key), None)
+
+
+def tables(lines: list[dict]) -> str:
+    """What all trials show together."""
+    out = []
+    for kind, title in (("none", "plain worlds"), ("two", "two catalogued effects at once")):
+        some = [r for r in lines if r["kind"] == kind]
+        if some:
+            told = sum(bool(r["discovered"]) for r in some)
+            verdicts = defaultdict(int)
+            for r in some:
+                verdicts[r["verdict"]] += 1
+            out.append(f"{title}: {len(some)} channels, {told} with anything discovered; {dict(verdicts)}")
+    rows = defaultdict(list)
+    for r in lines:
+        if r["kind"] == "one_out":
+            rows[r["effect"], r["channel"]].append(r)
+    keys = ("flagged", "catalogued", "described", "right", "in the set", "single and wrong")
+    if rows:
+        head = "".join(f"{k:>17}" for k in keys)
+        out.append(f"  {'hidden and taken away':42}{'trials':>7}{head}{'fresh gain':>12}{'worst number':>14}{'s':>7}")
+    total, count = defaultdict(int), 0
+    gains: list[float] = []
+    for (effect, channel), some in sorted(rows.items()):
+        scores = [scored(r) for r in some]
+        cells = [sum(bool(s[k]) for s in scores) for k in keys]
+        for k, v in zip(keys, cells, strict=True):
+            total[k] += v
+        count += len(some)
+        fresh = [r["fresh_share"] for r in some if r["fresh_share"] is not None]
+        gains += fresh
+        off = [abs(v) for s in scores for _, v in s["numbers"]]
+        numbers = f"{100 * max(off):12.1f} %" if off else f"{'-':>14}"
+        shown = f"{np.min(fresh):12.3f}" if fresh else f"{'-':>12}"
+        seconds = max(r["seconds"] for r in some)
+        columns = "".join(f"{c:17}" for c in cells)
+        out.append(f"  {effect + ', ' + channel:42}{len(some):7}{columns}{shown}{numbers}{seconds:7.0f}")
+    if count:
+        out.append(f"  {'all':42}{count:7}" + "".join(f"{total[k]:17}" for k in keys))
+    if gains:
+        share = np.mean(np.array(gains) >= 0.9)
+        out.append(
+            f"  of the explainable error of a fresh campaign at least 0.9 is removed in {share:.2f} of {len(gains)}"
+        )
+    return "\n".join(out)
+
+
+def main(argv: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--kind", choices=("one_out", "none", "two"), default="one_out")
+    parser.add_argument("--effects", default="", help="ids, comma separated; all that can be scored if left out")
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--first-seed", type=int, default=100)
+    parser.add_argument("--tier", choices=("smooth", "rough"), default="rough")
+    parser.add_argument("--results", type=Path, default=RESULTS)
+    parser.add_argument("--tables", action="store_true", help="only say what is recorded")
+    args = parser.parse_args(argv)
+    if args.tables:
+        lines = [json.loads(line) for line in args.results.read_text(encoding="utf-8").splitlines()]
+        print(tables(lines))
+        return 0
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    wanted = [e for e in args.effects.split(",") if e]
+    pairs = [pair for pair in RIGHT if not wanted or pair[0] in wanted]
+    if args.kind != "one_out":
+        pairs = [("", T), ("", RH)]
+    for seed in range(args.first_seed, args.first_seed + args.seeds):
+        for effect, channel in pairs:
+            result = run(args.kind, effect, channel, seed, args.tier)
+            with args.results.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(result) + "\n")
+            said = [
+                (d["behaves_as"], d["driver"], [on["factor"] for on in d["depends_on"]]) for d in result["discovered"]
+            ]
+            print(
+                seed,
+                effect,
+                channel,
+                result["verdict"],
+                result["causes"],
+                said,
+                f"{result['seconds']:.0f} s",
+                flush=True,
+            )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
