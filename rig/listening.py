@@ -33,6 +33,7 @@ class Listener:
     move: Move | None = None
     good: dict[str, deque[tuple[float, float, float]]] = field(default_factory=dict)  # sensor -> (time, degC, %RH)
     outcomes: dict[str, Counter[str]] = field(default_factory=dict)  # sensor -> what came since the last listening
+    heed: Callable[[], None] = lambda: None  # requests from elsewhere; may raise what they want
 
     def listen(self) -> None:
         """Hear of each sensor once; raises ConnectionFaults that name those that have nothing good to say."""
@@ -70,9 +71,14 @@ class Listener:
                 return False
             due_s = min(stage.due_s(), *(part.due_s() for part in asked))
             clock.sleep_until(min(until_s, max(due_s, now + SHORTEST_WAIT_S)))
-            self.poll_sensors()
+            self.meanwhile()
             if stage.due_s() <= clock.now() and (move := stage.poll()) is not None:
                 self.move = move
+
+    def meanwhile(self) -> None:
+        """What goes on while something is waited for: the sensors are heard, and whoever asks for something is."""
+        self.poll_sensors()
+        self.heed()
 
     def poll_sensors(self) -> None:
         """Take what the sensors and the reference have by now."""

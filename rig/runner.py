@@ -27,6 +27,7 @@ from shockrig.rig.planning import off_plan
 from shockrig.rig.protocol import PlannedRun, Protocol, Record, Soak, Transfer
 from shockrig.rig.recorder import CampaignFolder, Recorder, RecordingError, RunRecord
 from shockrig.rig.recorder.run import COMPLETE, INTERRUPTED, SPOILT
+from shockrig.rig.requests import Inbox, decided
 from shockrig.rig.seams import Air
 from shockrig.rig.soak import unsettled
 
@@ -154,15 +155,29 @@ class _Runner:
     session: int | None = None
 
     def __post_init__(self) -> None:
-        self.ear = Listener(self.bench, self.watcher)
+        self.ear = Listener(self.bench, self.watcher, heed=self._heed)
+        self._inbox = Inbox(self.folder.path, self.bench.clock.now)
+        self._run_id = ""
 
     def open(self) -> None:
         """Open every instrument and hear of each sensor once."""
         if self.bench.operator is not None:
             watcher = self.watcher
-            self.bench.operator.attend(self.ear.poll_sensors, watcher.asked, self.ear.note, watcher.say)
+            self.bench.operator.attend(self.ear.meanwhile, watcher.asked, self.ear.note, watcher.say)
         self.bench.open()
         self.ear.listen()
+
+    def _heed(self) -> None:
+        """Do what somebody elsewhere wants of the attempt in progress; between attempts it waits."""
+        request = None if self.ear.recorder is None else self._inbox.take()
+        if request is None:
+            return
+        if request.action == "note":
+            self.ear.note(request.text)
+        elif request.run != self._run_id:
+            self.watcher.say(f"a request to {request.action} came from the live page after run {request.run} had ended")
+        else:
+            decided(request)
 
     def make_safe(self) -> None:
         """Stop all motion; a stage that cannot even be told is said loudly, and hides no other error."""
@@ -174,6 +189,7 @@ class _Runner:
     def record(self, run: PlannedRun) -> None:
         """Record one run, repeating it while faults spoil it."""
         limit, wished = self.protocol.faults.repeat_at_most, 0
+        self._run_id = run.id
         for attempt in range(1, limit + 2):
             while True:
                 try:

@@ -1,9 +1,8 @@
-"""shockrig watch: a campaign while it is recorded, in the terminal or as a read-only page."""
+"""shockrig watch: a campaign while it is recorded, in the terminal or as a page."""
 
 from __future__ import annotations
 
 import argparse
-import ipaddress
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,15 +13,21 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
-        "Reads the campaign folder only: start it and end it (Ctrl-C) when you like. The page has no password: give "
-        "--host only in a network where everybody may see the measurement, and reach a bench elsewhere by "
-        "ssh -L 8000:127.0.0.1:PORT."
+        "Reads the campaign folder only, unless --control is given: start it and end it (Ctrl-C) when you like. The "
+        "page has no password: give --host only in a network where everybody may see the measurement, and reach a "
+        "bench elsewhere by ssh -L 8000:127.0.0.1:PORT."
     )
     parser.add_argument("campaign", metavar="CAMPAIGN", type=Path, help="campaign folder that is being recorded")
     parser.add_argument("--once", action="store_true", help="print one picture and end")
     parser.add_argument("--every", metavar="S", type=float, default=0.5, help="seconds between pictures (default: 0.5)")
     web = parser.add_argument_group("in the browser")
-    web.add_argument("--web", action="store_true", help="serve a read-only page instead")
+    web.add_argument("--web", action="store_true", help="serve a page instead")
+    web.add_argument(
+        "--control",
+        action="store_true",
+        help="the page may pause the campaign, skip or repeat the run and take notes: with the token in the address "
+        "that is printed, and from this machine alone",
+    )
     web.add_argument("--port", type=int, default=0, help="port of the page (default: any free one)")
     web.add_argument("--host", default="127.0.0.1", help="address to listen at (default: 127.0.0.1)")
 
@@ -40,6 +45,8 @@ def main(args: argparse.Namespace) -> int:
         raise InputError(f"--port {args.port}: expected 0 (any free one) to 65535")
     # Every writer puts campaign.json in its place whole, so one that is damaged now stays so while we look.
     read_head(args.campaign)
+    if args.control and not args.web:
+        raise InputError("--control: is for the page; give --web too")
     follower = Follower(args.campaign, time.monotonic)
     try:
         if args.web:
@@ -57,18 +64,19 @@ def main(args: argparse.Namespace) -> int:
 
 def _serve(args: argparse.Namespace, follower: Follower) -> None:
     from shockrig.files.errors import InputError
-    from shockrig.protocols.watch.web import serve
+    from shockrig.protocols.watch.web import is_local, serve
 
-    if not _is_local(args.host):
+    token = ""
+    if args.control:
+        import secrets
+
+        if not is_local(args.host):
+            raise InputError(f"--control with --host {args.host}: only this machine may control; leave --host out")
+        token = secrets.token_urlsafe(16)
+        print("whoever has this address can pause, skip and repeat: keep it to yourself", file=sys.stderr)
+    if not is_local(args.host):
         print(f"warning: whoever can reach {args.host} can see this page", file=sys.stderr)
     try:
-        serve(follower, args.host, args.port, lambda url: print(f"{url}  (Ctrl-C ends it)", flush=True))
+        serve(follower, args.host, args.port, lambda url: print(f"{url}  (Ctrl-C ends it)", flush=True), token)
     except OSError as error:
         raise InputError(f"--host {args.host} --port {args.port}: {error.strerror}; give another") from None
-
-
-def _is_local(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"

@@ -1,11 +1,14 @@
-"""The read-only page: GET of the page, its script, its style and view.json (the View as JSON), and nothing else.
+"""The live page: GET of the page, its script, its style and view.json (the View as JSON), and nothing else.
 
+Where it may also control the recording, POST /control {"action", "run", "text"} with the token that the terminal has
+shown, as the header X-Shockrig-Token, which no form and no other site can send; from this machine's own address alone.
 A name that an attacker's DNS points at this machine is refused by the Host header (addresses and localhost pass, so
 that an SSH tunnel works); the page's policy allows no script but its own file, which writes text as text.
 """
 
 from __future__ import annotations
 
+import hmac
 import ipaddress
 import json
 import socketserver
@@ -20,6 +23,8 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from shockrig.protocols.watch import step_back
+from shockrig.rig.errors import BenchError
+from shockrig.rig.requests import Request, leave_request
 from shockrig.rig.watch.follow import Follower
 
 POLICY = (
@@ -31,17 +36,24 @@ FILES = {
     "/page.js": ("page.js", "text/javascript; charset=utf-8"),
     "/page.css": ("page.css", "text/css; charset=utf-8"),
 }
+TOKEN_HEADER = "X-Shockrig-Token"
+LONGEST_REQUEST = 4096
 LOOK_AT_MOST_EVERY_S = 0.2
 REQUEST_WITHIN_S = 10.0
 
 
 class WatchServer(ThreadingHTTPServer):
-    """Serves one campaign on `host`:`port` (0: any free port). `url` is where."""
+    """Serves one campaign on `host`:`port` (0: any free port). `url` is where.
+
+    With a `token` the page may control the recording; its address then ends in the token, behind a # that no browser
+    sends.
+    """
 
     daemon_threads = True
 
-    def __init__(self, follower: Follower, host: str, port: int) -> None:
+    def __init__(self, follower: Follower, host: str, port: int, token: str = "") -> None:
         self.host = host
+        self.token = token
         self._follower = follower
         self._lock = threading.Lock()
         self._answer = b""
@@ -62,7 +74,7 @@ class WatchServer(ThreadingHTTPServer):
     @property
     def url(self) -> str:
         host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"http://{host}:{self.server_port}/"
+        return f"http://{host}:{self.server_port}/" + (f"#{self.token}" if self.token else "")
 
     def view(self) -> bytes:
         """The View as JSON; however many look, the folder is read a few times a second only."""
@@ -74,11 +86,32 @@ class WatchServer(ThreadingHTTPServer):
                 self._answered_s = time.monotonic()
             return self._answer
 
+    def pass_on(self, content: bytes) -> None:
+        """Leave what the page asks for to the recorder; raises BenchError where it cannot be done, OSError."""
+        try:
+            asked = json.loads(content)
+            request = Request(*(asked.get(key, "") for key in ("action", "run", "text")))
+        except BenchError:
+            raise
+        except (ValueError, AttributeError, TypeError, RecursionError):
+            raise BenchError('expected {"action": ..., "run": ..., "text": ...}') from None
+        with self._lock:
+            if self._follower.look().state not in ("recording", "asking", "stalled"):
+                raise BenchError("nothing is being recorded")
+            leave_request(self._follower.path, request)
+
     def is_known(self, host: str | None) -> bool:
         """Whether a Host header is an address, localhost, or the name that the server was told to listen at."""
         try:
             name = urlsplit(f"//{host}").hostname or ""
             return name in ("localhost", self.host.lower()) or bool(ipaddress.ip_address(name))
+        except ValueError:
+            return False
+
+    def is_own(self, origin: str | None) -> bool:
+        """Whether an Origin header is of a page that this machine serves itself; without one no browser asks."""
+        try:
+            return origin is None or is_local(urlsplit(origin).hostname or "")
         except ValueError:
             return False
 
@@ -102,7 +135,30 @@ class _Handler(BaseHTTPRequestHandler):
         self.close_connection = True
         self._send(HTTPStatus.METHOD_NOT_ALLOWED, b"this page can only be read\n")
 
-    do_HEAD = do_POST = do_PUT = do_PATCH = do_DELETE = do_OPTIONS = do_TRACE = do_CONNECT = _refuse
+    def do_POST(self) -> None:
+        """Control of the recording: refused before anything is read, unless it may be."""
+        server, address = self.server, self.client_address[0]
+        if self.path != "/control" or not server.token:
+            return self._refuse()
+        self.close_connection = True  # whatever is refused leaves its body unread
+        given = self.headers.get(TOKEN_HEADER, "").encode("utf-8", "replace")
+        stated = self.headers.get("Content-Length", "")
+        length = int(stated) if stated.isascii() and stated.isdigit() else LONGEST_REQUEST + 1
+        if not is_local(address) or not server.is_known(self.headers.get("Host")):
+            return self._send(HTTPStatus.FORBIDDEN, b"only from this machine\n")
+        if not server.is_own(self.headers.get("Origin")) or not hmac.compare_digest(given, server.token.encode()):
+            return self._send(HTTPStatus.FORBIDDEN, b"the token is wrong: open the address that was printed\n")
+        if length > LONGEST_REQUEST:
+            return self._send(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, b"expected a short request of stated length\n")
+        try:
+            server.pass_on(self.rfile.read(length))
+        except BenchError as error:
+            return self._send(HTTPStatus.CONFLICT, f"{error}\n".encode())
+        except OSError as error:
+            return self._send(HTTPStatus.INTERNAL_SERVER_ERROR, f"{error.strerror or error}\n".encode())
+        return self._send(HTTPStatus.ACCEPTED, b"asked for\n")
+
+    do_HEAD = do_PUT = do_PATCH = do_DELETE = do_OPTIONS = do_TRACE = do_CONNECT = _refuse
 
     def _send(self, status: HTTPStatus, content: bytes, kind: str = "text/plain; charset=utf-8") -> None:
         self.send_response(status)
@@ -128,9 +184,17 @@ class _Handler(BaseHTTPRequestHandler):
         """Nobody reads it."""
 
 
-def serve(follower: Follower, host: str, port: int, tell: Callable[[str], None]) -> None:
+def is_local(host: str) -> bool:
+    """Whether a name or an address is this machine's own, which nobody else can reach."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def serve(follower: Follower, host: str, port: int, tell: Callable[[str], None], token: str = "") -> None:
     """Serve until Ctrl-C; `tell` gets the address. Raises OSError where the port cannot be had."""
-    with WatchServer(follower, host, port) as server:
+    with WatchServer(follower, host, port, token) as server:
         step_back()
         tell(server.url)
         server.serve_forever(poll_interval=0.5)

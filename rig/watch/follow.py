@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import socket
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +18,10 @@ from shockrig.files.errors import InputError
 from shockrig.files.json_files import read_json
 from shockrig.rig.errors import BenchError
 from shockrig.rig.journal import decode_line
-from shockrig.rig.recorder.run import JOURNAL
+from shockrig.rig.recorder.run import JOURNAL, SPOILT
 from shockrig.rig.watch.run_so_far import RunSoFar, health, traces
 from shockrig.rig.watch.status_file import FILE as STATUS_FILE
-from shockrig.rig.watch.view import PromptView, RunView, StepView, View, air_words, as_list, clean, finite
+from shockrig.rig.watch.view import Health, PromptView, RunView, StepView, View, air_words, as_list, clean, finite
 
 SOAK_SHOWN_S = 60.0
 STALLED_AFTER_S = 10.0
@@ -42,7 +42,7 @@ class Follower:
     def __init__(self, path: Path, now: Callable[[], float]) -> None:
         if not (path / "campaign.json").is_file():
             raise BenchError(f"{path}: is no campaign (it has no campaign.json); name the --out of shockrig run")
-        self._path = path
+        self.path = path
         self._now = now
         self._file = -1
         self._torn = b""
@@ -52,7 +52,7 @@ class Follower:
     def look(self) -> View:
         """The campaign as it is now. A file that cannot be read at this instant is left for the next look."""
         self._follow()
-        campaign, status = _json(self._path / "campaign.json"), _json(self._path / STATUS_FILE)
+        campaign, status = _json(self.path / "campaign.json"), _json(self.path / STATUS_FILE)
         runs = self._runs(campaign)
         state, reason = self._state(status, runs)
         live = state in ("recording", "asking", "stalled")
@@ -60,11 +60,12 @@ class Follower:
         emulated = " (EMULATED: invented, not measured)" if campaign.get("emulated") is True else ""
         run = self._run
         now_s = run.last_s or 0.0
+        sensors = tuple(health(run, sensor, now_s) for sensor in run.sensors)
         zero_s = run.zero_s if run.zero_s is not None else now_s
         begin_s = zero_s if run.zero_s is not None else now_s - SOAK_SHOWN_S
         move = run.move and (run.move[0] - zero_s, None if run.move[1] is None else run.move[1] - zero_s)
         return View(
-            campaign=clean(campaign.get("name", self._path.name)),
+            campaign=clean(campaign.get("name", self.path.name)),
             protocol=clean(status.get("protocol", campaign.get("protocol", ""))),
             bench=clean(status.get("bench", campaign.get("bench", ""))) + emulated,
             state=state,
@@ -79,10 +80,12 @@ class Follower:
             heard_s=None if self._heard_s is None else self._now() - self._heard_s,
             transfer_s=move,
             traces=tuple(traces(run, begin_s, zero_s)),
-            health=tuple(health(run, sensor, now_s) for sensor in run.sensors),
+            health=sensors,
             runs=runs,
             messages=tuple(clean(text) for text in as_list(status.get("messages"))),
             prompt=self._prompt(status.get("prompt")) if state == "asking" else None,
+            alarms=tuple(self._alarms(state, reason, sensors)),
+            notes=tuple((round(at_s - zero_s, 1), text) for at_s, text in run.notes),
         )
 
     def close(self) -> None:
@@ -111,7 +114,7 @@ class Follower:
         """That of the run in progress, else of the last one recorded."""
         for folder in ("recording", "runs"):
             try:
-                found = sorted((self._path / folder).glob(f"*/{JOURNAL}"))
+                found = sorted((self.path / folder).glob(f"*/{JOURNAL}"))
             except OSError:
                 found = []
             if found and (folder == "recording" or self._file < 0):
@@ -150,6 +153,27 @@ class Follower:
         stalled = self._heard_s is not None and self._now() - self._heard_s > STALLED_AFTER_S
         return ("stalled" if stalled else "recording"), reason
 
+    def _alarms(self, state: str, reason: str, sensors: Sequence[Health]) -> Iterator[str]:
+        """What somebody should look at now, worst first."""
+        if state == "cut off" or (state == "ended" and reason):
+            yield f"{state}: {reason}"
+        if state == "stalled" and self._heard_s is not None:
+            yield "stalled: nothing has been written for some time"
+        if state not in ("recording", "asking", "stalled"):
+            return
+        for one in sensors:
+            if one.state in ("silent", "failing"):
+                yield f"{one.sensor} is {one.state}"
+        id_ = self._run.id
+        aside = sorted(
+            (name for name in _names(self.path / "set_aside") if name.rpartition("-")[0] == id_),
+            key=lambda name: (len(name), name),
+        )
+        if aside and not self._run.ended:
+            last = _json(self.path / "set_aside" / aside[-1] / "run.json")
+            if last.get("status") == SPOILT:
+                yield f"run {id_} was spoilt and is recorded again: {clean(last.get('reason', ''))}"
+
     def _prompt(self, found: Any) -> PromptView:
         stated = found if isinstance(found, dict) else {}
         deadline_s, now_s = stated.get("deadline_s"), self._run.last_s
@@ -158,14 +182,14 @@ class Follower:
         return PromptView(clean(stated.get("text", "")), clean(stated.get("keys", "")), left_s)
 
     def _runs(self, campaign: Mapping[str, Any]) -> tuple[RunView, ...]:
-        aside = Counter(name.rpartition("-")[0] for name in _names(self._path / "set_aside"))
-        recording = set(_names(self._path / "recording"))
+        aside = Counter(name.rpartition("-")[0] for name in _names(self.path / "set_aside"))
+        recording = set(_names(self.path / "recording"))
         views = []
         for entry in as_list(campaign.get("plan")):
             if not isinstance(entry, dict):
                 continue
             id_ = str(entry.get("id", ""))
-            recorded = "/" not in id_ and "\0" not in id_ and (self._path / "runs" / id_ / "run.json").exists()
+            recorded = "/" not in id_ and "\0" not in id_ and (self.path / "runs" / id_ / "run.json").exists()
             state = "recorded" if recorded else "now" if id_ in recording else "missing"
             words = (air_words(entry.get("source")), air_words(entry.get("destination")))
             views.append(RunView(clean(id_), *words, clean(entry.get("note", "")), state, aside[id_]))

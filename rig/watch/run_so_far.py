@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import bisect
+import math
 from collections import Counter, deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,6 +17,9 @@ SILENT_AFTER_S = 3.0
 FAILED_SHARE = 0.05
 READINGS_KEPT = 20_000
 POINTS_SHOWN = 400
+TRANSIENT_S = (-2.0, 30.0)  # around the transfer, where no point is left out: a bead's whole response is 1 s
+TRANSIENT_POINTS = 4000
+PLACES = ("source", "destination")
 
 
 @dataclass
@@ -30,6 +35,8 @@ class RunSoFar:
     move: tuple[float, float | None] | None = None
     last_s: float | None = None
     ended: bool = False
+    airs: Mapping[str, Any] = field(default_factory=dict)
+    notes: list[tuple[float, str]] = field(default_factory=list)
     readings: dict[str, deque[tuple[float, str, Mapping[str, float]]]] = field(default_factory=dict)
 
     def fold(self, record: Sequence[Any]) -> None:
@@ -40,6 +47,10 @@ class RunSoFar:
                 self.attempt = header["attempt"] if isinstance(header.get("attempt"), int) else 1
                 self.sensors = tuple(clean(name) for name in as_list(header.get("sensors")))
                 self.planned = tuple(clean(text) for text in as_list(header.get("steps")))
+                self.airs = {place: header[place] for place in PLACES if isinstance(header.get(place), dict)}
+            case ["note", at_s, str(text)] if finite(at_s):
+                self.last_s = at_s
+                self.notes.append((at_s, clean(text)))
             case ["reading", str(sensor), str(outcome), asked, came, sampled, dict(values), *_] if finite(came):
                 self.last_s = came
                 at_s = next((time_s for time_s in (sampled, asked) if finite(time_s)), came)
@@ -70,12 +81,24 @@ def traces(run: RunSoFar, begin_s: float, zero_s: float) -> list[Trace]:
                 if outcome == "ok" and name in values and at_s >= begin_s
             ]
             if points:
-                found.append(Trace(sensor, *units[name], tuple(thinned(points))))
+                stated = [run.airs.get(place, {}).get(name) for place in PLACES]
+                source, destination = (float(value) if finite(value) else None for value in stated)
+                kept = _kept(points, None if run.move is None else run.move[0] - zero_s)
+                found.append(Trace(sensor, *units[name], tuple(kept), (source, destination)))
     return found
 
 
+def _kept(points: list[tuple[float, float]], moved_s: float | None) -> list[tuple[float, float]]:
+    """The points to show: thinned, but for the seconds around the transfer."""
+    if moved_s is None:
+        return thinned(points)
+    first = bisect.bisect_left(points, (moved_s + TRANSIENT_S[0], -math.inf))
+    last = bisect.bisect_right(points, (moved_s + TRANSIENT_S[1], math.inf))
+    return [*thinned(points[:first]), *thinned(points[first:last], TRANSIENT_POINTS), *thinned(points[last:])]
+
+
 def thinned(points: list[tuple[float, float]], at_most: int = POINTS_SHOWN) -> list[tuple[float, float]]:
-    """Every k-th point, the last one among them."""
+    """Every k-th point, the last one among them; none of none."""
     every = -(-len(points) // at_most) or 1
     return points[(len(points) - 1) % every :: every]
 

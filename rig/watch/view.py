@@ -11,12 +11,14 @@ LONGEST_TEXT = 500
 
 @dataclass(frozen=True)
 class Trace:
-    """One quantity of one sensor; `points` are (s since the recording began, value)."""
+    """One quantity of one sensor; `points` are (s since the recording began, value), `expected` what the plan has for
+    the source and the destination air (None: nothing)."""
 
     sensor: str
     quantity: str
     unit: str
     points: tuple[tuple[float, float], ...]
+    expected: tuple[float | None, float | None] = (None, None)
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,8 @@ class View:
     `state` is "recording", "asking" (a person must do something), "stalled" (nothing new for a while), "cut off" (the
     recorder is gone), "ended" or "idle".
     `left_s` is the best guess of what the whole campaign still takes, `left_at_most_s` the protocol's own limit.
+    `alarms` are what somebody should look at now, `notes` what was written down in this run: (s since the recording
+    began, text).
     """
 
     campaign: str
@@ -88,6 +92,8 @@ class View:
     runs: tuple[RunView, ...]
     messages: tuple[str, ...] = ()
     prompt: PromptView | None = None
+    alarms: tuple[str, ...] = ()
+    notes: tuple[tuple[float, str], ...] = ()
 
     def summary(self) -> str:
         """The state in one line."""
