@@ -33,6 +33,7 @@ COMMANDS = {
     "characterize": ("characterize", "fit alpha and D(T) to a campaign and write the sensor profile"),
     "diagnose": ("diagnose", "say what the simulation gets wrong, why, and what correcting it gains"),
     "reveal": ("reveal", "open a sealed truth beside a diagnosis and score it"),
+    "certify": ("certify", "write uncertainty budgets and a calibration certificate, also as DCC XML"),
     "correct": ("correct", "correct a flight's temperature and humidity with a profile"),
     "simulate": ("simulate", "simulate weather and a sensor flown through it, to files"),
     "demo": ("demo", "hide an effect in virtual sensors, find it, extend the model, open the seal"),

@@ -16,7 +16,7 @@ from scipy.special import stdtrit
 
 from shockrig.analysis.characterization.response_times import USUAL, Air, response_slopes
 from shockrig.analysis.characterization.result import ChannelResult, Part
-from shockrig.analysis.characterization.shifts import shifts
+from shockrig.analysis.characterization.shifts import airflow_exponent, knows_airflow, shifts
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.common import LEAST_TRIGGER_OFFSET_S, TRIGGER
 from shockrig.analysis.inference.noise import Noise
@@ -172,12 +172,25 @@ def _of_ambient(part: Part, noise: Noise, ambient: int, diffusivity: float, air:
     for figure, unit, value, slope in figures:
         lines = [source.line(slope) for source in sources]
         variance = sum(line.contribution**2 for line in lines)
+        if beyond := _other_airflow(part, stated):
+            lines.append(Line("airflow other than the runs'", "B", "normal", beyond, "1", value))
+            variance += lines[-1].contribution ** 2
         if misfit > 1.0:
             lines.append(_misfit_line(misfit, math.sqrt(variance), channel.runs))
         kept = [line for line in lines if line.contribution**2 > LEAST_SHARE * variance]
         kept.sort(key=lambda line: -line.contribution)
         made.append(Budget(figure, channel.name, unit, value, stated, tuple(kept)))
     return made
+
+
+def _other_airflow(part: Part, air: Air) -> float:
+    """By how much, relatively, an effective figure may differ in an airflow that is not the runs'; 0 where the model
+    knows what the airflow does, or it is theirs."""
+    conditions = part.channel.conditions
+    if air.airflow_m_s is None or not conditions.airflow_known.any() or knows_airflow(part.problem, part.fit):
+        return 0.0
+    apart = abs(math.log(max(air.airflow_m_s, 0.05) / max(float(np.median(conditions.airflow_m_s)), 0.05)))
+    return airflow_exponent(part.fit) * apart
 
 
 def _stated(channel: Channel, ambient: int, air: Air) -> Air:

@@ -67,6 +67,13 @@ def widened(problem: Problem, found: Fit) -> Fit:
     return replace(found, covariance=found.covariance + sum(np.outer(one, one) for one in extra))
 
 
+def knows_airflow(problem: Problem, found: Fit) -> bool:
+    """Whether the model's readings change with the airflow."""
+    perturbed, step = PERTURBED["airflow_percent"]
+    there = found.model.on(perturbed(problem.channel, step)).predict(found.point)
+    return bool(np.abs(there - found.model.predict(found.point)).max() > NOTHING)
+
+
 def airflow_exponent(found: Fit) -> float:
     """With what power of the airflow an effective rate may go: root mean square, after what the runs say of it."""
     own, air = found.own_rates(), found.model.channel.conditions

@@ -94,7 +94,8 @@ class Section:
 class Report:
     """A whole page. `verdict` is the sentence a colleague would say; `provenance` ends the page as a small table.
 
-    What the provenance says of the "data" (that they were not measured) stands under the title too.
+    What the provenance says of the "data" (that they were not measured) stands under the title too. `paper` is what it
+    is to be printed on ("A4"); empty: whatever the printer holds.
     """
 
     title: str
@@ -103,6 +104,7 @@ class Report:
     sections: Sequence[Section] = ()
     provenance: Mapping[str, Cell] = field(default_factory=dict)
     tone: Tone = "neutral"
+    paper: str = ""
 
     def write(self, path: str | os.PathLike[str]) -> Path:
         """Write the page to `path`, whole or not at all, and return the path."""
@@ -134,7 +136,7 @@ def render(report: Report) -> str:
 <meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src 'unsafe-inline'">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <title>{escape(report.title)}</title>
-<style>{CSS}</style>
+<style>{CSS}{f"@page {{ size: {report.paper}; }}" if report.paper else ""}</style>
 </head>
 <body>
 <main>

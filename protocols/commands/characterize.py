@@ -56,7 +56,7 @@ def write(
 
     extensions = None if extend is None else read_extension(extend)
     with whole_folder(out) as folder:
-        result = characterize(read_campaign(campaign, probe), seed, extensions, _say)
+        result = characterize(read_campaign(campaign, probe), seed, extensions, say)
         provenance: dict[str, Any] = {
             "campaign_path": str(campaign),
             "software": f"shockrig {software_version()}",
@@ -70,7 +70,7 @@ def write(
         write_profile(profile, folder / "profile.json")
         if profile.humidity is not None:
             profile.humidity.to_frame().to_csv(folder / "diffusivity.csv", index=False, float_format="%.6g")
-        _say("plots and report")
+        say("plots and report")
         used = {f"runs used, {name}": ", ".join(found.runs) for name, found in result.channels().items()}
         write_characterization(result, folder, {"campaign": result.campaign.name, **provenance, **used})
     return result
@@ -108,5 +108,6 @@ def summary(result: Characterization) -> str:
     return "\n".join(lines)
 
 
-def _say(text: str) -> None:
+def say(text: str) -> None:
+    """Progress, on standard error."""
     print(text, file=sys.stderr, flush=True)

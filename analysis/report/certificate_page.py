@@ -1,0 +1,179 @@
+"""The printed certificate (one A4 page or more) and its figure: what each uncertainty is made of."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from shockrig.analysis.characterization.budget import COMMON_LINES
+from shockrig.analysis.report.html import Cell, Figure, KeyNumber, Report, Section, Table, Text
+from shockrig.analysis.report.numbers import measured, plain
+from shockrig.analysis.report.style import CYCLE, GREY, literal, save_figure, styled
+from shockrig.files.certificate import NOT_ACCREDITED, Certificate, CertifiedFigure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
+
+LEAST_SHOWN = 0.02  # share of the variance from which on a line has a colour of its own
+PERCENT = "95.45 %"
+USUAL_C = 20.0
+LEAST_PRINTED = 0.001  # share of the variance from which on a line is printed; the tables have all
+
+
+@styled
+def shares_figure(certificate: Certificate) -> Drawing:
+    """Bars of 100 %, one for each figure: the shares of its variance, the same colour for the same component."""
+    from matplotlib.figure import Figure
+
+    figures = [one for one in certificate.figures if one.figure != "t90"]  # whose shares are nearly those of t63
+    total: dict[str, float] = {}
+    for one in figures:
+        for line in one.lines:
+            if line.share >= LEAST_SHOWN:
+                total[line.component] = total.get(line.component, 0.0) + line.share
+    components = sorted(total, key=lambda name: -total[name])
+    colours = {name: CYCLE[i % len(CYCLE)] for i, name in enumerate(components)}
+    hatches = {name: ("", "///", "...")[i // len(CYCLE) % 3] for i, name in enumerate(components)}
+    drawing = Figure(figsize=(7.4, 1.3 + 0.27 * len(figures) + 0.16 * len(components)))
+    axes = drawing.subplots()
+    for row, one in enumerate(figures):
+        left = 0.0
+        known = {line.component: 100.0 * line.share for line in one.lines if line.share >= LEAST_SHOWN}
+        for name in components:
+            if name in known:
+                axes.barh(row, known[name], left=left, color=colours[name], hatch=hatches[name], edgecolor="white")
+                left += known[name]
+        axes.barh(row, max(100.0 - left, 0.0), left=left, color=GREY, edgecolor="white")
+    for name in components:
+        axes.barh(0, 0, color=colours[name], hatch=hatches[name], edgecolor="white", label=literal(name))
+    axes.barh(0, 0, color=GREY, label=f"what is below {100 * LEAST_SHOWN:.0f} %")
+    relative = [f"{literal(one.name)}   {100 * one.standard_uncertainty / one.value:.2g} %" for one in figures]
+    axes.set(yticks=range(len(figures)), yticklabels=relative, xlim=(0, 100), xlabel="share of the variance, %")
+    axes.set_ylim(-0.6, len(figures) - 0.4)
+    axes.set_title("What dominates: figure with its relative standard uncertainty")
+    axes.invert_yaxis()
+    axes.grid(visible=False, axis="y")
+    drawing.legend(loc="outside lower left", ncols=2)
+    return drawing
+
+
+def stated(figure: CertifiedFigure) -> str:
+    """Value ± expanded uncertainty with the unit."""
+    return measured(figure.value, figure.expanded_uncertainty, figure.unit)
+
+
+def write_certificate_page(certificate: Certificate, folder: Path) -> Path:
+    """Write FOLDER/budget.png and FOLDER/certificate.html; returns the page's path."""
+    image = save_figure(shares_figure(certificate), folder, "budget")
+    wanted = [one for one in certificate.figures if one.figure in ("alpha", "t63")]
+    numbers = [KeyNumber(one.name, stated(one), f"{PERCENT}, k = {plain(one.coverage_factor, 3)}") for one in wanted]
+    data = certificate.provenance.get("data")
+    sections = [
+        Section("Figures", [_results(certificate), Text(_conditions(certificate))]),
+        Section(
+            "What the uncertainties are made of", [Figure(image, "Shares of each variance.", "Shares of variances")]
+        ),
+        Section("Errors that all runs share", _common(certificate)),
+        Section("What this certificate is, and what it is not", _statements(certificate)),
+        Section("Budgets", [Text("Lines from 0.1 % on; budget.csv has all."), *map(_budget, certificate.figures)]),
+    ]
+    report = Report(
+        title=f"Response of a thermo-hygrometer: certificate {certificate.identifier}",
+        verdict=_verdict(certificate),
+        key_numbers=numbers[:6],
+        sections=sections,
+        provenance={
+            **({"data": data} if data else {}),
+            **_sensors(certificate),
+            "recorded": f"{certificate.began_on} to {certificate.ended_on}",
+            "issued": certificate.issued_on,
+            "laboratory": certificate.laboratory,
+            "responsible": certificate.person,
+            "customer": certificate.customer,
+            **{key: str(value) for key, value in certificate.provenance.items() if key != "data"},
+        },
+        paper="A4",
+    )
+    return report.write(folder / "certificate.html")
+
+
+def _sensors(certificate: Certificate) -> dict[str, str]:
+    kinds, serials = certificate.kinds, certificate.serials
+    names = dict.fromkeys((*kinds, *serials))
+    return {name: f"{kinds.get(name, '–')}, serial number {serials.get(name, 'not stated')}" for name in names}
+
+
+def _verdict(certificate: Certificate) -> str:
+    rates = [one for one in certificate.figures if one.figure in ("alpha", "D")]
+    rates.sort(key=lambda one: abs(one.temperature_c - USUAL_C))
+    first = {one.channel: one for one in reversed(rates)}
+    said = "; ".join(f"{one.name} = {stated(one)}" for one in sorted(first.values(), key=lambda one: one.figure == "D"))
+    return f"{said} ({PERCENT} of the distribution lie within). Not accredited."
+
+
+def _results(certificate: Certificate) -> Table:
+    figures = certificate.figures
+    columns: dict[str, list[Cell]] = {
+        "figure": [one.name.replace(" ", "\u00a0") for one in figures],
+        "value ± U": [stated(one).replace(" ", "\u00a0") for one in figures],
+        "U, %": [float(f"{100.0 * one.expanded_uncertainty / one.value:.2g}") for one in figures],
+        "k": [round(one.coverage_factor, 2) for one in figures],
+        "ν": ["∞" if (nu := one.degrees_of_freedom) is None else f"{nu:.0f}" for one in figures],
+        "airflow, m/s": ["not recorded" if one.airflow_m_s is None else f"{one.airflow_m_s:g}" for one in figures],
+        "air, °C": [f"{one.temperature_c:.1f}".replace("-", "−") for one in figures],
+        "pressure, hPa": [f"{one.pressure_hpa:g}" for one in figures],
+    }
+    caption = f"U = k u: expanded uncertainty that holds {PERCENT}; ν: effective degrees of freedom."
+    for name in ("airflow, m/s", "pressure, hPa"):
+        if len(set(columns[name])) == 1:
+            quantity, unit = name.split(", ")
+            caption += f" {quantity.capitalize()}: {columns.pop(name)[0]} {unit}."
+    return Table(tuple(columns), list(zip(*columns.values(), strict=True)), caption)
+
+
+def _conditions(certificate: Certificate) -> str:
+    bead = any(one.channel == "temperature" for one in certificate.figures)
+    said = "t63 and t90 are the times to 1 − 1/e and 90 % of a step of the air."
+    return said + (" The thermometer's is a step of 10 K about the temperature named." if bead else "")
+
+
+def _common(certificate: Certificate) -> list[Text | Table]:
+    said = {True: "an ordinary laboratory's: nobody stated it", False: "stated in campaign.json"}
+    rows = [
+        (COMMON_LINES[key][0], value, COMMON_LINES[key][1], said[key in certificate.common.by_default])
+        for key, value in certificate.common.document().items()
+    ]
+    text = (
+        "What is off by the same amount in all runs is seen in no scatter. It is fitted along where the readings can "
+        "tell, and counted in every uncertainty. The trigger counts with 4 ms at least."
+    )
+    return [Text(text), Table(("input", "standard uncertainty", "unit", "from"), rows)]
+
+
+def _statements(certificate: Certificate) -> list[Text]:
+    return [
+        Text(NOT_ACCREDITED, "warning"),
+        Text(certificate.traceability, "neutral" if certificate.traced else "warning"),
+        *(Text(note) for note in certificate.notes),
+    ]
+
+
+def _budget(figure: CertifiedFigure) -> Table:
+    rows = [
+        (
+            line.component,
+            line.kind,
+            line.distribution,
+            f"{plain(line.standard_uncertainty, 3)} {line.unit}".removesuffix(" 1"),
+            plain(line.sensitivity, 3),
+            plain(100.0 * line.share, 3),
+            "∞" if line.degrees_of_freedom is None else plain(line.degrees_of_freedom, 3),
+        )
+        for line in figure.lines
+        if line.share >= LEAST_PRINTED
+    ]
+    value = (
+        f"{figure.name} = {measured(figure.value, figure.standard_uncertainty, figure.unit)} (one standard uncertainty)"
+    )
+    heads = ("component", "type", "distribution", "u", f"sensitivity, {figure.unit} for one", "share, %", "ν")
+    return Table(heads, rows, value)

@@ -1,0 +1,172 @@
+"""shockrig certify: uncertainty budgets and a calibration certificate, as tables, a page to print and DCC XML."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from shockrig.analysis.characterization.response_times import Air
+    from shockrig.files.certificate import Certificate
+
+NAMED = {
+    "laboratory": "name of the laboratory",
+    "person": "name of the person responsible",
+    "customer": "name of the customer",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    from shockrig.protocols import probes
+
+    parser.epilog = (
+        "campaign.json may state what is off in all runs alike (common_uncertainty); what it leaves out is taken as an "
+        "ordinary laboratory has it, and printed as such. The certificate is not an accredited one."
+    )
+    parser.add_argument("campaign", metavar="CAMPAIGN", type=Path, help="campaign folder (campaign.json, runs/)")
+    parser.add_argument(
+        "--out",
+        metavar="DIR",
+        type=Path,
+        required=True,
+        help="folder for certificate.html, .json, .xml (DCC), budget.csv",
+    )
+    parser.add_argument(
+        "--extend", metavar="DIAGNOSIS.json", type=Path, help="fit the model with the causes that this diagnosis names"
+    )
+    air = "that response times are stated for (the campaign's median)"
+    parser.add_argument("--airflow", metavar="M_S", type=float, help=f"airflow {air}")
+    parser.add_argument("--pressure", metavar="HPA", type=float, help=f"pressure {air}")
+    parser.add_argument(
+        "--temperature", metavar="DEGC", type=float, help="air that the thermometer's times are stated for (20 degC)"
+    )
+    parser.add_argument(
+        "--traced",
+        metavar="INSTRUMENT=CERTIFICATE",
+        action="append",
+        default=[],
+        help="a reference's calibration certificate, repeatable (beside those that the bench file names)",
+    )
+    for name, words in NAMED.items():
+        parser.add_argument(f"--{name}", metavar="NAME", help=words)
+    parser.add_argument("--country", metavar="CC", default="ZZ", help="of the laboratory, ISO 3166 (ZZ: not stated)")
+    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the differential evolution (0)")
+    probes.add_argument(parser)
+
+
+def main(args: argparse.Namespace) -> int:
+    """Certify, write, print."""
+    from datetime import UTC, datetime
+
+    from shockrig.protocols import probes
+
+    made_at = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
+    for probe, its in probes.each(args.campaign, args.probe):
+        out = its(args.out)
+        print(summary(write(args, out, None if args.extend is None else its(args.extend), made_at, probe)))
+        print(f"certificate: {out / 'certificate.html'}, {out / 'certificate.xml'}")
+        print(f"budget: {out / 'budget.csv'}", flush=True)
+    return 0
+
+
+def write(args: argparse.Namespace, out: Path, extend: Path | None, made_at: str, probe: str) -> Certificate:
+    """The certificate of a campaign's probe, into the folder `out`, whole or not at all."""
+    from shockrig.analysis.characterization.certified import calibrations, certified, with_common
+    from shockrig.analysis.characterization.characterize import characterize
+    from shockrig.analysis.characterization.extension import read_extension
+    from shockrig.analysis.report.certificate_page import write_certificate_page
+    from shockrig.files.campaign import read_campaign
+    from shockrig.files.certificate import write_certificate
+    from shockrig.files.dcc import dcc_text
+    from shockrig.files.disk import write_whole
+    from shockrig.protocols.commands.characterize import say
+    from shockrig.protocols.folder import said_of_data, software_version, whole_folder
+
+    air, traced, country = _air(args), _traced(args.traced), _country(args.country)
+    extensions = None if extend is None else read_extension(extend)
+    with whole_folder(out) as folder:
+        campaign = with_common(read_campaign(args.campaign, probe))
+        result = characterize(campaign, args.seed, extensions, say)
+        provenance: dict[str, Any] = {
+            "campaign": campaign.name,
+            "campaign_path": str(args.campaign),
+            "software": f"shockrig {software_version()}",
+            "made_at": made_at,
+            "seed": args.seed,
+            **said_of_data(campaign),
+        }
+        if extend is not None:
+            provenance["extended_by"] = str(extend)
+        named = {name: value for name in NAMED if (value := getattr(args, name))}
+        certificate = certified(
+            result,
+            air,
+            made_at[:10],
+            traced=[*calibrations(campaign), *traced],
+            provenance=provenance,
+            country=country,
+            software=software_version(),
+            **named,
+        )
+        say("certificate")
+        write_certificate(certificate, folder)
+        write_whole(folder / "certificate.xml", dcc_text(certificate).encode("utf-8"))
+        write_certificate_page(certificate, folder)
+    return certificate
+
+
+def _air(args: argparse.Namespace) -> Air:
+    from shockrig.analysis.characterization.response_times import Air
+    from shockrig.files.errors import InputError
+    from shockrig.files.ranges import RANGES
+
+    stated = {"airflow": "airflow_m_s", "temperature": "temperature_c", "pressure": "pressure_hpa"}
+    for option, quantity in stated.items():
+        value = getattr(args, option)
+        if value is not None and not RANGES[quantity].holds(value):
+            raise InputError(f"--{option}: {RANGES[quantity].refusal(value)}; give what the figures are wanted for")
+    return Air(args.airflow, args.temperature, args.pressure)
+
+
+def _traced(words: list[str]) -> list[Any]:
+    from shockrig.files.certificate import Traced
+    from shockrig.files.errors import InputError
+
+    found = []
+    for word in words:
+        instrument, equals, number = (part.strip() for part in word.partition("="))
+        if not (instrument and equals and number):
+            expected = "expected INSTRUMENT=CERTIFICATE, such as 'reference thermometer=PTB 12345 of 2026-04-01'"
+            raise InputError(f"--traced {word}: {expected}; name both")
+        found.append(Traced(instrument, number))
+    return found
+
+
+def _country(code: str) -> str:
+    from shockrig.files.errors import InputError
+
+    if not (len(code) == 2 and code.isascii() and code.isalpha()):
+        raise InputError(
+            f"--country {code}: expected two letters of ISO 3166, such as DE; leave it out where not known"
+        )
+    return code.upper()
+
+
+def summary(certificate: Certificate) -> str:
+    """What the command prints: each figure with U, what dominates it, what was taken by default."""
+    from shockrig.analysis.report.certificate_page import stated
+
+    lines = [f"{'figure':<16}{'value ± U (95.45 %)':<34}{'k':>6}   largest part"]
+    for one in certificate.figures:
+        first = one.lines[0]
+        largest = f"{first.component} ({100 * first.share:.0f} %)"
+        lines.append(f"{one.name:<16}{stated(one):<34}{one.coverage_factor:>6.2f}   {largest}")
+    common = certificate.common
+    if common.by_default:
+        values = ", ".join(f"{key} {getattr(common, key):g}" for key in common.document() if key in common.by_default)
+        lines.append(f"by default, as an ordinary laboratory has it: {values}")
+    lines += [f"note: {note}" for note in certificate.notes]
+    lines.append("not accredited; " + certificate.traceability[0].lower() + certificate.traceability[1:])
+    return "\n".join(lines)
