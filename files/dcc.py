@@ -87,8 +87,8 @@ def _administrative(root: ET.Element, certificate: Certificate) -> None:
     statements = _add(part, "statements")
     _statement(statements, "Accreditation", NOT_ACCREDITED)
     _statement(statements, "Traceability", certificate.traceability, traceable=None if certificate.traced else "false")
-    for number, note in enumerate(certificate.notes, 1):
-        _statement(statements, f"Note {number}", note)
+    for place, note in enumerate(certificate.notes, 1):
+        _statement(statements, f"Note {place}", note)
     defaults = ", ".join(sorted(certificate.common.by_default))
     if defaults:
         said = f"Standard uncertainties of an ordinary laboratory were taken where nobody stated any: {defaults}."

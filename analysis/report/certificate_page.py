@@ -116,8 +116,8 @@ def _results(certificate: Certificate) -> Table:
     columns: dict[str, list[Cell]] = {
         "figure": [one.name.replace(" ", "\u00a0") for one in figures],
         "value ± U": [stated(one).replace(" ", "\u00a0") for one in figures],
-        "U, %": [float(f"{100.0 * one.expanded_uncertainty / one.value:.2g}") for one in figures],
-        "k": [round(one.coverage_factor, 2) for one in figures],
+        "U, %": [plain(100.0 * one.expanded_uncertainty / one.value, 2) for one in figures],
+        "k": [f"{one.coverage_factor:.2f}" for one in figures],
         "ν": ["∞" if (nu := one.degrees_of_freedom) is None else f"{nu:.0f}" for one in figures],
         "airflow, m/s": ["not recorded" if one.airflow_m_s is None else f"{one.airflow_m_s:g}" for one in figures],
         "air, °C": [f"{one.temperature_c:.1f}".replace("-", "−") for one in figures],
