@@ -203,7 +203,12 @@ def test_one_sensor_alone_is_diagnosed_and_the_other_is_said_to_be_missing(tmp_p
 def test_ctrl_c_ends_all_processes_with_one_line_and_leaves_nothing(interrupt, tmp_path):
     """As a terminal sends it, to the command and to its branches, and to the command alone: it ends them."""
     shutil.copytree(EXAMPLES / "plain-rough", tmp_path / "bead", ignore=shutil.ignore_patterns("hyt.csv"))
-    command = [sys.executable, "-m", "shockrig.protocols.cli", "diagnose", "bead", "--out", "out"]
+    # The search takes for ever, so that the command is at it however late the signal comes.
+    endless = (
+        "import sys, time; from shockrig.analysis.diagnosis import diagnose; from shockrig.protocols.cli import main"
+    )
+    endless += "; diagnose.measure_gain = lambda *_: time.sleep(3600); sys.exit(main())"
+    command = [sys.executable, "-c", endless, "diagnose", "bead", "--out", "out"]
     env = os.environ | {"PYTHONPATH": str(ROOT)}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen(command, cwd=tmp_path, env=env, start_new_session=True, **pipes) as process:

@@ -6,25 +6,28 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shockrig.analysis.characterization.extension import Extension
 from shockrig.analysis.characterization.response_times import response_time
-from shockrig.analysis.characterization.result import Part, Row
+from shockrig.analysis.characterization.result import FAR_DEVIATED, Part, Row
 from shockrig.analysis.characterization.shifts import widened
 from shockrig.analysis.effects.described import entry_of, with_values
 from shockrig.analysis.inference.channel import Channel, LeftOut
 from shockrig.analysis.inference.evolution import Misfit, Optimum, cross_check, evolve
 from shockrig.analysis.inference.fit import Fit, fit
-from shockrig.analysis.inference.model import Model
+from shockrig.analysis.inference.model import Held, Model, Structure
 from shockrig.analysis.inference.noise import Noise, whiteners
 from shockrig.analysis.inference.problem import Problem, make_problem
 from shockrig.analysis.inference.quantity import RunEffect
 from shockrig.analysis.inference.samples import rmse_over_samples
 from shockrig.analysis.inference.scan import RATE_BOUNDS_PER_S
 from shockrig.files.diagnosis_data import Discovered
-from shockrig.files.profile import StatedEffect, Uncertain
+from shockrig.files.profile import ResponseTime, StatedEffect, Uncertain
 
-WORST_RELATIVE = 0.5  # a diffusivity known no better than this is none
+Array = NDArray[np.float64]
+
+WORST_RELATIVE = 0.5  # a diffusivity or a response time known no better than this is none
 
 
 def fit_part(
@@ -74,14 +77,20 @@ def joint_rows(
     """
     channel, found = part.channel, part.fit
     enlarged = part.enlarged(noise)
+    scattered = found.deviations[:, RunEffect.RATE].std() > FAR_DEVIATED * part.problem.rate_scatter_limit
+    apart = _apart(part) if enlarged > 1.0 or scattered else np.zeros(channel.ambients_c.size)
     rows: list[Row] = []
     undetermined: list[LeftOut] = []
     for g, (first, check) in enumerate(optima or [(None, None)] * channel.ambients_c.size):
         runs = tuple(channel.run_ids[i] for i in np.flatnonzero(channel.ambient == g))
-        relative = enlarged * float(np.sqrt(max(found.covariance[g, g], 0.0)))
+        relative = float(np.hypot(enlarged * np.sqrt(max(found.covariance[g, g], 0.0)), apart[g]))
         low, high = np.log(RATE_BOUNDS_PER_S)
-        if not (0.0 < relative < WORST_RELATIVE and low < found.theta[g] < high):
-            reason = _undetermined(channel, float(channel.ambients_c[g]), misfits=enlarged > 1.0)
+        response = None
+        if 0.0 < relative and low < found.theta[g] < high:
+            response = _wider(response_time(channel, found, g, enlarged), float(apart[g]))
+        # With two time constants in the model either may be the body's: how fast the sensor is, is told all the same.
+        if response is None or not min(relative, _relative(response)) < WORST_RELATIVE:
+            reason = _undetermined(channel, float(channel.ambients_c[g]), float(apart[g]), misfits=enlarged > 1.0)
             undetermined += [LeftOut(run, channel.name, reason) for run in runs]
             continue
         value = float(np.exp(found.theta[g]) * channel.length_m**2)
@@ -90,7 +99,7 @@ def joint_rows(
                 ambient_c=round(float(channel.ambients_c[g]), 3),
                 diffusivity_m2_s=value,
                 standard_uncertainty=value * relative,
-                response=response_time(channel, found, g, enlarged),
+                response=response,
                 runs=runs,
                 basis=basis,
                 evolution=first,
@@ -100,9 +109,45 @@ def joint_rows(
     return rows, undetermined
 
 
-def _undetermined(channel: Channel, ambient_c: float, *, misfits: bool) -> str:
+def _apart(part: Part) -> Array:
+    """How far runs that a model misses are from one another in ln rate, by ambient (G,).
+
+    Runs of a sensor that the model describes agree; where they do not, nobody knows which of them is right, and no
+    number of runs makes their mean better.
+    """
+    found, problem = part.fit, part.problem
+    held = tuple(Held(e, name, value) for e, p in found.values().items() for name, (value, _) in p.items())
+    rates_alone = Structure(found.structure.effects, held)
+    own = np.empty(problem.channel.runs)
+    for run, ambient in enumerate(problem.channel.ambient):
+        one = problem.select(np.array([run]))
+        own[run] = fit(one, rates_alone, found.log_rates, found.deviations[[run]]).log_rates[ambient]
+    return np.array([own[problem.channel.ambient == g].std() for g in range(problem.channel.ambients_c.size)])
+
+
+def _wider(response: ResponseTime, relative: float) -> ResponseTime:
+    """Response times less certain by what runs are apart."""
+    if response.standard_uncertainties_s is None or not relative:
+        return response
+    times = (response.t63_s, response.t90_s, response.t98_s)
+    first, second, third = (
+        float(np.hypot(u, t * relative)) for u, t in zip(response.standard_uncertainties_s, times, strict=True)
+    )
+    return replace(response, standard_uncertainties_s=(first, second, third))
+
+
+def _relative(response: ResponseTime) -> float:
+    """Relative standard uncertainty of a time to 63 %."""
+    return response.standard_uncertainties_s[0] / response.t63_s if response.standard_uncertainties_s else np.inf
+
+
+def _undetermined(channel: Channel, ambient_c: float, apart: float, *, misfits: bool) -> str:
     """Why runs give no diffusivity, and the remedy."""
     symbol = channel.quantity.symbol
+    if apart > WORST_RELATIVE and not misfits:
+        return (
+            f"the runs disagree in {symbol} by {apart:.0%}; see that all are of one sensor, and run shockrig diagnose"
+        )
     if misfits:
         return (
             f"the plain model ({channel.body}) fits too badly to give {symbol}; run shockrig diagnose, which tries "

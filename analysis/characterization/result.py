@@ -55,7 +55,7 @@ class Part:
     def enlarged(self, noise: Noise) -> float:
         """By how much its formal uncertainty is too small, because the model is wrong: by as much as the residuals, or
         the runs' start times and airs, are too far off; 1 where they are not."""
-        ratio = max(self.rmse / noise.standard_deviation, self.normalised_deviation)
+        ratio = max(self.rmse / noise.while_moving, self.normalised_deviation)
         return ratio if ratio > FAR_ABOVE_NOISE else 1.0
 
     @property

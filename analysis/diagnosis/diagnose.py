@@ -17,7 +17,7 @@ from shockrig.analysis.checks.checked import Checked, checked
 from shockrig.analysis.diagnosis.adequacy import Adequacy, describe, judge
 from shockrig.analysis.diagnosis.describing import Description, alternatives, describe_rest
 from shockrig.analysis.diagnosis.experiments import propose, unseen
-from shockrig.analysis.diagnosis.gain import Gain, measure_gain, worse_without
+from shockrig.analysis.diagnosis.gain import Gain, measure_gain, plainly, run_errors, worse_without
 from shockrig.analysis.diagnosis.limits import cannot_tell
 from shockrig.analysis.diagnosis.prepare import Prepared, likelier_average, prepare, with_rounding
 from shockrig.analysis.diagnosis.remainder import Remainder, Tolerance, measure_remainder
@@ -128,7 +128,9 @@ def diagnose_channel(
     remainder = measure_remainder(ready.problem, kept.final, ready.noise, adequacy, kept.gain, tolerance or Tolerance())
     spoilt = remainder.significant and remainder.material
     left = spoilt or not adequacy.passed
-    verdict = "unexplained" if spoilt else "explained" if kept.causes else "adequate"
+    # What no other run has borne out tells of a shape and does not explain.
+    untried = any(CATALOGUE[c.effect].shape for c in kept.causes) and not kept.gain.measured
+    verdict = "unexplained" if spoilt or untried else "explained" if kept.causes else "adequate"
     described = None
     if spoilt:
         progress(f"{channel.name}: describing what no catalogued effect explains")
@@ -195,32 +197,51 @@ def _kept(channel: Channel, ready: Prepared, found: Search, adequacy: Adequacy) 
         if not doubtful:
             break
         tried += [Tried(e, "it helps, and is not certain beside what is left unexplained") for e in doubtful]
-        keep = set(final.structure.ids) - set(doubtful)
-        for effect in doubtful:
-            # How the response behaves can be said where what makes it behave so cannot.
-            instead = found.standing[effect].instead if effect in found.standing else {}
-            shape = next((e for e in named[effect].indistinguishable_from if _plain_shape(e, channel, keep)), "")
-            if shape in instead and keep <= set(instead[shape].structure.ids):
-                final, keep = instead[shape], {*keep, shape}
-                described[shape] = _described(named[effect], shape, final)
-        final = _reduced(problem, found, final, keep)
+        final, shapes = _with_shapes(problem, found, final, named, doubtful)
+        described |= shapes
         adequacy = judge(problem, final, ready.noise)
         named = _named(problem, found, adequacy) | described
     plain_case = adequacy.passed and problem.channel.runs >= level("many_runs")
     while True:
         gain = measure_gain(channel, problem, base, found.plain, final, ready.noise, choose)
         dropped = _dropped(problem, final, gain, from_readings, plain_case)
-        if not dropped:
+        unproven = [] if dropped or gain.measured else _unproven(channel, problem, found.plain, final)
+        if not (dropped or unproven):
             break
-        tried += dropped
-        final = _reduced(problem, found, final, set(final.structure.ids) - {t.effect for t in dropped})
+        tried += dropped + unproven
+        if unproven:
+            final, shapes = _with_shapes(problem, found, final, named, [t.effect for t in unproven])
+            named |= shapes
+        else:
+            final = _reduced(problem, found, final, set(final.structure.ids) - {t.effect for t in dropped})
         choose = False
     values = widened(problem, final).values()
     causes = [
         replace(from_readings.get(e) or named[e], parameters=from_readings[e].parameters if e in from_readings else v)
         for e, v in values.items()
     ]
+    if not gain.measured:
+        most = {c.effect: MOST_CERTAIN if c.effect in from_readings else level("shape_in_doubt") for c in causes}
+        causes = [replace(c, probability=min(c.probability, most[c.effect])) for c in causes]
     return _Kept(tuple(causes), final, gain, tuple(tried))
+
+
+def _with_shapes(
+    problem: Problem, found: Search, now: Fit, named: dict[str, Cause], doubtful: list[str]
+) -> tuple[Fit, dict[str, Cause]]:
+    """The fit without doubtful causes, with the shapes that stand for them: how the response behaves can be said where
+    what makes it behave so cannot."""
+    keep, shapes, final = set(now.structure.ids) - set(doubtful), dict[str, Cause](), now
+    for effect in doubtful:
+        if effect not in found.standing:
+            continue
+        instead = found.standing[effect].instead
+        others = (e for e in named[effect].indistinguishable_from if e not in keep)
+        shape = next((e for e in others if _plain_shape(e, problem.channel)), "")
+        if shape in instead and keep <= set(instead[shape].structure.ids):
+            final, keep = instead[shape], {*keep, shape}
+            shapes[shape] = _described(named[effect], shape, final)
+    return _reduced(problem, found, final, keep), shapes
 
 
 def _reduced(problem: Problem, found: Search, now: Fit, ids: set[str]) -> Fit:
@@ -245,7 +266,7 @@ def _dropped(
         if effect not in from_readings and (why := says_nothing(CATALOGUE[effect], values[effect])):
             return [Tried(effect, why)]
     if not gain.measured:
-        return [Tried(e, "it could not be tried on a run that was not fitted") for e in tested]
+        return []
     worst = [e for e in tested if not worse_without(gain, e)]
     if worst:
         least = min(worst, key=lambda e: float(np.nanmean(gain.without[e] - gain.run_kept)))
@@ -254,6 +275,21 @@ def _dropped(
     # fit's evidence holds as long as they do not speak against it.
     if not (gain.real or (plain_case and gain.likely)):
         return [Tried(e, "unseen runs are not predicted better by more than runs differ") for e in tested]
+    return []
+
+
+def _unproven(channel: Channel, problem: Problem, plain: Fit, final: Fit) -> list[Tried]:
+    """What may not stay in a model that could be tried on no other run: of a single one only the shape of its response
+    can be told, where that is plain."""
+    tested = [e for e in final.structure.ids if CATALOGUE[e].apply is not unchanged]
+    claims = [e for e in tested if not _plain_shape(e, channel)]
+    if claims:
+        return [Tried(e, "it could not be tried on a run that was not fitted") for e in claims]
+    before, after = (run_errors(channel, problem, f).mean() for f in (plainly(plain), final))
+    if tested and before < level("plain_to_see") * after:
+        return [
+            Tried(e, "it lowers the error of the one run little, and there is no other to try it on") for e in tested
+        ]
     return []
 
 
@@ -282,10 +318,9 @@ def _named(problem: Problem, found: Search, adequacy: Adequacy) -> dict[str, Cau
     return causes
 
 
-def _plain_shape(effect: str, channel: Channel, taken: set[str]) -> bool:
+def _plain_shape(effect: str, channel: Channel) -> bool:
     """Whether an effect only says how the response behaves, in a sensor where that is as likely as anything."""
-    entry = CATALOGUE[effect]
-    return entry.shape and not entry.rarity(channel) and effect not in taken
+    return CATALOGUE[effect].shape and not CATALOGUE[effect].rarity(channel)
 
 
 def _described(cause: Cause, shape: str, fitted: Fit) -> Cause:
@@ -305,7 +340,7 @@ def _certain(cause: Cause, adequacy: Adequacy, channel: Channel) -> bool:
     not claim a cause, where the body is not known.
     """
     effect = CATALOGUE[cause.effect]
-    if effect.shape and not effect.rarity(channel):
+    if _plain_shape(cause.effect, channel):
         return True
     if effect.steady or effect.averages or cause.indistinguishable_from:
         return False

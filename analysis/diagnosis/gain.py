@@ -120,7 +120,7 @@ def measure_gain(
         after[test] = run_errors(held, bins, extended) if choose and extended is not same else kept[test]
         for effect, fitted in one_less.items():
             without[effect][test] = run_errors(held, bins, fitted)
-    return summarise(before, after, noise.standard_deviation, kinds(channel), kept, without)
+    return summarise(before, after, noise.while_moving, kinds(channel), kept, without)
 
 
 def plainly(found: Fit) -> Fit:

@@ -5,27 +5,46 @@ What stands at a limit stays there, and the rest of the run is placed anew besid
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.inference.arrow import Arrow
-from shockrig.analysis.inference.fit import Fit, fit, linearise
+from shockrig.analysis.inference.fit import Fit, fit, linearise, run_misfit
 from shockrig.analysis.inference.model import Point
 from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.inference.rate_scatter import RATE_SCATTER
-from shockrig.analysis.inference.scan import scanned_starts
+from shockrig.analysis.inference.scan import STUCK, scanned_starts
 
 Array = NDArray[np.float64]
 
 PLACED_WITHIN = 2.0  # standard uncertainties
 FREE = 10.0  # likewise, of what nobody recorded
 STEPS = 8  # of Gauss and Newton within the limits
+TINY = 1e-12
+TRUSTED = 10.0  # times what they leave: readings are weighted so that what is stated only limits
 SETTLED = 1e-3  # of the limits: a smaller step is none
 
 
 def placed(bins: Problem, found: Fit) -> Array:
     """Random effects (R, U) of runs that a model was not fitted to."""
     problem = bins.with_rate_scatter(RATE_SCATTER)
+    at, astray = _placed(problem, found)
+    if not astray.any():
+        return at
+    # Readings are weighted by their noise, and a wrong model's errors are none: where noise has a long memory such a
+    # run is placed by its increments, far from its level. Whatever leaves less of the readings is its place.
+    part = problem.select(astray)
+    before = _squares(part, found, at[astray])
+    level = TRUSTED * np.sqrt(part.channel.count / np.maximum(before, TINY)[:, None])
+    evenly, _ = _placed(replace(part, whitener=level[:, :, None] * np.eye(level.shape[1])), found)
+    at[astray] = np.where((_squares(part, found, evenly) < before)[:, None], evenly, at[astray])
+    return at
+
+
+def _placed(problem: Problem, found: Fit) -> tuple[Array, NDArray[np.bool_]]:
+    """Where runs fit best within what is stated of them (R, U), and which of them a model misses (R,)."""
     at = problem.channel.at_rest()
     reached = fit(problem, found.structure, found.theta, at, adapt_scatter=False, hold_theta=True)
     moved = scanned_starts(problem, reached)
@@ -34,7 +53,15 @@ def placed(bins: Problem, found: Fit) -> Array:
         reached = min((reached, again), key=lambda f: f.objective)
     # What nobody recorded is free: it is placed where it fits best, for every model alike.
     limit = np.where(problem.stated, PLACED_WITHIN, FREE) * problem.scatter
-    return _within(problem, found, reached.deviations, limit)
+    return _within(problem, found, reached.deviations, limit), run_misfit(problem, reached) > STUCK
+
+
+def _squares(problem: Problem, found: Fit, deviations: Array) -> Array:
+    """Mean square error of each run's readings (R,)."""
+    channel = problem.channel
+    prediction, _ = linearise(problem, found.structure, Point(found.theta, deviations))
+    squares = (channel.count * (channel.value - prediction) ** 2).sum(axis=1)
+    return np.asarray(squares / np.maximum(channel.count.sum(axis=1), 1))
 
 
 def _within(problem: Problem, found: Fit, deviations: Array, limit: Array) -> Array:

@@ -49,6 +49,12 @@ THRESHOLDS = {
         ("many_runs", 20.0, "runs whose fit tells a small effect by itself", f"{_TRIALS} one --strength limit"),
         ("held_out_excess", 2.0, "multiple of the noise that is no accident on unseen runs", "benchmarks/real_data.py"),
         ("shape_in_doubt", 0.8, "most that a shape is given beside what is left", "benchmarks/real_data.py"),
+        (
+            "plain_to_see",
+            1.5,
+            "ratio of mean squares by which a shape shows in one run",
+            "benchmarks/foreign_benches.py",
+        ),
         ("anything", 2.0, "uncertainty, in its logarithm, of what may be anything", f"{_TRIALS} ordinary"),
     )
 }

@@ -19,7 +19,7 @@ EFFECT = Effect(
     advice="Record the airflow and vary it: a support's share depends on it, a film's own does not.",
     in_flight=InFlight(lag=lambda p: (p["fraction"], p["time_constant_s"])),
     shape=True,
-    testable=lambda channel: not channel.conditions.airflow_known.all(),
-    needs="is looked for where the airflow was not recorded; its named causes are where it was",
+    testable=lambda channel: not channel.conditions.airflow_known.all() or channel.runs == 1,
+    needs="is looked for in a single run and where the airflow was not recorded; its named causes are elsewhere",
     mirrors=True,
 )

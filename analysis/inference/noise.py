@@ -76,6 +76,11 @@ class Noise:
         return float(np.sqrt(self.autocovariance(1)[0]))
 
     @property
+    def while_moving(self) -> float:
+        """The same while the signal crosses codes: a coarse step then shows its own error, which at rest it hides."""
+        return float(np.hypot(self.standard_deviation, self.step / np.sqrt(12.0)))
+
+    @property
     def increment(self) -> float:
         """Standard deviation of the difference between two readings in a row [channel's unit]."""
         now, next_ = self.autocovariance(2)
@@ -100,10 +105,13 @@ def _autocovariance(white: float, correlated: float, memory: float, averaged: in
 def plateau_pieces(channel: Channel, late_share: float = 1 / 3) -> tuple[Array, Array]:
     """Pieces of plateau (m, n) before the transfer, and from the last `late_share` of the time after it.
 
-    n is `PIECE`, or less where a slow logger leaves fewer samples.
+    n is `PIECE`, or less where a slow logger leaves fewer samples; where next to nothing was recorded before the
+    transfer, a third of what there is after it.
     """
-    before = [int((time < 0).sum()) for time, _ in channel.samples]
-    piece = int(np.clip(0.85 * np.median(before), SHORTEST_PIECE, PIECE))
+    before = np.median([(time < 0).sum() for time, _ in channel.samples])
+    after = np.median([(time > (1 - late_share) * time[-1]).sum() for time, _ in channel.samples])
+    longest = 0.85 * before if 0.85 * before >= SHORTEST_PIECE else after / 3
+    piece = int(np.clip(longest, SHORTEST_PIECE, PIECE))
     early: list[Array] = []
     late: list[Array] = []
     period = channel.sampling_period_s
@@ -182,7 +190,7 @@ def estimate_noise(
         pools = [p for p in (_pool(early, 0), _pool(late, 2)) if p.count]
     count = sum(p.count for p in pools)
     if count < 3:
-        return _crude(channel)
+        return _crude(channel, rounding if coarse else 0.0)
     scale = sum(np.trace(p.scatter) for p in pools) / sum(p.count * (piece - p.polynomials.shape[1]) for p in pools)
     if coarse:
         # The mean over pieces that mostly show nothing at all, and a few that flip.
@@ -262,10 +270,10 @@ def _logistic(x: float) -> float:
     return float(1.0 / (1.0 + np.exp(-np.clip(x, -30, 30))))
 
 
-def _crude(channel: Channel) -> Noise:
+def _crude(channel: Channel, step: float) -> Noise:
     """White noise from differences where no plateau is long enough for more."""
     spread = [1.4826 * np.median(np.abs(np.diff(y[t > 0.6 * t[-1]]))) / np.sqrt(2) for t, y in channel.samples]
-    return Noise(max(float(np.median(spread)), 1e-4), 0.0, 0.0, 1, 0.0, 0, np.zeros(MAX_AVERAGED))
+    return Noise(max(float(np.median(spread)), 1e-4), 0.0, 0.0, 1, 0.0, 0, np.zeros(MAX_AVERAGED), step)
 
 
 def whiteners(channel: Channel, noise: Noise, signals: Sequence[Array] | None = None) -> Array:

@@ -117,6 +117,8 @@ def channel_verdict(found: ChannelDiagnosis, whole: bool = True) -> str:
     # A shape claims no cause: it says how the sensor behaves as far as these runs tell.
     shapes = all(CATALOGUE[c.effect].shape for c in causes)
     opening = "As far as these runs tell:" if shapes else "Certain all the same:"
+    if not (gain.measured or (found.remainder.significant and found.remainder.material)):
+        return " ".join([f"There is no other run to try an explanation of the {sensor}'s on.", opening, *said])
     return " ".join([unexplained(found, whole), *([opening, *said] if said else [])])
 
 
