@@ -49,7 +49,9 @@ class ChannelScore:
 
     @property
     def verdict_right(self) -> bool:
-        return self.verdict == self.expected_verdict
+        # What has no name may be described all the same.
+        described = self.expected_verdict == "unexplained" and self.verdict == "described"
+        return described or self.verdict == self.expected_verdict
 
     @property
     def exact(self) -> bool:

@@ -33,6 +33,7 @@ def gain(before, after, floor):
 def channel(name, verdict, causes=(), discrepancy=None):
     return SimpleNamespace(
         name=name,
+        discovered=(),
         verdict=verdict,
         causes=causes,
         gain=gain(0.9, 0.021, 0.020),

@@ -19,7 +19,10 @@ NAMES = re.compile(r"\b(" + "|".join(map(re.escape, CATALOGUE)) + r")\b")
 # Words of the field's own, which prose may use; with an underscore in it a word is an id.
 PROSE = {name for name in CATALOGUE if "_" not in name}
 # A behaviour that shock-diagnosis/1 describes without naming a cause has the same words.
-OTHER_MEANING = {("files/diagnosis_data.py", "parallel_lag"), ("analysis/discovery/grammar.py", "parallel_lag")}
+OTHER_MEANING = {
+    (place, "parallel_lag")
+    for place in ("files/diagnosis_data.py", "analysis/discovery/grammar.py", "analysis/report/described_words.py")
+}
 
 
 def named(text):

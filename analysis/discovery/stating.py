@@ -24,7 +24,7 @@ SIGMAS = 3.0  # beyond which a dependence is one
 SHARP = {"power": 0.15, "exponential": 0.01, "ratio": 0.1}
 SHARP_HUMIDITY, SHARP_ORDER = 0.4, 0.01
 STEP = 1e-3  # of a factor's number, in finite differences
-QUICK = 8
+WHOLE = 25  # steps of Gauss and Newton
 
 
 def stated(problem: Problem, found: Discovery) -> tuple[Discovered, ...]:
@@ -114,19 +114,25 @@ def _nearest(problem: Problem, final: Fit, one: Described) -> Likeness | None:
     likeness = np.where((length[1:] > 1e-3 * alone) & (likeness < 1.0 + 1e-6), likeness, 0.0)
     best = int(np.argmax(likeness))
     effect, start = owners[best]
-    return Likeness(effect.id, round(float(min(likeness[best], 1.0)), 3), _why_not(problem, final, less, effect, start))
+    return Likeness(
+        effect.id, round(float(min(likeness[best], 1.0)), 3), _why_not(problem, final, less, effect, start, one)
+    )
 
 
-def _why_not(problem: Problem, final: Fit, less: Structure, effect: Effect, start: Mapping[str, float]) -> str:
+def _why_not(
+    problem: Problem, final: Fit, less: Structure, effect: Effect, start: Mapping[str, float], one: Described
+) -> str:
     """Why the catalogued effect that is most alike is not the one: how much worse it does, and where."""
     structure = less.adding(effect)
     named = {f"{effect.id}.{name}": value for name, value in start.items()}
     theta = Model(problem.channel, structure).start(final.log_rates, final.choice | named)
     starts = (final.deviations, problem.channel.at_rest())
-    placed = min((fit(problem, structure, theta, d, QUICK) for d in starts), key=lambda f: f.deviance)
+    placed = min((fit(problem, structure, theta, d, WHOLE) for d in starts), key=lambda f: f.deviance)
     rise = placed.deviance - final.deviance
     if rise < 1.0:
         return "it explains these runs as well, and was not certain beside the rest"
+    if rise > one.necessity:
+        return "fitted in its place it explains nothing of what this does"
     worse = (problem.whiten(placed.residual) ** 2).sum(axis=1) - (problem.whiten(final.residual) ** 2).sum(axis=1)
     said = f"in its place the misfit rises by {rise:.3g} (deviance)"
     where = _where(problem, worse)

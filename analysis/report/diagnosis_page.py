@@ -14,8 +14,10 @@ from shockrig.analysis.diagnosis.export import correlations
 from shockrig.analysis.diagnosis.held_out import autocorrelation, drifts, size
 from shockrig.analysis.diagnosis.thresholds import TIE, penalty
 from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.effects.described import entry_of
 from shockrig.analysis.inference.channel import LeftOut
 from shockrig.analysis.inference.quantity import QUANTITIES
+from shockrig.analysis.report import described_words
 from shockrig.analysis.report.crossing import Crossing
 from shockrig.analysis.report.diagnosis_figures import crossing_figure
 from shockrig.analysis.report.diagnosis_view import ChannelView
@@ -79,7 +81,8 @@ def write_diagnosis(
     sections.append(Section("What was left out, and why", _left_out(diagnosis, left_out)))
     verdicts = {c.verdict for c in diagnosis.channels}
     tied = any(cause.indistinguishable_from for c in diagnosis.channels for cause in c.causes)
-    tone: Tone = "bad" if "unexplained" in verdicts else "warning" if tied or diagnosis.missing else "good"
+    doubt = tied or diagnosis.missing or "described" in verdicts
+    tone: Tone = "bad" if "unexplained" in verdicts else "warning" if doubt else "good"
     report = Report(
         title=f"Diagnosis of {diagnosis.campaign}",
         verdict=headline(diagnosis),
@@ -95,7 +98,7 @@ def _key_numbers(views: Sequence[ChannelView], crossings: Sequence[Crossing]) ->
     numbers = []
     for view in views:
         gain, unit = view.found.gain, UNIT[view.found.name]
-        arrow = f" → {plain(gain.after, 2)}" if view.found.causes else ""
+        arrow = f" → {plain(gain.after, 2)}" if view.found.causes or view.found.discovered else ""
         numbers.append(
             KeyNumber(
                 f"error on unseen runs, {SENSOR[view.found.name]}",
@@ -103,7 +106,7 @@ def _key_numbers(views: Sequence[ChannelView], crossings: Sequence[Crossing]) ->
                 f"noise {plain(gain.noise_floor, 2)} {unit}",
             )
         )
-        if view.found.causes:
+        if view.found.causes or view.found.discovered:
             low, high = (100 * x for x in gain.interval_95)
             numbers.append(
                 KeyNumber(
@@ -119,7 +122,7 @@ def _key_numbers(views: Sequence[ChannelView], crossings: Sequence[Crossing]) ->
             f"rms error corrected, plain → extended profile; uncorrected {plain(c.rms_reading, 2)} {UNIT[c.channel]}",
         )
         for c in crossings
-        if any(view.found.name == c.channel and view.found.causes for view in views)
+        if any(view.found.name == c.channel and view.found.final.structure.effects for view in views)
     ]
     return numbers
 
@@ -134,9 +137,12 @@ def _channel(view: ChannelView) -> list[Block]:
     if sentence := seen_sentence(found.problem.channel):
         blocks += [Text(sentence), *figure("seen")]
     blocks.append(Text(channel_verdict(found), "bad" if found.verdict == "unexplained" else "good"))
+    blocks += figure("remaining")
     blocks.append(Text(remainder_sentence(found)))
     if found.causes:
         blocks.append(_causes_table(found))
+    if found.discovered:
+        blocks.append(_described_table(found))
     if found.cannot_tell:
         blocks.append(Text("What these runs cannot tell: " + " ".join(found.cannot_tell), "warning"))
     if found.tried:
@@ -181,6 +187,23 @@ def _causes_table(found: ChannelDiagnosis) -> Table:
         )
     columns = ("cause", "parameters ± standard uncertainty", "probability", "link of the chain", "could as well be")
     return Table(columns, rows)
+
+
+def _described_table(found: ChannelDiagnosis) -> Table:
+    rows: list[list[Cell]] = []
+    for one in found.discovered:
+        effect = entry_of(one, found.name)
+        rows.append(
+            [
+                described_words.behaves(one),
+                "" if effect is None else effect.equation,
+                f"{100 * (one.probability or 0.0):.0f} %",
+                described_words.seen(one),
+                described_words.flies(one, found.name),
+            ]
+        )
+    columns = ("behaves as", "equation", "probability beside its alternatives", "seen over", "in flight")
+    return Table(columns, rows, "Effects that nobody listed, described by how they behave")
 
 
 def _size_words(view: ChannelView) -> str:
@@ -316,6 +339,13 @@ def _equations(found: ChannelDiagnosis) -> list[Block]:
         for j in range(i)
         if abs(matrix[i, j]) >= STRONG
     ]
+    for one in found.discovered:
+        if (entry := entry_of(one, found.name)) is not None:
+            blocks += [
+                Text(f"Described: added to the {entry.link} link of the chain."),
+                Equation(entry.equation),
+                Text(f"Source: {entry.source}."),
+            ]
     rows = [[words, f"{value:+.2f}".replace("-", "−")] for _, words, value in sorted(pairs, reverse=True)]
     if rows:
         title = f"Parameters that are correlated by {STRONG} or more: {len(rows)} pair{'s' if len(rows) > 1 else ''}"
@@ -348,7 +378,7 @@ def _material(views: Sequence[ChannelView]) -> list[Block]:
             change = _signed(100 * (b.diffusivity_m2_s / a.diffusivity_m2_s - 1)) + " %" if a and b else "–"
             times = [None if r is None else r.response.t63_s for r in (b, a)]
             rows.append([label, *(_diffusivity(r) for r in (b, a)), change, *times])
-        if not view.found.causes:
+        if not view.found.causes and not view.found.discovered:
             blocks.append(Text(f"The {SENSOR[view.found.name]} carries no effect: both columns are the plain model's."))
         elif view.found.verdict == "unexplained":
             words = f"The {SENSOR[view.found.name]} is not explained: its values stay effective ones."

@@ -14,11 +14,13 @@ from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis
 from shockrig.analysis.diagnosis.extended import extended_result, plain_result
 from shockrig.analysis.diagnosis.held_out import HeldOut, autocorrelation, held_out
 from shockrig.analysis.diagnosis.thresholds import penalty
+from shockrig.analysis.discovery.remaining import remaining
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.report import residuals as drawings
-from shockrig.analysis.report.diagnosis_words import SENSOR, named
+from shockrig.analysis.report.diagnosis_words import SENSOR, listed, named
 from shockrig.analysis.report.fitted import UNIT, conditions, relative_runs
 from shockrig.analysis.report.parameters import parameter_by_condition
+from shockrig.analysis.report.remaining import remaining_figure
 from shockrig.analysis.report.seen import little_known, seen, seen_figure
 from shockrig.analysis.report.style import save_figure
 
@@ -69,6 +71,17 @@ def _draw(
             "Readings over the way that they went, since the change is seen to begin. Circles: 63 % and 90 % of it.",
             f"Readings of the {sensor} as shares of their way, with the times to 63 % and 90 %",
         )
+    if found.verdict in ("unexplained", "described"):
+        left = remaining(channel, found.final if found.described is None else found.described.discovery.without)
+        if left is not None:
+            varies = f"It varies with {listed(left.varies_with)}. " if left.varies_with else "No condition parts it. "
+            still = f"It does not vary with {listed(left.does_not_vary_with, 'or')}." if left.does_not_vary_with else ""
+            figures["remaining"] = (
+                remaining_figure(left),
+                "What the model with its named causes leaves, as a share of each run's step, with two standard "
+                f"uncertainties (number of runs in brackets), and its spectrum of relaxation times. {varies}{still}",
+                f"What is left in the readings of the {sensor}, and its relaxation times",
+            )
     if held.run_ids:
         extended = bool(found.final.structure.effects)
         both = zip(held.run_ids, held.time_s, held.before, held.after, strict=True)

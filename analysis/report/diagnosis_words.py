@@ -11,6 +11,7 @@ from shockrig.analysis.diagnosis.thresholds import TIE
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.effect import Parameter
 from shockrig.analysis.inference.quantity import QUANTITIES
+from shockrig.analysis.report import described_words
 from shockrig.analysis.report.fitted import UNIT
 from shockrig.analysis.report.numbers import measured, plain
 
@@ -85,7 +86,7 @@ def ordered(causes: Sequence[Cause]) -> list[Cause]:
 def gain_sentence(found: ChannelDiagnosis) -> str:
     """What the extension gains on unseen runs."""
     gain, unit = found.gain, UNIT[found.name]
-    them = "it" if len(found.causes) == 1 else "them"
+    them = "it" if len(found.causes) + len(found.discovered) == 1 else "them"
     before, after, noise = (f"{plain(x, 2)} {unit}" for x in (gain.before, gain.after, gain.noise_floor))
     if before == after:
         return f"On unseen runs the error is {after} with {them} as without (noise {noise})."
@@ -106,6 +107,11 @@ def channel_verdict(found: ChannelDiagnosis, whole: bool = True) -> str:
             f"The plain diffusion model describes the {sensor}: it predicts unseen runs to {plain(gain.before, 2)} "
             f"{unit} (noise {plain(gain.noise_floor, 2)} {unit}), and nothing in the catalogue makes it better."
         )
+    if found.verdict == "described":
+        said = [cause_sentence(found.name, c) for c in causes] if whole else []
+        behaviours = [described_words.sentence(one, unit) for one in found.discovered]
+        opening = f"No set of catalogued effects explains the {sensor}'s readings, and what they do can be described."
+        return " ".join([opening, *said, *behaviours, gain_sentence(found)])
     spelled = causes if whole or len(causes) <= 2 else causes[:1]
     said = [cause_sentence(found.name, c) for c in spelled]
     if len(spelled) < len(causes):
@@ -119,7 +125,9 @@ def channel_verdict(found: ChannelDiagnosis, whole: bool = True) -> str:
     opening = "As far as these runs tell:" if shapes else "Certain all the same:"
     if not (gain.measured or (found.remainder.significant and found.remainder.material)):
         return " ".join([f"There is no other run to try an explanation of the {sensor}'s on.", opening, *said])
-    return " ".join([unexplained(found, whole), *([opening, *said] if said else [])])
+    told = [described_words.sentence(one, unit) for one in found.discovered]
+    most = ["Most of it can be described.", *told] if told else []
+    return " ".join([unexplained(found, whole), *([opening, *said] if said else []), *most])
 
 
 def unexplained(found: ChannelDiagnosis, whole: bool = True) -> str:

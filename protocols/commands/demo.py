@@ -115,9 +115,9 @@ def ending(result: Score) -> str:
     if result.exact:
         nameable = where("named")
         if not nameable:
-            return (
-                f"Hidden was what no catalogue has, {listed(hidden)}, and the diagnosis says that it cannot explain it."
-            )
+            described = any(channel.verdict == "described" for channel in result.channels.values())
+            told = "describes how it behaves" if described else "says that it cannot explain it"
+            return f"Hidden was what no catalogue has, {listed(hidden)}, and the diagnosis {told}."
         return f"Found what was hidden, and nothing else: {listed(nameable)}."
     parts = [f"{label} {listed(where(outcome))}" for outcome, label in _OUTCOMES if where(outcome)]
     verdicts = [f"{name} should be {c.expected_verdict}" for name, c in result.channels.items() if not c.verdict_right]

@@ -240,7 +240,7 @@ def summary(diagnosis: Diagnosis) -> str:
         shown = [f"  {sentence}"] if (sentence := seen_sentence(found.problem.channel)) else []
         lines += [f"{found.name}: {found.verdict}", *shown, f"  {channel_verdict(found)}", *terminal_causes(found)]
         gain = found.gain
-        if found.causes:
+        if found.causes or found.discovered:
             low, high = gain.interval_95
             share = f"{100 * gain.explained_fraction:.1f} % ({100 * low:.1f} to {100 * high:.1f} %)"
             lines.append(f"  of the explainable error removed on unseen runs: {share}")

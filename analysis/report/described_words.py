@@ -1,0 +1,128 @@
+"""Sentences on effects that nobody listed: 'behaves as', never 'is'."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from shockrig.analysis.effects.described import entry_of
+from shockrig.analysis.report.numbers import measured, plain
+from shockrig.files.causes import Uncertain
+from shockrig.files.diagnosis_data import Dependence, Discovered
+
+DRIVERS = {
+    "air_temperature": "the air's temperature",
+    "air_humidity": "the air's humidity",
+    "own_response": "the reading itself",
+    "die_temperature": "the die's temperature",
+    "other_sensor": "the other sensor",
+    "airflow": "the airflow",
+    "none": "the transfer",
+}
+BEHAVIOURS = {
+    "lag_in_series": "a lag before the sensing body",
+    "parallel_lag": "a share of the response that follows slowly",
+    "added_response": "something that leaks in with {driver}",
+    "added_rate": "something that goes with the rate of change of {driver}",
+    "gain": "a gain on the reading",
+    "offset": "an offset of the reading",
+    "rate_change": "a diffusivity that moves",
+    "delay": "a delay",
+    "periodic": "a swing",
+    "bursts": "bursts",
+}
+EACH = {"ambient": "per K", "run_order": "per run", "humidity": "from dry to saturated"}
+FACTORS = {"run_order": "the order of the runs", "time_of_campaign": "time", "history": "how long the run has lasted"}
+
+
+def behaves(one: Discovered) -> str:
+    """How an effect behaves, in a few words."""
+    if one.behaves_as == "lag_in_series" and one.driver == "airflow":
+        return "a resistance between the air and the sensing body"
+    if one.behaves_as == "gain" and one.driver == "die_temperature":
+        return "a gain that goes with the die's temperature"
+    text = BEHAVIOURS[one.behaves_as].format(driver=DRIVERS[one.driver])
+    if one.behaves_as == "added_rate" and one.driver == "none":
+        return "a pulse that the transfer itself brings, and that dies away"
+    return text
+
+
+def sentence(one: Discovered, unit: str) -> str:
+    """What was described, with its numbers, what it depends on and what not, and what else could be said."""
+    text = f"It behaves as {behaves(one)}{_numbers(one, unit)}"
+    if one.depends_on:
+        text += "; it depends on " + _listed([_depends(on) for on in one.depends_on])
+    if one.does_not_depend_on:
+        text += "; it does not depend on " + _listed([_factor(f) for f in one.does_not_depend_on], "or")
+    text += "."
+    if one.alternatives:
+        others = [_short(other) for other in one.alternatives]
+        text += f" These runs fit as well: {_listed(others, 'or')}."
+    if one.nearest_catalogued is not None:
+        near = one.nearest_catalogued
+        text += (
+            f" Of the catalogue, {near.effect.replace('_', ' ')} is most alike ({100 * near.likeness:.0f} %), and is "
+            f"not it: {near.why_not}."
+        )
+    return text
+
+
+def flies(one: Discovered, channel: str) -> str:
+    """What a correction does with it."""
+    effect = entry_of(one, channel)
+    if effect is None or effect.in_flight is None:
+        return "taken for the bench's: no part in a flight"
+    if effect.in_flight.left:
+        return "left in the reading of a flight, and said to be"
+    return "undone in a flight, within the conditions seen"
+
+
+def seen(one: Discovered) -> str:
+    """Over which conditions it was seen."""
+    words = {"airflow_m_s": "m/s", "ambient_temperature_c": "°C", "pressure_hpa": "hPa"}
+    ends = one.seen_over.items()
+    return ", ".join(f"{plain(low, 3)} to {plain(high, 3)} {words.get(name, name)}" for name, (low, high) in ends)
+
+
+def _short(one: Discovered) -> str:
+    factors = [_factor(on.factor) for on in one.depends_on]
+    return behaves(one) + (f" that depends on {_listed(factors)}" if factors else "")
+
+
+def _numbers(one: Discovered, unit: str) -> str:
+    said = []
+    if one.size is not None:
+        of = "" if one.size.unit == "1" else f" {one.size.unit}"
+        said.append(f"size {_value(Uncertain(one.size.value, one.size.standard_uncertainty))}{of}")
+    if one.time_constant_s is not None:
+        said.append(f"time constant {_value(one.time_constant_s)} s")
+    if one.period_s is not None:
+        said.append(f"period {_value(one.period_s)} s")
+    return f" ({', '.join(said)})" if said else ""
+
+
+def _value(value: Uncertain) -> str:
+    return measured(value.value, value.standard_uncertainty)
+
+
+def _factor(name: str) -> str:
+    return FACTORS.get(name, f"the {name}")
+
+
+def _depends(on: Dependence) -> str:
+    factor = _factor(on.factor)
+    if on.value is None:
+        return f"{factor} ({on.form.replace('_', ' ')})" if on.form not in ("sign", "linear") else factor
+    value = measured(on.value, on.standard_uncertainty or 0.0)
+    how = {
+        "power": f"as its power {value}",
+        "exponential": f"a factor exp({value} {EACH[on.factor]})",
+        "ratio": f"{value} times as much downwards",
+        "zero_at": f"none at {value}",
+        "linear": f"slope {value}",
+        "sets_in_over": f"setting in over {value}",
+    }.get(on.form, f"{on.form.replace('_', ' ')} {value}")
+    return f"{factor} ({how})"
+
+
+def _listed(words: Sequence[str], last: str = "and") -> str:
+    return " ".join([", ".join(words[:-1]), last, words[-1]]) if len(words) > 1 else "".join(words)
