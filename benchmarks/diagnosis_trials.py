@@ -41,14 +41,14 @@ def trial(kind: str, tier: str, strength: str | float, seed: int, plan: str = "s
     from shockrig.protocols.reveal import score
     from shockrig.rig.virtual.batch import simulate_campaign
     from shockrig.rig.virtual.hide import draw_effect, draw_hidden, seal
-    from shockrig.rig.virtual.plans import standard_plan, wide_plan
+    from shockrig.rig.virtual.plans import extended_plan, standard_plan, wide_plan
     from shockrig.rig.virtual.truth import draw_truth
 
     rng = np.random.default_rng(seed)
     which = {"none": "none", "one": 1, "two": 2, "four": 4, "outside": "outside", "ordinary": ORDINARY}.get(kind)
     hidden = [draw_effect(rng, kind, strength)] if which is None else draw_hidden(rng, which, strength)
     truth = draw_truth(rng, tier, hidden)
-    runs = {"standard": standard_plan, "wide": wide_plan}[plan]()
+    runs = {"standard": standard_plan, "wide": wide_plan, "extended": extended_plan}[plan]()
     with tempfile.TemporaryDirectory() as folder:
         path = simulate_campaign(truth, runs, rng, Path(folder) / "campaign")
         sealed = seal(Path(folder) / "truth.sealed", truth, seed)
@@ -155,7 +155,7 @@ def tables(results: Iterable[dict]) -> str:
 
 
 def _strength(text: str) -> str | float:
-    return text if text in ("comfortable", "limit") else float(text)
+    return text if text in ("comfortable", "limit", "realistic") else float(text)
 
 
 def _one(arguments: tuple) -> dict:
@@ -166,14 +166,14 @@ def _one(arguments: tuple) -> dict:
 def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--kind", default="one")
-    parser.add_argument("--tier", default="rough", choices=("smooth", "rough"))
+    parser.add_argument("--tier", default="rough", choices=("smooth", "rough", "realistic"))
     parser.add_argument(
         "--strength",
         default="comfortable",
         type=_strength,
-        help="comfortable, limit (a tenth to a third of it), or the share of a comfortable strength as a number",
+        help="comfortable, limit (a tenth to a third of it), realistic, or the share of a comfortable strength",
     )
-    parser.add_argument("--plan", default="standard", choices=("standard", "wide"))
+    parser.add_argument("--plan", default="standard", choices=("standard", "wide", "extended"))
     parser.add_argument("--trials", type=int, default=20)
     parser.add_argument("--first-seed", type=int, default=5000)
     parser.add_argument("--workers", type=int, default=1)

@@ -55,7 +55,7 @@ RIGHT: dict[tuple[str, str], tuple[tuple[str, str, tuple[frozenset[str], ...]], 
     ("unknown_sorption_heat", RH): (
         ("added_rate", "own_response", (NONE, frozenset({"humidity"}), DIRECTION, DIRECTION | {"humidity"})),
     ),
-    ("unknown_wall_radiation", T): (("gain", "own_response", (AIRFLOW | AMBIENT,)),),
+    ("wall_radiation", T): (("gain", "own_response", (AIRFLOW | AMBIENT,)),),
     ("unknown_run_drift", T): (("offset", "none", (frozenset({"run_order"}),)),),
     ("unknown_run_drift", RH): (("offset", "none", (frozenset({"run_order"}),)),),
     ("unknown_gain_drift", T): (("added_response", "own_response", (frozenset({"history"}), NONE)),),

@@ -24,6 +24,7 @@ from shockrig.analysis.flight.sampled import mean_response, response_time_s
 from shockrig.analysis.flight.scenes import try_scene
 from shockrig.analysis.flight.typical import typical_profile
 from shockrig.analysis.flight.weather import SCENES
+from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.physics.humidity import humidity_from_ppmv, ppmv_from_humidity
 
 PERIOD_S = 0.1
@@ -152,10 +153,10 @@ def score_flight(scene: str, seed: int, table: dict) -> None:
         row = table.setdefault((scene, channel), {})
         row.setdefault("reading", []).append([rms(raw - right)])
         if channel == "temperature":
-            response, reading, noise = bead_response(profile.temperature, speed), raw, 0.02
+            response, reading, noise = bead_response(profile.temperature, Stream(speed)), raw, 0.02
             back = np.asarray
         else:
-            response = film_response(profile.humidity, air_c, speed)
+            response = film_response(profile.humidity, air_c, Stream(speed))
             reading, noise = ppmv_from_humidity(raw, air_c) / ppmv_from_humidity(1.0, 20.0), 0.06
 
             def back(vapour: np.ndarray) -> np.ndarray:

@@ -66,6 +66,7 @@ class Flight:
     humidity_percent: Array
     airspeed_m_s: Array
     die_temperature_c: Array
+    pressure_hpa: Array
 
 
 @dataclass(frozen=True)

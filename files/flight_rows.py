@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from shockrig.files.disk import open_text, shown
 from shockrig.files.errors import InputError
 from shockrig.files.flight import REMEDY, Flight, FlightColumns, squeeze, without_nul
+from shockrig.files.ranges import RANGES
 
 Array = NDArray[np.float64]
 BLOCK_ROWS = 20_000
@@ -124,7 +125,18 @@ def to_flight(rows: list[list[str]], layout: FlightColumns) -> Flight:
             name = squeeze(layout.header[layout.place[quantity]]) if quantity in layout.place else ""
             if name.endswith(("kelvin", "temperaturek", "tempk")):
                 values -= 273.15
-    return Flight(_times(columns, layout), temperature, humidity, numbers("airspeed"), die)
+    return Flight(
+        _times(columns, layout), temperature, humidity, numbers("airspeed"), die, _in_hpa(numbers("pressure"), layout)
+    )
+
+
+def _in_hpa(pressure: Array, layout: FlightColumns) -> Array:
+    """Pressures of a log in hPa: tens of thousands are pascal, and what can be no pressure is missing."""
+    possible = RANGES["pressure_hpa"]
+    known = np.isfinite(pressure)
+    if layout.raw_xq2 or (known.any() and np.median(pressure[known]) > possible.high):
+        pressure = pressure / 100.0
+    return np.where((pressure >= possible.low) & (pressure <= possible.high), pressure, np.nan)
 
 
 def numeric_places(path: Path, layout: FlightColumns) -> frozenset[int]:

@@ -269,6 +269,7 @@ def _flight(flight: pd.DataFrame | Flight | PathLike, columns: Mapping[str, str]
         "humidity": "humidity_percent",
         "airspeed": "airspeed_m_s",
         "die": "humidity_sensor_temperature_c",
+        "pressure": "pressure_hpa",
     }
     unknown = np.full(len(flight), np.nan)
     chosen = {quantity: given.get(quantity, name) for quantity, name in names.items()}

@@ -194,10 +194,10 @@ def test_effects_refuse_what_the_bench_itself_may_be_off_by(campaign):
     }
     for name, (small, large) in trials.items():
         refused = CATALOGUE[name].refused
-        assert refused(channel, small), name
-        assert not refused(channel, large), name
+        assert refused(channel, small, None), name
+        assert not refused(channel, large, None), name
     assert not CATALOGUE["calibration_error"].refused(
-        build_channel(campaign, "temperature"), {"gain": 0.0, "offset": 0.0}
+        build_channel(campaign, "temperature"), {"gain": 0.0, "offset": 0.0}, None
     )
 
 

@@ -19,6 +19,7 @@ from shockrig.analysis.flight.stepping import held_matrix, hold, stepped
 from shockrig.analysis.flight.typical import typical_profile
 from shockrig.analysis.flight.weather import FINE_STEP_S, frontal, inversion
 from shockrig.analysis.physics.bodies import BODIES
+from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.physics.modes import first_order, in_series, mix, response_times
 from shockrig.files.profile import DiffusivityRow, Profile, StatedEffect, Uncertain
 
@@ -27,7 +28,7 @@ QUIET = Profile(
     dataclasses.replace(PROFILE.temperature, noise_k=0.004),
     dataclasses.replace(PROFILE.humidity, noise_percent=0.02),
 )
-SPEED = np.array([5.0])
+SPEED = Stream(np.array([5.0]))
 
 
 def effect(id_, **values):

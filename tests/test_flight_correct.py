@@ -20,6 +20,7 @@ from shockrig.analysis.flight.smoother import smooth
 from shockrig.analysis.flight.stepping import hold
 from shockrig.analysis.flight.typical import typical_profile
 from shockrig.analysis.flight.weather import SCENES, convective, frontal, inversion
+from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.physics.schemes.sampling import is_minimum_phase, zeros
 from shockrig.files.errors import InputError
 from shockrig.files.profile import DiffusivityRow, Profile, StatedEffect, Uncertain
@@ -62,7 +63,7 @@ def test_smoother_is_the_conditional_mean_of_the_joint_gaussian():
     rng = np.random.default_rng(2)
     n, step = 25, np.full(25, 0.1)
     step[10] = 0.35
-    response = film_response(PROFILE.humidity, np.linspace(5, 30, n), np.full(n, 5.0))
+    response = film_response(PROFILE.humidity, np.linspace(5, 30, n), Stream(np.full(n, 5.0)))
     prior = Prior(*(np.full((1, n), v) for v in (0.4, 0.3, 0.1)))
     noise = np.full(n, 0.01)
     noise[[4, 5, 18]] = np.inf
@@ -205,7 +206,7 @@ def test_lag_steepens_and_correction_restores_the_slopes(trials):
 
 def test_slow_shares_and_biot_numbers_widen_the_uncertainty_by_their_part():
     part = PROFILE.humidity
-    n = np.array([20.0]), np.array([5.0])
+    n = np.array([20.0]), Stream(np.array([5.0]))
 
     def with_effect(name, **values):
         effect = StatedEffect(name, {k: Uncertain(*v) for k, v in values.items()})
@@ -269,8 +270,8 @@ def test_extended_profiles_are_undone():
 
 
 def test_film_modes_are_minimum_phase_and_the_core_is_not():
-    film = sampled(film_response(PROFILE.humidity, np.array([20.0]), np.array([5.0])), 0.1, 0)
-    bead = sampled(bead_response(PROFILE.temperature, np.array([5.0])), 0.1, 0)
+    film = sampled(film_response(PROFILE.humidity, np.array([20.0]), Stream(np.array([5.0]))), 0.1, 0)
+    bead = sampled(bead_response(PROFILE.temperature, Stream(np.array([5.0]))), 0.1, 0)
     assert is_minimum_phase(film)
     assert np.abs(zeros(bead)).max() > 1
 
@@ -278,7 +279,7 @@ def test_film_modes_are_minimum_phase_and_the_core_is_not():
 def test_paper_refuses_with_the_reason_where_no_layer_count_is_stable():
     fast = typical_profile(bead_t98_s=0.2)
     with pytest.raises(RefusedError, match=r"temperature.*grows.*use the smoother"):
-        paper_layers("temperature", bead_response(fast.temperature, np.array([5.0])), 0.1)
+        paper_layers("temperature", bead_response(fast.temperature, Stream(np.array([5.0]))), 0.1)
     flown = fly(frontal(lead_m=1000.0), fast, 1)
     with pytest.raises(RefusedError):
         correct(to_flight(flown.log), fast, "paper")

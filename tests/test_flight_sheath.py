@@ -13,6 +13,7 @@ from shockrig.analysis.flight.scenes import to_flight
 from shockrig.analysis.flight.sensor import fly
 from shockrig.analysis.flight.weather import FINE_STEP_S, frontal, inversion
 from shockrig.analysis.physics.bodies import BODIES
+from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.physics.modes import in_series
 from shockrig.files.profile import DiffusivityRow, Profile
 
@@ -82,7 +83,7 @@ def test_an_air_film_outside_of_a_sheath_slows_it_with_the_airspeed():
     exact = BODIES["sphere"].sheathed(2.0 * BEAD_RATE + 0.7 / (3.0 * 0.5), 0.7).scaled(BEAD_RATE)
     time = np.geomspace(0.5, 60.0, 40)
     np.testing.assert_allclose(found.step(time), exact.step(time), atol=2e-3)
-    fast, slow = (bead_response(WITH_FILM, np.array([speed])).slowest_s for speed in (20.0, 1.0))
+    fast, slow = (bead_response(WITH_FILM, Stream(np.array([speed]))).slowest_s for speed in (20.0, 1.0))
     assert slow > 1.2 * fast
 
 

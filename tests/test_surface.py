@@ -82,7 +82,7 @@ def flight():
     reading = np.where(time_s < 10.0, 15.0, 20.0)
     off = np.zeros(time_s.size, dtype=bool)
     flags = dict.fromkeys(FLAGS, off) | {"gap": time_s > 19.0}
-    rows = Flight(time_s, reading, 3.0 * reading, np.full(time_s.size, np.nan), np.full(time_s.size, np.nan))
+    rows = Flight(time_s, reading, 3.0 * reading, *(np.full(time_s.size, np.nan) for _ in range(3)))
     found = Corrected(reading + 0.5, np.full(200, 0.1), 3.0 * reading - 1.0, np.full(200, 0.3), flags, ("a < b",))
     return rows, found
 

@@ -101,7 +101,10 @@ NEUTRAL = {
     "quantization": {"step": 1e-6},
     "condensation": None,  # has no strength: dew forms or does not
     "die_thermal_lag": None,
+    "exchange_temperature": None,
+    "series_lag": {"time_constant_s": 1e-6},
 }
+BESIDE = {"exchange_temperature": "convective_film"}  # what acts on another effect alone
 
 
 @pytest.mark.parametrize("name", [name for name in KINDS if NEUTRAL.get(name, {}) is not None])
@@ -143,19 +146,21 @@ STRONG = {
     "evaporative_cooling": {"depression_k": 0.3, "time_constant_s": 20.0},
     "clock_drift": {"ppm": 10000.0},
     "condensation": {"drying_time_s": 5.0},
+    "wall_radiation": {"rise_k_at_10_k": 0.2, "wall_temperature_c": 22.0},
+    "calibration_temperature": {"percent_per_k": 0.05},
+    "series_lag": {"time_constant_s": 3.0},
     "unknown_air_cycling": {"amplitude_k": 0.2, "period_s": 9.0},
     "unknown_chamber_overshoot": {"fraction": 0.05, "decay_s": 5.0, "period_s": 8.0},
     "unknown_rate_with_temperature": {"per_kelvin": 0.01},
     "unknown_log_creep": {"fraction": 0.01, "onset_s": 2.0},
     "unknown_sorption_heat": {"kelvin_s_per_percent": 0.08},
-    "unknown_wall_radiation": {"rise_k_at_10_k": 0.2, "wall_temperature_c": 22.0},
     "unknown_run_drift": {"per_run": 0.05},
     "unknown_gain_drift": {"per_minute": 0.02},
     "unknown_interference": {"amplitude": 0.1, "hum_hz": 1.3, "burst_share": 0.05},
 }
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", [name for name in KINDS if name not in BESIDE])
 def test_an_effect_acts_in_its_channels_and_in_no_other(simulate, plain, name):
     plan = [*PLAN, DEWY]
     changed = simulate(Hidden(name, STRONG[name]), plan=plan)

@@ -21,7 +21,7 @@ from shockrig.analysis.diagnosis.gain import Gain, measure_gain, plainly, run_er
 from shockrig.analysis.diagnosis.limits import cannot_tell
 from shockrig.analysis.diagnosis.prepare import Prepared, likelier_average, prepare, with_rounding
 from shockrig.analysis.diagnosis.remainder import Remainder, Tolerance, measure_remainder
-from shockrig.analysis.diagnosis.search import Earlier, Search, at_bound, evidence, refit, says_nothing, search
+from shockrig.analysis.diagnosis.search import Earlier, Search, at_bound, evidence, refit, refused, says_nothing, search
 from shockrig.analysis.diagnosis.thresholds import TIE, level, penalty
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.channel import Channel
@@ -265,6 +265,8 @@ def _dropped(
     for effect in tested:
         if effect not in from_readings and (why := says_nothing(CATALOGUE[effect], values[effect])):
             return [Tried(effect, why)]
+        if effect not in from_readings and refused(final, CATALOGUE[effect]):
+            return [Tried(effect, "beside the others it is no more than what these runs are known to")]
     if not gain.measured:
         return []
     worst = [e for e in tested if not worse_without(gain, e)]

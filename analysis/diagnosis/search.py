@@ -261,6 +261,22 @@ def says_nothing(effect: Effect, parameters: Mapping[str, tuple[float, float]]) 
     return ""
 
 
+def refused(found: Fit, effect: Effect) -> bool:
+    """Whether an effect of a fit is no finding where it ended, by what its entry says."""
+    if effect.refused is None:
+        return False
+    channel = found.model.channel
+
+    def bare() -> Array:
+        model = Model(channel, found.structure.dropping(effect.id))
+        theta = model.start(found.log_rates, found.choice)
+        theta[model.behind] = found.theta[found.model.behind]
+        return np.asarray(model.predict(Point(theta, channel.at_rest()))[0])
+
+    values = {name: value for name, (value, _) in found.values()[effect.id].items()}
+    return effect.refused(channel, values, bare)
+
+
 def drop(problem: Problem, current: Fit, effect: str) -> Fit:
     """Best fit of the current model without one of its effects."""
     return refit(problem, current.structure.dropping(effect), current)
@@ -305,7 +321,7 @@ class Stepwise:
         taken = set(current.structure.ids)
         columns, owners = [], []
         for effect in self.candidates:
-            if effect.id in taken or effect.excludes & taken:
+            if effect.id in taken or effect.excludes & taken or (effect.beside and not effect.beside & taken):
                 continue
             model = Model(channel, current.structure.adding(effect))
             rates = current.log_rates + _rate_shift(effect, channel)
@@ -353,10 +369,8 @@ class Stepwise:
         found = {}
         for id_, trial in race(self.problem, current, promising).items():
             trial = _mirrored(self.problem, trial) or trial
-            effect, told = CATALOGUE[id_], trial.values()[id_]
-            values = {name: value for name, (value, _) in told.items()}
             # A parameter at its bound, or that may be anything, is no finding.
-            if not says_nothing(effect, told) and not (effect.refused and effect.refused(self.problem.channel, values)):
+            if not says_nothing(CATALOGUE[id_], trial.values()[id_]) and not refused(trial, CATALOGUE[id_]):
                 found[id_] = trial
         return found
 

@@ -13,7 +13,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.physics.chain import REFERENCE_AIRFLOW_M_S, Chain, Recorded, RoomAir
+from shockrig.analysis.physics.chain import Chain, Recorded, RoomAir
+from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S
 from shockrig.analysis.physics.conditions import Conditions
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 

@@ -44,9 +44,9 @@ EFFECT = Effect(
     needs="needs runs whose airs were recorded",
     steady=True,
     always_tried=True,
-    refused=_no_more_than_the_references,
+    refused=lambda channel, values, bare: _no_more_than_the_references(channel, values),
     in_flight=InFlight(
-        undo=lambda p, reading, airspeed, length: (reading - p.get("offset", 0.0)) / (1.0 + p.get("gain", 0.0))
+        undo=lambda p, reading, stream, length: (reading - p.get("offset", 0.0)) / (1.0 + p.get("gain", 0.0))
     ),
     advice="Calibrate at two points against the reference, and enter the result.",
 )

@@ -33,7 +33,7 @@ EFFECT = Effect(
     of_sensor=False,
     rare=RARE,
     needs="needs runs whose start was recorded on the clock of the readings",
-    refused=_no_more_than_the_clock,
+    refused=lambda channel, values, bare: _no_more_than_the_clock(channel, values),
     testable=lambda channel: bool((channel.conditions.start_known & ~channel.measured).any()),
     advice="Stamp all channels with one clock, or log a time mark at both ends of every run.",
 )

@@ -50,7 +50,7 @@ EFFECT = Effect(
     like_average=lambda p, period_s: {int(2 * p["delay_s"] / period_s) + k for k in (0, 1, 2)},
     needs="needs runs whose start was recorded on the clock of the readings",
     in_flight=InFlight(delay_s=lambda p, period_s: max(p["delay_s"], 0.0)),
-    refused=_no_more_than_the_trigger,
+    refused=lambda channel, values, bare: _no_more_than_the_trigger(channel, values),
     testable=lambda channel: bool(channel.conditions.start_known.any()),
     advice="Time-stamp at the measurement and not at the read-out; request a conversion before every fetch.",
 )

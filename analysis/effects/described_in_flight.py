@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.effects.behaviours import USUAL_C, Form
 from shockrig.analysis.inference.effect import InFlight, Values
-from shockrig.analysis.physics.chain import REFERENCE_AIRFLOW_M_S
+from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S
 
 Array = NDArray[np.float64]
 KNOWN = {("airflow", "power"), ("ambient", "exponential")}
@@ -33,7 +33,7 @@ def along(form: Form, p: Values, airspeed: Array, temperature_c: Array) -> Array
 def flown(form: Form) -> InFlight | None:
     """How a correction treats a form; None where it belongs to the bench."""
     if form.depends_on == (("ambient", "zero_at"),) and form.behaves_as == "gain":
-        return InFlight(undo=lambda p, y, airspeed, length: (y + p["size"] * p["ambient"]) / (1 + p["size"]))
+        return InFlight(undo=lambda p, y, stream, length: (y + p["size"] * p["ambient"]) / (1 + p["size"]))
     if "run_order" in form.factors or form.behaves_as == "periodic" or "zero_at" in dict(form.depends_on).values():
         return None
     if form.behaves_as == "added_rate" and form.driver == "none":
@@ -46,7 +46,7 @@ def flown(form: Form) -> InFlight | None:
     if form.behaves_as == "lag_in_series" and form.driver == "airflow":
         if not only_airflow:
             return InFlight(left=True)
-        return InFlight(biot=lambda p, airspeed, length: 1.0 / (p["size"] * scale(p, airspeed, still)))
+        return InFlight(biot=lambda p, stream, length: 1.0 / (p["size"] * scale(p, stream.airflow_m_s, still)))
     if form.behaves_as == "lag_in_series":
         return InFlight(
             series_s=lambda p: p["time_constant_s"],
@@ -61,7 +61,7 @@ def flown(form: Form) -> InFlight | None:
     if form.driver == "die_temperature" and form.behaves_as == "gain" and not form.depends_on:
         return InFlight(at_die=True, die_share=lambda p: -p["size"])
     if form.driver == "own_response" and form.behaves_as == "gain" and only_airflow:
-        return InFlight(undo=lambda p, y, airspeed, length: y / (1.0 + p["size"] * scale(p, airspeed, still)))
+        return InFlight(undo=lambda p, y, stream, length: y / (1.0 + p["size"] * scale(p, stream.airflow_m_s, still)))
     if form.behaves_as == "offset" and only_airflow:
-        return InFlight(undo=lambda p, y, airspeed, length: y - p["size"] * scale(p, airspeed, still))
+        return InFlight(undo=lambda p, y, stream, length: y - p["size"] * scale(p, stream.airflow_m_s, still))
     return InFlight(left=True)

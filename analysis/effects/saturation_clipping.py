@@ -1,5 +1,6 @@
 """The reading is never above `limit_percent`: a flat top."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.effect import Effect, Finding, InFlight, Parameter, Readings, Values
 
 LEAST_CUT_PERCENT = 0.35  # less than this below the highest air is within what the airs are known to
+DEEP = 3.5  # standard uncertainties of an air
 LEAST_PILE = 12  # readings at one ceiling that make a flat top
 LEAST_ROW = 6  # of them in a row
 TOLERANCE_PERCENT = 1e-4
@@ -20,8 +22,17 @@ def highest_air_percent(channel: Channel) -> float:
     return max(float(air.source_percent.max()), float(air.destination_percent.max()))
 
 
-def _within_the_airs(channel: Channel, values: Values) -> bool:
-    return values["limit_percent"] > highest_air_percent(channel) - LEAST_CUT_PERCENT
+def _within_the_airs(channel: Channel, values: Values, bare: Callable[[], NDArray[np.float64]]) -> bool:
+    """Whether a ceiling cuts no deeper than the airs are known to.
+
+    Where plateaus are more alike than the airs that were stated, a limit in their middle makes them so, and half of
+    their readings stand above it.
+    """
+    limit, air = values["limit_percent"], channel.conditions
+    known = float(np.median(np.concatenate([air.source_percent_scatter, air.destination_percent_scatter])))
+    tops = np.where(channel.count > 0, bare(), -np.inf).max(axis=1)
+    reach_it = tops > limit - DEEP * known
+    return not reach_it.any() or float(np.mean(tops[reach_it]) - limit) < max(LEAST_CUT_PERCENT, DEEP * known)
 
 
 def _within_reach(channel: Channel) -> dict[str, float]:

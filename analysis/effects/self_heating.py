@@ -3,7 +3,8 @@
 from dataclasses import replace
 
 from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Parameter
-from shockrig.analysis.physics.chain import Chain, relative_ventilation, ventilation_ratio
+from shockrig.analysis.physics.chain import Chain, relative_ventilation
+from shockrig.analysis.physics.exchange import ventilation_ratio
 
 
 def _apply(chain: Chain, p: Arrays) -> Chain:
@@ -24,7 +25,7 @@ EFFECT = Effect(
     needs="needs runs whose airs and airflow were recorded",
     steady=True,
     in_flight=InFlight(
-        undo=lambda p, reading, airspeed, radius: reading - p["rise_k_at_5_m_s"] / ventilation_ratio(airspeed, radius)
+        undo=lambda p, reading, stream, radius: reading - p["rise_k_at_5_m_s"] / ventilation_ratio(stream, radius)
     ),
     advice="Lower the excitation, or pulse it; check at two excitation powers.",
 )

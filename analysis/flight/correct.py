@@ -6,7 +6,7 @@ method, and back with the air's corrected temperature; D follows that temperatur
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from shockrig.analysis.flight.channel import Channel, Readings, judged, lacking, too_few, untouched
 from shockrig.analysis.flight.humidity import correct_humidity
 from shockrig.analysis.flight.inverse import exact_inverse, paper
-from shockrig.analysis.flight.profile_effects import acting, not_undone, of_airspeed, unseen
+from shockrig.analysis.flight.profile_effects import Acting, acting, not_undone, of_airspeed, of_pressure, unseen
 from shockrig.analysis.flight.readout import ceiling, noise_floor, not_known, stale, undone
 from shockrig.analysis.flight.response import bead_response
 from shockrig.analysis.flight.screen import ordered, screen
 from shockrig.analysis.flight.smooth_channel import Estimate, estimate, typical_period
 from shockrig.analysis.flight.typical import NOISE_K
-from shockrig.analysis.physics.chain import REFERENCE_AIRFLOW_M_S
+from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S, REFERENCE_C, Stream
+from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA
 from shockrig.files.errors import InputError
 from shockrig.files.flight import FLAGS, Corrected, Flight
 from shockrig.files.profile import Profile, TemperatureProfile
@@ -29,6 +30,7 @@ from shockrig.files.ranges import RANGES
 
 Array = NDArray[np.float64]
 HIGHEST_AIRSPEED_M_S = 150.0
+Dependence = Callable[[Sequence[Acting], float], list[str]]
 
 
 def _smoother(readings: Readings, cutoff_hz: float | None = None) -> Estimate:
@@ -92,36 +94,46 @@ def correct(
     rows = np.flatnonzero(good)
     part = Flight(*(getattr(flight, name)[rows] for name in Flight.__dataclass_fields__))
     notes: list[str] = []
-    speed = _airspeed(part, profile, notes)
+    stream = _stream(part, profile, notes)
     solve, bodies = METHODS[method], profile.bodies
-    bead = _temperature(part, profile.temperature, bodies["imet"], speed, solve, cutoff_hz, temperature_noise_k, notes)
+    bead = _temperature(part, profile.temperature, bodies["imet"], stream, solve, cutoff_hz, temperature_noise_k, notes)
     film = correct_humidity(
-        part, profile.humidity, bodies["hyt"], speed, bead, solve, cutoff_hz, humidity_noise_percent, notes
+        part, profile.humidity, bodies["hyt"], stream, bead, solve, cutoff_hz, humidity_noise_percent, notes
     )
     return _gather(flight.time_s.size, rows, bead, film, notes)
 
 
-def _airspeed(flight: Flight, profile: Profile, notes: list[str]) -> Array:
-    """Airspeed of each row; where it is not known, that of the row before, and 5 m/s where there is none at all."""
-    speed = flight.airspeed_m_s
-    known = np.isfinite(speed) & (speed >= 0) & (speed < HIGHEST_AIRSPEED_M_S)
-    if known.any():
-        return np.interp(flight.time_s, flight.time_s[known], speed[known])
-    used: list[str] = []
-    if (t := profile.temperature) is not None:
-        used += of_airspeed(acting(t.effects, "temperature", t.discovered), t.bead_radius_m)
-    if (h := profile.humidity) is not None:
-        used += of_airspeed(acting(h.effects, "humidity", h.discovered), h.film_thickness_m)
-    if used:
-        notes.append(f"no airspeed in the log: {', '.join(sorted(used))} taken at {REFERENCE_AIRFLOW_M_S:g} m/s")
-    return np.full(speed.shape, REFERENCE_AIRFLOW_M_S)
+def _stream(flight: Flight, profile: Profile, notes: list[str]) -> Stream:
+    """Airspeed, pressure and temperature of each row; where one is not known, as between the rows around it, and 5 m/s,
+    1013 hPa and 20 degC where there is none at all.
+    """
+
+    def bridged(values: Array, known: NDArray[np.bool_], usual: float, said: str, of: Dependence) -> Array:
+        if known.any():
+            return np.interp(flight.time_s, flight.time_s[known], values[known])
+        used: list[str] = []
+        if (t := profile.temperature) is not None:
+            used += of(acting(t.effects, "temperature", t.discovered), t.bead_radius_m)
+        if (h := profile.humidity) is not None:
+            used += of(acting(h.effects, "humidity", h.discovered), h.film_thickness_m)
+        if used:
+            notes.append(f"no {said.format(', '.join(sorted(used)), usual)}")
+        return np.full(values.shape, usual)
+
+    speed, pressure = flight.airspeed_m_s, flight.pressure_hpa
+    flown = np.isfinite(speed) & (speed >= 0) & (speed < HIGHEST_AIRSPEED_M_S)
+    speed = bridged(speed, flown, REFERENCE_AIRFLOW_M_S, "airspeed in the log: {} taken at {:g} m/s", of_airspeed)
+    said = "pressure in the log: {} taken at {:.0f} hPa"
+    pressure = bridged(pressure, np.isfinite(pressure), STANDARD_PRESSURE_HPA, said, of_pressure)
+    air = np.clip(flight.temperature_c, RANGES["temperature_c"].low, RANGES["temperature_c"].high)
+    return Stream(speed, pressure, bridged(air, np.isfinite(air), REFERENCE_C, "temperature", lambda _, length: []))
 
 
 def _temperature(
     flight: Flight,
     part: TemperatureProfile | None,
     body: str,
-    speed: Array,
+    stream: Stream,
     solve: Callable[[Readings, float | None], Estimate],
     cutoff_hz: float | None,
     given: float | None,
@@ -139,13 +151,13 @@ def _temperature(
     if part is None or too_few(screened):
         return untouched("temperature", raw, screened, lacking(part, "temperature"), notes)
     notes.extend(not_undone(part.effects, "temperature", part.discovered))
-    plain = undone(effects, raw, speed, part.bead_radius_m, period)
+    plain = undone(effects, raw, stream, part.bead_radius_m, period)
     variance = (np.hypot(noise, screened.resolution / np.sqrt(12)) / plain.gain) ** 2
-    response = bead_response(part, speed, body, raw)
+    response = bead_response(part, stream, body)
     readings = Readings("temperature", time_s, plain.reading, screened.usable, response, variance, plain.delay_s)
     found = solve(readings, cutoff_hz)
     everywhere = np.ones(raw.size)
-    outside = unseen(part.discovered, speed, raw)
+    outside = unseen(part.discovered, stream.airflow_m_s, raw)
     channel = judged(readings, found, plain, screened, outside, raw, everywhere, notes)
     return replace(channel, uncertainty=np.hypot(channel.uncertainty, not_known(effects)))
 

@@ -20,6 +20,7 @@ from shockrig.analysis.flight.response import Response, film_response
 from shockrig.analysis.flight.screen import screen
 from shockrig.analysis.flight.smooth_channel import Estimate, lags_behind, typical_period
 from shockrig.analysis.flight.typical import NOISE_PERCENT
+from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.flight import Flight
 from shockrig.files.profile import HumidityProfile
@@ -37,7 +38,7 @@ def correct_humidity(
     flight: Flight,
     part: HumidityProfile | None,
     body: str,
-    speed: Array,
+    stream: Stream,
     bead: Channel,
     solve: Callable[[Readings, float | None], Estimate],
     cutoff_hz: float | None,
@@ -64,14 +65,16 @@ def correct_humidity(
     air = np.clip(air, RANGES["temperature_c"].low, RANGES["temperature_c"].high)
     sigma = np.zeros(raw.shape) if sigma is None else sigma
     die = _own_temperature(flight, effects, air, notes)
-    plain = undone(effects, raw, speed, part.film_thickness_m, period)
+    own_air = bridged(time_s, flight.die_temperature_c)
+    at_sensor = replace(stream, temperature_c=air if own_air is None else own_air)
+    plain = undone(effects, raw, at_sensor, part.film_thickness_m, period)
     # a late reading is of the air that was; the die's temperature comes from the same chip and is as late
     now, air, error = air, *(_earlier(time_s, values, plain.delay_s) for values in (air, sigma))
     own = air if die is None else die
     # vapour pressure as relative humidity at a fixed temperature: what diffuses, in a unit that reads like %RH
     to_vapour = saturation_pressure_hpa(own) / saturation_pressure_hpa(REFERENCE_C)
     from_vapour = saturation_pressure_hpa(REFERENCE_C) / saturation_pressure_hpa(now)
-    response = film_response(part, air, speed, body)
+    response = film_response(part, air, stream, body)
     vapour = plain.reading * to_vapour
     level = np.interp(time_s, time_s[screened.usable], vapour[screened.usable])
     # what the air's temperature leaves open divides the reading and the result alike; a die of its own parts the two
@@ -83,7 +86,7 @@ def correct_humidity(
     variance = (np.hypot(noise, screened.resolution / np.sqrt(12)) / plain.gain * to_vapour) ** 2
     readings = Readings("humidity", time_s, vapour, screened.usable, response, variance, plain.delay_s, passing)
     found = solve(readings, cutoff_hz)
-    outside = ~part.covers(now) | unseen(part.discovered, speed, now)
+    outside = ~part.covers(now) | unseen(part.discovered, stream.airflow_m_s, now)
     channel = judged(readings, found, plain, screened, outside, raw, from_vapour, notes)
     uncertainty = channel.uncertainty
     if die is not None or found.cutoff_hz is not None:

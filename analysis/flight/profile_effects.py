@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.described import entry_of, stated_values
 from shockrig.analysis.inference.effect import Effect, InFlight
+from shockrig.analysis.physics.exchange import Stream
 from shockrig.files.diagnosis_data import Discovered
 from shockrig.files.errors import InputError
 from shockrig.files.profile import StatedEffect
@@ -25,7 +26,8 @@ STEP = 1e-4  # of a parameter, relative, in finite differences: right to 1e-8
 ROUNDED = 1e-6  # of a parameter's range
 LARGEST_UNCERTAINTY = 100.0  # times a parameter's range
 AIRSPEED_MARGIN = 0.1  # relative, within which an airspeed counts as seen
-SLOW_M_S, FAST_M_S = 2.0, 20.0  # what differs between these airspeeds depends on the airspeed
+SLOW, FAST = 2.0, 20.0  # m/s
+LOW, HIGH = 700.0, 1000.0  # hPa
 
 
 class Stated(dict[str, float]):
@@ -158,18 +160,27 @@ def not_undone(effects: Iterable[StatedEffect], channel: str, discovered: Iterab
 
 def of_airspeed(effects: Iterable[Acting], length_m: float) -> list[str]:
     """Ids of the effects whose part in a flight depends on the airspeed; `length_m` is the body's."""
-    speeds, reading = np.array([SLOW_M_S, FAST_M_S]), np.zeros(2)
-    found = []
+    return _depending(effects, length_m, Stream(np.array([SLOW, FAST])))
+
+
+def of_pressure(effects: Iterable[Acting], length_m: float) -> list[str]:
+    """Ids of the effects whose part in a flight depends on the air's pressure."""
+    return _depending(effects, length_m, Stream(np.full(2, SLOW), np.array([LOW, HIGH])))
+
+
+def _depending(effects: Iterable[Acting], length_m: float, streams: Stream) -> list[str]:
+    """Ids of the effects that do not do the same in two streams."""
+    reading, found = np.zeros(2), []
     for one in effects:
         seen = []
         if one.meaning.biot is not None:
-            seen.append(one.meaning.biot(one.values, speeds, length_m))
+            seen.append(one.meaning.biot(one.values, streams, length_m))
         if one.meaning.undo is not None:
-            seen.append(one.meaning.undo(one.values, reading, speeds, length_m))
+            seen.append(one.meaning.undo(one.values, reading, streams, length_m))
         for moved in (one.meaning.rate, one.meaning.series_along):
             if moved is not None:
-                seen.append(moved(one.values, speeds, reading))
-        if any(np.ptp(np.broadcast_to(values, speeds.shape)) > 0 for values in seen):
+                seen.append(moved(one.values, streams.airflow_m_s, reading))
+        if any(np.ptp(np.broadcast_to(values, reading.shape)) > 0 for values in seen):
             found.append(one.id)
     return found
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.flight.profile_effects import Acting, Stated, propagated
+from shockrig.analysis.physics.exchange import Stream
 
 Array = NDArray[np.float64]
 LEAST_NOISE = 1e-6
@@ -43,13 +44,13 @@ class Undone:
     delay_uncertainty_s: float
 
 
-def undone(effects: Sequence[Acting], reading: Array, airspeed: Array, length_m: float, period_s: float) -> Undone:
+def undone(effects: Sequence[Acting], reading: Array, stream: Stream, length_m: float, period_s: float) -> Undone:
     """Undo the readout of a channel, (n,) arrays; `effects` stand in the order of the chain."""
 
     def taken_off(effects: Sequence[Acting], values: Array) -> Array:
         for one in reversed(effects):
             if one.meaning.undo is not None:
-                values = one.meaning.undo(one.values, values, airspeed, length_m)
+                values = one.meaning.undo(one.values, values, stream, length_m)
         return values
 
     middle = np.where(np.isfinite(reading), reading, 0.0)

@@ -13,10 +13,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.effects.behaviours import USUAL_C
 from shockrig.analysis.flight.profile_effects import Acting, Stated, acting, propagated
 from shockrig.analysis.inference.effect import Values
 from shockrig.analysis.physics.bodies import BODIES, Body
+from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.physics.modes import Modes, first_order, in_series, slowest
 from shockrig.files.profile import HumidityProfile, TemperatureProfile
 
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Rows = NDArray[np.int64] | slice
 CORE_MODES = 4  # of a body read at its core, whose faster modes have hardly begun to matter
 MEAN_MODES = 6
-BIOT_STEP = 0.01  # airspeed is followed in steps of 1 % of the Biot number
+BIOT_STEP = 0.01  # airspeed and density are followed in steps of 1 % of the Biot number
 LEAST_BIOT = 1e-6
 
 
@@ -102,30 +102,25 @@ class Response:
         return Modes(amplitude[order], rates[order])
 
 
-def bead_response(
-    part: TemperatureProfile, airspeed_m_s: Array, body: str = "sphere", temperature_c: Array | None = None
-) -> Response:
-    """Response of the thermometer at each airspeed (n,); `body` is the shape of the plain model.
-
-    `temperature_c` (n,) matters to a rate that was described to move with it; left out, it is taken as usual.
-    """
+def bead_response(part: TemperatureProfile, stream: Stream, body: str = "sphere") -> Response:
+    """Response of the thermometer in each air that flows past it (n,); `body` is the shape of the plain model."""
     alpha = part.thermal_diffusivity_m2_s
-    still = np.ones(airspeed_m_s.size)
+    still = np.ones(stream.airflow_m_s.size)
     rate, relative = alpha.value / part.bead_radius_m**2, alpha.standard_uncertainty / alpha.value
     effects = acting(part.effects, "temperature", part.discovered)
-    usual = USUAL_C * still if temperature_c is None else np.where(np.isfinite(temperature_c), temperature_c, USUAL_C)
-    return _response(effects, body, part.bead_radius_m, rate * still, relative * still, airspeed_m_s, usual)
+    usual = np.broadcast_to(stream.temperature_c, still.shape)
+    return _response(effects, body, part.bead_radius_m, rate * still, relative * still, stream, usual)
 
 
-def film_response(part: HumidityProfile, temperature_c: Array, airspeed_m_s: Array, body: str = "film") -> Response:
-    """Response of the hygrometer at each air temperature and airspeed (n,).
+def film_response(part: HumidityProfile, temperature_c: Array, stream: Stream, body: str = "film") -> Response:
+    """Response of the hygrometer at each air temperature and stream (n,).
 
     Beyond the table the outer row's D is held; `body` is the shape of the plain model.
     """
     diffusivity, uncertainty = part.diffusivity_m2_s(temperature_c, outside="hold")
     rate, relative = diffusivity / part.film_thickness_m**2, uncertainty / diffusivity
     effects = acting(part.effects, "humidity", part.discovered)
-    return _response(effects, body, part.film_thickness_m, rate, relative, airspeed_m_s, temperature_c)
+    return _response(effects, body, part.film_thickness_m, rate, relative, stream, temperature_c)
 
 
 def _few(body: Body) -> int:
@@ -139,18 +134,18 @@ def _response(
     length_m: float,
     rate: Array,
     relative: Array,
-    airspeed: Array,
+    stream: Stream,
     temperature_c: Array,
 ) -> Response:
     for e in effects:
         if (moves := e.meaning.rate) is not None:
-            rate = rate * moves(e.values, airspeed, temperature_c)
-            relative = np.hypot(relative, _moved(e, moves, airspeed, temperature_c))
+            rate = rate * moves(e.values, stream.airflow_m_s, temperature_c)
+            relative = np.hypot(relative, _moved(e, moves, stream.airflow_m_s, temperature_c))
     body = BODIES[next((e.meaning.body for e in reversed(effects) if e.meaning.body), name)]
     layers, outside, lags = [], [], []
     sheaths = [e.meaning.loaded(e.values) for e in effects if e.meaning.loaded is not None]
     for e in effects:
-        if e.meaning.biot is not None:
+        if e.meaning.biot is not None or e.meaning.exchange is not None:
             layers.append(e)
         if e.meaning.series_s is not None:
             outside.append((e, e.meaning.series_s(e.values)))
@@ -159,7 +154,8 @@ def _response(
             lags.append((e, share, time_constant_s))
 
     modes, rows, few = body.held(), np.zeros(rate.size, dtype=np.int64), _few(body)
-    biot = np.maximum(_biot(layers, airspeed, length_m), LEAST_BIOT) if layers else None
+    filmed = any(e.meaning.biot is not None for e in layers)
+    biot = np.maximum(_biot(layers, stream, length_m), LEAST_BIOT) if filmed else None
     if sheaths:
         time_constant_s, capacity = sheaths[-1]
         ladder, rows = _steps(body.sheath_time(time_constant_s * rate, capacity, biot))
@@ -171,14 +167,14 @@ def _response(
     amplitude = np.broadcast_to(modes.amplitude, modes.rate.shape).reshape(-1, modes.rate.shape[-1])
     weight, rates = -amplitude[rows], modes.rate.reshape(amplitude.shape)[rows] * rate[:, None]
 
-    relative = _time_scale(effects, body, length_m, rate, relative, airspeed)
+    relative = _time_scale(effects, body, length_m, rate, relative, stream)
     mix, inside = _sheath([time_constant_s for _, time_constant_s in outside]), 0
     if mix.rate.size:
         inside = weight.shape[1]
         weight = np.concatenate([np.zeros((rate.size, mix.rate.size)), weight], axis=1)
         own = np.broadcast_to(mix.rate, (rate.size, mix.rate.size))
         if len(outside) == 1 and (along := outside[0][0].meaning.series_along) is not None:
-            own = own / along(outside[0][0].values, airspeed, temperature_c)[:, None]
+            own = own / along(outside[0][0].values, stream.airflow_m_s, temperature_c)[:, None]
         rates = np.concatenate([own, rates], axis=1)
     for _, share, time_constant_s in lags:
         beside = np.full((rate.size, 1), 1.0)
@@ -204,16 +200,17 @@ def _sheath(time_constants_s: list[float]) -> Modes:
     return modes
 
 
-def _biot(layers: Iterable[Acting], airspeed: Array, length_m: float) -> Array:
+def _biot(layers: Iterable[Acting], stream: Stream, length_m: float) -> Array:
     """Biot number (n,) of all layers together: their resistances add."""
-    numbers = [e.meaning.biot(e.values, airspeed, length_m) for e in layers if e.meaning.biot is not None]
-    if len(numbers) == 1:
-        return np.asarray(numbers[0])
-    return 1.0 / np.sum([1.0 / np.maximum(number, LEAST_BIOT) for number in numbers], axis=0)
+    layers = list(layers)
+    numbers = [e.meaning.biot(e.values, stream, length_m) for e in layers if e.meaning.biot is not None]
+    factors = [e.meaning.exchange(e.values, stream, length_m) for e in layers if e.meaning.exchange is not None]
+    whole = 1.0 / np.sum([1.0 / np.maximum(number, LEAST_BIOT) for number in numbers], axis=0)
+    return np.asarray(np.prod([whole, *factors], axis=0))
 
 
 def _time_scale(
-    effects: tuple[Acting, ...], body: Body, length_m: float, rate: Array, relative: Array, airspeed: Array
+    effects: tuple[Acting, ...], body: Body, length_m: float, rate: Array, relative: Array, stream: Stream
 ) -> Array:
     """Relative standard uncertainty (n,) of the mean lag behind the air, body and what stands before it together.
 
@@ -223,7 +220,7 @@ def _time_scale(
     """
     held = body.held()
     own = float(-np.sum(held.amplitude / held.rate))
-    shaping = [e for e in effects if e.meaning.biot or e.meaning.series_s or e.meaning.loaded]
+    shaping = [e for e in effects if e.meaning.biot or e.meaning.exchange or e.meaning.series_s or e.meaning.loaded]
 
     def mean_lag_s(effects: Iterable[Acting]) -> tuple[Array, Array]:
         """Of the body with its exchange, and of all together."""
@@ -233,7 +230,7 @@ def _time_scale(
         for time_constant_s, capacity in (e.meaning.loaded(e.values) for e in effects if e.meaning.loaded):
             outside, filled = outside + time_constant_s * (1.0 + 1.0 / capacity), 1.0 + capacity
         if any(e.meaning.biot is not None for e in effects):
-            biot = np.maximum(_biot(effects, airspeed, length_m), LEAST_BIOT)
+            biot = np.maximum(_biot(effects, stream, length_m), LEAST_BIOT)
             lag = lag + filled / (body.surface_to_volume * biot)
         return lag / rate, lag / rate + outside
 

@@ -59,6 +59,7 @@ def to_flight(log: pd.DataFrame) -> Flight:
         column("humidity_percent"),
         column("airspeed_m_s"),
         column("humidity_sensor_temperature_c"),
+        column("pressure_hpa"),
     )
 
 

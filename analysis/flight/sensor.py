@@ -29,6 +29,7 @@ UNROUNDED = 1e-7
 REFERENCE_AIRSPEED_M_S = 5.0
 AIR_VISCOSITY_M2_S = 1.5e-5  # dry air at 20 degC, 1013 hPa
 PRANDTL = 0.71
+SEA_LEVEL_HPA = 1013.25
 DIE_TIME_CONSTANT_S = 17.0  # a humidity chip in flight follows the air so (iMet-XQ2 flights: 17 to 19 s)
 HYSTERESIS_SPAN_PERCENT = 5.0  # change of humidity over which hysteresis sets in
 
@@ -36,11 +37,14 @@ _BOTH = "series_lag sheath parallel_lag calibration_error dead_time moving_avera
 _BOTH += [f"body_{name}" for name in SHAPES]
 FLOWN_EFFECTS = {
     "temperature": frozenset(
-        "convective_film stem_conduction evaporative_cooling self_heating radiative_heating".split() + _BOTH
+        "convective_film exchange_temperature stem_conduction evaporative_cooling self_heating radiative_heating "
+        "wall_radiation".split()
+        + _BOTH
     ),
     "humidity": frozenset(
         "vapour_boundary_layer condensation slow_relaxation direction_dependent_diffusivity "
-        "concentration_dependent_diffusivity die_thermal_lag hysteresis saturation_clipping".split()
+        "concentration_dependent_diffusivity die_thermal_lag calibration_temperature hysteresis "
+        "saturation_clipping".split()
         + _BOTH
     ),
 }
@@ -58,9 +62,10 @@ class Flown:
     truth: pd.DataFrame
 
 
-def ventilation(airspeed_m_s: Array, radius_m: float) -> Array:
+def ventilation(airspeed_m_s: Array, radius_m: float, pressure_hpa: Array | float = SEA_LEVEL_HPA) -> Array:
     """Nusselt number of a sphere in a stream, 2 + 0.6 Re^(1/2) Pr^(1/3) (Ranz and Marshall 1952), shape kept."""
-    reynolds = np.maximum(airspeed_m_s, 0.0) * 2 * radius_m / AIR_VISCOSITY_M2_S
+    viscosity = AIR_VISCOSITY_M2_S * SEA_LEVEL_HPA / pressure_hpa  # thin air is more viscous for its mass
+    reynolds = np.maximum(airspeed_m_s, 0.0) * 2 * radius_m / viscosity
     return np.asarray(2.0 + 0.6 * np.sqrt(reynolds) * PRANDTL ** (1 / 3))
 
 
@@ -90,7 +95,7 @@ def fly_many(
             raise InputError(
                 f"profile: effect {unknown[0]} cannot be simulated in flight; take it out of the profile's {channel}"
             )
-    columns = ("temperature_c", "humidity_percent", "airspeed_m_s")
+    columns = ("temperature_c", "humidity_percent", "airspeed_m_s", "pressure_hpa")
     air = {name: np.stack([getattr(w, name) for w in weathers]) for name in columns}
     air["irradiance_w_m2"] = np.array([[w.irradiance_w_m2] for w in weathers])
     fine: dict[str, Array] = {}
@@ -137,10 +142,12 @@ def _with_slow_shares(reading: Array, air: Array, effects: dict[str, StatedEffec
 def _thermometer(part: TemperatureProfile, body: str, air: dict[str, Array]) -> Array:
     effects, temperature = _effects(part), air["temperature_c"]
     speed, radius = air["airspeed_m_s"], part.bead_radius_m
-    factor = ventilation(speed, radius) / ventilation(np.array(REFERENCE_AIRSPEED_M_S), radius)
+    factor = ventilation(speed, radius, air["pressure_hpa"]) / ventilation(np.array(REFERENCE_AIRSPEED_M_S), radius)
     biot = np.full(speed.shape, np.inf)
     if (e := effects.get("convective_film")) is not None:
         biot = e.value("biot_at_5_m_s") * factor
+        if "exchange_temperature" in effects:
+            biot = biot * _warm_air(temperature, speed, radius, air["pressure_hpa"])
     rate = np.array(part.thermal_diffusivity_m2_s.value / radius**2)
     reading = march(_element(body, effects), rate, biot, _inside(temperature, effects))
     reading = _with_slow_shares(reading, temperature, effects)
@@ -153,7 +160,17 @@ def _thermometer(part: TemperatureProfile, body: str, air: dict[str, Array]) -> 
         reading = reading + e.value("rise_k_at_5_m_s") / factor
     if (e := effects.get("radiative_heating")) is not None:
         reading = reading + e.value("kelvin_per_w_m2_at_5_m_s") * air["irradiance_w_m2"] / factor
+    if (e := effects.get("wall_radiation")) is not None:
+        wall, bead = e.value("wall_temperature_c") + 273.15, reading + 273.15
+        reading = reading + e.value("rise_k_at_10_k") / 10.0 * (wall**4 - bead**4) / (4.0 * 293.15**3) / factor
     return reading
+
+
+def _warm_air(temperature_c: Array, speed: Array, radius: float, pressure: Array) -> Array:
+    """Exchange at the air's temperature over that at 20 degC: conductivity as T^0.86, viscosity (nu) as T^1.76."""
+    warmth = (temperature_c + 273.15) / 293.15
+    fluent = ventilation(speed / warmth**1.76, radius, pressure) / ventilation(speed, radius, pressure)
+    return np.asarray(warmth**0.86 * fluent)
 
 
 def _hygrometer(part: HumidityProfile, body: str, air: dict[str, Array]) -> dict[str, Array]:
@@ -166,6 +183,7 @@ def _hygrometer(part: HumidityProfile, body: str, air: dict[str, Array]) -> dict
     biot = np.full(temperature.shape, np.inf)
     if (e := effects.get("vapour_boundary_layer")) is not None:
         biot = e.value("biot_at_5_m_s") * np.sqrt(air["airspeed_m_s"] / REFERENCE_AIRSPEED_M_S)
+        biot = biot * np.sqrt(SEA_LEVEL_HPA / air["pressure_hpa"])  # vapour diffuses faster in thin air
     element, seen = _element(body, effects), _inside(ppmv, effects)
     slope = ratio = None
     if (e := effects.get("concentration_dependent_diffusivity")) is not None:
@@ -186,10 +204,12 @@ def _hygrometer(part: HumidityProfile, body: str, air: dict[str, Array]) -> dict
     depends = slope is not None or ratio is not None
     reading = _with_slow_shares(march(element, rate, biot, seen, follow if depends else None), ppmv, effects)
     humidity = humidity_from_ppmv(reading, die if "die_thermal_lag" in effects else temperature)
+    if (e := effects.get("calibration_temperature")) is not None:
+        humidity = humidity + e.value("percent_per_k") * (die - 20.0)
     if (e := effects.get("hysteresis")) is not None:
         humidity = humidity + held_back(humidity, e.value("rh_percent"), HYSTERESIS_SPAN_PERCENT)
     fine = {"humidity_percent": humidity}
-    if "die_thermal_lag" in effects:
+    if effects.keys() & {"die_thermal_lag", "calibration_temperature"}:
         fine["humidity_sensor_temperature_c"] = die
     return fine
 

@@ -17,6 +17,7 @@ from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.noise import Noise
 from shockrig.analysis.inference.quantity import ChannelName
 from shockrig.analysis.physics.chain import Chain
+from shockrig.analysis.physics.exchange import Stream
 
 Array = NDArray[np.float64]
 Link = Literal["air", "exchange", "body", "readout", "logger"]
@@ -102,11 +103,13 @@ class InFlight:
         By what that lag's time constant, and the body's rate, are multiplied along the flight.
     loaded : values -> (time constant [s], capacity relative to the body's)
         A sheath: a well-mixed layer around the body that the body loads.
-    biot : (values, airspeed (n,) [m/s], body's length [m]) -> ndarray (n,)
+    biot : (values, stream (n,), body's length [m]) -> ndarray (n,)
         Biot number of the exchange along the flight.
+    exchange : (values, stream (n,), body's length [m]) -> ndarray (n,)
+        What the Biot number of another effect is multiplied by along the flight.
     lag : values -> (share, time constant [s])
         A part of the reading that follows as a first-order lag.
-    undo : (values, reading, airspeed, body's length) -> reading
+    undo : (values, reading, stream, body's length) -> reading
         Takes off what the readout added.
     delay_s : (values, sampling period [s]) -> float
     noise : values -> float
@@ -124,13 +127,14 @@ class InFlight:
     """
 
     body: str = ""
-    biot: Callable[[Values, Array, float], Array] | None = None
+    biot: Callable[[Values, Stream, float], Array] | None = None
     series_s: Callable[[Values], float] | None = None
     series_along: Callable[[Values, Array, Array], Array] | None = None
     rate: Callable[[Values, Array, Array], Array] | None = None
     loaded: Callable[[Values], tuple[float, float]] | None = None
+    exchange: Callable[[Values, Stream, float], Array] | None = None
     lag: Callable[[Values], tuple[float, float]] | None = None
-    undo: Callable[[Values, Array, Array, float], Array] | None = None
+    undo: Callable[[Values, Array, Stream, float], Array] | None = None
     delay_s: Callable[[Values, float], float] | None = None
     noise: Callable[[Values], float] | None = None
     ceiling: Callable[[Values], float] | None = None
@@ -138,11 +142,6 @@ class InFlight:
     at_die: bool = False
     die_share: Callable[[Values], float] | None = None
     left: bool = False
-
-    @property
-    def needs_airspeed(self) -> bool:
-        """Whether what it does depends on the airspeed."""
-        return self.biot is not None or self.undo is not None
 
 
 @dataclass(frozen=True)
@@ -170,8 +169,9 @@ class Effect:
         A start that only the data can give, in place of those of the parameters; empty where they give none.
     nudges : channel -> {parameter: offsets}
         Where the objective has steps, starts beside the one found from which the fit is finished.
-    refused : (channel, {parameter: value}) -> bool
-        True where a fit that ends there is no finding, whatever it gains.
+    refused : (channel, {parameter: value}, bare) -> bool
+        True where a fit that ends there is no finding, whatever it gains; `bare()` is what the same fit would read
+        (R, n) without the effect, in the airs as they were stated.
     in_readings, in_noise : Readings -> (Channel, Finding or None)
         For what single readings show (repeats, rounding, flat tops) before, and (averages) after the noise is known.
     dated : (times, readings, period [s], values) -> times
@@ -194,6 +194,8 @@ class Effect:
         Whether it is rare in the sensors whose bodies are known, and as likely as any other in those that are not.
     excludes : frozenset of str
         Effects that cannot stand beside it.
+    beside : frozenset of str
+        Effects of which one has to be in the model for it to do anything.
     always_tried : bool
         Whether a first-order score says nothing of it, so that it is always fitted.
     mirrors : bool
@@ -218,7 +220,7 @@ class Effect:
     needs: str = ""
     start_from: Callable[[Channel], Values] | None = None
     nudges: Callable[[Channel], Mapping[str, tuple[float, ...]]] | None = None
-    refused: Callable[[Channel, Values], bool] | None = None
+    refused: Callable[[Channel, Values, Callable[[], Array]], bool] | None = None
     in_readings: Callable[[Readings], tuple[Readings, Finding | None]] | None = None
     in_noise: Callable[[Readings], Finding | None] | None = None
     dated: Callable[[Array, Array, float, Values], Array] | None = None
@@ -232,6 +234,7 @@ class Effect:
     shape: bool = False
     rare_in_known: bool = False
     excludes: frozenset[str] = frozenset()
+    beside: frozenset[str] = frozenset()
     always_tried: bool = False
     mirrors: bool = False
     order: int = 0

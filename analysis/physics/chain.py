@@ -19,13 +19,11 @@ from shockrig.analysis.physics import concentration, modes
 from shockrig.analysis.physics.bodies import Body
 from shockrig.analysis.physics.conditions import Conditions
 from shockrig.analysis.physics.driven import beside_lagging_reference, respond
+from shockrig.analysis.physics.exchange import REFERENCE_C, Stream, ventilation_ratio
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 
 Array = NDArray[np.float64]
 
-KINEMATIC_VISCOSITY_M2_S = 1.5e-5
-PRANDTL = 0.71
-REFERENCE_AIRFLOW_M_S = 5.0  # at which Biot numbers and warmings are stated
 SHORT_RAMP_S = 0.2  # a change of the air within a sample or two is a jump to whoever samples it
 JUMP_K = 0.3  # change of the air's temperature from which RH jumps with it
 DRIVEN_MODES = 20  # a measured trace has no step that would need more
@@ -132,6 +130,8 @@ class Chain:
         Until when a film with dew on it sees saturated air [s]; 0 or less for runs without dew.
     at_die_temperature : bool
         Whether ppmv is turned into RH at the die's temperature.
+    percent_per_k : ndarray (B, 1) or None
+        By how much the calibration of RH moves with the sensor's temperature, from 20 degC on.
     readouts : tuple of functions (reading (B, R, n), time_s (B, R, n)) -> reading
         Applied in order.
     averaged : int
@@ -158,24 +158,14 @@ class Chain:
     loaded: tuple[Array, Array] | None = None
     wet_until_s: Array | None = None
     at_die_temperature: bool = False
+    percent_per_k: Array | None = None
     readouts: tuple[Callable[[Array, Array], Array], ...] = ()
     averaged: int = 1
 
 
-def ventilation(airflow_m_s: Array, radius_m: float) -> Array:
-    """Nusselt number F = 2 + 0.6 Re^1/2 Pr^1/3 of a sphere (Ranz and Marshall 1952), Re = 2 R v / nu."""
-    reynolds = np.maximum(airflow_m_s, 0.0) * 2 * radius_m / KINEMATIC_VISCOSITY_M2_S
-    return 2.0 + 0.6 * np.sqrt(reynolds) * PRANDTL ** (1 / 3)
-
-
-def ventilation_ratio(airflow_m_s: Array, radius_m: float) -> Array:
-    """F(v) / F(5 m/s), shape of `airflow_m_s`."""
-    return ventilation(airflow_m_s, radius_m) / ventilation(np.array(REFERENCE_AIRFLOW_M_S), radius_m)
-
-
 def relative_ventilation(channel: Recorded) -> Array:
-    """F(v) / F(5 m/s) of each run (R,)."""
-    return ventilation_ratio(channel.conditions.airflow_m_s, channel.length_m)
+    """Heat exchange of each run (R,) relative to that at 5 m/s and 1013.25 hPa."""
+    return ventilation_ratio(Stream.of_runs(channel.conditions), channel.length_m)
 
 
 def evaluate(chain: Chain, reading_of: Callable[[Chain], Array]) -> Array:
@@ -291,7 +281,11 @@ def humidity_reading(chain: Chain) -> Array:
         saturated = saturation_pressure_hpa(_known_temperature(chain, air, run))
         trace = (air.humidity_percent + chain.air_offset[:, run, None]) * saturated
         _drive_by(chain, held, run, response, air, trace, time)
-    return held / _saturation_at_reading(chain)
+    reading = held / _saturation_at_reading(chain)
+    if chain.percent_per_k is not None:
+        own = np.where(np.isfinite(chain.die_c), chain.die_c, _conversion_temperature(chain))
+        reading = reading + chain.percent_per_k[..., None] * (own - REFERENCE_C)
+    return reading
 
 
 def _response(chain: Chain, rate: Array) -> modes.Modes:

@@ -21,6 +21,7 @@ from shockrig.analysis.flight.judging import (
 from shockrig.analysis.flight.response import Response, bead_response, film_response
 from shockrig.analysis.flight.sampled import mean_response, sampled
 from shockrig.analysis.flight.scenes import CHANNELS, Score, Trial, scores
+from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.physics.schemes.sampling import inverse_noise_gain
 from shockrig.analysis.report import flight_figures as figures
 from shockrig.analysis.report.html import Figure, KeyNumber, Report, Section, Table, Text
@@ -174,12 +175,13 @@ def _systems(trials: Mapping[str, Trial], profile: Profile, folder: Path) -> Sec
     trial = next(iter(trials.values()))
     log = trial.flown.log
     airs = np.array([float(trial.flown.truth["temperature_c"].mean())])
-    speed = np.array([float(log["airspeed_m_s"].mean())])
+    speed, pressure = (np.array([float(log[name].mean())]) for name in ("airspeed_m_s", "pressure_hpa"))
+    stream = Stream(speed, pressure, airs)
     responses: dict[str, Response] = {}
     if profile.temperature is not None:
-        responses["temperature"] = bead_response(profile.temperature, speed, profile.bodies["imet"])
+        responses["temperature"] = bead_response(profile.temperature, stream, profile.bodies["imet"])
     if profile.humidity is not None:
-        responses["humidity"] = film_response(profile.humidity, airs, speed, profile.bodies["hyt"])
+        responses["humidity"] = film_response(profile.humidity, airs, stream, profile.bodies["hyt"])
     diagrams, systems, rows, said = {}, {}, [], []
     for channel, response in responses.items():
         cutoff = trial.corrected["inverse"].cutoff_hz[channel] or 0.5 / PERIOD_S

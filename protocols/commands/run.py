@@ -26,7 +26,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "A campaign that was interrupted goes on when the same command is run again. Ctrl-C makes the bench safe and "
         "keeps what was recorded; a second Ctrl-C ends at once."
     )
-    parser.add_argument("protocol", metavar="PROTOCOL", help="quick, standard, manual, or the path of a TOML file")
+    parser.add_argument(
+        "protocol", metavar="PROTOCOL", help="quick, standard, extended, manual, or the path of a TOML file"
+    )
     parser.add_argument(
         "--bench",
         metavar="BENCH.toml",
@@ -42,6 +44,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     virtual = parser.add_argument_group("emulated instruments")
     virtual.add_argument("--seed", type=int, help="which sensors, noise and hidden effects")
     virtual.add_argument("--rough", action="store_true", help="correlated noise, trigger jitter, gaps")
+    virtual.add_argument(
+        "--realistic",
+        action="store_true",
+        help="rough, sensors that show what every real one does, and effects as strong as real ones",
+    )
     virtual.add_argument(
         "--hide",
         metavar="WHAT",
@@ -66,7 +73,7 @@ def main(args: argparse.Namespace) -> int:
     if args.out is None and not args.dry_run:
         raise BenchError("--out CAMPAIGN is missing: where shall the recording go?")
     if not config.emulated:
-        for name in ("seed", "rough", "hide", "sealed"):
+        for name in ("seed", "rough", "realistic", "hide", "sealed"):
             if getattr(args, name):
                 raise BenchError(f"--{name} is for emulated instruments; this bench has none")
         bench, sealed = open_bench(config), None
@@ -118,8 +125,8 @@ def _emulated(args: argparse.Namespace, config: Any) -> tuple[Any, _Sealed]:
     from shockrig.rig.bench_file import LARGEST_SEED
     from shockrig.rig.errors import BenchError
     from shockrig.rig.recorder.state import read_head
-    from shockrig.rig.virtual.hide import draw_hidden, open_seal
-    from shockrig.rig.virtual.truth import ROUGH, SMOOTH, draw_truth, with_effects
+    from shockrig.rig.virtual.hide import COMFORTABLE, draw_hidden, open_seal
+    from shockrig.rig.virtual.truth import REALISTIC, ROUGH, SMOOTH, draw_truth, with_effects
 
     out = (args.out or Path("dry-run")).resolve()
     path = args.sealed or out.with_name(out.name + ".sealed")
@@ -140,10 +147,11 @@ def _emulated(args: argparse.Namespace, config: Any) -> tuple[Any, _Sealed]:
     if seed is None:
         # A blind trial that could be looked up by its seed would not be blind.
         seed = secrets.randbits(32) if args.hide is not None else config.virtual.seed
-    if truth is None and (args.hide is not None or args.rough or config.virtual.truth is None):
+    if truth is None and (args.hide is not None or args.rough or args.realistic or config.virtual.truth is None):
         rng = np.random.default_rng(seed)
-        truth = draw_truth(rng, ROUGH if args.rough else SMOOTH)
-        truth = with_effects(truth, draw_hidden(rng, args.hide or "none"))
+        truth = draw_truth(rng, REALISTIC if args.realistic else ROUGH if args.rough else SMOOTH)
+        strength = REALISTIC if args.realistic else COMFORTABLE
+        truth = with_effects(truth, draw_hidden(rng, args.hide or "none", strength))
     # A campaign that goes on must not replay the noise that it began with.
     noise_seed = (seed + 1_000_003 * recorded) % (LARGEST_SEED + 1)
     config = replace(config, virtual=replace(config.virtual, seed=noise_seed))

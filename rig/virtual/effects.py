@@ -47,17 +47,23 @@ KINDS: dict[str, Kind] = {
     "evaporative_cooling": Kind("readout", (T,), ("depression_k", "time_constant_s")),
     "clock_drift": Kind("logger", (T, RH), ("ppm",), single=True),
     "condensation": Kind("exchange", (RH,), ("drying_time_s",)),
+    "exchange_temperature": Kind("exchange", (T,), ()),
+    "wall_radiation": Kind("readout", (T,), ("rise_k_at_10_k", "wall_temperature_c")),
+    "calibration_temperature": Kind("readout", (RH,), ("percent_per_k",)),
+    "series_lag": Kind("exchange", (RH,), ("time_constant_s",)),
     # from outside any catalogue
     "unknown_air_cycling": Kind("air", (T, RH), ("amplitude_k", "period_s")),
     "unknown_chamber_overshoot": Kind("air", (T, RH), ("fraction", "decay_s", "period_s")),
     "unknown_rate_with_temperature": Kind("body", (T,), ("per_kelvin",)),
     "unknown_log_creep": Kind("readout", (T, RH), ("fraction", "onset_s"), single=True),
     "unknown_sorption_heat": Kind("readout", (RH,), ("kelvin_s_per_percent",)),
-    "unknown_wall_radiation": Kind("readout", (T,), ("rise_k_at_10_k", "wall_temperature_c")),
     "unknown_run_drift": Kind("readout", (T, RH), ("per_run",), single=True),
     "unknown_gain_drift": Kind("readout", (T, RH), ("per_minute",), single=True),
     "unknown_interference": Kind("logger", (T, RH), ("amplitude", "hum_hz", "burst_share"), single=True),
 }
-EXTRA = ("radiative_heating", "evaporative_cooling", "clock_drift", "condensation")
+EXTRA = (
+    *("radiative_heating", "evaporative_cooling", "clock_drift", "condensation"),
+    *("exchange_temperature", "wall_radiation", "calibration_temperature", "series_lag"),
+)
 OUTSIDE = tuple(name for name in KINDS if name.startswith("unknown_"))
 CATALOGUED = tuple(name for name in KINDS if name not in OUTSIDE and name not in EXTRA)

@@ -19,12 +19,14 @@ from shockrig.files.disk import read_text
 from shockrig.files.json_files import write_json
 from shockrig.rig.errors import BenchError, as_bench_errors
 from shockrig.rig.virtual.effects import CATALOGUED, KINDS, OUTSIDE, T
+from shockrig.rig.virtual.realistic import draw_real, drawable
 from shockrig.rig.virtual.truth import HUMIDITY_STEP_PERCENT, Hidden, Truth
 
 FORMAT = "sealed-truth/1"
 LARGEST_CONTENT = 1 << 20  # bytes of a truth as text, some hundred times what one takes
 REMEDY = "give the sealed file that hiding wrote"
-COMFORTABLE, LIMIT = "comfortable", "limit"
+COMFORTABLE, LIMIT, REALISTIC = "comfortable", "limit", "realistic"
+STRENGTHS = (COMFORTABLE, LIMIT, REALISTIC)
 LIMIT_SHARES = (0.1, 1.0 / 3.0)
 
 Draw = Callable[[np.random.Generator, str, float], dict[str, float]]
@@ -124,6 +126,10 @@ DRAWS: dict[str, Draw] = {
     "evaporative_cooling": _scaled("depression_k", _between(0.2, 0.5), time_constant_s=_between(10.0, 40.0)),
     "clock_drift": _scaled("ppm", _between(5000.0, 20000.0)),
     "condensation": _scaled("drying_time_s", _between(3.0, 12.0)),
+    "exchange_temperature": lambda rng, channel, weaker: {},
+    "wall_radiation": _scaled("rise_k_at_10_k", _between(0.1, 0.3), wall_temperature_c=_between(18.0, 26.0)),
+    "calibration_temperature": _scaled("percent_per_k", _either_sign(0.03, 0.1)),
+    "series_lag": _scaled("time_constant_s", _between(1.0, 6.0)),
     "unknown_air_cycling": _scaled("amplitude_k", _between(0.1, 0.4), period_s=_between(6.0, 25.0)),
     "unknown_chamber_overshoot": _scaled(
         "fraction", _between(0.02, 0.08), decay_s=_between(3.0, 10.0), period_s=_between(5.0, 15.0)
@@ -131,7 +137,6 @@ DRAWS: dict[str, Draw] = {
     "unknown_rate_with_temperature": _scaled("per_kelvin", _either_sign(0.004, 0.012)),
     "unknown_log_creep": _per_channel("fraction", (0.005, 0.02), (0.005, 0.02), onset_s=_between(1.0, 5.0)),
     "unknown_sorption_heat": _scaled("kelvin_s_per_percent", _between(0.01, 0.04)),
-    "unknown_wall_radiation": _scaled("rise_k_at_10_k", _between(0.1, 0.3), wall_temperature_c=_between(18.0, 26.0)),
     "unknown_run_drift": _per_channel("per_run", (0.01, 0.03), (0.03, 0.1)),
     "unknown_gain_drift": _per_channel("per_minute", (0.005, 0.02), (0.01, 0.04)),
     "unknown_interference": lambda rng, channel, weaker: {
@@ -148,13 +153,14 @@ def draw_effect(
     """One effect at random strength.
 
     "comfortable" is plain to see; "limit" is a tenth to a third of it (of the logarithm of a ratio, of 1 /
-    Biot), a number from 0 to 1 that share of it; an effect without a strength (`die_thermal_lag`) is what it is.
+    Biot), a number from 0 to 1 that share of it; "realistic" is what real sensors show (realistic.py). An effect
+    without a strength (`die_thermal_lag`) is what it is.
     Faults of one channel's electronics draw their channel unless it is given.
     """
     if effect not in KINDS:
         raise BenchError(f"effect {effect!r} is not known to the virtual world: known are {', '.join(sorted(KINDS))}")
-    if strength not in (COMFORTABLE, LIMIT) and not (isinstance(strength, float) and 0.0 < strength <= 1.0):
-        raise BenchError(f"strength must be {COMFORTABLE!r}, {LIMIT!r} or a share from 0 to 1, not {strength!r}")
+    if strength not in STRENGTHS and not (isinstance(strength, float) and 0.0 < strength <= 1.0):
+        raise BenchError(f"strength must be one of {', '.join(STRENGTHS)} or a share from 0 to 1, not {strength!r}")
     kind = KINDS[effect]
     if channel is not None and channel not in kind.channels:
         raise BenchError(f"effect {effect} acts in {' and '.join(kind.channels)}, not in {channel}")
@@ -165,6 +171,8 @@ def draw_effect(
     channels = kind.channels
     if kind.single:
         channels = (channel or str(rng.choice(kind.channels)),)
+    if strength == REALISTIC:
+        return Hidden(effect, draw_real(rng, effect, channels[0] if kind.single else None), channels)
     return Hidden(effect, DRAWS[effect](rng, channels[0], weaker), channels)
 
 
@@ -185,7 +193,8 @@ def draw_hidden(
     if isinstance(which, int):
         if not 0 <= which <= len(CATALOGUED):
             raise BenchError(f"the number of hidden effects must be 0 to {len(CATALOGUED)}, not {which}")
-        names = [str(name) for name in rng.choice(CATALOGUED, which, replace=False)]
+        known = [name for name in CATALOGUED if strength != REALISTIC or name in drawable()]
+        names = [str(name) for name in rng.choice(known, which, replace=False)]
     elif which == "outside":
         names = [str(rng.choice(OUTSIDE))]
     else:

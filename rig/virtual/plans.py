@@ -94,6 +94,11 @@ def standard_plan() -> list[Shock]:
     return plan_from_protocol(load_protocol("standard"))
 
 
+def extended_plan() -> list[Shock]:
+    """The standard campaign and the protocol that goes on with it: slow and fast air at 0 and 40 degC as well."""
+    return [*standard_plan(), *plan_from_protocol(load_protocol("extended"))]
+
+
 def wide_plan() -> list[Shock]:
     """A campaign of 33 runs of 80 s, with destinations from 0 to 60 degC."""
     shocks = []

@@ -20,7 +20,9 @@ import numpy as np
 from shockrig.rig.errors import BenchError
 from shockrig.rig.virtual.effects import KINDS
 
-SMOOTH, ROUGH = "smooth", "rough"
+SMOOTH, ROUGH, REALISTIC = "smooth", "rough", "realistic"
+TIERS = (SMOOTH, ROUGH, REALISTIC)
+REAL_BIOT = (0.09, 0.18)  # of a bead of 0.8 mm at 5 m/s
 CORE_T98 = 0.46660  # alpha t98 / R^2 of a sphere's core after a step
 FILM_T63 = 0.32025  # D t63 / L^2 of a film's mean after a step
 HUMIDITY_STEP_PERCENT = 100.0 / 16383.0
@@ -133,11 +135,13 @@ def draw_truth(rng: np.random.Generator, tier: str = SMOOTH, effects: Sequence[H
 
     `tier` "smooth": white noise, exact trigger and references. "rough": half of the noise's variance correlated over
     0.3 to 3 s, 10 ms of trigger jitter, references good to 0.02 K and 0.1 %RH, missing samples, rates that scatter by
-    0.3 to 1 % from run to run.
+    0.3 to 1 % from run to run. "realistic": rough, and the sensors are as real ones: the film is read at the die's own
+    temperature, and the bead stands behind an air film. These two count as hidden.
     Bead: t98 of 0.5 to 2.5 s; film: t63 of 0.5 to 6 s at 20 degC, two to five times slower at 0 than at 40 degC.
     """
-    if tier not in (SMOOTH, ROUGH):
-        raise BenchError(f"tier must be {SMOOTH!r} or {ROUGH!r}, not {tier!r}")
+    if tier not in TIERS:
+        raise BenchError(f"tier must be one of {', '.join(TIERS)}, not {tier!r}")
+    bench_is_rough = tier != SMOOTH
     t98_s = np.exp(rng.uniform(np.log(0.5), np.log(2.5)))
     t63_s = np.exp(rng.uniform(np.log(0.5), np.log(6.0)))
     ratio_0_to_40 = rng.uniform(2.0, 5.0)
@@ -145,7 +149,7 @@ def draw_truth(rng: np.random.Generator, tier: str = SMOOTH, effects: Sequence[H
     u0, u40 = 1 / 273.15 - 1 / 293.15, 1 / 313.15 - 1 / 293.15
     activation = (np.log(ratio_0_to_40) + curvature * (u40**2 - u0**2)) / (u0 - u40)
     noise_k, noise_percent = rng.uniform(0.010, 0.025), rng.uniform(0.05, 0.10)
-    share = 0.5 if tier == ROUGH else 0.0
+    share = 0.5 if bench_is_rough else 0.0
     correlation_s = np.exp(rng.uniform(np.log(0.3), np.log(3.0), 2))
     rough: dict[str, Any] = (
         {
@@ -155,7 +159,7 @@ def draw_truth(rng: np.random.Generator, tier: str = SMOOTH, effects: Sequence[H
             "rate_scatter": float(rng.uniform(0.003, 0.010)),
             "missing_fraction": float(rng.uniform(0.002, 0.02)),
         }
-        if tier == ROUGH
+        if bench_is_rough
         else {}
     )
     truth = Truth(
@@ -168,7 +172,15 @@ def draw_truth(rng: np.random.Generator, tier: str = SMOOTH, effects: Sequence[H
         humidity_noise=Noise(noise_percent * (1 - share) ** 0.5, noise_percent * share**0.5, float(correlation_s[1])),
         **rough,
     )
+    if tier == REALISTIC:
+        truth = with_effects(truth, standing_effects(rng))
     return with_effects(truth, effects)
+
+
+def standing_effects(rng: np.random.Generator) -> tuple[Hidden, ...]:
+    """What every real pair of sensors shows, whatever else befalls it."""
+    biot = float(np.exp(rng.uniform(*np.log(REAL_BIOT))))
+    return Hidden("convective_film", {"biot_at_5_m_s": biot}), Hidden("die_thermal_lag")
 
 
 def of_probe(truth: Truth, probe: str) -> Truth:
@@ -184,12 +196,14 @@ def of_probe(truth: Truth, probe: str) -> Truth:
 
 
 def with_effects(truth: Truth, effects: Sequence[Hidden]) -> Truth:
-    """The same sensors with `effects` hidden in them.
+    """The same sensors with `effects` hidden in them, beside those that they have and that are not given anew.
 
     Behind an air film (`convective_film`) alpha is raised so that the reading is about as fast as before, up to 2.5
     times slower: the lag of a glass bead is the film's, its own diffusion is much faster.
     """
-    changed = dataclasses.replace(truth, effects=tuple(effects))
+    given = {hidden.effect for hidden in effects}
+    kept = [hidden for hidden in truth.effects if hidden.effect not in given]
+    changed = dataclasses.replace(truth, effects=(*kept, *effects))
     film = changed.effect("convective_film")
     if film is None or truth.effect("convective_film") is not None:
         return changed

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import brentq, least_squares
 
-from shockrig.analysis.physics.chain import ventilation
+from shockrig.analysis.physics.exchange import Stream, ventilation
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.analysis.physics.modes import Modes, film_mean, first_order, response_times, sphere_core, sphere_core_biot
 from shockrig.analysis.physics.schemes.measured import Slip, SlipRow
@@ -116,7 +116,9 @@ def refit(modes: Modes, response: Callable[[np.ndarray], np.ndarray], free_start
 
 def biot_number(airflow_m_s: float) -> float:
     """h R / k of the glass bead in a stream of air."""
-    exchange = AIR_CONDUCTIVITY_W_M_K * float(ventilation(np.array(airflow_m_s), BEAD_RADIUS_M)) / (2 * BEAD_RADIUS_M)
+    exchange = (
+        AIR_CONDUCTIVITY_W_M_K * float(ventilation(Stream(np.array(airflow_m_s)), BEAD_RADIUS_M)) / (2 * BEAD_RADIUS_M)
+    )
     return exchange * BEAD_RADIUS_M / GLASS_CONDUCTIVITY_W_M_K
 
 

@@ -16,6 +16,7 @@ from scipy.linalg import lapack
 
 SPHERE_CELLS = 80
 FILM_CELLS = 80
+CAP_CAPACITY = 1e4  # of the film's own
 FIRST_STEP_S = 2e-5
 LONGEST_STEP_S = 0.01
 STEPS_PER_AGE = (
@@ -83,6 +84,17 @@ def film(rate_per_s: np.ndarray, biot: np.ndarray, edges: np.ndarray) -> Chain:
     widths = np.diff(edges)
     link, open_end = film_links(np.broadcast_to(rate[:, None], (rate.size, widths.size)), biot, edges)
     return Chain(np.broadcast_to(widths, (rate.size, widths.size)), link, open_end)
+
+
+def capped(inside: Chain, time_constant_s: float) -> Chain:
+    """The same chain behind a cap: one more cell of so much capacity that what is inside does not load it.
+
+    A filter cap holds far more air than the film takes water from, and its own lag depends on its pores alone.
+    """
+    runs = inside.open_end.size
+    capacity = np.concatenate([inside.capacity, np.full((runs, 1), CAP_CAPACITY)], axis=1)
+    link = np.concatenate([inside.link, inside.open_end[:, None]], axis=1)
+    return Chain(capacity, link, np.full(runs, CAP_CAPACITY / time_constant_s))
 
 
 def lag(time_constant_s: float, runs: int) -> Chain:

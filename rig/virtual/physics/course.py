@@ -18,7 +18,7 @@ from scipy.linalg import eigh_tridiagonal
 from shockrig.rig.virtual.physics.air import Exposure, air_after, shortest_change_s
 from shockrig.rig.virtual.physics.chains import FIRST_STEP_S, Chain, Stepper
 from shockrig.rig.virtual.physics.moist import concentration_ppmv
-from shockrig.rig.virtual.physics.probes import CORE_WEIGHTS, FILM_WIDTHS, SORPTION_HEAT_S, Bodies, Probes
+from shockrig.rig.virtual.physics.probes import CORE_WEIGHTS, SORPTION_HEAT_S, Bodies, Probes
 from shockrig.rig.virtual.truth import Truth
 
 PIECES_PER_CHANGE = 100  # of a changing air, each taken as straight: 1e-5 of the change is neglected
@@ -84,7 +84,7 @@ class ModalCourse:
         heat = 1.0 / SORPTION_HEAT_S
         away = heat - film_rates
         away[np.abs(away) < 1e-6 * heat] = 1e-6 * heat
-        shares = heat * (FILM_WIDTHS @ film_shapes) / away
+        shares = heat * (probes.film_widths @ film_shapes) / away
         gains[5] = np.array([1.0 - shares @ gains[1]])
         self._shapes = [shapes for _, shapes, _ in parts[:5]] + [np.ones((1, 1))]
         self._shares = shares
@@ -97,7 +97,7 @@ class ModalCourse:
         self._outputs = np.zeros((6, ends[-1]))
         bead, film, *lags = self._slices
         self._outputs[0, bead] = CORE_WEIGHTS @ self._shapes[0][:3]
-        self._outputs[1, film] = FILM_WIDTHS @ film_shapes
+        self._outputs[1, film] = probes.film_widths @ film_shapes
         for row, lag in enumerate(lags, 2):
             self._outputs[row, lag] = self._shapes[row][0]
         self._outputs[5, film] = shares
@@ -180,6 +180,7 @@ class SteppedCourse(ModalCourse):
 
     def __init__(self, truth: Truth, exposure: Exposure[float], probes: Probes):
         super().__init__(truth, exposure, probes)
+        self._film_widths = probes.film_widths
         self._coarser = 1.0 if exposure.shock else COARSER_WAITING
         self._stepper = Stepper(
             [probes.blocks[1], probes.blocks[5]],
@@ -196,7 +197,7 @@ class SteppedCourse(ModalCourse):
 
     def _moment(self) -> _Moment:
         film, warming = self._stepper.state
-        return _Moment(self._stepper.time_s, film, warming, float(film[0] @ FILM_WIDTHS))
+        return _Moment(self._stepper.time_s, film, warming, float(film[0] @ self._film_widths))
 
     def _step(self) -> None:
         stepper = self._stepper

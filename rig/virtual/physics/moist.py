@@ -38,7 +38,31 @@ def dew_point_c(ppmv: Numbers, pressure_hpa: Numbers) -> np.ndarray:
     return np.interp(np.log(np.maximum(ppmv * pressure_hpa, 1e-6)), np.log(concentration_ppmv(100.0, grid, 1.0)), grid)
 
 
-def ventilation(airflow_m_s: Numbers, radius_m: float) -> np.ndarray:
+def ventilation(
+    airflow_m_s: Numbers, radius_m: float, viscosity_m2_s: Numbers = KINEMATIC_VISCOSITY_M2_S
+) -> np.ndarray:
     """Nusselt number F of a sphere (Ranz and Marshall 1952), dimensionless."""
-    reynolds = airflow_m_s * 2.0 * radius_m / KINEMATIC_VISCOSITY_M2_S
+    reynolds = airflow_m_s * 2.0 * radius_m / viscosity_m2_s
     return 2.0 + 0.6 * np.sqrt(reynolds) * PRANDTL ** (1.0 / 3.0)
+
+
+def heat_carried_off(airflow_m_s: Numbers, radius_m: float, pressure_hpa: Numbers) -> np.ndarray:
+    """Heat that a sphere gives to air, relative to air of 5 m/s at 1013.25 hPa: thin air carries off less."""
+    viscosity = KINEMATIC_VISCOSITY_M2_S * 1013.25 / pressure_hpa
+    return ventilation(airflow_m_s, radius_m, viscosity) / ventilation(5.0, radius_m)
+
+
+def warm_air(temperature_c: Numbers, airflow_m_s: Numbers, radius_m: float, pressure_hpa: Numbers) -> np.ndarray:
+    """Heat that a sphere gives to air at its own temperature, relative to the same stream at 20 degC.
+
+    Conductivity as (T / 300 K)^0.8646; viscosity by White's constants of Sutherland's law, 1.716e-5 Pa s at 0 degC.
+    """
+
+    def viscosity(at_c: Numbers) -> np.ndarray:
+        kelvin = np.asarray(at_c) + ZERO_C_K
+        dynamic = 1.716e-5 * (kelvin / ZERO_C_K) ** 1.5 * (ZERO_C_K + 110.4) / (kelvin + 110.4)
+        return np.asarray(dynamic * 287.05 * kelvin / (100.0 * np.asarray(pressure_hpa)))
+
+    conductivity = ((np.asarray(temperature_c) + ZERO_C_K) / (20.0 + ZERO_C_K)) ** 0.8646
+    own, usual = (ventilation(airflow_m_s, radius_m, viscosity(at_c)) for at_c in (temperature_c, 20.0))
+    return np.asarray(conductivity * own / usual)

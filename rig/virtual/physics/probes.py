@@ -15,7 +15,7 @@ import numpy as np
 
 from shockrig.rig.virtual.physics import chains
 from shockrig.rig.virtual.physics.air import Exposure, N, air_after
-from shockrig.rig.virtual.physics.moist import concentration_ppmv, dew_point_c, ventilation
+from shockrig.rig.virtual.physics.moist import concentration_ppmv, dew_point_c, heat_carried_off, warm_air
 from shockrig.rig.virtual.truth import Truth
 
 SPHERE_EDGES = chains.sphere_edges()
@@ -67,9 +67,14 @@ class Probes:
         stem = truth.effect("stem_conduction") or {"time_constant_s": 1.0}
         slow = truth.effect("slow_relaxation") or {"time_constant_s": 1.0}
         film_rate, self._film_biot = self._film_rate(factors[1]), self._vapour_biot()
+        film = chains.film(film_rate, self._film_biot, FILM_EDGES)
+        self.film_widths = FILM_WIDTHS
+        if cap := truth.effect("series_lag"):
+            film = chains.capped(film, cap["time_constant_s"])
+            self.film_widths = np.append(FILM_WIDTHS, 0.0)  # what is in the cap is not in the film
         self.blocks = [
             chains.sphere(self._bead_rate(factors[0]), self._bead_biot(), SPHERE_EDGES),
-            chains.film(film_rate, self._film_biot, FILM_EDGES),
+            film,
             chains.lag(truth.die_time_constant_s, runs),
             chains.lag(stem["time_constant_s"], runs),
             chains.lag(slow["time_constant_s"], runs),
@@ -104,8 +109,11 @@ class Probes:
         p = self._truth.effect("convective_film")
         if p is None or p["biot_at_5_m_s"] == 0.0:  # a film of no strength is no film
             return np.full(self.exposure.source_c.shape, np.inf)
-        radius = self._truth.bead_radius_m
-        return p["biot_at_5_m_s"] * ventilation(self.exposure.airflow_m_s, radius) / ventilation(5.0, radius)
+        e, radius = self.exposure, self._truth.bead_radius_m
+        biot = p["biot_at_5_m_s"] * heat_carried_off(e.airflow_m_s, radius, e.pressure_hpa)
+        if self._truth.effect("exchange_temperature") is not None:
+            biot = biot * warm_air(e.destination_c, e.airflow_m_s, radius, e.pressure_hpa)
+        return biot
 
     def _film_rate(self, factor: np.ndarray) -> np.ndarray:
         e = self.exposure
@@ -118,18 +126,25 @@ class Probes:
         p = self._truth.effect("vapour_boundary_layer")
         if p is None or p["biot_at_5_m_s"] == 0.0:
             return np.full(self.exposure.source_c.shape, np.inf)
-        return p["biot_at_5_m_s"] * np.sqrt(self.exposure.airflow_m_s / 5.0)
+        # a laminar layer is thicker in thin air, as the square root, and vapour crosses it faster, in proportion
+        return p["biot_at_5_m_s"] * np.sqrt(self.exposure.airflow_m_s / 5.0 * 1013.25 / self.exposure.pressure_hpa)
 
     def film_links(self, film: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Links and open end of a film whose D follows the water in its cells, `film` (r, n)."""
         moves = self._truth.effect("concentration_dependent_diffusivity") or {"slope_per_unit_activity": 0.0}
         slope = moves["slope_per_unit_activity"]
+        cap = self._truth.effect("series_lag")
+        if cap is not None:
+            film = film[:, :-1]
         faces = np.empty_like(film)
         faces[:, :-1] = 0.5 * (film[:, 1:] + film[:, :-1])
         faces[:, -1] = film[:, -1]
         activity = faces / self._saturated_ppmv[:, None]
         rate = self._base_rate[:, None] * np.maximum(1.0 + slope * (activity - 0.5), 0.05)
-        return chains.film_links(rate, self._film_biot, FILM_EDGES)
+        link, open_end = chains.film_links(rate, self._film_biot, FILM_EDGES)
+        if cap is not None:
+            return np.concatenate([link, open_end[:, None]], axis=1), self.blocks[1].open_end
+        return link, open_end
 
     def _wetness(self, die_c: np.ndarray) -> np.ndarray | None:
         """Time since the start until which the film is held wet, (r,), or None: dew forms where the die is colder than
@@ -155,10 +170,10 @@ class Probes:
             wet = np.clip((self.wet_until_s - began_s) / max(time_s - began_s, 1e-12), 0.0, 1.0)
             film = vapour + wet * (concentration_ppmv(100.0, air_c, e.pressure_hpa) - vapour)
         # the film's own mean is that of the last step: sorption heat acts back on nothing
-        taken_up = self.stepper.state[1] @ FILM_WIDTHS
+        taken_up = self.stepper.state[1] @ self.film_widths
         return [air_c, film, air_c, air_c, vapour, taken_up]
 
     def bodies(self) -> Bodies[np.ndarray]:
         """What the probes have come to now, arrays (r,)."""
         bead, film, *lags = self.stepper.state
-        return Bodies(bead[:, :3] @ CORE_WEIGHTS, film @ FILM_WIDTHS, *(lag[:, 0].copy() for lag in lags))
+        return Bodies(bead[:, :3] @ CORE_WEIGHTS, film @ self.film_widths, *(lag[:, 0].copy() for lag in lags))

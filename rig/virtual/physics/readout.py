@@ -12,7 +12,7 @@ import numpy as np
 
 from shockrig.rig.virtual.effects import RH, T
 from shockrig.rig.virtual.physics.air import Exposure
-from shockrig.rig.virtual.physics.moist import ZERO_C_K, Numbers, dew_point_c, humidity_percent, ventilation
+from shockrig.rig.virtual.physics.moist import ZERO_C_K, Numbers, dew_point_c, heat_carried_off, humidity_percent
 from shockrig.rig.virtual.physics.probes import SORPTION_HEAT_S, Bodies
 from shockrig.rig.virtual.truth import Truth
 
@@ -40,7 +40,7 @@ def temperature_reading(truth: Truth, exposure: Exposure[Any], bodies: Bodies[An
             * np.exp(-np.maximum(since_s, 0.0) / p["time_constant_s"])
         )
         reading = reading - cooling * (since_s > 0.0)
-    if p := truth.effect("unknown_wall_radiation"):
+    if p := truth.effect("wall_radiation"):
         wall, bead = p["wall_temperature_c"] + ZERO_C_K, reading + ZERO_C_K
         rise = p["rise_k_at_10_k"] * (wall**4 - bead**4) / (4.0 * 293.15**3 * 10.0)
         reading = reading + rise * _stagnation(truth, exposure)
@@ -49,7 +49,7 @@ def temperature_reading(truth: Truth, exposure: Exposure[Any], bodies: Bodies[An
 
 def _stagnation(truth: Truth, exposure: Exposure[Any]) -> np.ndarray:
     """How much less heat the air carries off than at 5 m/s."""
-    return ventilation(5.0, truth.bead_radius_m) / ventilation(exposure.airflow_m_s, truth.bead_radius_m)
+    return 1.0 / heat_carried_off(exposure.airflow_m_s, truth.bead_radius_m, exposure.pressure_hpa)
 
 
 def humidity_reading(
@@ -65,6 +65,8 @@ def humidity_reading(
         uptake_ppmv_s = (bodies.film_ppmv - bodies.warming_ppmv) / SORPTION_HEAT_S
         at_c = at_c + p["kelvin_s_per_percent"] * humidity_percent(uptake_ppmv_s, e.destination_c, e.pressure_hpa)
     reading = humidity_percent(vapour, at_c, e.pressure_hpa)
+    if p := truth.effect("calibration_temperature"):
+        reading = reading + p["percent_per_k"] * (bodies.die_c - 20.0)
     if p := truth.effect("hysteresis"):
         change = np.tanh((reading - e.source_percent) / HYSTERESIS_WIDTH_PERCENT)
         reading = reading - exposure.shock * p["rh_percent"] * change

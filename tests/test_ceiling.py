@@ -1,0 +1,48 @@
+"""A ceiling is named where readings stop below what the air is, and not where plateaus are merely alike."""
+
+import numpy as np
+import pytest
+from small_worlds import record
+
+from shockrig.analysis.diagnosis.prepare import prepare
+from shockrig.analysis.diagnosis.search import plain_fit, refused, search
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.inference.fit import fit
+from shockrig.analysis.inference.gather import build_channel
+from shockrig.rig.virtual.plans import standard_plan
+from shockrig.rig.virtual.truth import ROUGH, Hidden
+
+OFF = Hidden("calibration_error", {"gain": -0.0035, "offset": -0.1}, ("humidity",))
+CEILING = CATALOGUE["saturation_clipping"]
+
+
+def wet_world(folder, *effects):
+    """Chambers that hit their set points, references that scatter by 0.1 %RH: plateaus are more alike than airs."""
+    campaign = record(folder / "c", 3, effects, tier=ROUGH, plan=standard_plan(), chamber_scatter_percent=0.0)
+    return prepare(build_channel(campaign, "humidity")).problem
+
+
+def test_a_limit_amid_the_readings_of_a_plateau_is_no_ceiling(tmp_path):
+    """It gains a lot: the runs' stated airs scatter, their plateaus do not."""
+    problem = wet_world(tmp_path, OFF)
+    plain = plain_fit(problem)
+    start = np.append(plain.theta, [0.0, 0.0])
+    off = fit(problem, plain.structure.adding(CATALOGUE["calibration_error"]), start, plain.deviations)
+    limited = fit(problem, off.structure.adding(CEILING), np.append(off.theta, 79.5), off.deviations)
+    (limit, _) = limited.values()["saturation_clipping"]["limit_percent"]
+    wet = problem.channel.conditions.destination_percent > 78.0
+    plateau = np.concatenate([y[-200:] for (_, y), kept in zip(problem.channel.samples, wet, strict=True) if kept])
+    assert off.deviance - limited.deviance > 25.0  # more than its penalty
+    assert 0.3 < np.mean(plateau > limit) < 0.7
+    assert refused(limited, CEILING)
+    assert search(problem).final.structure.ids == ("calibration_error",)
+
+
+@pytest.mark.parametrize("depth", [1.0, 3.0])
+def test_a_limit_below_the_air_is_a_ceiling(tmp_path, depth):
+    problem = wet_world(tmp_path, Hidden("saturation_clipping", {"limit_percent": 80.0 - depth}))
+    found = search(problem).final
+    assert found.structure.ids == ("saturation_clipping",)
+    (limit, spread) = found.values()["saturation_clipping"]["limit_percent"]
+    assert abs(limit - (80.0 - depth)) < 3.5 * spread + 0.01
+    assert not refused(found, CEILING)
