@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.physics.chain import Chain, Recorded, RoomAir
-from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S
 from shockrig.analysis.physics.conditions import Conditions
+from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 
 Array = NDArray[np.float64]
