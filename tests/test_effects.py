@@ -180,8 +180,8 @@ def test_starts_are_values_of_all_parameters_within_their_ranges(channels, effec
     for start in starts:
         assert list(start) == [p.name for p in entry.parameters]
         assert all(entry.parameter(k).low <= v <= entry.parameter(k).high for k, v in start.items())
-    for parameter, offsets in (entry.nudges(channels[name]) if entry.nudges else {}).items():
-        assert entry.parameter(parameter).high > max(offsets)
+    for offsets in entry.nudges(channels[name]) if entry.nudges else []:
+        assert all(entry.parameter(parameter).high > offset for parameter, offset in offsets.items())
 
 
 def with_conditions(channel, **changes):

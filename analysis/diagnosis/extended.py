@@ -5,7 +5,7 @@ With the causes in the model alpha and D are the material's; without them they a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -19,7 +19,10 @@ from shockrig.analysis.characterization.result import ChannelResult, Characteriz
 from shockrig.analysis.characterization.to_profile import to_profile
 from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis
 from shockrig.analysis.diagnosis.export import stated_cause
-from shockrig.analysis.diagnosis.search import plain_fit
+from shockrig.analysis.diagnosis.search import drop, finish, plain_fit, race
+from shockrig.analysis.diagnosis.thresholds import TIE
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.inference.fit import Fit
 from shockrig.analysis.inference.noise import whiteners
 from shockrig.analysis.inference.problem import make_problem
 from shockrig.analysis.inference.quantity import ChannelName
@@ -53,38 +56,57 @@ def extended_result(found: ChannelDiagnosis) -> ChannelResult | None:
     rows, undetermined = joint_rows(part, found.noise, "all runs")
     if not rows:
         return None
-    if found.verdict == "unexplained":
-        rows = [_in_doubt(found, row) for row in rows]
+    wider = _wider(found)
+    rows = [_in_doubt(found, row, wider) for row in rows]
     effects = tuple(stated_cause(cause).as_effect() for cause in found.causes)
     left_out = [*found.problem.channel.left_out, *undetermined]
     return channel_result(rows, found.noise, effects, [part], left_out, found.discovered)
 
 
-def _in_doubt(found: ChannelDiagnosis, row: Row) -> Row:
-    """A row of a model that does not explain the runs: as uncertain as its nearest rivals are away from it.
+def _in_doubt(found: ChannelDiagnosis, row: Row, wider: Sequence[Fit]) -> Row:
+    """A row as uncertain as its nearest rivals are away from it, and no surer than the models that it is a limit of.
 
-    What the search ended with lowers the misfit and may not be named, for want of runs or of certainty, and what is
-    tied may be as true; how far their times are from those that are stated is how far these may be off.
+    What a search ended with lowers the misfit and may not be named, for want of runs or of certainty, and what is tied
+    may be as true; how far their times are from those that are stated is how far these may be off.
     """
     channel, standing = found.problem.channel, found.search.standing
     ambient = int(np.argmin(np.abs(channel.ambients_c - row.ambient_c)))
-    tied = [
+    rivals = [
         standing[c.effect].instead[e]
         for c in found.causes
         if c.effect in standing
         for e in c.indistinguishable_from
         if e in standing[c.effect].instead
     ]
-    stated, others = row.response, [response_time(channel, fit, ambient) for fit in (found.search.final, *tied)]
+    if found.verdict == "unexplained":
+        rivals.append(found.search.final)
+    if not rivals and not wider:
+        return row
+    stated, others = row.response, [response_time(channel, fit, ambient) for fit in (*rivals, *wider)]
     times = np.array([[r.t63_s, r.t90_s, r.t98_s] for r in (stated, *others)])
     away = np.abs(np.log(times[1:] / times[0])).max(axis=0)
-    uncertain = np.hypot(stated.standard_uncertainties_s or (0.0, 0.0, 0.0), times[0] * away)
+    sure = np.array([r.standard_uncertainties_s or (0.0, 0.0, 0.0) for r in (stated, *others[len(rivals) :])])
+    uncertain = np.hypot(sure.max(axis=0), times[0] * away)
     first, second, third = (float(u) for u in uncertain)
     return replace(
         row,
         standard_uncertainty=float(np.hypot(row.standard_uncertainty, row.diffusivity_m2_s * away[0])),
         response=replace(stated, standard_uncertainties_s=(first, second, third)),
     )
+
+
+def _wider(found: ChannelDiagnosis) -> list[Fit]:
+    """The models of which the one that carries the causes is a limit, where the runs could be theirs as well."""
+    fits, problem, final = [], found.problem, found.final
+    for cause in (c for c in found.causes if c.effect in final.structure.ids):
+        whole = CATALOGUE.get(CATALOGUE[cause.effect].limit_of)
+        if whole is None or whole.id in final.structure.ids or not whole.acts_in(problem.channel):
+            continue
+        without = drop(problem, final, cause.effect)
+        fit = finish(problem, race(problem, without, {whole.id: whole.starts(problem.channel)})[whole.id])
+        if fit.deviance < final.deviance + TIE:
+            fits.append(fit)
+    return fits
 
 
 def extended_profile(

@@ -219,20 +219,20 @@ def finish(problem: Problem, found: Fit) -> Fit:
     """The fit carried to its end, where it was left early; from several values where the objective has steps."""
     channel = problem.channel
     nudged = [
-        (f"{effect.id}.{name}", offset)
+        {f"{effect.id}.{name}": offset for name, offset in offsets.items()}
         for effect in found.structure.effects
         if effect.nudges
-        for name, offsets in effect.nudges(channel).items()
-        for offset in offsets
+        for offsets in effect.nudges(channel)
     ]
     if found.converged and not nudged:
         return found
     fresh = _fresh(problem, found)
     # From the scatter of rates that is usual: one that has grown may hide what the model now explains.
     fits = [found, fit(problem, found.structure, found.theta, found.deviations)]
-    for name, offset in nudged:
+    for offsets in nudged:
         theta = found.theta.copy()
-        theta[found.model.place(name)] += offset
+        for name, offset in offsets.items():
+            theta[found.model.place(name)] += offset
         fits.append(fit(problem, found.structure, theta, fresh))
     return min(fits, key=lambda f: f.deviance)
 
@@ -368,9 +368,11 @@ class Stepwise:
         self.fits += sum(len(starts) for starts in promising.values())
         found = {}
         for id_, trial in race(self.problem, current, promising).items():
-            trial = _mirrored(self.problem, trial) or trial
+            trial, effect = _mirrored(self.problem, trial) or trial, CATALOGUE[id_]
+            if effect.nudges and says_nothing(effect, trial.values()[id_]):
+                trial = finish(self.problem, trial)  # it may lie on the other side of a ridge
             # A parameter at its bound, or that may be anything, is no finding.
-            if not says_nothing(CATALOGUE[id_], trial.values()[id_]) and not refused(trial, CATALOGUE[id_]):
+            if not says_nothing(effect, trial.values()[id_]) and not refused(trial, effect):
                 found[id_] = trial
         return found
 

@@ -26,6 +26,7 @@ EFFECT = Effect(
     source="Ranz and Marshall 1952; Carslaw and Jaeger 1959, section 9.4",
     testable=lambda channel: bool(channel.conditions.airflow_known.all()),
     needs="needs runs whose airflow was recorded",
+    limit_of="sheath",
     in_flight=InFlight(
         biot=lambda p, stream, radius: p["biot_at_5_m_s"] * ventilation_ratio(stream, radius),
     ),

@@ -46,7 +46,7 @@ EFFECT = Effect(
     equation="reading(t) = true(t - delay)",
     source="a polling loop or a buffer that hands out the previous reading",
     start_from=_when_it_jumps,
-    nudges=lambda channel: {"delay_s": NUDGES_S} if channel.jumps_with_air else {},
+    nudges=lambda channel: [{"delay_s": s} for s in NUDGES_S] if channel.jumps_with_air else [],
     like_average=lambda p, period_s: {int(2 * p["delay_s"] / period_s) + k for k in (0, 1, 2)},
     needs="needs runs whose start was recorded on the clock of the readings",
     in_flight=InFlight(delay_s=lambda p, period_s: max(p["delay_s"], 0.0)),

@@ -17,6 +17,7 @@ EFFECT = Effect(
     equation="time_constant dT_inside/dt = T_air - T_inside, and the body follows T_inside",
     source="two lags in series; housings and caps of thermometers and hygrometers",
     advice="Take off cap or sheath for a comparison, or fly with it on: the profile has it in.",
+    limit_of="sheath",
     in_flight=InFlight(series_s=lambda p: p["time_constant_s"]),
     rare_in_known=True,
     shape=True,

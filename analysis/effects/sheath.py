@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from shockrig.analysis.inference.effect import Effect, InFlight, Parameter
 
+RIDGE = 2.5  # in ln of both
 LOADED = 2.0  # the body is about so much faster than sheath and body together were taken to be
 
 EFFECT = Effect(
@@ -34,5 +35,7 @@ EFFECT = Effect(
     in_flight=InFlight(loaded=lambda p: (p["time_constant_s"], p["capacity"])),
     shape=True,
     rate_factor=lambda channel: LOADED,
+    # A sheath that holds next to nothing is a film, whose resistance is time constant over capacity: along that ridge.
+    nudges=lambda channel: [{"time_constant_s": s, "capacity": s} for s in (RIDGE, -RIDGE)],
     excludes=frozenset({"body_lumped"}),
 )

@@ -24,6 +24,7 @@ EFFECT = Effect(
     source="laminar boundary layer; Carslaw and Jaeger 1959, section 3.11",
     testable=lambda channel: bool(channel.conditions.airflow_known.all()),
     needs="needs runs whose airflow was recorded",
+    limit_of="sheath",
     in_flight=InFlight(
         biot=lambda p, stream, thickness: p["biot_at_5_m_s"] * vapour_ratio(stream),
     ),

@@ -18,13 +18,27 @@ Samples = Sequence[tuple[Array, Array]]
 BIN_PLAN = ((2.5, 0.1), (6.0, 0.2), (12.0, 0.4), (24.0, 0.8), (48.0, 1.6), (100.0, 3.2), (1e9, 10.0))
 BEFORE_S = 1.2  # width of a bin of the plateau before the transfer
 NEAR_S = 0.3  # before the transfer within which samples stand singly
-FINE = 0.08  # widest bin, in times to half of the step and since the transfer: the response hardly bends within it
+FINE = (0.015, 0.08)  # widest bin, in times to half of the step and since the transfer, as noise and step allow
 
 
-def edges_after_transfer(first_s: float, last_s: float, period_s: float, tempo: float, half_s: float = np.inf) -> Array:
+def fine_width(samples: Samples, resolution: float) -> float:
+    """Widest bin, as a share of the response's own time, in which readings (times, values) of runs may be averaged.
+
+    A response of time tau bends by step w^2 / (24 tau^2) within a bin of width w, in all R runs alike: that is to stay
+    at a tenth of what the noise of the runs together leaves.
+    """
+    spread = [1.4826 * np.median(np.abs(np.diff(y[t > 0.6 * t[-1]]))) / np.sqrt(2.0) for t, y in samples]
+    noise = max(float(np.median(spread)), resolution / np.sqrt(12.0))
+    step = max(float(np.median([np.ptp(y) for _, y in samples])), noise)
+    return float(np.clip(1.44 * np.sqrt(2.4 * noise / (step * np.sqrt(len(samples)))), *FINE))
+
+
+def edges_after_transfer(
+    first_s: float, last_s: float, period_s: float, tempo: float, half_s: float = np.inf, fine: float = FINE[1]
+) -> Array:
     """Edges of the bins of runs whose air changes once, from `first_s` (negative) to `last_s`.
 
-    `half_s` is the time to half of the step; infinite or NaN where no run tells it.
+    `half_s` is the time to half of the step, infinite or NaN where no run tells it; `fine` as from `fine_width`.
     """
     half = half_s if np.isfinite(half_s) else np.inf
     # Half a period before zero, so that with one sample a period each narrow bin holds one sample.
@@ -34,7 +48,7 @@ def edges_after_transfer(first_s: float, last_s: float, period_s: float, tempo: 
     after = [0.0]
     for until, width in BIN_PLAN:
         while after[-1] < min(until * tempo, last_s) - 1e-9:
-            after.append(after[-1] + max(min(width * tempo, FINE * (half + after[-1])), period_s))
+            after.append(after[-1] + max(min(width * tempo, fine * (half + after[-1])), period_s))
     return np.concatenate([before, close, after])
 
 

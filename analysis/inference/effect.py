@@ -6,7 +6,7 @@ Nothing outside of an effect's own file knows its name; whoever asks, asks for w
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -167,8 +167,10 @@ class Effect:
         What a campaign lacks where they do not.
     start_from : channel -> {parameter: start}
         A start that only the data can give, in place of those of the parameters; empty where they give none.
-    nudges : channel -> {parameter: offsets}
-        Where the objective has steps, starts beside the one found from which the fit is finished.
+    nudges : channel -> ({parameter: offset}, ...)
+        Where the objective has steps or ridges, starts beside the one found from which the fit is finished.
+    limit_of : str
+        The effect of which this one is a limit: where that may act, its times are no surer than that one's.
     refused : (channel, {parameter: value}, bare) -> bool
         True where a fit that ends there is no finding, whatever it gains; `bare()` is what the same fit would read
         (R, n) without the effect, in the airs as they were stated.
@@ -219,7 +221,8 @@ class Effect:
     testable: Callable[[Channel], bool] | None = None
     needs: str = ""
     start_from: Callable[[Channel], Values] | None = None
-    nudges: Callable[[Channel], Mapping[str, tuple[float, ...]]] | None = None
+    nudges: Callable[[Channel], Sequence[Mapping[str, float]]] | None = None
+    limit_of: str = ""
     refused: Callable[[Channel, Values, Callable[[], Array]], bool] | None = None
     in_readings: Callable[[Readings], tuple[Readings, Finding | None]] | None = None
     in_noise: Callable[[Readings], Finding | None] | None = None

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.inference.bins import bin_means, edges_after_transfer, place
+from shockrig.analysis.inference.bins import bin_means, edges_after_transfer, fine_width, place
 from shockrig.analysis.inference.channel import Channel, LeftOut, between_ambients, group_ambients
 from shockrig.analysis.inference.die import past_dew_s, smooth_dies
 from shockrig.analysis.inference.driven_air import (
@@ -226,7 +226,8 @@ def build_channel(campaign: Campaign, name: ChannelName) -> Channel | None:
             for (t, _), a, f in zip(samples, air, followed, strict=True)
         )
     else:
-        edges = edges_after_transfer(first, last, period, tempo, half_s)
+        fine = fine_width(samples, quantity.resolution)
+        edges = edges_after_transfer(first, last, period, tempo, half_s, fine)
     off_s = 0.0 if campaign.common is None else campaign.common.trigger_offset_s
     bin_of = place(samples, edges, np.hypot(conditions.start_scatter_s, off_s))
     time, value, count = bin_means([t for t, _ in samples], [y for _, y in samples], bin_of)
