@@ -26,6 +26,7 @@ COMMANDS = {
     "check": ("check", "open every instrument of a bench and say what is well and what is not"),
     "run": ("run", "record a campaign on a bench (the embedded virtual bench by default)"),
     "import": ("import_csv", "turn other loggers' files, also one long log with many steps, into a campaign"),
+    "plan": ("plan", "say which runs to record next for given goals, as a protocol, or why none"),
     "watch": ("watch", "watch a campaign while it is recorded, in the terminal or in the browser"),
     "status": ("status", "say what a campaign holds, what is missing and why"),
     "list": ("list_campaigns", "list the campaigns of a folder, what they gave, and what changed from one to the next"),

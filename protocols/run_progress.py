@@ -83,7 +83,7 @@ class BarObserver(SilentObserver):
         if self._task is None:
             self._task = self._progress.add_task("", total=total, text="")
         text = f"run {run.id}  {words(run.source)} -> {words(run.destination)}"
-        self._progress.update(self._task, completed=number - 1, description=text)
+        self._progress.update(self._task, completed=number - 1, total=total, description=text)
 
     def step_began(self, step: Step, now_s: float) -> None:
         self._step = str(step).partition(" until ")[0]

@@ -17,6 +17,7 @@ from shockrig.analysis.characterization.part_fit import (
     fitted_effects,
     joint_rows,
     make_part,
+    quick_part,
 )
 from shockrig.analysis.characterization.result import ChannelResult, Characterization, Part, Row, channel_result
 from shockrig.analysis.checks.checked import checked
@@ -35,6 +36,7 @@ def characterize(
     seed: int = 0,
     extensions: Mapping[ChannelName, Extension] | None = None,
     progress: Callable[[str], None] | None = None,
+    quickly: bool = False,
 ) -> Characterization:
     """Fit alpha and D(T) to a campaign.
 
@@ -46,6 +48,9 @@ def characterize(
     extensions : mapping of channel name to Extension, optional
         Models to fit instead of the plain one; channels that are not named keep it.
     progress : function of a sentence, optional
+    quickly : bool
+        Whether generalised least squares begin from a rough scan and the two optimisers are not asked: for a look at
+        a campaign that is still being recorded.
 
     Raises
     ------
@@ -61,7 +66,8 @@ def characterize(
     missing: dict[ChannelName, str] = {}
     for name in QUANTITIES:
         try:
-            found[name] = characterize_channel(campaign, name, seed, (extensions or {}).get(name, Extension()), say)
+            extension = (extensions or {}).get(name, Extension())
+            found[name] = characterize_channel(campaign, name, seed, extension, say, quickly)
         except _Unusable as reason:
             missing[name] = str(reason)
             say(f"{name}: {reason}")
@@ -106,7 +112,12 @@ class _Unusable(Exception):
 
 
 def characterize_channel(
-    campaign: Campaign, name: ChannelName, seed: int, extension: Extension, say: Callable[[str], None]
+    campaign: Campaign,
+    name: ChannelName,
+    seed: int,
+    extension: Extension,
+    say: Callable[[str], None],
+    quickly: bool = False,
 ) -> ChannelResult:
     """One channel of `characterize`; raises where no run can be used."""
     whole = build_channel(campaign, name)
@@ -126,7 +137,8 @@ def characterize_channel(
     rows: list[Row] = []
     parts: list[Part] = []
     for channel, models in groups:
-        part, found, undetermined = fit_part(channel, noise, models, seed, rounding, say)
+        fitted = quick_part if quickly else fit_part
+        part, found, undetermined = fitted(channel, noise, models, seed, rounding, say)
         rows += found
         set_aside += undetermined
         if found:

@@ -21,7 +21,7 @@ from shockrig.analysis.inference.noise import Noise, whiteners
 from shockrig.analysis.inference.problem import Problem, make_problem
 from shockrig.analysis.inference.quantity import RunEffect
 from shockrig.analysis.inference.samples import rmse_over_samples
-from shockrig.analysis.inference.scan import RATE_BOUNDS_PER_S
+from shockrig.analysis.inference.scan import RATE_BOUNDS_PER_S, rough_point
 from shockrig.files.diagnosis_data import Discovered
 from shockrig.files.profile import ResponseTime, StatedEffect, Uncertain
 
@@ -66,6 +66,27 @@ def fit_part(
 def make_part(problem: Problem, found: Fit) -> Part:
     """A fit with what else may be off in all runs alike in its covariance, and its RMSE."""
     return Part(problem, widened(problem, found), rmse_over_samples(problem.channel, found))
+
+
+def quick_part(
+    channel: Channel,
+    noise: Noise,
+    models: Mapping[str, Extension],
+    seed: int,
+    rounding: float,
+    say: Callable[[str], None],
+) -> tuple[Part, list[Row], list[LeftOut]]:
+    """As `fit_part`, from a rough scan of the rates in place of the two optimisers."""
+    problem = make_problem(channel, whiteners(channel, noise), rounding=rounding)
+    parts = {}
+    for basis, extension in models.items():
+        point = rough_point(problem, extension.structure)
+        theta = Model(channel, extension.structure).start(point.theta[: channel.rates], dict(extension.starts or {}))
+        found = fit(problem, extension.structure, theta, point.deviations, iterations=40)
+        parts[basis] = make_part(problem, found)
+    basis = min(parts, key=lambda name: parts[name].rmse)
+    rows, undetermined = joint_rows(parts[basis], noise, basis)
+    return parts[basis], rows, undetermined
 
 
 def joint_rows(

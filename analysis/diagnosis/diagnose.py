@@ -107,8 +107,12 @@ def diagnose_channel(
     progress: Progress = lambda _: None,
     tolerance: Tolerance | None = None,
     earlier: Earlier | None = None,
+    describing: bool = True,
 ) -> ChannelDiagnosis:
-    """Diagnose one channel; `earlier` is what an earlier diagnosis of its runs named, where the search then begins."""
+    """Diagnose one channel; `earlier` is what an earlier diagnosis of its runs named, where the search then begins.
+
+    What no catalogued effect explains is described only where `describing`: that takes longer than all the rest.
+    """
     ready = prepare(channel)
     progress(f"{channel.name}: searching the catalogue")
     rough = search(ready.problem, ready.structure, thorough=False).final if ready.rounds_coarsely else None
@@ -132,7 +136,7 @@ def diagnose_channel(
     untried = any(CATALOGUE[c.effect].shape for c in kept.causes) and not kept.gain.measured
     verdict = "unexplained" if spoilt or untried else "explained" if kept.causes else "adequate"
     described = None
-    if spoilt:
+    if spoilt and describing:
         progress(f"{channel.name}: describing what no catalogued effect explains")
         described = describe_rest(
             channel, ready.problem, ready.noise, found.plain, kept.final, kept.gain, tolerance or Tolerance()

@@ -1,7 +1,7 @@
 """The transfer takes time: the air at the probes changes linearly over `duration_s` from the transfer's start.
 
 Where all runs state a measured duration, each run's ramp is in proportion to its own and `duration_s` is the median
-run's; where only some do (a transfer slowed on purpose), those have just the duration that they state.
+run's; those that were slowed on purpose, or alone state one, have just that duration, in the plain model too.
 """
 
 from dataclasses import replace

@@ -34,6 +34,7 @@ TRIGGER_SCATTER_S = 0.010
 UNKNOWN_START_SCATTER_S = 0.5
 UNKNOWN_START_SHARE = 0.5  # of the time to half of the step: a response that sets in late is seen late
 ORDINARY_HALF_WAY_S = (0.25, 8.0)  # of the sensors that the bins and the limits below were laid out for
+SLOWED_TIMES, SLOWED_FROM_S = 3.0, 0.5  # usual durations, and seconds, from which a transfer was slowed on purpose
 UNKNOWN_AIRFLOW_M_S = 5.0
 FEWEST_SAMPLES = 30
 SHORTEST_BEFORE, SHORTEST_AFTER = 2.0, 7.0  # records around a transfer, in times to half of the step; else 1 s and 5 s
@@ -336,7 +337,11 @@ def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_
         [all(getattr(air, quantity.column) is not None for air in (run.source, run.destination)) for run in runs]
     )
     duration = np.array([np.nan if run.duration_s is None else run.duration_s for run in runs])
-    all_timed = bool((np.nan_to_num(duration) > 0).all())
+    timed = (np.nan_to_num(duration) > 0) & ~driven
+    all_timed = bool((timed | driven).all())
+    usual_s = float(np.median(duration[timed])) if timed.any() else np.nan
+    # Slowed on purpose: that a run took as long as it did is part of what was done, and no fault of the bench.
+    own = timed & ((duration > max(SLOWED_TIMES * usual_s, SLOWED_FROM_S)) | (not all_timed))
     return Conditions(
         source_c=source_c,
         destination_c=destination_c,
@@ -355,8 +360,8 @@ def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_
         airs_known=airs_known | driven,
         irradiance_w_m2=np.array([_extra(run, "irradiance_w_m2") for run in runs]),
         duration_s=duration,
-        ramp_ratio=duration / np.median(duration) if all_timed else np.ones(len(runs)),
-        ramp_own_s=np.full(len(runs), np.nan) if all_timed else np.where(duration > 0, duration, np.nan),
+        ramp_ratio=np.where(timed & ~own, duration / usual_s, 1.0) if all_timed else np.ones(len(runs)),
+        ramp_own_s=np.where(own, duration, np.nan),
         order=np.arange(len(runs), dtype=float),
     )
 

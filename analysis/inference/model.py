@@ -100,6 +100,12 @@ class Structure:
 PLAIN = Structure()
 
 
+def _slowed_s(channel: Channel) -> Array | None:
+    """How long each run's air takes to change (1, R) [s], where some were slowed on purpose; others take no time."""
+    own = channel.conditions.ramp_own_s
+    return np.nan_to_num(own)[None] if np.isfinite(own).any() else None
+
+
 @dataclass(frozen=True)
 class Model:
     """A structure on a channel: encoding, bounds, and prediction at a point."""
@@ -207,6 +213,7 @@ class Model:
             body=BODIES[channel.body],
             air_offset=deviations[..., RunEffect.SOURCE],
             die_c=channel.die_c,
+            ramp_s=_slowed_s(channel),
         )
         values: dict[str, dict[str, Array]] = {effect.id: {} for effect in self.structure.effects}
         for i, (effect, parameter) in enumerate(self.structure.parameters, start=channel.rates):

@@ -15,7 +15,8 @@ class Conditions:
     """What each run was: arrays of shape (R,), SI or degC as named; `*_scatter` are one sigma of what is known.
 
     `duration_s` is NaN where the transfer was not timed. Where all runs state it, `ramp_ratio` is each run's in units
-    of the typical one; where only some do (slowed on purpose), `ramp_own_s` is theirs and NaN elsewhere.
+    of the typical one. `ramp_own_s` is the duration of those that alone state one, or state a far longer one (slowed on
+    purpose), and NaN elsewhere: the plain model has these ramps.
     `order` is each run's place in the campaign, from 0.
     """
 

@@ -11,6 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+ADAPTIVE = "adaptive"
+EXAMPLE = "alpha 0.2 %, D 0.3 %, ties decided, minutes 90"
+
 
 @dataclass(frozen=True)
 class _Sealed:
@@ -26,9 +29,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "A campaign that was interrupted goes on when the same command is run again. Ctrl-C makes the bench safe and "
         "keeps what was recorded; a second Ctrl-C ends at once."
     )
-    parser.add_argument(
-        "protocol", metavar="PROTOCOL", help="quick, standard, extended, manual, or the path of a TOML file"
-    )
+    parser.add_argument("protocol", metavar="PROTOCOL", help="quick, standard, extended, manual, a TOML file; or adaptive")
+    loop = parser.add_argument_group("run adaptive: record, look, decide, until the goals are met")
+    loop.add_argument("--until", metavar="GOALS", help='such as "alpha 0.2 %%, D 0.3 %%, ties decided, minutes 90"')
+    loop.add_argument("--confirm", action="store_true", help="ask before each run: Enter, s vetoes, p pauses, a aborts")
+    loop.add_argument("--add", metavar="RUNS.toml", type=Path, help="a protocol whose runs are recorded first")
     parser.add_argument(
         "--bench",
         metavar="BENCH.toml",
@@ -66,7 +71,9 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.rig.protocol import load_protocol
     from shockrig.rig.virtual.hide import seal
 
-    protocol = load_protocol(args.protocol)
+    adaptive = args.protocol == ADAPTIVE
+    _demand_goals(args, adaptive)
+    protocol = _opening(args) if adaptive else load_protocol(args.protocol)
     if args.bench is None and protocol.by_hand and not args.dry_run:
         _ask_for_invented_data(protocol.name)
     config = default_bench() if args.bench is None else load_bench(args.bench)
@@ -100,6 +107,34 @@ def main(args: argparse.Namespace) -> int:
             for folder in new:
                 with contextlib.suppress(OSError):  # somebody else has put something there
                     folder.rmdir()
+
+
+def _demand_goals(args: argparse.Namespace, adaptive: bool) -> None:
+    """What belongs to `run adaptive` alone, and what that needs."""
+    from shockrig.rig.errors import BenchError
+
+    if adaptive and not args.until:
+        raise BenchError(f"--until is missing: what shall be reached? e.g. --until {EXAMPLE!r}")
+    if adaptive and args.dry_run:
+        raise BenchError("--dry-run: nothing is planned ahead here; shockrig plan says what would be recorded first")
+    for name in () if adaptive else ("until", "confirm", "add"):
+        if getattr(args, name):
+            raise BenchError(f"--{name} is for shockrig run adaptive; leave it out")
+
+
+def _opening(args: argparse.Namespace) -> Any:
+    """What `run adaptive` opens a campaign with: no runs yet, behind those that it has."""
+    from shockrig.analysis.planning.goals import parse_goals
+    from shockrig.files.disk import is_there
+    from shockrig.protocols.decided import as_protocol
+    from shockrig.rig.errors import BenchError
+    from shockrig.rig.recorder.state import read_head
+
+    goals = parse_goals(args.until)
+    if args.out is None:
+        raise BenchError("--out CAMPAIGN is missing: where shall the recording go?")
+    plan = read_head(args.out).get("plan") if is_there(args.out / "campaign.json") else None
+    return as_protocol([], len(plan) if isinstance(plan, list) else 0, ADAPTIVE, str(goals))
 
 
 def _ask_for_invented_data(protocol: str) -> None:
@@ -188,6 +223,7 @@ def _print_plan(protocol: Any, bench: Any) -> None:
 
 
 def _record(args: argparse.Namespace, protocol: Any, bench: Any, sealed: _Sealed | None) -> int:
+    from shockrig.protocols.loop_page import write_loop_page
     from shockrig.protocols.provenance import session
     from shockrig.protocols.run_progress import duration, observer
     from shockrig.protocols.watch.beside import LiveObserver
@@ -203,6 +239,7 @@ def _record(args: argparse.Namespace, protocol: Any, bench: Any, sealed: _Sealed
         shown = LiveObserver(args.out)
         bench.operator.hidden = lambda: shown.shows
     with bench, shown, StatusFile(args.out, protocol, bench.name, shown) as told:
+        loop = _loop(args, bench, told.say) if args.protocol == ADAPTIVE else None
         recorded = record_campaign(
             bench,
             protocol,
@@ -211,15 +248,29 @@ def _record(args: argparse.Namespace, protocol: Any, bench: Any, sealed: _Sealed
             observer=told,
             sync_every_s=1.0 if in_real_time else None,
             session=session(bench, _utc(bench.clock)(), operator),
+            more=loop,
         )
     state = read_state(args.out)
     spoilt = f", {len(state.set_aside)} attempts set aside" if state.set_aside else ""
     print(f"{len(state.recorded)} runs in {args.out} ({len(recorded)} recorded now{spoilt})")
     if recorded:
         print(f"bench time: {duration(bench.clock.now())} on {bench.name}")
+    if loop is not None and loop.decision is not None:
+        print(f"{loop.decision.status}: {loop.decision.reason}")
+        print(f"decisions: {write_loop_page(args.out)}")
     if sealed is not None:
         print(f"sealed truth: {sealed.path}")
     return 0
+
+
+def _loop(args: argparse.Namespace, bench: Any, say: Callable[[str], None]) -> Any:
+    """What decides on the next run, whenever the recorder asks."""
+    from shockrig.analysis.planning.goals import parse_goals
+    from shockrig.protocols.adaptive import Loop
+    from shockrig.rig.protocol import load_protocol
+
+    added = () if args.add is None else load_protocol(args.add).runs
+    return Loop(args.out, parse_goals(args.until), bench, say, added, args.confirm)
 
 
 def _operator(out: Path, bench: Any) -> str | None:

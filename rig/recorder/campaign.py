@@ -169,16 +169,25 @@ class CampaignFolder:
 
     def missing(self) -> list[PlannedRun]:
         """Runs of the plan that are not there yet, in order."""
-        return [run for run in self._protocol.runs if not (self.path / "runs" / run.id / "run.json").exists()]
+        return self.missing_of(self._protocol)
+
+    def missing_of(self, protocol: Protocol) -> list[PlannedRun]:
+        """Runs of a protocol that are not there, in order."""
+        return [run for run in protocol.runs if not (self.path / "runs" / run.id / "run.json").exists()]
 
     def extend(self, protocol: Protocol) -> None:
-        """Take up a plan that has more runs than the one so far; raises BenchError where it is another."""
+        """Take up a plan with further runs; what was planned behind them and is not recorded gives way to them.
+
+        Raises BenchError where that would take the place of a recorded run.
+        """
         content = read_content(self.path / "campaign.json", CAMPAIGN_FORMAT)
         before, now = content["plan"], [_plan_entry(run) for run in protocol.runs]
-        plan = _joined(before, now, protocol.continues)
-        if plan is None:
-            raise BenchError(f"{self.path / 'campaign.json'}: the plan to go on with is another than it was begun with")
-        if len(plan) > len(before):
+        plan = before[: protocol.continues] + now
+        missing = {run.id for run in self.missing_of(protocol)}
+        for was, then in zip(before[protocol.continues :], now, strict=False):
+            if was != then and then["id"] not in missing:
+                raise BenchError(f"{self.path / 'campaign.json'}: run {then['id']} is recorded and was another")
+        if plan != before:
             write_campaign(self.path, content | {"plan": plan}, sync=self._sync_every_s is not None)
         self._protocol = protocol
 

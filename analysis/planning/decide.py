@@ -1,0 +1,233 @@
+"""The decision after each run: goals and ties as they stand, what each possible run is worth per minute, when to stop.
+
+worth of a run = sum over goals of the share of what is wanted that it adds (variance wanted / variance then, at most 1)
+               + sum over pairs of tied explanations of expected ln E / ln 100, as far as it is needed
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from shockrig.analysis.characterization.result import Characterization
+from shockrig.analysis.checks.checked import checked
+from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
+from shockrig.analysis.planning.choose import UNTOLD, Choice, Designs, anchored, choose_runs
+from shockrig.analysis.planning.goals import Goals
+from shockrig.analysis.planning.judged import Look, Verdict, look_at, with_verdicts
+from shockrig.analysis.planning.minutes import learn, spent_minutes
+from shockrig.analysis.planning.precision import Target, measured, targets
+from shockrig.analysis.planning.shock import USUAL_C, Shock, Usual, opening
+from shockrig.files.campaign import Campaign
+
+CONTINUE, DONE, INCONCLUSIVE = "continue", "done", "inconclusive"
+USUAL_BUDGET_MINUTES = 240.0  # where none is given
+MOST_UNEXPLAINED = 4  # runs that are spent on what nothing explains
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What was found at one look, and what shall be done.
+
+    Attributes
+    ----------
+    status : str
+        "continue", "done" or "inconclusive".
+    reason : str
+        Why it stops or goes on.
+    recorded : tuple of str
+        Ids of the runs that it rests on.
+    minutes_spent : float
+    targets : tuple of Target
+    verdicts : mapping of channel to Verdict
+    choices : tuple of Choice
+        The runs to record next, in order.
+    considered : tuple of Choice
+        The best of the menu, the chosen ones first.
+    chased : int
+        How many runs were chosen for what nothing explains.
+    """
+
+    status: str
+    reason: str
+    recorded: tuple[str, ...] = ()
+    minutes_spent: float = 0.0
+    targets: tuple[Target, ...] = ()
+    verdicts: Mapping[ChannelName, Verdict] = field(default_factory=dict)
+    choices: tuple[Choice, ...] = ()
+    considered: tuple[Choice, ...] = ()
+    chased: int = 0
+
+    @property
+    def tied(self) -> list[list[str]]:
+        """The explanations that stand beside one another, a list for each channel that has any."""
+        return [list(v.tied) for v in self.verdicts.values() if v.tied]
+
+
+def anything(shock: Shock) -> bool:
+    """A bench that can make every run of the menu."""
+    return True
+
+
+def decide(
+    campaign: Campaign | None,
+    goals: Goals,
+    before: Decision | None = None,
+    *,
+    count: int = 1,
+    feasible: Callable[[Shock], bool] = anything,
+    vetoed: Sequence[Shock] = (),
+    progress: Progress = lambda _: None,
+) -> Decision:
+    """Decide what to record next; a function of its arguments alone.
+
+    Parameters
+    ----------
+    campaign : Campaign or None
+        What has been recorded; None where nothing has.
+    goals : Goals
+    before : Decision, optional
+        The last one on this campaign: which explanations were tied, since which runs.
+    count : int
+        How many runs to choose.
+    feasible : function of a Shock
+        Whether the bench can do it.
+    vetoed : sequence of Shock
+        Which the operator does not want.
+    progress : function of a sentence, optional
+    """
+    usual = _usual(campaign, goals)
+    if campaign is not None:
+        campaign = checked(campaign).campaign
+    spent = 0.0 if campaign is None else sum(spent_minutes(campaign).values())
+    recorded = () if campaign is None else tuple(run.id for run in campaign.runs)
+
+    def allowed(shock: Shock) -> bool:
+        return feasible(shock) and shock not in vetoed
+
+    looks, verdicts = _look(campaign, goals, before, False, progress)
+    found = measured(campaign, with_verdicts(verdicts))
+    wanted = targets(goals, found)
+    if all(t.met for t in wanted) and not any(v.tied for v in verdicts.values()) and recorded:
+        looks, verdicts = _look(campaign, goals, before, True, progress)
+        found = measured(campaign, with_verdicts(verdicts))
+        wanted = targets(goals, found)
+    chased = before.chased if before is not None else 0
+    state = Decision("", "", recorded, spent, tuple(wanted), verdicts, chased=chased)
+    first = _first(campaign, goals, found, usual)
+    designs = Designs.of(found, looks, wanted, goals, usual, allowed)
+    # What depends on a direction or an airflow that no run has had can be no finding.
+    if (designs.bonus == 0.0).all() and (ended := _ended(state, goals, looks)):
+        return _with(state, *ended)
+    minutes = learn(campaign)
+    last = None if campaign is None or not campaign.runs else campaign.runs[-1]
+    if first:
+        chosen = [Choice(s, minutes.of(None, s), 0.0, UNTOLD, UNTOLD) for s in first if allowed(s)][:count]
+        considered = tuple(chosen)
+    else:
+        chosen, considered = choose_runs(designs, minutes, last, count, len(recorded))
+        chosen = anchored(campaign, chosen, minutes, allowed)
+    worst = {name: look.left_over for name, look in looks.items() if look.left_over}
+    if goals.ties and worst and chased < MOST_UNEXPLAINED and not first:
+        chosen, chased = designs.chase(campaign, worst, minutes, chased, count), chased + 1
+    if not chosen:
+        return _with(state, INCONCLUSIVE, f"no run of the menu brings what is missing: {_missing(state)}")
+    budget = USUAL_BUDGET_MINUTES if goals.minutes is None else goals.minutes
+    within = [
+        c for c, total in zip(chosen, np.cumsum([c.minutes for c in chosen]), strict=True) if spent + total <= budget
+    ]
+    if not within:
+        return _with(state, INCONCLUSIVE, f"{budget:g} minutes are spent; {_missing(state)}", considered=considered)
+    return _with(state, CONTINUE, _missing(state), tuple(within), considered, chased)
+
+
+def _with(
+    state: Decision,
+    status: str,
+    reason: str,
+    choices: tuple[Choice, ...] = (),
+    considered: tuple[Choice, ...] = (),
+    chased: int | None = None,
+) -> Decision:
+    return Decision(
+        status,
+        reason,
+        state.recorded,
+        state.minutes_spent,
+        state.targets,
+        state.verdicts,
+        choices,
+        considered,
+        state.chased if chased is None else chased,
+    )
+
+
+def _look(
+    campaign: Campaign | None, goals: Goals, before: Decision | None, final: bool, progress: Progress
+) -> tuple[dict[ChannelName, Look], dict[ChannelName, Verdict]]:
+    looks: dict[ChannelName, Look] = {}
+    for name in QUANTITIES:
+        then = before.verdicts.get(name, Verdict()) if before is not None else Verdict()
+        if campaign is None:
+            looks[name] = Look(then)
+        else:
+            progress(f"{name}: {'diagnosing all runs' if final else 'looking at what is left'}")
+            looks[name] = look_at(campaign, name, then, final)
+    return looks, {name: look.verdict for name, look in looks.items()}
+
+
+def _usual(campaign: Campaign | None, goals: Goals) -> Usual:
+    low, high = min(*goals.ambients_c, USUAL_C), max(*goals.ambients_c, 2 * USUAL_C)
+    runs = () if campaign is None else campaign.runs
+    airs = [a.temperature_c for r in runs for a in (r.source, r.destination) if a.temperature_c is not None]
+    flows = [run.airflow_m_s for run in runs if run.airflow_m_s]
+    lights = {float(x) for run in runs if isinstance(x := run.extra.get("irradiance_w_m2"), int | float)}
+    return Usual(
+        airflow_m_s=round(float(np.median(flows)), 2) if flows else Usual.airflow_m_s,
+        pressure_hpa=round(float(np.median([run.pressure_hpa for run in runs])), 2) if runs else Usual.pressure_hpa,
+        irradiances_w_m2=tuple(sorted(lights)),
+        coldest_c=round(min([low, *airs])),
+        warmest_c=round(max([high, *airs])),
+    )
+
+
+def _first(campaign: Campaign | None, goals: Goals, found: Characterization | None, usual: Usual) -> list[Shock]:
+    """The runs that a campaign begins with, as far as it lacks them: those that show a channel which none has shown."""
+    middle = sorted(goals.ambients_c, key=lambda t: abs(t - USUAL_C))[0]
+    begin = [s for s in opening(middle, usual) if usual.allows(s)]
+    if campaign is None:
+        return begin
+    recorded = len(campaign.runs)
+    known = found.channels() if found is not None else {}
+    lacking = [name for name in goals.channels if name not in known]
+    if not lacking or recorded >= 2 * len(begin):
+        return []
+    return [s for s in begin if ("humidity" if s.isothermal else "temperature") in lacking]
+
+
+def _ended(state: Decision, goals: Goals, looks: Mapping[ChannelName, Look]) -> tuple[str, str] | None:
+    """Status and reason where nothing more is to be recorded."""
+    if not state.recorded:
+        return None
+    met = all(target.met for target in state.targets)
+    tied, verdicts = state.tied, state.verdicts.values()
+    unexplained = [name for name, verdict in state.verdicts.items() if verdict.left]
+    decided = not tied and all(v.runs or looks[n].problem is None for n, v in state.verdicts.items())
+    if met and (not goals.ties or (decided and not unexplained)):
+        named = [e for v in verdicts for e in v.causes]
+        return DONE, f"all goals are met; {'named: ' + ', '.join(named) if named else 'the plain model is enough'}"
+    if met and goals.ties and unexplained and not tied and state.chased >= MOST_UNEXPLAINED:
+        return INCONCLUSIVE, f"{' and '.join(unexplained)}: something is left that nothing in the catalogue explains"
+    return None
+
+
+def _missing(state: Decision) -> str:
+    """What is not reached yet, in one phrase."""
+    short = [f"{t.label} {100 * t.relative:.2g} % for {100 * t.wanted:g} %" for t in state.targets if not t.met]
+    parts = [", ".join(short)] if short else []
+    parts += [f"{' and '.join(tied)} are tied" for tied in state.tied]
+    parts += [f"{name}: something is left" for name, v in state.verdicts.items() if v.left]
+    return "; ".join(parts) or "all directions and airflows, and a verdict on all runs"

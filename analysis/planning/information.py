@@ -1,0 +1,108 @@
+"""What runs that could be made would say, in the metric of a fit: Fisher information, and how far apart rivals are.
+
+For one run with sensitivities J (to theta) and U (to its own random effects, of variances Lambda), all whitened:
+    information = J' (I + U Lambda U')^-1 J
+    separation  = least over the rival's theta, as far as the campaign leaves it open, of |f_true - f_rival|^2
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.inference.arrow import Arrow
+from shockrig.analysis.inference.fit import Fit, linearise
+from shockrig.analysis.inference.model import Point
+from shockrig.analysis.inference.noise import Noise
+from shockrig.analysis.inference.problem import Problem
+from shockrig.analysis.planning.hypothetical import imagined, joined_ambients, rates_at
+from shockrig.analysis.planning.shock import Shock
+
+Array = NDArray[np.float64]
+NOT_KNOWN = 0.5  # standard uncertainty of ln rate at an ambient without runs
+
+
+@dataclass(frozen=True)
+class Information:
+    """What a fit knows of its ln rates and what each of M runs would add.
+
+    Attributes
+    ----------
+    ambients_c : ndarray (G,)
+        Of the rates, those without runs last; one value where one rate holds at all.
+    known : ndarray (P, P)
+        Normal matrix of the rates and the effects' parameters so far.
+    added : ndarray (M, P, P)
+    floor : ndarray (G,)
+        Variance of each ln rate that more runs do not lower: what all triggers have in common.
+    """
+
+    ambients_c: Array
+    known: Array
+    added: Array
+    floor: Array
+
+    def variances(self, normal: Array) -> Array:
+        """Of the ln rates (..., G), at normal matrices (..., P, P)."""
+        scale = np.sqrt(np.maximum(np.diagonal(normal, axis1=-2, axis2=-1), 1e-12))
+        inverse = np.linalg.pinv(normal / scale[..., :, None] / scale[..., None, :], rcond=1e-11, hermitian=True)
+        rates = np.diagonal(inverse, axis1=-2, axis2=-1) / scale**2
+        return np.asarray(rates[..., : self.floor.size] + self.floor)
+
+
+def information(
+    problem: Problem, found: Fit, noise: Noise, shocks: Sequence[Shock], wanted_c: Sequence[float]
+) -> Information:
+    """What a fit knows, and what each of some runs would add, at its ambients and those wanted besides."""
+    channel, rates = problem.channel, found.model.rates
+    pooled = channel.quantity.pooled
+    ambients = channel.ambients_c if pooled else joined_ambients(channel.ambients_c, wanted_c)
+    more = ambients.size - channel.rates
+    place = np.concatenate([np.arange(channel.rates), np.arange(ambients.size, found.theta.size + more)])
+    known = np.zeros((found.theta.size + more,) * 2)
+    known[np.ix_(place, place)] = found.arrow.normal
+    new = np.arange(channel.rates, ambients.size)
+    known[new, new] = 1.0 / NOT_KNOWN**2
+    theta = np.zeros(found.theta.size + more)
+    theta[place] = found.theta
+    if more:
+        theta[new] = rates_at(channel.ambients_c, found.theta[rates], ambients[new])
+    imaginary = imagined(problem.with_rate_scatter(found.rate_scatter), noise, shocks, ambients)
+    _, arrow = linearise(imaginary, found.structure, Point(theta, imaginary.channel.at_rest()))
+    prior = np.diag(found.model.on(imaginary.channel).priors()[1])
+    added = np.stack([one.normal - prior for one in _each(arrow)])
+    spread = np.diag(found.covariance)[rates] - np.diag(found.arrow.covariance())[rates]
+    floor = np.concatenate([np.maximum(spread, 0.0), np.full(more, float(np.median(np.maximum(spread, 0.0))))])
+    return Information(ambients, known, added, floor)
+
+
+def _each(arrow: Arrow) -> list[Arrow]:
+    """The normal equations of each run alone."""
+    runs = range(arrow.jacobian.shape[0])
+    parts = ("jacobian", "run_jacobian", "weight")
+    return [replace(arrow, **{name: getattr(arrow, name)[i : i + 1] for name in parts}) for i in runs]
+
+
+def separations(problem: Problem, noise: Noise, true: Fit, rival: Fit, shocks: Sequence[Shock]) -> Array:
+    """Expected drop in deviance (M,) by which each run, made once, speaks for `true` against `rival`.
+
+    The rival is free to move as far as the campaign leaves it open.
+    """
+    channel = problem.channel
+    new = imagined(problem.with_rate_scatter(rival.rate_scatter), noise, shocks, channel.ambients_c)
+    at_rest = new.channel.at_rest()
+    truth = true.model.on(new.channel).predict(Point(true.theta, at_rest))[0]
+    there, arrow = linearise(new, rival.structure, Point(rival.theta, at_rest))
+    difference = new.whiten(truth - there)
+    prior, nothing = np.diag(arrow.prior_weight), np.zeros(rival.theta.size)
+    known = rival.arrow.normal
+    found = np.zeros(len(shocks))
+    for i, one in enumerate(_each(arrow)):
+        own = difference[i : i + 1]
+        right, _ = one.right_sides(own, at_rest[i : i + 1], nothing)
+        absorbed = float(right @ np.linalg.lstsq(known + one.normal - prior, right, rcond=None)[0])
+        found[i] = max(one.hidden(own) - absorbed, 0.0)
+    return found

@@ -1,0 +1,228 @@
+"""What a look at a channel finds: whether the model so far is enough, what explains it, what is tied, which is out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from shockrig.analysis.characterization.extension import Extension, extension_of
+from shockrig.analysis.diagnosis.adequacy import judge
+from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis, diagnose_channel, enough
+from shockrig.analysis.diagnosis.prepare import prepare
+from shockrig.analysis.diagnosis.search import evidence
+from shockrig.analysis.diagnosis.thresholds import FALSE_ALARMS, penalty
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.inference.fit import Fit, fit
+from shockrig.analysis.inference.gather import build_channel
+from shockrig.analysis.inference.model import Model, Structure
+from shockrig.analysis.inference.noise import Noise
+from shockrig.analysis.inference.problem import Problem
+from shockrig.analysis.inference.quantity import ChannelName
+from shockrig.analysis.inference.scan import rough_point
+from shockrig.analysis.planning.evidence import REJECTED, Dispute, Explanation, against, label_of, structure_of
+from shockrig.files.campaign import Campaign
+from shockrig.files.causes import StatedEffect, Uncertain
+
+FEWEST_RUNS = 4  # that are diagnosed
+MORE_RUNS = 1.2  # times as many as at the last diagnosis, from which on one that left something is made again
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is kept of a channel from look to look.
+
+    Attributes
+    ----------
+    verdict : str
+        As in a diagnosis; "adequate" before the first.
+    runs : int
+        With how many runs the last diagnosis was made; 0: none yet.
+    causes : mapping
+        What it named, with the values that a fit begins from.
+    dispute : Dispute or None
+        What was tied then.
+    against : tuple of float
+        ln E against each of its explanations by now.
+    out : tuple of tuple of str
+        Effects of each explanation that new runs have ruled out.
+    looks : int
+        How many diagnoses were made.
+    settled : tuple of (Dispute, tuple of float)
+        Disputes that are over, with ln E against each explanation at their ends.
+    """
+
+    verdict: str = "adequate"
+    runs: int = 0
+    causes: Explanation = field(default_factory=dict)
+    dispute: Dispute | None = None
+    against: tuple[float, ...] = ()
+    out: tuple[tuple[str, ...], ...] = ()
+    looks: int = 0
+    settled: tuple[tuple[Dispute, tuple[float, ...]], ...] = ()
+
+    @property
+    def tied(self) -> tuple[str, ...]:
+        """Explanations that still stand beside one another; empty where there is one."""
+        standing = self.standing
+        return tuple(label_of(e, self.explanations) for e in standing) if len(standing) > 1 else ()
+
+    @property
+    def explanations(self) -> tuple[Explanation, ...]:
+        """Of the dispute."""
+        return self.dispute.explanations if self.dispute else ()
+
+    @property
+    def standing(self) -> tuple[Explanation, ...]:
+        """Explanations of the dispute that are not out."""
+        return tuple(e for e, out in zip(self.explanations, self.against, strict=True) if out < REJECTED)
+
+    @property
+    def left(self) -> bool:
+        """Whether something is left that no catalogued effect explains, described or not."""
+        return self.verdict in ("unexplained", "described")
+
+    @property
+    def decided(self) -> bool:
+        """Whether there was a dispute and new runs have left at most one explanation."""
+        return self.dispute is not None and len(self.standing) < 2
+
+    @property
+    def extension(self) -> Extension:
+        """The model that the characterization uses: with what is named, or may be named."""
+        causes = [
+            StatedEffect(effect, {name: Uncertain(value, 0.0) for name, value in values.items()}, 1.0)
+            for effect, values in self.causes.items()
+        ]
+        return extension_of(causes)
+
+
+@dataclass(frozen=True)
+class Look:
+    """A channel at one look: its verdict, and the fits that a design needs (None where it cannot be diagnosed)."""
+
+    verdict: Verdict
+    problem: Problem | None = None
+    noise: Noise | None = None
+    rivals: tuple[Fit, ...] = ()
+    left_over: str = ""  # the run that is explained worst, where something is left
+
+
+def spending(look: int) -> float:
+    """The share of the permitted error that look number `look` (from 1) may spend: these add up to 1."""
+    return 1.0 / (look * (look + 1.0))
+
+
+def tie_level(look: int) -> float:
+    """Drop in deviance, by Student's measure, above which explanations are not tied at a look.
+
+    The odds of a wrong choice, summed over all looks, stay below the rate of false alarms.
+    """
+    return 2.0 * float(np.log(1.0 / (FALSE_ALARMS * spending(look))))
+
+
+def look_at(campaign: Campaign, name: ChannelName, before: Verdict, final: bool = False) -> Look:
+    """Look at one channel of a checked campaign.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    name : channel
+    before : Verdict
+        Of the last look.
+    final : bool
+        Whether a verdict on all runs is wanted, come what may.
+    """
+    channel = build_channel(campaign, name)
+    if channel is None or not enough(channel) or channel.runs < FEWEST_RUNS:
+        return Look(before)
+    ready = prepare(channel)
+    now, base = before, ready.structure
+    if before.dispute is not None:
+        now = replace(before, against=tuple(against(ready.problem, base, before.dispute)))
+    anew = final or now.decided or before.runs == 0 and channel.runs >= 2 * FEWEST_RUNS
+    if not anew and now.dispute is None:
+        current = _fitted(ready.problem, now.causes, base)
+        passed = judge(ready.problem, current, ready.noise).passed
+        anew = (not passed or before.left) and channel.runs >= max(
+            MORE_RUNS * before.runs, before.runs + 1
+        )
+    if anew and channel.runs > before.runs:
+        found = diagnose_channel(channel, earlier=now.causes, describing=final)
+        now = _taken(found, now, final)
+        ready = replace(ready, problem=found.problem, noise=found.noise)
+    rivals = tuple(_fitted(ready.problem, e, base) for e in now.standing) if len(now.standing) > 1 else ()
+    worst = ""
+    if now.left:
+        current = _fitted(ready.problem, now.causes, base)
+        squares = (ready.problem.whiten(current.residual) ** 2).sum(axis=1)
+        worst = ready.problem.channel.run_ids[int(np.argmax(squares))]
+    return Look(now, ready.problem, ready.noise, rivals, worst)
+
+
+def _fitted(problem: Problem, explanation: Explanation, base: Structure) -> Fit:
+    """An explanation fitted to a channel, from the values that it came with."""
+    structure = structure_of(explanation, base)
+    choice = {f"{e}.{p}": v for e, values in explanation.items() for p, v in values.items()}
+    point = rough_point(problem, base)
+    start = {name: value for name, value in choice.items() if name in structure.names}
+    theta = Model(problem.channel, structure).start(point.theta[: problem.channel.rates], start)
+    return fit(problem, structure, theta, point.deviations, iterations=40)
+
+
+def _explained_by(found: Fit) -> Explanation:
+    values = found.values().items()
+    return {e: {p: value for p, (value, _) in own.items()} for e, own in values if e in CATALOGUE}
+
+
+def _taken(found: ChannelDiagnosis, before: Verdict, final: bool) -> Verdict:
+    """The verdict of a diagnosis, with what it leaves tied at this look; what new runs have ruled out stays out.
+
+    Before the end an ambient may have a single run, without which it cannot be predicted: what is not seen in the fit
+    is no remainder then.
+    """
+    verdict = found.verdict
+    if not final and found.adequacy.passed and verdict == "unexplained":
+        verdict = "explained" if found.causes else "adequate"
+    newly = (tuple(e) for e, x in zip(before.explanations, before.against, strict=True) if x >= REJECTED)
+    out = tuple(dict.fromkeys((*before.out, *(tuple(sorted(ids)) for ids in newly))))
+    look = before.looks + 1
+    over = () if before.dispute is None else ((before.dispute, before.against),)
+    settled = (*before.settled, *over)
+    kept: dict[tuple[str, ...], Explanation] = {}
+    for one in _possible(found, look):
+        ids = tuple(sorted(one))
+        if ids not in out:
+            kept.setdefault(ids, one)
+    runs, explanations = found.problem.channel, tuple(kept.values())
+    if not explanations:  # all that the diagnosis can think of is out
+        return Verdict("unexplained", runs.runs, _explained_by(found.final), None, (), out, look, settled)
+    dispute = Dispute(explanations, runs.run_ids) if len(explanations) > 1 else None
+    nothing_yet = (0.0,) * len(explanations) if dispute else ()
+    return Verdict(verdict, runs.runs, explanations[0], dispute, nothing_yet, out, look, settled)
+
+
+def _possible(found: ChannelDiagnosis, look: int) -> list[Explanation]:
+    """The explanation that a diagnosis ends with, and those that it is tied with at this look."""
+    own, level = _explained_by(found.final), tie_level(look)
+    explanations = [own]
+    for effect, standing in found.search.standing.items():
+        if effect not in found.final.structure.ids:
+            continue
+        for rival, other in standing.instead.items():
+            if evidence(found.problem, standing.rivals[rival]) < level:
+                explanations.append(_explained_by(other))
+        # What is barely needed, at one look of many, is tied with nothing.
+        needed = evidence(found.problem, standing.necessity)
+        if needed < penalty(CATALOGUE[effect], found.problem.channel) + level - tie_level(1):
+            explanations.append({e: v for e, v in own.items() if e != effect})
+    wider = _explained_by(found.search.final)
+    if set(wider) - set(own) and found.verdict != "adequate":
+        explanations.append(wider)
+    return explanations
+
+
+def with_verdicts(verdicts: Mapping[ChannelName, Verdict]) -> dict[ChannelName, Extension]:
+    """Extended models of the channels of which something is named."""
+    return {name: verdict.extension for name, verdict in verdicts.items() if verdict.causes}

@@ -1,0 +1,93 @@
+"""How well a campaign knows what is wanted: its characterization without the search by optimisers, and the goals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from shockrig.analysis.characterization.characterize import characterize
+from shockrig.analysis.characterization.extension import Extension
+from shockrig.analysis.characterization.result import ChannelResult, Characterization, Row
+from shockrig.analysis.inference.channel import AMBIENT_WIDTH_K
+from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
+from shockrig.analysis.planning.goals import QUANTITY_OF, Goals, Precision
+from shockrig.files.campaign import Campaign
+from shockrig.files.errors import InputError
+
+FEWEST_RUNS = 2  # of a row: one says nothing of how much runs differ
+UNKNOWN = 0.5  # relative standard uncertainty of what no run has shown
+
+
+@dataclass(frozen=True)
+class Target:
+    """One number that is wanted, and how well it is known: a channel's rate at an ambient (None: the one rate).
+
+    `relative` is its relative standard uncertainty now, `wanted` the goal's.
+    """
+
+    channel: ChannelName
+    ambient_c: float | None
+    quantity: str
+    wanted: float
+    relative: float
+    runs: int
+
+    @property
+    def met(self) -> bool:
+        """Whether it is known as well as wanted."""
+        return self.relative <= self.wanted and self.runs >= FEWEST_RUNS
+
+    @property
+    def label(self) -> str:
+        """For people: `D at 20`."""
+        return self.quantity if self.ambient_c is None else f"{self.quantity} at {self.ambient_c:g} degC"
+
+
+def measured(
+    campaign: Campaign | None, extensions: Mapping[ChannelName, Extension] | None = None
+) -> Characterization | None:
+    """The quick characterization of a campaign; None where nothing of it can be used yet."""
+    if campaign is None:
+        return None
+    try:
+        return characterize(campaign, extensions=extensions, quickly=True)
+    except InputError:
+        return None
+
+
+def targets(goals: Goals, found: Characterization | None) -> list[Target]:
+    """Every number that the goals want, with what is known of it."""
+    wanted: dict[tuple[ChannelName, float | None, str], float] = {}
+    for precision in goals.precisions:
+        for channel in QUANTITY_OF[precision.quantity]:
+            for ambient in _ambients(channel, precision, goals):
+                key = (channel, ambient, precision.quantity)
+                wanted[key] = min(wanted.get(key, np.inf), precision.relative)
+    out = []
+    for (channel, ambient, quantity), relative in wanted.items():
+        row = _row(None if found is None else found.channels().get(channel), ambient)
+        now = UNKNOWN if row is None else min(float(_relative(row, quantity)), UNKNOWN)
+        out.append(Target(channel, ambient, quantity, relative, now, 0 if row is None else len(row.runs)))
+    return out
+
+
+def _ambients(channel: ChannelName, precision: Precision, goals: Goals) -> tuple[float | None, ...]:
+    if QUANTITIES[channel].pooled:
+        return (None,)
+    return precision.ambients_c or goals.ambients_c
+
+
+def _row(found: ChannelResult | None, ambient_c: float | None) -> Row | None:
+    if found is None:
+        return None
+    near = [row for row in found.rows if ambient_c is None or abs(row.ambient_c - ambient_c) <= AMBIENT_WIDTH_K]
+    return near[0] if near else None
+
+
+def _relative(row: Row, quantity: str) -> float:
+    """Relative standard uncertainty of a row's diffusivity, or of its response time."""
+    if quantity == "t63" and row.response.standard_uncertainties_s is not None:
+        return row.response.standard_uncertainties_s[0] / row.response.t63_s
+    return row.standard_uncertainty / row.diffusivity_m2_s

@@ -1,0 +1,170 @@
+"""A run that could be made, in the terms of run.json, and the menu of those that are worth a thought."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from shockrig.analysis.physics.humidity import saturation_pressure_hpa
+
+LEAD_S = 6.0  # recorded before a transfer
+SOAK_OVER_S = 12.0  # within which a soak must have come to rest
+USUAL_AIRFLOW_M_S = 6.0
+USUAL_C = 20.0
+WARMER_K = 20.0  # the other air of a thermal shock
+LONG_S, LONGEST_S = 70.0, 150.0  # of a record after the transfer that shows slow tails too
+SLOWED_S = 2.0
+SLOWEST_M_S = 1.5
+
+
+@dataclass(frozen=True)
+class Shock:
+    """One run: its two airs, airflow, pressure, light, how long it is recorded and how slowly it is carried over.
+
+    `transfer_s` is None where the stage goes as fast as it can; `why` is what it is for.
+    """
+
+    source_c: float
+    source_percent: float
+    destination_c: float
+    destination_percent: float
+    airflow_m_s: float = USUAL_AIRFLOW_M_S
+    dwell_s: float = LONG_S
+    transfer_s: float | None = None
+    pressure_hpa: float = 1013.25
+    irradiance_w_m2: float = 0.0
+    why: str = field(default="", compare=False)
+
+    @property
+    def isothermal(self) -> bool:
+        """Whether the temperature does not change."""
+        return self.source_c == self.destination_c
+
+    @property
+    def recorded_s(self) -> float:
+        """Of the record, with the plateau before the transfer."""
+        return LEAD_S + (self.transfer_s or 0.0) + self.dwell_s
+
+    def as_run(self) -> dict[str, Any]:
+        """In the terms of run.json."""
+        names = ("temperature_c", "humidity_percent")
+        light = {"irradiance_w_m2": self.irradiance_w_m2} if self.irradiance_w_m2 else {}
+        return {
+            "source": dict(zip(names, (self.source_c, self.source_percent), strict=True)),
+            "destination": dict(zip(names, (self.destination_c, self.destination_percent), strict=True)),
+            "airflow_m_s": self.airflow_m_s,
+            "pressure_hpa": self.pressure_hpa,
+            "transfer": {} if self.transfer_s is None else {"duration_s": self.transfer_s},
+            **light,
+            "dwell_s": self.dwell_s,
+            "why": self.why,
+        }
+
+
+def from_run(run: dict[str, Any]) -> Shock:
+    """The shock that `Shock.as_run` wrote."""
+    return Shock(
+        run["source"]["temperature_c"],
+        run["source"]["humidity_percent"],
+        run["destination"]["temperature_c"],
+        run["destination"]["humidity_percent"],
+        run["airflow_m_s"],
+        run["dwell_s"],
+        run["transfer"].get("duration_s"),
+        run["pressure_hpa"],
+        run.get("irradiance_w_m2", 0.0),
+        run["why"],
+    )
+
+
+@dataclass(frozen=True)
+class Usual:
+    """What a campaign's runs usually have: airflow, pressure, lights that were on; its coldest and warmest air."""
+
+    airflow_m_s: float = USUAL_AIRFLOW_M_S
+    pressure_hpa: float = 1013.25
+    irradiances_w_m2: tuple[float, ...] = ()
+    coldest_c: float = 0.0
+    warmest_c: float = 40.0
+
+    def allows(self, shock: Shock) -> bool:
+        """Whether both airs lie between the coldest and the warmest."""
+        return all(self.coldest_c <= t <= self.warmest_c for t in (shock.source_c, shock.destination_c))
+
+
+def opening(middle_c: float, usual: Usual) -> list[Shock]:
+    """The first runs of a campaign of which nothing is known: both quantities, both directions, at one ambient."""
+    warm = _warm(middle_c)
+    dry, wet, here = (middle_c, 20.0), (middle_c, 80.0), (middle_c, 55.0)
+    pairs = ((dry, wet), (wet, dry), (warm, here), (here, warm))
+    return [_between(usual, *pair, LONG_S, "nothing is known yet") for pair in pairs]
+
+
+def precision_menu(ambients_c: Sequence[float], usual: Usual, dwell_s: Callable[[float, bool], float]) -> list[Shock]:
+    """Humidity shocks at each ambient and thermal shocks into it, recorded for as long as the sensor needs, or longer.
+
+    `dwell_s` says how long that is at an ambient [degC], for an isothermal shock or a thermal one.
+    """
+    menu = []
+    for t in ambients_c:
+        shocks = {
+            "humidity up": ((t, 20.0), (t, 80.0)),
+            "humidity down": ((t, 80.0), (t, 20.0)),
+            "temperature down": (_warm(t), (t, 55.0)),
+            "temperature up": ((t - WARMER_K, 55.0), _warm(t - WARMER_K)),
+        }
+        for why, (source, destination) in shocks.items():
+            enough = dwell_s(destination[0], source[0] == destination[0])
+            menu += [_between(usual, source, destination, round(f * enough), why) for f in (1.0, 1.7)]
+    return [shock for shock in menu if usual.allows(shock)]
+
+
+def deciding_menu(ambients_c: Sequence[float], usual: Usual) -> list[Shock]:
+    """Everything else that a bench can vary: size of the step, level, direction, airflow, how slowly, light; long."""
+    menu = []
+    for t in ambients_c:
+        warm, here = _warm(t), (t, 55.0)
+        shocks = {
+            "temperature down": (warm, here),
+            "temperature up": (here, warm),
+            "a larger step of temperature": (_warm(t, 2.0 * WARMER_K), here),
+            "a small step of temperature": ((t + 7.0, 40.0), (t, 50.0)),
+            "humidity up": ((t, 20.0), (t, 80.0)),
+            "humidity down": ((t, 80.0), (t, 20.0)),
+            "a small step at high humidity": ((t, 65.0), (t, 80.0)),
+            "a small step at low humidity": ((t, 35.0), (t, 20.0)),
+            "a small step down at high humidity": ((t, 80.0), (t, 65.0)),
+        }
+        for why, (source, destination) in shocks.items():
+            base = _between(usual, source, destination, LONG_S, why)
+            slow = max(SLOWEST_M_S, round(0.3 * usual.airflow_m_s, 1))
+            fast = round(2.0 * usual.airflow_m_s, 1)
+            menu += [
+                base,
+                replace(base, airflow_m_s=slow, why=f"{why}, little airflow"),
+                replace(base, airflow_m_s=fast, why=f"{why}, much airflow"),
+                replace(base, transfer_s=SLOWED_S, why=f"{why}, the transfer slowed"),
+                replace(base, dwell_s=LONGEST_S, why=f"{why}, recorded for longer"),
+            ]
+            menu += [
+                replace(base, irradiance_w_m2=light, why=f"{why}, under {light:g} W/m2")
+                for light in usual.irradiances_w_m2
+                if light > 0.0
+            ]
+    return [shock for shock in menu if usual.allows(shock)]
+
+
+def _between(
+    usual: Usual, source: tuple[float, float], destination: tuple[float, float], dwell: float, why: str
+) -> Shock:
+    return Shock(*source, *destination, usual.airflow_m_s, float(dwell), None, usual.pressure_hpa, 0.0, why)
+
+
+def _warm(ambient_c: float, by_k: float = WARMER_K) -> tuple[float, float]:
+    """Air warmer than that at 55 %RH, with about its vapour: the film's own water hardly changes."""
+    warm_c = ambient_c + by_k
+    percent = 55.0 * saturation_pressure_hpa(np.array(ambient_c)) / saturation_pressure_hpa(np.array(warm_c))
+    return warm_c, float(max(round(float(percent)), 3.0))

@@ -1,0 +1,195 @@
+"""The page of a campaign that chose its own runs: goals against bench minutes, evidence against runs, what came of what
+was expected; then every decision.
+
+Drawn from the campaign's log of decisions alone (files/plan.py).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from shockrig.analysis.report.html import Details, Figure, KeyNumber, Report, Section, Table, Text, Tone
+from shockrig.analysis.report.numbers import plain
+from shockrig.analysis.report.panels import panels
+from shockrig.analysis.report.style import BLUE, CYCLE, GREY, INK, styled
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as MatplotlibFigure
+
+Entry = Mapping[str, Any]
+TONES: dict[str, Tone] = {"done": "good", "inconclusive": "warning", "continue": "neutral"}
+OUT_LN = float(np.log(100.0))
+
+
+def loop_report(name: str, entries: Sequence[Entry], data: str = "") -> Report:
+    """The page of a log of decisions, oldest first; `data` says where they were not measured."""
+    last = entries[-1]
+    met = sum(bool(goal["met"]) for goal in last["goals"])
+    numbers = (
+        KeyNumber("goals met", f"{met} of {len(last['goals'])}"),
+        KeyNumber("bench time", f"{plain(last['minutes_spent'], 3)} min", f"{len(last['recorded'])} runs"),
+        KeyNumber("decisions", str(len(entries))),
+    )
+    blocks: list[Any] = [Figure(precision_figure(entries), PRECISION, "uncertainty of each goal against bench minutes")]
+    if any("dispute" in v for e in entries for v in e["verdicts"].values()):
+        blocks.append(Figure(evidence_figure(entries), EVIDENCE, "evidence against each rival against runs"))
+    if any(e.get("realised") for e in entries):
+        blocks.append(Figure(realised_figure(entries), REALISED, "what came against what was expected"))
+    goals = Table(("goal", "now", "met"), [(g["goal"], g["now"], "yes" if g["met"] else "no") for g in last["goals"]])
+    verdicts = Table(
+        ("channel", "verdict", "named", "tied"),
+        [
+            (n, v["verdict"] if v["runs"] else "not judged yet", ", ".join(v["causes"]), " or ".join(_standing(v)))
+            for n, v in last["verdicts"].items()
+        ],
+    )
+    return Report(
+        title=f"Decisions of {name}",
+        verdict=f"{last['status']}: {last['reason']}",
+        tone=TONES.get(last["status"], "neutral"),
+        key_numbers=numbers,
+        sections=(
+            Section("Where it stands", (goals, verdicts)),
+            Section("How it came there", blocks),
+            Section("Every decision", [_decision(entry) for entry in entries]),
+        ),
+        provenance={"goals": str(last.get("until", "")), **({"data": data} if data else {})},
+    )
+
+
+PRECISION = (
+    "Relative standard uncertainty of each quantity against bench time, and the goal (dashed). Where it rises, runs "
+    "were found to differ by more than before."
+)
+EVIDENCE = (
+    "Evidence against each explanation of a dispute, from runs recorded after it began: ln of an e-value. Above ln 100 "
+    "(dashed) an explanation is out, whenever one looks."
+)
+REALISED = (
+    "Minutes, information (in goals) and evidence (ln E) that each run was expected to take or to bring, and what it "
+    "took or brought. Evidence scatters about what is expected of it by about its root."
+)
+
+
+def _standing(verdict: Mapping[str, Any]) -> list[str]:
+    dispute = verdict.get("dispute")
+    if dispute is None:
+        return []
+    left = [label for label, x in zip(dispute["labels"], verdict["against"], strict=True) if x < OUT_LN]
+    return left if len(left) > 1 else []
+
+
+@styled
+def precision_figure(entries: Sequence[Entry]) -> MatplotlibFigure:
+    """Uncertainty of each goal's quantity, in percent, against bench minutes."""
+    figure, axes = panels((1, 1), (7.4, 3.6))
+    ax = np.ravel(axes)[0]
+    curves: dict[str, list[tuple[float, float, float]]] = {}
+    for entry in entries:
+        for target in entry["targets"]:
+            if target["runs"]:
+                point = (entry["minutes_spent"], 100 * target["relative"], 100 * target["wanted"])
+                curves.setdefault(target["label"], []).append(point)
+    for (label, points), colour in zip(curves.items(), CYCLE * 4, strict=False):
+        minutes, now, wanted = np.array(points).T
+        ax.plot(minutes, now, color=colour, marker="o", markersize=2.5, linewidth=1.1, label=label)
+        ax.axhline(wanted[-1], color=colour, linewidth=0.7, linestyle="--")
+    ax.set_yscale("log")
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.yaxis.set_minor_formatter("{x:g}")
+    ax.set_xlabel("bench time, min")
+    ax.set_ylabel("standard uncertainty, %")
+    if curves:
+        ax.legend(loc="upper right", ncols=2)
+    return figure
+
+
+@styled
+def evidence_figure(entries: Sequence[Entry]) -> MatplotlibFigure:
+    """ln E against each explanation of each dispute, against the number of runs."""
+    figure, axes = panels((1, 1), (7.4, 3.4))
+    ax = np.ravel(axes)[0]
+    curves: dict[str, list[tuple[int, float]]] = {}
+    for entry in entries:
+        for channel, verdict in entry["verdicts"].items():
+            under_way = [verdict["dispute"] | {"against": verdict["against"]}] if "dispute" in verdict else []
+            for dispute in (*verdict["settled"], *under_way):
+                for label, x in zip(dispute["labels"], dispute["against"], strict=True):
+                    key = f"{channel}: {label} (since run {dispute['runs'][-1]})"
+                    own = curves.setdefault(key, [])
+                    if not own or dispute in under_way or own[-1][1] != x:
+                        own.append((len(entry["recorded"]), x))
+    for (label, points), colour in zip(curves.items(), CYCLE * 8, strict=False):
+        runs, against = np.array(points).T
+        ax.plot(runs, against, color=colour, marker="o", markersize=3, linewidth=1.1, label=label)
+    ax.axhline(OUT_LN, color=INK, linewidth=0.7, linestyle="--")
+    ax.set_yscale("symlog", linthresh=10.0)
+    ax.set_ylim(bottom=min(-1.0, ax.get_ylim()[0]), top=max(10.0, ax.get_ylim()[1]))
+    ax.xaxis.get_major_locator().set_params(integer=True)
+    ax.set_xlabel("runs")
+    ax.set_ylabel("ln E against it")
+    ax.legend(loc="upper left", fontsize="small")
+    return figure
+
+
+@styled
+def realised_figure(entries: Sequence[Entry]) -> MatplotlibFigure:
+    """Expected against realised: minutes, information, evidence."""
+    figure, axes = panels((1, 3), (9.6, 3.2), across_in=0.9)
+    found = [entry["realised"] for entry in entries if entry.get("realised")]
+    for ax, (key, words) in zip(
+        np.ravel(axes), (("minutes", "minutes"), ("information", "of a goal"), ("evidence", "ln E")), strict=True
+    ):
+        both = [one for one in found if one[f"expected_{key}"] is not None and one[key] is not None]
+        expected = np.array([one[f"expected_{key}"] for one in both])
+        came = np.array([one[key] for one in both])
+        most = max(float(np.abs(np.concatenate([expected, came])).max(initial=0.0)), 1e-3)
+        ax.plot([0, most], [0, most], color=GREY, linewidth=0.8)
+        ax.plot(expected, came, color=BLUE, marker="o", markersize=3, linestyle="none")
+        if most > 50:
+            ax.set_xscale("symlog")
+            ax.set_yscale("symlog")
+        ax.set_xlabel(f"expected, {words}")
+        ax.set_ylabel(f"came, {words}")
+    return figure
+
+
+def _number(value: float | None) -> str:
+    return "what nobody could say" if value is None else plain(value, 2)
+
+
+def _decision(entry: Entry) -> Details:
+    rows = [
+        (
+            run["why"],
+            f"{plain(run['source']['temperature_c'], 3)} °C {plain(run['source']['humidity_percent'], 3)} %",
+            f"{plain(run['destination']['temperature_c'], 3)} °C {plain(run['destination']['humidity_percent'], 3)} %",
+            run["airflow_m_s"],
+            run["dwell_s"],
+            run["expected_minutes"],
+            run["expected_information"],
+            run["expected_evidence"],
+        )
+        for run in (entry["considered"] or entry["runs"])
+    ]
+    columns = ("run", "source", "destination", "m/s", "for, s", "minutes", "of a goal", "ln E")
+    blocks: list[Any] = [Text(f"{entry['status']}: {entry['reason']}")]
+    if entry["runs"]:
+        blocks.append(Text(f"Chosen: {', '.join(run['why'] for run in entry['runs'])}."))
+    if rows:
+        blocks.append(Table(columns, rows, "The best of the menu, with what was expected of each"))
+    if entry["vetoed"]:
+        blocks.append(Text(f"Vetoed: {', '.join(run['why'] for run in entry['vetoed'])}."))
+    if came := entry.get("realised"):
+        blocks.append(
+            Text(
+                f"Since the decision before: {plain(came['minutes'], 2)} min for {plain(came['expected_minutes'], 2)} "
+                f"expected, {plain(came['information'], 2)} of a goal for {_number(came['expected_information'])}, "
+                f"ln E {plain(came['evidence'], 2)} for {_number(came['expected_evidence'])}."
+            )
+        )
+    after = f"{len(entry['recorded'])} runs, {plain(entry['minutes_spent'], 3)} min"
+    return Details(f"{entry['number']}: after {after}", blocks)

@@ -1,0 +1,177 @@
+"""Bench minutes until alpha and every D are known as well as the standard campaign knows them; and what stops tell.
+
+In each rough world the standard campaign is recorded first; its standard uncertainties are the goals of a campaign that
+chooses its own runs on the same bench. Kept: minutes of both, the errors at the stop in standard uncertainties, and
+what each run was expected to bring beside what it brought; beside these the standard campaign cut off at the same
+minutes, random runs of the menu, and repeats.
+
+    python benchmarks/loop_precision.py --seeds 2 --out benchmarks/results/loop_precision.jsonl
+    python benchmarks/loop_precision.py --nothing --seeds 5 --out benchmarks/results/loop_nothing.jsonl
+
+With --nothing: plain worlds looked at after every run, to the end of modest goals; does any look name a cause?
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from loop_bench import FileBench
+from scipy.stats import spearmanr
+
+from shockrig.analysis.characterization.characterize import characterize
+from shockrig.analysis.planning.decide import CONTINUE, decide
+from shockrig.analysis.planning.export import log_entry
+from shockrig.analysis.planning.goals import parse_goals
+from shockrig.analysis.planning.precision import measured, targets
+from shockrig.files.campaign import read_campaign
+from shockrig.rig.protocol import Soak, load_protocol
+from shockrig.rig.virtual.plans import plan_from_protocol
+from shockrig.rig.virtual.truth import ROUGH, Truth, draw_truth
+
+AT_ONCE = 3  # runs that are chosen at one look
+PLAIN_GOALS = "alpha 0.4 %, D 0.5 % at 20, ties decided, minutes 60"
+
+
+def standard(truth: Truth, folder: Path, seed: int) -> FileBench:
+    """The standard campaign, recorded run by run on a bench of files."""
+    bench = FileBench(truth, folder, seed)
+    protocol = load_protocol("standard")
+    for shock, run in zip(plan_from_protocol(protocol), protocol.runs, strict=True):
+        soak = next(step for step in run.steps if isinstance(step, Soak))
+        bench.record(shock, 10.0, shock.duration_s - shock.lead_s, soak.over_s)
+    return bench
+
+
+def errors(found, truth: Truth) -> list[float]:
+    """Of alpha and each D, in their standard uncertainties."""
+    out = []
+    for name, result in found.channels().items():
+        for row in result.rows:
+            if name == "temperature":
+                true = truth.thermal_diffusivity_m2_s
+            else:
+                true = float(truth.diffusivity_m2_s(row.ambient_c))
+            out.append((row.diffusivity_m2_s - true) / row.standard_uncertainty)
+    return out
+
+
+def precision(seed: int) -> dict:
+    """One rough world: the standard campaign, then one that stops when it knows as much."""
+    began_s = time.process_time()
+    truth = draw_truth(np.random.default_rng([seed, 77]), ROUGH)
+    with tempfile.TemporaryDirectory() as folder:
+        fixed = standard(truth, Path(folder) / "standard", seed)
+        whole = read_campaign(fixed.folder)
+        text = "alpha 49 %, D 49 %"
+        known = targets(parse_goals(text), measured(whole))
+        parts = [
+            f"{t.quantity} {100 * t.relative:.4f} %" + ("" if t.ambient_c is None else f" at {t.ambient_c:g}")
+            for t in known
+        ]
+        goals = parse_goals(", ".join(parts))
+        bench = FileBench(truth, Path(folder) / "own", seed + 5000)
+        decision, log, came = None, None, []
+        while bench.minutes < 2.0 * fixed.minutes:
+            decision = decide(bench.campaign(), goals, decision, count=AT_ONCE)
+            entry = log_entry(decision, goals, log, [])
+            if entry["realised"]:
+                came.append(entry["realised"])
+            log = entry
+            if decision.status != CONTINUE:
+                break
+            for choice in decision.choices:
+                bench.record_run(choice.shock.as_run())
+        own = read_campaign(bench.folder)
+        final = characterize(own)
+        # The standard campaign cut off where the other one stopped: what does it know of the same goals by then?
+        share = bench.minutes / fixed.minutes
+        cut = replace(whole, runs=whole.runs[: max(int(share * len(whole.runs)), 2)])
+        cut_off = targets(goals, measured(cut))
+        return {
+            "seed": seed, "rate_scatter": truth.rate_scatter, "status": decision.status,
+            "standard_minutes": round(fixed.minutes, 1), "minutes": round(bench.minutes, 1), "share": round(share, 3),
+            "runs": bench.runs, "errors": [round(e, 2) for e in errors(final, truth)],
+            "standard_errors": [round(e, 2) for e in errors(characterize(whole), truth)],
+            "met_by_cut_off": sum(t.met for t in cut_off), "wanted": len(cut_off), "realised": came,
+            "cpu_s": round(time.process_time() - began_s, 1),
+        }  # fmt: skip
+
+
+def nothing(seed: int) -> dict:
+    """One plain rough world looked at after every run: what was ever named, and how it ended."""
+    began_s = time.process_time()
+    truth = draw_truth(np.random.default_rng([seed, 78]), ROUGH)
+    goals = parse_goals(PLAIN_GOALS)
+    with tempfile.TemporaryDirectory() as folder:
+        bench = FileBench(truth, Path(folder) / "own", seed)
+        decision, named, tied = None, set(), 0
+        while True:
+            decision = decide(bench.campaign(), goals, decision)
+            alone = [v for v in decision.verdicts.values() if v.dispute is None]
+            named |= {effect for verdict in alone for effect in verdict.causes}
+            tied += bool(decision.tied)
+            if decision.status != CONTINUE:
+                break
+            bench.record_run(decision.choices[0].shock.as_run())
+        ended = {effect for verdict in decision.verdicts.values() for effect in verdict.causes}
+        return {
+            "seed": seed, "status": decision.status, "reason": decision.reason, "runs": bench.runs,
+            "minutes": round(bench.minutes, 1), "ever_named": sorted(named), "named": sorted(ended),
+            "looks_with_a_tie": tied, "cpu_s": round(time.process_time() - began_s, 1),
+        }  # fmt: skip
+
+
+def summary(found: list[dict]) -> str:
+    """What many worlds show together."""
+    if "ever_named" in found[0]:
+        ever, end = sum(bool(r["ever_named"]) for r in found), sum(bool(r["named"]) for r in found)
+        return f"{len(found)} plain worlds: {ever} ever named a cause, {end} at the end"
+    met = [r for r in found if r["status"] == "done"]
+    shares = [r["share"] for r in met]
+    within = np.abs([e for r in met for e in r["errors"]]) <= 2.0
+    pairs = [
+        (c["expected_information"], c["information"])
+        for r in found
+        for c in r["realised"]
+        if c["expected_information"] is not None and c["information"] is not None
+    ]
+    expected, came = np.array(pairs).T
+    slope = float((expected * came).sum() / (expected**2).sum())
+    return "\n".join(
+        [
+            f"{len(found)} rough worlds, {len(met)} met all goals: share of the standard campaign's minutes "
+            f"median {np.median(shares):.2f}, worst {max(shares):.2f}",
+            f"within 2 standard uncertainties after the stop: {within.mean():.3f} of {within.size}",
+            f"information per look, {len(pairs)} looks: rank correlation {spearmanr(expected, came)[0]:.2f}, "
+            f"slope {slope:.2f}",
+            f"the standard campaign cut off at the same minutes meets {sum(r['met_by_cut_off'] for r in met)} of "
+            f"{sum(r['wanted'] for r in met)} goals",
+        ]
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--nothing", action="store_true")
+    parser.add_argument("--out", type=Path, default=Path("benchmarks/results/loop_precision.jsonl"))
+    args = parser.parse_args()
+    there = [json.loads(line) for line in args.out.read_text().splitlines()] if args.out.exists() else []
+    for seed in range(args.first, args.first + args.seeds):
+        if seed not in {r["seed"] for r in there}:
+            there.append(nothing(seed) if args.nothing else precision(seed))
+            with args.out.open("a") as out:
+                out.write(json.dumps(there[-1]) + "\n")
+            print({k: v for k, v in there[-1].items() if k != "realised"}, flush=True)
+    print(summary(there))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,140 @@
+"""Look-alikes told apart by runs that the campaign chooses itself, beside random runs of the same menu and repeats.
+
+A poor start, one airflow and one direction, with one of a pair of look-alikes hidden; then runs one by one until the
+decision is to stop, 12 at most. Right: that effect alone is named. Wrong: another one is. The rest is inconclusive.
+Each world is a line of JSON in the results file; what is there is not run again.
+
+    python benchmarks/loop_twins.py --seeds 1 --out benchmarks/results/loop_twins.jsonl
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import time
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from loop_bench import FileBench
+
+from shockrig.analysis.planning.decide import CONTINUE, decide
+from shockrig.analysis.planning.goals import parse_goals
+from shockrig.analysis.planning.shock import Shock, Usual, deciding_menu
+from shockrig.rig.virtual.hide import draw_effect
+from shockrig.rig.virtual.truth import ROUGH, draw_truth
+
+T, RH = "temperature", "humidity"
+PAIRS = (
+    (T, "self_heating", "calibration_error"),
+    (T, "stem_conduction", "air_relaxation"),
+    (T, "dead_time", "finite_transfer"),
+    (T, "convective_film", "finite_transfer"),
+    (T, "convective_film", "dead_time"),
+    (T, "radiative_heating", "self_heating"),
+    (RH, "hysteresis", "calibration_error"),
+    (RH, "slow_relaxation", "air_relaxation"),
+    (RH, "vapour_boundary_layer", "finite_transfer"),
+    (RH, "vapour_boundary_layer", "dead_time"),
+    (RH, "concentration_dependent_diffusivity", "direction_dependent_diffusivity"),
+    (RH, "concentration_dependent_diffusivity", "slow_relaxation"),
+)
+START = (
+    *[Shock(20.0, 20.0, 20.0, 80.0, why="start")] * 3,
+    Shock(20.0, 40.0, 20.0, 55.0, why="start"),
+    *[Shock(40.0, 17.0, 20.0, 55.0, why="start")] * 3,
+    Shock(27.0, 40.0, 20.0, 50.0, why="start"),
+)
+MOST = 12
+FILES = {T: "hyt.csv", RH: "imet.csv"}  # of the other sensor
+ADAPTIVE, RANDOM, REPEATS = "adaptive", "random", "repeats"
+
+
+def world(pair: int, seed: int, how: str) -> dict:
+    """One campaign from its poor start to its end."""
+    channel, *both = PAIRS[pair]
+    rng = np.random.default_rng([seed, pair])
+    hidden = both[seed % 2]
+    truth = draw_truth(rng, ROUGH, [draw_effect(rng, hidden, "comfortable", None if hidden in BOTH else channel)])
+    goals = parse_goals("ties decided, minutes 200")
+    began_s = time.process_time()
+    with tempfile.TemporaryDirectory() as folder:
+        bench = FileBench(truth, Path(folder) / "c", 1000 * seed + pair)
+        light = 800.0 if "radiative_heating" in both else 0.0
+
+        def record(shock: Shock) -> None:
+            bench.record_run(shock.as_run())
+            (bench.folder / "runs" / f"{bench.runs:04d}" / FILES[channel]).unlink(missing_ok=True)
+
+        for i, shock in enumerate(START):
+            record(Shock(**{**vars(shock), "irradiance_w_m2": light if i == 0 and light else 0.0}))
+        decision, kinds, tied = None, [], False
+        while True:
+            decision = decide(bench.campaign(), goals, decision)
+            tied = tied or bool(decision.tied)
+            if decision.status != CONTINUE or len(kinds) >= MOST:
+                break
+            shock = decision.choices[0].shock
+            if how == RANDOM:
+                menu = deciding_menu([20.0, 40.0], Usual(irradiances_w_m2=(light,) if light else ()))
+                shock = menu[int(rng.integers(len(menu)))]
+            elif how == REPEATS:
+                shock = START[2] if channel == RH else START[6]
+            kinds.append(shock.why)
+            record(shock)
+    named = sorted(decision.verdicts[channel].causes)
+    done = decision.status == "done"
+    right, wrong = done and named == [hidden], done and any(e != hidden for e in named)
+    return {
+        "pair": both, "channel": channel, "hidden": hidden, "seed": seed, "how": how, "added": len(kinds),
+        "minutes": round(bench.minutes, 1), "named": named, "tied": decision.tied, "was_tied": tied,
+        "outcome": "right" if right else "wrong" if wrong else "missed" if done else "inconclusive",
+        "status": decision.status, "reason": decision.reason, "kinds": kinds,
+        "cpu_s": round(time.process_time() - began_s, 1),
+    }  # fmt: skip
+
+
+BOTH = ("finite_transfer", "air_relaxation")  # act in both channels
+
+
+def summary(results: Iterable[dict]) -> str:
+    """Outcomes by kind of choice, and how many runs were added."""
+    found = list(results)
+    lines = []
+    for how in (ADAPTIVE, RANDOM, REPEATS):
+        own = [r for r in found if r["how"] == how]
+        if own:
+            counts = {o: sum(r["outcome"] == o for r in own) for o in ("right", "wrong", "missed", "inconclusive")}
+            added = np.median([r["added"] if r["outcome"] == "right" else MOST + 1 for r in own])
+            said = ", ".join(f"{n} {o}" for o, n in counts.items())
+            lines.append(f"{how:9} {len(own)} worlds: {said}; median of added runs {added:g} (not decided: {MOST + 1})")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--pairs", type=int, nargs="*", default=range(len(PAIRS)))
+    parser.add_argument("--how", nargs="*", default=[ADAPTIVE])
+    parser.add_argument("--out", type=Path, default=Path("benchmarks/results/loop_twins.jsonl"))
+    args = parser.parse_args()
+    there = [json.loads(line) for line in args.out.read_text().splitlines()] if args.out.exists() else []
+    done = {(tuple(r["pair"]), r["channel"], r["seed"], r["how"]) for r in there}
+    for seed in range(args.first, args.first + args.seeds):
+        for pair in args.pairs:
+            for how in args.how:
+                channel, *both = PAIRS[pair]
+                if (tuple(both), channel, seed, how) in done:
+                    continue
+                result = world(pair, seed, how)
+                there.append(result)
+                with args.out.open("a") as out:
+                    out.write(json.dumps(result) + "\n")
+                print(result, flush=True)
+    print(summary(there))
+
+
+if __name__ == "__main__":
+    main()

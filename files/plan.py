@@ -1,0 +1,73 @@
+"""What to record next (`shock-plan/1`), and a campaign's log of such decisions, decisions.jsonl.
+
+The log has one line of JSON for each decision, oldest first; a line that was cut off by the end of a process does not
+count.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from shockrig.files.disk import is_there, read_text, shown
+from shockrig.files.errors import InputError
+from shockrig.files.json_files import as_object, json_text
+
+PLAN_FORMAT = "shock-plan/1"
+DECISION_FORMAT = "shock-decision/1"
+LOG = "decisions.jsonl"
+REMEDY = "restore the file, or move it away to decide anew"
+NEEDED: dict[str, type | tuple[type, ...]] = {
+    "number": int,
+    "recorded": list,
+    "runs": list,
+    "targets": list,
+    "verdicts": dict,
+    "vetoed": list,
+    "chased": int,
+    "minutes_spent": (int, float),
+}
+
+
+def read_decisions(campaign: Path) -> list[dict[str, Any]]:
+    """Every decision of a campaign's log; empty where there is none.
+
+    Raises
+    ------
+    InputError
+        A line is not a decision: names file, line and remedy.
+    """
+    path = campaign / LOG
+    if not is_there(path):
+        return []
+    lines = read_text(path, REMEDY).split("\n")
+    return [_decision(line, f"{shown(path)}, line {n}") for n, line in enumerate(lines[:-1], 1)]
+
+
+def _decision(line: str, where: str) -> dict[str, Any]:
+    try:
+        content = json.loads(line)
+    except (ValueError, RecursionError):
+        raise InputError(f"{where}: not JSON; {REMEDY}") from None
+    entry = as_object(content, where, DECISION_FORMAT, REMEDY)
+    for key, kind in NEEDED.items():
+        if not isinstance(entry.get(key), kind):
+            raise InputError(f"{where}: key {key}: is missing or of another kind; {REMEDY}")
+    return dict(entry.content)
+
+
+def append_decision(campaign: Path, entry: Mapping[str, Any], *, sync: bool = False) -> None:
+    """Add one decision to a campaign's log, behind the last whole line."""
+    path = campaign / LOG
+    line = " ".join(json_text(entry, indent=0).split("\n")).strip() + "\n"
+    with path.open("ab+") as log:
+        log.seek(0)
+        written = log.read()
+        log.truncate(written.rfind(b"\n") + 1)
+        log.write(line.encode())
+        log.flush()
+        if sync:
+            os.fsync(log.fileno())

@@ -1,0 +1,144 @@
+"""The closed loop on a bench: after each run look, decide, log, and hand the next run to the recorder.
+
+A decision stands in the campaign's log before its run begins, so a campaign that was killed goes on with the same one;
+killed before that, it decides the same anew, because a decision is a function of the runs, the goals and the log.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from shockrig.protocols.decided import as_protocol, feasible_on, lines, minutes_left
+from shockrig.rig.protocol import Protocol
+from shockrig.rig.recorder import read_state
+
+if TYPE_CHECKING:
+    from shockrig.analysis.planning.decide import Decision
+    from shockrig.analysis.planning.goals import Goals
+    from shockrig.analysis.planning.shock import Shock
+    from shockrig.rig.bench import Bench
+
+NAME = "adaptive"
+
+
+class Loop:
+    """Says which run comes next, whenever the recorder asks.
+
+    Parameters
+    ----------
+    path : Path
+        Campaign folder, new or to go on with.
+    goals : Goals
+    bench : Bench
+        What can be chosen is what it can do; its operator is asked where `confirm` is true.
+    added : sequence of PlannedRun
+        What the operator wants recorded before anything is decided.
+    confirm : bool
+        Whether each choice waits for the operator: Enter, s to veto it, p to pause, a to abort.
+    say : function of a line
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        goals: Goals,
+        bench: Bench,
+        say: Callable[[str], None],
+        added: Sequence[Any] = (),
+        confirm: bool = False,
+    ) -> None:
+        self._path, self._goals, self._bench, self._say = path, goals, bench, say
+        self._added, self._confirm = list(added), confirm
+        self._feasible = feasible_on(bench)
+        self.decision: Decision | None = None
+        self.thought_s = 0.0
+
+    def __call__(self, left_out: str | None, now_s: float) -> Protocol | None:
+        """The protocol with the next run, or None where the campaign is done; `left_out` was vetoed at a prompt."""
+        from shockrig.files.plan import read_decisions
+
+        state = read_state(self._path)
+        if self._added:
+            run, *self._added = self._added
+            return self._of_operator(run, self._behind(state))
+        log = read_decisions(self._path)
+        pending = self._pending(log, state.recorded)
+        if pending is not None and left_out is None:
+            self._say(f"going on with the decision before: {pending.why}")
+            return self._next(pending, state)
+        vetoed = [pending] if pending is not None else []
+        return self._decide(state, log, vetoed)
+
+    def _pending(self, log: list[dict[str, Any]], recorded: Sequence[str]) -> Shock | None:
+        """The run that was decided on and is not recorded; None where it is, or the decision was for another goal."""
+        from shockrig.analysis.planning.export import chosen
+
+        if not log or log[-1]["until"] != str(self._goals) or log[-1]["recorded"] != list(recorded):
+            return None
+        runs = chosen(log[-1])
+        return runs[0] if runs else None
+
+    def _decide(self, state: Any, log: list[dict[str, Any]], vetoed: list[Shock]) -> Protocol | None:
+        from shockrig.analysis.planning.decide import CONTINUE, decide
+        from shockrig.analysis.planning.export import log_entry, plan_document, remembered
+        from shockrig.analysis.planning.shock import from_run
+        from shockrig.files.campaign import read_campaign
+        from shockrig.files.plan import append_decision
+
+        last = log[-1] if log else None
+        if vetoed and last is not None:
+            vetoed += [from_run(run) for run in last["vetoed"]]
+        campaign = read_campaign(self._path) if state.recorded else None
+        while True:
+            began_s = time.process_time()
+            self.decision = decision = decide(
+                campaign, self._goals, remembered(last), feasible=self._feasible, vetoed=vetoed
+            )
+            self.thought_s += time.process_time() - began_s
+            append_decision(self._path, log_entry(decision, self._goals, last, vetoed), sync=not self._bench.emulated)
+            for line in lines(decision, plan_document(decision, self._goals)):
+                self._say(line)
+            left = minutes_left(decision)
+            if left is not None:
+                self._say(
+                    f"  about {left:.0f} bench minutes to the goals of precision, {decision.minutes_spent:.0f} spent"
+                )
+            if decision.status != CONTINUE:
+                return None
+            choice = decision.choices[0].shock
+            if not self._confirm or self._agreed(choice):
+                return self._next(choice, state)
+            vetoed = [choice, *vetoed]
+
+    def _agreed(self, shock: Shock) -> bool:
+        """Whether the operator lets a choice pass. Raises what the person wants instead, but for a veto."""
+        from shockrig.rig.errors import RunSkipped
+
+        assert self._bench.operator is not None
+        try:
+            self._bench.operator.ask(f"Next: {shock.why}. Enter records it, s vetoes it, p pauses, a aborts.")
+        except RunSkipped:
+            return False
+        return True
+
+    def _next(self, shock: Shock, state: Any) -> Protocol:
+        return as_protocol([shock], self._behind(state), NAME, str(self._goals))
+
+    @staticmethod
+    def _behind(state: Any) -> int:
+        """How many planned runs come before the next: all but those that were decided on and are not recorded."""
+        planned = list(state.planned)
+        while planned and planned[-1] not in state.recorded:
+            planned.pop()
+        return len(planned)
+
+    def _of_operator(self, run: Any, continues: int) -> Protocol:
+        from dataclasses import replace
+
+        from shockrig.rig.protocol import run_id
+
+        self._say(f"added by the operator: {run.note or 'a run'}")
+        return Protocol(NAME, "", (replace(run, id=run_id(continues + 1)),), continues=continues)

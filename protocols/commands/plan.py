@@ -1,0 +1,81 @@
+"""shockrig plan: the runs to record next for given goals, as a protocol that `run` takes, or why there are none."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.epilog = (
+        "Every decision is kept in CAMPAIGN/decisions.jsonl. What is written with --out is a protocol: shockrig run "
+        "NEXT.toml --out CAMPAIGN goes on with the campaign; any other program may record the runs of NEXT.json."
+    )
+    parser.add_argument("campaign", metavar="CAMPAIGN", type=Path, help="campaign folder; may be empty or not there")
+    parser.add_argument(
+        "--until", metavar="GOALS", required=True, help='such as "alpha 0.2 %%, D 0.3 %%, ties decided, minutes 90"'
+    )
+    parser.add_argument("--out", metavar="NEXT.toml", type=Path, required=True, help="the protocol, with NEXT.json")
+    parser.add_argument("--runs", metavar="N", type=int, default=6, help="how many runs to choose at most (6)")
+    parser.add_argument("--bench", metavar="BENCH.toml", type=Path, help="choose only what this bench can do")
+
+
+def main(args: argparse.Namespace) -> int:
+    from shockrig.analysis.planning.decide import CONTINUE, anything, decide
+    from shockrig.analysis.planning.export import log_entry, plan_document, remembered
+    from shockrig.analysis.planning.goals import parse_goals
+    from shockrig.files.campaign import read_campaign
+    from shockrig.files.disk import shown, write_whole
+    from shockrig.files.errors import InputError
+    from shockrig.files.json_files import write_json
+    from shockrig.files.plan import append_decision, read_decisions
+    from shockrig.protocols.decided import as_protocol, feasible_on, lines
+    from shockrig.protocols.loop_page import write_loop_page
+    from shockrig.rig.bench import open_bench
+    from shockrig.rig.bench_file import load_bench
+    from shockrig.rig.protocol_text import protocol_text
+
+    goals = parse_goals(args.until)
+    if args.out.suffix != ".toml":
+        raise InputError(f"--out {shown(args.out)}: a protocol's name ends in .toml; NEXT.json is written beside it")
+    if not 1 <= args.runs <= 100:
+        raise InputError(f"--runs {args.runs}: expected 1 to 100")
+    recorded, planned = _counted(args.campaign)
+    campaign = read_campaign(args.campaign) if recorded else None
+    log = read_decisions(args.campaign)
+    last = log[-1] if log else None
+    feasible = anything if args.bench is None else feasible_on(open_bench(load_bench(args.bench)))
+    decision = decide(
+        campaign,
+        goals,
+        remembered(last),
+        count=args.runs,
+        feasible=feasible,
+        progress=lambda text: print(text, file=sys.stderr),
+    )
+    document = plan_document(decision, goals)
+    protocol = as_protocol([c.shock for c in decision.choices], max(recorded, planned), args.out.stem, str(goals))
+    if recorded:
+        append_decision(args.campaign, log_entry(decision, goals, last, []))
+        write_loop_page(args.campaign)
+    if decision.status == CONTINUE:
+        write_whole(args.out, protocol_text(protocol), False)
+    else:
+        args.out.unlink(missing_ok=True)  # of an earlier look: there is nothing more to record
+    write_json(args.out.with_suffix(".json"), document)
+    print("\n".join(lines(decision, document)))
+    if decision.status == CONTINUE:
+        print(f"{len(decision.choices)} runs in {args.out}: shockrig run {args.out} --out {args.campaign}")
+    return 0
+
+
+def _counted(path: Path) -> tuple[int, int]:
+    """How many runs a campaign folder holds, and how many were planned; 0 where it is empty or not there."""
+    from shockrig.files.disk import is_there
+    from shockrig.rig.recorder.state import read_head, read_state
+
+    if not is_there(path) or (path.is_dir() and not any(path.iterdir())):
+        return 0, 0
+    plan = read_head(path).get("plan")
+    return len(read_state(path).recorded), len(plan) if isinstance(plan, list) else 0

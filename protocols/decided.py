@@ -1,0 +1,100 @@
+"""Decisions as protocols that a bench runs, and as lines that a person reads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from shockrig.rig.errors import BenchError
+from shockrig.rig.protocol import PlannedRun, Protocol, Record, Soak, Transfer, run_id
+from shockrig.rig.seams import Air
+
+if TYPE_CHECKING:
+    from shockrig.analysis.planning.decide import Decision
+    from shockrig.analysis.planning.shock import Shock
+    from shockrig.rig.bench import Bench
+
+TRANSFER_AT_MOST_S = 20.0
+SOAK_SHARE = 6.0  # a record lasts some nine response times: a soak is looked at over one and a half of them
+SOAK_OVER_S = (12.0, 40.0)
+
+
+def soak_over_s(dwell_s: float) -> float:
+    """Over how long a soak must be steady for a run that is recorded so long after its transfer [s]."""
+    least, most = SOAK_OVER_S
+    return min(max(round(dwell_s / SOAK_SHARE), least), most)
+
+
+def as_protocol(shocks: Sequence[Shock], continues: int, name: str, goals: str) -> Protocol:
+    """A protocol of some shocks, to follow `continues` runs of a campaign."""
+    from shockrig.analysis.planning.shock import LEAD_S
+
+    runs = []
+    for number, shock in enumerate(shocks, continues + 1):
+        soak = Soak(over_s=soak_over_s(shock.dwell_s))
+        carry = Transfer(TRANSFER_AT_MOST_S + (shock.transfer_s or 0.0))
+        runs.append(
+            PlannedRun(
+                run_id(number),
+                Air(shock.source_c, shock.source_percent),
+                Air(shock.destination_c, shock.destination_percent),
+                shock.airflow_m_s,
+                (soak, Record(LEAD_S), carry, Record(shock.dwell_s)),
+                shock.why,
+                shock.transfer_s,
+            )
+        )
+    return Protocol(name, f"chosen for: {goals}", tuple(runs), continues=continues)
+
+
+def feasible_on(bench: Bench) -> Callable[[Shock], bool]:
+    """Whether a bench can make a shock: its airs, its transfer; light it has none."""
+
+    def feasible(shock: Shock) -> bool:
+        airs = Air(shock.source_c, shock.source_percent), Air(shock.destination_c, shock.destination_percent)
+        try:
+            if bench.chambers is not None:
+                bench.chambers.demand(*airs, shock.airflow_m_s)
+            if shock.transfer_s is not None:
+                bench.stage.demand_transfer(shock.transfer_s)
+        except BenchError:
+            return False
+        return not shock.irradiance_w_m2
+
+    return feasible
+
+
+def lines(decision: Decision, document: Mapping[str, Any]) -> list[str]:
+    """What a person reads of a decision: goals, ties, what is next and why."""
+    from shockrig.protocols.run_progress import words
+
+    said = []
+    for goal in document["goals"]:
+        now = "not known yet" if goal["now"] is None else f"now {goal['now']:.2g}"
+        said.append(f"  {'met    ' if goal['met'] else 'not yet'}  {goal['goal']:22} {now}")
+    for tied in document["tied"]:
+        said.append(f"  tied: {' or '.join(tied)}")
+    said.append(f"{decision.status}: {decision.reason}")
+    for choice in decision.choices:
+        shock = choice.shock
+        source, destination = (
+            Air(shock.source_c, shock.source_percent),
+            Air(shock.destination_c, shock.destination_percent),
+        )
+        more = f", the transfer in {shock.transfer_s:g} s" if shock.transfer_s is not None else ""
+        brings = [f"{choice.goals:.2f} of a goal"] if choice.goals > 0.005 else []
+        brings += [f"ln E {choice.evidence:.1f} between what is tied"] if choice.evidence > 0.05 else []
+        said.append(
+            f"  {words(source)} -> {words(destination)}, {shock.airflow_m_s:g} m/s, {shock.dwell_s:g} s{more}: "
+            f"{shock.why}; about {choice.minutes:.1f} min" + (f", brings {' and '.join(brings)}" if brings else "")
+        )
+    return said
+
+
+def minutes_left(decision: Decision) -> float | None:
+    """Bench minutes until the goals of precision are met at the rate of the next run; None where that is not known."""
+    from shockrig.analysis.planning.choose import progress
+
+    lacking = sum(1.0 - progress(t, t.relative**2, t.runs) for t in decision.targets)
+    best = max((c.goals / c.minutes for c in decision.choices), default=0.0)
+    return lacking / best if best > 0.0 and lacking > 0.0 else None

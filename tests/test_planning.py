@@ -1,0 +1,313 @@
+"""What to record next: goals, minutes, what a run would tell, evidence from later runs, and when to stop."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from importlib import resources
+
+import jsonschema
+import numpy as np
+import pytest
+from benchmark_scripts import benchmark
+from small_worlds import QUIET
+
+from shockrig.analysis.diagnosis.prepare import prepare
+from shockrig.analysis.inference.fit import fit
+from shockrig.analysis.inference.gather import build_channel
+from shockrig.analysis.inference.model import PLAIN, Model
+from shockrig.analysis.planning.choose import choose_runs, progress
+from shockrig.analysis.planning.decide import DONE, INCONCLUSIVE, Decision, decide
+from shockrig.analysis.planning.evidence import REJECTED, Dispute, against, student
+from shockrig.analysis.planning.export import chosen, log_entry, plan_document, remembered
+from shockrig.analysis.planning.goals import Goals, Precision, parse_goals
+from shockrig.analysis.planning.information import information, separations
+from shockrig.analysis.planning.judged import spending
+from shockrig.analysis.planning.minutes import USUAL, learn, spent_minutes
+from shockrig.analysis.planning.precision import Target, measured, targets
+from shockrig.analysis.planning.shock import Shock, Usual, deciding_menu, opening, precision_menu
+from shockrig.files.errors import InputError
+from shockrig.files.plan import append_decision, read_decisions
+from shockrig.rig.virtual.truth import Hidden, Noise
+
+bench_script = benchmark("loop_bench")
+UP, DOWN = Shock(20.0, 20.0, 20.0, 80.0, dwell_s=30.0), Shock(20.0, 80.0, 20.0, 20.0, dwell_s=30.0)
+COOL, WARM = Shock(40.0, 17.0, 20.0, 55.0, dwell_s=20.0), Shock(20.0, 55.0, 40.0, 17.0, dwell_s=20.0)
+LIVELY = replace(
+    QUIET,
+    temperature_noise=Noise(0.015),
+    humidity_noise=Noise(0.07),
+    temperature_step_k=0.01,
+    humidity_step_percent=100 / 16383,
+)
+
+
+def recorded(folder, truth, shocks, seed=0, travel_s_per_k=0.0):
+    bench = bench_script.FileBench(truth, folder / "c", seed, travel_s_per_k)
+    for shock in shocks:
+        bench.record_run(shock.as_run())
+    return bench
+
+
+# ---- goals
+
+
+def test_goals_are_read_as_people_write_them():
+    goals = parse_goals("alpha 0.2 %, D 0.3 %, D 0.5 % at 0 -10, t63 1%, ties decided, minutes 90")
+    assert goals.precisions == (
+        Precision("alpha", 0.002),
+        Precision("D", 0.003),
+        Precision("D", 0.005, (0.0, -10.0)),
+        Precision("t63", 0.01),
+    )
+    assert goals.ties and goals.minutes == 90.0 and goals.ambients_c == (-10.0, 0.0, 10.0, 20.0, 30.0, 40.0)
+    assert parse_goals(str(goals)) == goals
+    assert parse_goals("D 0.3 % at 20").ambients_c == (20.0,)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("alpha", "'alpha' is no goal; write e.g."),
+        ("alpha 0 %", "more than 0 and less than 50"),
+        ("alpha 60 %", "more than 0 and less than 50"),
+        ("minutes 90", "names nothing to be reached"),
+        ("", "is no goal"),
+        ("beta 1 %", "is no goal"),
+    ],
+)
+def test_what_is_no_goal(text, said):
+    with pytest.raises(InputError, match=f"--until: .*{said}"):
+        parse_goals(text)
+
+
+def test_the_strictest_of_two_goals_counts_where_both_hold():
+    wanted = {t.ambient_c: t.wanted for t in targets(parse_goals("D 0.5 %, D 0.2 % at 0"), None)}
+    assert wanted == {0.0: 0.002, 10.0: 0.005, 20.0: 0.005, 30.0: 0.005, 40.0: 0.005}
+
+
+# ---- the menu and its minutes
+
+
+def test_the_menu_varies_everything_that_a_bench_can_vary():
+    menu = deciding_menu([20.0], Usual(irradiances_w_m2=(0.0, 800.0)))
+    assert {s.airflow_m_s for s in menu} == {1.8, 6.0, 12.0} and {s.transfer_s for s in menu} == {None, 2.0}
+    assert len({s.dwell_s for s in menu}) == 2 and {s.irradiance_w_m2 for s in menu} == {0.0, 800.0}
+    signs = {(np.sign(s.destination_c - s.source_c), np.sign(s.destination_percent - s.source_percent)) for s in menu}
+    assert {(0.0, 1.0), (0.0, -1.0), (-1.0, 1.0), (1.0, -1.0)} <= signs
+    every = precision_menu((0.0, 40.0), Usual(), lambda t, isothermal: 10.0)
+    assert all(0.0 <= t <= 40.0 for s in every for t in (s.source_c, s.destination_c))
+
+
+def test_minutes_are_learnt_from_the_bench_itself(tmp_path):
+    """A chamber of 5 s/K; a film that settles by 60 %RH to 0.1 %RH after a soak of 12 s and a way back of 2 s."""
+    near, far = replace(UP, dwell_s=8.0), Shock(30.0, 20.0, 30.0, 80.0, dwell_s=8.0)
+    bench = recorded(tmp_path, QUIET, [near, far, near, far, near, near, near], travel_s_per_k=5.0)
+    learnt = learn(bench.campaign())
+    here = (20.0, 20.0, 20.0, 80.0)
+    stay, travel = learnt.between_s(here, near), learnt.between_s(here, far)
+    assert learnt.moves == 6
+    assert travel - stay == pytest.approx(50.0, rel=0.15)
+    film_s = 4.0 * QUIET.film_thickness_m**2 / (np.pi**2 * float(QUIET.diffusivity_m2_s(20.0)))
+    assert stay == pytest.approx(14.0 + film_s * np.log(600.0), rel=0.15)
+    assert sum(spent_minutes(bench.campaign()).values()) == pytest.approx(bench.minutes, rel=0.05)
+
+
+def test_a_bench_of_which_nothing_is_known_is_taken_for_a_usual_one():
+    assert learn(None).moves == 0 and (learn(None).coefficients == USUAL).all()
+
+
+# ---- what a run would tell
+
+
+def test_a_run_brings_the_information_that_was_expected_of_it(tmp_path):
+    """Normal equations with a run that was recorded, less those without it: what `information` said before."""
+    campaign = recorded(tmp_path, LIVELY, [UP, DOWN, COOL, WARM, UP, DOWN, COOL]).campaign()
+    for name, shock, index in (("humidity", DOWN, 5), ("temperature", COOL, 6)):
+        ready = prepare(build_channel(campaign, name))
+        problem = ready.problem.with_rate_scatter(0.004)
+        theta = np.log([0.7] if name == "temperature" else [0.08, 0.12])
+        found = fit(problem, PLAIN, theta, adapt_scatter=False)
+        others = np.array([i for i in range(7) if i != index])
+        without = fit(problem.select(others), PLAIN, found.theta, adapt_scatter=False)
+        told = information(problem.select(others), without, ready.noise, [shock, replace(shock, dwell_s=8.0)], [])
+        came = (found.arrow.normal - without.arrow.normal)[0, 0]
+        assert told.added[0, 0, 0] == pytest.approx(came, rel=0.05)
+        assert told.added[1, 0, 0] <= told.added[0, 0, 0] * 1.001
+
+
+def test_an_ambient_without_runs_is_worth_most(tmp_path):
+    campaign = recorded(tmp_path, LIVELY, [UP, DOWN, UP, COOL]).campaign()
+    part = measured(campaign).humidity
+    there, elsewhere = UP, Shock(0.0, 20.0, 0.0, 80.0, dwell_s=60.0)
+    told = information(part.parts[0].problem, part.parts[0].fit, part.noise, [there, elsewhere], [0.0, 20.0])
+    assert told.ambients_c == pytest.approx([20.0, 0.0], abs=0.1)
+    now = told.variances(told.known)
+    assert now[1] == pytest.approx(0.25, rel=0.01)
+    assert told.variances(told.known + told.added[1])[1] < 1e-3
+    assert told.variances(told.known + told.added[0])[1] == pytest.approx(0.25, rel=0.01)
+
+
+def test_progress_is_the_share_of_the_information_that_is_wanted():
+    target = Target("humidity", 20.0, "D", 0.003, 0.006, 4)
+    assert progress(target, 0.006**2, 4) == pytest.approx(0.25)
+    assert progress(target, 0.001**2, 4) == 1.0
+    assert progress(target, 0.001**2, 1) == 0.5  # one run says nothing of how much runs differ
+
+
+# ---- evidence
+
+HEATED = replace(LIVELY, effects=(Hidden("self_heating", {"rise_k_at_5_m_s": 0.2}),))
+HEATING = {"self_heating": {"rise_k_at_5_m_s": 0.2}}
+OFFSET = {"calibration_error": {"gain": 0.0, "offset": 0.2}}
+
+
+def evidence_after(folder, truth, more):
+    start = [COOL, WARM, COOL, WARM, COOL, WARM]
+    bench = recorded(folder, truth, [*start, *more])
+    ready = prepare(build_channel(bench.campaign(), "temperature"))
+    old = tuple(f"{i + 1:04d}" for i in range(len(start)))
+    return against(ready.problem, ready.structure, Dispute((HEATING, OFFSET), old)), ready, old
+
+
+def test_evidence_comes_from_runs_that_tell_the_explanations_apart(tmp_path):
+    """Nothing new, nothing; the same airflow once more, hardly anything; another airflow, the right one stays alone."""
+    assert evidence_after(tmp_path / "none", HEATED, [])[0] == [0.0, 0.0]
+    same, _, _ = evidence_after(tmp_path / "same", HEATED, [COOL, WARM])
+    assert max(same) < 2.0
+    slow = replace(COOL, airflow_m_s=1.8)
+    told, ready, old = evidence_after(tmp_path / "slow", HEATED, [slow])
+    assert told[0] < 0.0 and told[1] > REJECTED
+    # what was expected of that run, before it was made, is about what came
+    problem = ready.problem.select(np.isin(ready.problem.channel.run_ids, old))
+    fits = [_fitted(problem, one) for one in (HEATING, OFFSET)]
+    expected = student(0.5 * separations(problem, ready.noise, *fits, [slow, COOL])[0], 5)
+    assert told[1] == pytest.approx(expected, rel=0.35)
+
+
+def _fitted(problem, explanation):
+    from shockrig.analysis.planning.evidence import structure_of
+
+    structure = structure_of(explanation, PLAIN)
+    choice = {f"{e}.{p}": v for e, values in explanation.items() for p, v in values.items()}
+    return fit(problem, structure, Model(problem.channel, structure).start([np.log(0.56)], choice))
+
+
+def test_the_true_explanation_is_not_ruled_out_by_looking_on(tmp_path):
+    """A calibration error; eight more runs of any kind, looked at after each: it never comes near the limit."""
+    off = replace(LIVELY, effects=(Hidden("calibration_error", {"gain": 0.0, "offset": 0.2}, ("temperature",)),))
+    more = [replace(s, airflow_m_s=v) for v in (1.8, 12.0, 6.0, 3.0) for s in (COOL, WARM)]
+    told, ready, old = evidence_after(tmp_path, off, more)
+    runs = ready.problem.channel.run_ids
+    looks = [
+        against(ready.problem.select(np.arange(k)), ready.structure, Dispute((HEATING, OFFSET), old))
+        for k in range(7, len(runs) + 1)
+    ]
+    assert max(look[1] for look in looks) < 2.0 and told[0] > REJECTED
+
+
+def test_student_says_less_than_a_known_scatter_and_the_same_for_many_runs():
+    assert student(20.0, 5) < 10.0 and student(20.0, 10**6) == pytest.approx(20.0, rel=1e-3)
+    assert student(-3.0, 5) == -3.0
+
+
+def test_what_is_spent_on_all_looks_together_is_what_is_permitted():
+    assert sum(spending(look) for look in range(1, 10**5)) == pytest.approx(1.0, abs=1e-4)
+
+
+# ---- decisions
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A small campaign on a bench of files, to its end: decisions and their log."""
+    goals = parse_goals("alpha 0.5 %, D 0.5 % at 20, minutes 60")
+    bench = bench_script.FileBench(LIVELY, tmp_path_factory.mktemp("loop") / "c", 1)
+    decision, log = None, []
+    while decision is None or decision.status == "continue":
+        decision = decide(bench.campaign(), goals, decision)
+        log.append(log_entry(decision, goals, log[-1] if log else None, []))
+        for choice in decision.choices:
+            bench.record_run(choice.shock.as_run())
+    return bench, goals, decision, log
+
+
+def test_it_stops_by_itself_when_the_goals_are_met(finished):
+    bench, goals, decision, log = finished
+    assert decision.status == DONE and bench.runs <= 10
+    found = measured(bench.campaign())
+    alpha, film = found.temperature.rows[0], found.humidity.rows[0]
+    true = QUIET.thermal_diffusivity_m2_s, float(QUIET.diffusivity_m2_s(20.0))
+    for row, value in zip((alpha, film), true, strict=True):
+        assert row.standard_uncertainty / row.diffusivity_m2_s <= 0.005
+        assert abs(row.diffusivity_m2_s - value) < 4 * row.standard_uncertainty
+    assert decision.minutes_spent == pytest.approx(bench.minutes, rel=0.1)
+    assert [entry["status"] for entry in log] == ["continue"] * (len(log) - 1) + ["done"]
+
+
+def test_every_decision_keeps_to_the_schema_and_comes_back_from_the_log(finished, tmp_path):
+    _, goals, decision, log = finished
+    schema = json.loads((resources.files("shockrig.data") / "schemas" / "shock-plan-1.json").read_text())
+    jsonschema.validate(json.loads(json.dumps(plan_document(decision, goals))), schema)
+    for entry in log:
+        jsonschema.validate(entry | {"format": "shock-plan/1"}, schema)
+        append_decision(tmp_path, entry)
+    again = read_decisions(tmp_path)
+    assert again == json.loads(json.dumps(log))
+    back = remembered(again[-1])
+    assert back.verdicts == decision.verdicts and back.status == decision.status
+    assert [s.as_run() for s in chosen(again[0])] == [
+        {k: v for k, v in run.items() if not k.startswith("expected")} for run in log[0]["runs"]
+    ]
+    took = [entry["realised"] for entry in again if entry["realised"]]
+    assert sum(one["minutes"] for one in took) == pytest.approx(decision.minutes_spent, abs=0.05)
+
+
+def test_the_same_files_give_the_same_decision(finished):
+    bench, goals, _, log = finished
+    last = log[-2]
+    part = replace(bench.campaign(), runs=bench.campaign().runs[: len(last["recorded"])])
+    again = decide(part, goals, remembered(log[-3]))
+    assert [c.shock.as_run() for c in again.choices] == [s.as_run() for s in chosen(last)]
+
+
+def test_a_line_that_was_cut_off_does_not_count_and_damage_is_told(finished, tmp_path):
+    log = finished[3]
+    append_decision(tmp_path, log[0])
+    path = tmp_path / "decisions.jsonl"
+    whole = path.read_bytes()
+    path.write_bytes(whole + whole[: len(whole) // 2])
+    assert len(read_decisions(tmp_path)) == 1
+    append_decision(tmp_path, log[1])
+    assert [entry["number"] for entry in read_decisions(tmp_path)] == [1, 2]
+    path.write_bytes(b"{}\n" + whole)
+    with pytest.raises(InputError, match="decisions.jsonl, line 1: key format"):
+        read_decisions(tmp_path)
+
+
+def test_a_spent_budget_is_inconclusive_and_says_what_is_missing(finished):
+    bench, _, _, log = finished
+    campaign = bench.campaign()
+    part = replace(campaign, runs=campaign.runs[:2])
+    stopped = decide(part, parse_goals("alpha 0.01 %, minutes 1"), None)
+    assert stopped.status == INCONCLUSIVE and "1 minutes are spent; alpha" in stopped.reason
+    free = decide(part, parse_goals("alpha 0.01 %, minutes 400"), None)
+    assert free.status == "continue" and free.choices
+
+
+def test_an_empty_campaign_begins_with_both_quantities_and_a_veto_is_kept(finished):
+    goals = Goals((Precision("alpha", 0.01), Precision("D", 0.01)), ambients_c=(20.0,))
+    first = decide(None, goals, count=4)
+    assert [c.shock for c in first.choices] == opening(20.0, Usual())
+    other = decide(None, goals, count=4, vetoed=[first.choices[0].shock])
+    assert first.choices[0].shock not in [c.shock for c in other.choices]
+    dry = decide(None, goals, count=4, feasible=lambda shock: shock.isothermal)
+    assert all(c.shock.isothermal for c in dry.choices)
+
+
+def test_nothing_is_chosen_from_an_empty_menu():
+    from shockrig.analysis.planning.choose import Designs
+
+    nothing = Designs((), (), (), np.zeros(0), np.zeros(0))
+    assert choose_runs(nothing, learn(None), None, 3, 0) == ([], ())
+    assert Decision("", "").tied == []
