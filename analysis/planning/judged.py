@@ -145,9 +145,7 @@ def look_at(campaign: Campaign, name: ChannelName, before: Verdict, final: bool 
     if not anew and now.dispute is None:
         current = _fitted(ready.problem, now.causes, base)
         passed = judge(ready.problem, current, ready.noise).passed
-        anew = (not passed or before.left) and channel.runs >= max(
-            MORE_RUNS * before.runs, before.runs + 1
-        )
+        anew = (not passed or before.left) and channel.runs >= max(MORE_RUNS * before.runs, before.runs + 1)
     if anew and channel.runs > before.runs:
         found = diagnose_channel(channel, earlier=now.causes, describing=final)
         now = _taken(found, now, final)

@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "A campaign that was interrupted goes on when the same command is run again. Ctrl-C makes the bench safe and "
         "keeps what was recorded; a second Ctrl-C ends at once."
     )
-    parser.add_argument("protocol", metavar="PROTOCOL", help="quick, standard, extended, manual, a TOML file; or adaptive")
+    parser.add_argument("protocol", metavar="PROTOCOL", help="quick, standard, extended, manual, adaptive, or a file")
     loop = parser.add_argument_group("run adaptive: record, look, decide, until the goals are met")
     loop.add_argument("--until", metavar="GOALS", help='such as "alpha 0.2 %%, D 0.3 %%, ties decided, minutes 90"')
     loop.add_argument("--confirm", action="store_true", help="ask before each run: Enter, s vetoes, p pauses, a aborts")
