@@ -35,6 +35,7 @@ COMMANDS = {
     "diagnose": ("diagnose", "say what the simulation gets wrong, why, and what correcting it gains"),
     "reveal": ("reveal", "open a sealed truth beside a diagnosis and score it"),
     "certify": ("certify", "write uncertainty budgets and a calibration certificate, also as DCC XML"),
+    "history": ("history", "chart the campaigns of one serial number, and say what changed and since when"),
     "correct": ("correct", "correct a flight's temperature and humidity with a profile"),
     "simulate": ("simulate", "simulate weather and a sensor flown through it, to files"),
     "demo": ("demo", "hide an effect in virtual sensors, find it, extend the model, open the seal"),

@@ -8,7 +8,7 @@ and what differs from run to run (type A), what references, triggers and anemome
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from scipy.special import stdtrit
 from shockrig.analysis.characterization.response_times import USUAL, Air, response_slopes
 from shockrig.analysis.characterization.result import ChannelResult, Part
 from shockrig.analysis.characterization.shifts import airflow_exponent, knows_airflow, shifts
-from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.channel import AMBIENT_WIDTH_K, Channel
 from shockrig.analysis.inference.common import LEAST_TRIGGER_OFFSET_S, TRIGGER
 from shockrig.analysis.inference.noise import Noise
 from shockrig.analysis.inference.quantity import RunEffect
@@ -159,16 +159,46 @@ def budgets(result: ChannelResult, air: Air | None = None) -> list[Budget]:
     return found
 
 
+def diffusivity_at(result: ChannelResult, temperature_c: float) -> Budget | None:
+    """Budget of D at one temperature, ln D linear in 1/T between the ambients around it; None more than 1 K beyond."""
+    for part in result.parts:
+        channel, found = part.channel, part.fit
+        ambients = channel.ambients_c
+        low, high = float(ambients.min()) - AMBIENT_WIDTH_K, float(ambients.max()) + AMBIENT_WIDTH_K
+        stated = {run for row in result.rows for run in row.runs}
+        if not (low <= temperature_c <= high and set(channel.run_ids) <= stated):
+            continue
+        order = np.argsort(ambients)
+        x, at = 1.0 / (ambients[order] + 273.15), 1.0 / (temperature_c + 273.15)
+        weights = np.zeros(found.theta.size)
+        if ambients.size == 1:
+            weights[0] = 1.0
+        else:
+            left = int(np.clip(np.searchsorted(ambients[order], temperature_c) - 1, 0, ambients.size - 2))
+            share = float((at - x[left]) / (x[left + 1] - x[left]))
+            weights[order[left]], weights[order[left + 1]] = 1.0 - share, share
+        value = float(np.exp(weights @ found.theta) * channel.length_m**2)
+        stated_air = replace(_stated(channel, 0, Air()), temperature_c=temperature_c)
+        figures = [(channel.quantity.symbol, "m²/s", value, value * weights)]
+        return _budgets(part, result.noise, figures, stated_air)[0]
+    return None
+
+
 def _of_ambient(part: Part, noise: Noise, ambient: int, diffusivity: float, air: Air) -> list[Budget]:
     channel, theta = part.channel, part.fit.theta
     stated = _stated(channel, ambient, air)
     times, slopes = response_slopes(channel, part.fit, ambient, stated)
     of_rate = np.zeros(theta.size)
     of_rate[ambient] = diffusivity
-    sources, misfit = _sources(part, noise), part.enlarged(noise)
     figures = [(channel.quantity.symbol, "m²/s", diffusivity, of_rate)]
     figures += [(name, "s", float(times[i]), slopes[i]) for i, name in enumerate(("t63", "t90"))]
-    made = []
+    return _budgets(part, noise, figures, stated)
+
+
+def _budgets(part: Part, noise: Noise, figures: list[tuple[str, str, float, Array]], stated: Air) -> list[Budget]:
+    """Budgets of figures, each as its name, unit, value, and by how much theta moves it (P,)."""
+    channel, made = part.channel, []
+    sources, misfit = _sources(part, noise), part.enlarged(noise)
     for figure, unit, value, slope in figures:
         lines = [source.line(slope) for source in sources]
         variance = sum(line.contribution**2 for line in lines)

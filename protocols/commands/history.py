@@ -1,0 +1,188 @@
+"""shockrig history: campaigns of one serial number over time, as control charts; what changed, and since when."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from shockrig.analysis.characterization.history import Chart, Observation
+    from shockrig.files.campaign import Campaign
+
+HISTORY_FORMAT = "shock-history/1"
+AT_C = 20.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    parser.epilog = (
+        "Each campaign is characterized anew. Limits come from the campaigns' own uncertainties; what a bench shares "
+        "by all of its campaigns is no change."
+    )
+    parser.add_argument(
+        "folders", metavar="DIR", type=Path, nargs="+", help="campaigns, or folders that hold campaigns"
+    )
+    parser.add_argument("--serial", metavar="NUMBER", help="only this sensor (all that have two campaigns)")
+    parser.add_argument("--out", metavar="OUT", type=Path, help="folder for history.html, history.json and the charts")
+    parser.add_argument(
+        "--extend", metavar="DIAGNOSIS.json", type=Path, help="fit the model with the causes that this diagnosis names"
+    )
+    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the differential evolution (0)")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Characterize each campaign, chart, print."""
+    from datetime import UTC, datetime
+
+    from shockrig.analysis.report.history_page import sentences, write_history
+    from shockrig.files.errors import InputError
+    from shockrig.files.json_files import write_json
+    from shockrig.protocols.commands.characterize import say
+    from shockrig.protocols.folder import software_version, whole_folder
+
+    campaigns = _campaigns(args.folders)
+    charts = _charts(campaigns, args, say)
+    if not charts:
+        wanted = f" with the serial number {args.serial}" if args.serial else ""
+        raise InputError(
+            f"{args.folders[0]}: no sensor{wanted} that can be characterized; state serial in campaign.json"
+        )
+    for one in charts:
+        print(f"{one.figure} of {one.serial}")
+        for o, low, high in zip(one.observations, one.low, one.high, strict=True):
+            mark = "" if low <= o.value <= high else "  outside its limits"
+            print(f"  {o.began_at[:10] or 'not known':<11}{o.campaign:<24}{_row(one, o)}{mark}")
+    for text in sentences(charts):
+        print(text)
+    if args.out is not None:
+        made_at = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
+        provenance: dict[str, Any] = {
+            "campaigns": ", ".join(str(campaign.path) for campaign in campaigns),
+            "software": f"shockrig {software_version()}",
+            "made_at": made_at,
+        }
+        with whole_folder(args.out) as folder:
+            write_json(folder / "history.json", _document(charts, provenance))
+            write_history(charts, folder, provenance)
+        print(f"report: {args.out / 'history.html'}")
+    return 0
+
+
+def _row(chart: Chart, one: Observation) -> str:
+    from shockrig.files.numbers import measured
+
+    return measured(one.value, one.value * one.random, chart.unit)
+
+
+def _campaigns(folders: Sequence[Path]) -> list[Campaign]:
+    """The campaigns in some folders, in the order in which they began; each once."""
+    from shockrig.files.campaign import read_campaign
+    from shockrig.files.disk import shown
+    from shockrig.files.errors import InputError
+    from shockrig.protocols.catalogue import catalogue
+
+    found: dict[Path, Campaign] = {}
+    for folder in folders:
+        if not folder.is_dir():
+            raise InputError(f"{shown(folder)}: is no folder; name campaigns, or the folder that they are in")
+        paths = [folder] if (folder / "campaign.json").is_file() else [entry.path for entry in catalogue(folder)[0]]
+        if not paths:
+            raise InputError(f"{shown(folder)}: holds no campaign (no campaign.json); name another folder")
+        for path in paths:
+            found.setdefault(path.resolve(), read_campaign(path))
+    return sorted(found.values(), key=_began_at)
+
+
+def _began_at(campaign: Campaign) -> str:
+    return min((run.started_at for run in campaign.runs if run.started_at), default="")
+
+
+def _bench(campaign: Campaign) -> str:
+    """What a bench is known by: settings, calibrations, what it states; the campaign itself where it has none."""
+    last = campaign.sessions[-1] if campaign.sessions else {}
+    known = {key: last[key] for key in ("bench", "calibration", "host") if key in last}
+    if not known:
+        return str(campaign.path)
+    stated = None if campaign.common is None else campaign.common.document()
+    return json.dumps([known, stated], sort_keys=True)
+
+
+def _charts(campaigns: Sequence[Campaign], args: argparse.Namespace, say: Any) -> list[Chart]:
+    from shockrig.analysis.characterization.budget import budgets, diffusivity_at
+    from shockrig.analysis.characterization.certified import with_common
+    from shockrig.analysis.characterization.characterize import characterize
+    from shockrig.analysis.characterization.extension import read_extension
+    from shockrig.analysis.characterization.history import chart, observed
+    from shockrig.files.errors import InputError
+
+    extensions = None if args.extend is None else read_extension(args.extend)
+    series: dict[tuple[str, str, str], list[Observation]] = {}
+    for campaign in campaigns:
+        serials = {
+            name: str(sensor["serial"])
+            for name, sensor in campaign.sensors.items()
+            if isinstance(sensor, dict) and sensor.get("serial")
+        }
+        wanted = {name for name, serial in serials.items() if args.serial in (None, serial)}
+        if not wanted:
+            why = "no serial number" if not serials else "another sensor"
+            say(f"{campaign.name}: {why}; left out")
+            continue
+        say(f"{campaign.name}: characterizing")
+        try:
+            result = characterize(with_common(campaign), args.seed, extensions)
+        except InputError as error:
+            say(f"left out: {error}")
+            continue
+        found = []
+        if result.temperature is not None and "imet" in wanted:
+            alpha, t63, _ = budgets(result.temperature)
+            found += [("alpha", serials["imet"], alpha), ("t63", serials["imet"], t63)]
+        if result.humidity is not None and "hyt" in wanted and (at := diffusivity_at(result.humidity, AT_C)):
+            found.append((f"D({AT_C:g} °C)", serials["hyt"], at))
+        for figure, serial, budget in found:
+            one = observed(budget, campaign.name, _began_at(campaign), _bench(campaign))
+            series.setdefault((figure, serial, budget.unit), []).append(one)
+    return [chart(*key, observations) for key, observations in series.items()]
+
+
+def _document(charts: Sequence[Chart], provenance: dict[str, Any]) -> dict[str, Any]:
+    from shockrig.analysis.report.history_page import sentence
+
+    return {
+        "format": HISTORY_FORMAT,
+        "charts": [
+            {
+                "figure": one.figure,
+                "serial": one.serial,
+                "unit": one.unit,
+                "campaigns": [
+                    {
+                        "campaign": o.campaign,
+                        "began_at": o.began_at,
+                        "value": o.value,
+                        "standard_uncertainty": o.value * o.random,
+                        "shared_by_the_bench": o.value * o.common,
+                        "level": float(level),
+                        "limits": [float(low), float(high)],
+                    }
+                    for o, level, low, high in zip(one.observations, one.level, one.low, one.high, strict=True)
+                ],
+                "changes": [
+                    {
+                        "since": one.observations[c.first].campaign,
+                        "relative": c.relative,
+                        "standard_uncertainty": c.standard_uncertainty,
+                        "probability_by_accident": c.probability,
+                        "sentence": sentence(one, c),
+                    }
+                    for c in one.changes
+                ],
+            }
+            for one in charts
+        ],
+        "provenance": provenance,
+    }

@@ -1,0 +1,132 @@
+"""Control charts: what has not changed is left alone, what has is dated, a bench's own error is no change."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_worlds import small_plan
+
+from shockrig.analysis.characterization.budget import diffusivity_at
+from shockrig.analysis.characterization.characterize import characterize
+from shockrig.analysis.characterization.history import FALSE_ALARMS, Observation, chart
+from shockrig.files.campaign import read_campaign
+from shockrig.protocols.cli import main
+from shockrig.rig.virtual.batch import simulate_campaign
+from shockrig.rig.virtual.truth import draw_truth
+
+
+def campaigns(values, random=0.003, common=0.0, degrees=40.0, benches=None):
+    benches = benches or ["one"] * len(values)
+    return [
+        Observation(f"c{i}", f"2026-{i + 1:02d}-01T00:00:00Z", value, random, common, degrees, bench)
+        for i, (value, bench) in enumerate(zip(values, benches, strict=True))
+    ]
+
+
+def test_false_alarms_are_as_many_as_are_allowed():
+    """Figures that scatter as they say: over one figure, a third of the rate that three may have together."""
+    rng = np.random.default_rng(7)
+    trials, found = 1500, 0
+    for _ in range(trials):
+        degrees = 20.0
+        spread = 0.003 * np.sqrt(degrees / rng.chisquare(degrees, 8))  # as uncertainties known from 20 degrees are
+        values = np.exp(0.003 * rng.standard_normal(8))
+        stated = 0.003**2 / spread
+        history = [replace(one, random=s) for one, s in zip(campaigns(values, degrees=degrees), stated, strict=True)]
+        found += bool(chart("D", "x", "", history).changes)
+    assert found / trials <= 1.5 * FALSE_ALARMS / 3
+
+
+def test_a_step_is_found_with_its_size_and_its_place():
+    rng = np.random.default_rng(4)
+    values = np.exp(0.003 * rng.standard_normal(10)) * np.where(np.arange(10) >= 6, 1.03, 1.0)
+    found = chart("D", "x", "m²/s", campaigns(values))
+    (change,) = found.changes
+    assert change.first == 6
+    assert change.relative == pytest.approx(0.03, abs=3 * 0.003 * np.sqrt(1 / 6 + 1 / 4))
+    assert change.standard_uncertainty == pytest.approx(1.03 * 0.003 * np.sqrt(1 / 6 + 1 / 4), rel=0.02)
+    assert change.probability < 1e-3
+    assert found.level[5] == found.level[0] != found.level[6] == found.level[9]
+    assert ((found.low < values) & (values < found.high)).all()
+
+
+def test_two_steps_are_two_changes():
+    values = np.repeat([1.0, 1.04, 0.97], 4)
+    assert [change.first for change in chart("D", "x", "", campaigns(values)).changes] == [4, 8]
+
+
+def test_what_a_bench_always_had_is_no_change_and_does_not_hide_one():
+    """An error of 5 % that all campaigns of the bench share neither widens nor makes a step."""
+    same = chart("D", "x", "", campaigns(np.repeat([1.0, 1.02], 5), common=0.05))
+    assert [change.first for change in same.changes] == [5]
+    other = campaigns(np.repeat([1.0, 1.02], 5), common=0.05, benches=["old"] * 5 + ["new"] * 5)
+    assert chart("D", "x", "", other).changes == ()
+    large = campaigns(np.repeat([1.0, 1.5], 5), common=0.05, benches=["old"] * 5 + ["new"] * 5)
+    (change,) = chart("D", "x", "", large).changes
+    assert change.standard_uncertainty == pytest.approx(1.5 * 0.05 * np.sqrt(2), rel=0.02)
+
+
+def test_a_single_campaign_has_no_changes():
+    found = chart("D", "x", "", campaigns([1.0]))
+    assert found.changes == ()
+    assert found.low[0] < 1.0 < found.high[0]
+
+
+@pytest.fixture(scope="module")
+def shelf(tmp_path_factory):
+    """Four campaigns of one sensor, months apart; before the last one its film has become 10 % faster."""
+    folder = tmp_path_factory.mktemp("shelf")
+    truth = draw_truth(np.random.default_rng(5), "rough")
+    for i, factor in enumerate((1.0, 1.0, 1.0, 1.1)):
+        own = replace(truth, diffusivity_20c_m2_s=factor * truth.diffusivity_20c_m2_s)
+        path = simulate_campaign(own, small_plan(), np.random.default_rng(50 + i), folder / f"c{i}", name=f"c{i}")
+        for file in sorted(path.glob("runs/*/run.json")):
+            content = json.loads(file.read_text())
+            content["started_at"] = content["started_at"].replace("2026-05", f"2026-0{i + 1}")
+            file.write_text(json.dumps(content))
+    return folder, truth
+
+
+def test_d_at_20_degrees_is_read_between_the_ambients(shelf):
+    folder, truth = shelf
+    result = characterize(read_campaign(folder / "c0")).humidity
+    budget = diffusivity_at(result, 20.0)
+    assert abs(budget.value / float(truth.diffusivity_m2_s(20.0)) - 1) < 4 * budget.standard_uncertainty / budget.value
+    row = min(result.rows, key=lambda one: abs(one.ambient_c - 20.0))
+    assert budget.value == pytest.approx(row.diffusivity_m2_s, rel=0.05 * abs(row.ambient_c - 20.0) + 1e-9)
+    assert budget.standard_uncertainty == pytest.approx(row.standard_uncertainty, rel=0.2)
+    assert diffusivity_at(result, 75.0) is None
+
+
+def test_the_command_says_what_changed_and_since_when(shelf, tmp_path, capsys):
+    folder, _ = shelf
+    assert main(["history", str(folder), "--out", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr().out
+    assert "D(20 °C) of virtual has changed by" in said
+    assert "since c3 (2026-04-01); c2 was the last before." in said
+    assert "alpha of virtual: (" in said
+    assert "in 4 campaigns; nothing has changed beyond its uncertainty." in said
+    content = json.loads((tmp_path / "out" / "history.json").read_text())
+    changed = {one["figure"]: one["changes"] for one in content["charts"]}
+    assert changed["alpha"] == changed["t63"] == []
+    (change,) = changed["D(20 °C)"]
+    assert change["since"] == "c3"
+    assert abs(change["relative"] - 0.1) < 4 * change["standard_uncertainty"]
+    page = (tmp_path / "out" / "history.html").read_text()
+    assert "c2 was the last before" in page
+    assert len(list((tmp_path / "out").glob("chart_*.png"))) == 3
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["nowhere"], "nowhere: is no folder"),
+        (["."], "holds no campaign"),
+        (["SHELF", "--serial", "60123"], "no sensor with the serial number 60123"),
+    ],
+)
+def test_bad_input_ends_with_one_line(shelf, tmp_path, monkeypatch, capsys, words, said):
+    monkeypatch.chdir(tmp_path)
+    assert main(["history", *(str(shelf[0]) if word == "SHELF" else word for word in words)]) == 2
+    assert said in capsys.readouterr().err.splitlines()[-1]
