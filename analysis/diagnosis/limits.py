@@ -15,7 +15,9 @@ def cannot_tell(channel: Channel) -> tuple[str, ...]:
     c, sensor = channel.conditions, channel.quantity.noun
     said = []
     if channel.runs == 1:
-        said.append("One run: nothing can be tried on a run that was not fitted, so no cause is named.")
+        said.append(
+            "One run: nothing can be tried on a run that was not fitted; the response's shape can be told, no cause."
+        )
     elif channel.runs <= FEW_RUNS:
         said.append(f"{channel.runs} runs: only what is plain in each of them can be told, and uncertainties are wide.")
     if channel.runs > 1 and not has_repeats(channel):

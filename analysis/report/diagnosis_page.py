@@ -98,6 +98,10 @@ def _key_numbers(views: Sequence[ChannelView], crossings: Sequence[Crossing]) ->
     numbers = []
     for view in views:
         gain, unit = view.found.gain, UNIT[view.found.name]
+        if not gain.measured:
+            label = f"error on unseen runs, {SENSOR[view.found.name]}"
+            numbers.append(KeyNumber(label, "not measured", "no run was left to try a model on"))
+            continue
         arrow = f" → {plain(gain.after, 2)}" if view.found.causes or view.found.discovered else ""
         numbers.append(
             KeyNumber(

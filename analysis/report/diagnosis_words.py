@@ -93,6 +93,17 @@ def gain_sentence(found: ChannelDiagnosis) -> str:
     return f"With {them} the model predicts unseen runs to {after} instead of {before} (noise {noise})."
 
 
+def removed_share(found: ChannelDiagnosis) -> str:
+    """What share of the explainable error what is named removes on unseen runs; empty where nothing is named."""
+    if not (found.causes or found.discovered):
+        return ""
+    if not found.gain.measured:
+        return "of the explainable error removed on unseen runs: unknown, none was left to try it on"
+    low, high = (100 * share for share in found.gain.interval_95)
+    share = f"{100 * found.gain.explained_fraction:.1f} % ({low:.1f} to {high:.1f} %)"
+    return f"of the explainable error removed on unseen runs: {share}"
+
+
 def channel_verdict(found: ChannelDiagnosis, whole: bool = True) -> str:
     """The verdict on one channel; without `whole` only the strongest of many causes is spelled out."""
     gain, unit, sensor = found.gain, UNIT[found.name], SENSOR[found.name]
@@ -124,7 +135,7 @@ def channel_verdict(found: ChannelDiagnosis, whole: bool = True) -> str:
     shapes = all(CATALOGUE[c.effect].shape for c in causes)
     opening = "As far as these runs tell:" if shapes else "Certain all the same:"
     if not (gain.measured or (found.remainder.significant and found.remainder.material)):
-        return " ".join([f"There is no other run to try an explanation of the {sensor}'s on.", opening, *said])
+        return " ".join([f"{sensor.capitalize()}: there is no other run to try an explanation on.", opening, *said])
     told = [described_words.sentence(one, unit) for one in found.discovered]
     most = ["Most of it can be described.", *told] if told else []
     return " ".join([unexplained(found, whole), *([opening, *said] if said else []), *most])

@@ -82,15 +82,12 @@ def main(args: argparse.Namespace) -> int:
 
 def story(diagnosis: Diagnosis, result: Score) -> str:
     """How it ended, what the diagnosis said before the seal was open, and what was under it."""
-    from shockrig.analysis.report.diagnosis_words import channel_verdict
+    from shockrig.analysis.report.diagnosis_words import channel_verdict, removed_share
 
     lines = [_filled(ending(result), "")]
     for found in diagnosis.channels:
         lines += ["", f"{found.name}: {found.verdict}", _filled(channel_verdict(found), "  ")]
-        if found.causes:
-            low, high = (100 * share for share in found.gain.interval_95)
-            share = f"{100 * found.gain.explained_fraction:.1f} % ({low:.1f} to {high:.1f} %)"
-            lines.append(f"  of the explainable error removed on unseen runs: {share}")
+        lines += [f"  {sentence}"] if (sentence := removed_share(found)) else []
         judged = result.channels[found.name]
         lines += [f"  {line}" for line in _under_the_seal(found, judged, result.truth)]
     return "\n".join(lines)

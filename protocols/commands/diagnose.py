@@ -230,6 +230,7 @@ def summary(diagnosis: Diagnosis) -> str:
         missing,
         named,
         remainder_sentence,
+        removed_share,
         terminal_causes,
     )
     from shockrig.analysis.report.next_time import next_time
@@ -239,11 +240,7 @@ def summary(diagnosis: Diagnosis) -> str:
     for found in diagnosis.channels:
         shown = [f"  {sentence}"] if (sentence := seen_sentence(found.problem.channel)) else []
         lines += [f"{found.name}: {found.verdict}", *shown, f"  {channel_verdict(found)}", *terminal_causes(found)]
-        gain = found.gain
-        if found.causes or found.discovered:
-            low, high = gain.interval_95
-            share = f"{100 * gain.explained_fraction:.1f} % ({100 * low:.1f} to {100 * high:.1f} %)"
-            lines.append(f"  of the explainable error removed on unseen runs: {share}")
+        lines += [f"  {sentence}"] if (sentence := removed_share(found)) else []
         lines.append(f"  {remainder_sentence(found)}")
         lines += [f"  tried and not named: {named(tried.effect)}: {tried.why}" for tried in found.tried]
         lines += [f"  cannot be told: {sentence}" for sentence in found.cannot_tell]
