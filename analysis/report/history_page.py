@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from shockrig.analysis.characterization.history import FALSE_ALARMS, LIMIT, Change, Chart
-from shockrig.analysis.report.html import Cell, Figure, Report, Section, Table, Text
+from shockrig.analysis.report.html import Block, Cell, Figure, Report, Section, Table, Text
 from shockrig.analysis.report.numbers import measured, plain
 from shockrig.analysis.report.style import BLUE, GREY, RED, literal, save_figure, styled
 
@@ -23,7 +23,7 @@ def sentence(chart: Chart, change: Change) -> str:
     by = measured(100.0 * change.relative, 100.0 * change.standard_uncertainty, "%")
     since = f"since {after.campaign}" + (f" ({after.began_at[:10]})" if after.began_at else "")
     said = f"{chart.figure} of {chart.serial} has changed by {by} {since}; {before.campaign} was the last before."
-    if after.bench != before.bench:
+    if after.bench != before.bench and max(after.common, before.common) > 0.1 * after.random:
         said += " The bench is not the same there (or nobody recorded it): what the bench shares is counted in that."
     return said
 
@@ -111,7 +111,7 @@ def write_history(charts: Sequence[Chart], folder: Path, provenance: dict[str, C
         said = [sentence(one, c) for c in one.changes] or [steady(one)]
         blocks = [*(Text(text, "warning" if one.changes else "good") for text in said)]
         caption = f"{one.figure} of {one.serial} over its campaigns"
-        drawn = [Figure(image, caption, caption), Table(heads, rows)]
+        drawn: list[Block] = [Figure(image, caption, caption), Table(heads, rows)]
         sections.append(Section(f"{one.figure}, {one.serial}", [*blocks, *drawn]))
     how = (
         f"A change is said where a step as large comes by accident in less than {100 * FALSE_ALARMS:g} of 100 "
