@@ -1,0 +1,196 @@
+"""The closed loop: `run adaptive` on the virtual bench, killed and gone on with, vetoed, and `plan` file by file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from shockrig.analysis.planning.goals import parse_goals
+from shockrig.files.plan import read_decisions
+from shockrig.protocols.adaptive import Loop
+from shockrig.protocols.cli import main
+from shockrig.protocols.decided import as_protocol
+from shockrig.rig.bench import virtual_bench
+from shockrig.rig.errors import BenchError, RunSkipped
+from shockrig.rig.observer import SilentObserver
+from shockrig.rig.protocol import Soak, load_protocol
+from shockrig.rig.recorder import read_state
+from shockrig.rig.runner import record_campaign
+from shockrig.rig.virtual.truth import Truth
+
+QUICK_SENSORS = Truth(7.5e-8, 2e-11)
+GOALS = "D 0.9 % at 20, minutes 30"
+
+
+class KilledAt(SilentObserver):
+    """Looks on until a run begins, and ends the process there."""
+
+    def __init__(self, id_):
+        self.id_ = id_
+
+    def run_began(self, run, number, total, now_s):
+        if run.id == self.id_:
+            raise KeyboardInterrupt
+
+
+def go_on(path, observer=None, **settings):
+    """One process of the loop; what it said."""
+    said = []
+    bench = virtual_bench(QUICK_SENSORS, seed=3)
+    loop = Loop(path, parse_goals(GOALS), bench, said.append, **settings)
+    planned = len(json.loads((path / "campaign.json").read_text())["plan"]) if path.exists() else 0
+    with bench:
+        record_campaign(
+            bench,
+            as_protocol([], planned, "adaptive", GOALS),
+            path,
+            utc=lambda: f"2026-05-01T00:{int(bench.clock.now() // 60):02d}:{bench.clock.now() % 60:06.3f}Z",
+            observer=observer,
+            sync_every_s=None,
+            more=loop,
+        )
+    return said
+
+
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory):
+    """A campaign whose process was killed as its second run began, and gone on with."""
+    path = tmp_path_factory.mktemp("loop") / "c"
+    with pytest.raises(KeyboardInterrupt):
+        go_on(path, KilledAt("0002"))
+    before = read_decisions(path)
+    cut = (path / "decisions.jsonl").read_text().splitlines(keepends=True)
+    return path, before, cut, go_on(path)
+
+
+def test_a_killed_campaign_goes_on_with_the_same_decision(killed):
+    path, before, _, said = killed
+    assert [entry["recorded"] for entry in before] == [[], ["0001"]]
+    assert said[0].startswith("going on with the decision before")
+    log = read_decisions(path)
+    assert log[:2] == before and log[-1]["status"] == "done" and log[-1]["number"] == len(log)
+    state = read_state(path)
+    assert state.recorded == state.planned == tuple(log[-1]["recorded"])
+    run = json.loads((path / "runs" / "0002" / "run.json").read_text())
+    assert run["planned"]["source"] == before[1]["runs"][0]["source"]
+
+
+def test_without_its_log_the_same_files_give_the_same_decision(killed, tmp_path):
+    """Killed before the decision was written: it is taken again, and is the same."""
+    from shockrig.analysis.planning.decide import decide
+    from shockrig.analysis.planning.export import log_entry, remembered
+    from shockrig.files.campaign import read_campaign
+
+    path, before, _, _ = killed
+    campaign = read_campaign(path)
+    first = [run for run in campaign.runs if run.id == "0001"]
+    from dataclasses import replace
+
+    goals = parse_goals(GOALS)
+    again = decide(replace(campaign, runs=tuple(first)), goals, remembered(before[0]))
+    entry = json.loads(json.dumps(log_entry(again, goals, before[0], [])))
+    assert entry == before[1]
+
+
+def test_the_operator_vetoes_a_choice_and_another_is_made(tmp_path):
+    class Person:
+        def __init__(self):
+            self.asked = []
+
+        def __getattr__(self, name):
+            return lambda *a: None
+
+        def ask(self, message, check=None):
+            self.asked.append(message)
+            if len(self.asked) == 1:
+                raise RunSkipped("skipped by the operator")
+            return ""
+
+    bench = virtual_bench(QUICK_SENSORS)
+    bench.operator = Person()
+    path = tmp_path / "c"
+    path.mkdir()
+    document = {"format": "shock-campaign/1", "name": "c", "sensors": {}, "plan": []}
+    (path / "campaign.json").write_text(json.dumps(document))
+    protocol = Loop(path, parse_goals(GOALS), bench, lambda line: None, confirm=True)(None, 0.0)
+    first, second = read_decisions(path)
+    assert second["vetoed"] == [{k: v for k, v in first["runs"][0].items() if not k.startswith("expected")}]
+    assert second["runs"][0]["destination"] != first["runs"][0]["destination"]
+    assert protocol.runs[0].id == "0001"
+    assert protocol.runs[0].destination.humidity_percent == second["runs"][0]["destination"]["humidity_percent"]
+
+
+def test_runs_of_the_operators_own_come_first(tmp_path):
+    path = tmp_path / "c"
+    path.mkdir()
+    document = {"format": "shock-campaign/1", "name": "c", "sensors": {}, "plan": []}
+    (path / "campaign.json").write_text(json.dumps(document))
+    own = load_protocol("quick").runs
+    loop = Loop(path, parse_goals(GOALS), virtual_bench(QUICK_SENSORS), lambda line: None, added=own)
+    assert loop(None, 0.0).runs[0].source == own[0].source
+    assert not read_decisions(path)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["run", "adaptive", "--out", "c"], "--until is missing: what shall be reached?"),
+        (["run", "quick", "--out", "c", "--until", "alpha 1 %"], "--until is for shockrig run adaptive"),
+        (["run", "adaptive", "--out", "c", "--until", "beta 1 %"], "'beta 1 %' is no goal"),
+        (["run", "adaptive", "--until", "alpha 1 %"], "--out CAMPAIGN is missing"),
+        (["plan", "c", "--until", "alpha 1 %", "--out", "next.txt"], "a protocol's name ends in .toml"),
+        (["plan", "c", "--until", "alpha 1 %", "--out", "n.toml", "--runs", "0"], "--runs 0: expected 1 to 100"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_a_line(tmp_path, monkeypatch, capsys, words, said):
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2
+    assert said in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_file_by_file_from_an_empty_folder_until_it_is_done(tmp_path, monkeypatch, capsys):
+    """`plan`, runs recorded by what takes protocols, `plan` again; the same command to the end."""
+    monkeypatch.chdir(tmp_path)
+    asked = ["plan", "c", "--until", "D 0.9 % at 20", "--out", "next.toml", "--runs", "1"]
+    for _ in range(6):
+        assert main(asked) == 0
+        plan = json.loads(Path("next.json").read_text())
+        if plan["status"] != "continue":
+            break
+        protocol = load_protocol("next.toml")
+        assert protocol.continues == (len(read_state(Path("c")).recorded) if Path("c").exists() else 0)
+        assert isinstance(protocol.runs[0].steps[0], Soak)
+        assert (
+            main(
+                ["run", "next.toml", "--out", "c", "--seed", "3"]
+                if not Path("c").exists()
+                else ["run", "next.toml", "--out", "c"]
+            )
+            == 0
+        )
+    assert plan["status"] == "done" and not Path("next.toml").exists()
+    assert "done: all goals are met" in capsys.readouterr().out
+    assert "<svg" in (page := Path("c/decisions.html").read_text()) or "data:image/png" in page
+    assert [len(e["recorded"]) for e in read_decisions(Path("c"))] == sorted(
+        len(e["recorded"]) for e in read_decisions(Path("c"))
+    )
+
+
+def test_a_plan_keeps_to_what_a_bench_can_do():
+    from shockrig.analysis.planning.shock import Shock
+    from shockrig.protocols.decided import feasible_on
+
+    bench = virtual_bench(QUICK_SENSORS)
+    feasible = feasible_on(bench)
+    assert feasible(Shock(20.0, 20.0, 20.0, 80.0, transfer_s=2.0))
+    assert not feasible(Shock(20.0, 20.0, 20.0, 80.0, irradiance_w_m2=800.0))
+    assert not feasible(Shock(20.0, 20.0, 20.0, 80.0, transfer_s=1e-4))
+
+    def refuses(*airs):
+        raise BenchError("too cold")
+
+    bench.chambers.demand = refuses
+    assert not feasible(Shock(20.0, 20.0, 20.0, 80.0))
