@@ -183,6 +183,7 @@ ARGUMENTS = {
     "demo-flights": [],
     "emulate": ["imet-xf"],
     "import": ["--imet", "log.csv"],
+    "plan": ["c", "--until", "alpha 1 %"],
     "run": ["quick"],
     "check": [],
     "scan": [],
