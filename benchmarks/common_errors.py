@@ -2,11 +2,13 @@
 name the largest line?
 
     python benchmarks/common_errors.py [--worlds 48] [--first-seed 61000] [--film] [--out FILE]
+    python benchmarks/common_errors.py --diagnose [--worlds 12]
 
 Rough worlds of the virtual bench. In each, what the bench wrote down is made wrong in all runs alike by a draw: airflow
 2 %, airs 0.05 K and 0.5 %RH, trigger 10 ms, pressure 5 hPa, clock 50 millionths; campaign.json states as much. Truth is
 what the sensors are. With --film an air film is hidden as well and carried by the model, so that alpha depends on the
-airflow. Each world appends its lines to --out; the table is made from all lines that are there.
+airflow. Each world appends its lines to --out; the table is made from all lines that are there. With --diagnose the
+plain worlds are diagnosed, as stated and as if nobody had stated anything: nothing may be named.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ import numpy as np
 from shockrig.analysis.characterization.budget import Budget, budgets
 from shockrig.analysis.characterization.characterize import characterize
 from shockrig.analysis.characterization.extension import Extension
+from shockrig.analysis.diagnosis.diagnose import diagnose
 from shockrig.analysis.effects import structure_of
 from shockrig.files.campaign import Air, Campaign, Run, read_campaign
 from shockrig.files.common_uncertainty import INPUTS, CommonUncertainty
@@ -128,6 +131,27 @@ def world(seed: int, film: bool) -> list[dict[str, object]]:
     return lines
 
 
+def named(seed: int, stated: CommonUncertainty | None) -> dict[str, list[str]]:
+    """Channel -> what a diagnosis of a plain world with its draw of common errors names; nothing is there."""
+    rng = np.random.default_rng(seed)
+    truth = draw_truth(rng, "rough")
+    with tempfile.TemporaryDirectory() as folder:
+        campaign = read_campaign(simulate_campaign(truth, standard_plan(), rng, Path(folder) / "c"))
+    found = diagnose(falsified(campaign, drawn(rng), stated))
+    return {channel.name: [cause.effect for cause in channel.causes] for channel in found.channels}
+
+
+def diagnosed(seeds: range) -> str:
+    """Wrong names in plain worlds with common errors, stated and not."""
+    rows = []
+    for words, stated in (("stated", STATED), ("not stated", None)):
+        wrong = {seed: {c: n for c, n in named(seed, stated).items() if n} for seed in seeds}
+        wrong = {seed: names for seed, names in wrong.items() if names}
+        rows.append(f"{words}: wrong names in {len(wrong)} of {len(seeds)} plain worlds {wrong or ''}".rstrip())
+        print(rows[-1], file=sys.stderr, flush=True)
+    return "\n".join(rows)
+
+
 def table(lines: list[dict[str, object]]) -> str:
     """What of the errors lies within two standard uncertainties, and how often the largest line is named rightly."""
     heads = ("median u", "within 2 u", "within U", "rms z", "largest")
@@ -157,7 +181,11 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--first-seed", type=int, default=61000)
     parser.add_argument("--film", action="store_true", help="hide an air film, and carry it in the model")
     parser.add_argument("--out", type=Path, help="JSON lines of worlds already run; new ones are appended")
+    parser.add_argument("--diagnose", action="store_true", help="diagnose the plain worlds instead")
     args = parser.parse_args(argv)
+    if args.diagnose:
+        print(diagnosed(range(args.first_seed, args.first_seed + args.worlds)))
+        return
     lines: list[dict[str, object]] = []
     if args.out is not None and args.out.is_file():
         lines = [json.loads(line) for line in args.out.read_text().splitlines()]

@@ -64,6 +64,7 @@ class Bench:
     climate: Mapping[str, Any] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
     calibration: Mapping[str, Any] = field(default_factory=dict)
+    common: Mapping[str, float] = field(default_factory=dict)
     devices: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -207,6 +208,7 @@ def open_bench(
         chambers=chambers,
         settings=settings,
         calibration={name: dict(part.calibration) for name, part in config.parts().items() if part.calibration},
+        common=config.common,
         climate={CHAMBERS[name]: device for name, device in devices.items()},
         devices={name: _device(name, part) for name, part in config.parts().items()},
     )

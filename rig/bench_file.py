@@ -4,7 +4,8 @@
 [reference] each with a kind and that kind's own settings,
 and for any of them certificate = "..." and calibrated = 2026-04-01;
 [chambers.source], [chambers.destination], [chambers.airflow] for devices that make them (a person does where left out);
-[virtual] for emulated parts. Kinds are a table of strings: nothing vendor-specific is imported before it is asked for.
+[common_uncertainty] for what is off in all runs alike; [virtual] for emulated parts. Kinds are a table of strings:
+nothing vendor-specific is imported before it is asked for.
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ from pathlib import Path
 from typing import Any
 
 from shockrig.files.campaign_names import DEFAULT_BODIES, sensor_and_probe
+from shockrig.files.common_uncertainty import INPUTS, read_common
 from shockrig.files.disk import TOML_AT_MOST, read_text
+from shockrig.files.json_files import JsonObject
 from shockrig.files.ranges import RANGES
 from shockrig.rig.errors import BenchError, as_bench_errors
 from shockrig.rig.keys import nearest, refuse_unknown_keys
@@ -102,7 +105,8 @@ class GeneralSettings:
 
 @dataclass(frozen=True)
 class BenchConfig:
-    """A bench file, checked. `sensors` is in the file's order."""
+    """A bench file, checked. `sensors` is in the file's order; `common` is what it states of errors that all runs
+    share."""
 
     path: str
     general: GeneralSettings
@@ -111,6 +115,7 @@ class BenchConfig:
     reference: Part
     virtual: VirtualSettings = field(default_factory=VirtualSettings)
     chambers: Mapping[str, Part] = field(default_factory=dict)
+    common: Mapping[str, float] = field(default_factory=dict)
 
     def is_virtual(self, part: Part) -> bool:
         """Whether a part is emulated: its port or bus is called "virtual"."""
@@ -153,7 +158,8 @@ def load_bench(path: str | Path) -> BenchConfig:
 
 def check_bench(content: Mapping[str, Any], path: str) -> BenchConfig:
     """The bench that a table of tables describes. Raises BenchError."""
-    refuse_unknown_keys(content, ("bench", "sensors", "chambers", "stage", "reference", "virtual"), path)
+    known = ("bench", "sensors", "chambers", "stage", "reference", "common_uncertainty", "virtual")
+    refuse_unknown_keys(content, known, path)
     for section in ("bench", "sensors", "stage", "reference"):
         if not isinstance(content.get(section), Mapping):
             raise BenchError(f"{path}: section [{section}] is missing; data/benches has examples")
@@ -171,6 +177,7 @@ def check_bench(content: Mapping[str, Any], path: str) -> BenchConfig:
         _part("reference", content["reference"], f"{path}: [reference]"),
         settings_from(VirtualSettings, content.get("virtual", {}), f"{path}: [virtual]"),
         {name: _part("chambers", table, f"{path}: [chambers.{name}]") for name, table in chambers.items()},
+        _common(content, path),
     )
     if config.general.clock == "virtual":
         for name, part in config.parts().items():
@@ -178,6 +185,16 @@ def check_bench(content: Mapping[str, Any], path: str) -> BenchConfig:
             if (connected and not config.is_virtual(part)) or part.kind in ("manual", "operator"):
                 raise BenchError(f'{path}: {name} is real, and reality keeps real time: set [bench] clock = "real"')
     return config
+
+
+def _common(content: Mapping[str, Any], path: str) -> dict[str, float]:
+    """What is stated of errors that all runs share, as campaign.json will have it."""
+    with as_bench_errors():
+        stated = read_common(JsonObject(content, path))
+    if stated is None:
+        return {}
+    refuse_unknown_keys(content["common_uncertainty"], INPUTS, f"{path}: [common_uncertainty]")
+    return {key: value for key, value in stated.document().items() if key not in stated.by_default}
 
 
 def _demand_names(sensors: Mapping[str, Any], where: str) -> None:

@@ -90,7 +90,13 @@ def record_campaign(
     """
     watcher = observer or SilentObserver()
     folder = CampaignFolder(
-        path, protocol, bench.describe(), bench=bench.name, sync_every_s=sync_every_s, emulated=bench.emulated
+        path,
+        protocol,
+        bench.describe(),
+        bench=bench.name,
+        sync_every_s=sync_every_s,
+        emulated=bench.emulated,
+        common=bench.common,
     )
     try:
         for text in folder.recover():

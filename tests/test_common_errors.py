@@ -1,6 +1,7 @@
 """What is off in all runs alike: stated, fitted under its prior, counted in every uncertainty, named as no cause."""
 
 import json
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +23,8 @@ from shockrig.analysis.inference.problem import make_problem
 from shockrig.files.campaign import read_campaign
 from shockrig.files.common_uncertainty import INPUTS, NOTHING_COMMON, ORDINARY_LABORATORY, CommonUncertainty
 from shockrig.files.errors import InputError
+from shockrig.rig.bench_file import check_bench
+from shockrig.rig.errors import BenchError
 from shockrig.rig.virtual.hide import draw_effect
 
 SCHEMA = json.loads((Path(__file__).parents[1] / "data/schemas/shock-campaign-1.json").read_text())
@@ -70,6 +73,16 @@ def test_the_virtual_bench_states_that_nothing_common_is_off(campaign):
     assert campaign.common == NOTHING_COMMON
     assert not campaign.common.by_default
     jsonschema.validate(json.loads((campaign.path / "campaign.json").read_text()), SCHEMA)
+
+
+def test_a_bench_file_states_what_its_campaigns_will():
+    content = tomllib.loads((Path(__file__).parents[1] / "data/benches/virtual.toml").read_text())
+    assert check_bench(content, "b.toml").common == {}
+    stated = {"airflow_percent": 2.0, "trigger_offset_s": 0.005}
+    assert check_bench(content | {"common_uncertainty": stated}, "b.toml").common == stated
+    for wrong, said in (({"airflow": 2.0}, "unknown key 'airflow'"), ({"clock_ppm": -1}, "-1 cannot be")):
+        with pytest.raises(BenchError, match=said):
+            check_bench(content | {"common_uncertainty": wrong}, "b.toml")
 
 
 def test_a_campaign_that_states_nothing_is_fitted_as_one_without_common_errors(campaign):

@@ -262,7 +262,7 @@ def _sources(part: Part, noise: Noise) -> list[_Source]:
     for k in np.flatnonzero(prior):
         name, size = model.names[k], float(1.0 / np.sqrt(prior[k]))
         component, its_unit = COMMON_LINES.get(name, (f"what is known of {name} beforehand", "1"))
-        moves = (covariance[:, k] / size)[:, None]
+        moves = -(covariance[:, k] / size)[:, None]  # the prior holds the estimate back from where the error is
         sources.append(_Source(component, "B", size, its_unit, moves, key=name if name in COMMON_LINES else ""))
     for name, moved in shifts(part.problem, found).items():
         component, its_unit = COMMON_LINES[name]

@@ -53,6 +53,7 @@ class CampaignFolder:
         bench: str,
         sync_every_s: float | None,
         emulated: bool = False,
+        common: Mapping[str, float] | None = None,
     ):
         self.path = path
         self._protocol = protocol
@@ -60,7 +61,7 @@ class CampaignFolder:
         self._is_ours = False
         self._is_new = False
         self._made = [folder for folder in (path, *path.resolve().parents) if not is_there(folder)]
-        content = _document(path, protocol, sensors, bench, emulated)
+        content = _document(path, protocol, sensors, bench, emulated, common or {})
         _demand_beginning(path, protocol)
         try:
             path.mkdir(parents=True, exist_ok=True)
@@ -259,20 +260,27 @@ def check_folder(
     if is_there(path):
         _demand_place(path)
     if is_there(path / "campaign.json"):
-        _is_longer(path, _document(path, protocol, sensors, bench, emulated), protocol.continues)
+        _is_longer(path, _document(path, protocol, sensors, bench, emulated, {}), protocol.continues)
     _demand_beginning(path, protocol)
 
 
-def _document(path: Path, protocol: Protocol, sensors: Mapping[str, Any], bench: str, emulated: bool) -> dict[str, Any]:
-    # Emulated references, anemometers and triggers have no error of their own.
-    invented = {"common_uncertainty": NOTHING_COMMON.document()} if emulated else {}
+def _document(
+    path: Path,
+    protocol: Protocol,
+    sensors: Mapping[str, Any],
+    bench: str,
+    emulated: bool,
+    common: Mapping[str, float],
+) -> dict[str, Any]:
+    # Emulated references, anemometers and triggers have no error of their own, unless the bench file says so.
+    stated = (NOTHING_COMMON.document() if emulated else {}) | dict(common)
     return campaign_document(
         path.name or protocol.name,
         sensors,
         protocol=protocol.name,
         bench=bench,
         emulated=emulated,
-        **invented,
+        **({"common_uncertainty": stated} if stated else {}),
         plan=[_plan_entry(run) for run in protocol.runs],
     )
 
