@@ -5,7 +5,8 @@
     python benchmarks/discovery.py --kind two --seeds 4
     python benchmarks/discovery.py --tables
 
-Each trial appends one line to benchmarks/results/discovery.jsonl; `--tables` says what all lines there show. Kinds:
+Each trial appends one line to benchmarks/results/discovery.jsonl (one that is there already is not made again);
+`--tables` says what all lines there show. Kinds:
 one_out (an entry taken away and hidden, or an effect from outside of the catalogue), none (plain worlds), two (two
 catalogued effects, nothing taken away). Tolerances are 0: every significant remainder is material.
 """
@@ -252,8 +253,14 @@ def main(argv: list[str] | None = None) -> int:
     pairs = [pair for pair in RIGHT if not wanted or pair[0] in wanted]
     if args.kind != "one_out":
         pairs = [("", T), ("", RH)]
+    done = set()
+    if args.results.exists():
+        told = map(json.loads, args.results.read_text(encoding="utf-8").splitlines())
+        done = {tuple(r[k] for k in ("kind", "effect", "channel", "seed", "tier")) for r in told}
     for seed in range(args.first_seed, args.first_seed + args.seeds):
         for effect, channel in pairs:
+            if (args.kind, effect, channel, seed, args.tier) in done:
+                continue
             result = run(args.kind, effect, channel, seed, args.tier)
             with args.results.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(result) + "\n")
