@@ -20,6 +20,7 @@ from shockrig.analysis.inference.problem import Problem
 
 ALIKE = 0.1  # of the logarithm of two airflows that are one condition
 LEAST_TRAINED = 6  # runs that a description is fitted to
+LEAST_TOLD = 0.3  # share of the squares of all steps that they have
 STEPS = 12
 CHANCE = 1e-3  # of so much saved by accident, above which a description is none
 HARM = 0.05  # share of all that is saved, by which a single condition may be predicted worse
@@ -76,11 +77,13 @@ def judged_by_condition(problem: Problem, without: Fit, found: Fit, factors: set
     A factor with two values is not held out where the description depends on it: one value says nothing of the other.
     """
     conditions = []
+    told = problem.channel.quantity.step(problem.channel.conditions) ** 2
     for name, test in held_out(problem.channel, factors):
         train = ~test
         known = np.isin(problem.channel.ambient, problem.channel.ambient[train])
         test = test & known
-        if train.sum() < LEAST_TRAINED or not test.any():
+        # Runs that hardly step do not tell the rates that the others are to be predicted with.
+        if train.sum() < LEAST_TRAINED or not test.any() or told[train].sum() < LEAST_TOLD * told.sum():
             continue
         scored = [_scored(problem, f, train, test) for f in (without, found)]
         (deviance, before), (lower, after) = scored

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from shockrig.analysis.discovery.conditions import Judged, judged_by_condition
-from shockrig.analysis.discovery.race import NUMBER, Candidate, candidates
+from shockrig.analysis.discovery.race import NUMBER, Candidate, candidates, simpler
 from shockrig.analysis.inference.effect import Effect
 from shockrig.analysis.inference.fit import Fit, fit
 from shockrig.analysis.inference.model import Model, Structure
@@ -102,6 +102,9 @@ def discover(problem: Problem, near: Fit, judge: Callable[[Fit], Left]) -> Disco
         current, left = best.fit, judge(best.fit)
     if not stages:
         return None
+    if len(stages) > 1:  # beside one another forms may need less than each alone
+        stages, current = _less(problem, stages, current)
+        left = judge(current)
     described = []
     for place, (best, found) in enumerate(stages):
         one = _standing(problem, near, current, best, found, left, alone=len(stages) == 1 and place == 0)
@@ -118,6 +121,20 @@ def discover(problem: Problem, near: Fit, judge: Callable[[Fit], Left]) -> Disco
         described = [replace(one, values=current.values()[one.effect.id]) for one in described]
     described.sort(key=lambda one: -one.necessity)
     return Discovery(current, near, tuple(described), left.passed, null)
+
+
+def _less(
+    problem: Problem, stages: list[tuple[Candidate, list[Candidate]]], current: Fit
+) -> tuple[list[tuple[Candidate, list[Candidate]]], Fit]:
+    """The forms without factors that, beside one another, are not worth their numbers."""
+    out = []
+    for best, found in stages:
+        now = Candidate(best.effect, current)
+        better = min(simpler(problem, now), key=lambda c: c.cost, default=now)
+        if better.cost < now.cost:
+            best, current = better, better.fit
+        out.append((best, found))
+    return out, current
 
 
 def _worth(near: Fit, one: Candidate, null: float) -> float:
@@ -186,7 +203,8 @@ def _standing(
 
 def _only_more(other: Candidate, best: Candidate) -> bool:
     """Whether a form is the other with factors more, which are not worth their numbers."""
-    same = (other.form.behaves_as, other.form.driver) == (best.form.behaves_as, best.form.driver)
+    same = other.form.behaves_as == best.form.behaves_as
+    same &= other.form.driver == best.form.driver or best.form.behaves_as == "rate_change"
     return same and set(other.form.depends_on) > set(best.form.depends_on)
 
 

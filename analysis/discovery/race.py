@@ -57,9 +57,9 @@ def candidates(problem: Problem, near: Fit) -> tuple[list[Candidate], float]:
     for _ in range(ROUNDS):
         running = [_further(problem, one) for one in _ahead(running, 1)]
     ended = _distinct([_ended(problem, one) for one in _distinct(running)[:LEADERS]])
-    simpler = [less for one in ended[:REFINED] for less in _simpler(problem, one)]
-    refined = [more for one in _distinct([*ended, *simpler])[:REFINED] for more in _refined(problem, one)]
-    return _distinct([*ended, *simpler, *refined]), null
+    fewer = [less for one in ended[:REFINED] for less in simpler(problem, one)]
+    refined = [more for one in _distinct([*ended, *fewer])[:REFINED] for more in _refined(problem, one)]
+    return _distinct([*ended, *fewer, *refined]), null
 
 
 def _entered(scored: Sequence[Scored], null: float) -> list[Scored]:
@@ -133,7 +133,7 @@ def _refined(problem: Problem, one: Candidate) -> list[Candidate]:
     return [better for better in found if better.cost < one.cost]
 
 
-def _simpler(problem: Problem, one: Candidate) -> list[Candidate]:
+def simpler(problem: Problem, one: Candidate) -> list[Candidate]:
     """The same form without one of the factors that only scale it."""
     values, found = one.fit.choice, []
     without = one.fit.structure.dropping(one.effect.id)

@@ -24,6 +24,7 @@ SIGMAS = 3.0  # beyond which a dependence is one
 SHARP = {"power": 0.15, "exponential": 0.01, "ratio": 0.1}
 SHARP_HUMIDITY, SHARP_ORDER = 0.4, 0.01
 STEP = 1e-3  # of a factor's number, in finite differences
+MOVED = 0.01  # of a parameter's range
 WHOLE = 25  # steps of Gauss and Newton
 
 
@@ -99,7 +100,7 @@ def _nearest(problem: Problem, final: Fit, one: Described) -> Likeness | None:
             continue
         model = Model(channel, less.adding(effect))
         shift = float(np.log(effect.rate_factor(channel))) if effect.rate_factor else 0.0
-        for start in effect.starts(channel):
+        for start in _unequal(effect, effect.starts(channel)):
             named = {f"{effect.id}.{name}": value for name, value in start.items()}
             at = model.start(final.log_rates + shift, final.choice | named)
             columns.append(problem.whiten(model.predict(Point(at, final.deviations))[0] - base))
@@ -117,6 +118,17 @@ def _nearest(problem: Problem, final: Fit, one: Described) -> Likeness | None:
     return Likeness(
         effect.id, round(float(min(likeness[best], 1.0)), 3), _why_not(problem, final, less, effect, start, one)
     )
+
+
+def _unequal(effect: Effect, starts: list[dict[str, float]]) -> list[dict[str, float]]:
+    """Starts at which an effect does something: where it begins from nothing, each of its numbers moved by itself."""
+    found = []
+    for start in starts:
+        if any(start[p.name] != p.none for p in effect.parameters) or not effect.parameters:
+            found.append(start)
+        else:
+            found += [start | {p.name: start[p.name] + MOVED * (p.high - p.low)} for p in effect.parameters]
+    return found
 
 
 def _why_not(
