@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import os
 import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -91,7 +92,9 @@ class Bench:
             except OSError as error:
                 own = isinstance(error, RigError)  # says the remedy itself
                 remedy = "" if own else REMEDIES.get(error.errno or 0, "check cable and supply")
-                faults.append(ConnectionFault(self.devices.get(name, name), error.strerror or str(error), remedy))
+                code = None if own else error.errno  # pyserial's own words name the port and the error twice
+                cause = os.strerror(code) if code else error.strerror or str(error)
+                faults.append(ConnectionFault(self.devices.get(name, name), cause, remedy))
         if faults:
             raise ConnectionFaults(faults)
 

@@ -1,5 +1,6 @@
 """What the diagnosis page is made of: sentences, held-out residuals' numbers, single runs by condition, the flight."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,6 +20,7 @@ from shockrig.analysis.report.diagnosis_words import (
     experiments,
     listed,
     remainder_sentence,
+    removed_share,
     worse,
 )
 from shockrig.analysis.report.parameters import RunParameter
@@ -211,3 +213,16 @@ def test_a_film_known_at_one_ambient_is_not_flown_and_that_is_said():
     assert any("too little" in note for note in notes)
     crossings, notes = cross_inversion(Profile(None, one), Profile(None, one))
     assert crossings == [] and notes
+
+
+def test_a_gain_that_few_runs_cannot_tell_is_said_to_be_so():
+    """The interval of six runs may reach from -175832 % to 100 %: no number that anybody can use."""
+    found = channel("temperature", "explained", (FILM,))
+    found.discovered = ()
+    few = replace(found.gain, explained_fraction=0.979, interval_95=(-1758.32, 1.0))
+    for gained, words in (
+        (few, "97.9 % (these runs do not tell how much it is on others)"),
+        (replace(few, interval_95=(0.912, 0.9999)), "97.9 % (91.2 to 100.0 %)"),
+    ):
+        found.gain = gained
+        assert removed_share(found) == f"of the explainable error removed on unseen runs: {words}"

@@ -22,6 +22,7 @@ from shockrig.analysis.report.crossing import Crossing
 from shockrig.analysis.report.diagnosis_figures import crossing_figure
 from shockrig.analysis.report.diagnosis_view import ChannelView
 from shockrig.analysis.report.diagnosis_words import (
+    NOT_TOLD,
     SENSOR,
     channel_verdict,
     experiments,
@@ -112,11 +113,12 @@ def _key_numbers(views: Sequence[ChannelView], crossings: Sequence[Crossing]) ->
         )
         if view.found.causes or view.found.discovered:
             low, high = (100 * x for x in gain.interval_95)
+            interval = f"95 % interval {plain(low, 4)} to {plain(high, 4)} %"
             numbers.append(
                 KeyNumber(
                     f"of the explainable error removed, {SENSOR[view.found.name]}",
                     f"{plain(100 * gain.explained_fraction, 3)} %",
-                    f"95 % interval {plain(low, 4)} to {plain(high, 4)} %",
+                    interval if low >= 0.0 else NOT_TOLD,
                 )
             )
     numbers += [

@@ -16,6 +16,7 @@ from shockrig.analysis.report.fitted import UNIT
 from shockrig.analysis.report.numbers import measured, plain
 
 SENSOR: dict[str, str] = {name: quantity.noun for name, quantity in QUANTITIES.items()}
+NOT_TOLD = "these runs do not tell how much it is on others"
 
 
 def named(effect: str) -> str:
@@ -100,8 +101,8 @@ def removed_share(found: ChannelDiagnosis) -> str:
     if not found.gain.measured:
         return "of the explainable error removed on unseen runs: unknown, none was left to try it on"
     low, high = (100 * share for share in found.gain.interval_95)
-    share = f"{100 * found.gain.explained_fraction:.1f} % ({low:.1f} to {high:.1f} %)"
-    return f"of the explainable error removed on unseen runs: {share}"
+    interval = f"{low:.1f} to {high:.1f} %" if low >= 0.0 else NOT_TOLD
+    return f"of the explainable error removed on unseen runs: {100 * found.gain.explained_fraction:.1f} % ({interval})"
 
 
 def channel_verdict(found: ChannelDiagnosis, whole: bool = True) -> str:
@@ -174,7 +175,8 @@ def unexplained(found: ChannelDiagnosis, whole: bool = True) -> str:
 def remainder_sentence(found: ChannelDiagnosis) -> str:
     """What is left on unseen runs, and whether it matters."""
     left = found.remainder
-    size = f"{plain(left.rms, 2)} {left.unit} rms above the noise, at most {plain(left.peak, 2)} {left.unit}"
+    size = f"{plain(left.rms, 2)} {left.unit} rms above the noise"
+    size += f", at most {plain(left.peak, 2)} {left.unit}" if left.peak > 0.0 else ""
     where = "on unseen runs" if found.gain.measured else "in the readings"
     if not left.significant:
         return f"Left {where}: {size}; no more than chance leaves."
