@@ -26,7 +26,6 @@ from shockrig.rig.errors import CampaignAborted, CampaignPaused, RunRepeated, Ru
 from shockrig.rig.journal import read_journal
 from shockrig.rig.operator import KEYS, ConsoleOperator
 from shockrig.rig.recorder import read_state
-from shockrig.rig.seams import Outcome
 from shockrig.rig.watch.follow import Follower
 
 pytestmark = pytest.mark.timeout(120)
@@ -77,9 +76,12 @@ PROMPTS = (SET, PUT, SOURCE_C, SOURCE_RH, DESTINATION_C, DESTINATION_RH, MOVE)
 class Terminal:
     """A recording on a pseudo-terminal of its own, which is its controlling terminal: what it says, and a keyboard."""
 
-    def __init__(self, folder, *more, answer_s=60, move_s=60, soak_s=60, repeat=0):
-        (folder / "bench.toml").write_text(BENCH.format(answer_s=answer_s, move_s=move_s))
-        (folder / "protocol.toml").write_text(PROTOCOL.format(soak_s=soak_s, repeat=repeat))
+    def __init__(self, folder, *more, answer_s=60, move_s=60, soak_s=60, repeat=0, bench=BENCH, source_c=20):
+        (folder / "bench.toml").write_text(bench.format(answer_s=answer_s, move_s=move_s))
+        protocol = PROTOCOL.format(soak_s=soak_s, repeat=repeat)
+        (folder / "protocol.toml").write_text(
+            protocol.replace("{ temperature_c = 20", f"{{ temperature_c = {source_c}", 1)
+        )
         self.out = folder / "c"
         words = ["run", folder / "protocol.toml", "--bench", folder / "bench.toml", "--out", self.out, *more]
         self._master, slave = os.openpty()
@@ -198,50 +200,91 @@ def test_a_campaign_by_hand_with_wrong_keys_a_note_a_repeat_and_a_skip(start):
     assert one.said.count("\a") >= 16  # every prompt rings
 
 
-DECISIONS = {
-    "p": (2, "paused by the operator; the same command goes on from here"),
-    "a": (130, "aborted by the operator"),
-    "\x03": (130, "stopped by the operator"),
-}
+# what is asked before, and the prompt itself
+PLACES = {"question": ((), SET), "number": ((SET, PUT), SOURCE_C), "transfer": (PROMPTS[:-1], MOVE)}
 
 
-@pytest.mark.parametrize("key", DECISIONS)
-def test_a_pause_an_abort_and_ctrl_c_keep_what_there_is_and_the_campaign_goes_on(start, key):
-    status, reason = DECISIONS[key]
+@pytest.fixture(params=PLACES)
+def place(request):
+    return PLACES[request.param]
+
+
+def test_a_wrong_key_is_said_to_be_none_and_the_prompt_stays(start, place):
+    before, prompt = place
+    one = start()
+    one.answer(before)
+    one.wait_for(prompt)
+    for key in ("q", "x y", "\x1b[A"):
+        one.type(key)
+        one.wait_for("is not a number from -100 to 150" if prompt is SOURCE_C else "is no answer here: Enter goes on")
+    assert json.loads((one.out / "status.json").read_text())["prompt"]["text"].startswith(prompt)
+    one.type("a")
+    assert one.end() == 130 and aside(one) == [("0001", "interrupted", "aborted by the operator")]
+    assert not [
+        record for record in journal(one.out / "set_aside/0001-1") if record[0] == "move"
+    ]  # it dates no transfer
+
+
+def test_ctrl_c_keeps_what_there_is(start, place):
+    before, prompt = place
+    one = start()
+    one.answer(before)
+    one.wait_for(prompt)
+    one.type("\x03")
+    assert one.end() == 130 and aside(one) == [("0001", "interrupted", "stopped by the operator")]
+
+
+def test_a_paused_campaign_goes_on(start):
     one = start()
     one.answer()
     one.wait_for(SET)
-    one.type(key)
-    assert one.end() == status
-    assert aside(one) == [("0002", "interrupted", reason)]
-    assert read_state(one.out).recorded == ("0001",)
-    if key == "p":
-        again = start()
-        again.answer()
-        assert again.end() == 0 and read_state(again.out).recorded == ("0001", "0002")
+    one.type("p")
+    assert one.end() == 2 and read_state(one.out).recorded == ("0001",)
+    assert aside(one) == [("0002", "interrupted", "paused by the operator; the same command goes on from here")]
+    again = start()
+    again.answer()
+    assert again.end() == 0 and read_state(again.out).recorded == ("0001", "0002")
 
 
-def test_a_hang_up_at_a_prompt_is_filed_as_such(start):
+def test_a_hang_up_is_filed_as_such(start, place):
+    before, prompt = place
     one = start()
-    one.wait_for(SET)
+    one.answer(before)
+    one.wait_for(prompt)
     one.hang_up()
-    assert one.process.wait(30) in (2, 128 + signal.SIGHUP)
+    assert one.process.wait(60) in (2, 128 + signal.SIGHUP)
     ((id_, status, reason),) = aside(one)
     assert (id_, status) == ("0001", "interrupted") and "hang-up" in reason and "Errno" not in reason
     assert "hang-up" in json.loads((one.out / "status.json").read_text())["reason"]
 
 
-def test_absence_at_a_question_and_at_the_transfer_pauses(start):
-    one = start(answer_s=1)
-    one.wait_for(SET)
+def test_absence_pauses(start, place):
+    before, prompt = place
+    one = start(**{"move_s" if prompt is MOVE else "answer_s": 4})
+    one.answer(before)
+    one.wait_for(prompt)
     assert one.end() == 2
     ((_, status, reason),) = aside(one)
-    assert status == "interrupted" and reason.startswith(f"nobody answered in time ('{SET}")
-    two = start(move_s=1)
-    two.answer(PROMPTS[:-1])
-    two.wait_for(MOVE)
-    assert two.end() == 2
-    assert aside(two)[-1][2].startswith(f"nobody answered in time ('{MOVE}")
+    assert status == "interrupted" and reason.startswith(f"nobody answered in time ('{prompt}")
+
+
+def test_what_is_typed_ahead_answers_questions_and_numbers_but_no_transfer(start):
+    """All answers at once, and an Enter too many, which comes before the transfer is asked for."""
+    one = start()
+    one.wait_for(SET)
+    one.type("\n\n20.25\n50.5\n20\n50\n")
+    one.wait_for(MOVE)
+    one.type("q")
+    one.wait_for("is no answer here")
+    one.type("a")
+    assert one.end() == 130
+    records = journal(one.out / "set_aside/0001-1")
+    assert [record[3:] for record in records if record[0] == "air"][0] == [20.25, 50.5]
+    assert not [record for record in records if record[0] == "move"]
+
+
+def journal(folder):
+    return read_journal(folder / "journal.log").records
 
 
 def test_a_slow_typist_does_not_spoil_the_soak(tmp_path):
@@ -277,6 +320,83 @@ def test_a_wrong_air_that_was_typed_is_found_by_the_probes(start):
     assert re.fullmatch(
         r"imet stood at (19|20)\.\d degC in the source air, which is said to have 40\.0 degC \(typed\)", reason
     )
+
+
+def test_a_source_air_that_was_not_set_is_found_by_the_probes(start):
+    """40 degC is asked for, and confirmed without being made: the room stays at 20 degC."""
+    one = start(bench=BENCH.replace('"operator"', '"set-points"'), source_c=40)
+    one.answer([SET, PUT, MOVE])
+    assert one.end() == 2
+    ((id_, status, reason),) = aside(one)
+    assert (id_, status) == ("0001", "spoilt")
+    assert re.fullmatch(
+        r"imet stood at (19|20)\.\d degC in the source air, which is said to have 40\.0 degC \(set point\)", reason
+    )
+
+
+# An iMet on a port of its own, in another process that stands for its cable.
+UNPLUGGABLE = BENCH.replace('port = "virtual"', 'port = "bus/imet"').replace(
+    '[sensors.hyt]\nkind = "hyt-271"\nbus = "virtual"\nconversion_s = 0.07\n', ""
+)
+
+
+@pytest.fixture
+def cable(tmp_path, monkeypatch):
+    """Plugs an emulated iMet in (the function that it gives) and out (what that returns)."""
+    monkeypatch.chdir(tmp_path)
+    plugged = []
+
+    def plug_in():
+        words = ["emulate", "imet-xf", "--folder", tmp_path / "bus", "--link", f"imet-xf={tmp_path / 'bus/imet'}"]
+        command = [sys.executable, "-m", "shockrig.protocols.cli", *map(str, words)]
+        plugged.append(subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
+        deadline_s = time.monotonic() + 60.0
+        while not (tmp_path / "bus/imet").exists():
+            assert time.monotonic() < deadline_s and plugged[-1].poll() is None
+            time.sleep(0.05)
+
+        def pull_out():
+            plugged[-1].send_signal(signal.SIGINT)
+            plugged[-1].wait(60)
+
+        return pull_out
+
+    yield plug_in
+    for one in plugged:
+        one.kill()
+        one.wait()
+
+
+@pytest.mark.parametrize("prompt", [SET, SOURCE_C])
+def test_a_sensor_unplugged_at_a_prompt_holds_the_soak_until_it_is_back(start, cable, tmp_path, prompt):
+    pull_out = cable()
+    one = start("--operator", "A", bench=UNPLUGGABLE.replace("bus/imet", str(tmp_path / "bus/imet")))
+    prompts = [SET, PUT, SOURCE_C, SOURCE_RH]
+    one.answer(prompts[: prompts.index(prompt)])
+    one.wait_for(prompt)
+    pull_out()
+    one.type("")
+    one.answer(prompts[prompts.index(prompt) + 1 :])
+    time.sleep(3.0)  # three times as long as the soak takes at least
+    steps = [record[2] for record in journal(one.out / "recording/0001") if record[0] == "step"]
+    assert len(steps) == 1 and steps[0].startswith("soak")
+    cable()
+    one.answer([DESTINATION_C, DESTINATION_RH, MOVE])
+    one.wait_for(SET)
+    assert read_state(one.out).recorded == ("0001",)
+
+
+def test_a_sensor_unplugged_at_the_transfer_spoils_the_run(start, cable, tmp_path):
+    pull_out = cable()
+    one = start("--operator", "A", bench=UNPLUGGABLE.replace("bus/imet", str(tmp_path / "bus/imet")))
+    one.answer(PROMPTS[:-1])
+    one.wait_for(MOVE)
+    pull_out()
+    time.sleep(6.0)  # longer than the largest gap that this protocol allows
+    one.type("")
+    assert one.end() == 2
+    ((id_, status, reason),) = aside(one)
+    assert (id_, status) == ("0001", "spoilt") and re.match(r"imet gave no good reading for \d+\.\d s", reason)
 
 
 def test_the_live_view_shows_the_prompt_and_takes_the_answer(start):
@@ -417,23 +537,3 @@ def test_a_hostile_prompt_in_the_status_is_text(tmp_path):
         view = Follower(folder, lambda: 0.0).look()
         assert view.prompt.left_s is None and view.prompt.text.isprintable() and len(view.prompt.text) <= 500
         assert main(["watch", str(folder), "--once"]) == 0
-
-
-def test_a_sensor_unplugged_at_a_prompt_is_waited_for_by_the_soak(tmp_path):
-    """On a virtual clock: the question is answered, the soak waits until the sensor is heard again."""
-
-    def unplugged(now):
-        return Outcome.NOT_ACKNOWLEDGED if 20.0 < now < 60.0 else None
-
-    bench = fake_bench(hyt_fault=unplugged)
-    prepare, answered_s = bench.stage.prepare, []
-
-    def ask(source, destination, airflow_m_s):
-        bench.clock.sleep_until(25.0)  # a person takes that long, and unplugs the sensor meanwhile
-        answered_s.append(bench.clock.now())
-        prepare(source, destination, airflow_m_s)
-
-    bench.stage.prepare = ask
-    assert record(bench, tmp_path / "c", plan(1)) == ["0001"]
-    assert answered_s[0] == 25.0 and bench.clock.now() > 60.0
-    assert read_state(tmp_path / "c").set_aside == ()
