@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from shockrig.analysis.diagnosis import search as searching
+from shockrig.analysis.diagnosis.limits import ended_early
 from shockrig.analysis.diagnosis.prepare import prepare
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.files.campaign import read_campaign
@@ -49,6 +50,26 @@ def test_the_search_ends_with_the_same_model_wherever_it_begins(ready, cold, ear
     assert warm.final.structure.ids == cold.final.structure.ids == ("stem_conduction",)
     assert warm.final.deviance == pytest.approx(cold.final.deviance, abs=0.1)
     assert warm.final.values()["stem_conduction"]["fraction"][0] == pytest.approx(0.04, rel=0.05)
+
+
+@pytest.mark.parametrize("limit", [1, 20, 60])
+def test_a_search_has_an_end(ready, cold, monkeypatch, limit):
+    """With fewer fits than it needs it says so, and keeps no effect that was not held against the others."""
+    made = []
+    counted = searching.fit
+    monkeypatch.setattr(searching, "fit", lambda *a, **k: made.append(1) or counted(*a, **k))
+    monkeypatch.setattr(searching, "MOST_FITS", limit)
+    found = searching.search(ready.problem, ready.structure)
+    assert set(found.final.structure.ids) - set(ready.structure.ids) == set(found.standing)
+    # One step of the search is made in any case, and one more begins below the limit.
+    assert len(made) < searching.IN_ALL * limit + 60
+    assert found.at_limit == (limit < 60) and not cold.at_limit
+    if limit == 60:
+        assert found.final.structure.ids == cold.final.structure.ids
+
+
+def test_a_diagnosis_says_that_its_search_has_ended_early():
+    assert "ended at its limit of work, after 3 steps" in ended_early(3)
 
 
 def test_a_search_told_the_answer_fits_less(ready, cold, monkeypatch):

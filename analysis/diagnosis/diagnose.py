@@ -18,7 +18,7 @@ from shockrig.analysis.diagnosis.adequacy import Adequacy, describe, judge
 from shockrig.analysis.diagnosis.describing import Description, alternatives, describe_rest
 from shockrig.analysis.diagnosis.experiments import propose, unseen
 from shockrig.analysis.diagnosis.gain import Gain, measure_gain, plainly, run_errors, worse_without
-from shockrig.analysis.diagnosis.limits import cannot_tell
+from shockrig.analysis.diagnosis.limits import cannot_tell, ended_early
 from shockrig.analysis.diagnosis.prepare import Prepared, likelier_average, prepare, with_rounding
 from shockrig.analysis.diagnosis.remainder import Remainder, Tolerance, measure_remainder
 from shockrig.analysis.diagnosis.search import Earlier, Search, at_bound, evidence, refit, refused, says_nothing, search
@@ -162,7 +162,7 @@ def diagnose_channel(
         untestable=tuple(
             id_ for id_, effect in CATALOGUE.items() if channel.name in effect.channels and not effect.acts_in(channel)
         ),
-        cannot_tell=cannot_tell(channel),
+        cannot_tell=cannot_tell(channel) + ((ended_early(len(found.moves)),) if found.at_limit else ()),
         tried=kept.tried,
         discrepancy=describe(ready.problem, kept.final, ready.noise, adequacy) if left else None,
         described=described,

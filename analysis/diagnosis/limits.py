@@ -10,6 +10,14 @@ FEW_RUNS = 6
 SAME_AIRFLOW = 1.2  # ratio between airflows below which they are one
 
 
+def ended_early(moves: int) -> str:
+    """What is said of a search that made as many fits as it may."""
+    return (
+        f"The search ended at its limit of work, after {moves} steps: what it had reached by then is judged, and more "
+        "may be there. Diagnose again with --from this diagnosis to go on from there."
+    )
+
+
 def cannot_tell(channel: Channel) -> tuple[str, ...]:
     """Sentences, each on one thing that the campaign leaves open and what it would have needed."""
     c, sensor = channel.conditions, channel.quantity.noun

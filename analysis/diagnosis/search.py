@@ -37,7 +37,8 @@ WORTH_A_FIT = 0.25  # share of its penalty that a candidate must reach to first 
 QUICK_STARTS = 2  # of a candidate that are fitted: those that score best to first order
 SHARE_OF_RANGE = 0.98  # from which a share stands at the end of its range
 PLAINLY_WRONG = 3.0  # objective per bin from which a fit's deviations mean nothing
-MOST_FITS = 150  # of a search: what it has reached by then is judged, and what is left called unexplained
+MOST_FITS = 200  # of a search that adds effects: what it has reached by then is judged, the rest called unexplained
+IN_ALL = 2  # times as many, until every effect found was held against the others; one that was not is not kept
 DRIVEN_COST = 6
 AVERAGED_COST = 4.0  # readings in a mean from which on a fit costs the more the longer it is
 FINISHED = 3  # candidates that are carried to the end of their fits
@@ -85,6 +86,7 @@ class Search:
     final: Fit
     moves: tuple[Move, ...]
     standing: dict[str, Standing]
+    at_limit: bool = False  # whether it ended because it had made as many fits as it may
 
 
 def evidence(problem: Problem, gain: float) -> float:
@@ -296,11 +298,12 @@ def _fresh(problem: Problem, near: Fit) -> Array:
 class Stepwise:
     """A search under way: its problem, what may be added, and the moves so far."""
 
-    def __init__(self, problem: Problem, base: Structure, candidates: Sequence[Effect]):
+    def __init__(self, problem: Problem, base: Structure, candidates: Sequence[Effect], most_fits: float = np.inf):
         self.problem, self.base = problem, frozenset(base.ids)
         self.candidates = tuple(candidates)
         self.moves: list[Move] = []
-        self.fits = 0
+        self.fits = 0  # about: a start, a fit carried on and a fit from other deviations count as one each
+        self.most_fits = most_fits
         self._drops: tuple[Fit | None, dict[str, Fit]] = (None, {})
 
     def worth(self, gain: float, effect: str) -> float:
@@ -384,6 +387,7 @@ class Stepwise:
             return current, False
         for effect in self._ahead(trials):
             trials[effect] = finish(self.problem, trials[effect])
+        self.fits += FINISHED + 1
         # What a better start alone gains is not the candidate's: the current model is fitted again from where it led.
         ahead = min(trials.values(), key=lambda f: f.deviance)
         own = ahead.choice
@@ -393,12 +397,14 @@ class Stepwise:
             # A better start is worth as much to the candidates.
             current = again
             anew = race(self.problem, current, {e: promising[e] for e in self._ahead(trials)})
+            self.fits += FINISHED * QUICK_STARTS
             trials |= {e: min((trials[e], f), key=lambda f: f.deviance) for e, f in anew.items()}
         best, gains = self._likeliest(current, trials)
         if self.worth(gains[best], best) <= 0:
             # An effect can hide in the runs' own deviations: before the end, the nearest are fitted from none as well.
             for effect in self._ahead(trials):
                 if gains[effect] > WORTH_A_FIT * penalty(CATALOGUE[effect], self.problem.channel):
+                    self.fits += 2
                     fresh = refit(self.problem, trials[effect].structure, trials[effect])
                     trials[effect] = min((trials[effect], fresh), key=lambda f: f.deviance)
             best, gains = self._likeliest(current, trials)
@@ -406,6 +412,7 @@ class Stepwise:
         if self.worth(gains[best], best) > 0:
             self.moves.append(Move("add", best, gains[best], ranked))
             # An effect can hide in the runs' own deviations: the one that is taken is fitted from none as well.
+            self.fits += 2
             taken = refit(self.problem, trials[best].structure, trials[best])
             self._drops = (taken, {best: current})
             return taken, True
@@ -470,10 +477,15 @@ class Stepwise:
             current = trials[worst]
 
     def exchange(self, current: Fit, swap: bool = True) -> tuple[Fit, dict[str, Standing], bool]:
-        """Each effect found against every other in its place: how it stands, and whether another does better."""
+        """Each effect found against every other in its place: how it stands, and whether another does better.
+
+        One that the limit leaves no fits for has no standing.
+        """
         standing: dict[str, Standing] = {}
         channel = self.problem.channel
         for effect in self.added(current):
+            if self.fits >= IN_ALL * self.most_fits:
+                break
             without = self.dropped(current, effect)
             necessity = without.deviance - current.deviance
             promising = self.promising(without, 5)
@@ -482,6 +494,7 @@ class Stepwise:
             for e, f in others.items():
                 if f.deviance - current.deviance < max(0.1 * necessity, 30.0):
                     others[e] = finish(self.problem, f)
+                    self.fits += 1
             rises = {e: f.deviance - current.deviance for e, f in others.items()}
             own = CATALOGUE[effect].rarity(channel)
             likely = {e: r + CATALOGUE[e].rarity(channel) - own for e, r in rises.items()}
@@ -543,15 +556,15 @@ def search(
         What an earlier search of the same runs, or of some of them, ended with: this one begins there. Each of its
         effects has to earn its place as any other.
     """
-    looking = Stepwise(problem, base, candidates_of(problem.channel) if candidates is None else candidates)
+    # A record that is driven all along costs several times as much, and so does a long mean of RH.
+    cost = DRIVEN_COST if problem.channel.measured.any() else max(_averaged(problem, base) / AVERAGED_COST, 1.0)
+    tried = candidates_of(problem.channel) if candidates is None else candidates
+    looking = Stepwise(problem, base, tried, MOST_FITS / cost)
     plain = plain_fit(problem, base)
     current = looking.resumed(plain, earlier or {})
     standing: dict[str, Standing] = {}
     seen: set[frozenset[str]] = set()
-    # A record that is driven all along costs several times as much, and so does a long mean of RH.
-    cost = DRIVEN_COST if problem.channel.measured.any() else max(_averaged(problem, base) / AVERAGED_COST, 1.0)
-    enough = int(MOST_FITS / cost)
-    while len(looking.added(current)) < most and looking.fits < enough:
+    while len(looking.added(current)) < most and looking.fits < looking.most_fits:
         current, added = looking.forward(current, 7 if thorough else 4)
         if added:
             current = looking.backward(current)
@@ -565,4 +578,11 @@ def search(
         seen.add(state)
     if thorough and set(standing) != set(looking.added(current)):
         current, standing, _ = looking.exchange(current, swap=False)
-    return Search(plain, current, tuple(looking.moves), standing)
+        # What was not held against the others cannot be named.
+        untried = set(looking.added(current)) - set(standing)
+        if untried:
+            looking.moves.append(Move("stop", ", ".join(sorted(untried)), 0.0, ()))
+            structure = current.structure.keeping(set(current.structure.ids) - untried)
+            current = plain if structure.ids == base.ids else refit(problem, structure, current)
+    at_limit = looking.fits >= looking.most_fits and len(looking.added(current)) < most
+    return Search(plain, current, tuple(looking.moves), standing, at_limit)

@@ -11,6 +11,7 @@ import numpy as np
 from shockrig.analysis.characterization.result import FAR_DEVIATED, ChannelResult, Characterization, Row
 from shockrig.analysis.characterization.to_profile import to_profile
 from shockrig.analysis.inference.quantity import QUANTITIES
+from shockrig.analysis.report.diagnosis_words import listed, named
 from shockrig.analysis.report.fitted import UNIT, panels, relative_runs, residuals, single_runs
 from shockrig.analysis.report.html import Block, Cell, Details, Figure, KeyNumber, Report, Section, Table, Text
 from shockrig.analysis.report.numbers import measured, plain
@@ -56,7 +57,7 @@ def hint(name: str, found: ChannelResult) -> str:
 
 
 def _names(found: ChannelResult) -> str:
-    return ", ".join(effect.effect for effect in found.effects)
+    return listed([named(effect.effect) for effect in found.effects])
 
 
 def draw_figures(result: Characterization) -> dict[str, tuple[Drawing, str]]:
@@ -191,7 +192,7 @@ def _number_blocks(result: Characterization) -> list[Block]:
     for name, found in result.channels().items():
         for effect in found.effects:
             values = {p: measured(v.value, v.standard_uncertainty) for p, v in effect.parameters.items()}
-            effects += [[name, effect.effect, p, text] for p, text in (values or {"–": "–"}).items()]
+            effects += [[name, named(effect.effect), p, text] for p, text in (values or {"–": "–"}).items()]
     if effects:
         blocks.append(Table(("channel", "effect", "parameter", "value"), effects, "Effects that the model carries"))
     return blocks

@@ -126,7 +126,8 @@ def render(report: Report) -> str:
         for i, s in enumerate(report.sections, 1)
     )
     provenance = "".join(
-        f"<tr><th>{escape(name)}</th><td>{escape(plain(value))}</td></tr>" for name, value in report.provenance.items()
+        f"<tr><th>{escape(name.replace('_', ' '))}</th><td>{escape(plain(value))}</td></tr>"
+        for name, value in report.provenance.items()
     )
     data = report.provenance.get("data")
     return f"""<!DOCTYPE html>
