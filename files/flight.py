@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
@@ -48,8 +48,11 @@ NAMES: dict[str, tuple[str, ...]] = {
     ),
     "airspeed": ("airspeedms", "airspeed", "tas", "trueairspeed", "arsp", "airspeedmps"),
     "pressure": ("pressurehpa", "pressure", "xqimetxqpressure", "pres", "press", "pressurepa", "p", "airpressure"),
+    "latitude": ("latitudedeg", "latitude", "lat", "xqimetxqlatitude", "gpslatitude"),
+    "longitude": ("longitudedeg", "longitude", "lon", "lng", "xqimetxqlongitude", "gpslongitude"),
     "altitude": ("altitudem", "altitude", "xqimetxqaltitude", "alt", "height", "altagl", "altmsl", "z", "gpsaltitude"),
 }  # fmt: skip
+INTERMET = "COM Elapse"  # a column that only the log of InterMet's application has
 XQ2_FIELDS = (
     "device", "pressure", "temperature", "humidity", "humidity_temp", "date", "time", "longitude", "latitude",
     "altitude", "satellites",
@@ -59,7 +62,7 @@ XQ2_FIELDS = (
 @dataclass(frozen=True)
 class Flight:
     """Rows of a log: arrays (n,), NaN where a value is missing; `temperature_c` the bead's, `humidity_percent` the
-    film's."""
+    film's. What says where the drone was is None in a log without it."""
 
     time_s: Array
     temperature_c: Array
@@ -67,13 +70,24 @@ class Flight:
     airspeed_m_s: Array
     die_temperature_c: Array
     pressure_hpa: Array
+    altitude_m: Array | None = None
+    latitude_deg: Array | None = None
+    longitude_deg: Array | None = None
+
+    def at(self, rows: slice | NDArray[np.int64]) -> Flight:
+        """Some of the rows."""
+        values = (getattr(self, f.name) for f in fields(self))
+        return Flight(*(None if v is None else v[rows] for v in values))
 
 
 @dataclass(frozen=True)
 class Corrected:
     """Rows as they came; NaN where a value cannot be given; uncertainties are one standard uncertainty.
 
-    `cutoff_hz`: low-pass of each corrected channel, None where the method has none.
+    `cutoff_hz`: low-pass of each corrected channel, None where the method has none. `common`: of each channel, the part
+    of its uncertainty that is common to the flight, which no mean takes out; the rest is independent after
+    `independent_after_s`. `widened`: by how much a channel's time scale turned out to be less certain than the profile
+    says, relative.
     """
 
     temperature_c: Array
@@ -83,6 +97,9 @@ class Corrected:
     flags: dict[str, Mask]
     notes: tuple[str, ...] = field(default=())
     cutoff_hz: dict[str, float | None] = field(default_factory=dict)
+    common: dict[str, Array] = field(default_factory=dict)
+    independent_after_s: dict[str, float] = field(default_factory=dict)
+    widened: dict[str, float] = field(default_factory=dict)
 
     def flag_texts(self) -> list[str]:
         """For each row its flags joined by "|", empty where there is none."""
@@ -94,18 +111,27 @@ class Corrected:
 
 @dataclass(frozen=True)
 class FlightColumns:
-    """Columns of a log: `header`, for each quantity the place of its column, and the factor of its clock to seconds."""
+    """Columns of a log: `header` and for each quantity the place of its column.
+
+    `zero_is_missing`: it is InterMet's application's, which writes zeros where nothing is connected.
+    """
 
     header: tuple[str, ...]
     place: Mapping[str, int]
     source: str
     date_place: int | None = None
     raw_xq2: bool = False
+    zero_is_missing: bool = False
 
 
 def squeeze(name: str) -> str:
     """A column's name as letters and digits alone: "Air Temperature (degC)" -> "airtemperaturedegc"."""
     return re.sub(r"[^a-z0-9]", "", name.lower().replace("°", "").replace("%", "percent"))
+
+
+def _plain(name: str) -> str:
+    """A column's name without its unit's spelling, and without the port that InterMet's application puts before it."""
+    return re.sub(r"(degc|celsius)$", "c", squeeze(re.sub(r"^\S+-iMet-XQ2? ", "XQ-iMet-XQ ", name)))
 
 
 def _listed(header: list[str]) -> str:
@@ -137,7 +163,16 @@ def read_layout(path: Path, chosen: Mapping[str, str] | None = None) -> FlightCo
     if not header:
         raise InputError(f"{shown(path)}: the file is empty; give a CSV file with a header line")
     if header[0].strip().upper() == "XQ" and len(header) == len(XQ2_FIELDS):
-        place = {"time": 6, "temperature": 2, "humidity": 3, "die": 4, "pressure": 1, "altitude": 9}
+        place = {
+            "time": 6,
+            "temperature": 2,
+            "humidity": 3,
+            "die": 4,
+            "pressure": 1,
+            "altitude": 9,
+            "latitude": 8,
+            "longitude": 7,
+        }
         return FlightColumns(XQ2_FIELDS, place, str(path), date_place=5, raw_xq2=True)
     header = [name.strip() for name in header]
     taken = sorted(set(header) & set(OUTPUT_COLUMNS))
@@ -153,7 +188,7 @@ def read_layout(path: Path, chosen: Mapping[str, str] | None = None) -> FlightCo
                 raise InputError(f"{shown(path)}, line 1: {missing}; name one of its own ({_listed(header)})")
             place[quantity] = header.index(chosen[quantity])
             continue
-        squeezed = [re.sub(r"(degc|celsius)$", "c", squeeze(name)) for name in header]
+        squeezed = [_plain(name) for name in header]
         found = next((squeezed.index(name) for name in names if name in squeezed), None)
         if found is not None:
             place[quantity] = found
@@ -168,7 +203,8 @@ def read_layout(path: Path, chosen: Mapping[str, str] | None = None) -> FlightCo
         )
     squeezed = [squeeze(name) for name in header]
     date = next((squeezed.index(n) for n in ("xqimetxqdate", "date", "dateutc") if n in squeezed), None)
-    return FlightColumns(tuple(header), place, str(path), date if "time" in squeezed[place["time"]] else None)
+    date = date if "time" in squeezed[place["time"]] else None
+    return FlightColumns(tuple(header), place, str(path), date, zero_is_missing=INTERMET in header)
 
 
 def without_nul(stream: Iterable[str]) -> Iterator[str]:

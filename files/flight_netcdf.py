@@ -17,6 +17,12 @@ from shockrig.files.disk import beside
 from shockrig.files.flight import FLAGS, Corrected, Flight, FlightColumns, squeeze
 from shockrig.files.flight_rows import numbers_of, numeric_places
 
+CHANNELS = (("temperature", "K"), ("humidity", "%"))
+SUFFIX = {"K": "k", "%": "percent"}
+PARTS = {
+    "independent": "the part that is independent from sample to sample and shrinks in a mean",
+    "common": "the part that is common to the flight and does not",
+}
 EARLIEST_DATE_S = 5e8  # a clock that says more counts from 1970 (this is 1985)
 
 
@@ -29,9 +35,17 @@ class NetcdfWriter:
         "airspeed": ("airspeed_m_s", "m s-1", "speed of the air past the probes"),
         "pressure": ("pressure_hpa", None, "air pressure"),  # units as the column's name says
         "altitude": ("altitude_m", None, "altitude"),
+        "latitude": ("latitude_deg", "degrees_north", "latitude"),
+        "longitude": ("longitude_deg", "degrees_east", "longitude"),
         "die": ("humidity_sensor_temperature_c", "degC", "temperature of the humidity sensor's die"),
     }
-    STANDARD_NAMES = {"pressure": "air_pressure", "altitude": "altitude", "airspeed": "platform_speed_wrt_air"}
+    STANDARD_NAMES = {
+        "pressure": "air_pressure",
+        "altitude": "altitude",
+        "latitude": "latitude",
+        "longitude": "longitude",
+        "airspeed": "platform_speed_wrt_air",
+    }
     ENDINGS = {"pressure": {"hpa": "hPa", "mbar": "hPa", "pa": "Pa"}, "altitude": {"m": "m"}}
     CORRECTED = (
         ("temperature_corrected_c", "temperature_c", "air_temperature", "degC", "air temperature, sensor lag undone"),
@@ -95,6 +109,9 @@ class NetcdfWriter:
         for name, _, standard, unit, words in self.CORRECTED:
             variable = self._number(name, unit, words)
             variable.standard_name = standard
+        for channel, unit in CHANNELS:
+            for part, words in PARTS.items():
+                self._number(f"{channel}_uncertainty_{part}_{SUFFIX[unit]}", unit, f"standard uncertainty, {words}")
         data["temperature_corrected_c"].ancillary_variables = "temperature_uncertainty_k flags"
         data["humidity_corrected_percent"].ancillary_variables = "humidity_uncertainty_percent flags"
         flags = data.createVariable("flags", "i1", ("row",))
@@ -128,6 +145,7 @@ class NetcdfWriter:
         base = re.sub(r"[^A-Za-z0-9_]", "_", column) or "column"
         base = base if base[0].isalpha() else f"c_{base}"
         own = {"time", "flags", *(entry[0] for entry in self.CORRECTED)}
+        own |= {f"{channel}_uncertainty_{part}_{SUFFIX[unit]}" for channel, unit in CHANNELS for part in PARTS}
         name, count = base if base not in own else f"{base}_log", 1
         while name in self._names:
             name, count = f"{base}_{count + 1}", count + 1
@@ -143,6 +161,17 @@ class NetcdfWriter:
             data[name][part] = np.array(cells, dtype=object) if is_text else numbers_of(cells)
         for name, attribute, *_ in self.CORRECTED:
             data[name][part] = getattr(corrected, attribute)
+        for channel, unit in CHANNELS:
+            if channel not in corrected.common:
+                continue
+            common = corrected.common[channel]
+            sigma = getattr(corrected, f"{channel}_uncertainty_{SUFFIX[unit]}")
+            independent = data[f"{channel}_uncertainty_independent_{SUFFIX[unit]}"]
+            independent[part] = np.sqrt(np.maximum(sigma**2 - common**2, 0.0))
+            independent.independent_after_s = corrected.independent_after_s[channel]
+            data[f"{channel}_uncertainty_common_{SUFFIX[unit]}"][part] = common
+            if channel in corrected.widened:
+                data.setncattr(f"{channel}_time_scale_uncertainty_added", corrected.widened[channel])
         data["flags"][part] = sum(
             (corrected.flags[name].astype("i1") << i for i, name in enumerate(FLAGS)), np.zeros(len(rows), "i1")
         )

@@ -118,16 +118,47 @@ def to_flight(rows: list[list[str]], layout: FlightColumns) -> Flight:
         return numbers_of(columns[layout.place[quantity]])
 
     temperature, humidity, die = numbers("temperature"), numbers("humidity"), numbers("die")
+    pressure, altitude = numbers("pressure"), numbers("altitude")
+    latitude, longitude = numbers("latitude"), numbers("longitude")
     if layout.raw_xq2:
         temperature, humidity, die = temperature / 100, humidity / 10, die / 100
+        altitude = altitude / 1000
+        latitude, longitude = latitude * 1e-7, longitude * 1e-7
     else:
         for quantity, values in (("temperature", temperature), ("die", die)):
             name = squeeze(layout.header[layout.place[quantity]]) if quantity in layout.place else ""
             if name.endswith(("kelvin", "temperaturek", "tempk")):
                 values -= 273.15
-    return Flight(
-        _times(columns, layout), temperature, humidity, numbers("airspeed"), die, _in_hpa(numbers("pressure"), layout)
-    )
+    if layout.zero_is_missing:
+        for block in ((temperature, humidity, die, pressure), (latitude, longitude)):
+            nothing = np.logical_and.reduce([np.isnan(values) | (values == 0.0) for values in block])
+            for values in block:
+                values[nothing] = np.nan
+    pressure = _in_hpa(pressure, layout)
+    time_s = _times(columns, layout)
+    if layout.zero_is_missing:
+        time_s = _apart(time_s, np.stack([temperature, humidity, die]))
+    return Flight(time_s, temperature, humidity, numbers("airspeed"), die, pressure, altitude, latitude, longitude)
+
+
+def _apart(time_s: Array, readings: Array) -> Array:
+    """Times (n,) of rows that bear the stamp of the row before with other `readings` (c, n), spread until the next.
+
+    A row that repeats its readings as well keeps the stamp.
+    """
+    same = np.append(False, np.diff(time_s) == 0.0)
+    again = same & np.append(False, (np.nan_to_num(np.diff(readings, axis=1)) == 0.0).all(axis=0))
+    rows = np.flatnonzero(~again)
+    new = np.flatnonzero(~same[rows])
+    if new.size in (0, rows.size):
+        return time_s
+    stamp, count = time_s[rows[new]], np.diff(np.append(new, rows.size))
+    ahead = np.append(np.diff(stamp), np.inf)
+    usual = float(np.nanmedian((ahead / count)[:-1])) if new.size > 1 else 0.0
+    # across a gap, or where the clock steps, rows follow each other as they usually do
+    step = np.where((ahead > 0) & (ahead <= 5.0 * count * usual), ahead / count, usual)
+    apart = np.repeat(stamp, count) + (np.arange(rows.size) - np.repeat(new, count)) * np.repeat(step, count)
+    return apart[np.maximum(np.cumsum(~again) - 1, 0)]
 
 
 def _in_hpa(pressure: Array, layout: FlightColumns) -> Array:

@@ -159,6 +159,22 @@ def flight_dataset(flight: Flight, corrected: Corrected) -> xr.Dataset:
         if name in standard:
             attributes["standard_name"] = standard[name]
         variables[name] = ("time", frame[name].to_numpy(), attributes)
+    for channel, unit, ending in (("temperature", "K", "k"), ("humidity", "%", "percent")):
+        if channel in corrected.common:
+            common = corrected.common[channel]
+            sigma = frame[f"{channel}_uncertainty_{ending}"].to_numpy()
+            independent = np.sqrt(np.maximum(sigma**2 - common**2, 0.0))
+            after = {"units": unit, "independent_after_s": corrected.independent_after_s[channel]}
+            variables[f"{channel}_uncertainty_independent_{ending}"] = ("time", independent, after)
+            variables[f"{channel}_uncertainty_common_{ending}"] = ("time", common, {"units": unit})
+    for name, unit in (
+        ("pressure_hpa", "hPa"),
+        ("altitude_m", "m"),
+        ("latitude_deg", "degrees_north"),
+        ("longitude_deg", "degrees_east"),
+    ):
+        if (values := getattr(flight, name)) is not None and np.isfinite(values).any():
+            variables[name] = ("time", values, {"units": unit})
     variables |= {f"flag_{name}": ("time", mask, {}) for name, mask in corrected.flags.items()}
     return xarray.Dataset(variables, {"time": ("time", flight.time_s, {"units": "s"})})
 

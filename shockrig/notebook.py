@@ -270,6 +270,9 @@ def _flight(flight: pd.DataFrame | Flight | PathLike, columns: Mapping[str, str]
         "airspeed": "airspeed_m_s",
         "die": "humidity_sensor_temperature_c",
         "pressure": "pressure_hpa",
+        "altitude": "altitude_m",
+        "latitude": "latitude_deg",
+        "longitude": "longitude_deg",
     }
     unknown = np.full(len(flight), np.nan)
     chosen = {quantity: given.get(quantity, name) for quantity, name in names.items()}

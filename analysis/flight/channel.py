@@ -6,16 +6,18 @@ is not known, the reading itself is given.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.analysis.flight.coarse import COARSE
 from shockrig.analysis.flight.prior import Passing
 from shockrig.analysis.flight.readout import Undone
 from shockrig.analysis.flight.response import Response
 from shockrig.analysis.flight.screen import Screened
-from shockrig.analysis.flight.smooth_channel import Estimate, lags_behind, typical_period
+from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
+from shockrig.analysis.flight.sweep import lags_behind
 from shockrig.files.profile import HumidityProfile, TemperatureProfile
 
 Array = NDArray[np.float64]
@@ -43,6 +45,8 @@ class Readings:
         How late the readings are.
     passing : Passing or None
         What reaches reading and air alike.
+    rounding : ndarray (n,) or None
+        Step of each reading, where it is coarser than the noise.
     """
 
     channel: str
@@ -53,6 +57,7 @@ class Readings:
     noise_variance: Array
     delay_s: float = 0.0
     passing: Passing | None = None
+    rounding: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -64,8 +69,12 @@ class Channel:
     name : str
     value, uncertainty : ndarray
         Air, and its standard uncertainty without that of the readout.
+    common : ndarray
+        The part of it that the sensor's time scale and slow shares leave, common to the flight.
+    lag : ndarray
+        How far the air is ahead of what the sensor shows.
     readout_uncertainty : ndarray
-        What the readout's parameters leave: common to the flight.
+        What the readout's parameters leave: common to the flight as well.
     screened : Screened
     outside, raw : ndarray
         Rows beyond the profile's table, and rows where the reading itself is given.
@@ -78,6 +87,8 @@ class Channel:
     name: str
     value: Array
     uncertainty: Array
+    common: Array
+    lag: Array
     readout_uncertainty: Array
     screened: Screened
     outside: Mask
@@ -89,6 +100,16 @@ class Channel:
     def total_uncertainty(self) -> Array:
         """Standard uncertainty with everything in it."""
         return np.hypot(self.uncertainty, self.readout_uncertainty)
+
+    @property
+    def common_uncertainty(self) -> Array:
+        """The part of it that is common to the flight."""
+        return np.hypot(self.common, self.readout_uncertainty)
+
+    def widened(self, relative: float) -> Channel:
+        """The same with a time scale that is so much less certain, relative."""
+        more = np.where(self.raw, 0.0, relative * np.abs(self.lag))
+        return replace(self, uncertainty=np.hypot(self.uncertainty, more), common=np.hypot(self.common, more))
 
 
 def judged(
@@ -104,10 +125,11 @@ def judged(
     """What a method found, or the readings `raw` where that is better; `unit` turns the method's unit into `raw`'s."""
     lag = found.air - found.clean
     # a time constant that is wrong by a share moves the air by at most that share of the lag
-    variance = found.variance + (readings.response.relative_uncertainty * lag) ** 2
+    common = (readings.response.relative_uncertainty * lag) ** 2
     if readings.response.slow_uncertainty.any():
         behind = _behind_slow_lags(readings, found.air)
-        variance = variance + ((readings.response.slow_uncertainty * behind) ** 2).sum(axis=1)
+        common = common + ((readings.response.slow_uncertainty * behind) ** 2).sum(axis=1)
+    variance = found.variance + common
     noise = readings.noise_variance * found.noise_factor**2
     trusted = screened.usable & ~outside
     raw_rows = outside.copy()
@@ -118,7 +140,8 @@ def judged(
         # a smoother that knows its sensor cannot lose; an inverse can, and its noise passes for lag
         lagging = max(lag_size**2 - found.amplified, 0.0)
         loses = found.cutoff_hz is not None and predicted > lagging + noise_size**2
-        if lag_size < IDLE_LAG_SIGMAS * noise_size or loses:
+        idle = found.cutoff_hz is not None and lag_size < IDLE_LAG_SIGMAS * noise_size
+        if idle or loses:
             notes.append(
                 f"{readings.channel}: not corrected: the lag ({lag_size:.2g}) cannot be told from the noise "
                 f"({noise_size:.2g}), a correction would leave {np.sqrt(predicted):.2g}"
@@ -132,6 +155,7 @@ def judged(
     value, sigma = found.air * unit, np.sqrt(variance) * unit
     away = np.hypot(sigma, raw - value)
     late = undone.delay_uncertainty_s * _slope(readings.time_s, value) if undone.delay_uncertainty_s else 0.0
+    shared = np.where(raw_rows, np.hypot(np.sqrt(common) * unit, raw - value), np.sqrt(common) * unit)
     value = np.where(raw_rows, raw, value)
     sigma = np.where(raw_rows, away, sigma)
     empty = _far(readings.time_s, screened.usable) | (raw_rows & ~(screened.usable | screened.repeated))
@@ -141,6 +165,8 @@ def judged(
         readings.channel,
         value,
         sigma,
+        np.where(empty, np.nan, shared),
+        lag * unit,
         of_readout,
         screened,
         outside,
@@ -148,6 +174,11 @@ def judged(
         found.resolved_rate,
         found.cutoff_hz,
     )
+
+
+def coarse(resolution: float, noise: float, unit: Array) -> Array | None:
+    """Steps (n,) of readings that are rounded more coarsely than their noise; `unit` is that of the readings."""
+    return resolution * unit if resolution > COARSE * noise else None
 
 
 def too_few(screened: Screened) -> bool:
@@ -167,7 +198,7 @@ def untouched(name: str, raw: Array, screened: Screened, why: str, notes: list[s
     believed = screened.usable | screened.repeated
     everywhere = np.ones(raw.shape, dtype=bool)
     nothing = np.full(raw.shape, np.nan)
-    return Channel(name, np.where(believed, raw, np.nan), nothing, nothing, screened, ~everywhere, everywhere)
+    return Channel(name, np.where(believed, raw, np.nan), *(4 * [nothing]), screened, ~everywhere, everywhere)
 
 
 def bridged(time_s: Array, values: Array) -> Array | None:

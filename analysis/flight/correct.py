@@ -12,14 +12,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.flight.channel import Channel, Readings, judged, lacking, too_few, untouched
+from shockrig.analysis.flight.channel import Channel, Readings, coarse, judged, lacking, too_few, untouched
+from shockrig.analysis.flight.comparisons import compared
 from shockrig.analysis.flight.humidity import correct_humidity
 from shockrig.analysis.flight.inverse import exact_inverse, paper
 from shockrig.analysis.flight.profile_effects import Acting, acting, not_undone, of_airspeed, of_pressure, unseen
 from shockrig.analysis.flight.readout import ceiling, noise_floor, not_known, stale, undone
 from shockrig.analysis.flight.response import bead_response
-from shockrig.analysis.flight.screen import ordered, screen
-from shockrig.analysis.flight.smooth_channel import Estimate, estimate, typical_period
+from shockrig.analysis.flight.screen import clock as put_in_order
+from shockrig.analysis.flight.screen import screen
+from shockrig.analysis.flight.smooth_channel import LONGEST_BRIDGE_S, Estimate, estimate, typical_period
 from shockrig.analysis.flight.typical import NOISE_K
 from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S, REFERENCE_C, Stream
 from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA
@@ -29,6 +31,7 @@ from shockrig.files.profile import Profile, TemperatureProfile
 from shockrig.files.ranges import RANGES
 
 Array = NDArray[np.float64]
+PARTED_S = 2.0 * LONGEST_BRIDGE_S
 HIGHEST_AIRSPEED_M_S = 150.0
 Dependence = Callable[[Sequence[Acting], float], list[str]]
 
@@ -42,6 +45,7 @@ def _smoother(readings: Readings, cutoff_hz: float | None = None) -> Estimate:
         readings.noise_variance,
         readings.delay_s,
         readings.passing,
+        readings.rounding,
     )
 
 
@@ -88,19 +92,24 @@ def correct(
     """
     if method not in METHODS:
         raise InputError(f"method {method!r}: expected one of {', '.join(METHODS)}")
-    good = ordered(flight.time_s)
-    if np.count_nonzero(good) < 2 or np.ptp(flight.time_s[good]) == 0:
+    clock = put_in_order(flight.time_s, PARTED_S)
+    if np.count_nonzero(clock.good) < 2 or np.ptp(flight.time_s[clock.good]) == 0:
         raise InputError("time_s: fewer than two rows with times that run forward; give a log with a clock in seconds")
-    rows = np.flatnonzero(good)
-    part = Flight(*(getattr(flight, name)[rows] for name in Flight.__dataclass_fields__))
+    rows = np.flatnonzero(clock.good)
+    part = replace(flight.at(rows), time_s=clock.time_s)
     notes: list[str] = []
+    for row, by in clock.steps:
+        notes.append(
+            f"the clock steps by {by:+.4g} s to {flight.time_s[row]:.10g} s: a gap, across which nothing is concluded"
+        )
     stream = _stream(part, profile, notes)
     solve, bodies = METHODS[method], profile.bodies
     bead = _temperature(part, profile.temperature, bodies["imet"], stream, solve, cutoff_hz, temperature_noise_k, notes)
     film = correct_humidity(
         part, profile.humidity, bodies["hyt"], stream, bead, solve, cutoff_hz, humidity_noise_percent, notes
     )
-    return _gather(flight.time_s.size, rows, bead, film, notes)
+    bead, film, widened = compared(part, bead, film, notes)
+    return _gather(flight.time_s.size, rows, bead, film, notes, widened)
 
 
 def _stream(flight: Flight, profile: Profile, notes: list[str]) -> Stream:
@@ -154,15 +163,26 @@ def _temperature(
     plain = undone(effects, raw, stream, part.bead_radius_m, period)
     variance = (np.hypot(noise, screened.resolution / np.sqrt(12)) / plain.gain) ** 2
     response = bead_response(part, stream, body)
-    readings = Readings("temperature", time_s, plain.reading, screened.usable, response, variance, plain.delay_s)
+    steps = coarse(screened.resolution, noise, 1.0 / plain.gain)
+    readings = Readings(
+        "temperature", time_s, plain.reading, screened.usable, response, variance, plain.delay_s, None, steps
+    )
     found = solve(readings, cutoff_hz)
     everywhere = np.ones(raw.size)
     outside = unseen(part.discovered, stream.airflow_m_s, raw)
     channel = judged(readings, found, plain, screened, outside, raw, everywhere, notes)
-    return replace(channel, uncertainty=np.hypot(channel.uncertainty, not_known(effects)))
+    left = not_known(effects)
+    return replace(channel, uncertainty=np.hypot(channel.uncertainty, left), common=np.hypot(channel.common, left))
 
 
-def _gather(count: int, rows: NDArray[np.int64], bead: Channel, film: Channel, notes: list[str]) -> Corrected:
+def _gather(
+    count: int,
+    rows: NDArray[np.int64],
+    bead: Channel,
+    film: Channel,
+    notes: list[str],
+    widened: dict[str, float],
+) -> Corrected:
     def spread(values: Array) -> Array:
         out = np.full(count, np.nan)
         out[rows] = values
@@ -194,4 +214,7 @@ def _gather(count: int, rows: NDArray[np.int64], bead: Channel, film: Channel, n
         flags,
         tuple(notes),
         {channel.name: channel.cutoff_hz for channel in (bead, film)},
+        {channel.name: spread(channel.common_uncertainty) for channel in (bead, film)},
+        {channel.name: float(np.pi / channel.resolved_rate) for channel in (bead, film)},
+        widened,
     )

@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from shockrig.analysis.flight.channel import Channel, Readings, bridged, judged, lacking, too_few, untouched
+from shockrig.analysis.flight.channel import Channel, Readings, bridged, coarse, judged, lacking, too_few, untouched
 from shockrig.analysis.flight.prior import Passing
 from shockrig.analysis.flight.profile_effects import Acting, acting, not_undone, unseen
 from shockrig.analysis.flight.readout import ceiling, noise_floor, not_known, stale, undone
 from shockrig.analysis.flight.response import Response, film_response
 from shockrig.analysis.flight.screen import screen
-from shockrig.analysis.flight.smooth_channel import Estimate, lags_behind, typical_period
+from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
+from shockrig.analysis.flight.sweep import lags_behind
 from shockrig.analysis.flight.typical import NOISE_PERCENT
 from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
@@ -30,6 +31,7 @@ Array = NDArray[np.float64]
 REFERENCE_C = 20.0  # vapour is carried as relative humidity at this temperature
 MOST_COUPLING = 5.0  # vapour and temperature are not told to go together more steeply than this
 LEAST_SHARE = 0.2  # of the uncertainty that stays, however vapour and temperature go together
+SATURATED_PERCENT = 100.0
 APART_S = 3.0  # over which vapour and temperature are compared
 SMOOTHED_S = 1.0
 
@@ -81,10 +83,12 @@ def correct_humidity(
     passing = None
     if die is None:
         percent_per_k = level * _steepness(air)
+        error = np.hypot(error, _misplaced(air))
         coupling = _coupling(time_s, level, air, error, percent_per_k, response)
         passing = Passing(percent_per_k * error, bead.resolved_rate, coupling)
     variance = (np.hypot(noise, screened.resolution / np.sqrt(12)) / plain.gain * to_vapour) ** 2
-    readings = Readings("humidity", time_s, vapour, screened.usable, response, variance, plain.delay_s, passing)
+    steps = coarse(screened.resolution, noise, to_vapour / plain.gain)
+    readings = Readings("humidity", time_s, vapour, screened.usable, response, variance, plain.delay_s, passing, steps)
     found = solve(readings, cutoff_hz)
     outside = ~part.covers(now) | unseen(part.discovered, stream.airflow_m_s, now)
     channel = judged(readings, found, plain, screened, outside, raw, from_vapour, notes)
@@ -95,12 +99,19 @@ def correct_humidity(
         total = uncertainty**2 + wrong**2 - 2 * together * uncertainty * wrong
         least = (LEAST_SHARE * uncertainty) ** 2
         uncertainty = np.where(channel.raw, uncertainty, np.sqrt(np.maximum(total, least)))
-    return replace(channel, uncertainty=np.hypot(uncertainty, not_known(effects)))
+    value = np.where(channel.raw, channel.value, np.clip(channel.value, 0.0, SATURATED_PERCENT))
+    left = not_known(effects)
+    return replace(channel, value=value, uncertainty=np.hypot(uncertainty, left), common=np.hypot(channel.common, left))
 
 
 def _earlier(time_s: Array, values: Array, delay_s: float) -> Array:
     """Values (n,) as they were `delay_s` before each row."""
     return np.interp(time_s - delay_s, time_s, values) if delay_s else values
+
+
+def _misplaced(temperature_c: Array) -> Array:
+    """How far off (n,) a temperature is whose corners and jumps are misplaced by half a sample; 0 on straight lines."""
+    return np.abs(np.diff(np.pad(temperature_c, 1, mode="edge"), 2)) / 2.0
 
 
 def _steepness(temperature_c: Array) -> Array:

@@ -122,6 +122,20 @@ def gain_squared(response: Response, frequency_hz: Array, period_s: float) -> Ar
     return np.abs(h) ** 2
 
 
+def seen(response: Response, frequency_hz: Array, period_s: float, parts: int = 1) -> tuple[Array, Array]:
+    """One-sided power (n, f) of the readings of turbulence and of the trend at unit strength, n instants.
+
+    The air is straight over each of the `parts` of a period; what is faster than the readings folds back into them.
+    """
+    turbulence, bend = np.zeros((2, len(response.rate), np.size(frequency_hz)))
+    for fold in range(parts):
+        at = frequency_hz + fold / period_s
+        gain = gain_squared(response, at, period_s / parts)
+        one, other = spectra(at, period_s / parts)
+        turbulence, bend = turbulence + gain * one, bend + gain * other
+    return turbulence, bend
+
+
 def fit_prior(
     reading: Array,
     response: Response,
@@ -129,7 +143,9 @@ def fit_prior(
     noise: float,
     passing: Passing | None = None,
     *,
-    spread: float = 0.3,
+    spread: float,
+    relative_noise: Array | float = 1.0,
+    parts: int = 1,
 ) -> Prior:
     """Strengths of the typical stretch of a flight: Whittle's likelihood of the median over segments of their power.
 
@@ -143,14 +159,20 @@ def fit_prior(
         The noise floor expected, known within a factor exp(`spread`).
     passing : Passing, optional
         With `sigma` for each segment.
+    relative_noise : (s,), optional
+        Noise of each segment over the flight's.
+    parts : int
+        Into how many straight pieces the air between two readings is cut.
     """
     from scipy.optimize import minimize
 
     frequency, power, weight = _periodograms(reading, period_s)
-    gain = gain_squared(response, frequency, period_s)
-    turbulence, bend = (gain * s for s in spectra(frequency, period_s))
+    turbulence, bend = seen(response, frequency, period_s, parts)
     white = 2 * period_s
     known = np.zeros((1, frequency.size)) if passing is None else passing_spectrum(passing, frequency, period_s)
+    # in units of each segment's noise, so that all have the same
+    own = np.broadcast_to(np.square(relative_noise), len(reading))[:, None]
+    power, turbulence, bend, known = (s / own for s in (power, turbulence, bend, known))
     if len(power) >= 3:
         # one front does not speak for the whole flight; the median of a mean of squares lies below its mean
         power = np.median(power, axis=0, keepdims=True) / (1 - 1 / (9 * _independent(weight))) ** 3
@@ -183,7 +205,13 @@ def fit_prior(
 
 
 def fit_windows(
-    reading: Array, response: Response, period_s: float, common: Prior, passing: Passing | None = None
+    reading: Array,
+    response: Response,
+    period_s: float,
+    common: Prior,
+    passing: Passing | None = None,
+    relative_noise: Array | float = 1.0,
+    parts: int = 1,
 ) -> Prior:
     """Strengths of each segment (s, n) on its own, drawn towards the typical one; the noise is the flight's.
 
@@ -191,9 +219,8 @@ def fit_windows(
     SHRINKAGE about the segments' median, which starts at `common`: most stretches are alike, fronts are not.
     """
     frequency, power, weight = _periodograms(reading, period_s)
-    gain = gain_squared(response, frequency, period_s)
-    turbulence, bend = (gain * s for s in spectra(frequency, period_s))
-    known = 2 * period_s * common.noise**2
+    turbulence, bend = seen(response, frequency, period_s, parts)
+    known = 2 * period_s * common.noise**2 * np.broadcast_to(np.square(relative_noise), len(reading))[:, None]
     if passing is not None:
         known = known + passing_spectrum(passing, frequency, period_s)
     steps = np.linspace(-3.2, 10.4, 18)

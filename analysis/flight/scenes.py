@@ -60,6 +60,7 @@ def to_flight(log: pd.DataFrame) -> Flight:
         column("airspeed_m_s"),
         column("humidity_sensor_temperature_c"),
         column("pressure_hpa"),
+        column("altitude_m"),
     )
 
 

@@ -19,6 +19,9 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 MEDIAN_WIDTH = 11  # a burst of up to 5 absurd samples in a row is seen
 LONE_SIGMAS = 10.0
+LONGEST_GAP_S = 10.0  # without any row: more may be a step of the clock
+GAP_PERIODS = 10.0  # or so many periods, in a slow log
+FEWEST_ROWS = 6  # that go on from a step of the clock; fewer are out of place
 LATEST_S = 1e13  # since 1970 it is 2e9 s; beyond this a double's steps are no longer milliseconds
 
 
@@ -34,31 +37,78 @@ class Screened:
     resolution: float
 
 
-def ordered(time_s: Array) -> Mask:
-    """True for the rows whose time is finite and runs forward; single jumps ahead and rows out of order are left
-    out."""
+@dataclass(frozen=True)
+class Clock:
+    """A log's time put in order.
+
+    Attributes
+    ----------
+    good : ndarray (n,)
+        Rows whose time can be believed.
+    time_s : ndarray (m,)
+        Of those rows, running forward: a step of the clock has become a gap across which nothing is known.
+    steps : tuple of (row, seconds)
+        Where the clock steps back, or ahead by more than a gap that readings are bridged over, and how far.
+    """
+
+    good: Mask
+    time_s: Array
+    steps: tuple[tuple[int, float], ...]
+
+
+def clock(time_s: Array, part_s: float) -> Clock:
+    """Put a log's time (n,) in order; stretches that a step parts are set `part_s` apart.
+
+    A few rows out of place (a lone jump and back) are left out; where the clock steps and goes on from there, the rows
+    after it are as good as those before, but how much time lies between is not known.
+    """
     good = np.abs(time_s) < LATEST_S
     while True:
         rows = np.flatnonzero(good)
-        time = time_s[rows]
-        if rows.size < 2 or np.all(np.diff(time) >= 0):
-            return good
-        # a row is out of place on the side that fewer rows agree with: ahead of later ones or behind earlier ones
-        ahead = time > _smallest_after(time)
-        behind = time < np.maximum.accumulate(time)
-        lone_ahead = ahead & (_later_below(time) >= 3)
-        good[rows[lone_ahead if lone_ahead.any() else behind]] = False
+        if rows.size < 2:
+            return Clock(good, time_s[rows], ())
+        ahead = np.diff(time_s[rows])
+        usual = ahead[ahead > 0]
+        longest = max(LONGEST_GAP_S, GAP_PERIODS * float(np.median(usual))) if usual.size else LONGEST_GAP_S
+        if (stray := _out_of_place(time_s[rows], longest)).size:
+            good[rows[stray]] = False
+            continue
+        parting = (ahead < 0) | (ahead > longest)
+        bounds = np.concatenate([[0], np.flatnonzero(parting) + 1, [rows.size]])
+        sizes = np.diff(bounds)
+        short = np.flatnonzero(sizes < FEWEST_ROWS)
+        # rows out of place go one stretch at a time: what is left may then run on
+        astray = [i for i in short if sizes.size > 1 and not _fits(time_s[rows], bounds, i)]
+        if not astray:
+            break
+        i = min(astray, key=lambda i: sizes[i])
+        good[rows[bounds[i] : bounds[i + 1]]] = False
+    steps = tuple((int(rows[k]), float(ahead[k - 1])) for k in bounds[1:-1])
+    even = np.concatenate([[0.0], np.where(parting, part_s, ahead)])
+    return Clock(good, time_s[rows[0]] + np.cumsum(even) if steps else time_s[rows], steps)
 
 
-def _smallest_after(time: Array) -> Array:
-    rest = np.append(time[1:], np.inf)
-    return np.minimum.accumulate(rest[::-1])[::-1]
+def _out_of_place(time_s: Array, longest: float) -> NDArray[np.int64]:
+    """Rows, a few in a row, without which time does not run back: ahead of what follows, or behind what came before."""
+    stray: list[int] = []
+    for i in (np.flatnonzero(np.diff(time_s) < 0) + 1).tolist():
+        if stray and i <= stray[-1] + FEWEST_ROWS:
+            continue  # looked at again when those are out
+        for m in range(1, FEWEST_ROWS):
+            if i + m < time_s.size and 0 <= time_s[i + m] - time_s[i - 1] <= longest:
+                stray.extend(range(i, i + m))
+                break
+            if i - m > 0 and 0 <= time_s[i] - time_s[i - m - 1] <= longest:
+                stray.extend(range(i - m, i))
+                break
+    return np.array(stray, dtype=np.int64)
 
 
-def _later_below(time: Array, reach: int = 6) -> Array:
-    """How many of the next `reach` rows are earlier than each row."""
-    padded = np.concatenate([time, np.full(reach, np.inf)])
-    return np.sum([padded[i : i + time.size] < time for i in range(1, reach + 1)], axis=0, dtype=float)
+def _fits(time_s: Array, bounds: NDArray[np.int64], i: int) -> bool:
+    """Whether a short stretch lies in time between its neighbours."""
+    before = time_s[bounds[i] - 1] if i else -np.inf
+    after = time_s[bounds[i + 1]] if bounds[i + 1] < time_s.size else np.inf
+    return bool(before <= time_s[bounds[i]] and time_s[bounds[i + 1] - 1] <= after)
 
 
 def screen(
@@ -125,6 +175,6 @@ def _by_chance(reading: Array, rows: NDArray[np.int64], same_time: Mask, same_va
 
 
 def _resolution(values: Array) -> float:
-    """Smallest step between the values that occur; 0 where there are too few."""
+    """Smallest step between the values that occur; 0 where there is but one."""
     steps = np.diff(np.unique(np.round(values[:20000], 9)))
-    return float(np.quantile(steps, 0.05)) if steps.size > 3 else 0.0
+    return float(np.quantile(steps, 0.05)) if steps.size else 0.0

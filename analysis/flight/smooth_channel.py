@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
+from shockrig.analysis.flight.coarse import propagated
+from shockrig.analysis.flight.jumps import with_jumps
 from shockrig.analysis.flight.prior import (
-    UNSEEN_VARIANCE,
     Passing,
     Prior,
     fit_prior,
@@ -19,16 +19,18 @@ from shockrig.analysis.flight.prior import (
     spectra,
 )
 from shockrig.analysis.flight.response import Response
-from shockrig.analysis.flight.smoother import smooth
+from shockrig.analysis.flight.sweep import Track, swept, windows
 
 Array = NDArray[np.float64]
-CORE = 250  # samples of a window that are kept
 LONGEST_BRIDGE_S = 60.0  # beyond, a gap parts the flight
 SEGMENT = 250  # samples over which the air's turbulence intensity is taken as one, at least
 SEGMENT_LAGS = 12.0  # and so many of the sensor's time constants, or a slow sensor cannot tell it
 LONGEST_SEGMENT = 500
+PER_LAG = 0.5  # of the sensor's lag: over longer steps the air is not straight, and readings are cut into parts
+MOST_PARTS = 5
+ODD = 8.0  # times the usual
+NOISE_SPREAD = 0.3  # ln of how far the noise may be from what is expected
 SPARSE = 0.75  # share of nodes with a sample, below which the bridges are left out of the judgement
-SIDE_BY_SIDE = 64  # windows at once
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,7 @@ def estimate(
     noise_variance: Array,
     delay_s: float = 0.0,
     passing: Passing | None = None,
+    rounding: Array | None = None,
 ) -> Estimate:
     """Smooth one channel.
 
@@ -73,8 +76,12 @@ def estimate(
         The reading tells of the air so much earlier.
     passing : Passing, optional
         With `sigma` for each row.
+    rounding : (n,), optional
+        Step of each reading where it is coarser than the noise; `noise_variance` has its variance, step^2 / 12, in it.
     """
-    period = typical_period(time_s)
+    between = typical_period(time_s)
+    parts = int(np.clip(round(between / (PER_LAG * response.slowest_s)), 1, MOST_PARTS))
+    period = between / parts
     node_time, node_row = _nodes(time_s - delay_s, period, delay_s)
     measured = (node_row >= 0) & usable[node_row]
     rows = np.flatnonzero(measured)
@@ -85,59 +92,49 @@ def estimate(
     bridged = np.interp(node_time, node_time[rows], reading[node_row[rows]])
     along = response.at(nearest)
     overlap = int(np.clip(3.0 * response.slowest_s, 8.0, 60.0) / period)
-    index, owner = _windows(node_time, period, overlap)
-    index_safe = np.maximum(index, 0)
-
-    expected = float(np.sqrt(np.mean(noise_variance[node_row[rows]])))
+    broken = np.diff(node_time, prepend=-np.inf) > LONGEST_BRIDGE_S
+    index, owner = windows(np.flatnonzero(broken), node_time.size, overlap)
     through = None if passing is None else replace(passing, sigma=passing.sigma[nearest])
-    if rows.size > SPARSE * node_time.size:
-        local = _local_priors(bridged, along, period, expected, through)
-    else:
+    track = Track(node_time, period, along, through, index, owner, broken)
+
+    # where the air's temperature jumped, single readings say nothing of vapour
+    ordinary = np.ones(node_time.size, dtype=bool)
+    if through is not None:
+        ordinary = through.sigma <= ODD * np.median(through.sigma)
+    noise = np.sqrt(noise_variance[nearest])
+    expected = float(np.sqrt(np.mean((noise if rows.size > SPARSE * node_time.size else noise[rows]) ** 2)))
+
+    # noise under coarse steps does not show: it is what was expected
+    spread = NOISE_SPREAD if rounding is None else 0.1 * NOISE_SPREAD
+
+    def priors(values: Array) -> Prior:
+        # what lies across a break is not the air's doing
+        values = values - np.cumsum(np.where(broken, np.diff(values, prepend=values[0]), 0.0))
+        values = np.interp(node_time, node_time[ordinary], values[ordinary])
+        if rows.size > SPARSE * node_time.size:
+            return _local_priors(values, along, period, noise, through, 1, spread)
         # bridges would pass for calm air: the samples alone, as if they were evenly spaced
         steps = np.diff(node_time[rows])
         spacing = float(np.mean(steps[steps <= 5 * np.median(steps)]))
         some = None if through is None else replace(through, sigma=through.sigma[rows])
-        own = _local_priors(bridged[rows], along.at(rows), spacing, expected, some)
-        local = Prior(
-            *(np.interp(node_time, node_time[rows], value) for value in (own.turbulence, own.bend, own.noise))
-        )
-    noise_factor = float(local.noise[0]) / expected
+        own = _local_priors(values[rows], along.at(rows), spacing, noise[rows], some, parts, spread)
+        return Prior(*(np.interp(node_time, node_time[rows], value) for value in (own.turbulence, own.bend, own.noise)))
+
+    local = priors(bridged)
+    noise_factor = float(local.noise[0]) / expected if rounding is None else 1.0
     variance = np.where(measured, noise_variance[nearest] * noise_factor**2, np.inf)
-    lags, apart = lags_behind(bridged, along, period)
-    out = np.full((3, node_time.size), np.nan)
-    for start in range(0, len(index), SIDE_BY_SIDE):
-        part = slice(start, start + SIDE_BY_SIDE)
-        at = index_safe[part]
-        step = np.diff(node_time[at], axis=1, prepend=node_time[at[:, :1]])
-        padded = index[part] < 0
-        step = np.where(padded, period, step)
-        prior = Prior(local.turbulence[at], local.bend[at], local.noise[at])
-        noise_variance = np.where(padded, np.inf, variance[at])
-        spread = 2.0 * np.std(bridged[at], axis=1) + 5.0 * prior.noise[:, 0]
-        window = along.at(at)
-        here = None if through is None else replace(through, sigma=through.sigma[at])
-        first = at[:, 0]
-        # what came before a flight is not known; later the readings tell how far the lags may be from their guess
-        fresh = (first == 0) | (np.diff(node_time, prepend=-np.inf)[first] > LONGEST_BRIDGE_S)
-        lag_spread = np.where(fresh[:, None], spread[:, None], apart[first] + 5.0 * prior.noise[:, :1])
-        smoothed = smooth(step, bridged[at], noise_variance, window, lags[first], prior, spread, here, lag_spread)
-        keep = owner[part]
-        wider = _inflation(smoothed.surprise, keep)
-        unseen = UNSEEN_VARIANCE * prior.turbulence**2
-        for slot, values in enumerate((smoothed.air, smoothed.variance * wider[:, None] + unseen, smoothed.clean)):
-            out[slot, at[keep]] = values[keep]
-    air, node_variance, clean = (np.interp(time_s, node_time, row) for row in out)
+    found, local, jumps = with_jumps(track, bridged, variance, local, priors)
+    if rounding is not None:
+        steps = rounding[nearest]
+        own = np.sqrt(np.maximum(noise_variance[nearest] - steps**2 / 12.0, 0.0))
+        values, variance = propagated(
+            lambda site, width: swept(track, site, width, local, jumps), bridged, variance, steps, own
+        )
+        found = swept(track, values, variance, local, jumps)
+    air, node_variance, clean = (np.interp(time_s, node_time, v) for v in (found.air, found.variance, found.clean))
     typical = Prior(*np.median([local.turbulence, local.bend, local.noise], axis=1)[:, None])
     rate = _resolved_rate(typical, along.at(slice(len(along.rate) // 2, len(along.rate) // 2 + 1)), period)
     return Estimate(air, node_variance, clean, noise_factor, resolved_rate=rate)
-
-
-def _inflation(surprise: Array, keep: NDArray[np.bool_]) -> Array:
-    """Factor on each window's variance: mean square surprise where it is larger than chance makes it, else 1."""
-    seen = keep & ~np.isnan(surprise)
-    count = np.maximum(seen.sum(axis=1), 1)
-    mean_square = (np.where(seen, surprise, 0.0) ** 2).sum(axis=1) / count
-    return np.where(mean_square > 1.0 + 3.0 * np.sqrt(2.0 / count), mean_square, 1.0)
 
 
 def typical_period(time_s: Array) -> float:
@@ -166,24 +163,6 @@ def _carried(node_row: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.maximum.accumulate(np.maximum(node_row, 0))
 
 
-def _windows(node_time: Array, period: float, overlap: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Windows (w, n) of node indices, -1 for padding, and which of them each window owns."""
-    breaks = np.flatnonzero(np.diff(node_time) > LONGEST_BRIDGE_S) + 1
-    starts, stops = np.concatenate([[0], breaks]), np.concatenate([breaks, [node_time.size]])
-    index, owner = [], []
-    longest = int((stops - starts).max())
-    core = min(CORE, longest)
-    width = min(core + 2 * overlap, longest)
-    for start, stop in zip(starts, stops, strict=True):
-        for low in range(start, stop, core):
-            high = min(low + core, stop)
-            first = max(min(low - overlap, stop - width), start)
-            row = np.arange(first, first + width)
-            owner.append((row >= low) & (row < high))
-            index.append(np.where(row < stop, row, -1))
-    return np.array(index), np.array(owner)
-
-
 def _resolved_rate(prior: Prior, response: Response, period: float) -> float:
     """Angular frequency at which the reading's signal sinks into its noise."""
     frequency = np.geomspace(0.01, 0.5 / period, 60)
@@ -193,38 +172,46 @@ def _resolved_rate(prior: Prior, response: Response, period: float) -> float:
     return float(2 * np.pi * frequency[below[0] if below.size else -1])
 
 
-def _local_priors(bridged: Array, along: Response, period: float, noise: float, passing: Passing | None) -> Prior:
-    """Strengths at each node: of segments that overlap by half, each judged by itself, joined in their logarithm."""
+def _local_priors(
+    bridged: Array,
+    along: Response,
+    period: float,
+    noise: Array,
+    passing: Passing | None,
+    parts: int,
+    spread: float,
+) -> Prior:
+    """Strengths at each node: of segments that overlap by half, each judged by itself, joined in their logarithm.
+
+    `noise` is the standard deviation expected at each node, known within a factor exp(`spread`).
+    """
+    typical = float(np.sqrt(np.mean(noise**2)))
     size = int(np.clip(SEGMENT_LAGS * along.slowest_s / period, SEGMENT, LONGEST_SEGMENT))
     size = min(size, bridged.size)
     if size < 24:
-        sigma = max(float(np.std(bridged)), noise)
-        return Prior(*(value * np.ones(bridged.size) for value in (sigma, sigma, noise)))
+        sigma = max(float(np.std(bridged)), typical)
+        return Prior(*(value * np.ones(bridged.size) for value in (sigma, sigma, typical)))
     starts = np.unique(np.append(np.arange(0, bridged.size - size + 1, max(size // 2, 1)), bridged.size - size))
+    relative = np.sqrt((noise[starts[:, None] + np.arange(size)] ** 2).mean(axis=1)) / typical
     segments = bridged[starts[:, None] + np.arange(size)]
     middle = starts + size // 2
     some = slice(None, None, max(starts.size // 60, 1))
     through = few = None
     if passing is not None:
-        sigma = np.sqrt((passing.sigma[starts[:, None] + np.arange(size)] ** 2).mean(axis=1))
+        # the median: where the air jumped, single samples know nothing
+        sigma = np.median(passing.sigma[starts[:, None] + np.arange(size)], axis=1)
         through, few = Passing(sigma, passing.rate), Passing(sigma[some], passing.rate)
-    common = fit_prior(segments[some], along.at(middle[some]), period, noise, few)
-    local = fit_windows(segments, along.at(middle), period, common, through)
+    common = fit_prior(
+        segments[some],
+        along.at(middle[some]),
+        period,
+        typical,
+        few,
+        spread=spread,
+        relative_noise=relative[some],
+        parts=parts,
+    )
+    local = fit_windows(segments, along.at(middle), period, common, through, relative, parts)
     nodes = np.arange(bridged.size)
     turbulence, bend = (np.exp(np.interp(nodes, middle, np.log(value))) for value in (local.turbulence, local.bend))
     return Prior(turbulence, bend, common.noise * np.ones(bridged.size))
-
-
-def lags_behind(values: Array, along: Response, period: float) -> tuple[Array, Array]:
-    """Each lag behind evenly spaced `values` (n, K) from rest, and how far the two were apart in the lag's memory, rms.
-
-    Behind the readings it is a guess of where the sensor stands: the air is about as far from the reading as that.
-    """
-    decay = np.exp(-np.mean(along.rate, axis=0) * period)
-    lags, apart = (np.empty((values.size, decay.size)) for _ in range(2))
-    inside = range(decay.size)[along.within]
-    for k, d in enumerate(decay):
-        drive = lags[:, : len(along.cap)] @ np.asarray(along.cap) if k in inside else values
-        lags[:, k] = lfilter([1 - d], [1.0, -d], drive, zi=[d * drive[0]])[0]
-        apart[:, k] = np.sqrt(lfilter([1 - d], [1.0, -d], (drive - lags[:, k]) ** 2))
-    return lags, apart

@@ -26,17 +26,52 @@ from shockrig.analysis.flight.response import Response
 from shockrig.analysis.flight.stepping import stepped
 
 Array = NDArray[np.float64]
+TINY = 1e-300
+
+
+@dataclass(frozen=True)
+class Jumps:
+    """Breaks in the air's course in the step before each sample.
+
+    Attributes
+    ----------
+    variance : ndarray (..., 2)
+        Of a jump of the air [unit^2] and of one of its slope [unit^2/s^2].
+    place : ndarray (...)
+        At which share of the step they fall.
+    """
+
+    variance: Array
+    place: Array
 
 
 @dataclass(frozen=True)
 class Smoothed:
-    """Arrays (windows, n): `air` with its `variance`, `clean` the reading without noise, `surprise` = innovation /
-    its sigma (NaN without reading)."""
+    """Arrays (windows, n).
+
+    Attributes
+    ----------
+    air, variance : ndarray
+        The air and its variance.
+    clean, clean_variance : ndarray
+        The reading without noise, and its variance.
+    surprise : ndarray
+        Innovation over its sigma, NaN without reading.
+    jump, jump_score : ndarray (windows, n, 2)
+        Size that a jump of the air, or of its slope, in the step before each sample would have, and that size over its
+        sigma (the auxiliary residuals of de Jong and Penzer 1998, doi 10.1080/01621459.1998.10473757).
+    cost : ndarray
+        What each reading adds to minus the log-likelihood, without its constant.
+    """
 
     air: Array
     variance: Array
     clean: Array
+    clean_variance: Array
     surprise: Array
+    jump: Array
+    jump_score: Array
+    cost: Array
 
 
 def smooth(
@@ -49,6 +84,7 @@ def smooth(
     spread: Array,
     passing: Passing | None = None,
     lag_spread: Array | None = None,
+    jumps: Jumps | None = None,
 ) -> Smoothed:
     """Smooth windows of readings.
 
@@ -68,10 +104,12 @@ def smooth(
         How far the air (and the lags, unless `lag_spread` (w, K) says it of them) may be from there, one sigma.
     passing : Passing, optional
         With `sigma` of shape (w, n); it is part of `air` and of `clean`.
+    jumps : Jumps, optional
+        Of shape (w, n); what the air may do beside what the prior expects.
     """
     windows, count = reading.shape
     modes = lags.shape[1]
-    phi, q = _model(step_s, response, prior, passing)
+    phi, q, leap = _model(step_s, response, prior, passing, jumps)
     size = phi.shape[-1]
     c = np.zeros((count, windows, size))
     c[..., AIR_STATES : AIR_STATES + modes] = np.moveaxis(response.weight, 1, 0)
@@ -97,13 +135,14 @@ def smooth(
         pc[k] = pck = (p @ ck[..., None])[..., 0]
         ph[k] = phk = p @ h
         prior_variance[k] = phk @ h
-        variance_of[k] = s = np.where(seen[k], (ck * pck).sum(-1) + np.where(seen[k], noise[k], 0.0), np.inf)
+        variance_of[k] = s = np.where(seen[k], np.maximum((ck * pck).sum(-1), 0.0) + noise[k], np.inf)
         surprise_of[k] = v = np.where(seen[k], y[k] - (ck * mean).sum(-1), 0.0)
         gains[k] = gain = pck / s[:, None]
         mean = mean + gain * v[:, None]
         p = p - gain[:, :, None] * pck[:, None, :]
 
-    air, clean, variance = (np.empty((count, windows)) for _ in range(3))
+    air, clean, variance, clean_variance = (np.empty((count, windows)) for _ in range(4))
+    pull, hold_on = (np.zeros((count, windows, 2)) for _ in range(2))
     small = np.zeros((windows, size))
     big = np.zeros((windows, size, size))
     for k in range(count - 1, -1, -1):
@@ -122,13 +161,30 @@ def smooth(
         small = small - ck * ((gain * small).sum(-1) + surprise_of[k] / variance_of[k])[:, None]
         air[k] = kept_mean[k] @ h - (ph[k] * small).sum(-1)
         clean[k] = (ck * kept_mean[k]).sum(-1) - (pc[k] * small).sum(-1)
-        variance[k] = prior_variance[k] - (ph[k] * (big @ ph[k][..., None])[..., 0]).sum(-1)
+        asked = np.concatenate([ph[k, ..., None], pc[k, ..., None], leap[k]], axis=-1)
+        of_them = (asked * (big @ asked)).sum(axis=1)
+        variance[k] = prior_variance[k] - of_them[:, 0]
+        clean_variance[k] = (ck * pc[k]).sum(-1) - of_them[:, 1]
+        pull[k], hold_on[k] = (small[:, None] @ leap[k])[:, 0], of_them[:, 2:]
     surprise = np.where(seen, surprise_of / np.sqrt(variance_of), np.nan)
-    return Smoothed(air.T, np.maximum(variance, 0.0).T, clean.T, surprise.T)
+    pull[0] = 0.0
+    hold_on = np.maximum(hold_on, TINY)
+    return Smoothed(
+        air.T,
+        np.maximum(variance, 0.0).T,
+        clean.T,
+        np.maximum(clean_variance, 0.0).T,
+        surprise.T,
+        -(pull / hold_on).swapaxes(0, 1),
+        -(pull / np.sqrt(hold_on)).swapaxes(0, 1),
+        np.where(seen, 0.5 * (np.log(np.where(seen, variance_of, 1.0)) + np.nan_to_num(surprise) ** 2), 0.0).T,
+    )
 
 
-def _model(step_s: Array, response: Response, prior: Prior, passing: Passing | None) -> tuple[Array, Array]:
-    """Transition and its noise for each step, shape (n, w, size, size)."""
+def _model(
+    step_s: Array, response: Response, prior: Prior, passing: Passing | None, jumps: Jumps | None
+) -> tuple[Array, Array, Array]:
+    """Transition and its noise for each step (n, w, size, size), and what a jump by 1 in it does to the states."""
     step = np.ascontiguousarray(step_s.T)
     rate, modes = np.moveaxis(response.rate, 1, 0), response.rate.shape[-1]
     lag_step = stepped(rate, step, response.cap, response.inside)
@@ -161,7 +217,15 @@ def _model(step_s: Array, response: Response, prior: Prior, passing: Passing | N
             q[..., lags, -2:] = drive[..., None] * added[..., None, 1, :]
             q[..., -2:, lags] = q[..., lags, -2:].swapaxes(-1, -2)
             q[..., lags, lags] += drive[..., :, None] * drive[..., None, :] * added[..., 1, 1, None, None]
-    return phi, q
+    rest = step * (0.5 if jumps is None else 1.0 - jumps.place.T)
+    after = stepped(rate, rest, response.cap, response.inside)
+    leap = np.zeros((*step.shape, size, 2))
+    leap[..., 0, 0], leap[..., lags, 0] = 1.0, 1.0 - after.decay
+    leap[..., lags, 0][..., response.within] -= after.fed.sum(axis=-1)
+    leap[..., 0, 1], leap[..., 1, 1], leap[..., lags, 1] = rest, 1.0, after.new * rest[..., None]
+    if jumps is not None and jumps.variance.any():
+        q += (jumps.variance.swapaxes(0, 1)[..., None, :] * leap) @ leap.swapaxes(-1, -2)
+    return phi, q, leap
 
 
 def _start(

@@ -4,7 +4,7 @@ it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -49,8 +49,11 @@ def correct_file(
     history: str = "",
     block_rows: int = BLOCK_ROWS,
     progress: Callable[[int], None] = lambda rows: None,
+    gather: Sequence[Callable[[Flight, Corrected], None]] = (),
 ) -> Summary:
     """Correct the CSV `source` into `target` (netCDF where its name ends in .nc); `columns`: quantity -> column's name.
+
+    What is to be `gather`ed of the flight is given each block in turn.
 
     Raises
     ------
@@ -87,9 +90,11 @@ def correct_file(
                 humidity_noise_percent=humidity_noise_percent,
             )
             own = slice(before, flight.time_s.size - after)
-            found, flight = _cut(found, own), _slice(flight, own)
+            found, flight = _cut(found, own), flight.at(own)
             writer.write(rows, flight, found)
             totals.add(flight, found)
+            for take in gather:
+                take(flight, found)
             progress(totals.rows)
         if not totals.rows:
             raise InputError(f"{source}: no rows under the header; give a log with samples")
@@ -123,10 +128,6 @@ def _with_margins(
         yield current, len(tail), 0, to_flight(tail + current, layout)
 
 
-def _slice(flight: Flight, part: slice) -> Flight:
-    return Flight(*(getattr(flight, name)[part] for name in Flight.__dataclass_fields__))
-
-
 def _cut(found: Corrected, part: slice) -> Corrected:
     return replace(
         found,
@@ -135,6 +136,7 @@ def _cut(found: Corrected, part: slice) -> Corrected:
         humidity_percent=found.humidity_percent[part],
         humidity_uncertainty_percent=found.humidity_uncertainty_percent[part],
         flags={name: mask[part] for name, mask in found.flags.items()},
+        common={name: values[part] for name, values in found.common.items()},
     )
 
 

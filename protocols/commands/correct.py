@@ -4,17 +4,26 @@ from __future__ import annotations
 
 import argparse
 import sys
+import tempfile
 from pathlib import Path
 
-QUANTITIES = ("time", "temperature", "humidity", "airspeed", "die", "pressure", "altitude")
+QUANTITIES = (
+    "time", "temperature", "humidity", "airspeed", "die", "pressure", "altitude", "latitude", "longitude",
+)  # fmt: skip
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    parser.add_argument("flight", type=Path, metavar="FLIGHT.csv", help="log of the flight, one row a sample")
+    parser.add_argument(
+        "flight", type=Path, metavar="FLIGHT", help="log of the flight: CSV, netCDF (.nc), or ArduPilot's .bin"
+    )
     parser.add_argument("--profile", type=Path, required=True, metavar="P", help="profile.json of the sensors flown")
     parser.add_argument(
-        "--out", type=Path, required=True, metavar="F", help="corrected flight; netCDF if it ends in .nc"
+        "--out",
+        type=Path,
+        required=True,
+        metavar="F",
+        help="corrected flight; netCDF if it ends in .nc; with --wmo a folder",
     )
     parser.add_argument(
         "--method",
@@ -30,6 +39,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"name of a column that is not recognised; quantities: {', '.join(QUANTITIES)}",
     )
     parser.add_argument(
+        "--map", type=Path, metavar="MAP.toml", help="read any text log by a map, as shockrig import does (or its name)"
+    )
+    parser.add_argument(
+        "--layers", type=float, metavar="M", help="also means over layers of so many metres, in OUT_layers.csv"
+    )
+    parser.add_argument(
+        "--wmo",
+        metavar="OPERATOR:AIRFRAME",
+        help="write WMO's drone demonstration format instead, into the folder --out (such as 007:ABC12)",
+    )
+    parser.add_argument(
         "--cutoff-hz", type=float, help="low-pass of inverse and paper; suggested from the noise if left out"
     )
     parser.add_argument(
@@ -40,9 +60,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Correct the flight and print what was done."""
+    from shockrig.analysis.flight.layers import Layers
     from shockrig.analysis.flight.stream import correct_file
     from shockrig.files.errors import InputError
     from shockrig.files.profile import read_profile
+    from shockrig.protocols.flight_logs import to_csv
+    from shockrig.protocols.wmo import of_argument
 
     columns = {}
     for choice in args.column:
@@ -50,7 +73,7 @@ def main(args: argparse.Namespace) -> int:
         if not equals or quantity not in QUANTITIES:
             raise InputError(f"--column {choice}: expected QUANTITY=NAME with a quantity of {', '.join(QUANTITIES)}")
         columns[quantity] = name
-    for option in ("cutoff_hz", "temperature_noise_k", "humidity_noise_percent"):
+    for option in ("cutoff_hz", "temperature_noise_k", "humidity_noise_percent", "layers"):
         value = getattr(args, option)
         if value is not None and not 0 < value < 1e6:
             raise InputError(f"--{option.replace('_', '-')} {value:g}: expected a positive number")
@@ -63,23 +86,34 @@ def main(args: argparse.Namespace) -> int:
             shown = rows
             print(f"{rows} rows corrected", file=sys.stderr)
 
-    done = correct_file(
-        args.flight,
-        profile,
-        args.out,
-        args.method,
-        columns=columns,
-        cutoff_hz=args.cutoff_hz,
-        temperature_noise_k=args.temperature_noise_k,
-        humidity_noise_percent=args.humidity_noise_percent,
-        history=f"shockrig correct --method {args.method} --profile {args.profile.name}",
-        progress=progress,
-    )
+    wmo = of_argument(args.wmo) if args.wmo else None
+    layers = Layers(args.layers) if args.layers else None
+    gather = [one.add for one in (wmo, layers) if one is not None]
+    with tempfile.TemporaryDirectory() as folder:
+        source = Path(folder) / f"{args.flight.stem}.csv"
+        if not to_csv(args.flight, source, columns=columns, map_path=args.map):
+            source = args.flight
+        elif args.out.resolve() == args.flight.resolve():
+            raise InputError(f"{args.out}: the log itself; name another file for the corrected flight")
+        done = correct_file(
+            source,
+            profile,
+            Path(folder) / "corrected.csv" if wmo else args.out,
+            args.method,
+            columns=columns if source is args.flight else None,
+            cutoff_hz=args.cutoff_hz,
+            temperature_noise_k=args.temperature_noise_k,
+            humidity_noise_percent=args.humidity_noise_percent,
+            history=f"shockrig correct --method {args.method} --profile {args.profile.name}",
+            progress=progress,
+            gather=gather,
+        )
+    written = wmo.write(args.out, args.flight.name) if wmo else args.out
     if "data" in profile.provenance:
         print(f"note: the profile is not of real sensors: {profile.provenance['data']}", file=sys.stderr)
     for note in done.notes:
         print(f"note: {note}", file=sys.stderr)
-    print(f"{args.out}: {done.rows} rows, method {args.method}")
+    print(f"{written}: {done.rows} rows, method {args.method}")
     for name, unit, change, uncertainty in (
         ("temperature", "K", done.temperature_change_k, done.temperature_uncertainty_k),
         ("humidity", "%RH", done.humidity_change_percent, done.humidity_uncertainty_percent),
@@ -88,6 +122,9 @@ def main(args: argparse.Namespace) -> int:
             print(f"  {name}: changed by {change:.3g} {unit} rms; standard uncertainty {uncertainty:.3g} {unit}")
         else:
             print(f"  {name}: not corrected")
+    if layers is not None:
+        path = written.with_name(f"{written.stem}_layers.csv")
+        print(f"  {path}: {layers.write(path)} layers of {args.layers:g} m")
     flagged = ", ".join(f"{name} {count}" for name, count in done.flags.items() if count)
     print(f"  flags: {flagged or 'none'}")
     return 0

@@ -1,0 +1,169 @@
+"""What a flight says about its own correction: ascent against descent, the slow sensor against the fast one.
+
+Air that was passed upwards and downwards is the same air. A sensor whose time scale is 1 + e of what the profile says
+leaves -e times the lag in the corrected value, of opposite sign on the two ways: the difference between them, against
+the difference of the lags, is e.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from shockrig.analysis.flight.channel import Channel, bridged
+from shockrig.analysis.flight.smooth_channel import typical_period
+from shockrig.files.flight import Flight
+
+Array = NDArray[np.float64]
+LEAST_CLIMB_M = 40.0  # that both ways have in common
+LEAST_SPEED_M_S = 0.3
+SPEED_OVER_S = 5.0
+LAYERS = 60
+BLOCKS = 8  # of layers, left out in turn (jackknife)
+SURE = 4.0  # standard errors from which a time scale counts as wrong
+BEYOND = 2.5  # times what the profile states
+MOST = 1.0
+UNITS = {"temperature": "K", "humidity": "%RH"}
+
+
+@dataclass(frozen=True)
+class UpAndDown:
+    """Ascent against descent: layers in common, rms difference as read and as corrected, the relative error of the time
+    scale that explains it best, and that number's standard error."""
+
+    layers: int
+    low_m: float
+    high_m: float
+    read: float
+    corrected: float
+    slower: float
+    slower_error: float
+
+
+def up_and_down(flight: Flight, channel: Channel) -> UpAndDown | None:
+    """Compare the longest way up with the longest way down; None where the flight has not both through one layer."""
+    height = None if flight.altitude_m is None else bridged(flight.time_s, flight.altitude_m)
+    if height is None or channel.raw.all():
+        return None
+    ways = [_longest(flight.time_s, height, sign) for sign in (1.0, -1.0)]
+    if any(way.stop - way.start < 2 * LAYERS // 3 for way in ways):
+        return None
+    low = max(float(height[way].min()) for way in ways)
+    high = min(float(height[way].max()) for way in ways)
+    if high - low < LEAST_CLIMB_M:
+        return None
+    edges = np.linspace(low, high, LAYERS + 1)
+    reading = channel.value - channel.lag
+    means = np.array(
+        [[_layers(height[way], v[way], edges) for v in (channel.value, reading, channel.lag)] for way in ways]
+    )
+    down_less_up = means[1] - means[0]
+    known = np.isfinite(down_less_up).all(axis=0)
+    if np.count_nonzero(known) < LAYERS // 2:
+        return None
+    corrected, read, lag = down_less_up[:, known]
+    slower, error = _slope(lag, corrected)
+    size = [float(np.sqrt(np.mean(v**2))) for v in (read, corrected)]
+    return UpAndDown(int(known.sum()), low, high, size[0], size[1], -slower, error)
+
+
+def compared(
+    flight: Flight, bead: Channel, film: Channel, notes: list[str]
+) -> tuple[Channel, Channel, dict[str, float]]:
+    """The channels, their uncertainty widened where the flight contradicts the profile's time scale; what was compared
+    goes into `notes`."""
+    found, widened = [], {}
+    for channel in (bead, film):
+        both = up_and_down(flight, channel)
+        if both is not None:
+            unit = UNITS[channel.name]
+            notes.append(
+                f"{channel.name}: ascent and descent differ by {both.read:.2g} {unit} rms as read, by "
+                f"{both.corrected:.2g} {unit} corrected ({both.low_m:.0f} to {both.high_m:.0f} m)"
+            )
+            stated = _stated(channel)
+            wrong = min(abs(both.slower), MOST)
+            if wrong > SURE * both.slower_error and wrong > BEYOND * stated:
+                way = "slower" if both.slower > 0 else "faster"
+                notes.append(
+                    f"{channel.name}: they agree best if the sensor is {100 * wrong:.0f} % {way} than the profile "
+                    f"says (which states {100 * stated:.1g} %): uncertainties are widened by as much of the lag; "
+                    "characterize the sensor again"
+                )
+                channel = channel.widened(wrong)
+                widened[channel.name] = wrong
+        found.append(channel)
+    _slow_against_fast(flight, bead, notes)
+    return found[0], found[1], widened
+
+
+def _stated(channel: Channel) -> float:
+    """Relative uncertainty of the time scale that the channel's own has in it, rms over the flight."""
+    known = np.isfinite(channel.common) & np.isfinite(channel.lag) & ~channel.raw
+    lag = float(np.sum(channel.lag[known] ** 2))
+    return float(np.sqrt(np.sum(channel.common[known] ** 2) / lag)) if lag > 0 else 0.0
+
+
+def _longest(time_s: Array, height: Array, sign: float) -> slice:
+    """The rows of the longest climb (or descent)."""
+    width = max(round(SPEED_OVER_S / typical_period(time_s)), 1)
+    smooth = uniform_filter1d(height, width, mode="nearest")
+    step = np.diff(time_s, prepend=time_s[0] - typical_period(time_s))
+    moving = sign * np.diff(smooth, prepend=smooth[0]) > LEAST_SPEED_M_S * np.maximum(step, 1e-9)
+    ends = np.flatnonzero(np.diff(np.concatenate([[0], moving.astype(int), [0]])))
+    starts, stops = ends[::2], ends[1::2]
+    if not starts.size:
+        return slice(0, 0)
+    longest = int(np.argmax(np.abs(smooth[stops - 1] - smooth[starts])))
+    return slice(int(starts[longest]), int(stops[longest]))
+
+
+def _layers(height: Array, values: Array, edges: Array) -> Array:
+    """Mean of the values in each layer, NaN where there is none."""
+    place = np.digitize(height, edges) - 1
+    inside = (place >= 0) & (place < edges.size - 1) & np.isfinite(values)
+    count = np.bincount(place[inside], minlength=edges.size - 1)
+    total = np.bincount(place[inside], values[inside], minlength=edges.size - 1)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _slope(x: Array, y: Array) -> tuple[float, float]:
+    """Slope of y against x beside a constant, and its standard error from leaving out blocks in turn."""
+
+    def slope(keep: NDArray[np.bool_]) -> float:
+        a = x[keep] - x[keep].mean()
+        return float(a @ y[keep] / max(a @ a, 1e-300))
+
+    block = np.arange(x.size) * BLOCKS // x.size
+    each = np.array([slope(block != i) for i in range(BLOCKS)])
+    error = float(np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((each - each.mean()) ** 2)))
+    return slope(np.ones(x.size, dtype=bool)), error
+
+
+def _slow_against_fast(flight: Flight, bead: Channel, notes: list[str]) -> None:
+    """The humidity sensor's own thermometer is slow: the corrected air, lagged, should be what it read."""
+    die, air = bridged(flight.time_s, flight.die_temperature_c), bridged(flight.time_s, bead.value)
+    if die is None or air is None or bead.raw.all() or np.ptp(die) == 0.0:
+        return
+    from scipy.optimize import minimize_scalar
+    from scipy.signal import lfilter
+
+    period = typical_period(flight.time_s)
+
+    def left(log_s: float) -> Array:
+        decay = np.exp(-period / np.exp(log_s))
+        lagged = lfilter([1 - decay], [1.0, -decay], air - air[0], zi=[0.0])[0]
+        off = die - lagged
+        settled = flight.time_s - flight.time_s[0] > min(3.0 * np.exp(log_s), 0.3 * np.ptp(flight.time_s))
+        return off[settled] - np.mean(off[settled])
+
+    best = minimize_scalar(
+        lambda log_s: float(np.mean(left(log_s) ** 2)), bounds=(np.log(0.1), np.log(120.0)), method="bounded"
+    )
+    notes.append(
+        f"temperature: the humidity sensor's own thermometer follows the corrected air {np.exp(best.x):.2g} s behind, "
+        f"to within {np.sqrt(best.fun):.2g} K rms beside a constant"
+    )

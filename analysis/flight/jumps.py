@@ -1,0 +1,131 @@
+"""Jumps of the air and of its slope: through a door, into a layer. Turbulence and bending trends cannot make them.
+
+At a sample where one would explain far more than chance (its size over its sigma, from the smoother's own auxiliary
+residuals), the air is let jump by as much, where between its neighbours the readings like it best; again until none is
+left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.flight.prior import Prior
+from shockrig.analysis.flight.smoother import Jumps
+from shockrig.analysis.flight.sweep import Sweep, Track, costs, swept
+
+Array = NDArray[np.float64]
+JUMP_SIGMAS = 6.0
+ROUNDS = 4
+MOST = 12  # in a block of a flight; what has more of them is not calm air with doors in it
+LOOK_BACK, LOOK_AHEAD = 60, 150  # samples that a jump's place is judged by
+APART = 5  # samples
+STEPS = (-1, 0, 1)  # samples about the one found
+WIDEST = 1e4  # times the noise: beyond, a double's digits do not reach from one to the other
+FINER = (-0.075, -0.05, -0.025, 0.0, 0.025, 0.05, 0.075)  # about the best of them
+SETTLED = 4.0  # time constants after which a jump's place no longer shows
+LONGEST_HIDDEN = 10  # samples
+RAMPS = (2, 4, 7, 12, 20)  # samples: half of what a change may take that looks like a jump
+PLACES = (0.1, 0.3, 0.5, 0.7, 0.9)  # shares of the step
+
+
+def none(count: int) -> Jumps:
+    """No jumps at `count` nodes."""
+    return Jumps(np.zeros((count, 2)), np.full(count, 0.5))
+
+
+def with_jumps(
+    track: Track, values: Array, variance: Array, local: Prior, refit: Callable[[Array], Prior]
+) -> tuple[Sweep, Prior, Jumps]:
+    """Sweep, strengths (fitted anew by `refit` to the readings without the jumps) and the jumps."""
+    jumps = none(values.size)
+    found = swept(track, values, variance, local, jumps)
+    typical = Prior(*(np.full(values.size, np.median(s)) for s in (local.turbulence, local.bend, local.noise)))
+    for number in range(ROUNDS):
+        places = _places(found.jump_score)
+        if not places.size or np.count_nonzero(jumps.variance) + places.size > MOST:
+            break
+        for k in places:
+            # before air as calm as it is elsewhere, a jump has its place most sharply
+            jumps = _best(track, values, variance, typical, jumps, int(k), found.jump[k])
+        found = swept(track, values, variance, local, jumps, found, jumps.variance.any(axis=1))
+        if number == 0:
+            local = refit(_without(track, values, found, jumps))
+            found = swept(track, values, variance, local, jumps)
+    return found, local, jumps
+
+
+def _places(score: Array) -> NDArray[np.int64]:
+    """Nodes whose score is beyond chance and the largest around."""
+    size = np.abs(np.nan_to_num(score)).max(axis=1)
+    places = []
+    for k in np.flatnonzero(size > JUMP_SIGMAS):
+        if size[k] >= size[max(k - APART, 0) : k + APART + 1].max():
+            places.append(int(k))
+    return np.array(places, dtype=np.int64)
+
+
+def _best(track: Track, values: Array, variance: Array, local: Prior, jumps: Jumps, near: int, size: Array) -> Jumps:
+    """The jumps with one more near a node: of the air, of its slope, or a ramp; `size` (2,) as found, placed where it
+    makes the readings most likely."""
+    most = min(float(np.ptp(values)), WIDEST * float(local.noise[near]))
+    size = np.clip(np.abs(size), 0.0, [most, most / track.period_s])
+    ends = np.append(np.flatnonzero(track.broken), values.size)
+    place = int(np.searchsorted(ends, near, side="right"))
+    nodes = np.arange(max(near - LOOK_BACK, ends[place - 1]), min(near + LOOK_AHEAD, ends[place]))
+    tried = []
+
+    def try_with(*added: tuple[int, int, float, float]) -> None:
+        """One more candidate; each of its jumps is (node, kind, size, place)."""
+        if any(not nodes[0] < k <= nodes[-1] or jumps.variance[k].any() for k, *_ in added):
+            return
+        one = Jumps(jumps.variance.copy(), jumps.place.copy())
+        for k, kind, height, place in added:
+            one.variance[k, kind], one.place[k] = height**2, place
+        tried.append(one)
+
+    for beside in STEPS:
+        for place in PLACES:
+            try_with((near + beside, 0, size[0], place))
+        try_with((near + beside, 1, size[1], 0.5))
+    for half in RAMPS:
+        slope = size[0] / (2 * half * track.period_s)
+        for beside in (0, half // 2, -(half // 2)):
+            try_with((near + beside - half, 1, slope, 0.5), (near + beside + half, 1, slope, 0.5))
+    if not tried:
+        return jumps
+    best = tried[int(np.argmin(costs(track, values, variance, local, tried, nodes)))]
+    added = np.flatnonzero((best.variance != jumps.variance).any(axis=1))
+    if added.size > 1 or not best.variance[added[0], 0]:
+        return best
+    tried = []
+    for place in best.place[added[0]] + np.array(FINER):
+        one = Jumps(best.variance, best.place.copy())
+        one.place[added[0]] = place
+        tried.append(one)
+    return tried[int(np.argmin(costs(track, values, variance, local, tried, nodes)))]
+
+
+def _without(track: Track, values: Array, found: Sweep, jumps: Jumps) -> Array:
+    """Readings without what the sensor shows of the jumps, bridged where it shows most how roughly they are placed."""
+    rest, shown = values.copy(), np.ones(values.size, dtype=bool)
+    ends = np.append(np.flatnonzero(track.broken)[1:], values.size)
+    for k, kind in zip(*np.nonzero(jumps.variance), strict=True):
+        if not np.isfinite(found.jump_score[k, kind]) or found.jump[k, kind] == 0.0:
+            continue
+        # variance times what the readings after it ask for
+        size = jumps.variance[k, kind] * found.jump_score[k, kind] ** 2 / found.jump[k, kind]
+        modes = track.along.modes(int(k))
+        until = int(ends[np.searchsorted(ends, k, side="right")])
+        since = track.time_s[k:until] - track.time_s[k] + (1.0 - jumps.place[k]) * track.period_s
+        decay = np.exp(-np.outer(since, modes.rate))
+        if kind == 0:
+            rest[k:until] -= size * (1.0 + decay @ modes.amplitude)
+        else:
+            rest[k:until] -= size * (since + (1.0 - decay) @ (modes.amplitude / modes.rate))
+        lasting = int(np.ceil(SETTLED / (modes.rate.min() * track.period_s)))
+        shown[k : k + min(lasting, LONGEST_HIDDEN)] = False
+    nodes = np.arange(values.size)
+    return np.interp(nodes, nodes[shown], rest[shown])

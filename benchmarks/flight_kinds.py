@@ -1,0 +1,208 @@
+"""The kinds of flights of flight_harm.py, by name; strengths are drawn from the seed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from flight_worlds import World, air, changed, clock, saturation_hpa, steep, through
+
+Array = np.ndarray
+Rng = np.random.Generator
+COARSE = {"period_s": 1.0, "step_k": 0.1, "step_percent": 1.0}
+COLD_C = (-40.0, -30.0, -20.0, -10.0, 0.0, 10.0, 20.0, 30.0)
+TURN_S = 120.0
+
+
+def calm(rng: Rng) -> World:
+    return air(rng, np.full(clock().size, rng.uniform(8, 25)), rng.uniform(30, 70), k=0.01, percent=0.05)
+
+
+def convective(rng: Rng, strength: float = 1.0) -> World:
+    strength = strength * rng.uniform(0.7, 1.4)
+    level = np.full(clock().size, rng.uniform(8, 28))
+    return air(rng, level, rng.uniform(35, 65), k=0.4 * strength, percent=2.0 * strength)
+
+
+def front(rng: Rng, width_s: float = 10.0) -> World:
+    start = rng.uniform(90, 130)
+    fall, first = -rng.uniform(4, 10), rng.uniform(18, 28)
+    temperature = through(clock(), [start, start + width_s], [first, first + fall], 0.4)
+    moist = through(clock(), [start, start + width_s], [rng.uniform(35, 45), rng.uniform(45, 60)], 0.4)
+    return air(rng, temperature, moist, at_c=first + fall, k=0.03, percent=0.15)
+
+
+def profile(rng: Rng, depth_m: float = 40.0, k: float = 0.0, percent: float = 0.0, down: bool = False) -> World:
+    time = clock()
+    speed = 5.0 if down else 2.5
+    height = speed * np.minimum(time, 2 * TURN_S - time) if down else speed * time
+    base, warmer = rng.uniform(180, 320), rng.uniform(2, 6)
+    ground = rng.uniform(12, 25)
+    at = [0.0, base, base + depth_m, 650.0]
+    lapse = [ground, ground - 0.0098 * base]
+    rest = 650.0 - base - depth_m
+    values = [*lapse, lapse[1] + warmer, lapse[1] + warmer - 0.0098 * rest]
+    smooth = np.interp(height, at, values), np.interp(height, at, [1.0, 1.0, 0.5, 0.5])
+    temperature, share = (through(time, list(time), list(v), 0.8) for v in smooth)
+    return air(rng, temperature, rng.uniform(40, 55) * share, at_c=ground, k=k, percent=percent, altitude_m=height)
+
+
+def stairs(rng: Rng) -> World:
+    times = np.repeat(np.arange(30.0, 240.0, 30.0), 2) + np.tile([0.0, 4.0], 7)
+    levels = np.repeat(rng.uniform(15, 22, 8), 2)[1:-1]
+    moist = np.repeat(rng.uniform(35, 65, 8), 2)[1:-1]
+    return air(rng, through(clock(), times, levels), through(clock(), times, moist), at_c=20.0, k=0.02, percent=0.1)
+
+
+def door(rng: Rng, fall_k: float = -15.0, moist: float = 1.0, times: tuple[float, ...] = (100.0,)) -> World:
+    """Temperature steps within a sample; vapour stays, or steps by the factor `moist` with it."""
+    time = clock()
+    steps = sum((-1) ** i * (time >= t + rng.uniform(0, 1)) for i, t in enumerate(times))
+    inside = rng.uniform(22, 28) if fall_k < 0 else rng.uniform(2, 8)
+    temperature = inside + fall_k * rng.uniform(0.8, 1.2) * steps
+    cold = float(temperature.min())
+    return air(rng, temperature, rng.uniform(40, 60) * moist**steps, at_c=cold, k=0.02, percent=0.1)
+
+
+def same_humidity(rng: Rng) -> World:
+    time = clock()
+    temperature = rng.uniform(22, 26) - 10.0 * (time >= 100.0 + rng.uniform(0, 1))
+    return air(rng, temperature, rng.uniform(35, 55), k=0.02, percent=0.1)
+
+
+def hatch(rng: Rng) -> World:
+    """Out of a warm car within a second and not at once, vapour at rest."""
+    start = rng.uniform(90, 110)
+    first = rng.uniform(24, 32)
+    temperature = through(clock(), [start, start + 1.0], [first, first - 14.0], 0.1)
+    return air(rng, temperature, rng.uniform(40, 60), at_c=first - 14.0, k=0.02, percent=0.1)
+
+
+def plumes(rng: Rng) -> World:
+    time = clock()
+    bumps = sum(np.exp(-0.5 * ((time - at) / rng.uniform(1.0, 4.0)) ** 2) for at in rng.uniform(15, 225, 8))
+    return air(rng, 20.0 + 1.5 * bumps, 45.0 + 6.0 * bumps, at_c=20.0, k=0.05, percent=0.3)
+
+
+def cloud(rng: Rng) -> World:
+    start = rng.uniform(90, 120)
+    temperature = through(clock(), [0.0, 240.0], [12.0, 7.0])
+    moist = through(clock(), [start, start + 5, start + 60, start + 65], [80.0, 100.0, 100.0, 75.0], 0.5)
+    return air(rng, temperature, moist, k=0.03, percent=0.1)
+
+
+def dry_layer(rng: Rng) -> World:
+    start = rng.uniform(90, 120)
+    moist = through(clock(), [start, start + 6], [rng.uniform(30, 50), rng.uniform(2, 4)], 0.5)
+    temperature = through(clock(), [start, start + 6], [15.0, 18.0], 0.5)
+    return air(rng, temperature, moist, k=0.05, percent=0.1)
+
+
+def cold(rng: Rng) -> World:
+    level = rng.uniform(-30, -22)
+    temperature = through(clock(), [80.0, 120.0], [level, level + 3.0], 1.0)
+    moist = through(clock(), [80.0, 120.0], [50.0, 65.0], 1.0)
+    return changed(air(rng, temperature, moist, k=0.1, percent=0.5), film_t98_s=steep, ambients_c=COLD_C)
+
+
+def cold_ascent(rng: Rng) -> World:
+    top = rng.uniform(-35, -28)
+    temperature = through(clock(), [20.0, 220.0], [8.0, top], 2.0)
+    moist = through(clock(), [20.0, 100.0, 110.0, 220.0], [60.0, 75.0, 40.0, 55.0], 1.0)
+    return changed(air(rng, temperature, moist, k=0.05, percent=0.3), film_t98_s=steep, ambients_c=COLD_C)
+
+
+def steep_inversion(rng: Rng) -> World:
+    start = rng.uniform(90, 120)
+    temperature = through(clock(), [0.0, start, start + 15, 240.0], [-4.0, -12.0, -6.0, -11.0], 1.0)
+    moist = through(clock(), [start, start + 15], [75.0, 35.0], 1.0)
+    return changed(air(rng, temperature, moist, k=0.03, percent=0.2), film_t98_s=steep, ambients_c=COLD_C)
+
+
+def hot(rng: Rng) -> World:
+    return air(rng, np.full(clock().size, rng.uniform(34, 38)), rng.uniform(75, 85), k=0.3, percent=2.0)
+
+
+def waves(rng: Rng) -> World:
+    time, period = clock(), rng.uniform(15, 40)
+    swing = np.sin(2 * np.pi * time / period)
+    return air(rng, 15.0 + 1.0 * swing, 55.0 + 5.0 * np.sin(2 * np.pi * time / period + 1.0), k=0.03, percent=0.2)
+
+
+def _missing(log: dict[str, Array], rng: Rng) -> None:
+    for name in ("temperature_c", "humidity_percent"):
+        log[name][rng.random(log[name].size) < 0.2] = np.nan
+    at = int(rng.integers(500, 1500))
+    log["humidity_percent"][at : at + 40] = np.nan
+
+
+def _repeats(log: dict[str, Array], rng: Rng) -> None:
+    for name, share in (("temperature_c", 0.1), ("humidity_percent", 0.18)):
+        values = log[name]
+        for i in np.flatnonzero(rng.random(values.size) < share):
+            values[i] = values[max(i - 1, 0)]
+
+
+def _absurd(log: dict[str, Array], rng: Rng) -> None:
+    for name in ("temperature_c", "humidity_percent"):
+        log[name][rng.integers(0, log[name].size, 6)] = rng.choice([6526.9, -99.0, 0.0, 95.0], 6)
+
+
+def _clock_steps(*steps: tuple[float, float]) -> Callable[[dict[str, Array], Rng], None]:
+    def damage(log: dict[str, Array], rng: Rng) -> None:
+        true = log["time_s"].copy()
+        for at, by in steps:
+            log["time_s"][true > at + rng.uniform(0, 5)] += by
+
+    return damage
+
+
+def with_rows(world: World, rows: Callable[[dict[str, Array], Rng], None]) -> World:
+    return changed(world, rows=rows)
+
+
+KINDS: dict[str, Callable[[Rng], World]] = {
+    "calm": calm,
+    "convective, weak": lambda r: convective(r, 0.25),
+    "convective": convective,
+    "convective, strong": lambda r: convective(r, 2.5),
+    "front": front,
+    "front, narrow": lambda r: front(r, 2.0),
+    "inversion": profile,
+    "inversion, sharp": lambda r: profile(r, 8.0),
+    "inversion, turbulent": lambda r: profile(r, 40.0, 0.08, 0.4),
+    "up and down": lambda r: profile(r, 40.0, 0.04, 0.2, True),
+    "stairs": stairs,
+    "door, out of warmth": door,
+    "door, into warmth": lambda r: door(r, 18.0),
+    "door, in and out": lambda r: door(r, -12.0, 1.0, (60.0, 110.0, 170.0)),
+    "door, vapour too": lambda r: door(r, -12.0, 0.7),
+    "step at constant RH": same_humidity,
+    "hatch, in a second": hatch,
+    "plumes": plumes,
+    "cloud": cloud,
+    "dry layer": dry_layer,
+    "very cold": cold,
+    "very cold ascent": cold_ascent,
+    "cold inversion": steep_inversion,
+    "hot and humid": hot,
+    "waves": waves,
+    "missing samples": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2), _missing),
+    "repeated samples": lambda r: with_rows(convective(r, 0.6), _repeats),
+    "absurd samples": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2), _absurd),
+    "clock back": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2), _clock_steps((100.0, -20.0))),
+    "clock ahead": lambda r: with_rows(front(r), _clock_steps((115.0, 35.0))),
+    "clock back and ahead": lambda r: with_rows(
+        convective(r), _clock_steps((60.0, -8.0), (110.0, 12.0), (170.0, -90.0))
+    ),
+    "coarse, calm": lambda r: changed(calm(r), **COARSE),
+    "coarse, convective": lambda r: changed(convective(r), **COARSE),
+    "coarse, inversion": lambda r: changed(profile(r, 40.0, 0.04, 0.2), **COARSE),
+    "D stated 20 % high": lambda r: changed(profile(r, 40.0, 0.04, 0.2, True), stated=1.2, stated_relative=0.02),
+    "D stated 20 % low": lambda r: changed(front(r), stated=0.8, stated_relative=0.02),
+    "noise three times": lambda r: changed(convective(r, 0.6), noise=3.0),
+    "every second": lambda r: changed(profile(r, 40.0, 0.04, 0.2), period_s=1.0),
+    "slow film": lambda r: changed(profile(r, 40.0, 0.04, 0.2), film_t98_s=lambda t: np.full(np.shape(t), 60.0)),
+    "saturated fog": lambda r: air(r, through(clock(), [80.0, 100.0], [6.0, 4.0], 1.0), 100.0, k=0.05),
+}
+assert saturation_hpa(np.array(100.0)).round(2) == 1013.25

@@ -1,0 +1,122 @@
+"""Flights in other forms than a CSV file: ArduPilot's .bin, netCDF, and any text log by a map. All become one CSV file.
+
+It has the columns that `correct` knows (time_s, temperature_c, humidity_percent, ...), a row for each reading of the
+sensor that is read most often; what is read more seldom stands in the nearest row.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.files.disk import shown
+from shockrig.files.errors import InputError
+
+Array = NDArray[np.float64]
+COLUMNS = {
+    "temperature": "temperature_c",
+    "humidity": "humidity_percent",
+    "die": "humidity_sensor_temperature_c",
+    "airspeed": "airspeed_m_s",
+    "pressure": "pressure_hpa",
+    "altitude": "altitude_m",
+    "latitude": "latitude_deg",
+    "longitude": "longitude_deg",
+}
+READINGS = ("temperature", "humidity", "die")  # are not made up between readings; where the drone is, is
+Series = tuple[Array, Array]  # time [s], value
+
+
+def to_csv(
+    source: Path, target: Path, *, columns: Mapping[str, str] | None = None, map_path: Path | None = None
+) -> bool:
+    """Write a flight that is no CSV file (or one that is read by a map) as one; False where it is one already.
+
+    Parameters
+    ----------
+    source, target : Path
+    columns : mapping, optional
+        quantity -> MESSAGE.FIELD of a .bin log, or the name of a netCDF variable, where it cannot be recognised.
+    map_path : Path, optional
+        A map as `shockrig import` takes it (shock-map/1), or the name of one that ships.
+
+    Raises
+    ------
+    InputError
+        Names the file, what is missing, and the remedy; BenchError for a map that does not fit.
+    """
+    if map_path is not None:
+        found = _by_map(source, map_path)
+    elif source.suffix.lower() == ".bin":
+        from shockrig.protocols.ardupilot import read_bin
+
+        found = read_bin(source, columns or {})
+    elif source.suffix.lower() in (".nc", ".nc4", ".cdf"):
+        from shockrig.files.flight_from_netcdf import read_netcdf
+
+        found = read_netcdf(source, columns or {})
+    else:
+        return False
+    _write(source, found, target)
+    return True
+
+
+def _by_map(source: Path, map_path: Path) -> dict[str, Series]:
+    from shockrig.rig.logs.channels import read_sensors
+    from shockrig.rig.logs.map_file import read_map
+
+    log = read_sensors(source, read_map(map_path))
+    keys = {
+        "temperature": "temperature",
+        "humidity": "humidity",
+        "die_temperature": "die",
+        "pressure": "pressure",
+        "airflow": "airspeed",
+    }
+    found: dict[str, Series] = {}
+    for readings in log.readings.values():
+        time_s = log.log.time_s[readings.rows] + log.log.origin_s
+        for key, quantity in keys.items():
+            if key in readings.values:
+                found.setdefault(quantity, (time_s, readings.values[key]))
+    return found
+
+
+def _write(source: Path, found: Mapping[str, Series], target: Path) -> None:
+    """Rows at the times of the temperature or the humidity, whichever is read more often."""
+    series = {}
+    for quantity, (own, value) in found.items():
+        known = np.isfinite(own) & np.isfinite(value)
+        if known.any():
+            series[quantity] = own[known], value[known]
+    main = [q for q in ("temperature", "humidity") if q in series]
+    if not main:
+        raise InputError(
+            f"{shown(source)}: neither temperature nor humidity found; name them with --column temperature=NAME"
+        )
+    time_s = series[max(main, key=lambda q: series[q][0].size)][0]
+    values: dict[str, Array] = {}
+    for quantity, (own, value) in series.items():
+        order = np.argsort(own, kind="stable")
+        own, value = own[order], value[order]
+        if quantity not in READINGS:
+            values[quantity] = np.interp(time_s, own, value)
+            continue
+        row = np.clip(np.searchsorted(time_s, own), 1, max(time_s.size - 1, 1))
+        row = np.where(own - time_s[row - 1] < time_s[np.minimum(row, time_s.size - 1)] - own, row - 1, row)
+        column = np.full(time_s.size, np.nan)
+        column[np.minimum(row, time_s.size - 1)] = value
+        values[quantity] = column
+    with target.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(["time_s", *(COLUMNS[q] for q in values)])
+        formats = {"latitude": "%.7f", "longitude": "%.7f"}
+        columns = [[f"{t:.6f}" for t in time_s.tolist()]]
+        for quantity, column in values.items():
+            form = formats.get(quantity, "%.5g" if quantity == "airspeed" else "%.4f")
+            columns.append(["" if v != v else form % v for v in column.tolist()])
+        writer.writerows(zip(*columns, strict=True))

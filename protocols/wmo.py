@@ -1,0 +1,106 @@
+"""A corrected flight put into the format of WMO's drone demonstration campaign: units, mixing ratio, dew point."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.physics.humidity import dew_point_c, saturation_pressure_hpa
+from shockrig.files.errors import InputError
+from shockrig.files.flight import Corrected, Flight
+from shockrig.files.flight_wmo import write_wmo
+
+Array = NDArray[np.float64]
+EPSILON = 0.62198  # molar masses of water and dry air
+DRIEST_PERCENT = 0.1  # below, a dew point says nothing
+
+
+class WmoFlight:
+    """Gathers a flight block by block; `write` makes its one file."""
+
+    def __init__(self, operator: str, airframe: str) -> None:
+        self.operator, self.airframe = operator, airframe
+        self._blocks: list[dict[str, Array]] = []
+
+    def add(self, flight: Flight, found: Corrected) -> None:
+        """Add a block.
+
+        Raises
+        ------
+        InputError
+            The log does not say where the drone was.
+        """
+        where = {"lat": flight.latitude_deg, "lon": flight.longitude_deg, "altitude": flight.altitude_m}
+        lacking = [name for name, values in where.items() if values is None or not np.isfinite(values).any()]
+        if lacking and not self._blocks:
+            names = {"lat": "latitude", "lon": "longitude", "altitude": "altitude"}
+            raise InputError(
+                f"--wmo: the log has no {', '.join(names[n] for n in lacking)}; name the columns "
+                f"(--column {names[lacking[0]]}=NAME)"
+            )
+        nothing = np.full(flight.time_s.shape, np.nan)
+        pressure = nothing if flight.pressure_hpa is None else _bridged(flight.time_s, flight.pressure_hpa)
+        self._blocks.append(
+            {"time": flight.time_s}
+            | {name: nothing if v is None else _bridged(flight.time_s, v) for name, v in where.items()}
+            | moist_air(found, pressure)
+        )
+
+    def write(self, folder: Path, source: str) -> Path:
+        """Write the file into a folder; its path."""
+        columns = {name: np.concatenate([b[name] for b in self._blocks]) for name in self._blocks[0]}
+        attributes = {
+            "platform_name": f"{self.operator}_{self.airframe}",
+            "flight_id": Path(source).stem,
+            "processing_level": "corrected for sensor lag",
+            "source": f"shockrig correct, from {Path(source).name}",
+        }
+        return write_wmo(folder, self.operator, self.airframe, columns, attributes)
+
+
+def moist_air(found: Corrected, pressure_hpa: Array) -> dict[str, Array]:
+    """Corrected columns in the format's units: w = 0.62198 e / (p - e), e = RH P_s(T)."""
+    temperature, humidity = found.temperature_c, found.humidity_percent
+    vapour = 0.01 * humidity * saturation_pressure_hpa(temperature)
+    with np.errstate(invalid="ignore"):
+        dew = np.where(
+            humidity > DRIEST_PERCENT, dew_point_c(np.maximum(humidity, DRIEST_PERCENT), temperature), np.nan
+        )
+    return {
+        "air_temperature": temperature + 273.15,
+        "dew_point_temperature": dew + 273.15,
+        "relative_humidity": humidity,
+        "humidity_mixing_ratio": EPSILON * vapour / (pressure_hpa - vapour),
+        "air_pressure": 100.0 * pressure_hpa,
+        "air_temperature_uncertainty": found.temperature_uncertainty_k,
+        "air_temperature_uncertainty_common": found.common["temperature"],
+        "relative_humidity_uncertainty": found.humidity_uncertainty_percent,
+        "relative_humidity_uncertainty_common": found.common["humidity"],
+    }
+
+
+def of_argument(text: str) -> WmoFlight:
+    """From OPERATOR:AIRFRAME.
+
+    Raises
+    ------
+    InputError
+        The text is not two ids with a colon between them.
+    """
+    from shockrig.files.flight_wmo import file_name
+
+    operator, colon, airframe = text.partition(":")
+    if not colon:
+        raise InputError(f"--wmo {text}: expected OPERATOR:AIRFRAME, such as 007:ABC12")
+    file_name(operator, airframe, 0.0)
+    return WmoFlight(operator, airframe)
+
+
+def _bridged(time_s: Array, values: Array) -> Array:
+    """Where the drone was between fixes."""
+    known = np.isfinite(values) & np.isfinite(time_s)
+    if not known.any():
+        return np.full(values.shape, np.nan)
+    return np.interp(time_s, time_s[known], values[known], left=np.nan, right=np.nan)

@@ -1,0 +1,237 @@
+"""Flights in other forms: ArduPilot logs that pymavlink writes, InterMet's CSV, netCDF, maps; WMO's format; layers."""
+
+import re
+from datetime import datetime, timedelta
+
+import netCDF4
+import numpy as np
+import pandas as pd
+import pytest
+
+from shockrig.analysis.flight.layers import Layers
+from shockrig.analysis.flight.sensor import fly
+from shockrig.analysis.flight.typical import typical_profile
+from shockrig.analysis.flight.weather import inversion
+from shockrig.files.errors import InputError
+from shockrig.files.flight import Corrected, Flight, read_layout
+from shockrig.files.flight_rows import to_flight
+from shockrig.files.flight_wmo import file_name
+from shockrig.files.profile import write_profile
+from shockrig.protocols.cli import main
+from shockrig.protocols.flight_logs import to_csv
+
+PROFILE = typical_profile()
+START_S = 1_760_000_000.0  # 9 October 2025, 08:53:20 UTC
+GPS_EPOCH_S, LEAP_S = 315_964_800.0, 18.0
+
+
+@pytest.fixture(scope="module")
+def flown():
+    return fly(inversion(np.random.default_rng(0), top_m=450.0, ascent_m_s=6.0), PROFILE, 3)
+
+
+def write_bin(path, log, *, hygrometers=1):
+    """A dataflash log of sensors, barometer and GPS by pymavlink's own packing of its messages."""
+    DFReader = pytest.importorskip("pymavlink.DFReader")
+    formats = {
+        "FMT": (128, 89, "BBnNZ", "Type,Length,Name,Format,Columns"),
+        "HYGR": (130, 0, "QBff", "TimeUS,Id,Humidity,Temp"),
+        "TEMP": (131, 0, "QBff", "TimeUS,Inst,Temp,Raw"),
+        "BARO": (132, 0, "QBff", "TimeUS,I,Alt,Press"),
+        "GPS": (133, 0, "QBBIHLLf", "TimeUS,I,Status,GMS,GWk,Lat,Lng,Alt"),
+    }
+    size = {"Q": 8, "B": 1, "f": 4, "I": 4, "H": 2, "L": 4, "n": 4, "N": 16, "Z": 64}
+    made = {}
+    for name, (type_, length, form, columns) in formats.items():
+        length = length or 3 + sum(size[c] for c in form)
+        made[name] = DFReader.DFFormat(type_, name, length, form, columns)
+
+    def packed(name, *values):
+        return DFReader.DFMessage(made[name], list(values), True, None).get_msgbuf()
+
+    content = [packed("FMT", f.type, f.len, f.name, f.format, ",".join(f.columns)) for f in made.values()]
+    for row in log.itertuples():
+        us = int(5e6 + 1e6 * row.time_s)
+        since = START_S + row.time_s - GPS_EPOCH_S + LEAP_S
+        week, ms = int(since // 604_800), int(round(1e3 * (since % 604_800)))
+        for i in range(hygrometers):
+            content.append(packed("HYGR", us, i, row.humidity_percent + 10 * i, row.temperature_c + 2))
+        content.append(packed("TEMP", us, 0, row.temperature_c, 0.0))
+        if row.Index % 5 == 0:
+            content.append(packed("BARO", us, 0, row.altitude_m, 100.0 * row.pressure_hpa))
+            content.append(
+                packed("GPS", us, 0, 3, ms, week, 352_000_000 + 10 * row.Index, -974_000_000, 350.0 + row.altitude_m)
+            )
+    path.write_bytes(b"".join(content))
+
+
+def test_an_ardupilot_log_that_pymavlink_wrote_is_read_as_it_was_flown(tmp_path, flown):
+    log = flown.log.iloc[:200]
+    write_bin(tmp_path / "flight.bin", log, hygrometers=2)
+    assert to_csv(tmp_path / "flight.bin", tmp_path / "flight.csv")
+    found = pd.read_csv(tmp_path / "flight.csv")
+    np.testing.assert_allclose(found["time_s"], START_S + log["time_s"], atol=2e-3)
+    for name, off in (("temperature_c", 0), ("humidity_percent", 0), ("humidity_sensor_temperature_c", None)):
+        right = log[name] if off is not None else log["temperature_c"] + 2
+        np.testing.assert_allclose(found[name], right, atol=1e-3)
+    np.testing.assert_allclose(found["altitude_m"][::5], 350.0 + log["altitude_m"][::5], atol=0.01)
+    np.testing.assert_allclose(found["pressure_hpa"][::5], log["pressure_hpa"][::5], atol=0.01)
+    np.testing.assert_allclose(found["latitude_deg"][::5], 35.2 + 1e-6 * log.index[::5], atol=1e-7)
+    assert to_csv(tmp_path / "flight.bin", tmp_path / "other.csv", columns={"humidity": "HYGR[2].Humidity"})
+    second = pd.read_csv(tmp_path / "other.csv")["humidity_percent"]
+    np.testing.assert_allclose(second, log["humidity_percent"] + 10, atol=1e-3)
+
+
+def test_what_is_no_ardupilot_log_is_refused_in_a_line(tmp_path, flown):
+    pytest.importorskip("pymavlink")
+    (tmp_path / "flight.bin").write_bytes(b"not a log at all" * 40)
+    with pytest.raises(InputError, match=r"flight\.bin: .*\.bin"):
+        to_csv(tmp_path / "flight.bin", tmp_path / "x.csv")
+    write_bin(tmp_path / "good.bin", flown.log.iloc[:50])
+    with pytest.raises(InputError, match=r"no XYZ\.T for temperature; it has .*HYGR\.Humidity"):
+        to_csv(tmp_path / "good.bin", tmp_path / "x.csv", columns={"temperature": "XYZ.T"})
+
+
+def test_from_the_log_to_wmos_format_in_one_command(tmp_path, flown, capsys):
+    write_bin(tmp_path / "flight.bin", flown.log)
+    write_profile(PROFILE, tmp_path / "profile.json")
+    out = tmp_path / "wmo"
+    command = ["correct", str(tmp_path / "flight.bin"), "--profile", str(tmp_path / "profile.json"), "--out", str(out)]
+    assert main([*command, "--wmo", "007:ABC12"]) == 0
+    (path,) = out.iterdir()
+    assert path.name == "UASDC_007_ABC12_20251009085320Z.nc"
+    assert re.fullmatch(r"UASDC_\d{3}_[a-zA-Z0-9]{1,5}_\d{14}Z\.nc", path.name)
+    with netCDF4.Dataset(path) as data:
+        assert data.Conventions == "CF-1.8, WMO-CF-1.0" and data.wmo__cf_profile == "FM 303-2024"
+        assert data.featureType == "trajectory"
+        for name in ("platform_name", "flight_id", "processing_level"):
+            assert getattr(data, name)
+        units = {
+            "time": "seconds since 1970-01-01T00:00:00",
+            "lat": "degrees_north",
+            "lon": "degrees_east",
+            "altitude": "meters",
+            "air_temperature": "Kelvin",
+            "humidity_mixing_ratio": "kg/kg",
+            "air_pressure": "Pa",
+        }
+        for name, unit in units.items():
+            assert data[name].units == unit and np.isnan(data[name]._FillValue)
+        assert np.isfinite(np.ma.filled(data["air_temperature"][:], np.nan)).all()
+        # w = 0.622 e / (p - e), with Magnus' formula for e as WMO gives it (WMO-No. 8, annex 4.B)
+        t = data["air_temperature"][:] - 273.15
+        e = 0.01 * data["relative_humidity"][:] * 6.112 * np.exp(17.62 * t / (243.12 + t))
+        mixing = 0.622 * e / (0.01 * data["air_pressure"][:] - e)
+        np.testing.assert_allclose(data["humidity_mixing_ratio"][:], mixing, rtol=0.01)
+        truth = np.interp(data["time"][:] - START_S, flown.truth["time_s"], flown.truth["temperature_c"])
+        assert np.sqrt(np.mean((t - truth) ** 2)) < 0.03
+    assert path.name in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("operator", "airframe"), [("7", "ABC"), ("007", "TOOLONG"), ("007", ""), ("abc", "A1")])
+def test_ids_that_wmo_would_send_back_are_refused(operator, airframe):
+    with pytest.raises(InputError, match="--wmo"):
+        file_name(operator, airframe, START_S)
+
+
+def test_a_log_without_positions_has_no_wmo_file(tmp_path, flown, capsys):
+    flown.log.iloc[:200].to_csv(tmp_path / "flight.csv", index=False)
+    write_profile(PROFILE, tmp_path / "profile.json")
+    command = ["correct", str(tmp_path / "flight.csv"), "--profile", str(tmp_path / "profile.json")]
+    assert main([*command, "--out", str(tmp_path / "wmo"), "--wmo", "007:ABC12"]) == 2
+    assert "latitude" in capsys.readouterr().err
+    assert not (tmp_path / "wmo").exists()
+
+
+def test_intermets_application_with_zeros_and_stamps_that_repeat(tmp_path):
+    header = (
+        "Time,COM Elapse,8-IST HYT 271 Humidity,XQ-iMet-XQ Pressure,XQ-iMet-XQ Air Temperature,XQ-iMet-XQ Humidity,"
+        "XQ-iMet-XQ Humidity Temp,XQ-iMet-XQ Longitude,XQ-iMet-XQ Latitude,XQ-iMet-XQ Altitude"
+    )
+    rows = []
+    for n in range(40):
+        moment = datetime(2023, 3, 9, 10, 12, 33, 516000) + timedelta(seconds=0.5 * (n // 2))  # two rows a stamp
+        stamp = moment.strftime("%Y/%m/%d %H:%M:%S.%f")[:-2]
+        read = (
+            f"0.00,1002.50,{20 + 0.1 * n:.2f},{50 - n:.2f},21.00,-97.4,35.2,{n}.0" if n > 3 else ",".join(["0.00"] * 8)
+        )
+        rows += [f"{stamp},{n},{read}"] * (2 if n == 11 else 1)
+    path = tmp_path / "imet.csv"
+    path.write_text("\r\n".join([header, *rows]) + "\r\n")
+    layout = read_layout(path)
+    flight = to_flight([row.split(",") for row in rows], layout)
+    assert flight.time_s[0] == pytest.approx(datetime(2023, 3, 9, 10, 12, 33, 516000).timestamp(), abs=86400)
+    assert np.isnan(flight.temperature_c[:4]).all() and np.isnan(flight.latitude_deg[:4]).all()
+    assert flight.humidity_percent[4] == 46.0 and flight.pressure_hpa[4] == 1002.5
+    steps = np.diff(flight.time_s[4:])
+    assert steps[7] == pytest.approx(0.0, abs=1e-6)  # a row that was written twice
+    assert np.delete(steps, 7) == pytest.approx(0.25, abs=1e-5)
+
+
+def test_netcdf_goes_in_and_comes_out(tmp_path, flown):
+    log = flown.log.iloc[:900]
+    with netCDF4.Dataset(tmp_path / "in.nc", "w") as data:
+        data.createDimension("obs", len(log))
+        for name, values, units, standard in (
+            ("t", log["time_s"] / 60, "minutes since 2025-10-09T08:53:20", "time"),
+            ("ta", log["temperature_c"] + 273.15, "K", "air_temperature"),
+            ("hur", log["humidity_percent"] / 100, "1", "relative_humidity"),
+            ("p", log["pressure_hpa"] * 100, "Pa", "air_pressure"),
+        ):
+            variable = data.createVariable(name, "f8", ("obs",))
+            variable[:], variable.units, variable.standard_name = values, units, standard
+    write_profile(PROFILE, tmp_path / "profile.json")
+    command = ["correct", str(tmp_path / "in.nc"), "--profile", str(tmp_path / "profile.json")]
+    assert main([*command, "--out", str(tmp_path / "out.nc")]) == 0
+    with netCDF4.Dataset(tmp_path / "out.nc") as data:
+        assert data["time"][0] == pytest.approx(START_S + log["time_s"].iloc[0], abs=1e-3)
+        for channel, unit in (("temperature", "k"), ("humidity", "percent")):
+            total, independent, common = (
+                np.asarray(data[f"{channel}_uncertainty_{part}{unit}"][:]) for part in ("", "independent_", "common_")
+            )
+            np.testing.assert_allclose(total**2, independent**2 + common**2, rtol=1e-6)
+            assert (common > 0).any() and data[f"{channel}_uncertainty_independent_{unit}"].independent_after_s > 0
+        right = flown.truth["temperature_c"].to_numpy()[:900]
+        assert np.sqrt(np.mean((data["temperature_corrected_c"][:] - right) ** 2)) < 0.03
+
+
+def test_a_map_reads_a_log_of_any_layout(tmp_path, flown):
+    log = flown.log.iloc[:100]
+    lines = [f"{t:.1f};{273.15 + a:.3f};{b / 100:.5f}" for t, a, b in log.iloc[:, :3].itertuples(index=False)]
+    (tmp_path / "log.txt").write_text("\n".join(["zeit;luft;feuchte", *lines]) + "\n")
+    (tmp_path / "map.toml").write_text(
+        'format = "shock-map/1"\n[log]\ntime = "zeit"\ntime_unit = "s"\n[sensor.S]\ntemperature = "luft"\n'
+        'temperature_unit = "K"\nhumidity = "feuchte"\nhumidity_unit = "fraction"\n'
+    )
+    assert to_csv(tmp_path / "log.txt", tmp_path / "flight.csv", map_path=tmp_path / "map.toml")
+    found = pd.read_csv(tmp_path / "flight.csv")
+    np.testing.assert_allclose(found["temperature_c"], log["temperature_c"], atol=1e-3)
+    np.testing.assert_allclose(found["humidity_percent"], log["humidity_percent"], atol=1e-3)
+
+
+def test_noise_averages_out_in_a_layer_and_an_error_of_the_profile_does_not():
+    n = 400
+    time_s, height = 0.1 * np.arange(n), np.linspace(0.0, 199.9, n)
+    values, nothing = np.full(n, 20.0), np.full(n, np.nan)
+    flight = Flight(time_s, values, values, nothing, nothing, altitude_m=height)
+    common = {"temperature": np.full(n, 0.03), "humidity": np.full(n, 0.0)}
+    sigma = np.hypot(0.04, 0.03)
+    done = Corrected(
+        values, np.full(n, sigma), values, np.full(n, 0.5), {}, (), {}, common, {"temperature": 0.4, "humidity": 0.1}
+    )
+    layers = Layers(100.0)
+    layers.add(flight.at(slice(0, 150)), done_part(done, slice(0, 150)))
+    layers.add(flight.at(slice(150, n)), done_part(done, slice(150, n)))
+    rows = list(layers.rows())
+    assert [row[:3] for row in rows] == [(0.0, 100.0, 200), (100.0, 200.0, 200)]
+    for row in rows:
+        # 200 samples, four of which share an error, are 50
+        assert row[5] == pytest.approx(0.04 / np.sqrt(50)) and row[6] == pytest.approx(0.03)
+        assert row[4] == pytest.approx(np.hypot(0.04 / np.sqrt(50), 0.03))
+        assert row[9] == pytest.approx(0.5 / np.sqrt(200)) and row[10] == 0.0
+
+
+def done_part(done, part):
+    values = (getattr(done, name)[part] for name in list(Corrected.__dataclass_fields__)[:4])
+    common = {name: column[part] for name, column in done.common.items()}
+    return Corrected(*values, {}, (), {}, common, done.independent_after_s)
