@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,8 +77,8 @@ class Flight:
 
     def at(self, rows: slice | NDArray[np.int64]) -> Flight:
         """Some of the rows."""
-        values = (getattr(self, f.name) for f in fields(self))
-        return Flight(*(None if v is None else v[rows] for v in values))
+        values: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
+        return Flight(**{name: None if v is None else v[rows] for name, v in values.items()})
 
 
 @dataclass(frozen=True)

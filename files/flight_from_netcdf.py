@@ -53,9 +53,9 @@ def read_netcdf(path: Path, chosen: Mapping[str, str]) -> dict[str, tuple[Array,
         time_s = _seconds(data.variables[time_name], path)
         found = {}
         for quantity in NAMES:
-            name = chosen.get(quantity) or _named(lines, quantity)
-            if quantity != "time" and name is not None and lines[name].shape == time_s.shape:
-                found[quantity] = (time_s, _values(lines[name]))
+            place = chosen.get(quantity) or _named(lines, quantity)
+            if quantity != "time" and place is not None and lines[place].shape == time_s.shape:
+                found[quantity] = (time_s, _values(lines[place]))
     return found
 
 
@@ -81,14 +81,10 @@ def _seconds(variable: Any, path: Path) -> Array:
     units = str(getattr(variable, "units", "s"))
     if " since " not in units:
         return _values(variable)
-    values = np.ma.filled(np.ma.asarray(variable[:], dtype=float), np.nan)
+    values: Array = np.ma.filled(np.ma.asarray(variable[:], dtype=float), np.nan)
     try:
-        origin = netCDF4.date2num(
-            netCDF4.num2date(0.0, units, only_use_cftime_datetimes=True), "seconds since 1970-01-01 00:00:00"
-        )
-        one = netCDF4.date2num(
-            netCDF4.num2date(1.0, units, only_use_cftime_datetimes=True), "seconds since 1970-01-01 00:00:00"
-        )
+        ends = netCDF4.num2date(np.array([0.0, 1.0]), units, only_use_cftime_datetimes=True)
+        origin, one = np.asarray(netCDF4.date2num(ends, "seconds since 1970-01-01 00:00:00"), dtype=float).tolist()
     except ValueError as error:
         raise InputError(f"{shown(path)}: time: {error}; give units such as seconds since 1970-01-01") from error
     return np.asarray(origin + values * (one - origin), dtype=float)

@@ -164,7 +164,7 @@ def flight_dataset(flight: Flight, corrected: Corrected) -> xr.Dataset:
             common = corrected.common[channel]
             sigma = frame[f"{channel}_uncertainty_{ending}"].to_numpy()
             independent = np.sqrt(np.maximum(sigma**2 - common**2, 0.0))
-            after = {"units": unit, "independent_after_s": corrected.independent_after_s[channel]}
+            after = {"units": unit, "independent_after_s": f"{corrected.independent_after_s[channel]:.4g}"}
             variables[f"{channel}_uncertainty_independent_{ending}"] = ("time", independent, after)
             variables[f"{channel}_uncertainty_common_{ending}"] = ("time", common, {"units": unit})
     for name, unit in (

@@ -48,7 +48,7 @@ def read_bin(path: Path, chosen: Mapping[str, str]) -> dict[str, tuple[Array, Ar
         pymavlink is not installed, the file is no such log, or it has no such field.
     """
     try:
-        from pymavlink import DFReader
+        from pymavlink import DFReader  # type: ignore[import-untyped]
     except ImportError as error:
         raise InputError(f"{shown(path)}: ArduPilot logs need pymavlink; pip install 'shockrig[ardupilot]'") from error
     if not path.is_file():

@@ -14,8 +14,8 @@ from shockrig.analysis.flight.response import Response, bead_response, film_resp
 from shockrig.analysis.flight.sampled import response_time_s, sampled, transfer_function
 from shockrig.analysis.flight.scenes import to_flight
 from shockrig.analysis.flight.sensor import fly
-from shockrig.analysis.flight.sweep import lags_behind
 from shockrig.analysis.flight.stepping import held_matrix, hold, stepped
+from shockrig.analysis.flight.sweep import lags_behind
 from shockrig.analysis.flight.typical import typical_profile
 from shockrig.analysis.flight.weather import FINE_STEP_S, frontal, inversion
 from shockrig.analysis.physics.bodies import BODIES

@@ -198,7 +198,8 @@ def untouched(name: str, raw: Array, screened: Screened, why: str, notes: list[s
     believed = screened.usable | screened.repeated
     everywhere = np.ones(raw.shape, dtype=bool)
     nothing = np.full(raw.shape, np.nan)
-    return Channel(name, np.where(believed, raw, np.nan), *(4 * [nothing]), screened, ~everywhere, everywhere)
+    value = np.where(believed, raw, np.nan)
+    return Channel(name, value, nothing, nothing, nothing, nothing, screened, ~everywhere, everywhere)
 
 
 def bridged(time_s: Array, values: Array) -> Array | None:

@@ -50,7 +50,7 @@ def with_jumps(
         for k in places:
             # before air as calm as it is elsewhere, a jump has its place most sharply
             jumps = _best(track, values, variance, typical, jumps, int(k), found.jump[k])
-        found = swept(track, values, variance, local, jumps, found, jumps.variance.any(axis=1))
+        found = swept(track, values, variance, local, jumps, found, np.asarray(jumps.variance.any(axis=1)))
         if number == 0:
             local = refit(_without(track, values, found, jumps))
             found = swept(track, values, variance, local, jumps)
@@ -73,8 +73,8 @@ def _best(track: Track, values: Array, variance: Array, local: Prior, jumps: Jum
     most = min(float(np.ptp(values)), WIDEST * float(local.noise[near]))
     size = np.clip(np.abs(size), 0.0, [most, most / track.period_s])
     ends = np.append(np.flatnonzero(track.broken), values.size)
-    place = int(np.searchsorted(ends, near, side="right"))
-    nodes = np.arange(max(near - LOOK_BACK, ends[place - 1]), min(near + LOOK_AHEAD, ends[place]))
+    stretch = int(np.searchsorted(ends, near, side="right"))
+    nodes = np.arange(max(near - LOOK_BACK, ends[stretch - 1]), min(near + LOOK_AHEAD, ends[stretch]))
     tried = []
 
     def try_with(*added: tuple[int, int, float, float]) -> None:

@@ -172,7 +172,7 @@ def fit_prior(
     known = np.zeros((1, frequency.size)) if passing is None else passing_spectrum(passing, frequency, period_s)
     # in units of each segment's noise, so that all have the same
     own = np.broadcast_to(np.square(relative_noise), len(reading))[:, None]
-    power, turbulence, bend, known = (s / own for s in (power, turbulence, bend, known))
+    power, turbulence, bend, known = (each / own for each in (power, turbulence, bend, known))
     if len(power) >= 3:
         # one front does not speak for the whole flight; the median of a mean of squares lies below its mean
         power = np.median(power, axis=0, keepdims=True) / (1 - 1 / (9 * _independent(weight))) ** 3
@@ -180,10 +180,10 @@ def fit_prior(
         weight = weight * len(reading) / 2
     low_t, low_b = _weakest(turbulence, bend, noise**2 * white)
 
-    parts = np.stack([turbulence, bend, np.full_like(bend, white)])
+    shapes = np.stack([turbulence, bend, np.full_like(bend, white)])
 
     def cost(p: Array) -> tuple[float, Array]:
-        each = np.exp(2 * p)[:, None, None] * parts
+        each = np.exp(2 * p)[:, None, None] * shapes
         model = each.sum(axis=0) + known
         off = (p[2] - np.log(noise)) / spread
         slope = 2 * np.sum(weight * (1 - power / model) / model * each, axis=(1, 2))

@@ -78,7 +78,7 @@ def clock(time_s: Array, part_s: float) -> Clock:
         sizes = np.diff(bounds)
         short = np.flatnonzero(sizes < FEWEST_ROWS)
         # rows out of place go one stretch at a time: what is left may then run on
-        astray = [i for i in short if sizes.size > 1 and not _fits(time_s[rows], bounds, i)]
+        astray = [i for i in short.tolist() if sizes.size > 1 and not _fits(time_s[rows], bounds, i)]
         if not astray:
             break
         i = min(astray, key=lambda i: sizes[i])

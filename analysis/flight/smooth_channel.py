@@ -199,8 +199,8 @@ def _local_priors(
     through = few = None
     if passing is not None:
         # the median: where the air jumped, single samples know nothing
-        sigma = np.median(passing.sigma[starts[:, None] + np.arange(size)], axis=1)
-        through, few = Passing(sigma, passing.rate), Passing(sigma[some], passing.rate)
+        usual = np.asarray(np.median(passing.sigma[starts[:, None] + np.arange(size)], axis=1))
+        through, few = Passing(usual, passing.rate), Passing(usual[some], passing.rate)
     common = fit_prior(
         segments[some],
         along.at(middle[some]),

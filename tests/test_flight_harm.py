@@ -1,0 +1,188 @@
+"""Flights on which a correction may do harm: jumps of the air, coarse readings, a profile that is wrong."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from shockrig.analysis.flight.channel import Channel
+from shockrig.analysis.flight.coarse import within
+from shockrig.analysis.flight.comparisons import up_and_down
+from shockrig.analysis.flight.correct import correct
+from shockrig.analysis.flight.prior import RATES_PER_S, Prior, seen, spectra
+from shockrig.analysis.flight.response import Response, bead_response
+from shockrig.analysis.flight.scenes import to_flight
+from shockrig.analysis.flight.screen import Screened
+from shockrig.analysis.flight.sensor import fly
+from shockrig.analysis.flight.smooth_channel import estimate
+from shockrig.analysis.flight.smoother import Jumps, smooth
+from shockrig.analysis.flight.typical import typical_profile
+from shockrig.analysis.flight.weather import Weather, convective
+from shockrig.analysis.physics.humidity import saturation_pressure_hpa
+from shockrig.files.flight import Flight
+
+PROFILE = typical_profile()
+
+
+def rms(error):
+    return float(np.sqrt(np.nanmean(np.square(error))))
+
+
+def test_what_a_coarse_reading_leaves_of_a_gaussian():
+    for reading, step, noise, mean, variance in (
+        (0.0, 1.0, 0.1, 0.3, 0.2),
+        (5.0, 1.0, 0.1, 0.3, 0.2),
+        (-2.0, 1.0, 0.05, 3.0, 0.5),
+        (1.0, 0.1, 0.4, 1.1, 0.01),
+    ):
+        z = np.linspace(mean - 12 * variance**0.5, mean + 12 * variance**0.5, 40001)
+        e = np.linspace(-8 * noise, 8 * noise, 801)
+        inside = np.abs(z[:, None] + e - reading) < 0.5 * step
+        weight = (inside * np.exp(-0.5 * (e / noise) ** 2)).sum(axis=1) * np.exp(-0.5 * (z - mean) ** 2 / variance)
+        right = np.average(z, weights=weight)
+        spread = np.average((z - right) ** 2, weights=weight)
+        found = within(*(np.array([v]) for v in (reading, step, noise, mean, variance)))
+        assert found[0][0] == pytest.approx(right, abs=2e-3 * variance**0.5)
+        assert found[1][0] == pytest.approx(spread, rel=0.02)
+
+
+def test_variance_of_the_clean_reading_is_its_answer_to_the_reading():
+    count = 40
+    response = bead_response(PROFILE.temperature, np.full(count, 5.0)).at(np.arange(count)[None])
+    row = np.ones((1, count))
+    reading = 20.0 + np.cumsum(np.random.default_rng(0).standard_normal(count)) * 0.1
+    start = np.full((1, response.rate.shape[-1]), reading[0])
+
+    def smoothed(values):
+        prior = Prior(0.1 * row, 0.02 * row, 0.03 * row)
+        return smooth(row, values[None], 0.03**2 * row, response, start, prior, np.ones(1))
+
+    before = smoothed(reading)
+    for k in (7, 39):
+        moved = reading.copy()
+        moved[k] += 1e-3
+        answer = (smoothed(moved).clean[0, k] - before.clean[0, k]) / 1e-3
+        assert before.clean_variance[0, k] == pytest.approx(0.03**2 * answer, rel=1e-6)
+
+
+def test_a_jump_is_scored_by_what_taking_it_out_gains():
+    """Of a linear Gaussian model: size and score from the residuals are those of a regression on the jump."""
+    count, k = 60, 30
+    response = Response(np.ones((1, count, 1)), np.full((1, count, 1), 1.5), np.zeros((1, count)))
+    row = np.full((1, count), 0.1)
+    prior = Prior(0.05 * np.ones((1, count)), 0.01 * np.ones((1, count)), 0.03 * np.ones((1, count)))
+    time_s = 0.1 * np.arange(count)
+    jumps = Jumps(np.zeros((1, count, 2)), np.full((1, count), 0.5))
+
+    def run(values, **settings):
+        return smooth(
+            row, values[None], 0.03**2 * np.ones((1, count)), response, np.zeros((1, 1)), prior, np.ones(1), **settings
+        )
+
+    def cost(values):
+        return float(run(values, jumps=jumps).cost.sum())
+
+    rng = np.random.default_rng(4)
+    since = np.maximum(time_s - time_s[k] + 0.05, 0.0)
+    shape = 1.0 - np.exp(-1.5 * since)
+    reading = 3.0 * shape + 0.03 * rng.standard_normal(count)
+    found = run(reading, jumps=jumps)
+    size, score = found.jump[0, k, 0], found.jump_score[0, k, 0]
+    sizes = size + np.array([-1.0, 0.0, 1.0]) * 0.5 * abs(size / score)
+    costs = [cost(reading - s * shape) for s in sizes]
+    assert size == pytest.approx(3.0, abs=4 * abs(size / score))
+    assert cost(reading) - costs[1] == pytest.approx(0.5 * score**2, rel=1e-3)
+    assert costs[0] == pytest.approx(costs[2], abs=1e-4 * score**2)
+
+
+def test_readings_fold_what_is_faster_than_they_are():
+    """An Ornstein-Uhlenbeck process sampled coarsely has the spectrum of one sampled coarsely, not finely."""
+    at_once = Response(np.ones((1, 1)), np.full((1, 1), 1e9), np.zeros(1))
+    frequency = np.array([0.03, 0.2, 0.45])
+    turbulence, _ = seen(at_once, frequency, 1.0, parts=5)
+    np.testing.assert_allclose(turbulence[0], spectra(frequency, 1.0)[0], rtol=1e-6)
+    assert RATES_PER_S[-1] > 1.0
+
+
+def through_a_door(fall_k, *, moist=1.0, seconds=120.0):
+    time_s = np.arange(round(seconds / 0.01)) * 0.01
+    temperature = 24.0 + fall_k * (time_s > 0.5 * seconds + 0.037)
+    cold = min(24.0, 24.0 + fall_k)
+    vapour = 0.5 * saturation_pressure_hpa(cold) * np.where(time_s > 0.5 * seconds + 0.037, moist, 1.0)
+    steady = np.ones(time_s.size)
+    humidity = 100.0 * vapour / saturation_pressure_hpa(temperature)
+    return Weather("door", time_s, temperature, humidity, 5.0 * steady, 1000.0 * steady, 100.0 * steady)
+
+
+@pytest.mark.parametrize(("fall_k", "moist"), [(-14.0, 1.0), (12.0, 1.0), (-10.0, 0.7)])
+def test_through_a_door_nothing_comes_out_worse_than_it_was_read(fall_k, moist):
+    flown = fly(through_a_door(fall_k, moist=moist), PROFILE, 5)
+    done = correct(to_flight(flown.log), PROFILE)
+    for column, worst in (("temperature_c", 1.0), ("humidity_percent", 3.0)):
+        truth, raw = flown.truth[column].to_numpy(), flown.log[column].to_numpy()
+        assert rms(getattr(done, column) - truth) <= 1.02 * rms(raw - truth)
+        assert np.abs(getattr(done, column) - truth).max() < worst
+    assert rms(done.temperature_c - flown.truth["temperature_c"]) < 0.2 * rms(
+        flown.log["temperature_c"] - flown.truth["temperature_c"]
+    )
+    assert np.nanmin(done.humidity_percent) >= 0.0 and np.nanmax(done.humidity_percent) <= 100.0
+
+
+def test_turbulence_has_no_doors_in_it():
+    flown = fly(convective(np.random.default_rng(3), duration_s=120.0), PROFILE, 3)
+    log, count = flown.log, len(flown.log)
+    response = bead_response(PROFILE.temperature, np.full(count, 10.0))
+    found = estimate(
+        log["time_s"].to_numpy(), log["temperature_c"].to_numpy(), np.ones(count, bool), response, np.full(count, 4e-4)
+    )
+    truth = flown.truth["temperature_c"].to_numpy()
+    assert rms(found.air - truth) < 0.7 * rms(log["temperature_c"] - truth)
+    assert np.median(np.sqrt(found.variance)) == pytest.approx(np.sqrt(found.variance).max(), rel=0.8)
+
+
+def test_coarse_readings_in_calm_air_are_averaged_and_honest():
+    covered, gain = [], []
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        weather = convective(rng, temperature_std_k=0.01, humidity_std_percent=0.05, temperature_c=rng.uniform(15, 25))
+        flown = fly(weather, PROFILE, seed, rounded=False)
+        log = flown.log.iloc[::10].copy()
+        log["temperature_c"] = log["temperature_c"].round(1)
+        log["humidity_percent"] = log["humidity_percent"].round(0)
+        done = correct(to_flight(log), PROFILE)
+        truth = flown.truth.iloc[::10]
+        error = done.temperature_c - truth["temperature_c"].to_numpy()
+        covered.append(np.mean(np.abs(error) <= 1.96 * done.temperature_uncertainty_k))
+        gain.append(rms(error) / rms(log["temperature_c"] - truth["temperature_c"]))
+        assert rms(done.humidity_percent - truth["humidity_percent"]) <= 1.02 * rms(
+            log["humidity_percent"] - truth["humidity_percent"]
+        )
+    assert np.mean(covered) > 0.85
+    assert np.mean(gain) < 0.6
+
+
+def climbing(slower):
+    """Up and down through a layer, and a channel whose time scale is wrong by `slower`."""
+    time_s = np.arange(2000) * 0.1
+    height = 3.0 * np.minimum(time_s, 200.0 - time_s)
+    up = np.where(time_s < 100.0, 1.0, -1.0)
+    air = 20.0 - 8.0 * np.tanh((height - 150.0) / 30.0)
+    lag = -up * 8.0 / np.cosh((height - 150.0) / 30.0) ** 2
+    noise = 0.02 * np.random.default_rng(2).standard_normal(time_s.size)
+    nothing, none = np.full(time_s.size, np.nan), np.zeros(time_s.size, dtype=bool)
+    flight = Flight(time_s, air, air, nothing, nothing, altitude_m=height)
+    channel = Channel(
+        "humidity", air - slower * lag + noise, np.full(time_s.size, 0.05), 0.02 * np.abs(lag), lag,
+        np.zeros(time_s.size), Screened(~none, none, none, none, 0.0), none, none,
+    )  # fmt: skip
+    return flight, channel
+
+
+@pytest.mark.parametrize("slower", [-0.2, 0.0, 0.1])
+def test_ascent_against_descent_says_how_wrong_the_time_scale_is(slower):
+    found = up_and_down(*climbing(slower))
+    assert found.slower == pytest.approx(slower, abs=max(4 * found.slower_error, 1e-3))
+    assert found.slower_error < 0.01
+    flight, channel = climbing(slower)
+    level = dataclasses.replace(flight, altitude_m=np.full(flight.time_s.size, 100.0))
+    assert up_and_down(level, channel) is None
