@@ -77,8 +77,11 @@ class Flight:
 
     def at(self, rows: slice | NDArray[np.int64]) -> Flight:
         """Some of the rows."""
-        values: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
-        return Flight(**{name: None if v is None else v[rows] for name, v in values.items()})
+        cut: dict[str, Any] = {}
+        for one in fields(self):
+            values = getattr(self, one.name)
+            cut[one.name] = None if values is None else values[rows]
+        return Flight(**cut)
 
 
 @dataclass(frozen=True)

@@ -77,6 +77,9 @@ def write_wmo(
     import netCDF4
 
     needed = [columns[name] for name in ("time", "lat", "lon", "altitude", "air_temperature")]
+    # the converter takes a quantity for all rows or for none
+    moist = [columns[name] for name in ("humidity_mixing_ratio", "dew_point_temperature") if name in columns]
+    needed += [values for values in moist if np.isfinite(values).any()]
     rows = np.flatnonzero(np.logical_and.reduce([np.isfinite(values) for values in needed]))
     if not rows.size:
         raise InputError(

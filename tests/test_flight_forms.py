@@ -213,7 +213,7 @@ def test_noise_averages_out_in_a_layer_and_an_error_of_the_profile_does_not():
     n = 400
     time_s, height = 0.1 * np.arange(n), np.linspace(0.0, 199.9, n)
     values, nothing = np.full(n, 20.0), np.full(n, np.nan)
-    flight = Flight(time_s, values, values, nothing, nothing, altitude_m=height)
+    flight = Flight(time_s, values, values, nothing, nothing, nothing, altitude_m=height)
     common = {"temperature": np.full(n, 0.03), "humidity": np.full(n, 0.0)}
     sigma = np.hypot(0.04, 0.03)
     done = Corrected(

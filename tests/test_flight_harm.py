@@ -18,6 +18,7 @@ from shockrig.analysis.flight.smooth_channel import estimate
 from shockrig.analysis.flight.smoother import Jumps, smooth
 from shockrig.analysis.flight.typical import typical_profile
 from shockrig.analysis.flight.weather import Weather, convective
+from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.flight import Flight
 
@@ -48,7 +49,7 @@ def test_what_a_coarse_reading_leaves_of_a_gaussian():
 
 def test_variance_of_the_clean_reading_is_its_answer_to_the_reading():
     count = 40
-    response = bead_response(PROFILE.temperature, np.full(count, 5.0)).at(np.arange(count)[None])
+    response = bead_response(PROFILE.temperature, Stream(np.full(count, 5.0))).at(np.arange(count)[None])
     row = np.ones((1, count))
     reading = 20.0 + np.cumsum(np.random.default_rng(0).standard_normal(count)) * 0.1
     start = np.full((1, response.rate.shape[-1]), reading[0])
@@ -131,7 +132,7 @@ def test_through_a_door_nothing_comes_out_worse_than_it_was_read(fall_k, moist):
 def test_turbulence_has_no_doors_in_it():
     flown = fly(convective(np.random.default_rng(3), duration_s=120.0), PROFILE, 3)
     log, count = flown.log, len(flown.log)
-    response = bead_response(PROFILE.temperature, np.full(count, 10.0))
+    response = bead_response(PROFILE.temperature, Stream(np.full(count, 10.0)))
     found = estimate(
         log["time_s"].to_numpy(), log["temperature_c"].to_numpy(), np.ones(count, bool), response, np.full(count, 4e-4)
     )
@@ -170,7 +171,7 @@ def climbing(slower):
     lag = -up * 8.0 / np.cosh((height - 150.0) / 30.0) ** 2
     noise = 0.02 * np.random.default_rng(2).standard_normal(time_s.size)
     nothing, none = np.full(time_s.size, np.nan), np.zeros(time_s.size, dtype=bool)
-    flight = Flight(time_s, air, air, nothing, nothing, altitude_m=height)
+    flight = Flight(time_s, air, air, nothing, nothing, nothing, altitude_m=height)
     channel = Channel(
         "humidity", air - slower * lag + noise, np.full(time_s.size, 0.05), 0.02 * np.abs(lag), lag,
         np.zeros(time_s.size), Screened(~none, none, none, none, 0.0), none, none,
