@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from shockrig.analysis.diagnosis.diagnose import diagnose_channel
-from shockrig.analysis.inference.bins import edges_after_transfer
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.inference.bins import FINE, edges_after_transfer, fine_width
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.physics import concentration
 from shockrig.files.campaign import read_campaign
@@ -28,6 +29,32 @@ def test_a_slow_share_beside_a_lump_is_found_whichever_is_called_the_body(t63_s,
     told, uncertainty = found.causes[0].parameters["fraction"]
     assert told == pytest.approx(fraction, abs=max(3 * uncertainty, 0.003))
     assert found.gain.explained_fraction > 0.99
+
+
+def test_a_lump_is_no_lag_before_a_body_that_follows_at_once(tmp_path):
+    plan = tuple(Transfer(*((60.0, 20.0) if i % 2 else (20.0, 60.0)), start_s=3.0, length_s=9.0) for i in range(6))
+    lump = make_body("lumped", 0.6)
+    bench = Bench("humidity", lump, Approach(), Logger(0.012, 0.01, 0.03), plan, Written(body="cylinder_mean"))
+    record(bench, 5, tmp_path / "campaign")
+    channel = build_channel(read_campaign(tmp_path / "campaign"), "humidity")
+    assert [c.effect for c in diagnose_channel(channel).causes] == ["body_lumped"]
+    at_once = (channel.time_s > 0.0) * channel.quantity.step(channel.conditions)[:, None]
+    late = at_once * -np.expm1(-np.maximum(channel.time_s, 0.0) / 0.3)
+    refused = CATALOGUE["series_lag"].refused
+    assert refused(channel, {"time_constant_s": 0.6}, lambda: at_once)
+    assert not refused(channel, {"time_constant_s": 0.6}, lambda: late)
+
+
+def test_bins_are_so_narrow_that_the_response_does_not_bend_in_them_by_what_the_runs_would_show():
+    rng = np.random.default_rng(3)
+    time = np.arange(-3.0, 12.0, 0.01)
+    for noise, runs in ((0.1, 2), (0.005, 30)):
+        samples = [(time, 20.0 * (time > 0) + noise * rng.standard_normal(time.size)) for _ in range(runs)]
+        half_s, tau_s = 1.0, 1.0 / np.log(2.0)
+        width = fine_width(samples, 0.001) * half_s
+        bent = 20.0 * width**2 / (24.0 * tau_s**2)
+        assert bent * np.sqrt(runs) < 0.5 * noise or fine_width(samples, 0.001) == FINE[0]
+    assert fine_width(samples, 0.001) < 0.03
 
 
 def test_bins_follow_the_sensors_pace_where_the_logger_does():

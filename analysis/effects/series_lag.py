@@ -1,8 +1,28 @@
 """A first-order lag in series with the body: a sheath, a housing, a vent or a filter cap that the air has to cross."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
-from shockrig.analysis.inference.effect import Effect, InFlight, Parameter
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.effect import Effect, InFlight, Parameter, Values
+
+SOON, THERE = 0.1, 0.95  # a body that is there so soon, in time constants of the lag, is none
+
+
+def _before_nothing(channel: Channel, values: Values, bare: Callable[[], NDArray[np.float64]]) -> bool:
+    """Whether the body behind the lag follows at once: such a sensor is a lump, and has one time constant."""
+    if channel.measured.any():
+        return False
+    reading = bare()
+    first, last = reading[:, :1], reading[:, -1:]
+    late = (channel.time_s > SOON * values["time_constant_s"]) & (channel.count > 0)
+    moved = np.abs(last - first) > channel.quantity.least_step
+    share = (reading - first) / np.where(moved, last - first, 1.0)
+    return bool((late & moved).any() and (share[late & moved] > THERE).all())
+
 
 EFFECT = Effect(
     id="series_lag",
@@ -19,6 +39,7 @@ EFFECT = Effect(
     advice="Take off cap or sheath for a comparison, or fly with it on: the profile has it in.",
     limit_of="sheath",
     in_flight=InFlight(series_s=lambda p: p["time_constant_s"]),
+    refused=_before_nothing,
     rare_in_known=True,
     shape=True,
 )
