@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from shockrig.analysis.discovery.conditions import Judged, judged_by_condition
-from shockrig.analysis.discovery.race import NUMBER, Candidate, candidates, simpler
+from shockrig.analysis.discovery.race import NUMBER, Candidate, candidates, price, simpler
 from shockrig.analysis.inference.effect import Effect
 from shockrig.analysis.inference.fit import Fit, fit
 from shockrig.analysis.inference.model import Model, Structure
@@ -178,7 +178,7 @@ def _standing(
     judged = judged_by_condition(problem, without, final, set(best.form.factors))
     if not judged.holds:
         return None
-    cost = final.deviance + NUMBER * len(best.effect.parameters)
+    cost = final.deviance + price(best.form, len(best.effect.parameters))
     tied, rises = [], []
     for other in found[:TRIED_INSTEAD]:
         if other.effect.id == id_ or _only_more(other, best) or other.effect.id in final.structure.ids:

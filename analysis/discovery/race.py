@@ -18,10 +18,16 @@ from shockrig.analysis.inference.model import Model
 from shockrig.analysis.inference.problem import Problem
 
 NUMBER = 6.0  # of deviance that each further number of a form must bring: odds of twenty
+FACTOR = 14.0  # of a number that says what a form depends on: the best of seven looks by chance
 QUICK, FURTHER, WHOLE = 3, 4, 25  # steps of Gauss and Newton
 EACH, LEADERS, REFINED = 3, 10, 4  # forms of a behaviour, forms that are fitted to the end, forms that get a factor
 ROUNDS, STAY = 2, 18  # rounds of further steps, and forms that take part in them
 WRONG = 3.0  # objective per bin from which the runs' deviations mean nothing
+
+
+def price(form: Form, numbers: int) -> float:
+    """What a form with so many numbers must bring: more for what it depends on, of which several were looked at."""
+    return NUMBER * numbers + (FACTOR - NUMBER) * sum(pair in SCALING for pair in form.depends_on)
 
 
 @dataclass(frozen=True)
@@ -39,7 +45,7 @@ class Candidate:
     @property
     def cost(self) -> float:
         """Deviance, and what each of its numbers must bring."""
-        return self.fit.deviance + NUMBER * len(self.effect.parameters)
+        return self.fit.deviance + price(self.form, len(self.effect.parameters))
 
 
 def candidates(problem: Problem, near: Fit) -> tuple[list[Candidate], float]:

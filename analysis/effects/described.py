@@ -32,13 +32,13 @@ LAST = 1000  # in the order of the chain: after all of the catalogue
 TIMES_S = (0.3, 1.0, 3.0, 10.0, 30.0)
 NUMBERS: dict[tuple[str, str], tuple[float, float, tuple[float, ...], str, bool]] = {
     # (factor, how): lowest, highest, starts, unit, in its logarithm
-    ("airflow", "power"): (-3.0, 3.0, (-0.5, 0.5), "1", False),
+    ("airflow", "power"): (-3.0, 3.0, (-0.4, 0.3), "1", False),
     ("step", "power"): (-3.0, 3.0, (-0.5, 0.5), "1", False),
     ("pressure", "power"): (-5.0, 5.0, (-0.5, 0.5), "1", False),
-    ("ambient", "exponential"): (-0.2, 0.2, (-0.02, 0.02), "1/K", False),
-    ("humidity", "exponential"): (-6.0, 6.0, (-1.0, 1.0), "1", False),
+    ("ambient", "exponential"): (-0.2, 0.2, (-0.004, 0.004), "1/K", False),
+    ("humidity", "exponential"): (-6.0, 6.0, (-0.5, 0.5), "1", False),
     ("humidity", "linear"): (-1.6, 1.9, (-0.3, 0.3), "1", False),
-    ("run_order", "exponential"): (-0.3, 0.3, (-0.01, 0.01), "1", False),
+    ("run_order", "exponential"): (-0.3, 0.3, (-0.004, 0.004), "1", False),
     ("direction", "ratio"): (0.05, 20.0, (0.8, 1.25), "1", True),
     ("ambient", "zero_at"): (-60.0, 100.0, (22.0,), "degC", False),
     ("humidity", "zero_at"): (-50.0, 150.0, (45.0,), "%RH", False),
