@@ -140,10 +140,10 @@ def test_a_described_effect_is_extended_with_and_flown_within_what_was_seen(warm
     document = json.loads(json.dumps(profile_document(Profile(part, None))))
     profile = profile_from_document(document)
     assert profile.temperature.discovered[0].depends_on[0].factor == "ambient"
-    # A slow ramp is followed late by R^2 / (15 alpha), the sphere's mean lag, with alpha at the flight's temperature.
+    # A slow ramp is followed late by R^2 / (6 alpha) at a sphere's core, with alpha at the flight's temperature.
     time = np.arange(0.0, 60.0, 0.1)
     air = 25.0 + 0.2 * time
-    late = 1.6e-3**2 / 15.0 / (9e-8 * np.exp(one.depends_on[0].value * (air - 20.0)))
+    late = 1.6e-3**2 / 6.0 / (9e-8 * np.exp(one.depends_on[0].value * (air - 20.0)))
     reading = air - 0.2 * late + np.random.default_rng(0).normal(0.0, 0.005, time.size)
     flight = Flight(*(np.full(time.size, np.nan) for _ in Flight.__dataclass_fields__))
     flight = replace(flight, time_s=time, temperature_c=reading, airspeed_m_s=np.full(time.size, 6.0))
