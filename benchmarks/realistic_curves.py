@@ -20,13 +20,12 @@ from pathlib import Path
 import numpy as np
 
 RESULTS = Path(__file__).parent / "results" / "realistic_curves.jsonl"
-SIZES = (0.25, 1.0, 4.0)
+SIZES = (0.016, 0.06, 0.25, 1.0)
 CHANNEL = {
     "self_heating": "temperature",
     "wall_radiation": "temperature",
     "stem_conduction": "temperature",
     "finite_transfer": "temperature",
-    "evaporative_cooling": "temperature",
     "dead_time": "humidity",
     "vapour_boundary_layer": "humidity",
     "series_lag": "humidity",
@@ -106,6 +105,7 @@ def draw(results: list[dict], path: Path) -> None:
     import matplotlib.pyplot as plt
 
     effects = [effect for effect in CHANNEL if any(one["effect"] == effect for one in results)]
+    every = sorted({one["size"] for one in results})
     figure, axes = plt.subplots(3, 4, figsize=(11, 7), sharex=True, sharey=True, layout="constrained")
     for axis, effect in zip(axes.ravel(), effects, strict=False):
         own = [one for one in results if one["effect"] == effect and one["plan"] == "standard"]
@@ -117,7 +117,7 @@ def draw(results: list[dict], path: Path) -> None:
         axis.plot(sizes, gains, "s:", label="gain on unseen runs", color="C2", markersize=4)
         axis.set_title(effect.replace("_", " "), fontsize=9)
         axis.set_xscale("log")
-        axis.set_xticks(sizes, [f"{size:g}" for size in sizes])
+        axis.set_xticks(every, [f"{size:g}" for size in every])
         axis.minorticks_off()
         axis.axvspan(0.7, 1.4, color="0.92", zorder=0)
     for axis in axes.ravel()[len(effects) :]:

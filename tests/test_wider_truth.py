@@ -2,6 +2,8 @@
 apart; and the tier of the virtual bench whose sensors are as real ones.
 """
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from small_worlds import QUIET, record
@@ -146,3 +148,10 @@ def test_realistic_strengths_lie_in_their_sourced_ranges():
     assert {h.effect for h in draw_hidden(rng, 4, REALISTIC)} <= set(drawable())
     with pytest.raises(BenchError, match="moving_average has no realistic strength"):
         real("moving_average")
+
+
+def test_the_documented_strengths_are_those_that_are_drawn():
+    text = (Path(__file__).parents[1] / "docs" / "realistic.md").read_text()
+    rows = [line.split(" | ") for line in text.splitlines() if line.startswith("| `")]
+    told = {(row[0].strip("| `"), row[1]): (row[2].strip("`"), float(row[3]), float(row[4])) for row in rows}
+    assert told == {key: (entry.strength, entry.low, entry.high) for key, entry in REAL.items()}
