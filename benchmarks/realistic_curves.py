@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 RESULTS = Path(__file__).parent / "results" / "realistic_curves.jsonl"
-SIZES = (0.016, 0.06, 0.25, 1.0)
+SIZES = (0.06, 0.25, 1.0, 4.0)
 CHANNEL = {
     "self_heating": "temperature",
     "wall_radiation": "temperature",
