@@ -109,6 +109,13 @@ def in_real_time(tmp_path, last_s=4):
     return ["run", tmp_path / "tiny.toml", "--bench", tmp_path / "bench.toml", "--out", out], out
 
 
+def in_full_swing(view):
+    """A view in which the transfer is over and both sensors are heard; None where it is not that far."""
+    heard = [health.state in ("good", "failing") for health in view.health]
+    far = view.state == "recording" and view.transfer_s and len(heard) == 2 and all(heard)
+    return view if far and len(view.traces[0].points) > 15 else None
+
+
 @pytest.fixture
 def live(tmp_path):
     """(process, folder) of a recording in real time, whose last step is longer than any test looks at it."""
@@ -128,13 +135,13 @@ def test_a_recording_is_seen_and_its_watchers_can_be_killed(live, terminal):
     web = shockrig("watch", out, "--web")
     follower = Follower(out, time.monotonic)
     try:
-        view = wait_for(lambda: (v := follower.look()).transfer_s and len(v.traces[0].points) > 15 and v)
-        assert view.state == "recording" and view.run == "0001"
+        # On a busy machine a sensor may be late for some seconds, and all of them together: that passes.
+        view = wait_for(lambda: in_full_swing(follower.look()))
+        assert view.run == "0001"
         assert view.bench == "virtual bench (EMULATED: invented, not measured)"
         assert [step.state for step in view.steps] == ["done", "done", "done", "now"]
         assert 0.0 < view.step_left_s <= 600.0 and view.left_s == pytest.approx(view.step_left_s)
         by_name = {health.sensor: health for health in view.health}
-        assert {by_name["imet"].state, by_name["hyt"].state} <= {"good", "failing"}
         assert 0.0 < by_name["imet"].per_s < 12.0
         assert 20.0 <= by_name["imet"].values["temperature_c"] <= 30.5
         before = [value for time_s, value in view.traces[0].points if time_s < view.transfer_s[0]]
@@ -168,7 +175,7 @@ def test_run_with_the_view_beside_it(tmp_path, terminal, killed):
         if killed:
             (child,) = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
             os.kill(int(child), signal.SIGKILL)
-        _, errors = process.communicate(timeout=30)
+        _, errors = process.communicate(timeout=100)
     finally:
         process.kill()
         process.communicate()
