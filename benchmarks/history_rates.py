@@ -28,7 +28,7 @@ from shockrig.rig.virtual.truth import draw_truth
 
 HIGHER = 1.02
 FIGURES = ("alpha", "D", "t63")
-DRAWS = 2000
+DRAWS = 500
 LONG, BEFORE = 12, 6
 
 

@@ -191,7 +191,7 @@ def test_what_nobody_states_is_an_ordinary_laboratorys_and_emulated_references_h
 
 def test_traceability_comes_from_certificates_that_somebody_named(campaign, certificate):
     own, theirs = {"certificate": "x"}, {"certificate": "K-7", "calibrated": "2026-04-01"}
-    session = {"calibration": {"reference": theirs, "hyt": own}}
+    session = {"calibration": {"reference": theirs, "hyt": own, "imet-2": own}}
     recorded = replace(campaign, sessions=({}, session, {"calibration": "none"}))
     assert calibrations(recorded) == [Traced("reference", "K-7", "2026-04-01")]
     assert "K-7 of 2026-04-01, as the user states" in calibrations(recorded)[0].sentence

@@ -14,6 +14,7 @@ from shockrig.analysis.characterization.response_times import Air
 from shockrig.analysis.characterization.result import Characterization
 from shockrig.analysis.inference.quantity import QUANTITIES
 from shockrig.files.campaign import Campaign
+from shockrig.files.campaign_names import sensor_and_probe
 from shockrig.files.certificate import (
     BudgetLine,
     Certificate,
@@ -94,7 +95,7 @@ def calibrations(campaign: Campaign) -> list[Traced]:
         stated = session.get("calibration")
         for name, one in (stated if isinstance(stated, dict) else {}).items():
             # The sensors on trial are what is characterized here: their own certificates trace nothing.
-            if isinstance(one, dict) and one.get("certificate") and name not in campaign.sensors:
+            if isinstance(one, dict) and one.get("certificate") and sensor_and_probe(name) is None:
                 found[name] = Traced(name, str(one["certificate"]), str(one.get("calibrated") or ""))
     return list(found.values())
 

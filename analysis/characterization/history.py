@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtr
+from scipy.special import chdtrc, stdtr
 
 from shockrig.analysis.characterization.budget import Budget
 
@@ -25,6 +25,7 @@ FALSE_ALARMS = 0.01  # of histories in which anything may be said to have change
 FIGURES = 3  # that are looked at together: alpha, D(20 degC), t63
 LIMIT = 3.0  # standard uncertainties of a control chart's limits (Shewhart)
 LEAST_DEGREES = 4.0
+ALIKE = 0.01  # probability below which stated uncertainties are not of one size
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,7 @@ def observed(budget: Budget, campaign: str, began_at: str, bench: str) -> Observ
 def chart(figure: str, serial: str, unit: str, observations: Sequence[Observation]) -> Chart:
     """The control chart of a figure; `observations` in the order of time."""
     n = len(observations)
-    found = sorted(_changes(observations, 0, n), key=lambda change: change.first)
+    found = sorted(_changes(_pooled(observations), 0, n), key=lambda change: change.first)
     level, half = np.zeros(n), np.zeros(n)
     ends = [0, *(change.first for change in found), n]
     for first, last in zip(ends, ends[1:], strict=False):
@@ -109,6 +110,23 @@ def chart(figure: str, serial: str, unit: str, observations: Sequence[Observatio
     return Chart(
         figure, serial, unit, tuple(observations), tuple(found), levels, levels * np.exp(-half), levels * np.exp(half)
     )
+
+
+def _pooled(observations: Sequence[Observation]) -> list[Observation]:
+    """The observations with one standard uncertainty for all, where theirs differ by no more than chance.
+
+    Each is known from the few dozen runs of its campaign alone; together they know it better, and a weight that is
+    itself an accident favours the campaigns that happen to look good. ln of an estimate with nu degrees of freedom
+    scatters by (2 nu)^-1/2.
+    """
+    logs = np.log([max(one.random, 1e-12) for one in observations])
+    degrees = np.array([min(max(one.degrees, LEAST_DEGREES), 1e6) for one in observations])
+    mean = float((degrees * logs).sum() / degrees.sum())
+    apart = float((2.0 * degrees * (logs - mean) ** 2).sum())
+    if logs.size < 2 or chdtrc(logs.size - 1, apart) < ALIKE:
+        return list(observations)
+    size = float(np.sqrt((degrees * np.exp(2.0 * logs)).sum() / degrees.sum()))
+    return [replace(one, random=size, degrees=float(degrees.sum())) for one in observations]
 
 
 def _changes(observations: Sequence[Observation], first: int, last: int) -> list[Change]:
@@ -135,8 +153,8 @@ def _step(logs: Array, covariance: Array, part: Sequence[Observation], place: in
     inverse = np.linalg.inv(design.T @ weighted)
     step = float((inverse @ (weighted.T @ logs))[1])
     uncertainty = float(np.sqrt(inverse[1, 1]))
-    # Weights that are themselves estimated favour the campaigns that by accident look good, so that the degrees of
-    # freedom of the difference (Welch and Satterthwaite) promise too much: the fewest of any campaign are taken.
+    # Where uncertainties are not of one size, the degrees of freedom of the difference (Welch and Satterthwaite)
+    # promise too much, since weights are estimated as well: the fewest of any campaign are taken.
     nu = max(min(one.degrees for one in part), LEAST_DEGREES)
     return step, uncertainty, 2.0 * float(stdtr(min(nu, 1e9), -abs(step) / uncertainty))
 
