@@ -355,6 +355,32 @@ def test_thinning_keeps_the_last_point():
     assert thinned(points[:7], 100) == points[:7]
 
 
+def test_alarms_tell_what_somebody_should_look_at(tmp_path):
+    """A sensor that fell silent, and an attempt that was spoilt; one that the operator set aside is none."""
+    from rich.console import Console
+
+    records = [["step", 0.0, "soak"]]
+    records += [reading("imet", 0.1 * i, temperature_c=20.0) for i in range(200)]
+    records += [reading("hyt", 0.1 * i, "ok" if i < 150 else "stale", humidity_percent=40.0) for i in range(200)]
+    made_campaign(tmp_path / "c", records, STATUS)
+    for name, status, reason in (("0001-1", "spoilt", "imet gave no readings"), ("0001-2", "interrupted", "a wish")):
+        follower = Follower(tmp_path / "c", lambda: 0.0)
+        view = follower.look()
+        follower.close()
+        (tmp_path / "c/set_aside" / name).mkdir(parents=True)
+        (tmp_path / "c/set_aside" / name / "run.json").write_text(json.dumps({"status": status, "reason": reason}))
+        expected = ["hyt is silent"]
+        if name == "0001-2":
+            expected += ["run 0001 was spoilt and is recorded again: imet gave no readings"]
+        assert list(view.alarms) == expected
+        console = Console(width=80, height=24, file=io.StringIO(), highlight=False)
+        console.print(render(view, 80, 24))
+        assert console.file.getvalue().splitlines()[0].strip() == "hyt is silent"
+    follower = Follower(tmp_path / "c", lambda: 0.0)
+    assert follower.look().alarms == ("hyt is silent",)
+    follower.close()
+
+
 def test_markup_in_a_name_is_text(tmp_path):
     from rich.console import Console
 

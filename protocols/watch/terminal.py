@@ -60,10 +60,12 @@ def render(view: View, width: int, height: int, ascii_only: bool = False) -> Any
     latest = view.messages[-MESSAGES_SHOWN:]
     messages = [Text(text, style="yellow", no_wrap=True, overflow="ellipsis") for text in latest]
     prompt = [] if view.prompt is None else [_prompt(view.prompt)]
-    above = [*prompt, _head(view), Text(""), _steps(view), Text(""), _sensors(view.health), *messages]
+    alarms = [Text(f" {one} ", "bold white on red", no_wrap=True, overflow="ellipsis") for one in view.alarms]
+    above = [*prompt, *alarms, _head(view), Text(""), _steps(view), Text(""), _sensors(view.health), *messages]
     others = (
         10
         + PROMPT_ROWS * len(prompt)
+        + len(alarms)
         + len(view.steps)
         + len(view.health)
         + len(messages)
@@ -193,13 +195,13 @@ def watch_terminal(follower: Follower, wait: Callable[[float], None], every_s: f
         return
     step_back()
     view = follower.look()
-    rung = None
+    rung: tuple[str, ...] = ()
     with Live(console=console, screen=True, auto_refresh=False, vertical_overflow="crop") as live:
         while True:
-            asked = None if view.prompt is None else view.prompt.text
-            if asked is not None and asked != rung:
+            told = (*view.alarms, *([] if view.prompt is None else [view.prompt.text]))
+            if set(told) - set(rung):
                 console.bell()
-            rung = asked
+            rung = told
             live.update(render(view, console.width, console.height, ascii_only), refresh=True)
             if view.state in ("ended", "cut off"):
                 break
