@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from shockrig.analysis.characterization.budget import budgets, diffusivity_at
+from shockrig.analysis.characterization.budget import budgets, diffusivity_at, mean_diffusivity
 from shockrig.analysis.characterization.characterize import characterize
 from shockrig.analysis.characterization.history import Observation, chart, observed
 from shockrig.files.campaign import read_campaign
@@ -27,7 +27,8 @@ from shockrig.rig.virtual.plans import standard_plan
 from shockrig.rig.virtual.truth import draw_truth
 
 HIGHER = 1.02
-FIGURES = ("alpha", "D", "t63")
+FIGURES = ("alpha", "D", "mean D", "t63")
+FILM = ("D", "mean D")
 DRAWS = 500
 LONG, BEFORE = 12, 6
 
@@ -41,7 +42,8 @@ def recorded(seed: int, number: int, factor: float) -> dict[str, object]:
         campaign = read_campaign(simulate_campaign(truth, standard_plan(), rng, Path(folder) / "c"))
     result = characterize(campaign, number)
     alpha, t63, _ = budgets(result.temperature)
-    made = {"alpha": alpha, "t63": t63, "D": diffusivity_at(result.humidity, 20.0)}
+    film = result.humidity
+    made = {"alpha": alpha, "t63": t63, "D": diffusivity_at(film, 20.0), "mean D": mean_diffusivity(film)[0]}
     own = {name: asdict(observed(budget, f"{number:03d}", "", "same")) for name, budget in made.items()}
     return {"seed": seed, "number": number, "factor": factor, "figures": own}
 
@@ -66,7 +68,7 @@ def rates(lines: list[dict], rng: np.random.Generator) -> str:
     for seed in sorted({line["seed"] for line in lines}):
         same = [line for line in lines if line["seed"] == seed and line["factor"] == 1.0]
         other = [line for line in lines if line["seed"] == seed and line["factor"] != 1.0]
-        for name in ("alpha", "D"):
+        for name in ("alpha", "D", "mean D"):
             logs = np.log([of(line, name).value for line in same])
             own = (logs - logs.mean()) / [of(line, name).random for line in same]
             z += (own * np.sqrt(len(same) / (len(same) - 1))).tolist()
@@ -77,10 +79,11 @@ def rates(lines: list[dict], rng: np.random.Generator) -> str:
             alarms, whole = alarms + alarm, whole + 1
             ever += alarm or any(any(changed(history[:n]).values()) for n in range(2, LONG))
             later = [other[i] for i in rng.permutation(len(other))[:2]]
-            one = changed([*history[:BEFORE], later[0]], ("D",))["D"]
-            two = changed([*history[:BEFORE], *later], ("D",))["D"]
-            seen_one, seen_two = seen_one + bool(one), seen_two + bool(one or two)
-            right_place, trials = right_place + (BEFORE in (*one, *two)), trials + 1
+            one = changed([*history[:BEFORE], later[0]], FILM)
+            two = changed([*history[:BEFORE], *later], FILM)
+            seen_one, seen_two = seen_one + any(one.values()), seen_two + (any(one.values()) or any(two.values()))
+            places = {place for found in (one, two) for each in found.values() for place in each}
+            right_place, trials = right_place + (BEFORE in places), trials + 1
     worlds = len({line["seed"] for line in lines})
     return "\n".join(
         [

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from small_worlds import small_plan
 
-from shockrig.analysis.characterization.budget import diffusivity_at
+from shockrig.analysis.characterization.budget import diffusivity_at, mean_diffusivity
 from shockrig.analysis.characterization.characterize import characterize
 from shockrig.analysis.characterization.history import FALSE_ALARMS, Observation, chart
 from shockrig.files.campaign import read_campaign
@@ -97,6 +97,11 @@ def test_d_at_20_degrees_is_read_between_the_ambients(shelf):
     assert budget.value == pytest.approx(row.diffusivity_m2_s, rel=0.05 * abs(row.ambient_c - 20.0) + 1e-9)
     assert budget.standard_uncertainty == pytest.approx(row.standard_uncertainty, rel=0.2)
     assert diffusivity_at(result, 75.0) is None
+    mean, over = mean_diffusivity(result)
+    true = np.exp(np.mean(np.log([float(truth.diffusivity_m2_s(t)) for t in over])))
+    assert abs(mean.value / true - 1) < 4 * mean.standard_uncertainty / mean.value
+    # Over all ambients the runs' own scatter averages out.
+    assert mean.random / mean.value < 0.95 * budget.random / budget.value
 
 
 def test_the_command_says_what_changed_and_since_when(shelf, tmp_path, capsys):
@@ -115,7 +120,11 @@ def test_the_command_says_what_changed_and_since_when(shelf, tmp_path, capsys):
     assert abs(change["relative"] - 0.1) < 4 * change["standard_uncertainty"]
     page = (tmp_path / "out" / "history.html").read_text()
     assert "c2 was the last before" in page
-    assert len(list((tmp_path / "out").glob("chart_*.png"))) == 3
+    assert len(list((tmp_path / "out").glob("chart_*.png"))) == 4
+    (mean,) = (one for one in content["charts"] if "mean of" in one["figure"])
+    (change,) = mean["changes"]
+    assert change["since"] == "c3"
+    assert abs(change["relative"] - 0.1) < 4 * change["standard_uncertainty"]
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from scipy.special import stdtrit
 
 from shockrig.analysis.characterization.response_times import USUAL, Air, response_slopes
 from shockrig.analysis.characterization.result import ChannelResult, Part
-from shockrig.analysis.characterization.shifts import airflow_exponent, knows_airflow, shifts
+from shockrig.analysis.characterization.shifts import airflow_exponent, knows_airflow, shifts, temperature_slopes
 from shockrig.analysis.inference.channel import AMBIENT_WIDTH_K, Channel
 from shockrig.analysis.inference.common import LEAST_TRIGGER_OFFSET_S, TRIGGER
 from shockrig.analysis.inference.noise import Noise
@@ -182,6 +182,23 @@ def diffusivity_at(result: ChannelResult, temperature_c: float) -> Budget | None
         figures = [(channel.quantity.symbol, "m²/s", value, value * weights)]
         return _budgets(part, result.noise, figures, stated_air)[0]
     return None
+
+
+def mean_diffusivity(result: ChannelResult) -> tuple[Budget, tuple[float, ...]] | None:
+    """Budget of the geometric mean of D over the ambients that were fitted together, each brought to its whole degree,
+    and these; None where there is one ambient alone. What all of a film's D share shows in it most clearly."""
+    part = max(result.parts, key=lambda one: one.channel.rates)
+    channel, found = part.channel, part.fit
+    if channel.quantity.pooled or channel.rates < 2:
+        return None
+    wholes = np.rint(channel.ambients_c)
+    logs = found.log_rates + temperature_slopes(found) * (wholes - channel.ambients_c)
+    value = float(np.exp(logs.mean()) * channel.length_m**2)
+    slope = np.zeros(found.theta.size)
+    slope[found.model.rates] = value / channel.rates
+    air = replace(_stated(channel, 0, Air()), temperature_c=float(wholes.mean()))
+    whole = _budgets(part, result.noise, [(channel.quantity.symbol, "m²/s", value, slope)], air)[0]
+    return whole, tuple(sorted(float(t) for t in wholes))
 
 
 def _of_ambient(part: Part, noise: Noise, ambient: int, diffusivity: float, air: Air) -> list[Budget]:

@@ -22,7 +22,7 @@ from shockrig.analysis.characterization.budget import Budget
 Array = NDArray[np.float64]
 
 FALSE_ALARMS = 0.01  # of histories in which anything may be said to have changed that has not
-FIGURES = 3  # that are looked at together: alpha, D(20 degC), t63
+FIGURES = 4  # that are looked at together: alpha, D(20 degC), D over all ambients, t63
 LIMIT = 3.0  # standard uncertainties of a control chart's limits (Shewhart)
 LEAST_DEGREES = 4.0
 ALIKE = 0.01  # probability below which stated uncertainties are not of one size

@@ -111,7 +111,7 @@ def _bench(campaign: Campaign) -> str:
 
 
 def _charts(campaigns: Sequence[Campaign], args: argparse.Namespace, say: Any) -> list[Chart]:
-    from shockrig.analysis.characterization.budget import budgets, diffusivity_at
+    from shockrig.analysis.characterization.budget import budgets, diffusivity_at, mean_diffusivity
     from shockrig.analysis.characterization.certified import with_common
     from shockrig.analysis.characterization.characterize import characterize
     from shockrig.analysis.characterization.extension import read_extension
@@ -143,6 +143,10 @@ def _charts(campaigns: Sequence[Campaign], args: argparse.Namespace, say: Any) -
             found += [("alpha", serials["imet"], alpha), ("t63", serials["imet"], t63)]
         if result.humidity is not None and "hyt" in wanted and (at := diffusivity_at(result.humidity, AT_C)):
             found.append((f"D({AT_C:g} °C)", serials["hyt"], at))
+        if result.humidity is not None and "hyt" in wanted and (mean := mean_diffusivity(result.humidity)):
+            # Campaigns with other ambients are another chart.
+            over = ", ".join(f"{t + 0.0:g}" for t in mean[1])
+            found.append((f"D, mean of {over} °C", serials["hyt"], mean[0]))
         for figure, serial, budget in found:
             one = observed(budget, campaign.name, _began_at(campaign), _bench(campaign))
             series.setdefault((figure, serial, budget.unit), []).append(one)
