@@ -25,12 +25,13 @@ def fine_width(samples: Samples, resolution: float) -> float:
     """Widest bin, as a share of the response's own time, in which readings (times, values) of runs may be averaged.
 
     A response of time tau bends by step w^2 / (24 tau^2) within a bin of width w, in all R runs alike: that is to stay
-    at a tenth of what the noise of the runs together leaves.
+    at a fifth of what the noise of the runs together leaves.
     """
-    spread = [1.4826 * np.median(np.abs(np.diff(y[t > 0.6 * t[-1]]))) / np.sqrt(2.0) for t, y in samples]
+    # A mean square, not a median: rounded readings mostly repeat the one before.
+    spread = [np.sqrt(0.5 * np.mean(np.square(np.diff(y[t > 0.6 * t[-1]])))) for t, y in samples]
     noise = max(float(np.median(spread)), resolution / np.sqrt(12.0))
     step = max(float(np.median([np.ptp(y) for _, y in samples])), noise)
-    return float(np.clip(1.44 * np.sqrt(2.4 * noise / (step * np.sqrt(len(samples)))), *FINE))
+    return float(np.clip(1.44 * np.sqrt(4.8 * noise / (step * np.sqrt(len(samples)))), *FINE))
 
 
 def edges_after_transfer(
