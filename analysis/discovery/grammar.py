@@ -13,6 +13,7 @@ from shockrig.analysis.inference.channel import Channel
 Array = NDArray[np.float64]
 
 LEAST_RUNS = 8  # fewer say nothing of conditions that were held out
+MOST_RUNS = 250  # more take too much memory at once
 AIRFLOWS, STEPS = 1.2, 1.5  # ratios from which on a factor has varied
 AMBIENTS_K, LEVELS_PERCENT, PRESSURES = 3.0, 10.0, 0.03
 PERIODS = 28  # that are tried, from a second to the length of a run
@@ -64,9 +65,9 @@ def scaling_factors(form: Form, channel: Channel) -> list[Factor]:
 
 
 def forms(channel: Channel) -> Iterator[Form]:
-    """All forms that the channel's runs could show; none where a record is driven all along."""
+    """All forms that the channel's runs could show; none where a record is driven all along, or runs are too many."""
     c = channel.conditions
-    if channel.measured.any() or channel.runs < LEAST_RUNS:
+    if channel.measured.any() or not LEAST_RUNS <= channel.runs <= MOST_RUNS:
         return
     for base in _bases(channel):
         if base.behaves_as != "rate_change" or base.depends_on:

@@ -87,7 +87,11 @@ def _flyable(extended: Profile, plain: Profile, notes: list[str]) -> tuple[Profi
         grounded = [e.effect for e in part.effects if e not in flown]
         if grounded:
             notes.append(f"Left on the bench: {', '.join(grounded)} ({channel}).")
-        parts[channel] = replace(part, effects=flown)
+        if part.discovered:
+            notes.append(
+                f"What was described of the {channel} sensor is not simulated here, so the crossing is without it."
+            )
+        parts[channel] = replace(part, effects=flown, discovered=())
     surface_c = 20.0
     if "humidity" in parts:
         ranges = [p.humidity.temperature_range_c for p in (extended, plain) if p.humidity is not None]
