@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from shockrig.analysis.planning.shock import Shock
     from shockrig.rig.bench import Bench
 
-TRANSFER_AT_MOST_S = 20.0
+TRANSFER_AT_MOST_S = 60.0  # a person may carry the probes; a stage has deadlines of its own
+SOAK_AT_MOST_S = 3600.0
 SOAK_SHARE = 6.0  # a record lasts some nine response times: a soak is looked at over one and a half of them
 SOAK_OVER_S = (12.0, 40.0)
 
@@ -31,7 +32,7 @@ def as_protocol(shocks: Sequence[Shock], continues: int, name: str, goals: str) 
 
     runs = []
     for number, shock in enumerate(shocks, continues + 1):
-        soak = Soak(over_s=soak_over_s(shock.dwell_s))
+        soak = Soak(over_s=soak_over_s(shock.dwell_s), at_most_s=SOAK_AT_MOST_S)
         carry = Transfer(TRANSFER_AT_MOST_S + (shock.transfer_s or 0.0))
         runs.append(
             PlannedRun(

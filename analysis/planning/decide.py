@@ -197,15 +197,19 @@ def _usual(campaign: Campaign | None, goals: Goals) -> Usual:
 def _first(campaign: Campaign | None, goals: Goals, found: Characterization | None, usual: Usual) -> list[Shock]:
     """The runs that a campaign begins with, as far as it lacks them: those that show a channel which none has shown."""
     middle = sorted(goals.ambients_c, key=lambda t: abs(t - USUAL_C))[0]
-    begin = [s for s in opening(middle, usual) if usual.allows(s)]
-    if campaign is None:
-        return begin
-    recorded = len(campaign.runs)
-    known = found.channels() if found is not None else {}
-    lacking = [name for name in goals.channels if name not in known]
-    if not lacking or recorded >= 2 * len(begin):
+    begin = {shock: _shown_by(shock) for shock in opening(middle, usual) if usual.allows(shock)}
+    there = [n for n, q in QUANTITIES.items() if campaign is None or q.sensor in campaign.sensors]
+    wanted = [name for name in there if goals.ties or name in goals.channels]
+    known = {} if found is None else found.channels()
+    lacking = [name for name in wanted if name not in known]
+    if campaign is not None and len(campaign.runs) >= 2 * len(begin):
         return []
-    return [s for s in begin if ("humidity" if s.isothermal else "temperature") in lacking]
+    return [shock for shock, channel in begin.items() if channel in lacking]
+
+
+def _shown_by(shock: Shock) -> ChannelName:
+    """The channel that a run of the opening is for."""
+    return "humidity" if shock.isothermal else "temperature"
 
 
 def _ended(state: Decision, goals: Goals, looks: Mapping[ChannelName, Look]) -> tuple[str, str] | None:
