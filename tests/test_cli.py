@@ -118,7 +118,7 @@ def test_bash_completes_commands_options_choices_and_files(capsys, tmp_path):
     (tmp_path / "flight.csv").write_text("")
     assert _completed(script, ["shockrig", "''"], tmp_path) >= set(COMMANDS)
     assert _completed(script, ["shockrig", "di"], tmp_path) == {"diagnose"}
-    assert _completed(script, ["shockrig", "correct", "--m"], tmp_path) == {"--method"}
+    assert _completed(script, ["shockrig", "correct", "--me"], tmp_path) == {"--method"}
     assert _completed(script, ["shockrig", "correct", "--method", "s"], tmp_path) == {"smoother"}
     assert _completed(script, ["shockrig", "correct", "fli"], tmp_path) == {"flight.csv"}
 

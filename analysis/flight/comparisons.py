@@ -22,6 +22,7 @@ LEAST_CLIMB_M = 40.0  # that both ways have in common
 LEAST_SPEED_M_S = 0.3
 SPEED_OVER_S = 5.0
 LAYERS = 60
+EDGE = 20  # one in so many layers is left out at either end
 BLOCKS = 8  # of layers, left out in turn (jackknife)
 SURE = 4.0  # standard errors from which a time scale counts as wrong
 BEYOND = 2.5  # times what the profile states
@@ -57,14 +58,16 @@ def up_and_down(flight: Flight, channel: Channel) -> UpAndDown | None:
         return None
     edges = np.linspace(low, high, LAYERS + 1)
     reading = channel.value - channel.lag
-    means = np.array(
-        [[_layers(height[way], v[way], edges) for v in (channel.value, reading, channel.lag)] for way in ways]
-    )
-    down_less_up = means[1] - means[0]
-    known = np.isfinite(down_less_up).all(axis=0)
+    columns = (height, channel.value, reading, channel.lag)
+    means = np.array([[_layers(height[way], v[way], edges) for v in columns] for way in ways])
+    known = np.isfinite(means).all(axis=(0, 1))
+    known[: LAYERS // EDGE] = known[-LAYERS // EDGE :] = False  # where the flight begins, and where it turns
     if np.count_nonzero(known) < LAYERS // 2:
         return None
-    corrected, read, lag = down_less_up[:, known]
+    # samples of the two ways do not lie at the same heights within a layer
+    at = means[:, 0, known].mean(axis=0)
+    level = [[np.interp(at, way[0, known], values) for values in way[1:, known]] for way in means]
+    corrected, read, lag = np.array(level[1]) - np.array(level[0])
     slower, error = _slope(lag, corrected)
     size = [float(np.sqrt(np.mean(v**2))) for v in (read, corrected)]
     return UpAndDown(int(known.sum()), low, high, size[0], size[1], -slower, error)
