@@ -20,6 +20,7 @@ COARSE = 2.0  # times the noise: finer steps are noise like any other
 ROUNDS = 4
 DAMPING = 0.7
 SHARPEST = 0.1  # of a step
+REACH = 2.0  # times the noise
 VAGUE = 1e4  # a reading's variance is at most so many times its step's square
 
 
@@ -42,8 +43,10 @@ def propagated(
         # no reading says more than its noise lets it
         finest = 1.0 / (noise[seen] ** 2 + (SHARPEST * step[seen]) ** 2)
         new = np.clip(1.0 / tilted_variance - others, 1.0 / (VAGUE * step[seen] ** 2), finest)
-        tilted_variance = 1.0 / (new + others)
-        new_shift = tilted / tilted_variance - others * mean
+        # nor does it pull from farther than where it could have come from, however far the others are
+        reach = 0.5 * step[seen] + REACH * noise[seen]
+        centre = tilted + others / new * (tilted - mean)
+        new_shift = new * np.clip(centre, values[seen] - reach, values[seen] + reach)
         precision = (1 - DAMPING) * precision + DAMPING * new
         shift = (1 - DAMPING) * shift + DAMPING * new_shift
         site_variance[seen], site[seen] = 1.0 / precision, shift / precision
