@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 PIECE = 84  # samples in a piece of plateau where it is that long: long against the noise's memory
 SHORTEST_PIECE = 10
 MAX_AVERAGED = 24
+BENT_IN_AIR = 4  # order of the polynomial that a piece of a driven response is taken for
+LONGEST_MEMORY = 0.995  # from one sample to the next
 LEAST_WHITE = 0.01  # share of the correlated part's variance that is white at the least
 # (ln of total over observed variance, logit of the correlated share, logit of the memory) for a quick look
 QUICK = tuple((x, s, m) for x in (-0.3, 0.0, 0.4) for s, m in ((-5.0, 0.0), (0.0, 2.0)))
@@ -184,10 +186,15 @@ def estimate_noise(
     early, late = plateau_pieces(channel)
     piece = early.shape[1]
     # Before the transfer the reading rests; after it the end of the transient may still bend a little.
+    bent, longest = 2, LONGEST_MEMORY
     if coarse:
         pools = [_pool(early, 0, reject=False)] if early.size else []
     else:
-        pools = [p for p in (_pool(early, 0), _pool(late, 2)) if p.count]
+        # A sensor that a measured air drives is hardly ever at rest: what still bends is no noise of a long memory, and
+        # a memory as long as such bends could not be told from them.
+        if channel.measured.any():
+            bent, longest = BENT_IN_AIR, float(np.exp(-(BENT_IN_AIR + 1) / piece))
+        pools = [p for p in (_pool(early, 0), _pool(late, bent)) if p.count]
     count = sum(p.count for p in pools)
     if count < 3:
         return _crude(channel, rounding if coarse else 0.0)
@@ -201,7 +208,7 @@ def estimate_noise(
     extra = max(rounding**2 / 12.0, 1e-3 * scale)
 
     def parts(x: Array, averaged: int) -> tuple[float, float, float]:
-        total, share, memory = scale * averaged * np.exp(x[0]), _logistic(x[1]), 0.995 * _logistic(x[2])
+        total, share, memory = scale * averaged * np.exp(x[0]), _logistic(x[1]), longest * _logistic(x[2])
         return (1 - share) * total, share * total, memory
 
     def deviance(x: Array, averaged: int) -> float:
