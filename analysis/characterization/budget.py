@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from shockrig.analysis.characterization.response_times import USUAL, Air, response_slopes
-from shockrig.analysis.characterization.result import ChannelResult, Part
+from shockrig.analysis.characterization.result import ChannelResult, Part, Row
 from shockrig.analysis.characterization.shifts import airflow_exponent, knows_airflow, shifts, temperature_slopes
 from shockrig.analysis.inference.channel import AMBIENT_WIDTH_K, Channel
 from shockrig.analysis.inference.common import LEAST_TRIGGER_OFFSET_S, TRIGGER
@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 
 COVERAGE = 0.9545  # two standard deviations of a normal distribution
 LEAST_SHARE = 1e-9  # of the variance: a smaller line is none
+NO_DIFFERENCE = 1e-6  # of a variance, between two ways to the same number
 COMMON_LINES = {
     "air_temperature_k": ("reference thermometer, all runs alike", "K"),
     "air_humidity_percent": ("reference hygrometer, all runs alike", "%RH"),
@@ -155,7 +156,7 @@ def budgets(result: ChannelResult, air: Air | None = None) -> list[Budget]:
     for row in result.rows:
         part = next(part for part in result.parts if row.runs[0] in part.channel.run_ids)
         ambient = int(np.argmin(np.abs(part.channel.ambients_c - row.ambient_c)))
-        found += _of_ambient(part, result.noise, ambient, row.diffusivity_m2_s, air or Air())
+        found += _of_ambient(part, result.noise, ambient, row, air or Air())
     return found
 
 
@@ -180,7 +181,7 @@ def diffusivity_at(result: ChannelResult, temperature_c: float) -> Budget | None
         value = float(np.exp(weights @ found.theta) * channel.length_m**2)
         stated_air = replace(_stated(channel, 0, Air()), temperature_c=temperature_c)
         figures = [(channel.quantity.symbol, "m²/s", value, value * weights)]
-        return _budgets(part, result.noise, figures, stated_air)[0]
+        return _budgets(part, result.noise, figures, stated_air, _apart_at_most(result, part))[0]
     return None
 
 
@@ -197,22 +198,41 @@ def mean_diffusivity(result: ChannelResult) -> tuple[Budget, tuple[float, ...]] 
     slope = np.zeros(found.theta.size)
     slope[found.model.rates] = value / channel.rates
     air = replace(_stated(channel, 0, Air()), temperature_c=float(wholes.mean()))
-    whole = _budgets(part, result.noise, [(channel.quantity.symbol, "m²/s", value, slope)], air)[0]
+    figure = (channel.quantity.symbol, "m²/s", value, slope)
+    whole = _budgets(part, result.noise, [figure], air, _apart_at_most(result, part))[0]
     return whole, tuple(sorted(float(t) for t in wholes))
 
 
-def _of_ambient(part: Part, noise: Noise, ambient: int, diffusivity: float, air: Air) -> list[Budget]:
+def _of_ambient(part: Part, noise: Noise, ambient: int, row: Row, air: Air) -> list[Budget]:
     channel, theta = part.channel, part.fit.theta
     stated = _stated(channel, ambient, air)
     times, slopes = response_slopes(channel, part.fit, ambient, stated)
     of_rate = np.zeros(theta.size)
-    of_rate[ambient] = diffusivity
-    figures = [(channel.quantity.symbol, "m²/s", diffusivity, of_rate)]
+    of_rate[ambient] = row.diffusivity_m2_s
+    figures = [(channel.quantity.symbol, "m²/s", row.diffusivity_m2_s, of_rate)]
     figures += [(name, "s", float(times[i]), slopes[i]) for i, name in enumerate(("t63", "t90"))]
-    return _budgets(part, noise, figures, stated)
+    return _budgets(part, noise, figures, stated, _apart(part, noise, ambient, row))
 
 
-def _budgets(part: Part, noise: Noise, figures: list[tuple[str, str, float, Array]], stated: Air) -> list[Budget]:
+def _apart(part: Part, noise: Noise, ambient: int, row: Row) -> float:
+    """By how much, relatively, runs that the model misses are apart: what of a row's uncertainty no input explains."""
+    slope = np.zeros(part.fit.theta.size)
+    slope[ambient] = 1.0
+    told = part.enlarged(noise) ** 2 * sum(source.line(slope).contribution ** 2 for source in _sources(part, noise))
+    whole = (row.standard_uncertainty / row.diffusivity_m2_s) ** 2
+    return math.sqrt(whole - told) if whole - told > NO_DIFFERENCE * whole else 0.0
+
+
+def _apart_at_most(result: ChannelResult, part: Part) -> float:
+    """The largest of the part's ambients."""
+    rows = [row for row in result.rows if row.runs[0] in part.channel.run_ids]
+    places = [int(np.argmin(np.abs(part.channel.ambients_c - row.ambient_c))) for row in rows]
+    return max((_apart(part, result.noise, g, row) for g, row in zip(places, rows, strict=True)), default=0.0)
+
+
+def _budgets(
+    part: Part, noise: Noise, figures: list[tuple[str, str, float, Array]], stated: Air, apart: float
+) -> list[Budget]:
     """Budgets of figures, each as its name, unit, value, and by how much theta moves it (P,)."""
     channel, made = part.channel, []
     sources, misfit = _sources(part, noise), part.enlarged(noise)
@@ -224,6 +244,8 @@ def _budgets(part: Part, noise: Noise, figures: list[tuple[str, str, float, Arra
             variance += lines[-1].contribution ** 2
         if misfit > 1.0:
             lines.append(_misfit_line(misfit, math.sqrt(variance), channel.runs))
+        if apart > 0.0:
+            lines.append(Line("disagreement of the runs", "A", "normal", apart, "1", value, max(channel.runs - 1, 1)))
         kept = [line for line in lines if line.contribution**2 > LEAST_SHARE * variance]
         kept.sort(key=lambda line: -line.contribution)
         made.append(Budget(figure, channel.name, unit, value, stated, tuple(kept)))
