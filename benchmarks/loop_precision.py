@@ -3,7 +3,7 @@
 In each rough world the standard campaign is recorded first; its standard uncertainties are the goals of a campaign that
 chooses its own runs on the same bench. Kept: minutes of both, the errors at the stop in standard uncertainties, and
 what each run was expected to bring beside what it brought; beside these the standard campaign cut off at the same
-minutes, random runs of the menu, and repeats.
+minutes.
 
     python benchmarks/loop_precision.py --seeds 2 --out benchmarks/results/loop_precision.jsonl
     python benchmarks/loop_precision.py --nothing --seeds 5 --out benchmarks/results/loop_nothing.jsonl

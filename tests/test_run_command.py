@@ -189,6 +189,8 @@ ARGUMENTS = {
     "scan": [],
     "slips": [],
     "export": ["c"],
+    "certify": ["c"],
+    "history": ["c"],
 }
 
 
