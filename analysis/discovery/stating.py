@@ -156,8 +156,8 @@ def _where(problem: Problem, worse: np.ndarray) -> str:
     c, there = problem.channel.conditions, varied(problem.channel)
     up = problem.channel.quantity.step(c) > 0
     groups = {
-        "airflow": ("at {:.2g} m/s", np.round(c.airflow_m_s, 1)),
-        "ambient": ("at {:.0f} degC", np.round(c.destination_c)),
+        "airflow": ("at {:.2g} m/s", np.round(c.airflow_m_s, 1) + 0.0),
+        "ambient": ("at {:.0f} degC", np.round(c.destination_c) + 0.0),
         "direction": ("in steps {}", np.where(up, 1.0, 0.0)),
     }
     total = float(((worse - worse.mean()) ** 2).sum())

@@ -228,9 +228,18 @@ def with_values(stated: Discovered, effect: Effect, values: Mapping[str, tuple[f
     )
 
 
+def _in_phase(values: Mapping[str, tuple[float, float]]) -> Mapping[str, tuple[float, float]]:
+    """A swing's values with a positive size and a phase within half a turn; others as they are."""
+    if "phase_rad" not in values or "size" not in values:
+        return values
+    (size, of_size), (phase, of_phase) = values["size"], values["phase_rad"]
+    phase = phase + (math.pi if size < 0 else 0.0)
+    return {**values, "size": (abs(size), of_size), "phase_rad": (math.remainder(phase, 2.0 * math.pi), of_phase)}
+
+
 def discovered_of(effect: Effect, values: Mapping[str, tuple[float, float]]) -> Discovered:
     """A described effect with its values (value, standard uncertainty) as a file states it."""
-    form = form_of(effect.id)
+    form, values = form_of(effect.id), _in_phase(values)
 
     def uncertain(name: str) -> Uncertain | None:
         if name not in values:
