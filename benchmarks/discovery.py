@@ -177,7 +177,9 @@ def scored(result: dict) -> dict[str, object]:
             key = NUMBERS.get((effect, name))
             value = _number(one, key) if key else None
             if value is not None and one["behaves_as"] != "added_rate":
-                off.append((key, value / true - 1.0))
+                # A swing of the other sign is the same half a turn on.
+                ratio = abs(value / true) if one["behaves_as"] == "periodic" else value / true
+                off.append((key, ratio - 1.0))
         score["numbers"] = off
     return score
 
