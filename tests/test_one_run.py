@@ -50,3 +50,12 @@ def test_runs_that_disagree_make_no_better_mean(tmp_path):
     row = characterize(read_campaign(tmp_path / "campaign"), 0).temperature.rows[0]
     assert row.response.standard_uncertainties_s[0] > 0.08 * row.response.t63_s
     assert row.standard_uncertainty > 0.08 * row.diffusivity_m2_s
+
+
+def test_a_run_without_a_step_predicts_no_other(tmp_path):
+    """What was fitted to the run that hardly steps knows no rate: its errors on the other are not the model's."""
+    plan = (*PLAN, Transfer(42.0, 42.03, 20.0, 80.0))
+    record(Bench("temperature", make_body("sphere", 3.0), Approach(), LOGGER, plan, Written()), 11, tmp_path / "c")
+    found = diagnose(read_campaign(tmp_path / "c")).channels[0]
+    assert found.verdict == "adequate" and found.problem.channel.runs == 2
+    assert np.isfinite(found.gain.run_before).sum() == 1 and found.gain.before < 2 * found.gain.noise_floor

@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 
 FOLDS = 3
 USUAL_SPREAD, USUAL_DEGREES = 0.5, 3  # of gains from run to run, relative, before any run has told
+UNTOLD = 0.2  # standard uncertainty of ln rate from which a training part predicts nothing
 CONFIDENCE = 0.975  # one-sided, of what is called a gain
 LIKELY = 0.7  # likewise, of what unseen runs do not speak against
 
@@ -110,6 +111,11 @@ def measure_gain(
             continue
         part = problem.select(train)
         simple, same = (fit(part, f.structure, f.theta, f.deviations[train]) for f in (plain, final))
+        # Nor is one that the training part has runs of, and does not tell.
+        told = np.sqrt(np.diag(simple.covariance))[: channel.rates] < UNTOLD
+        test = test[told[channel.ambient[test]]]
+        if not test.size:
+            continue
         extended, one_less = same, dict[str, Fit]()
         if added:
             extended, one_less = reconsider(part, base, same)
