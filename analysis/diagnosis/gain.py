@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 
 FOLDS = 3
 USUAL_SPREAD, USUAL_DEGREES = 0.5, 3  # of gains from run to run, relative, before any run has told
+USUAL_LOSS = 5.0  # by how much fewer runs tell less than all
 UNTOLD = 0.2  # standard uncertainty of ln rate from which a training part predicts nothing
 CONFIDENCE = 0.975  # one-sided, of what is called a gain
 LIKELY = 0.7  # likewise, of what unseen runs do not speak against
@@ -111,8 +112,9 @@ def measure_gain(
             continue
         part = problem.select(train)
         simple, same = (fit(part, f.structure, f.theta, f.deviations[train]) for f in (plain, final))
-        # Nor is one that the training part has runs of, and does not tell.
-        told = np.sqrt(np.diag(simple.covariance))[: channel.rates] < UNTOLD
+        # Nor is one that the training part has runs of and does not tell, while all runs together do.
+        told, known = (np.sqrt(np.diag(f.covariance))[: channel.rates] for f in (simple, plain))
+        told = told < np.maximum(UNTOLD, USUAL_LOSS * known)
         test = test[told[channel.ambient[test]]]
         if not test.size:
             continue
