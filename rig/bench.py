@@ -92,8 +92,9 @@ class Bench:
             except OSError as error:
                 own = isinstance(error, RigError)  # says the remedy itself
                 remedy = "" if own else REMEDIES.get(error.errno or 0, "check cable and supply")
-                code = None if own else error.errno  # pyserial's own words name the port and the error twice
-                cause = os.strerror(code) if code else error.strerror or str(error)
+                cause = error.strerror or str(error)
+                if error.errno and "[Errno" in cause:  # pyserial's own words name the port and the error twice
+                    cause = os.strerror(error.errno)
                 faults.append(ConnectionFault(self.devices.get(name, name), cause, remedy))
         if faults:
             raise ConnectionFaults(faults)

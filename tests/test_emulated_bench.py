@@ -119,6 +119,7 @@ def seen_by_both(shell, terminal, folder, in_terminal, in_browser):
             timeout=120,
             env=plain,
         ).stdout
-        assert "<title>campaign - recording</title>" in shown and "quick on found by scan" in shown
+        assert "campaign - recording</title>" in shown, shown[:3000]
+        assert "quick on found by scan" in shown
         assert "hyt" in shown and "imet" in shown
     wait_for(lambda: "recording" in terminal.text() and "good/s" in terminal.text())

@@ -65,11 +65,11 @@ def humidity_reading(
         uptake_ppmv_s = (bodies.film_ppmv - bodies.warming_ppmv) / SORPTION_HEAT_S
         at_c = at_c + p["kelvin_s_per_percent"] * humidity_percent(uptake_ppmv_s, e.destination_c, e.pressure_hpa)
     reading = humidity_percent(vapour, at_c, e.pressure_hpa)
-    if p := truth.effect("calibration_temperature"):
-        reading = reading + p["percent_per_k"] * (bodies.die_c - 20.0)
     if p := truth.effect("hysteresis"):
         change = np.tanh((reading - e.source_percent) / HYSTERESIS_WIDTH_PERCENT)
         reading = reading - exposure.shock * p["rh_percent"] * change
+    if p := truth.effect("calibration_temperature"):
+        reading = reading + p["percent_per_k"] * (bodies.die_c - 20.0)
     reading = _common(truth, RH, exposure, reading, since_s)
     if p := truth.effect("saturation_clipping"):
         reading = np.minimum(reading, p["limit_percent"])
