@@ -17,6 +17,8 @@ from shockrig.analysis.inference.noise import Noise
 from shockrig.analysis.inference.problem import Problem
 from shockrig.files.diagnosis_data import Discovered
 
+HALF = 0.5  # of what unseen runs show above the noise: what a description that does not end it must account for
+
 
 @dataclass(frozen=True)
 class Description:
@@ -66,6 +68,9 @@ def describe_rest(
         return None
     adequacy = left(found.fit)
     remainder = measure_remainder(problem, found.fit, noise, adequacy, reached, tolerance)
+    before, after, floor = (x**2 for x in (gain.after, reached.after, reached.noise_floor))
+    if remainder.significant and remainder.material and before - after < HALF * (before - floor):
+        return None  # what leaves most of it describes something else
     share = reached.explained_fraction if len(found.effects) == 1 and not named.structure.ids else None
     discovered = stated(problem, found)
     if share is not None:
