@@ -4,6 +4,7 @@ spectrum with known relaxation times, hidden behaviours found again, and a descr
 import json
 import pickle
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from shockrig.analysis.characterization.extension import extension_of
 from shockrig.analysis.diagnosis.adequacy import judge
 from shockrig.analysis.diagnosis.prepare import prepare
 from shockrig.analysis.diagnosis.search import plain_fit
+from shockrig.analysis.discovery import race
 from shockrig.analysis.discovery.conditions import Condition, Judged, held_out
 from shockrig.analysis.discovery.discover import discover
 from shockrig.analysis.discovery.grammar import forms
@@ -27,6 +29,7 @@ from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.profile_effects import unseen
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.model import Model, Point, Structure
+from shockrig.analysis.inference.work import Work
 from shockrig.files.flight import Flight
 from shockrig.files.profile import Profile, TemperatureProfile, Uncertain, profile_document, profile_from_document
 from shockrig.rig.virtual.plans import standard_plan
@@ -127,6 +130,23 @@ def test_a_rate_that_moves_with_the_ambient_is_described(warm_rates):
     assert one.seen_over["airflow_m_s"] == (2.5, 12.0)
     judged = found.effects[0].judged
     assert judged.holds and all(c.saved > -6.0 for c in judged.conditions)
+
+
+@pytest.mark.parametrize("limit", [1, 12])
+def test_a_search_for_a_description_has_an_end(warm_rates, monkeypatch, limit):
+    """What it has reached by its limit is judged, and never called certain, since not all others were tried."""
+    ready, near, whole = warm_rates
+    made: list[int] = []
+    for counted in (race.fit, race.go_on):
+        again = partial(lambda own, *a: made.append(1) or own(*a), counted)
+        monkeypatch.setattr(race, counted.__name__, again)
+    work = Work(limit)
+    found = discover(ready.problem, near, lambda fit: judge(ready.problem, fit, ready.noise), work)
+    assert work.ended and len(made) == work.fits
+    # Of what was begun the leader is fitted to its end, without its factor and, at first, from up to three starts.
+    assert work.fits <= limit + 8
+    assert found is None or all(one.probability <= 0.5 for one in found.effects)
+    assert any(one.probability > 0.5 for one in whole.effects)
 
 
 def test_a_described_effect_is_extended_with_and_flown_within_what_was_seen(warm_rates):

@@ -2,14 +2,16 @@
 with fewer fits."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from shockrig.analysis.diagnosis import search as searching
-from shockrig.analysis.diagnosis.limits import ended_early
+from shockrig.analysis.diagnosis.limits import ended
 from shockrig.analysis.diagnosis.prepare import prepare
 from shockrig.analysis.inference.gather import build_channel
+from shockrig.analysis.inference.work import Work
 from shockrig.files.campaign import read_campaign
 from shockrig.protocols.cli import main
 from shockrig.rig.virtual.batch import simulate_campaign
@@ -68,8 +70,14 @@ def test_a_search_has_an_end(ready, cold, monkeypatch, limit):
         assert found.final.structure.ids == cold.final.structure.ids
 
 
-def test_a_diagnosis_says_that_its_search_has_ended_early():
-    assert "ended at its limit of work, after 3 steps" in ended_early(3)
+def test_a_diagnosis_says_which_of_its_searches_has_ended_early(cold):
+    work = Work(at_most=5)
+    assert ended(cold, work) == ()
+    (said,) = ended(replace(cold, at_limit=True), work)
+    assert f"ended at its limit of work, after {len(cold.moves)} steps ({cold.fits} fits)" in said
+    work.count(7)
+    (said,) = ended(cold, work)
+    assert "for a description ended at its limit of work, after 7 fits" in said
 
 
 def test_a_search_told_the_answer_fits_less(ready, cold, monkeypatch):
@@ -90,6 +98,8 @@ def test_the_command_takes_an_earlier_diagnosis_of_the_same_campaign_alone(campa
     assert main(["diagnose", str(campaign), "--out", str(second), "--from", str(first)]) == 0
     a, b = (json.loads((d / "diagnosis.json").read_text())["channels"]["temperature"] for d in (first, second))
     assert [c["effect"] for c in a["causes"]] == [c["effect"] for c in b["causes"]] == ["stem_conduction"]
+    assert not a["work"]["search"]["ended_early"] and b["work"]["search"]["fits"] < a["work"]["search"]["fits"] < 400
+    assert a["work"]["description"] == {"fits": 0, "ended_early": False}
     other = json.loads((first / "diagnosis.json").read_text()) | {"campaign": "another"}
     (tmp_path / "other.json").write_text(json.dumps(other))
     capsys.readouterr()

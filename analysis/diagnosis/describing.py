@@ -15,8 +15,11 @@ from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.fit import Fit
 from shockrig.analysis.inference.noise import Noise
 from shockrig.analysis.inference.problem import Problem
+from shockrig.analysis.inference.work import Work
 from shockrig.files.diagnosis_data import Discovered
 
+# Of the search for a description, beside named causes and without them together; an ordinary campaign takes a third.
+MOST_FITS = 1200
 HALF = 0.5  # of what unseen runs show above the noise: what a description that does not end it must account for
 
 
@@ -44,19 +47,20 @@ def describe_rest(
     named: Fit,
     gain: Gain,
     tolerance: Tolerance,
+    work: Work | None = None,
 ) -> Description | None:
     """Describe what the model `named` leaves, or what the plain one does where that takes less; None where nothing
     holds on conditions and runs that it was not fitted to.
 
-    `channel` is the channel as recorded, `gain` that of `named`.
+    `channel` is the channel as recorded, `gain` that of `named`; `work` says how many fits may be made.
     """
 
     def left(found: Fit) -> Adequacy:
         return judge(problem, found, noise)
 
-    found = discover(problem, named, left)
+    found = discover(problem, named, left, work)
     if named.structure.ids != plain.structure.ids and (found is None or not found.passed or len(found.effects) > 1):
-        other = discover(problem, plain, left)
+        other = discover(problem, plain, left, work)
         found = other if other is not None and _plainer(found, other) else found
     if found is None:
         return None

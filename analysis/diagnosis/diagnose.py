@@ -7,7 +7,7 @@ better with it: what is tried and does not help there is dropped, and said to ha
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import special
@@ -15,10 +15,10 @@ from scipy import special
 from shockrig.analysis.characterization.shifts import widened
 from shockrig.analysis.checks.checked import Checked, checked
 from shockrig.analysis.diagnosis.adequacy import Adequacy, describe, judge
-from shockrig.analysis.diagnosis.describing import Description, alternatives, describe_rest
+from shockrig.analysis.diagnosis.describing import MOST_FITS, Description, alternatives, describe_rest
 from shockrig.analysis.diagnosis.experiments import propose, unseen
 from shockrig.analysis.diagnosis.gain import Gain, measure_gain, plainly, run_errors, worse_without
-from shockrig.analysis.diagnosis.limits import cannot_tell, ended_early
+from shockrig.analysis.diagnosis.limits import cannot_tell, ended
 from shockrig.analysis.diagnosis.prepare import Prepared, likelier_average, prepare, with_rounding
 from shockrig.analysis.diagnosis.remainder import Remainder, Tolerance, measure_remainder
 from shockrig.analysis.diagnosis.search import Earlier, Search, at_bound, evidence, refit, refused, says_nothing, search
@@ -31,6 +31,7 @@ from shockrig.analysis.inference.gather import build_channel, usable_runs, why_n
 from shockrig.analysis.inference.noise import Noise
 from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
+from shockrig.analysis.inference.work import Work, cost_of_a_fit
 from shockrig.files.campaign import Campaign
 from shockrig.files.diagnosis import StatedDiagnosis
 from shockrig.files.diagnosis_data import Discovered
@@ -84,6 +85,7 @@ class ChannelDiagnosis:
     tried: tuple[Tried, ...] = ()
     discrepancy: dict[str, object] | None = None
     described: Description | None = None
+    work: Work = field(default_factory=Work)
 
     @property
     def discovered(self) -> tuple[Discovered, ...]:
@@ -135,11 +137,11 @@ def diagnose_channel(
     # What no other run has borne out tells of a shape and does not explain.
     untried = any(CATALOGUE[c.effect].shape for c in kept.causes) and not kept.gain.measured
     verdict = "unexplained" if spoilt or untried else "explained" if kept.causes else "adequate"
-    described = None
+    described, work = None, Work(MOST_FITS / cost_of_a_fit(ready.problem, ready.structure))
     if spoilt and describing:
         progress(f"{channel.name}: describing what no catalogued effect explains")
         described = describe_rest(
-            channel, ready.problem, ready.noise, found.plain, kept.final, kept.gain, tolerance or Tolerance()
+            channel, ready.problem, ready.noise, found.plain, kept.final, kept.gain, tolerance or Tolerance(), work
         )
     if described is not None:
         kept = _beside(kept, described)
@@ -162,10 +164,11 @@ def diagnose_channel(
         untestable=tuple(
             id_ for id_, effect in CATALOGUE.items() if channel.name in effect.channels and not effect.acts_in(channel)
         ),
-        cannot_tell=cannot_tell(channel) + ((ended_early(len(found.moves)),) if found.at_limit else ()),
+        cannot_tell=cannot_tell(channel) + ended(found, work),
         tried=kept.tried,
         discrepancy=describe(ready.problem, kept.final, ready.noise, adequacy) if left else None,
         described=described,
+        work=work,
     )
 
 

@@ -58,9 +58,19 @@ def _channel(channel: ChannelDiagnosis) -> StatedChannel:
             "untestable": channel.untestable,
             "correlations": {"parameters": names, "matrix": np.round(matrix, 4)},
             "cannot_tell": channel.cannot_tell,
+            "work": work_done(channel),
             "tried": [{"effect": tried.effect, "why_not": tried.why} for tried in channel.tried],
         },
     )
+
+
+def work_done(channel: ChannelDiagnosis) -> dict[str, Any]:
+    """Fits of each of the two searches, and whether it ended because it may make no more."""
+    found, work = channel.search, channel.work
+    return {
+        "search": {"fits": found.fits, "ended_early": found.at_limit},
+        "description": {"fits": work.fits, "ended_early": work.ended},
+    }
 
 
 def stated_cause(cause: Cause) -> StatedCause:

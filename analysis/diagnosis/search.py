@@ -21,6 +21,7 @@ from shockrig.analysis.inference.fit import Fit, fit, go_on
 from shockrig.analysis.inference.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.inference.scan import open_starts, rough_point, rough_rates, scanned_starts
+from shockrig.analysis.inference.work import cost_of_a_fit
 from shockrig.analysis.physics.bodies import BODIES
 
 Array = NDArray[np.float64]
@@ -39,8 +40,6 @@ SHARE_OF_RANGE = 0.98  # from which a share stands at the end of its range
 PLAINLY_WRONG = 3.0  # objective per bin from which a fit's deviations mean nothing
 MOST_FITS = 200  # of a search that adds effects: what it has reached by then is judged, the rest called unexplained
 IN_ALL = 2  # times as many, until every effect found was held against the others; one that was not is not kept
-DRIVEN_COST = 6
-AVERAGED_COST = 4.0  # readings in a mean from which on a fit costs the more the longer it is
 FINISHED = 3  # candidates that are carried to the end of their fits
 
 
@@ -86,6 +85,7 @@ class Search:
     final: Fit
     moves: tuple[Move, ...]
     standing: dict[str, Standing]
+    fits: int = 0
     at_limit: bool = False  # whether it ended because it had made as many fits as it may
 
 
@@ -524,12 +524,6 @@ def reconsider(problem: Problem, base: Structure, found: Fit) -> tuple[Fit, dict
     return looking.forward(current, 3)[0], without
 
 
-def _averaged(problem: Problem, base: Structure) -> float:
-    """Length of a running mean that has to be summed reading by reading."""
-    held = [value for e in base.effects if e.averages for value in base.held_values(e.id).values()]
-    return max(held, default=1.0) if problem.channel.jumps_with_air else 1.0
-
-
 def search(
     problem: Problem,
     base: Structure = PLAIN,
@@ -556,10 +550,8 @@ def search(
         What an earlier search of the same runs, or of some of them, ended with: this one begins there. Each of its
         effects has to earn its place as any other.
     """
-    # A record that is driven all along costs several times as much, and so does a long mean of RH.
-    cost = DRIVEN_COST if problem.channel.measured.any() else max(_averaged(problem, base) / AVERAGED_COST, 1.0)
     tried = candidates_of(problem.channel) if candidates is None else candidates
-    looking = Stepwise(problem, base, tried, MOST_FITS / cost)
+    looking = Stepwise(problem, base, tried, MOST_FITS / cost_of_a_fit(problem, base))
     plain = plain_fit(problem, base)
     current = looking.resumed(plain, earlier or {})
     standing: dict[str, Standing] = {}
@@ -585,4 +577,4 @@ def search(
             structure = current.structure.keeping(set(current.structure.ids) - untried)
             current = plain if structure.ids == base.ids else refit(problem, structure, current)
     at_limit = looking.fits >= looking.most_fits and len(looking.added(current)) < most
-    return Search(plain, current, tuple(looking.moves), standing, at_limit)
+    return Search(plain, current, tuple(looking.moves), standing, looking.fits, at_limit)

@@ -18,6 +18,7 @@ from shockrig.analysis.inference.effect import Effect
 from shockrig.analysis.inference.fit import Fit, fit
 from shockrig.analysis.inference.model import Model, Structure
 from shockrig.analysis.inference.problem import Problem
+from shockrig.analysis.inference.work import Work
 
 MOST = 2  # described effects on top of catalogued ones
 TIE = 6.0  # deviance within which descriptions do equally well: odds of twenty
@@ -26,6 +27,7 @@ TRIED_INSTEAD = 8  # descriptions that are put in another's place
 CERTAIN = 10.0  # multiple of what is left that a description must bring, where something is left
 CERTAIN_LEAST = 60.0
 MOST_CERTAIN = 0.97  # a description is no name: there may be forms that nobody wrote down
+UNTRIED = 0.5  # the most that is said of a description where not all others were tried
 AT_END = 1e-3  # of a range
 ANYTHING = 1.0  # uncertainty of a logarithm that says nothing
 
@@ -78,7 +80,7 @@ class Discovery:
     null: float
 
 
-def discover(problem: Problem, near: Fit, judge: Callable[[Fit], Left]) -> Discovery | None:
+def discover(problem: Problem, near: Fit, judge: Callable[[Fit], Left], work: Work | None = None) -> Discovery | None:
     """Describe what the fit `near` leaves; None where nothing that can be described is left.
 
     Parameters
@@ -88,11 +90,15 @@ def discover(problem: Problem, near: Fit, judge: Callable[[Fit], Left]) -> Disco
         The model with its named causes.
     judge : function
         The model-free tests of a fit.
+    work : Work, optional
+        How many fits it may make. What it has reached by then is held against its rivals and against conditions that
+        it was not fitted to all the same, some hundred fits more at most.
     """
+    work = Work() if work is None else work
     stages: list[tuple[Candidate, list[Candidate]]] = []
     current, left, null = near, judge(near), np.inf
-    while not left.passed and len(stages) < MOST:
-        found, chance = candidates(problem, current)
+    while not left.passed and len(stages) < MOST and not (stages and work.ended):
+        found, chance = candidates(problem, current, work)
         found = [one for one in found if says_something(one)]
         null = min(null, chance)
         if not found or _worth(current, found[0], chance) <= 0:
@@ -103,7 +109,7 @@ def discover(problem: Problem, near: Fit, judge: Callable[[Fit], Left]) -> Disco
     if not stages:
         return None
     if len(stages) > 1:  # beside one another forms may need less than each alone
-        stages, current = _less(problem, stages, current)
+        stages, current = _less(problem, stages, current, work)
         left = judge(current)
     described = []
     for place, (best, found) in enumerate(stages):
@@ -119,18 +125,20 @@ def discover(problem: Problem, near: Fit, judge: Callable[[Fit], Left]) -> Disco
         current = _refitted(problem, structure, current)
         left = judge(current)
         described = [replace(one, values=current.values()[one.effect.id]) for one in described]
+    if work.ended:  # forms that were not reached may do as well
+        described = [replace(one, probability=min(one.probability, UNTRIED)) for one in described]
     described.sort(key=lambda one: -one.necessity)
     return Discovery(current, near, tuple(described), left.passed, null)
 
 
 def _less(
-    problem: Problem, stages: list[tuple[Candidate, list[Candidate]]], current: Fit
+    problem: Problem, stages: list[tuple[Candidate, list[Candidate]]], current: Fit, work: Work
 ) -> tuple[list[tuple[Candidate, list[Candidate]]], Fit]:
     """The forms without factors that, beside one another, are not worth their numbers."""
     out = []
     for best, found in stages:
         now = Candidate(best.effect, current)
-        better = min(simpler(problem, now), key=lambda c: c.cost, default=now)
+        better = min(simpler(problem, now, work), key=lambda c: c.cost, default=now)
         if better.cost < now.cost:
             best, current = better, better.fit
         out.append((best, found))

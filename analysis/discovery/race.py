@@ -16,6 +16,7 @@ from shockrig.analysis.inference.effect import Effect
 from shockrig.analysis.inference.fit import Fit, fit, go_on
 from shockrig.analysis.inference.model import Model
 from shockrig.analysis.inference.problem import Problem
+from shockrig.analysis.inference.work import Work
 
 NUMBER = 6.0  # of deviance that each further number of a form must bring: odds of twenty
 FACTOR = 14.0  # of a number that says what a form depends on: the best of seven looks by chance
@@ -48,23 +49,31 @@ class Candidate:
         return self.fit.deviance + price(self.form, len(self.effect.parameters))
 
 
-def candidates(problem: Problem, near: Fit) -> tuple[list[Candidate], float]:
+def candidates(problem: Problem, near: Fit, work: Work | None = None) -> tuple[list[Candidate], float]:
     """Forms fitted on top of `near`, the best first, and the drop in deviance that the best of all reaches by chance.
 
-    None where no form scores more than that.
+    None where no form scores more than that. At the limit of `work` no further form is begun: those that score best
+    were begun first, and the one ahead is fitted to its end in any case.
     """
+    work = Work() if work is None else work
     scored, null = first_order(problem, near, forms(problem.channel))
     if not scored or scored[0].gain <= null:
         return [], null
-    running = [one for entry in _entered(scored, null) for one in _begun(problem, near, entry)]
+    running: list[Candidate] = []
+    for entry in _entered(scored, null):
+        if running and work.ended:
+            break
+        running += _begun(problem, near, entry)
+        work.count(len(entry.starts))
     if plainly_wrong(problem, near):
         # The way is long: whoever is ahead after a few steps need not be at its end.
-        running = [_further(problem, one) for one in _ahead(running, 2)]
+        running = [_further(problem, one, work) for one in _ahead(running, 2)]
     for _ in range(ROUNDS):
-        running = [_further(problem, one) for one in _ahead(running, 1)]
-    ended = _distinct([_ended(problem, one) for one in _distinct(running)[:LEADERS]])
-    fewer = [less for one in ended[:REFINED] for less in simpler(problem, one)]
-    refined = [more for one in _distinct([*ended, *fewer])[:REFINED] for more in _refined(problem, one)]
+        running = [_further(problem, one, work) for one in _ahead(running, 1)]
+    leaders = _distinct(running)[:LEADERS]
+    ended = _distinct([_ended(problem, one, work) for i, one in enumerate(leaders) if i == 0 or not work.ended])
+    fewer = [less for one in ended[:REFINED] for less in simpler(problem, one, work)]
+    refined = [more for one in _distinct([*ended, *fewer])[:REFINED] for more in _refined(problem, one, work)]
     return _distinct([*ended, *fewer, *refined]), null
 
 
@@ -76,7 +85,7 @@ def _entered(scored: Sequence[Scored], null: float) -> list[Scored]:
         group = taken.setdefault((form.behaves_as, form.driver), [])
         if entry.gain > null and (len(group) < EACH or not form.depends_on):
             group.append(entry)
-    return [entry for group in taken.values() for entry in group]
+    return sorted((entry for group in taken.values() for entry in group), key=lambda entry: -entry.gain)
 
 
 def plainly_wrong(problem: Problem, found: Fit) -> bool:
@@ -98,7 +107,10 @@ def _ahead(running: Sequence[Candidate], starts: int) -> list[Candidate]:
     return found
 
 
-def _further(problem: Problem, one: Candidate) -> Candidate:
+def _further(problem: Problem, one: Candidate, work: Work) -> Candidate:
+    if one.fit.converged or work.ended:
+        return one
+    work.count()
     return Candidate(one.effect, go_on(problem, one.fit, FURTHER))
 
 
@@ -115,15 +127,16 @@ def _begun(problem: Problem, near: Fit, entry: Scored) -> list[Candidate]:
     return found
 
 
-def _ended(problem: Problem, one: Candidate) -> Candidate:
+def _ended(problem: Problem, one: Candidate, work: Work) -> Candidate:
     structure, at_rest = one.fit.structure, problem.channel.at_rest()
+    work.count(2)
     ends = [fit(problem, structure, one.fit.theta, start, WHOLE) for start in (one.fit.deviations, at_rest)]
     return Candidate(one.effect, min(ends, key=lambda f: f.deviance))
 
 
-def _refined(problem: Problem, one: Candidate) -> list[Candidate]:
+def _refined(problem: Problem, one: Candidate, work: Work) -> list[Candidate]:
     """The same form depending on one factor more, where that is worth its number."""
-    if len(one.form.depends_on) > 1:
+    if len(one.form.depends_on) > 1 or work.ended:
         return []
     values, found = one.fit.choice, []
     without = one.fit.structure.dropping(one.effect.id)
@@ -135,11 +148,12 @@ def _refined(problem: Problem, one: Candidate) -> list[Candidate]:
         theta = Model(problem.channel, structure).start(
             one.fit.log_rates, values | named | {f"{effect.id}.{factor}": neutral}
         )
+        work.count()
         found.append(Candidate(effect, fit(problem, structure, theta, one.fit.deviations, WHOLE)))
     return [better for better in found if better.cost < one.cost]
 
 
-def simpler(problem: Problem, one: Candidate) -> list[Candidate]:
+def simpler(problem: Problem, one: Candidate, work: Work) -> list[Candidate]:
     """The same form without one of the factors that only scale it."""
     values, found = one.fit.choice, []
     without = one.fit.structure.dropping(one.effect.id)
@@ -151,6 +165,7 @@ def simpler(problem: Problem, one: Candidate) -> list[Candidate]:
         named = {f"{effect.id}.{p.name}": values[f"{one.effect.id}.{p.name}"] for p in effect.parameters}
         structure = without.adding(effect)
         theta = Model(problem.channel, structure).start(one.fit.log_rates, values | named)
+        work.count()
         found.append(Candidate(effect, fit(problem, structure, theta, one.fit.deviations, WHOLE)))
     return found
 

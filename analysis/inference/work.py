@@ -1,0 +1,39 @@
+"""Work that a search may do, counted in fits and not in seconds, so that it ends at the same place on every machine."""
+
+from __future__ import annotations
+
+from shockrig.analysis.inference.model import Structure
+from shockrig.analysis.inference.problem import Problem
+
+DRIVEN_COST = 6.0  # a record that is driven all along, beside one that jumps
+AVERAGED_COST = 4.0  # readings in a mean from which on a fit costs the more the longer it is
+
+
+class Work:
+    """How many fits a search has made, and how many it may make."""
+
+    def __init__(self, at_most: float = float("inf")) -> None:
+        self.at_most = at_most
+        self.fits = 0
+
+    def count(self, fits: int = 1) -> None:
+        """So many more fits were made."""
+        self.fits += fits
+
+    @property
+    def ended(self) -> bool:
+        """Whether no further fit may begin."""
+        return self.fits >= self.at_most
+
+
+def cost_of_a_fit(problem: Problem, base: Structure) -> float:
+    """What a fit costs beside one of a record that jumps and is not averaged."""
+    if problem.channel.measured.any():
+        return DRIVEN_COST
+    return max(_averaged(problem, base) / AVERAGED_COST, 1.0)
+
+
+def _averaged(problem: Problem, base: Structure) -> float:
+    """Length of a running mean that has to be summed reading by reading."""
+    held = [value for e in base.effects if e.averages for value in base.held_values(e.id).values()]
+    return max(held, default=1.0) if problem.channel.jumps_with_air else 1.0
