@@ -10,6 +10,7 @@ import datetime
 import json
 import math
 import shutil
+import subprocess
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,13 @@ from shockrig.rig.virtual.truth import Truth
 BEGAN = datetime.datetime(2026, 5, 1, tzinfo=datetime.UTC)
 WAY_BACK_S = 2.0
 SETTLED_K, SETTLED_PERCENT = 0.02, 0.1  # of the probes, as `rig.protocol.Soak` has them
+
+
+def commit() -> str:
+    """Of the code that is measured, as git names it; "+" where something is changed."""
+    words = ["git", "describe", "--always", "--dirty=+", "--exclude=*"]
+    here = Path(__file__).parent
+    return subprocess.run(words, cwd=here, capture_output=True, text=True, check=False).stdout.strip()
 
 
 class FileBench:

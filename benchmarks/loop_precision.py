@@ -21,7 +21,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from loop_bench import FileBench
+from loop_bench import FileBench, commit
 from scipy.stats import spearmanr
 
 from shockrig.analysis.characterization.characterize import characterize
@@ -76,13 +76,18 @@ def precision(seed: int) -> dict:
         ]
         goals = parse_goals(", ".join(parts))
         bench = FileBench(truth, Path(folder) / "own", seed + 5000)
-        decision, log, came = None, None, []
+        decision, log, came, somewhere_new = None, None, [], False
         while bench.minutes < 2.0 * fixed.minutes:
             decision = decide(bench.campaign(), goals, decision, count=AT_ONCE)
             entry = log_entry(decision, goals, log, [])
             if entry["realised"]:
-                came.append(entry["realised"])
-            log = entry
+                came.append({**entry["realised"], "new_ambient": somewhere_new})
+            log, known_at = entry, [t.ambient_c for t in decision.targets if t.runs]
+            somewhere_new = any(
+                c.shock.isothermal and min(abs(t - c.shock.destination_c) for t in known_at if t is not None) > 1.0
+                for c in decision.choices
+                if any(t is not None for t in known_at)
+            )
             if decision.status != CONTINUE:
                 break
             for choice in decision.choices:
@@ -99,7 +104,7 @@ def precision(seed: int) -> dict:
             "runs": bench.runs, "errors": [round(e, 2) for e in errors(final, truth)],
             "standard_errors": [round(e, 2) for e in errors(characterize(whole), truth)],
             "met_by_cut_off": sum(t.met for t in cut_off), "wanted": len(cut_off), "realised": came,
-            "cpu_s": round(time.process_time() - began_s, 1),
+            "commit": commit(), "cpu_s": round(time.process_time() - began_s, 1),
         }  # fmt: skip
 
 
@@ -123,7 +128,7 @@ def nothing(seed: int) -> dict:
         return {
             "seed": seed, "status": decision.status, "reason": decision.reason, "runs": bench.runs,
             "minutes": round(bench.minutes, 1), "ever_named": sorted(named), "named": sorted(ended),
-            "looks_with_a_tie": tied, "cpu_s": round(time.process_time() - began_s, 1),
+            "looks_with_a_tie": tied, "commit": commit(), "cpu_s": round(time.process_time() - began_s, 1),
         }  # fmt: skip
 
 
@@ -135,25 +140,29 @@ def summary(found: list[dict]) -> str:
     met = [r for r in found if r["status"] == "done"]
     shares = [r["share"] for r in met]
     within = np.abs([e for r in met for e in r["errors"]]) <= 2.0
-    pairs = [
-        (c["expected_information"], c["information"])
-        for r in found
-        for c in r["realised"]
-        if c["expected_information"] is not None and c["information"] is not None
-    ]
-    expected, came = np.array(pairs).T
-    slope = float((expected * came).sum() / (expected**2).sum())
+    looks = [c for r in found for c in r["realised"] if c["expected_information"] is not None]
     return "\n".join(
         [
             f"{len(found)} rough worlds, {len(met)} met all goals: share of the standard campaign's minutes "
             f"median {np.median(shares):.2f}, worst {max(shares):.2f}",
             f"within 2 standard uncertainties after the stop: {within.mean():.3f} of {within.size}",
-            f"information per look, {len(pairs)} looks: rank correlation {spearmanr(expected, came)[0]:.2f}, "
-            f"slope {slope:.2f}",
+            "information, nats of the goals' rates, expected before the runs against what their records brought:",
+            _agreement("all looks", looks),
+            _agreement("at ambients seen before", [c for c in looks if not c["new_ambient"]]),
+            _agreement("at a new one", [c for c in looks if c["new_ambient"]]),
             f"the standard campaign cut off at the same minutes meets {sum(r['met_by_cut_off'] for r in met)} of "
             f"{sum(r['wanted'] for r in met)} goals",
         ]
     )
+
+
+def _agreement(words: str, looks: list[dict]) -> str:
+    """Rank correlation and slope through the origin of what came on what was expected."""
+    if len(looks) < 3:
+        return f"  {words}: {len(looks)} looks"
+    expected, came = np.array([(c["expected_information"], c["information"]) for c in looks]).T
+    slope = float((expected * came).sum() / (expected**2).sum())
+    return f"  {words}: {len(looks)} looks, rank correlation {spearmanr(expected, came)[0]:.2f}, slope {slope:.2f}"
 
 
 def main() -> None:

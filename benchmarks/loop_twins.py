@@ -17,7 +17,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-from loop_bench import FileBench
+from loop_bench import FileBench, commit
 
 from shockrig.analysis.planning.decide import CONTINUE, decide
 from shockrig.analysis.planning.goals import parse_goals
@@ -91,7 +91,7 @@ def world(pair: int, seed: int, how: str) -> dict:
         "minutes": round(bench.minutes, 1), "named": named, "tied": decision.tied, "was_tied": tied,
         "outcome": "right" if right else "wrong" if wrong else "missed" if done else "inconclusive",
         "status": decision.status, "reason": decision.reason, "kinds": kinds,
-        "cpu_s": round(time.process_time() - began_s, 1),
+        "commit": commit(), "cpu_s": round(time.process_time() - began_s, 1),
     }  # fmt: skip
 
 

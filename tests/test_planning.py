@@ -308,6 +308,6 @@ def test_an_empty_campaign_begins_with_both_quantities_and_a_veto_is_kept(finish
 def test_nothing_is_chosen_from_an_empty_menu():
     from shockrig.analysis.planning.choose import Designs
 
-    nothing = Designs((), (), (), np.zeros(0), np.zeros(0))
+    nothing = Designs((), None, (), (), np.zeros(0), np.zeros(0))
     assert choose_runs(nothing, learn(None), None, 3, 0) == ([], ())
     assert Decision("", "").tied == []

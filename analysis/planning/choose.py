@@ -14,7 +14,7 @@ from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
 from shockrig.analysis.planning.evidence import REJECTED, student
 from shockrig.analysis.planning.goals import Goals
 from shockrig.analysis.planning.hypothetical import rates_at
-from shockrig.analysis.planning.information import Information, information, separations
+from shockrig.analysis.planning.information import Information, information, nats, separations
 from shockrig.analysis.planning.judged import Look
 from shockrig.analysis.planning.minutes import Airs, Minutes, airs_of, airs_of_run
 from shockrig.analysis.planning.precision import FEWEST_RUNS, UNKNOWN, Target
@@ -53,6 +53,8 @@ class Choice:
         Of all goals together, what one goal in full is worth being 1.
     goals : float
         Of that, the share for precision.
+    information : float
+        That it adds on the rates that goals want [nats].
     evidence : float
         Expected ln E against the other explanation, of the tied pair that it tells apart best.
     expected : mapping
@@ -63,6 +65,7 @@ class Choice:
     minutes: float
     worth: float
     goals: float
+    information: float
     evidence: float
     expected: Mapping[str, float] = field(default_factory=dict)
 
@@ -83,6 +86,11 @@ class _Precise:
         now = self.info.variances(self.info.known)
         return np.array([(t.relative**2 / now[g]) if t.runs else 1.0 for t, g in self.of])
 
+    @property
+    def places(self) -> list[int]:
+        """Of the rates that targets want."""
+        return sorted({g for _, g in self.of})
+
 
 @dataclass(frozen=True)
 class Designs:
@@ -91,6 +99,9 @@ class Designs:
     Attributes
     ----------
     menu : tuple of Shock
+        M runs; the last one is the anchor where there is one.
+    anchor : int or None
+        Where in the menu the first run once more is; it is chosen by its turn alone.
     precise : tuple of _Precise
         For each channel with goals of precision.
     pairs : tuple of ndarray (M,)
@@ -102,6 +113,7 @@ class Designs:
     """
 
     menu: tuple[Shock, ...]
+    anchor: int | None
     precise: tuple[_Precise, ...]
     pairs: tuple[Array, ...]
     needed: Array
@@ -116,6 +128,7 @@ class Designs:
         goals: Goals,
         usual: Usual,
         allowed: Callable[[Shock], bool],
+        first: Run | None = None,
     ) -> Designs:
         """The menu for what is wanted, as far as anything is known to design by."""
         known = {} if found is None else found.channels()
@@ -123,6 +136,11 @@ class Designs:
         if goals.ties:
             menu += deciding_menu(_deciding_ambients(looks), usual)
         shocks = tuple(dict.fromkeys(s for s in menu if allowed(s)))
+        again = None if first is None else shock_of(first)
+        anchor = None
+        if again is not None and allowed(again):
+            anchor = len(shocks)
+            shocks += (replace(again, why="the first run once more: does anything drift?"),)
         precise, pairs, needed = [], [], []
         for name, result in known.items() if shocks else ():
             own = [t for t in wanted if t.channel == name]
@@ -144,7 +162,12 @@ class Designs:
                         pairs.append(np.array([student(float(x), degrees) for x in apart]))
                         needed.append(_still_needed(look, j))
         bonus = _variety(looks, shocks) if goals.ties else np.zeros(len(shocks))
-        return cls(shocks, tuple(precise), tuple(pairs), np.array(needed), bonus)
+        return cls(shocks, anchor, tuple(precise), tuple(pairs), np.array(needed), bonus)
+
+    @property
+    def choosable(self) -> tuple[Shock, ...]:
+        """The menu without the anchor."""
+        return self.menu[: self.anchor]
 
     def chase(
         self, campaign: Campaign | None, worst: Mapping[ChannelName, str], minutes: Minutes, chased: int, count: int
@@ -156,11 +179,11 @@ class Designs:
         again = [shock for id_ in worst.values() if (shock := shock_of(by_id[id_])) is not None]
         if again and chased % 2 == 0:
             chosen = replace(again[0], dwell_s=LONGEST_S, why="what is left is largest there")
-        elif self.menu:
-            chosen = replace(farthest(self.menu, campaign.runs), why="nothing like it has been recorded")
+        elif self.choosable:
+            chosen = replace(farthest(self.choosable, campaign.runs), why="nothing like it has been recorded")
         else:
             return []
-        return [Choice(chosen, minutes.of(before, chosen), 0.0, UNTOLD, UNTOLD)][:count]
+        return [Choice(chosen, minutes.of(before, chosen), 0.0, UNTOLD, UNTOLD, UNTOLD)][:count]
 
 
 class _Dwells:
@@ -228,10 +251,14 @@ def _step_of(channel: Channel, shock: Shock) -> float:
 
 
 def choose_runs(
-    designs: Designs, minutes: Minutes, last: Run | None, count: int, seed: int
+    designs: Designs, minutes: Minutes, last: Run | None, count: int, number: int
 ) -> tuple[list[Choice], tuple[Choice, ...]]:
-    """The runs that bring most per minute, one after the other; and the best of the menu for the first of them."""
-    rng = np.random.default_rng([seed, 1])
+    """The runs that bring most per minute, one after the other; and the best of the menu for the first of them.
+
+    `number` of runs come before them; at every sixth place stands the first run once more, so that a drift of sensors
+    or bench shows.
+    """
+    rng = np.random.default_rng([number, 1])
     normals = [p.info.known for p in designs.precise]
     runs = [np.array([t.runs for t, _ in p.of]) for p in designs.precise]
     have = np.zeros(designs.needed.size)
@@ -242,13 +269,16 @@ def choose_runs(
     for _ in range(count):
         options = [
             _weighed(designs, m, normals, runs, have, bonus, minutes.of(airs, shock))
-            for m, shock in enumerate(designs.menu)
+            for m, shock in enumerate(designs.choosable)
         ]
         best = max((c.per_minute for c in options), default=0.0)
         if best < 1e-5:
             break
         near = [m for m, c in enumerate(options) if c.per_minute >= NEARLY * best]
         m = int(rng.choice(near))
+        if designs.anchor is not None and (number + len(chosen) + 1) % ANCHOR_EVERY == 0:
+            m, again = designs.anchor, designs.menu[designs.anchor]
+            options.append(_weighed(designs, m, normals, runs, have, bonus, minutes.of(airs, again)))
         if not considered:
             others = sorted((c for i, c in enumerate(options) if i != m), key=lambda c: -c.per_minute)
             considered = (options[m], *others[: SHOWN - 1])
@@ -271,10 +301,11 @@ def _weighed(
     bonus: Array,
     minutes: float,
 ) -> Choice:
-    share, expected = 0.0, {}
+    share, told_of_goals, expected = 0.0, 0.0, {}
     for p, normal, count in zip(designs.precise, normals, runs, strict=True):
         added, factors = p.info.added[m], p.factors()
         now, then = p.info.variances(np.stack([normal, normal + added])) * 1.0
+        told_of_goals += nats(normal, normal + added, p.places)
         for k, (target, g) in enumerate(p.of):
             helps = added[g, g] > 1.0
             before = progress(target, factors[k] * now[g], int(count[k]))
@@ -284,35 +315,12 @@ def _weighed(
     told = np.array([pair[m] for pair in designs.pairs])
     deciding = float((np.minimum(have + told, designs.needed) - np.minimum(have, designs.needed)).sum() / REJECTED)
     best = float(told.max(initial=0.0))
-    return Choice(designs.menu[m], minutes, share + deciding + float(bonus[m]), share, best, expected)
+    return Choice(designs.menu[m], minutes, share + deciding + float(bonus[m]), share, told_of_goals, best, expected)
 
 
 def progress(target: Target, variance: float, runs: int) -> float:
     """The share of a goal that is reached: of the information that it needs, and of the runs, at most 1."""
     return min(target.wanted**2 / max(variance, 1e-30), runs / FEWEST_RUNS, 1.0)
-
-
-def anchored(
-    campaign: Campaign | None, chosen: list[Choice], minutes: Minutes, allowed: Callable[[Shock], bool]
-) -> list[Choice]:
-    """With the campaign's first run once more at every sixth place, so that a drift of sensors or bench shows."""
-    if campaign is None or not campaign.runs or not chosen:
-        return chosen
-    anchor = shock_of(campaign.runs[0])
-    if anchor is None or not allowed(anchor):
-        return chosen
-    out: list[Choice] = []
-    number, airs = len(campaign.runs), airs_of_run(campaign.runs[-1])
-    for choice in chosen:
-        if (number + len(out) + 1) % ANCHOR_EVERY == 0:
-            shock = replace(anchor, why="the first run once more: does anything drift?")
-            out.append(
-                replace(choice, shock=shock, minutes=minutes.of(airs, shock), worth=0.0, goals=0.0, evidence=0.0)
-            )
-        else:
-            out.append(choice)
-        airs = airs_of(out[-1].shock)
-    return out
 
 
 def shock_of(run: Run) -> Shock | None:

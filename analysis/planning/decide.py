@@ -7,18 +7,18 @@ worth of a run = sum over goals of the share of what is wanted that it adds (var
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from shockrig.analysis.characterization.result import Characterization
 from shockrig.analysis.checks.checked import checked
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
-from shockrig.analysis.planning.choose import UNTOLD, Choice, Designs, anchored, choose_runs
+from shockrig.analysis.planning.choose import UNTOLD, Choice, Designs, choose_runs
 from shockrig.analysis.planning.goals import Goals
 from shockrig.analysis.planning.judged import Look, Verdict, look_at, with_verdicts
 from shockrig.analysis.planning.minutes import learn, spent_minutes
-from shockrig.analysis.planning.precision import Target, measured, targets
+from shockrig.analysis.planning.precision import Target, gained_by, measured, targets
 from shockrig.analysis.planning.shock import USUAL_C, Shock, Usual, opening
 from shockrig.files.campaign import Campaign
 
@@ -49,6 +49,8 @@ class Decision:
         The best of the menu, the chosen ones first.
     chased : int
         How many runs were chosen for what nothing explains.
+    gained : float or None
+        What the runs since the last decision brought to the rates that goals want [nats]; None where there are none.
     """
 
     status: str
@@ -60,6 +62,7 @@ class Decision:
     choices: tuple[Choice, ...] = ()
     considered: tuple[Choice, ...] = ()
     chased: int = 0
+    gained: float | None = None
 
     @property
     def tied(self) -> list[list[str]]:
@@ -116,20 +119,23 @@ def decide(
         found = measured(campaign, with_verdicts(verdicts))
         wanted = targets(goals, found)
     chased = before.chased if before is not None else 0
-    state = Decision("", "", recorded, spent, tuple(wanted), verdicts, chased=chased)
+    new = set(recorded) - set(before.recorded if before is not None else ())
+    state = Decision(
+        "", "", recorded, spent, tuple(wanted), verdicts, chased=chased, gained=gained_by(new, found, wanted)
+    )
     first = _first(campaign, goals, found, usual)
-    designs = Designs.of(found, looks, wanted, goals, usual, allowed)
+    anchor = None if campaign is None or not campaign.runs else campaign.runs[0]
+    designs = Designs.of(found, looks, wanted, goals, usual, allowed, anchor)
     # What depends on a direction or an airflow that no run has had can be no finding.
     if (designs.bonus == 0.0).all() and (ended := _ended(state, goals, looks)):
         return _with(state, *ended)
     minutes = learn(campaign)
     last = None if campaign is None or not campaign.runs else campaign.runs[-1]
     if first:
-        chosen = [Choice(s, minutes.of(None, s), 0.0, UNTOLD, UNTOLD) for s in first if allowed(s)][:count]
+        chosen = [Choice(s, minutes.of(None, s), 0.0, UNTOLD, UNTOLD, UNTOLD) for s in first if allowed(s)][:count]
         considered = tuple(chosen)
     else:
         chosen, considered = choose_runs(designs, minutes, last, count, len(recorded))
-        chosen = anchored(campaign, chosen, minutes, allowed)
     worst = {name: look.left_over for name, look in looks.items() if look.left_over}
     if goals.ties and worst and chased < MOST_UNEXPLAINED and not first:
         chosen, chased = designs.chase(campaign, worst, minutes, chased, count), chased + 1
@@ -152,16 +158,13 @@ def _with(
     considered: tuple[Choice, ...] = (),
     chased: int | None = None,
 ) -> Decision:
-    return Decision(
-        status,
-        reason,
-        state.recorded,
-        state.minutes_spent,
-        state.targets,
-        state.verdicts,
-        choices,
-        considered,
-        state.chased if chased is None else chased,
+    return replace(
+        state,
+        status=status,
+        reason=reason,
+        choices=choices,
+        considered=considered,
+        chased=state.chased if chased is None else chased,
     )
 
 

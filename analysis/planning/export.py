@@ -55,7 +55,8 @@ def _run(choice: Choice) -> dict[str, Any]:
         **choice.shock.as_run(),
         "expected_minutes": measured(choice.minutes),
         "expected_evidence": measured(choice.evidence),
-        "expected_information": measured(choice.goals),
+        "expected_information": measured(choice.information),
+        "expected_progress": measured(choice.goals),
         "expected_worth": measured(choice.worth),
     }
 
@@ -85,8 +86,6 @@ def realised(decision: Decision, before: Mapping[str, Any]) -> dict[str, Any] | 
     expected = before["runs"][: len(new)]
     if not new or not expected:
         return None
-    shares = {(t["channel"], t["label"]): t["progress"] for t in before["targets"]}
-    gained = sum(max(_progress(t) - shares.get((t.channel, t.label), 0.0), 0.0) for t in decision.targets)
     told = 0.0
     for name, verdict in decision.verdicts.items():
         was = before["verdicts"].get(name, {})
@@ -98,7 +97,7 @@ def realised(decision: Decision, before: Mapping[str, Any]) -> dict[str, Any] | 
         "runs": new,
         "minutes": measured(decision.minutes_spent - before["minutes_spent"]),
         "expected_minutes": measured(sum(run["expected_minutes"] for run in expected)),
-        "information": measured(gained),
+        "information": None if decision.gained is None else measured(decision.gained),
         "expected_information": _sum(run["expected_information"] for run in expected),
         "evidence": measured(told),
         "expected_evidence": _sum(run["expected_evidence"] for run in expected),

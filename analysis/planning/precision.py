@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +13,7 @@ from shockrig.analysis.characterization.result import ChannelResult, Characteriz
 from shockrig.analysis.inference.channel import AMBIENT_WIDTH_K
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
 from shockrig.analysis.planning.goals import QUANTITY_OF, Goals, Precision
+from shockrig.analysis.planning.information import gained
 from shockrig.files.campaign import Campaign
 from shockrig.files.errors import InputError
 
@@ -71,6 +72,26 @@ def targets(goals: Goals, found: Characterization | None) -> list[Target]:
         now = UNKNOWN if row is None else min(float(_relative(row, quantity)), UNKNOWN)
         out.append(Target(channel, ambient, quantity, relative, now, 0 if row is None else len(row.runs)))
     return out
+
+
+def gained_by(runs: Collection[str], found: Characterization | None, wanted: Sequence[Target]) -> float | None:
+    """What some recorded runs brought to the rates that are wanted [nats]; None where there are no such runs.
+
+    A run that no fit could use, set aside or lost, brought nothing.
+    """
+    if not runs:
+        return None
+    came = 0.0
+    for name, result in ({} if found is None else found.channels()).items():
+        part = result.parts[0]
+        own = [t for t in wanted if t.channel == name]
+        at = [np.abs(part.channel.ambients_c - t.ambient_c) for t in own if t.ambient_c is not None]
+        places = {int(np.argmin(far)) for far in at if far.min() <= AMBIENT_WIDTH_K}
+        places |= {0} if any(t.ambient_c is None for t in own) else set()
+        new = np.isin(part.channel.run_ids, list(runs))
+        if places and new.any():
+            came += gained(part.fit, new, sorted(places))
+    return came
 
 
 def _ambients(channel: ChannelName, precision: Precision, goals: Goals) -> tuple[float | None, ...]:
