@@ -11,12 +11,15 @@ import json
 import math
 import shutil
 import subprocess
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from shockrig.analysis.planning.decide import Decision, decide, with_due
+from shockrig.analysis.planning.goals import Goals
 from shockrig.files.campaign import Campaign, read_campaign
 from shockrig.rig.seams import Air
 from shockrig.rig.virtual.batch import simulate_campaign
@@ -33,6 +36,32 @@ def commit() -> str:
     words = ["git", "describe", "--always", "--dirty=+", "--exclude=*"]
     here = Path(__file__).parent
     return subprocess.run(words, cwd=here, capture_output=True, text=True, check=False).stdout.strip()
+
+
+class Waiting:
+    """Decisions whose diagnoses are made while the next run is recorded; `waited_s` is how long the bench stood still.
+
+    The bench's own clock says how long a soak and a record last; thinking is counted in processor time, whatever else
+    the machine does. A diagnosis that takes longer than the run beside it keeps the bench waiting for the rest.
+    """
+
+    def __init__(self) -> None:
+        self.waited_s = 0.0
+        self.behind_s = 0.0
+        self._clock_s = 0.0
+
+    def decide(self, bench: FileBench, goals: Goals, before: Decision | None) -> Decision:
+        """The next decision on a campaign."""
+        campaign = bench.campaign()
+        run_s, self._clock_s = bench.clock_s - self._clock_s, bench.clock_s
+        began_s = time.process_time()
+        if before is not None and campaign is not None:
+            before = with_due(campaign, before)
+        behind_s = time.process_time() - began_s
+        decision = decide(campaign, goals, before, later=True)
+        self.behind_s += behind_s
+        self.waited_s += time.process_time() - began_s - min(behind_s, run_s)
+        return decision
 
 
 class FileBench:

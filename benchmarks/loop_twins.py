@@ -17,7 +17,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-from loop_bench import FileBench, commit
+from loop_bench import FileBench, Waiting, commit
 
 from shockrig.analysis.planning.decide import CONTINUE, decide
 from shockrig.analysis.planning.goals import parse_goals
@@ -49,6 +49,7 @@ START = (
 MOST = 12
 FILES = {T: "hyt.csv", RH: "imet.csv"}  # of the other sensor
 ADAPTIVE, RANDOM, REPEATS = "adaptive", "random", "repeats"
+LATER = "later"  # adaptive, its diagnoses made while the next run is recorded, as on benches in real time
 
 
 def world(pair: int, seed: int, how: str) -> dict:
@@ -70,8 +71,12 @@ def world(pair: int, seed: int, how: str) -> dict:
         for i, shock in enumerate(START):
             record(Shock(**{**vars(shock), "irradiance_w_m2": light if i == 0 and light else 0.0}))
         decision, kinds, tied = None, [], False
+        waiting = Waiting()
         while True:
-            decision = decide(bench.campaign(), goals, decision)
+            if how == LATER:
+                decision = waiting.decide(bench, goals, decision)
+            else:
+                decision = decide(bench.campaign(), goals, decision)
             tied = tied or bool(decision.tied)
             if decision.status != CONTINUE or len(kinds) >= MOST:
                 break
@@ -88,7 +93,8 @@ def world(pair: int, seed: int, how: str) -> dict:
     right, wrong = done and named == [hidden], done and any(e != hidden for e in named)
     return {
         "pair": both, "channel": channel, "hidden": hidden, "seed": seed, "how": how, "added": len(kinds),
-        "minutes": round(bench.minutes, 1), "named": named, "tied": decision.tied, "was_tied": tied,
+        "minutes": round(bench.minutes, 1), "waited_s": round(waiting.waited_s, 1), "named": named,
+        "tied": decision.tied, "was_tied": tied,
         "outcome": "right" if right else "wrong" if wrong else "missed" if done else "inconclusive",
         "status": decision.status, "reason": decision.reason, "kinds": kinds,
         "commit": commit(), "cpu_s": round(time.process_time() - began_s, 1),
@@ -102,13 +108,16 @@ def summary(results: Iterable[dict]) -> str:
     """Outcomes by kind of choice, and how many runs were added."""
     found = list(results)
     lines = []
-    for how in (ADAPTIVE, RANDOM, REPEATS):
+    for how in (ADAPTIVE, LATER, RANDOM, REPEATS):
         own = [r for r in found if r["how"] == how]
         if own:
             counts = {o: sum(r["outcome"] == o for r in own) for o in ("right", "wrong", "missed", "inconclusive")}
             added = np.median([r["added"] if r["outcome"] == "right" else MOST + 1 for r in own])
             said = ", ".join(f"{n} {o}" for o, n in counts.items())
             lines.append(f"{how:9} {len(own)} worlds: {said}; median of added runs {added:g} (not decided: {MOST + 1})")
+        if own and how == LATER:
+            shares = [r["waited_s"] / 60.0 / r["minutes"] for r in own]
+            lines.append(f"  the bench waited {np.median(shares):.1%} of its time, at most {max(shares):.1%}")
     return "\n".join(lines)
 
 

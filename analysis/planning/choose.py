@@ -132,10 +132,7 @@ class Designs:
     ) -> Designs:
         """The menu for what is wanted, as far as anything is known to design by."""
         known = {} if found is None else found.channels()
-        menu = precision_menu(goals.ambients_c, usual, _Dwells(found))
-        if goals.ties:
-            menu += deciding_menu(_deciding_ambients(looks), usual)
-        shocks = tuple(dict.fromkeys(s for s in menu if allowed(s)))
+        shocks = menu_of(found, looks, goals, usual, allowed)
         again = None if first is None else shock_of(first)
         anchor = None
         if again is not None and allowed(again):
@@ -161,7 +158,7 @@ class Designs:
                         apart = 0.5 * separations(look.problem, look.noise, one, other, shocks)
                         pairs.append(np.array([student(float(x), degrees) for x in apart]))
                         needed.append(_still_needed(look, j))
-        bonus = _variety(looks, shocks) if goals.ties else np.zeros(len(shocks))
+        bonus = variety(looks, shocks) if goals.ties else np.zeros(len(shocks))
         return cls(shocks, anchor, tuple(precise), tuple(pairs), np.array(needed), bonus)
 
     @property
@@ -184,6 +181,20 @@ class Designs:
         else:
             return []
         return [Choice(chosen, minutes.of(before, chosen), 0.0, UNTOLD, UNTOLD, UNTOLD)][:count]
+
+
+def menu_of(
+    found: Characterization | None,
+    looks: Mapping[ChannelName, Look],
+    goals: Goals,
+    usual: Usual,
+    allowed: Callable[[Shock], bool],
+) -> tuple[Shock, ...]:
+    """Runs that could be made for some goals, from what is known so far."""
+    menu = precision_menu(goals.ambients_c, usual, _Dwells(found))
+    if goals.ties:
+        menu += deciding_menu(_deciding_ambients(looks), usual)
+    return tuple(dict.fromkeys(s for s in menu if allowed(s)))
 
 
 class _Dwells:
@@ -223,7 +234,7 @@ def _still_needed(look: Look, rival: int) -> float:
     return REJECTED - min(max(standing[rival], 0.0), REJECTED - 0.5)
 
 
-def _variety(looks: Mapping[ChannelName, Look], shocks: Sequence[Shock]) -> Array:
+def variety(looks: Mapping[ChannelName, Look], shocks: Sequence[Shock]) -> Array:
     """Worth of the runs that vary what a channel's runs have not: direction, airflow."""
     bonus = np.zeros(len(shocks))
     for look in looks.values():

@@ -14,9 +14,9 @@ import numpy as np
 from shockrig.analysis.characterization.result import Characterization
 from shockrig.analysis.checks.checked import checked
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
-from shockrig.analysis.planning.choose import UNTOLD, Choice, Designs, choose_runs
+from shockrig.analysis.planning.choose import UNTOLD, Choice, Designs, choose_runs, menu_of, variety
 from shockrig.analysis.planning.goals import Goals
-from shockrig.analysis.planning.judged import Look, Verdict, look_at, with_verdicts
+from shockrig.analysis.planning.judged import Look, Verdict, diagnosed, look_at, with_verdicts
 from shockrig.analysis.planning.minutes import learn, spent_minutes
 from shockrig.analysis.planning.precision import Target, gained_by, measured, targets
 from shockrig.analysis.planning.shock import USUAL_C, Shock, Usual, opening
@@ -26,6 +26,7 @@ CONTINUE, DONE, INCONCLUSIVE = "continue", "done", "inconclusive"
 USUAL_BUDGET_MINUTES = 240.0  # where none is given
 MOST_UNEXPLAINED = 4  # runs that are spent on what nothing explains
 Progress = Callable[[str], None]
+Due = Callable[[ChannelName], Verdict]
 
 
 @dataclass(frozen=True)
@@ -83,6 +84,8 @@ def decide(
     count: int = 1,
     feasible: Callable[[Shock], bool] = anything,
     vetoed: Sequence[Shock] = (),
+    later: bool = False,
+    due: Due | None = None,
     progress: Progress = lambda _: None,
 ) -> Decision:
     """Decide what to record next; a function of its arguments alone.
@@ -100,8 +103,16 @@ def decide(
         Whether the bench can do it.
     vetoed : sequence of Shock
         Which the operator does not want.
+    later : bool
+        Whether diagnoses are left for the time in which the next run is recorded: the decision says which are due, and
+        the one after it rests on them. One that may end the campaign is not.
+    due : function of a channel's name, optional
+        Gives the verdict of a diagnosis that the last decision left, where somebody has made it; otherwise it is made
+        here, with the same result.
     progress : function of a sentence, optional
     """
+    if before is not None and campaign is not None:
+        before = with_due(campaign, before, due)
     usual = _usual(campaign, goals)
     if campaign is not None:
         campaign = checked(campaign).campaign
@@ -111,11 +122,15 @@ def decide(
     def allowed(shock: Shock) -> bool:
         return feasible(shock) and shock not in vetoed
 
-    looks, verdicts = _look(campaign, goals, before, False, progress)
+    then = {} if before is None else before.verdicts
+    looks, verdicts = _look(campaign, then, False, later, progress)
     found = measured(campaign, with_verdicts(verdicts))
     wanted = targets(goals, found)
-    if all(t.met for t in wanted) and not any(v.tied for v in verdicts.values()) and recorded:
-        looks, verdicts = _look(campaign, goals, before, True, progress)
+    met = all(t.met for t in wanted) and not any(v.tied for v in verdicts.values())
+    # What depends on a direction or an airflow that no run has had can be no finding.
+    unvaried = goals.ties and variety(looks, menu_of(found, looks, goals, usual, allowed)).any()
+    if met and recorded and not unvaried:
+        looks, verdicts = _look(campaign, verdicts, True, later, progress)
         found = measured(campaign, with_verdicts(verdicts))
         wanted = targets(goals, found)
     chased = before.chased if before is not None else 0
@@ -126,7 +141,6 @@ def decide(
     first = _first(campaign, goals, found, usual)
     anchor = None if campaign is None or not campaign.runs else campaign.runs[0]
     designs = Designs.of(found, looks, wanted, goals, usual, allowed, anchor)
-    # What depends on a direction or an airflow that no run has had can be no finding.
     if (designs.bonus == 0.0).all() and (ended := _ended(state, goals, looks)):
         return _with(state, *ended)
     minutes = learn(campaign)
@@ -168,17 +182,35 @@ def _with(
     )
 
 
+def with_due(campaign: Campaign, before: Decision, due: Due | None = None) -> Decision:
+    """A decision with the diagnoses that it left for later: made already, or made here."""
+    if not any(verdict.due for verdict in before.verdicts.values()):
+        return before
+    then = of_decision(campaign, before)
+    verdicts = {
+        name: verdict if not verdict.due else due(name) if due is not None else diagnosed(then, name, verdict)
+        for name, verdict in before.verdicts.items()
+    }
+    return replace(before, verdicts=verdicts)
+
+
+def of_decision(campaign: Campaign, decision: Decision) -> Campaign:
+    """The campaign as it was when a decision was taken, checked."""
+    runs = tuple(run for run in campaign.runs if run.id in decision.recorded)
+    return checked(replace(campaign, runs=runs)).campaign
+
+
 def _look(
-    campaign: Campaign | None, goals: Goals, before: Decision | None, final: bool, progress: Progress
+    campaign: Campaign | None, before: Mapping[ChannelName, Verdict], final: bool, later: bool, progress: Progress
 ) -> tuple[dict[ChannelName, Look], dict[ChannelName, Verdict]]:
     looks: dict[ChannelName, Look] = {}
     for name in QUANTITIES:
-        then = before.verdicts.get(name, Verdict()) if before is not None else Verdict()
+        then = before.get(name, Verdict())
         if campaign is None:
             looks[name] = Look(then)
         else:
             progress(f"{name}: {'diagnosing all runs' if final else 'looking at what is left'}")
-            looks[name] = look_at(campaign, name, then, final)
+            looks[name] = look_at(campaign, name, then, final, later)
     return looks, {name: look.verdict for name, look in looks.items()}
 
 

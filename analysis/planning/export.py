@@ -62,9 +62,15 @@ def _run(choice: Choice) -> dict[str, Any]:
 
 
 def log_entry(
-    decision: Decision, goals: Goals, before: Mapping[str, Any] | None, vetoed: list[Shock]
+    decision: Decision,
+    goals: Goals,
+    before: Mapping[str, Any] | None,
+    vetoed: list[Shock],
+    waited_s: float = 0.0,
 ) -> dict[str, Any]:
-    """One line of a campaign's log of decisions; `before` is the line before it."""
+    """One line of a campaign's log of decisions; `before` is the line before it, `waited_s` how long the bench stood
+    still for this decision [s].
+    """
     return {
         "format": DECISION_FORMAT,
         "number": 1 if before is None else int(before["number"]) + 1,
@@ -76,6 +82,7 @@ def log_entry(
         "considered": [_run(choice) for choice in decision.considered],
         "vetoed": [shock.as_run() for shock in vetoed],
         "chased": decision.chased,
+        "waited_s": measured(waited_s),
         "realised": None if before is None else realised(decision, before),
     }
 
@@ -134,6 +141,8 @@ def _verdict(verdict: Verdict) -> dict[str, Any]:
         "against": [measured(x) for x in verdict.against],
         "out": [list(ids) for ids in verdict.out],
         "looks": verdict.looks,
+        "final": verdict.final,
+        "due": verdict.due,
         "settled": [_dispute(d) | {"against": [measured(x) for x in against]} for d, against in verdict.settled],
         **open_,
     }
@@ -170,6 +179,8 @@ def remembered(entry: Mapping[str, Any] | None) -> Decision | None:
             tuple(tuple(ids) for ids in said["out"]),
             said["looks"],
             tuple((_dispute_of(one), tuple(one["against"])) for one in said["settled"]),
+            bool(said.get("final")),
+            bool(said.get("due")),
         )
     return Decision(
         entry["status"], entry["reason"], tuple(entry["recorded"]), verdicts=verdicts, chased=entry["chased"]

@@ -72,24 +72,36 @@ def _log_precision(normal: Array, places: Sequence[int]) -> float:
     return float(np.linalg.slogdet(left)[1] + 2.0 * np.log(scale[own]).sum())
 
 
-def gained(found: Fit, runs: Array, places: Sequence[int]) -> float:
+def gained(problem: Problem, found: Fit, runs: Array, places: Sequence[int]) -> float:
     """What some recorded runs of a fit brought to the ln rates `places` [nats].
 
     From their own readings, noise and random effects, as the fit with all runs has them: it does not scatter as an
-    estimate does, and a run that was spoilt or noisier than others brought less.
+    estimate does, and a run that is noisier than the others, or that the model does not describe, brought less.
 
     Parameters
     ----------
+    problem : Problem
     found : Fit
+        Of the problem.
     runs : ndarray of bool (R,)
     places : sequence of int
     """
     arrow = found.arrow
-    own = replace(arrow, **{name: getattr(arrow, name)[runs] for name in ("jacobian", "run_jacobian", "weight")})
+    bins = (problem.channel.count > 0).sum(axis=1) - arrow.weight.shape[1]
+    own_noise = np.sqrt((problem.whiten(found.residual) ** 2).sum(axis=1) / np.maximum(bins, 1))
+    scale = 1.0 / np.maximum(own_noise[runs], 1e-3)[:, None, None]
+    stated = replace(
+        arrow,
+        jacobian=arrow.jacobian[runs],
+        run_jacobian=arrow.run_jacobian[runs],
+        weight=arrow.weight[runs],
+        prior_weight=np.zeros_like(arrow.prior_weight),
+    )
+    own = replace(stated, jacobian=scale * stated.jacobian, run_jacobian=scale * stated.run_jacobian)
     known = np.zeros(found.theta.size)
     known[found.model.rates] = 1.0 / NOT_KNOWN**2
-    after = arrow.normal + np.diag(known)
-    return nats(after - (own.normal - np.diag(arrow.prior_weight)), after, places)
+    before = arrow.normal - stated.normal + np.diag(known)
+    return nats(before, before + own.normal, places)
 
 
 def information(

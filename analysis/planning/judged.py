@@ -14,6 +14,7 @@ from shockrig.analysis.diagnosis.prepare import prepare
 from shockrig.analysis.diagnosis.search import evidence
 from shockrig.analysis.diagnosis.thresholds import FALSE_ALARMS, penalty
 from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.fit import Fit, fit
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.model import Model, Structure
@@ -51,6 +52,10 @@ class Verdict:
         How many diagnoses were made.
     settled : tuple of (Dispute, tuple of float)
         Disputes that are over, with ln E against each explanation at their ends.
+    final : bool
+        Whether the last diagnosis would be no other as one of all runs at the end.
+    due : bool
+        Whether a diagnosis of the runs of this look is to be made while the next run is recorded.
     """
 
     verdict: str = "adequate"
@@ -61,6 +66,8 @@ class Verdict:
     out: tuple[tuple[str, ...], ...] = ()
     looks: int = 0
     settled: tuple[tuple[Dispute, tuple[float, ...]], ...] = ()
+    final: bool = False
+    due: bool = False
 
     @property
     def tied(self) -> tuple[str, ...]:
@@ -122,7 +129,7 @@ def tie_level(look: int) -> float:
     return 2.0 * float(np.log(1.0 / (FALSE_ALARMS * spending(look))))
 
 
-def look_at(campaign: Campaign, name: ChannelName, before: Verdict, final: bool = False) -> Look:
+def look_at(campaign: Campaign, name: ChannelName, before: Verdict, final: bool = False, later: bool = False) -> Look:
     """Look at one channel of a checked campaign.
 
     Parameters
@@ -133,9 +140,11 @@ def look_at(campaign: Campaign, name: ChannelName, before: Verdict, final: bool 
         Of the last look.
     final : bool
         Whether a verdict on all runs is wanted, come what may.
+    later : bool
+        Whether a diagnosis is left for later, and only said to be due; not one that is wanted come what may.
     """
-    channel = build_channel(campaign, name)
-    if channel is None or not enough(channel) or channel.runs < FEWEST_RUNS:
+    channel = _looked_at(campaign, name)
+    if channel is None:
         return Look(before)
     ready = prepare(channel)
     now, base = before, ready.structure
@@ -146,7 +155,10 @@ def look_at(campaign: Campaign, name: ChannelName, before: Verdict, final: bool 
         current = _fitted(ready.problem, now.causes, base)
         passed = judge(ready.problem, current, ready.noise).passed
         anew = (not passed or before.left) and channel.runs >= max(MORE_RUNS * before.runs, before.runs + 1)
-    if anew and channel.runs > before.runs:
+    wanted = channel.runs > before.runs or (final and not before.final)
+    if anew and wanted and later and not final:
+        now = replace(now, due=True)
+    elif anew and wanted:
         found = diagnose_channel(channel, earlier=now.causes, describing=final)
         now = _taken(found, now, final)
         ready = replace(ready, problem=found.problem, noise=found.noise)
@@ -157,6 +169,20 @@ def look_at(campaign: Campaign, name: ChannelName, before: Verdict, final: bool 
         squares = (ready.problem.whiten(current.residual) ** 2).sum(axis=1)
         worst = ready.problem.channel.run_ids[int(np.argmax(squares))]
     return Look(now, ready.problem, ready.noise, rivals, worst)
+
+
+def diagnosed(campaign: Campaign, name: ChannelName, due: Verdict) -> Verdict:
+    """The verdict of a diagnosis that was left for later; `campaign` has been checked and holds the runs of then."""
+    channel = _looked_at(campaign, name)
+    if channel is None:
+        return replace(due, due=False)
+    return _taken(diagnose_channel(channel, earlier=due.causes, describing=False), due, False)
+
+
+def _looked_at(campaign: Campaign, name: ChannelName) -> Channel | None:
+    """A channel that has enough to be diagnosed."""
+    channel = build_channel(campaign, name)
+    return channel if channel is not None and enough(channel) and channel.runs >= FEWEST_RUNS else None
 
 
 def _fitted(problem: Problem, explanation: Explanation, base: Structure) -> Fit:
@@ -180,7 +206,7 @@ def _taken(found: ChannelDiagnosis, before: Verdict, final: bool) -> Verdict:
     Before the end an ambient may have a single run, without which it cannot be predicted: what is not seen in the fit
     is no remainder then.
     """
-    verdict = found.verdict
+    verdict, as_at_the_end = found.verdict, final or found.verdict in ("explained", "adequate")
     if not final and found.adequacy.passed and verdict == "unexplained":
         verdict = "explained" if found.causes else "adequate"
     newly = (tuple(e) for e, x in zip(before.explanations, before.against, strict=True) if x >= REJECTED)
@@ -195,10 +221,12 @@ def _taken(found: ChannelDiagnosis, before: Verdict, final: bool) -> Verdict:
             kept.setdefault(ids, one)
     runs, explanations = found.problem.channel, tuple(kept.values())
     if not explanations:  # all that the diagnosis can think of is out
-        return Verdict("unexplained", runs.runs, _explained_by(found.final), None, (), out, look, settled)
+        return Verdict(
+            "unexplained", runs.runs, _explained_by(found.final), None, (), out, look, settled, as_at_the_end
+        )
     dispute = Dispute(explanations, runs.run_ids) if len(explanations) > 1 else None
     nothing_yet = (0.0,) * len(explanations) if dispute else ()
-    return Verdict(verdict, runs.runs, explanations[0], dispute, nothing_yet, out, look, settled)
+    return Verdict(verdict, runs.runs, explanations[0], dispute, nothing_yet, out, look, settled, as_at_the_end)
 
 
 def _possible(found: ChannelDiagnosis, look: int) -> list[Explanation]:

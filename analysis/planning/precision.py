@@ -90,7 +90,7 @@ def gained_by(runs: Collection[str], found: Characterization | None, wanted: Seq
         places |= {0} if any(t.ambient_c is None for t in own) else set()
         new = np.isin(part.channel.run_ids, list(runs))
         if places and new.any():
-            came += gained(part.fit, new, sorted(places))
+            came += gained(part.problem, part.fit, new, sorted(places))
     return came
 
 
