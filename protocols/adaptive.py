@@ -1,17 +1,20 @@
 """The closed loop on a bench: after each run look, decide, log, and hand the next run to the recorder.
 
 A decision stands in the campaign's log before its run begins, so a campaign that was killed goes on with the same one;
-killed before that, it decides the same anew, because a decision is a function of the runs, the goals and the log.
+killed before that, it decides the same anew, because a decision is a function of the runs, the goals and the log. On a
+bench in real time diagnoses are made while the next run is recorded, and the decision after it rests on them, whenever
+they were ready; where the clock is virtual nothing waits, and each decision rests on a diagnosis of all runs.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from shockrig.protocols.background import Background
 from shockrig.protocols.decided import as_protocol, feasible_on, lines, minutes_left
+from shockrig.rig.clock import VirtualClock
 from shockrig.rig.protocol import Protocol
 from shockrig.rig.recorder import read_state
 
@@ -54,7 +57,9 @@ class Loop:
         self._added, self._confirm = list(added), confirm
         self._feasible = feasible_on(bench)
         self.decision: Decision | None = None
-        self.thought_s = 0.0
+        self.waited_s = 0.0  # that the bench stood still for decisions, by its own clock
+        self._later = not isinstance(bench.clock, VirtualClock)
+        self._background = Background()
 
     def __call__(self, left_out: str | None, now_s: float) -> Protocol | None:
         """The protocol with the next run, or None where the campaign is done; `left_out` was vetoed at a prompt."""
@@ -67,6 +72,7 @@ class Loop:
         log = read_decisions(self._path)
         pending = self._pending(log, state.recorded)
         if pending is not None and left_out is None:
+            self._think_on(log[-1])
             self._say(f"going on with the decision before: {pending.why}")
             return self._next(pending, state)
         vetoed = [pending] if pending is not None else []
@@ -93,12 +99,20 @@ class Loop:
             vetoed += [from_run(run) for run in last["vetoed"]]
         campaign = read_campaign(self._path) if state.recorded else None
         while True:
-            began_s = time.process_time()
+            began_s = self._bench.clock.now()
             self.decision = decision = decide(
-                campaign, self._goals, remembered(last), feasible=self._feasible, vetoed=vetoed
+                campaign,
+                self._goals,
+                remembered(last),
+                feasible=self._feasible,
+                vetoed=vetoed,
+                later=self._later,
+                due=self._background,
             )
-            self.thought_s += time.process_time() - began_s
-            append_decision(self._path, log_entry(decision, self._goals, last, vetoed), sync=not self._bench.emulated)
+            waited_s = self._bench.clock.now() - began_s
+            self.waited_s += waited_s
+            entry = log_entry(decision, self._goals, last, vetoed, waited_s)
+            append_decision(self._path, entry, sync=not self._bench.emulated)
             for line in lines(decision, plan_document(decision, self._goals)):
                 self._say(line)
             left = minutes_left(decision)
@@ -110,8 +124,24 @@ class Loop:
                 return None
             choice = decision.choices[0].shock
             if not self._confirm or self._agreed(choice):
+                self._think_on(entry)
                 return self._next(choice, state)
             vetoed = [choice, *vetoed]
+
+    def _think_on(self, entry: dict[str, Any]) -> None:
+        """Begin with the diagnoses that a decision left for later."""
+        from shockrig.analysis.planning.decide import of_decision
+        from shockrig.analysis.planning.export import remembered
+        from shockrig.files.campaign import read_campaign
+
+        decision = remembered(entry)
+        due = {} if decision is None else {name: v for name, v in decision.verdicts.items() if v.due}
+        if decision is not None and due:
+            self._background.begin(of_decision(read_campaign(self._path), decision), due)
+
+    def close(self) -> None:
+        """End what is thought beside the recording."""
+        self._background.close()
 
     def _agreed(self, shock: Shock) -> bool:
         """Whether the operator lets a choice pass. Raises what the person wants instead, but for a veto."""

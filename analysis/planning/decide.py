@@ -26,7 +26,7 @@ CONTINUE, DONE, INCONCLUSIVE = "continue", "done", "inconclusive"
 USUAL_BUDGET_MINUTES = 240.0  # where none is given
 MOST_UNEXPLAINED = 4  # runs that are spent on what nothing explains
 Progress = Callable[[str], None]
-Due = Callable[[ChannelName], Verdict]
+Due = Callable[[ChannelName], Verdict | None]
 
 
 @dataclass(frozen=True)
@@ -188,7 +188,7 @@ def with_due(campaign: Campaign, before: Decision, due: Due | None = None) -> De
         return before
     then = of_decision(campaign, before)
     verdicts = {
-        name: verdict if not verdict.due else due(name) if due is not None else diagnosed(then, name, verdict)
+        name: ((due and due(name)) or diagnosed(then, name, verdict)) if verdict.due else verdict
         for name, verdict in before.verdicts.items()
     }
     return replace(before, verdicts=verdicts)

@@ -72,7 +72,7 @@ def _log_precision(normal: Array, places: Sequence[int]) -> float:
     return float(np.linalg.slogdet(left)[1] + 2.0 * np.log(scale[own]).sum())
 
 
-def gained(problem: Problem, found: Fit, runs: Array, places: Sequence[int]) -> float:
+def gained(problem: Problem, found: Fit, runs: NDArray[np.bool_], places: Sequence[int]) -> float:
     """What some recorded runs of a fit brought to the ln rates `places` [nats].
 
     From their own readings, noise and random effects, as the fit with all runs has them: it does not scatter as an

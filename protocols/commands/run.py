@@ -240,16 +240,17 @@ def _record(args: argparse.Namespace, protocol: Any, bench: Any, sealed: _Sealed
         bench.operator.hidden = lambda: shown.shows
     with bench, shown, StatusFile(args.out, protocol, bench.name, shown) as told:
         loop = _loop(args, bench, told.say) if args.protocol == ADAPTIVE else None
-        recorded = record_campaign(
-            bench,
-            protocol,
-            args.out,
-            utc=_utc(bench.clock),
-            observer=told,
-            sync_every_s=1.0 if in_real_time else None,
-            session=session(bench, _utc(bench.clock)(), operator),
-            more=loop,
-        )
+        with contextlib.nullcontext() if loop is None else contextlib.closing(loop):
+            recorded = record_campaign(
+                bench,
+                protocol,
+                args.out,
+                utc=_utc(bench.clock),
+                observer=told,
+                sync_every_s=1.0 if in_real_time else None,
+                session=session(bench, _utc(bench.clock)(), operator),
+                more=loop,
+            )
     state = read_state(args.out)
     spoilt = f", {len(state.set_aside)} attempts set aside" if state.set_aside else ""
     print(f"{len(state.recorded)} runs in {args.out} ({len(recorded)} recorded now{spoilt})")
@@ -257,6 +258,8 @@ def _record(args: argparse.Namespace, protocol: Any, bench: Any, sealed: _Sealed
         print(f"bench time: {duration(bench.clock.now())} on {bench.name}")
     if loop is not None and loop.decision is not None:
         print(f"{loop.decision.status}: {loop.decision.reason}")
+        if in_real_time:
+            print(f"the bench waited {duration(loop.waited_s)} for decisions")
         print(f"decisions: {write_loop_page(args.out)}")
     if sealed is not None:
         print(f"sealed truth: {sealed.path}")
