@@ -18,8 +18,10 @@ from pathlib import Path
 
 import numpy as np
 from loop_bench import FileBench, Waiting, commit
+from scipy.stats import spearmanr
 
 from shockrig.analysis.planning.decide import CONTINUE, decide
+from shockrig.analysis.planning.export import log_entry
 from shockrig.analysis.planning.goals import parse_goals
 from shockrig.analysis.planning.shock import Shock, Usual, deciding_menu
 from shockrig.rig.virtual.hide import draw_effect
@@ -70,13 +72,18 @@ def world(pair: int, seed: int, how: str) -> dict:
 
         for i, shock in enumerate(START):
             record(Shock(**{**vars(shock), "irradiance_w_m2": light if i == 0 and light else 0.0}))
-        decision, kinds, tied = None, [], False
+        decision, kinds, tied, log, evidence = None, [], False, None, []
         waiting = Waiting()
         while True:
             if how == LATER:
                 decision = waiting.decide(bench, goals, decision)
             else:
                 decision = decide(bench.campaign(), goals, decision)
+            if how in (ADAPTIVE, LATER):
+                was_tied, log = bool(log and log["tied"]), log_entry(decision, goals, log, [])
+                came = log["realised"]
+                if was_tied and came and came["expected_evidence"] is not None:
+                    evidence.append([round(came["expected_evidence"], 2), round(came["evidence"], 2)])
             tied = tied or bool(decision.tied)
             if decision.status != CONTINUE or len(kinds) >= MOST:
                 break
@@ -97,6 +104,7 @@ def world(pair: int, seed: int, how: str) -> dict:
         "tied": decision.tied, "was_tied": tied,
         "outcome": "right" if right else "wrong" if wrong else "missed" if done else "inconclusive",
         "status": decision.status, "reason": decision.reason, "kinds": kinds,
+        "evidence": evidence,
         "commit": commit(), "cpu_s": round(time.process_time() - began_s, 1),
     }  # fmt: skip
 
@@ -118,6 +126,12 @@ def summary(results: Iterable[dict]) -> str:
         if own and how == LATER:
             shares = [r["waited_s"] / 60.0 / r["minutes"] for r in own]
             lines.append(f"  the bench waited {np.median(shares):.1%} of its time, at most {max(shares):.1%}")
+    told = [pair for r in found for pair in r.get("evidence", [])]
+    if len(told) > 2:
+        expected, came = np.array(told).T
+        slope = float((expected * came).sum() / (expected**2).sum())
+        rank = spearmanr(expected, came)[0]
+        lines.append(f"ln E of {len(told)} runs between what was tied: rank correlation {rank:.2f}, slope {slope:.2f}")
     return "\n".join(lines)
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.characterization.result import Characterization
-from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
 from shockrig.analysis.planning.evidence import REJECTED, student
 from shockrig.analysis.planning.goals import Goals
@@ -21,12 +20,14 @@ from shockrig.analysis.planning.precision import FEWEST_RUNS, UNKNOWN, Target
 from shockrig.analysis.planning.shock import (
     LONG_S,
     LONGEST_S,
+    SHORTEST_S,
     USUAL_C,
     Shock,
     Usual,
     deciding_menu,
     precision_menu,
 )
+from shockrig.analysis.planning.varied import farthest, shock_of, variety
 from shockrig.files.campaign import Campaign, Run
 
 Array = NDArray[np.float64]
@@ -34,11 +35,9 @@ ANCHOR_EVERY = 6
 UNTOLD = float("nan")  # where nothing is expected of a run: it was not chosen for what it brings
 ENOUGH_T63 = 9.0  # of record after the transfer in which a film's rate is told: 98 % of its step takes 4.7
 ENOUGH_BEAD_T63 = 14.0
-SHORTEST_S = 8.0
 NEARLY = (
     0.97  # of the best worth per minute: among these chance chooses, so that order and conditions do not go together
 )
-VARIETY = 0.5  # worth of a first run in another direction or airflow, where ties are to be decided
 SHOWN = 6
 MOST_AMBIENTS = 3  # at which runs that decide are looked for
 
@@ -56,7 +55,7 @@ class Choice:
     information : float
         That it adds on the rates that goals want [nats].
     evidence : float
-        Expected ln E against the other explanation, of the tied pair that it tells apart best.
+        Expected ln E against the explanation that it speaks against most, whichever of those tied is the true one.
     expected : mapping
         Label of each goal -> its relative standard uncertainty after the run.
     """
@@ -191,9 +190,10 @@ def menu_of(
     allowed: Callable[[Shock], bool],
 ) -> tuple[Shock, ...]:
     """Runs that could be made for some goals, from what is known so far."""
-    menu = precision_menu(goals.ambients_c, usual, _Dwells(found))
+    dwells = _Dwells(found)
+    menu = precision_menu(goals.ambients_c, usual, dwells)
     if goals.ties:
-        menu += deciding_menu(_deciding_ambients(looks), usual)
+        menu += deciding_menu(_deciding_ambients(looks), usual, dwells)
     return tuple(dict.fromkeys(s for s in menu if allowed(s)))
 
 
@@ -232,33 +232,6 @@ def _still_needed(look: Look, rival: int) -> float:
     verdict = look.verdict
     standing = [x for x in verdict.against if x < REJECTED]
     return REJECTED - min(max(standing[rival], 0.0), REJECTED - 0.5)
-
-
-def variety(looks: Mapping[ChannelName, Look], shocks: Sequence[Shock]) -> Array:
-    """Worth of the runs that vary what a channel's runs have not: direction, airflow."""
-    bonus = np.zeros(len(shocks))
-    for look in looks.values():
-        if look.problem is None:
-            continue
-        channel = look.problem.channel
-        step = channel.quantity.step(channel.conditions)
-        large = step[np.abs(step) > channel.quantity.least_step]
-        flow = channel.conditions.airflow_m_s
-        for i, shock in enumerate(shocks):
-            own = _step_of(channel, shock)
-            if abs(own) <= channel.quantity.least_step:
-                continue
-            other_way = large.size > 0 and not (np.sign(large) == np.sign(own)).any()
-            other_flow = max(flow.max(), shock.airflow_m_s) > 1.5 * min(flow.min(), shock.airflow_m_s)
-            one_flow = flow.max() < 1.5 * flow.min()
-            bonus[i] += VARIETY * (other_way + (one_flow and other_flow))
-    return bonus
-
-
-def _step_of(channel: Channel, shock: Shock) -> float:
-    if channel.quantity.pooled:
-        return shock.destination_c - shock.source_c
-    return shock.destination_percent - shock.source_percent if shock.isothermal else 0.0
 
 
 def choose_runs(
@@ -332,37 +305,3 @@ def _weighed(
 def progress(target: Target, variance: float, runs: int) -> float:
     """The share of a goal that is reached: of the information that it needs, and of the runs, at most 1."""
     return min(target.wanted**2 / max(variance, 1e-30), runs / FEWEST_RUNS, 1.0)
-
-
-def shock_of(run: Run) -> Shock | None:
-    """A recorded run as one that could be made again, its set points rounded; None where its airs are not known."""
-    airs = airs_of_run(run)
-    if airs is None:
-        return None
-    last_s = max((float(t.time_s[-1]) for t in (run.imet, run.hyt) if t is not None and t.time_s.size), default=0.0)
-    return Shock(
-        float(round(airs[0])),
-        float(round(airs[1])),
-        float(round(airs[2])),
-        float(round(airs[3])),
-        Shock.airflow_m_s if run.airflow_m_s is None else round(run.airflow_m_s, 2),
-        float(round(max(last_s - (run.start_s or 0.0), SHORTEST_S))),
-        None,
-        round(run.pressure_hpa, 2),
-        float(run.extra.get("irradiance_w_m2") or 0.0),
-    )
-
-
-def farthest(menu: Sequence[Shock], runs: Sequence[Run]) -> Shock:
-    """The run of a menu that is least like any that was recorded."""
-    there = np.array([_place(s) for run in runs if (s := shock_of(run)) is not None])
-    places = np.array([_place(shock) for shock in menu])
-    apart = ((places[:, None, :] - there[None, :, :]) ** 2).sum(axis=-1).min(axis=1)
-    return menu[int(np.argmax(apart))]
-
-
-def _place(shock: Shock) -> tuple[float, ...]:
-    """Conditions scaled so that differences that matter alike are alike."""
-    kelvin = (shock.source_c / 15.0, shock.destination_c / 15.0)
-    percent = (shock.source_percent / 25.0, shock.destination_percent / 25.0)
-    return (*kelvin, *percent, np.log(shock.airflow_m_s) / 0.7, 2.0 * (shock.transfer_s is not None))

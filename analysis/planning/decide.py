@@ -14,12 +14,14 @@ import numpy as np
 from shockrig.analysis.characterization.result import Characterization
 from shockrig.analysis.checks.checked import checked
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
-from shockrig.analysis.planning.choose import UNTOLD, Choice, Designs, choose_runs, menu_of, variety
+from shockrig.analysis.planning.choose import UNTOLD, Choice, Designs, choose_runs, menu_of
+from shockrig.analysis.planning.foretold import expected_evidence
 from shockrig.analysis.planning.goals import Goals
 from shockrig.analysis.planning.judged import Look, Verdict, diagnosed, look_at, with_verdicts
 from shockrig.analysis.planning.minutes import learn, spent_minutes
 from shockrig.analysis.planning.precision import Target, gained_by, measured, targets
 from shockrig.analysis.planning.shock import USUAL_C, Shock, Usual, opening
+from shockrig.analysis.planning.varied import variety
 from shockrig.files.campaign import Campaign
 
 CONTINUE, DONE, INCONCLUSIVE = "continue", "done", "inconclusive"
@@ -150,6 +152,9 @@ def decide(
         considered = tuple(chosen)
     else:
         chosen, considered = choose_runs(designs, minutes, last, count, len(recorded))
+        told = expected_evidence(list(looks.values()), [c.shock for c in (*chosen, *considered)])
+        weighed = [replace(c, evidence=x) for c, x in zip((*chosen, *considered), told, strict=True)]
+        chosen, considered = weighed[: len(chosen)], tuple(weighed[len(chosen) :])
     worst = {name: look.left_over for name, look in looks.items() if look.left_over}
     if goals.ties and worst and chased < MOST_UNEXPLAINED and not first:
         chosen, chased = designs.chase(campaign, worst, minutes, chased, count), chased + 1

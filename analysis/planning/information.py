@@ -69,6 +69,7 @@ def _log_precision(normal: Array, places: Sequence[int]) -> float:
     scaled = normal / scale[:, None] / scale
     within, across, rest = scaled[np.ix_(own, own)], scaled[np.ix_(own, ~own)], scaled[np.ix_(~own, ~own)]
     left = within - across @ np.linalg.pinv(rest, rcond=1e-11, hermitian=True) @ across.T
+    left += 1e-9 * np.eye(left.shape[0])  # for parameters that nothing has told of
     return float(np.linalg.slogdet(left)[1] + 2.0 * np.log(scale[own]).sum())
 
 
@@ -124,13 +125,13 @@ def information(
     imaginary = imagined(problem.with_rate_scatter(found.rate_scatter), noise, shocks, ambients)
     _, arrow = linearise(imaginary, found.structure, Point(theta, imaginary.channel.at_rest()))
     prior = np.diag(found.model.on(imaginary.channel).priors()[1])
-    added = np.stack([one.normal - prior for one in _each(arrow)])
+    added = np.stack([one.normal - prior for one in each_run(arrow)])
     spread = np.diag(found.covariance)[rates] - np.diag(found.arrow.covariance())[rates]
     floor = np.concatenate([np.maximum(spread, 0.0), np.full(more, float(np.median(np.maximum(spread, 0.0))))])
     return Information(ambients, known, added, floor)
 
 
-def _each(arrow: Arrow) -> list[Arrow]:
+def each_run(arrow: Arrow) -> list[Arrow]:
     """The normal equations of each run alone."""
     runs = range(arrow.jacobian.shape[0])
     parts = ("jacobian", "run_jacobian", "weight")
@@ -151,7 +152,7 @@ def separations(problem: Problem, noise: Noise, true: Fit, rival: Fit, shocks: S
     prior, nothing = np.diag(arrow.prior_weight), np.zeros(rival.theta.size)
     known = rival.arrow.normal
     found = np.zeros(len(shocks))
-    for i, one in enumerate(_each(arrow)):
+    for i, one in enumerate(each_run(arrow)):
         own = difference[i : i + 1]
         right, _ = one.right_sides(own, at_rest[i : i + 1], nothing)
         absorbed = float(right @ np.linalg.lstsq(known + one.normal - prior, right, rcond=None)[0])

@@ -16,6 +16,7 @@ USUAL_AIRFLOW_M_S = 6.0
 USUAL_C = 20.0
 WARMER_K = 20.0  # the other air of a thermal shock
 LONG_S, LONGEST_S = 70.0, 150.0  # of a record after the transfer that shows slow tails too
+SHORTEST_S = 8.0
 SLOWED_S = 2.0
 SLOWEST_M_S = 1.5
 
@@ -122,8 +123,13 @@ def precision_menu(ambients_c: Sequence[float], usual: Usual, dwell_s: Callable[
     return [shock for shock in menu if usual.allows(shock)]
 
 
-def deciding_menu(ambients_c: Sequence[float], usual: Usual) -> list[Shock]:
-    """Everything else that a bench can vary: size of the step, level, direction, airflow, how slowly, light; long."""
+def deciding_menu(
+    ambients_c: Sequence[float], usual: Usual, dwell_s: Callable[[float, bool], float] | None = None
+) -> list[Shock]:
+    """Everything else that a bench can vary: size of the step, level, direction, airflow, how slowly, light; long.
+
+    With `dwell_s`, see `precision_menu`, other airflows also no longer than the sensor needs.
+    """
     menu = []
     for t in ambients_c:
         warm, here = _warm(t), (t, 55.0)
@@ -149,6 +155,9 @@ def deciding_menu(ambients_c: Sequence[float], usual: Usual) -> list[Shock]:
                 replace(base, transfer_s=SLOWED_S, why=f"{why}, the transfer slowed"),
                 replace(base, dwell_s=LONGEST_S, why=f"{why}, recorded for longer"),
             ]
+            if dwell_s is not None:
+                enough = float(round(1.7 * dwell_s(destination[0], source[0] == destination[0])))
+                menu += [replace(one, dwell_s=enough) for one in menu[-4:-2] if enough < one.dwell_s]
             menu += [
                 replace(base, irradiance_w_m2=light, why=f"{why}, under {light:g} W/m2")
                 for light in usual.irradiances_w_m2

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from shockrig.analysis.inference.quantity import QUANTITIES
 from shockrig.analysis.report.diagnosis_words import listed, named
 from shockrig.analysis.report.fitted import UNIT, panels, relative_runs, residuals, single_runs
 from shockrig.analysis.report.html import Block, Cell, Details, Figure, KeyNumber, Report, Section, Table, Text
+from shockrig.analysis.report.loop_page import chosen_section
 from shockrig.analysis.report.numbers import measured, plain
 from shockrig.analysis.report.parameters import Curve, diffusivity, parameter_by_condition
 from shockrig.analysis.report.residuals import residual_overview
@@ -103,8 +104,13 @@ def draw_figures(result: Characterization) -> dict[str, tuple[Drawing, str]]:
 _CURVE = ("ambient_c", "diffusivity_m2_s", "standard_uncertainty")
 
 
-def write_characterization(result: Characterization, directory: Path, provenance: Mapping[str, Cell]) -> Path:
-    """Write the plots and DIRECTORY/report.html; returns the page's path."""
+def write_characterization(
+    result: Characterization,
+    directory: Path,
+    provenance: Mapping[str, Cell],
+    decisions: Sequence[Mapping[str, Any]] = (),
+) -> Path:
+    """Write the plots and DIRECTORY/report.html; returns the page's path. `decisions` is the campaign's log of them."""
     folder = Path(directory)
     drawn = draw_figures(result)
     saved = {name: save_figure(drawing, folder, name) for name, (drawing, _) in drawn.items()}
@@ -127,6 +133,7 @@ def write_characterization(result: Characterization, directory: Path, provenance
         blocks.append(figure(f"{name}_by_condition", f"Diffusivity of single runs of the {name} channel by condition"))
         blocks.append(Details("How the fit was made", [_search_table(found), Text(_METHOD)]))
         sections.append(Section(f"{name.capitalize()}: {len(found.runs)} runs", blocks))
+    sections += chosen_section(decisions, folder)
     sections.append(Section("What was left out, and why", [_left_out(result)]))
     bad = any(not found.explained for found in result.channels().values()) or bool(result.missing)
     report = Report(

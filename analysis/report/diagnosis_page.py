@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,7 @@ from shockrig.analysis.report.html import (
     Text,
     Tone,
 )
+from shockrig.analysis.report.loop_page import chosen_section
 from shockrig.analysis.report.next_time import next_time
 from shockrig.analysis.report.numbers import measured, plain
 from shockrig.analysis.report.seen import seen_sentence
@@ -67,8 +69,12 @@ def write_diagnosis(
     left_out: Sequence[LeftOut],
     folder: Path,
     provenance: Mapping[str, Cell],
+    decisions: Sequence[Mapping[str, Any]] = (),
 ) -> Path:
-    """Write FOLDER/report.html (and the crossing's plot); returns the page's path."""
+    """Write FOLDER/report.html (and the plots of crossing and decisions); returns the page's path.
+
+    `decisions` is the campaign's log of them.
+    """
     sections = []
     if diagnosis.input_findings:
         warnings = [Text(sentence, "warning") for sentence in diagnosis.input_findings]
@@ -79,6 +85,7 @@ def write_diagnosis(
     sections.append(Section("What it means in flight", _flight(crossings, notes, folder)))
     sections.append(Section("What to do on the bench", _advice(views)))
     sections.append(Section("What to measure next", _next(diagnosis)))
+    sections += chosen_section(decisions, folder)
     sections.append(Section("What was left out, and why", _left_out(diagnosis, left_out)))
     verdicts = {c.verdict for c in diagnosis.channels}
     tied = any(cause.indistinguishable_from for c in diagnosis.channels for cause in c.causes)

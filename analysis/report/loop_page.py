@@ -7,6 +7,7 @@ Drawn from the campaign's log of decisions alone (files/plan.py).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from shockrig.analysis.report.html import Details, Figure, KeyNumber, Report, Section, Table, Text, Tone
 from shockrig.analysis.report.numbers import plain
 from shockrig.analysis.report.panels import panels
-from shockrig.analysis.report.style import BLUE, CYCLE, GREY, INK, styled
+from shockrig.analysis.report.style import BLUE, CYCLE, GREY, INK, save_figure, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MatplotlibFigure
@@ -33,11 +34,7 @@ def loop_report(name: str, entries: Sequence[Entry], data: str = "") -> Report:
         KeyNumber("bench time", f"{plain(last['minutes_spent'], 3)} min", f"{len(last['recorded'])} runs"),
         KeyNumber("decisions", str(len(entries))),
     )
-    blocks: list[Any] = [Figure(precision_figure(entries), PRECISION, "uncertainty of each goal against bench minutes")]
-    if any("dispute" in v for e in entries for v in e["verdicts"].values()):
-        blocks.append(Figure(evidence_figure(entries), EVIDENCE, "evidence against each rival against runs"))
-    if any(e.get("realised") for e in entries):
-        blocks.append(Figure(realised_figure(entries), REALISED, "what came against what was expected"))
+    blocks = [Figure(drawing, caption, alt) for drawing, caption, alt in drawings(entries).values()]
     goals = Table(("goal", "now", "met"), [(g["goal"], g["now"], "yes" if g["met"] else "no") for g in last["goals"]])
     verdicts = Table(
         ("channel", "verdict", "named", "tied"),
@@ -60,6 +57,34 @@ def loop_report(name: str, entries: Sequence[Entry], data: str = "") -> Report:
     )
 
 
+def chosen_section(entries: Sequence[Entry], folder: Path) -> list[Section]:
+    """A section for the report of a campaign that chose its own runs, its plots written to `folder`; none without."""
+    if not entries:
+        return []
+    last = entries[-1]
+    waited_s = sum(float(entry.get("waited_s") or 0.0) for entry in entries)
+    waited = f" The bench waited {plain(waited_s, 2)} s for them." if waited_s else ""
+    text = Text(
+        f"{len(entries)} decisions over {plain(last['minutes_spent'], 3)} min of bench time, wanted: {last['until']}. "
+        f"The last one: {last['status']}, {last['reason']}.{waited}"
+    )
+    figures = [
+        Figure(save_figure(drawing, folder, f"loop_{name}"), caption, alt)
+        for name, (drawing, caption, alt) in drawings(entries).items()
+    ]
+    return [Section("How its runs were chosen", [text, *figures])]
+
+
+def drawings(entries: Sequence[Entry]) -> dict[str, tuple[MatplotlibFigure, str, str]]:
+    """What a log of decisions has to show, by name: figure, caption, alternative text."""
+    drawn = {"precision": (precision_figure(entries), PRECISION, "uncertainty of each goal against bench minutes")}
+    if any(v.get("dispute") or v["settled"] for e in entries for v in e["verdicts"].values()):
+        drawn["evidence"] = (evidence_figure(entries), EVIDENCE, "evidence against each rival against runs")
+    if any(e.get("realised") for e in entries):
+        drawn["realised"] = (realised_figure(entries), REALISED, "what came against what was expected")
+    return drawn
+
+
 PRECISION = (
     "Relative standard uncertainty of each quantity against bench time, and the goal (dashed). Where it rises, runs "
     "were found to differ by more than before."
@@ -69,8 +94,9 @@ EVIDENCE = (
     "(dashed) an explanation is out, whenever one looks."
 )
 REALISED = (
-    "Minutes, information (in goals) and evidence (ln E) that each run was expected to take or to bring, and what it "
-    "took or brought. Evidence scatters about what is expected of it by about its root."
+    "Minutes, information on what the goals want (in nats) and evidence (ln E) that the runs of each decision were "
+    "expected to take or to bring, and what their records took or brought. Evidence scatters about what is expected of "
+    "it by about its root."
 )
 
 
@@ -141,7 +167,7 @@ def realised_figure(entries: Sequence[Entry]) -> MatplotlibFigure:
     figure, axes = panels((1, 3), (9.6, 3.2), across_in=0.9)
     found = [entry["realised"] for entry in entries if entry.get("realised")]
     for ax, (key, words) in zip(
-        np.ravel(axes), (("minutes", "minutes"), ("information", "of a goal"), ("evidence", "ln E")), strict=True
+        np.ravel(axes), (("minutes", "minutes"), ("information", "nats"), ("evidence", "ln E")), strict=True
     ):
         both = [one for one in found if one[f"expected_{key}"] is not None and one[key] is not None]
         expected = np.array([one[f"expected_{key}"] for one in both])
@@ -170,12 +196,13 @@ def _decision(entry: Entry) -> Details:
             run["airflow_m_s"],
             run["dwell_s"],
             run["expected_minutes"],
+            run.get("expected_progress"),
             run["expected_information"],
             run["expected_evidence"],
         )
         for run in (entry["considered"] or entry["runs"])
     ]
-    columns = ("run", "source", "destination", "m/s", "for, s", "minutes", "of a goal", "ln E")
+    columns = ("run", "source", "destination", "m/s", "for, s", "minutes", "of a goal", "nats", "ln E")
     blocks: list[Any] = [Text(f"{entry['status']}: {entry['reason']}")]
     if entry["runs"]:
         blocks.append(Text(f"Chosen: {', '.join(run['why'] for run in entry['runs'])}."))
@@ -187,7 +214,7 @@ def _decision(entry: Entry) -> Details:
         blocks.append(
             Text(
                 f"Since the decision before: {plain(came['minutes'], 2)} min for {plain(came['expected_minutes'], 2)} "
-                f"expected, {plain(came['information'], 2)} of a goal for {_number(came['expected_information'])}, "
+                f"expected, {_number(came['information'])} nats for {_number(came['expected_information'])}, "
                 f"ln E {plain(came['evidence'], 2)} for {_number(came['expected_evidence'])}."
             )
         )

@@ -51,6 +51,7 @@ def write(
     from shockrig.analysis.characterization.to_profile import to_profile
     from shockrig.analysis.report.characterize_page import write_characterization
     from shockrig.files.campaign import read_campaign
+    from shockrig.files.plan import read_decisions
     from shockrig.files.profile import write_profile
     from shockrig.protocols.folder import said_of_data, software_version, whole_folder
 
@@ -72,7 +73,8 @@ def write(
             profile.humidity.to_frame().to_csv(folder / "diffusivity.csv", index=False, float_format="%.6g")
         say("plots and report")
         used = {f"runs used, {name}": ", ".join(found.runs) for name, found in result.channels().items()}
-        write_characterization(result, folder, {"campaign": result.campaign.name, **provenance, **used})
+        shown = {"campaign": result.campaign.name, **provenance, **used}
+        write_characterization(result, folder, shown, read_decisions(campaign))
     return result
 
 

@@ -113,6 +113,7 @@ def write(
         # Meanwhile this process imports what draws and flies.
         from shockrig.analysis.report.diagnosis_page import write_diagnosis
         from shockrig.files.diagnosis import write_diagnosis as write_document
+        from shockrig.files.plan import read_decisions
 
         for room in ("matplotlib.figure", "matplotlib.backends.backend_agg", "shockrig.analysis.report.crossing"):
             import_module(room)
@@ -139,9 +140,9 @@ def write(
         views = [received(drawing[name]) for name in names]
         left_out = [entry for name in CHANNELS for entry in usable_runs(recorded, name)[1]]
         used = {f"runs used, {c.name}": ", ".join(c.problem.channel.run_ids) for c in diagnosis.channels}
-        write_diagnosis(
-            diagnosis, views, crossings, notes, left_out, folder, {"campaign": recorded.name, **provenance, **used}
-        )
+        shown = {"campaign": recorded.name, **provenance, **used}
+        decisions = read_decisions(campaign)
+        write_diagnosis(diagnosis, views, crossings, notes, left_out, folder, shown, decisions)
     return diagnosis
 
 
