@@ -20,12 +20,14 @@ from shockrig.analysis.planning.choose import choose_runs, progress
 from shockrig.analysis.planning.decide import DONE, INCONCLUSIVE, Decision, decide
 from shockrig.analysis.planning.evidence import REJECTED, Dispute, against, student
 from shockrig.analysis.planning.export import chosen, log_entry, plan_document, remembered
+from shockrig.analysis.planning.foretold import expected_evidence
 from shockrig.analysis.planning.goals import Goals, Precision, parse_goals
-from shockrig.analysis.planning.information import information, separations
-from shockrig.analysis.planning.judged import spending
+from shockrig.analysis.planning.information import information, nats, separations
+from shockrig.analysis.planning.judged import Look, Verdict, spending
 from shockrig.analysis.planning.minutes import USUAL, learn, spent_minutes
-from shockrig.analysis.planning.precision import Target, measured, targets
+from shockrig.analysis.planning.precision import Target, gained_by, measured, targets
 from shockrig.analysis.planning.shock import Shock, Usual, deciding_menu, opening, precision_menu
+from shockrig.analysis.planning.varied import variety
 from shockrig.files.errors import InputError
 from shockrig.files.plan import append_decision, read_decisions
 from shockrig.rig.virtual.truth import Hidden, Noise
@@ -136,6 +138,37 @@ def test_a_run_brings_the_information_that_was_expected_of_it(tmp_path):
         assert told.added[1, 0, 0] <= told.added[0, 0, 0] * 1.001
 
 
+def test_nats_are_half_the_change_of_the_log_determinant_of_what_is_wanted():
+    """Against covariances with all parameters in them; and n equal runs of one rate: ln sqrt(n / (n - 1))."""
+    rng = np.random.default_rng(3)
+    rows = rng.normal(size=(30, 5))
+    before, after = rows[:20].T @ rows[:20], rows.T @ rows
+    wanted = np.ix_([0, 3], [0, 3])
+    dets = [np.linalg.det(np.linalg.inv(normal)[wanted]) for normal in (before, after)]
+    assert nats(before, after, [0, 3]) == pytest.approx(0.5 * np.log(dets[0] / dets[1]))
+    assert nats(np.array([[6.0]]), np.array([[7.0]]), [0]) == pytest.approx(0.5 * np.log(7 / 6))
+
+
+def test_what_a_run_brought_is_told_by_its_own_record(tmp_path):
+    """As much as was expected of it; less where it was noisy, nothing where it was lost; its value does not matter."""
+    wanted = targets(parse_goals("D 0.3 % at 20"), None)
+    bench = recorded(tmp_path / "well", LIVELY, [UP, DOWN, UP, DOWN, UP])
+    before = decide(bench.campaign(), parse_goals("D 0.01 % at 20"))
+    part = measured(bench.campaign()).humidity
+    told = information(part.parts[0].problem, part.parts[0].fit, part.noise, [DOWN], [20.0])
+    bench.record_run(DOWN.as_run())
+    well = gained_by({"0006"}, measured(bench.campaign()), wanted)
+    assert well == pytest.approx(nats(told.known, told.known + told.added[0], [0]), rel=0.15)
+    later = decide(bench.campaign(), parse_goals("D 0.01 % at 20"), before)
+    assert later.gained == pytest.approx(well, rel=1e-6)
+    assert well == pytest.approx(0.5 * np.log(6 / 5), rel=0.05)  # runs that are as good as one another
+    noisy = recorded(tmp_path / "noisy", LIVELY, [UP, DOWN, UP, DOWN, UP])
+    noisy.truth = replace(LIVELY, humidity_noise=Noise(0.7))
+    noisy.record_run(DOWN.as_run())
+    assert gained_by({"0006"}, measured(noisy.campaign()), wanted) < 0.5 * well
+    assert gained_by({"0007"}, measured(bench.campaign()), wanted) == 0.0
+
+
 def test_an_ambient_without_runs_is_worth_most(tmp_path):
     campaign = recorded(tmp_path, LIVELY, [UP, DOWN, UP, COOL]).campaign()
     part = measured(campaign).humidity
@@ -183,6 +216,10 @@ def test_evidence_comes_from_runs_that_tell_the_explanations_apart(tmp_path):
     fits = [_fitted(problem, one) for one in (HEATING, OFFSET)]
     expected = student(0.5 * separations(problem, ready.noise, *fits, [slow, COOL])[0], 5)
     assert told[1] == pytest.approx(expected, rel=0.35)
+    verdict = Verdict("explained", 6, HEATING, Dispute((HEATING, OFFSET), old), (0.0, 0.0))
+    slowly, same = expected_evidence([Look(verdict, problem, ready.noise, tuple(fits))], [slow, COOL])
+    assert told[1] == pytest.approx(slowly, rel=0.5) and same < 2.0
+    assert expected_evidence([Look(Verdict())], [slow]) == [0.0]
 
 
 def _fitted(problem, explanation):
@@ -303,6 +340,23 @@ def test_an_empty_campaign_begins_with_both_quantities_and_a_veto_is_kept(finish
     assert first.choices[0].shock not in [c.shock for c in other.choices]
     dry = decide(None, goals, count=4, feasible=lambda shock: shock.isothermal)
     assert all(c.shock.isothermal for c in dry.choices)
+
+
+def test_one_run_in_another_direction_or_airflow_is_not_enough(tmp_path):
+    """Runs differ, so one says nothing; a small step says less."""
+    small = Shock(20.0, 35.0, 20.0, 20.0)
+    menu = (DOWN, UP, replace(UP, airflow_m_s=12.0), small)
+    bench = recorded(tmp_path, QUIET, [UP, UP, UP])
+
+    def worth():
+        ready = prepare(build_channel(bench.campaign(), "humidity"))
+        return list(variety({"humidity": Look(Verdict(), ready.problem, ready.noise)}, menu))
+
+    assert worth() == pytest.approx([0.5, 0.0, 0.5, 0.125], rel=0.02)
+    bench.record_run(replace(DOWN, airflow_m_s=12.0).as_run())
+    assert worth() == pytest.approx([0.5, 0.0, 0.5, 0.125], rel=0.02)
+    bench.record_run(replace(DOWN, airflow_m_s=12.0).as_run())
+    assert worth() == [0.0, 0.0, 0.0, 0.0]
 
 
 def test_nothing_is_chosen_from_an_empty_menu():
