@@ -77,7 +77,7 @@ def record(folder: Path, port: str, factor: int, seconds: float) -> None:
     from shockrig.rig.recorder import Recorder, read_run
     from shockrig.rig.sensors.hyt271 import Hyt271, Hyt271Settings
     from shockrig.rig.sensors.imet import Imet, ImetSettings
-    from shockrig.rig.sensors.imet_humidity import ImetHumidity, ImetHumiditySettings
+    from shockrig.rig.sensors.imet_parts import ImetHumidity, ImetHumiditySettings
 
     clock, baud = RealClock(), round(10 / BYTE_S[factor])
     period_s = 0.1 / factor

@@ -31,6 +31,7 @@ from shockrig.rig.stages.manual import PromptedChambers
 
 __all__ = ["Bench", "ConnectionFault", "ConnectionFaults", "default_bench", "load_bench", "open_bench", "virtual_bench"]
 
+XF_FILM = "8"  # id of an iMet-XF's lines with its first HYT-271
 REMEDIES = {
     errno.ENOENT: "there is no such device: check the bench file, that it is plugged in, and that I2C is switched on",
     errno.EACCES: "the system refuses access: add yourself to the groups dialout and i2c, then log in again",
@@ -205,7 +206,7 @@ def open_bench(
         stage=stage,
         reference=reference,
         pressure_hpa=config.general.pressure_hpa,
-        description={name: _described(name, part, parts, truth) for name, part in config.sensors.items()},
+        description={name: _described(name, part, parts, config, truth) for name, part in config.sensors.items()},
         truth=truth,
         instruments=instruments,
         operator=person,
@@ -232,10 +233,10 @@ def _build(name: str, part: Part, parts: _Parts, config: BenchConfig) -> Any:
         raise BenchError(f"{config.path}: {name}: {error}") from None
 
 
-def _described(name: str, part: Part, parts: _Parts, truth: Any) -> dict[str, Any]:
+def _described(name: str, part: Part, parts: _Parts, config: BenchConfig, truth: Any) -> dict[str, Any]:
     """The campaign's entry of a sensor; an emulated one has the lengths that its truth is quoted for."""
     entry = parts.sensors[name].describe()
-    if truth is not None and "virtual" in (getattr(part.settings, "port", None), getattr(part.settings, "bus", None)):
+    if truth is not None and config.is_virtual(config.sensors.get(getattr(part.settings, "through", ""), part)):
         for length in ("bead_radius_m", "film_thickness_m"):
             if length in entry:
                 entry[length] = getattr(truth, length)
@@ -289,8 +290,18 @@ def _emulate(config: BenchConfig, clock: Clock, truth: Any, faults: Mapping[str,
         transfer_s=transfer["duration_s"] if transfer else 0.0,
         missing_fraction=truth.missing_fraction,
         faults=faults,
+        through=_through(config),
     )
     return instruments, truth
+
+
+def _through(config: BenchConfig) -> dict[str, dict[str, str]]:
+    """What else the lines of each iMet bring: {"imet": {"13": "imet-2", "8": "hyt"}}."""
+    found: dict[str, dict[str, str]] = {}
+    for name, part in config.sensors.items():
+        if (unit := getattr(part.settings, "through", None)) is not None:
+            found.setdefault(unit, {})[part.settings.line or XF_FILM] = name
+    return found
 
 
 def default_bench(seed: int = 0, clock: str = "virtual") -> BenchConfig:

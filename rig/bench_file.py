@@ -38,7 +38,8 @@ KINDS: dict[str, dict[str, str]] = {
         "imet-xf": "shockrig.rig.sensors.imet:Imet",
         "imet-xq2": "shockrig.rig.sensors.imet:Imet",
         "imet-xq": "shockrig.rig.sensors.imet:Imet",
-        "imet-humidity": "shockrig.rig.sensors.imet_humidity:ImetHumidity",
+        "imet-bead": "shockrig.rig.sensors.imet_parts:ImetBead",
+        "imet-humidity": "shockrig.rig.sensors.imet_parts:ImetHumidity",
     },
     "chambers": {
         "scpi": "shockrig.rig.chambers.scpi:ScpiDevice",

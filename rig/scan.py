@@ -16,7 +16,16 @@ from shockrig.rig.errors import BenchError
 from shockrig.rig.seams import Clock, I2cBus, Outcome, SerialPort
 from shockrig.rig.sensors.hyt271 import decode_frame
 from shockrig.rig.sensors.hyt271_commands import FREE
-from shockrig.rig.sensors.imet_lines import TABLES, LineAssembler, LineTable, UnknownLine, implausible
+from shockrig.rig.sensors.imet_lines import (
+    SECOND,
+    SECOND_BEAD,
+    SECOND_FILM,
+    TABLES,
+    LineAssembler,
+    LineTable,
+    UnknownLine,
+    implausible,
+)
 
 USUAL_ADDRESS = 0x28
 CONVERSION_S = 0.12
@@ -48,16 +57,19 @@ class FoundHyt:
 
 @dataclass(frozen=True)
 class FoundImet:
-    """An iMet unit; `has_humidity` where its lines bring a HYT-271's humidity along."""
+    """An iMet unit; `has_humidity` where its lines bring a HYT-271's humidity along, `second` the ids of the lines of a
+    second bead and film."""
 
     port: str
     kind: str
     baud: int
     temperature_c: float
     has_humidity: bool
+    second: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         film = ", with a HYT-271 of its own" if self.has_humidity else ""
+        film += "".join(f", with a second {'bead' if line == SECOND_BEAD else 'film'}" for line in self.second)
         return f"{self.port}: {self.kind} at {self.baud} baud ({self.temperature_c:.1f} degC{film})"
 
 
@@ -238,23 +250,25 @@ def _recognized(path: str, heard: bytes, baud: int) -> FoundImet | FoundGrbl | N
         return FoundGrbl(path, version, "" if pressed is None else pressed[1].decode())
     best = max((_as_imet(heard, kind) for kind in TABLES), key=lambda lines: len(lines[1]))
     kind, lines = best
-    if len([line for line in lines if "temperature_c" in line]) < ENOUGH_LINES:
+    own = [values for key, values in lines if key not in SECOND]
+    temperatures_c = [values["temperature_c"] for values in own if "temperature_c" in values]
+    if len(temperatures_c) < ENOUGH_LINES:
         return None
-    temperature_c = next(line["temperature_c"] for line in reversed(lines) if "temperature_c" in line)
-    return FoundImet(path, kind, baud, temperature_c, any("humidity_percent" in line for line in lines))
+    second = tuple(line for line in SECOND if any(key == line for key, _ in lines))
+    return FoundImet(path, kind, baud, temperatures_c[-1], any("humidity_percent" in line for line in own), second)
 
 
-def _as_imet(heard: bytes, kind: str) -> tuple[str, list[dict[str, float]]]:
-    """The lines that a kind's table can read, with plausible values."""
+def _as_imet(heard: bytes, kind: str) -> tuple[str, list[tuple[str, dict[str, float]]]]:
+    """The lines that a kind's table can read, with plausible values: their ids and what they say."""
     table = LineTable.of(TABLES[kind])
     good = []
     for line in LineAssembler(table.begins()).feed(heard, 0.0, 0.0):
         try:
-            _, values = table.parse(line.raw.replace(b"\0", b""))
+            key, values = table.parse(line.raw.replace(b"\0", b""))
         except (UnknownLine, ValueError):
             continue
         if line.whole and not implausible(values):
-            good.append(values)
+            good.append((key, values))
     return kind, good
 
 
@@ -280,17 +294,28 @@ def bench_toml(found: Iterable[Found], name: str = "found by scan") -> str:
         f"name = {_quoted(name)}",
         "pressure_hpa = 1013.25 # SET: of the laboratory, on the day",
     ]
-    for number, imet in enumerate(imets, start=1):
-        lines += ["", f"[sensors.{sensor_name('imet', str(number))}]"]
+    beads, through = 0, list[tuple[str, str]]()
+    for imet in imets:
+        beads += 1
+        unit = sensor_name("imet", str(beads))
+        lines += ["", f"[sensors.{unit}]"]
         lines += [f"kind = {_quoted(imet.kind)}", f"port = {_quoted(imet.port)}"]
         lines += [f"baud = {imet.baud}"] if imet.baud != IMET_BAUD else []
         lines += ['# serial = "X00000" # SET: printed on the unit']
-    reference = films[len(imets) or 1 :][:1]  # one film to a bead; what is left over is better kept
+        if SECOND_BEAD in imet.second:
+            beads += 1
+            lines += ["", f"[sensors.{sensor_name('imet', str(beads))}]"]
+            lines += ['kind = "imet-bead" # the second bead of the unit', f"through = {_quoted(unit)}"]
+        for line in ("",) * imet.has_humidity + (SECOND_FILM,) * (SECOND_FILM in imet.second):
+            through.append((unit, line))
+    reference = films[beads or 1 :][:1]  # one film to a bead; what is left over is better kept
     for number, film in enumerate((film for film in films if film not in reference), start=1):
         lines += ["", f"[sensors.{sensor_name('hyt', str(number))}]", *_hyt_lines(film)]
         lines += ['# serial = "H00000" # SET: yours to choose']
-    if not films and imets[0].has_humidity:
-        lines += ["", "[sensors.hyt]", 'kind = "imet-humidity" # the hygrometer that the iMet reads itself']
+    for number, (unit, line) in enumerate(() if films else through, start=1):
+        lines += ["", f"[sensors.{sensor_name('hyt', str(number))}]"]
+        lines += ['kind = "imet-humidity" # the hygrometer that the iMet reads itself', f"through = {_quoted(unit)}"]
+        lines += [f"line = {_quoted(line)} # the second one"] if line else []
     lines += ["", "[stage]"]
     if stages:
         lines += [

@@ -181,8 +181,11 @@ def test_a_grbl_sender_moves_the_emulated_carriage(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("imet-xf", "imet-xq2"), "two beads"),
-        (("hyt-271", "imet-xq2"), "two films"),
+        (("grbl", "grbl"), "name grbl once"),
+        (("imet-xf",) * 9, "9 beads and 0 films: at most 8 probes"),
+        (("hyt-271", "--second"), "name imet-xf"),
+        (("hyt-271", "hyt-271", "--address", "0x77"), "give a lower one"),
+        (("imet-xf", "imet-xf", "--flight", "none.csv"), "one probe flies"),
         (("hyt-271", "--link", "x"), "--link x: here are 0 serial instruments"),
         (("imet-xf", "--fault", "nack@1"), "no fault 'nack'"),
         (("imet-xf", "--fault", "silence"), "KIND@START"),
@@ -198,6 +201,35 @@ def test_what_cannot_be_emulated_is_refused(capsys, monkeypatch, tmp_path, argum
     monkeypatch.chdir(tmp_path)
     assert main(["emulate", *arguments, "--folder", str(tmp_path)]) == 2
     assert says in capsys.readouterr().err
+
+
+def test_several_of_a_kind_are_further_probes_side_by_side(tmp_path):
+    """Two XFs, each with two beads and two films: eight courses of their own through one transfer."""
+    from shockrig.rig.seams import Air
+    from shockrig.rig.virtual.emulate.rest import RestingBench
+    from shockrig.rig.virtual.emulate.session import Options, instruments_of, probes_of
+
+    options = Options(humidity=True, second=True)
+    kinds = ["imet-xf", "grbl", "imet-xf"]
+    instruments = instruments_of(kinds, options)
+    assert [one.name for one in instruments] == ["imet-xf", "grbl", "imet-xf-2"]
+    assert [(one.beads, one.films) for one in instruments] == [((1, 2), (1, 2)), ((), ()), ((3, 4), (3, 4))]
+    worlds = [
+        RestingBench(Air(20.0, 50.0), Air(40.0, 20.0), 6.0, 1013.25, 3, probe + 1)
+        for probe in range(probes_of(instruments))
+    ]
+    session = Session(kinds, worlds, FastClock(), tmp_path, unix_s=time.time, truth=tmp_path / "t.csv", options=options)
+    try:
+        assert sorted(session.serial) == ["grbl", "imet-xf", "imet-xf-2"]
+        session.witness.begin_transfer(1.0)
+        for probe in range(1, 5):
+            for quantity in ("temperature_c", "humidity_percent"):
+                session.witness.sampler("imet-xf", quantity, probe, f"probe {probe}")(1.6)
+    finally:
+        session.close()
+    for quantity in ("temperature_c", "humidity_percent"):
+        said = {row["instrument"]: float(row["said"]) for row in rows_of(tmp_path / "t.csv", quantity)}
+        assert len({said[f"probe {probe}"] for probe in range(1, 5)}) == 4  # on their way, each at its own pace
 
 
 def step_flight(path, before_c=20.0, after_c=30.0, at_s=20.0, end_s=40.0):
@@ -226,7 +258,7 @@ def test_a_flight_is_played_in_time_with_its_truth_beside_it(tmp_path):
     profile = typical_profile(bead_t98_s=2.0)
     world = flight_world(read_flown_air(step_flight(tmp_path / "flight.csv", at_s=8.0, end_s=16.0)), profile)
     clock = FastClock(10.0)
-    session = Session(["imet-xf"], world, clock, tmp_path, unix_s=time.time, truth=tmp_path / "t.csv")
+    session = Session(["imet-xf"], [world], clock, tmp_path, unix_s=time.time, truth=tmp_path / "t.csv")
     try:
         import serial
 

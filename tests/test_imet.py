@@ -16,8 +16,8 @@ from shockrig.rig.clock import RealClock, VirtualClock
 from shockrig.rig.errors import BenchError
 from shockrig.rig.seams import Outcome
 from shockrig.rig.sensors.imet import Imet, ImetSettings
-from shockrig.rig.sensors.imet_humidity import ImetHumidity, ImetHumiditySettings
 from shockrig.rig.sensors.imet_lines import LONGEST_LINE, XF, XQ, XQ2, LineAssembler, LineTable, UnknownLine
+from shockrig.rig.sensors.imet_parts import ImetBead, ImetBeadSettings, ImetHumidity, ImetHumiditySettings
 from shockrig.rig.virtual.chips.imet import ImetUnit, bead_resistance_ohm
 from shockrig.rig.virtual.faults import Fault, FaultySerial
 from shockrig.rig.virtual.serial_line import PtyDevice
@@ -213,6 +213,29 @@ def test_humidity_of_an_imet_is_a_sensor_of_its_own():
     assert readings[0].sensor == "hyt" and readings[0].values["temperature_c"] == 22.0
 
 
+def test_a_second_bead_and_film_are_sensors_of_their_own():
+    """Ids 13 and 17, in the same burst as 5 and 8: neither is mixed with the first one's."""
+    second = {"second_bead_c": lambda t: 40.0 - t, "second_film": (lambda t: 80.0, lambda t: 39.0)}
+    sensor, clock = imet_over(xf_unit(humidity_percent=ramp_percent, die_temperature_c=steady_c, **second))
+    parts = [
+        ImetHumidity("hyt", ImetHumiditySettings(), sensor),
+        ImetBead("imet-2", ImetBeadSettings(), sensor),
+        ImetHumidity("hyt-2", ImetHumiditySettings(line="17"), sensor),
+    ]
+    for part in parts:
+        part.open()
+    own = [reading for reading in watch(sensor, clock, 1.0) if reading.sensor == "imet"]
+    first, bead, film = (part.poll() for part in parts)
+    assert len(own) == len(first) == len(bead) == len(film) == 10
+    assert {reading.sensor for reading in bead} == {"imet-2"}
+    assert all(set(reading.values) == {"temperature_c"} for reading in bead)
+    assert all(r.values["temperature_c"] == pytest.approx(40.0 - r.sampled_s, abs=0.02) for r in bead)
+    assert all(reading.values["temperature_c"] < 30.0 for reading in own)
+    assert {tuple(reading.values.values()) for reading in film} == {(80.0, 39.0)}
+    assert all(reading.values["humidity_percent"] < 80.0 for reading in first)
+    assert parts[1].describe()["kind"] == "imet-xf" and parts[2].describe()["kind"] == "hyt-271"
+
+
 @pytest.mark.parametrize("kind", ["flip", "half_line", "headless", "glued", "doubled", "nul", "garbage", "endless"])
 def test_damaged_lines_are_rejected_or_right_and_the_next_one_is_heard(kind):
     """Without a checksum a flipped digit may pass; whatever else is damaged must never become a wrong value."""
@@ -313,6 +336,7 @@ def test_a_line_that_begins_with_analog_inputs_is_one_line_and_dated_by_its_firs
 def test_a_units_second_bead_is_not_taken_for_its_first():
     sensor, clock = imet_over(Replay([(0.1 * i, b"5,2000,6600\r\n13,4000,2700\r\n") for i in range(1, 20)]))
     readings = watch(sensor, clock, 2.0)
-    good = [reading for reading in readings if reading.outcome is Outcome.OK]
-    assert len(good) > 15 and {reading.values["temperature_c"] for reading in good} == {20.0}
-    assert sensor.unknown_ids["13"] > 15
+    assert {reading.outcome for reading in readings} == {Outcome.OK}
+    for name, temperature_c in (("imet", 20.0), ("imet.13", 40.0)):
+        own = [reading.values["temperature_c"] for reading in readings if reading.sensor == name]
+        assert len(own) > 15 and set(own) == {temperature_c}

@@ -14,6 +14,7 @@ from shockrig.files.errors import InputError
 from shockrig.files.profile import read_profile
 from shockrig.protocols.cli import main
 from shockrig.protocols.reveal import score
+from shockrig.rig.bench import open_bench
 from shockrig.rig.bench_file import check_bench
 from shockrig.rig.errors import BenchError
 from shockrig.rig.protocol import Faults
@@ -132,6 +133,57 @@ def test_the_seal_is_opened_for_a_probe(recorded):
     first, second = (score(recorded / "c.sealed", stated, probe) for probe in ("1", "2"))
     assert first.truth.thermal_diffusivity_m2_s != second.truth.thermal_diffusivity_m2_s
     assert second.truth.effects == first.truth.effects
+
+
+ONE_UNIT = """[sensors.imet]
+kind = "imet-xf"
+port = "virtual"
+
+[sensors.hyt]
+kind = "imet-humidity"
+
+[sensors.imet-2]
+kind = "imet-bead"
+serial = "NTC B"
+
+[sensors.hyt-2]
+kind = "imet-humidity"
+line = "17"
+
+"""
+
+
+def test_both_beads_and_films_of_one_unit_are_recorded(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    bench = VIRTUAL[: VIRTUAL.index("[sensors.imet]")] + ONE_UNIT + VIRTUAL[VIRTUAL.index("[stage]") :]
+    (tmp_path / "b.toml").write_text(bench)
+    assert main(["run", "quick", "--bench", "b.toml", "--out", "c", "--seed", "5"]) == 0
+    stated = json.loads((tmp_path / "c/campaign.json").read_text())["sensors"]
+    assert {name: one["kind"] for name, one in stated.items()} == {
+        "imet": "imet-xf", "hyt": "hyt-271", "imet-2": "imet-xf", "hyt-2": "hyt-271",
+    }  # fmt: skip
+    truth, _ = open_seal(tmp_path / "c.sealed")
+    assert main(["characterize", "c", "--out", "p"]) == 0
+    for its, folder in ((truth, "p"), (of_probe(truth, "2"), "p/probe-2")):
+        profile = read_profile(tmp_path / folder / "profile.json")
+        alpha = profile.temperature.thermal_diffusivity_m2_s
+        assert abs(alpha.value - its.thermal_diffusivity_m2_s) < 4 * alpha.standard_uncertainty
+        (row,) = profile.humidity.diffusivity_table
+        true = its.diffusivity_m2_s(row.ambient_temperature_c)
+        assert abs(row.diffusivity_m2_s - true) < 4 * row.standard_uncertainty
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('line = "17"', 'line = "4"', 'line = "4": lines of "imet" with this id bring no humidity_percent .*8, 17'),
+        ('kind = "imet-bead"', 'kind = "imet-bead"\nthrough = "hyt"', 'through = "hyt" names no iMet sensor'),
+    ],
+)
+def test_what_a_unit_does_not_read_is_no_sensor(tmp_path, old, new, says):
+    bench = VIRTUAL[: VIRTUAL.index("[sensors.imet]")] + ONE_UNIT + VIRTUAL[VIRTUAL.index("[stage]") :]
+    with pytest.raises(BenchError, match=says):
+        open_bench(check_bench(tomllib.loads(bench.replace(old, new)), "bench.toml"))
 
 
 def test_a_bench_names_its_probes(tmp_path):

@@ -266,6 +266,29 @@ def test_several_of_a_kind_are_several_probes():
     assert config.reference.settings.address == 0x2B  # one more than there are beads
 
 
+def test_a_second_bead_and_film_of_a_unit_are_a_probe_of_their_own():
+    device = Deaf(
+        ImetUnit(
+            lambda t: 21.25,
+            lambda t: 950.0,
+            "imet-xf",
+            lambda t: 41.0,
+            lambda t: 22.5,
+            second_bead_c=lambda t: 30.0,
+            second_film=(lambda t: 60.0, lambda t: 31.0),
+        )  # fmt: skip
+    )
+    found = on_ports(usb=(device, 57600))["usb"].found
+    assert found == FoundImet("usb", "imet-xf", 57600, 21.25, True, ("13", "17"))
+    sensors = check_bench(tomllib.loads(bench_toml([found])), "found.toml").sensors
+    assert {name: part.kind for name, part in sensors.items()} == {
+        "imet": "imet-xf", "imet-2": "imet-bead", "hyt": "imet-humidity", "hyt-2": "imet-humidity",
+    }  # fmt: skip
+    assert [sensors[name].settings.line for name in ("imet-2", "hyt", "hyt-2")] == ["13", "", "17"]
+    alone = check_bench(tomllib.loads(bench_toml([found, HYT])), "found.toml").sensors
+    assert list(alone) == ["imet", "imet-2", "hyt"] and alone["hyt"].kind == "hyt-271"
+
+
 def test_names_are_quoted():
     port = '/dev/serial/by-id/usb-"x"\\y\n[stage]'
     config = check_bench(tomllib.loads(bench_toml([FoundImet(port, "imet-xf", 57600, 20.0, False)])), "found.toml")

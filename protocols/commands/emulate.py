@@ -18,20 +18,34 @@ KINDS = ("imet-xf", "imet-xq2", "imet-xq", "hyt-271", "grbl")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     parser.epilog = "Ends at the end of the flight, else by Ctrl-C. What each instrument does: docs/emulators.md."
-    parser.add_argument("kinds", metavar="KIND", nargs="+", choices=KINDS, help=", ".join(KINDS))
+    parser.add_argument(
+        "kinds",
+        metavar="KIND",
+        nargs="+",
+        choices=KINDS,
+        help=f"{', '.join(KINDS)}; one named twice is there twice, on a further probe",
+    )
     parser.add_argument(
         "--link",
-        metavar="[KIND=]PATH",
+        metavar="[NAME=]PATH",
         action="append",
         default=[],
-        help="symbolic link to a serial instrument's terminal; of several each by its kind, as imet-xf=/tmp/ttyXF",
+        help="symbolic link to a serial instrument's terminal; of several each by its kind, as imet-xf=/tmp/ttyXF, or "
+        "imet-xf-2=/tmp/ttyXF2 for the second of a kind",
     )
     parser.add_argument("--folder", metavar="F", type=Path, help="where the I2C socket and library go (default: /tmp)")
     parser.add_argument("--build", metavar="LIB.so", type=Path, help="build the I2C preload library there, and end")
     parser.add_argument("--bus", type=int, default=1, metavar="N", help="/dev/i2c-N that programs open (default 1)")
-    parser.add_argument("--address", type=whole_number, default=0x28, help="of the HYT-271 (default 0x28)")
+    parser.add_argument(
+        "--address", type=whole_number, default=0x28, help="of the HYT-271 (default 0x28); a further one has the next"
+    )
     parser.add_argument("--rate-hz", type=float, help="lines a second (default: 10 for an XF, 1 for an XQ)")
     parser.add_argument("--humidity", action="store_true", help="the iMet-XF carries a HYT-271 (lines with id 8)")
+    parser.add_argument(
+        "--second",
+        action="store_true",
+        help="the iMet-XF carries a second bead (lines with id 13) and, with --humidity, a second film (17)",
+    )
     parser.add_argument("--flight", metavar="FLIGHT.csv", type=Path, help="play this air (time_s, temperature_c, ...)")
     parser.add_argument("--profile", metavar="P", type=Path, help="the sensors that fly (default: a typical pair)")
     parser.add_argument("--truth", metavar="F.csv", type=Path, help="write what was said and what was true, as it goes")
@@ -64,7 +78,7 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.files.ranges import RANGES, Range
     from shockrig.rig.errors import BenchError
     from shockrig.rig.virtual.emulate.i2c_socket import build_preload
-    from shockrig.rig.virtual.emulate.session import FastClock, Options, Session, check_kinds
+    from shockrig.rig.virtual.emulate.session import FastClock, Options, Session, instruments_of, probes_of
 
     if args.build is not None:
         print(f"{build_preload(args.build)}: name it in LD_PRELOAD, and the socket in SHOCKRIG_I2C_{args.bus}")
@@ -81,13 +95,18 @@ def main(args: argparse.Namespace) -> int:
     airs = (*_both_airs(args), args.airflow) if args.chambers else None
     if airs is not None and args.flight is not None:
         raise BenchError("--chambers: make the airs of a bench; a flight has its own")
-    options = Options(args.address, args.bus, args.rate_hz, args.humidity, seed=args.seed, faults=faults, chambers=airs)
-    check_kinds(args.kinds, options)
-    serial = [kind for kind in args.kinds if kind != "hyt-271"]
+    options = Options(
+        args.address, args.bus, args.rate_hz, args.humidity, args.second, seed=args.seed, faults=faults, chambers=airs
+    )
+    instruments = instruments_of(args.kinds, options)
+    probes = probes_of(instruments)
+    if args.flight is not None and probes > 1:
+        raise BenchError(f"--flight: one probe flies, and {' '.join(args.kinds)} are {probes}; emulate them one by one")
+    serial = [one.name for one in instruments if one.kind != "hyt-271"]
     links = _links(args.link, serial)
     if args.profile is not None and args.flight is None:
         raise BenchError(f"--profile {args.profile}: flies only with --flight FLIGHT.csv")
-    world, end_s = _flight(args) if args.flight is not None else (_bench(args), None)
+    worlds, end_s = _flight(args) if args.flight is not None else (_bench(args, probes), None)
     with contextlib.ExitStack() as stack:
         if args.folder is None:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="shockrig-emulate-")))
@@ -100,11 +119,11 @@ def main(args: argparse.Namespace) -> int:
         signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(0))
         clock = FastClock(args.speed)
         session = Session(
-            args.kinds, world, clock, folder.resolve(), unix_s=time.time, truth=args.truth, options=options
+            args.kinds, worlds, clock, folder.resolve(), unix_s=time.time, truth=args.truth, options=options
         )
         stack.callback(session.close)
-        for kind, link in links.items():
-            _link(link, session.serial[kind])
+        for name, link in links.items():
+            _link(link, session.serial[name])
             stack.callback(link.unlink, missing_ok=True)
         if session.climate:
             write_whole(folder / CHAMBERS_FILE, _chambers_toml(session.climate))
@@ -126,20 +145,20 @@ def _serve(clock: Any, session: Any, end_s: float | None, speed: float) -> None:
 
 
 def _links(given: list[str], serial: list[str]) -> dict[str, Path]:
-    """Kind -> link, from PATH (one serial instrument) or KIND=PATH."""
+    """Name of an instrument -> link, from PATH (one serial instrument) or NAME=PATH."""
     from shockrig.files.disk import demand_name
     from shockrig.rig.errors import BenchError
 
     links = {}
     for text in given:
-        kind, equals, path = text.partition("=")
+        name, equals, path = text.partition("=")
         if not equals and len(serial) == 1:
-            kind, path = serial[0], text
-        if kind not in serial or not path:
-            known = " or ".join(f"{name}=PATH" for name in serial) or "nothing: there is no serial instrument"
+            name, path = serial[0], text
+        if name not in serial or not path:
+            known = " or ".join(f"{one}=PATH" for one in serial) or "nothing: there is no serial instrument"
             raise BenchError(f"--link {text}: here are {len(serial)} serial instruments; expected {known}")
         demand_name(path, "give another path")
-        links[kind] = Path(path)
+        links[name] = Path(path)
     return links
 
 
@@ -155,25 +174,27 @@ def _chambers_toml(climate: dict[str, tuple[str, str]]) -> str:
 
 
 def _introduce(args: argparse.Namespace, session: Any, links: dict[str, Path], folder: Path) -> None:
-    for kind, path in session.serial.items():
-        named = f" ({links[kind]})" if kind in links else ""
-        print(f"{kind} on {path}{named}", flush=True)
+    for name, path in session.serial.items():
+        named = f" ({links[name]})" if name in links else ""
+        print(f"{name} on {path}{named}", flush=True)
     if session.climate:
         print(f"chambers and a fan: append {folder / CHAMBERS_FILE} to a bench file", flush=True)
     if session.environment:
         setting = " ".join(f"{name}={value}" for name, value in session.environment.items())
         request = f"i2ctransfer -y {args.bus} w0@{args.address:#04x}"
         fetch = f"i2ctransfer -y {args.bus} r4@{args.address:#04x}"
-        print(f"hyt-271 at {args.address:#04x} on /dev/i2c-{args.bus} for programs with")
+        addresses = ", ".join(f"{address:#04x}" for address in session.addresses)
+        print(f"hyt-271 at {addresses} on /dev/i2c-{args.bus} for programs with")
         print(f"  export {setting}", flush=True)
         print(f"then for instance: {request}; sleep 0.1; {fetch}", file=sys.stderr)
 
 
-def _bench(args: argparse.Namespace) -> Any:
-    """A pair of sensors at rest between two chambers; a carriage moves them."""
+def _bench(args: argparse.Namespace, probes: int) -> list[Any]:
+    """Pairs of sensors at rest between two chambers; a carriage moves them."""
     from shockrig.rig.virtual.emulate.rest import RestingBench
 
-    return RestingBench(*_both_airs(args), args.airflow, PRESSURE_HPA, args.seed)
+    airs = _both_airs(args)
+    return [RestingBench(*airs, args.airflow, PRESSURE_HPA, args.seed, probe + 1) for probe in range(probes)]
 
 
 def _both_airs(args: argparse.Namespace) -> tuple[Any, Any]:
@@ -183,7 +204,7 @@ def _both_airs(args: argparse.Namespace) -> tuple[Any, Any]:
     return source, destination
 
 
-def _flight(args: argparse.Namespace) -> tuple[Any, float]:
+def _flight(args: argparse.Namespace) -> tuple[list[Any], float]:
     from shockrig.analysis.flight.typical import typical_profile
     from shockrig.files.profile import read_profile
     from shockrig.protocols.flight_world import flight_world, read_flown_air
@@ -194,7 +215,7 @@ def _flight(args: argparse.Namespace) -> tuple[Any, float]:
     world = flight_world(air, profile, args.seed)
     if world.left_out:
         print(f"note: left to the logger that listens: {', '.join(world.left_out)}", file=sys.stderr)
-    return world, world.end_s
+    return [world], world.end_s
 
 
 def _air(name: str, text: str) -> tuple[float, float]:

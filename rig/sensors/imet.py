@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from shockrig.rig.seams import Clock, Outcome, Parts, Reading, SerialPort
-from shockrig.rig.sensors.imet_lines import TABLES, Line, LineAssembler, LineTable, UnknownLine, implausible
+from shockrig.rig.sensors.imet_lines import SECOND, TABLES, Line, LineAssembler, LineTable, UnknownLine, implausible
 
 REOPEN_S = 0.25
 ECHO_WITHIN_S = 0.03  # the fastest units speak every 50 ms, a burst of an XF takes 14 ms
@@ -37,11 +37,25 @@ class ImetSettings:
     silence_s: float = 2.0
 
 
+@dataclass(frozen=True)
+class _Kept:
+    """What another sensor takes out of this unit's lines, and its readings that nobody has fetched yet."""
+
+    name: str
+    line: str
+    takes: Mapping[str, str]
+    readings: deque[Reading]
+
+    def wants(self, key: str, values: Mapping[str, float]) -> bool:
+        """Whether a line brings a reading."""
+        return next(iter(self.takes)) in values and (key == self.line if self.line else key not in SECOND)
+
+
 class Imet:
     """One iMet unit. Raw lines are in every reading, rejected ones too.
 
-    Lines with the bead's temperature are readings of this sensor; other lines (board, GPS) are readings of "NAME.ID",
-    so that nobody waits for a temperature in them.
+    Lines with the bead's temperature are readings of this sensor; other lines (board, GPS, a second bead) are readings
+    of "NAME.ID", so that nobody waits for a temperature in them.
 
     `counts` keeps the book: outcomes by name, "unknown_id", "echo", "reopened"; `unknown_ids` says which.
     """
@@ -56,8 +70,7 @@ class Imet:
         self.kind = kind
         self.counts: Counter[str] = Counter()
         self.unknown_ids: Counter[str] = Counter()
-        self.humidity: deque[Reading] = deque(maxlen=1000)  # of the unit's own HYT-271, for a sensor that asked for it
-        self._humidity_name = ""
+        self._kept: list[_Kept] = []
         self._port = port
         self._clock = clock
         self._table = LineTable.of({**TABLES[kind], **settings.lines})
@@ -73,9 +86,23 @@ class Imet:
     def describe(self) -> dict[str, Any]:
         return {"kind": self.kind, "serial": self.settings.serial, "bead_radius_m": self.settings.bead_radius_m}
 
-    def keep_humidity(self, name: str) -> None:
-        """Keep readings of the unit's own HYT-271 under `name` in `humidity`."""
-        self._humidity_name = name
+    def keep(self, name: str, line: str, takes: Mapping[str, str]) -> deque[Reading]:
+        """Where readings under `name` are put from now on, for a sensor of its own, out of lines with the id `line`.
+
+        Parameters
+        ----------
+        name : str
+        line : str
+            Where empty, any lines but those of a second bead or film.
+        takes : {quantity of the lines: quantity of the readings}
+            Lines without the first one bring no reading.
+        """
+        self._kept.append(_Kept(name, line, dict(takes), deque(maxlen=1000)))
+        return self._kept[-1].readings
+
+    def lines_with(self, quantity: str) -> list[str]:
+        """Ids of the lines that tell a quantity."""
+        return [key for key in self._table.lines if quantity in self._table.names(key)]
 
     def open(self) -> None:
         """Open the port, which drops what waited in it; raises OSError."""
@@ -129,7 +156,8 @@ class Imet:
             return [self._say(Outcome.REJECTED, line.start_s, now, raw=line.raw)]
         except ValueError:
             return [self._say(Outcome.REJECTED, line.start_s, now, raw=line.raw)]
-        name = self.name if "temperature_c" in self._table.names(key) else f"{self.name}.{key}"
+        own = "temperature_c" in self._table.names(key) and key not in SECOND
+        name = self.name if own else f"{self.name}.{key}"
         if implausible(values) or (name == self.name and "temperature_c" not in values):
             return [self._say(Outcome.IMPLAUSIBLE, line.start_s, now, raw=line.raw, name=name)]
         before, began_s = self._spoken.get(key, (b"", 0.0))
@@ -140,11 +168,10 @@ class Imet:
             return [self._say(Outcome.REJECTED, line.start_s, now, raw=line.raw, name=name)]
         outcome = Outcome.STALE if late else Outcome.OK
         reading = self._say(outcome, line.start_s, now, values, line.raw, name)
-        if self._humidity_name and "humidity_percent" in values:
-            film = {"humidity_percent": values["humidity_percent"]}
-            if "die_temperature_c" in values:
-                film["temperature_c"] = values["die_temperature_c"]
-            self.humidity.append(replace(reading, sensor=self._humidity_name, values=film))
+        for kept in self._kept:
+            if kept.wants(key, values):
+                taken = {to: values[quantity] for quantity, to in kept.takes.items() if quantity in values}
+                kept.readings.append(replace(reading, sensor=kept.name, values=taken))
         return [reading]
 
     def _say(

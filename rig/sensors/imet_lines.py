@@ -39,14 +39,18 @@ XF: Mapping[str, Sequence[str]] = {
     "3": ("date:text", "time:text", "latitude_deg/1e7", "longitude_deg/1e7", "altitude_m/1000", "satellites"),
     "5": ("temperature_c/100", "resistance_ohm"),
     "8": ("humidity_percent/10", "die_temperature_c/100"),
+    "13": ("temperature_c/100", "resistance_ohm"),
+    "17": ("humidity_percent/10", "die_temperature_c/100"),
 }
+SECOND_BEAD, SECOND_FILM = "13", "17"
+SECOND = (SECOND_BEAD, SECOND_FILM)  # never mixed with the unit's own
 _XQ_END = ("date:text", "time:text", "longitude_deg/1e7", "latitude_deg/1e7", "altitude_m/1000", "satellites")
 XQ2: Mapping[str, Sequence[str]] = {
     "XQ": ("pressure_hpa/100", "temperature_c/100", "humidity_percent/10", "die_temperature_c/100", *_XQ_END)
 }
 XQ: Mapping[str, Sequence[str]] = {"XQ": ("pressure_hpa/100", "temperature_c/100", "humidity_percent/10", *_XQ_END)}
 # What the maker's own application calls the probes of an XF by their ids. How the fields of most are laid out nobody
-# says, so that only those of the table above are read. A second bead or film (13, 17) is not mixed with the first.
+# says, so that only those of the table above are read; those of the second bead and film are taken for the first ones'.
 PROBES: Mapping[str, str] = {
     "1": "EE03", "2": "infrared thermometer", "4": "HTU21D", "5": "NTC A", "6": "CO", "7": "CH4", "8": "HYT-271",
     "13": "NTC B", "14": "EEH210", "15": "PT100", "16": "PT100", "17": "HYT-271 B",

@@ -20,6 +20,7 @@ from shockrig.rig.virtual.faults import Fault, FaultyI2c, FaultySerial
 from shockrig.rig.virtual.i2c_dev import I2cWire, Wire, plug_in, pull_out
 from shockrig.rig.virtual.serial_line import Device, MemorySerial, PtyDevice
 
+SECOND_BEAD, SECOND_FILM = "13", "17"  # ids of an XF's lines
 SNAP_S = 0.002  # how long a transfer takes where the truth says that it takes no time
 _numbers = itertools.count(1)
 
@@ -160,6 +161,8 @@ class VirtualInstruments:
         Share of the sensors' readings that are lost.
     faults : mapping
         What to inject, by the name of the part ("imet", "hyt", "stage", "reference").
+    through : mapping
+        What else an iMet's lines bring: {"imet": {"13": "imet-2", "8": "hyt"}}, ids of lines and whose they are.
     """
 
     def __init__(
@@ -174,6 +177,7 @@ class VirtualInstruments:
         transfer_s: float = 0.0,
         missing_fraction: float = 0.0,
         faults: Mapping[str, Iterable[Fault]] | None = None,
+        through: Mapping[str, Mapping[str, str]] | None = None,
     ) -> None:
         worlds = {FIRST_PROBE: world, **(others or {})}
         self._worlds: dict[str, Any] = {probe: _Locked(one) if in_real_time else one for probe, one in worlds.items()}
@@ -186,6 +190,7 @@ class VirtualInstruments:
         self.transfer_s = max(transfer_s, SNAP_S)
         self._missing_fraction = missing_fraction
         self._faults = faults or {}
+        self._through = through or {}
         self._random = random.Random(f"phases {seed}")
         self._paths: list[str] = []
         self._ptys: list[PtyDevice] = []
@@ -231,20 +236,24 @@ class VirtualInstruments:
                 settings.baud,
                 slowed=self.world.begin_transfer,
             )
-        world = self._of(part)
-        own_humidity = kind != "imet-xf"
+        world, also = self._of(part), self._through.get(part, {})
+        films = {line: self._of(name) for line, name in also.items() if name.startswith("hyt")}
+        film = films.get("8") if kind == "imet-xf" else world
+        second = films.get(SECOND_FILM)
         period_s = 0.1
         losses = random.Random(f"lost lines {self._seed}")
         return ImetUnit(
             world.bead_temperature_c,
             lambda at_s: self._pressure_hpa,
             kind,
-            world.film_humidity_percent if own_humidity else None,
-            world.die_temperature_c if own_humidity else None,
+            None if film is None else film.film_humidity_percent,
+            None if film is None else film.die_temperature_c,
             period_s=period_s,
             phase_s=self._clock.now() + self._random.random() * period_s,
             baud=settings.baud,
             lost=lambda: losses.random() < self._missing_fraction,
+            second_bead_c=self._of(also[SECOND_BEAD]).bead_temperature_c if SECOND_BEAD in also else None,
+            second_film=None if second is None else (second.film_humidity_percent, second.die_temperature_c),
         )
 
     def serial_opener(self, part: str, kind: str, settings: Any) -> Callable[[], MemorySerial] | str:

@@ -10,6 +10,8 @@ from collections.abc import Callable
 
 from shockrig.rig.virtual.serial_line import OutputQueue
 
+Sampler = Callable[[float], float]
+
 A, B, C = 1.01118217e-3, 2.61666421e-4, 1.50184525e-7
 
 
@@ -18,6 +20,15 @@ def bead_resistance_ohm(temperature_c: float) -> float:
     y = (A - 1 / (temperature_c + 273.15)) / (2 * C)
     x = math.sqrt((B / (3 * C)) ** 3 + y * y)
     return math.exp(math.cbrt(x - y) - math.cbrt(x + y))
+
+
+def _bead(key: bytes, temperature_c: Sampler, at_s: float) -> bytes:
+    value = temperature_c(at_s)
+    return b"%s,%d,%d" % (key, round(100 * value), round(bead_resistance_ohm(value)))
+
+
+def _film(key: bytes, humidity_percent: Sampler, die_temperature_c: Sampler, at_s: float) -> bytes:
+    return b"%s,%d,%d" % (key, round(10 * humidity_percent(at_s)), round(100 * die_temperature_c(at_s)))
 
 
 class ImetUnit:
@@ -31,6 +42,8 @@ class ImetUnit:
         The unit's own HYT-271; None where it has none (an XF may, an XQ always does).
     pressure_hpa : callable
     kind : "imet-xf", "imet-xq2" or "imet-xq"
+    second_bead_c, second_film : callable or None, pair of callables or None
+        Of an XF: its NTC B (lines with 13), and humidity and die of its HYT-271 B (17).
     period_s, phase_s : float
         When it measures, on the bench clock; a line leaves at once. The XF's board and GPS lines come once in ten.
     lost : callable
@@ -48,11 +61,15 @@ class ImetUnit:
         phase_s: float = 0.0,
         baud: int = 57600,
         lost: Callable[[], bool] = lambda: False,
+        second_bead_c: Sampler | None = None,
+        second_film: tuple[Sampler, Sampler] | None = None,
     ) -> None:
         self._temperature_c = temperature_c
         self._humidity_percent = humidity_percent
         self._die_temperature_c = die_temperature_c
         self._pressure_hpa = pressure_hpa
+        self._second_bead_c = second_bead_c
+        self._second_film = second_film
         self._make = self._xf if kind == "imet-xf" else self._xq
         self._with_die = kind == "imet-xq2"
         self.period_s = period_s
@@ -83,12 +100,13 @@ class ImetUnit:
         """The units take no commands that are known."""
 
     def _xf(self, at_s: float) -> list[bytes]:
-        temperature_c = self._temperature_c(at_s)
-        lines = [b"5,%d,%d" % (round(100 * temperature_c), round(bead_resistance_ohm(temperature_c)))]
+        lines = [_bead(b"5", self._temperature_c, at_s)]
         if self._humidity_percent is not None and self._die_temperature_c is not None:
-            lines.append(
-                b"8,%d,%d" % (round(10 * self._humidity_percent(at_s)), round(100 * self._die_temperature_c(at_s)))
-            )
+            lines.append(_film(b"8", self._humidity_percent, self._die_temperature_c, at_s))
+        if self._second_bead_c is not None:
+            lines.append(_bead(b"13", self._second_bead_c, at_s))
+        if self._second_film is not None:
+            lines.append(_film(b"17", *self._second_film, at_s))
         if self._sequence % 10 == 0:
             lines.append(b"0,%d,2500,4000,2500" % round(100 * self._pressure_hpa(at_s)))
             lines.append(b"3,2015/10/18,00:00:00,0,0,0,0")

@@ -6,18 +6,24 @@ import numpy as np
 
 from shockrig.rig.clock import VirtualClock
 from shockrig.rig.seams import Air
-from shockrig.rig.virtual.truth import draw_truth
+from shockrig.rig.virtual.truth import draw_truth, of_probe
 from shockrig.rig.virtual.world import World
 
 RESTED_S = 3600.0
 
 
 class RestingBench:
-    """A virtual world between two chambers, asked on a clock that begins when the probes have settled in the source."""
+    """A virtual world between two chambers, asked on a clock that begins when the probes have settled in the source.
 
-    def __init__(self, source: Air, destination: Air, airflow_m_s: float, pressure_hpa: float, seed: int) -> None:
+    `probe` is the number of one of several that lie there together.
+    """
+
+    def __init__(
+        self, source: Air, destination: Air, airflow_m_s: float, pressure_hpa: float, seed: int, probe: int = 1
+    ) -> None:
         self._clock = VirtualClock()
-        self._world = World(draw_truth(np.random.default_rng(seed)), self._clock, seed)
+        truth = draw_truth(np.random.default_rng(seed))
+        self._world = World(truth if probe == 1 else of_probe(truth, str(probe)), self._clock, seed + probe - 1)
         self._world.set_airs(source, destination, airflow_m_s, pressure_hpa)
         self._pressure_hpa = pressure_hpa
         self._world.air(RESTED_S)

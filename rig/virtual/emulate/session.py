@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,9 @@ BAUD = {"imet-xf": 57600, "imet-xq2": 57600, "imet-xq": 57600, "grbl": 115200}
 FASTEST_MM_MIN = 30_000.0
 CLIMATE = (("source", "source", "scpi"), ("destination", "destination", "modbus"), ("airflow", "fan", "modbus"))
 PRELOAD = "i2c_preload.so"
+OF_A_FILM = ("humidity_percent", "die_temperature_c")
+MOST_PROBES = 8
+LAST_ADDRESS = 0x77
 
 
 class FastClock:
@@ -44,33 +47,77 @@ class FastClock:
 
 @dataclass(frozen=True)
 class Options:
-    """How the instruments are; `rate_hz` None is each unit's own, `humidity` gives an iMet-XF its own HYT-271;
+    """How the instruments are; `rate_hz` None is each unit's own, `humidity` gives an iMet-XF its own HYT-271, `second`
+    a second bead, and with `humidity` a second film; `address` is the first HYT-271's, further ones have the next;
     `chambers` are the airs and the airflow that chambers and a fan begin with, where there are any."""
 
     address: int = 0x28
     bus: int = 1
     rate_hz: float | None = None
     humidity: bool = False
+    second: bool = False
     travel_mm: float = 300.0
     seed: int = 0
     faults: tuple[Fault, ...] = ()
     chambers: tuple[Air, Air, float] | None = None
 
 
-def check_kinds(kinds: Iterable[str], options: Options) -> None:
-    """One bead, one film, one carriage in a world. Raises BenchError."""
+@dataclass(frozen=True)
+class Instrument:
+    """One instrument to emulate: its name ("imet-xf", the second of a kind "imet-xf-2"), its kind, and the probes whose
+    beads and films it reads; 0 where it reads none."""
+
+    name: str
+    kind: str
+    beads: tuple[int, ...] = ()
+    films: tuple[int, ...] = ()
+
+
+def instruments_of(kinds: Iterable[str], options: Options) -> list[Instrument]:
+    """What is emulated: every further bead is that of a further probe beside the first, and so is every further film.
+
+    Raises
+    ------
+    BenchError
+        These cannot stand together, or a fault is none of theirs.
+    """
     kinds = list(kinds)
-    films = [k for k in kinds if k in ("hyt-271", "imet-xq2", "imet-xq") or (k == "imet-xf" and options.humidity)]
-    for several, what in (([k for k in kinds if k.startswith("imet")], "beads"), (films, "films")):
-        if len(several) > 1:
-            raise BenchError(f"{' and '.join(several)} would be two {what}; emulate them one by one")
-    if len(set(kinds)) < len(kinds):
-        raise BenchError(f"{' '.join(kinds)}: one of a kind, please")
+    found: list[Instrument] = []
+    beads = films = 0
+    for place, kind in enumerate(kinds):
+        number = kinds[: place + 1].count(kind)
+        of_xf = kind == "imet-xf"
+        has_beads = (2 if of_xf and options.second else 1) if kind.startswith("imet") else 0
+        has_films = int(kind in ("hyt-271", "imet-xq2", "imet-xq") or (of_xf and options.humidity))
+        has_films += of_xf and options.humidity and options.second
+        found.append(
+            Instrument(
+                kind if number == 1 else f"{kind}-{number}",
+                kind,
+                tuple(range(beads + 1, beads + has_beads + 1)),
+                tuple(range(films + 1, films + has_films + 1)),
+            )
+        )
+        beads, films = beads + has_beads, films + has_films
+    if kinds.count("grbl") > 1:
+        raise BenchError("grbl grbl: all probes lie on one carriage; name grbl once")
+    if max(beads, films) > MOST_PROBES:
+        raise BenchError(f"{beads} beads and {films} films: at most {MOST_PROBES} probes are emulated together")
+    if options.second and "imet-xf" not in kinds:
+        raise BenchError("--second: a second bead is an iMet-XF's; name imet-xf")
+    if kinds.count("hyt-271") > 1 and options.address + kinds.count("hyt-271") - 1 > LAST_ADDRESS:
+        raise BenchError(f"--address {options.address:#04x}: each further HYT-271 has the next one; give a lower one")
     serial, i2c = any(k in BAUD for k in kinds), "hyt-271" in kinds
     for fault in options.faults:
         known = {**(SERIAL_KINDS if serial else {}), **(I2C_KINDS if i2c else {})}
         if fault.kind not in known:
             raise BenchError(f"no fault {fault.kind!r} for {' '.join(kinds)}; there are {', '.join(known)}")
+    return found
+
+
+def probes_of(instruments: Iterable[Instrument]) -> int:
+    """How many probes they read, and at least one."""
+    return max((n for one in instruments for n in (*one.beads, *one.films)), default=1)
 
 
 class Session:
@@ -78,15 +125,19 @@ class Session:
 
     Parameters
     ----------
-    world : object
-        With the methods of rig.virtual.instruments.PhysicalWorld and pressure_hpa(at_s).
+    kinds : iterable of str
+        Of `KINDS`; one that is named twice is there twice.
+    worlds : sequence
+        Of each probe that they read, with the methods of rig.virtual.instruments.PhysicalWorld and pressure_hpa(at_s).
     folder : Path
         Where the socket and the preload library of I2C instruments are put.
 
     Attributes
     ----------
     serial : dict
-        Kind -> path of its pseudo-terminal.
+        Instrument's name -> path of its pseudo-terminal.
+    addresses : list of int
+        Of the HYT-271s.
     climate : dict
         "source", "destination", "airflow" of a bench file's [chambers] -> (kind, port).
     environment : dict
@@ -96,7 +147,7 @@ class Session:
     def __init__(
         self,
         kinds: Iterable[str],
-        world: Any,
+        worlds: Sequence[Any],
         clock: FastClock,
         folder: Path,
         *,
@@ -105,21 +156,22 @@ class Session:
         options: Options | None = None,
     ) -> None:
         self._options = options or Options()
-        kinds = list(kinds)
-        check_kinds(kinds, self._options)
+        instruments = instruments_of(kinds, self._options)
         self._clock = clock
         self._folder = folder
         self.serial: dict[str, str] = {}
+        self.addresses: list[int] = []
         self.environment: dict[str, str] = {}
         self.climate: dict[str, tuple[str, str]] = {}
         self._parts: list[Any] = []
-        self.witness = Witness(world, unix_s, truth)
+        self.witness = Witness(worlds, unix_s, truth)
         try:
-            for kind in kinds:
-                if kind == "hyt-271":
-                    self._plug_i2c()
-                else:
-                    self._plug_serial(kind)
+            films = [one for one in instruments if one.kind == "hyt-271"]
+            if films:
+                self._plug_i2c(films)
+            for one in instruments:
+                if one.kind in BAUD:
+                    self._plug_serial(one)
             if self._options.chambers is not None:
                 self._plug_climate(*self._options.chambers)
         except BaseException:
@@ -129,14 +181,15 @@ class Session:
     def _faults(self, known: dict[str, str]) -> list[Fault]:
         return [fault for fault in self._options.faults if fault.kind in known]
 
-    def _plug_i2c(self) -> None:
-        sample = self.witness.sampler
-        chip = Hyt271Chip(
-            sample("hyt-271", "humidity_percent"), sample("hyt-271", "die_temperature_c"), self._options.address
-        )
-        wire: Wire = I2cWire([chip], self._clock)
+    def _plug_i2c(self, films: Sequence[Instrument]) -> None:
+        sample, chips = self.witness.sampler, []
+        for address, one in enumerate(films, start=self._options.address):
+            humidity, die = (sample("hyt-271", quantity, one.films[0], one.name) for quantity in OF_A_FILM)
+            chips.append(Hyt271Chip(humidity, die, address))
+            self.addresses.append(address)
+        wire: Wire = I2cWire(chips, self._clock)
         if faults := self._faults(I2C_KINDS):
-            wire = FaultyI2c(wire, faults, self._clock, chip, self._options.seed)
+            wire = FaultyI2c(wire, faults, self._clock, chips[0], self._options.seed)
         library = self._folder / PRELOAD
         if not library.exists():
             build_preload(library)
@@ -144,13 +197,13 @@ class Session:
         self._parts.append(bus)
         self.environment = {"LD_PRELOAD": str(library), f"SHOCKRIG_I2C_{self._options.bus}": str(bus.path)}
 
-    def _plug_serial(self, kind: str) -> None:
-        device: Device = self._carriage() if kind == "grbl" else self._unit(kind)
+    def _plug_serial(self, one: Instrument) -> None:
+        device: Device = self._carriage() if one.kind == "grbl" else self._unit(one)
         if faults := self._faults(SERIAL_KINDS):
             device = FaultySerial(device, faults, self._clock, self._options.seed)
         pty = PtyDevice(device, self._clock)
         self._parts.append(pty)
-        self.serial[kind] = pty.path
+        self.serial[one.name] = pty.path
 
     def _plug_climate(self, source: Air, destination: Air, airflow_m_s: float) -> None:
         """The source's chamber speaks SCPI, the destination's and the fan speak Modbus."""
@@ -168,20 +221,28 @@ class Session:
         begin, back = self.witness.begin_transfer, self.witness.begin_return
         return GrblController(0.0, self._options.travel_mm, begin, back, FASTEST_MM_MIN, BAUD["grbl"])
 
-    def _unit(self, kind: str) -> ImetUnit:
-        sample = self.witness.sampler
-        humidity = kind != "imet-xf" or self._options.humidity
-        die = kind == "imet-xq2" or (kind == "imet-xf" and humidity)
+    def _unit(self, one: Instrument) -> ImetUnit:
+        kind, humid = one.kind, bool(one.films)
+
+        def sample(quantity: str, probes: tuple[int, ...], which: int = 0, line: str = "") -> Callable[[float], float]:
+            return self.witness.sampler(kind, quantity, probes[which], one.name + line)
+
+        second_film = None
+        if len(one.films) > 1:
+            humidity, die = (sample(quantity, one.films, 1, ".17") for quantity in OF_A_FILM)
+            second_film = humidity, die
         period_s = 1.0 / (self._options.rate_hz or LINES_HZ[kind])
         return ImetUnit(
-            sample(kind, "temperature_c"),
+            sample("temperature_c", one.beads),
             self.witness.pressure_hpa,
             kind,
-            sample(kind, "humidity_percent") if humidity else None,
-            sample(kind, "die_temperature_c") if die else None,
+            sample("humidity_percent", one.films) if humid else None,
+            sample("die_temperature_c", one.films) if humid and kind != "imet-xq" else None,
             period_s=period_s,
             phase_s=self._clock.now() + period_s,
             baud=BAUD[kind],
+            second_bead_c=sample("temperature_c", one.beads, 1, ".13") if len(one.beads) > 1 else None,
+            second_film=second_film,
         )
 
     def close(self) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -37,12 +37,13 @@ READERS = {
 class Witness:
     """Stands between the instruments and their world: one lock for all threads, one line for each value said.
 
+    `worlds` are those of the probes that lie together, the first one's first; what is done to one is done to all.
     `unix_s` is the host's time of day. Where the file can be written no more, `trouble` says why and the instruments
     talk on.
     """
 
-    def __init__(self, world: Any, unix_s: Callable[[], float], path: Path | None = None) -> None:
-        self._world = world
+    def __init__(self, worlds: Sequence[Any], unix_s: Callable[[], float], path: Path | None = None) -> None:
+        self._worlds = tuple(worlds)
         self._unix_s = unix_s
         self.trouble = ""
         self._lock = threading.Lock()
@@ -55,16 +56,20 @@ class Witness:
                 raise BenchError(f"{path}: {error.strerror}; give another --truth") from None
             self._file.write(",".join(COLUMNS) + "\n")
 
-    def sampler(self, instrument: str, quantity: str) -> Callable[[float], float]:
-        """What an instrument asks for a quantity; its values are already on the instrument's own steps."""
-        step, origin = STEPS[instrument][quantity]
-        read = getattr(self._world, READERS[quantity])
+    def sampler(self, kind: str, quantity: str, probe: int = 1, name: str = "") -> Callable[[float], float]:
+        """What an instrument of a kind asks a probe for; its values are already on the instrument's own steps.
+
+        `name` is what the instrument is called in the file, where not by its kind.
+        """
+        step, origin = STEPS[kind][quantity]
+        world, instrument = self._worlds[probe - 1], name or kind
+        read = getattr(world, READERS[quantity])
 
         def sample(at_s: float) -> float:
             with self._lock:
                 value = origin + round((read(at_s) - origin) / step) * step
                 if self._file is not None and not self.trouble:
-                    air = self._world.air(at_s)
+                    air = world.air(at_s)
                     true = air.humidity_percent if quantity == "humidity_percent" else air.temperature_c
                     row = f"{at_s:.6f},{self._unix_s():.6f},{instrument},{quantity},{value:.4f},{true:.4f}\n"
                     try:
@@ -77,22 +82,25 @@ class Witness:
 
     def pressure_hpa(self, at_s: float) -> float:
         with self._lock:
-            return self._world.pressure_hpa(at_s)
+            return float(self._worlds[0].pressure_hpa(at_s))
 
     def set_airs(self, source: Air, destination: Air, airflow_m_s: float, at_s: float) -> None:
         """A chamber or the fan was given another set point."""
         with self._lock:
-            self._world.set_airs(source, destination, airflow_m_s, at_s)
+            for world in self._worlds:
+                world.set_airs(source, destination, airflow_m_s, at_s)
 
     def begin_transfer(self, at_s: float) -> None:
         """The carriage leaves the source air."""
         with self._lock:
-            self._world.begin_transfer(at_s)
+            for world in self._worlds:
+                world.begin_transfer(at_s)
 
     def begin_return(self, at_s: float) -> None:
         """The carriage leaves the destination air."""
         with self._lock:
-            self._world.begin_return(at_s)
+            for world in self._worlds:
+                world.begin_return(at_s)
 
     def close(self) -> None:
         if self._file is not None:
