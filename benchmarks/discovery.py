@@ -16,79 +16,25 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import subprocess
 import sys
 import tempfile
 import time
 from collections import defaultdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+from discovery_right import BESIDE, NUMBERS, RH, RIGHT, T, is_right, plan_for, unrecorded_plan
+
+if TYPE_CHECKING:
+    from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis
+    from shockrig.analysis.inference.channel import Channel
 
 RESULTS = Path(__file__).parent / "results" / "discovery.jsonl"
 FRESH = 1_000_000
-T, RH = "temperature", "humidity"
-
-# (effect, channel) -> what counts as the right behaviour and dependence: (behaviour, driver or "", factors that may be
-# there). A description is right where its behaviour (and driver, if given) is one of these and its factors are exactly
-# one of the sets.
-NONE: frozenset[str] = frozenset()
-AIRFLOW, AMBIENT, DIRECTION = frozenset({"airflow"}), frozenset({"ambient"}), frozenset({"direction"})
-RIGHT: dict[tuple[str, str], tuple[tuple[str, str, tuple[frozenset[str], ...]], ...]] = {
-    ("stem_conduction", T): (("parallel_lag", "", (NONE,)), ("added_rate", "own_response", (NONE,))),
-    ("convective_film", T): (("lag_in_series", "", (AIRFLOW,)), ("rate_change", "", (AIRFLOW,))),
-    ("self_heating", T): (("offset", "none", (AIRFLOW,)),),
-    ("calibration_error", T): (("gain", "own_response", (AMBIENT, NONE)), ("offset", "none", (NONE,))),
-    ("calibration_error", RH): (("gain", "own_response", (NONE,)), ("offset", "none", (NONE,))),
-    ("air_relaxation", T): (("added_response", "air_temperature", (AMBIENT,)), ("added_rate", "none", (AMBIENT,))),
-    ("finite_transfer", T): (("lag_in_series", "", (NONE,)), ("delay", "", (NONE,))),
-    ("dead_time", T): (("delay", "", (NONE,)),),
-    ("vapour_boundary_layer", RH): (("lag_in_series", "", (AIRFLOW,)), ("rate_change", "", (AIRFLOW,))),
-    ("direction_dependent_diffusivity", RH): (("rate_change", "", (DIRECTION,)),),
-    ("concentration_dependent_diffusivity", RH): (("rate_change", "", (frozenset({"humidity"}),)),),
-    ("slow_relaxation", RH): (("parallel_lag", "", (NONE,)), ("added_rate", "own_response", (NONE,))),
-    ("die_thermal_lag", RH): (("gain", "die_temperature", (NONE,)), ("added_rate", "air_temperature", (NONE,))),
-    ("hysteresis", RH): (("offset", "none", (frozenset({"direction", "step"}),)),),
-    ("unknown_air_cycling", T): (("periodic", "none", (NONE,)),),
-    ("unknown_chamber_overshoot", T): (("periodic", "air_temperature", (NONE,)),),
-    ("unknown_rate_with_temperature", T): (("rate_change", "", (AMBIENT,)),),
-    ("unknown_log_creep", T): (("added_response", "air_temperature", (frozenset({"history"}),)),),
-    ("unknown_log_creep", RH): (("added_response", "air_humidity", (frozenset({"history"}),)),),
-    ("unknown_sorption_heat", RH): (
-        ("added_rate", "own_response", (NONE, frozenset({"humidity"}), DIRECTION, DIRECTION | {"humidity"})),
-    ),
-    ("wall_radiation", T): (("gain", "own_response", (AIRFLOW | AMBIENT,)),),
-    ("unknown_run_drift", T): (("offset", "none", (frozenset({"run_order"}),)),),
-    ("unknown_run_drift", RH): (("offset", "none", (frozenset({"run_order"}),)),),
-    ("unknown_gain_drift", T): (("added_response", "own_response", (frozenset({"history"}), NONE)),),
-    ("unknown_gain_drift", RH): (("added_response", "own_response", (frozenset({"history"}), NONE)),),
-}
-# Numbers of the truth that a description's own can be compared with: parameter hidden -> (what is stated, factor).
-NUMBERS = {
-    ("stem_conduction", "time_constant_s"): "time_constant_s",
-    ("stem_conduction", "fraction"): "size",
-    ("slow_relaxation", "time_constant_s"): "time_constant_s",
-    ("slow_relaxation", "fraction"): "size",
-    ("unknown_log_creep", "onset_s"): "time_constant_s",
-    ("unknown_log_creep", "fraction"): "size",
-    ("dead_time", "delay_s"): "size",
-    ("self_heating", "rise_k_at_5_m_s"): "size",
-    ("unknown_run_drift", "per_run"): "size",
-    ("unknown_air_cycling", "amplitude_k"): "size",
-    ("unknown_air_cycling", "period_s"): "period_s",
-    ("unknown_gain_drift", "per_minute"): "size",
-    ("unknown_rate_with_temperature", "per_kelvin"): "ambient",
-    ("direction_dependent_diffusivity", "ratio_drying_to_wetting"): "direction",
-    ("concentration_dependent_diffusivity", "slope_per_unit_activity"): "humidity",
-}
-
-
-def is_right(stated: dict, effect: str, channel: str) -> bool:
-    """Whether one description has the behaviour and the dependence of what was hidden."""
-    factors = frozenset(on["factor"] for on in stated["depends_on"])
-    return any(
-        stated["behaves_as"] == behaviour and driver in ("", stated["driver"]) and factors in sets
-        for behaviour, driver, sets in RIGHT[effect, channel]
-    )
+# Airflows [m/s] and further ambients [degC] that no standard campaign records: within what it does, and beyond.
+BETWEEN, BEYOND = ((4.0, 8.5), (5.0, 25.0)), ((1.5, 18.0), (-8.0, 48.0))
 
 
 def run(kind: str, effect: str, channel: str, seed: int, tier: str) -> dict:
@@ -101,16 +47,17 @@ def run(kind: str, effect: str, channel: str, seed: int, tier: str) -> dict:
     from shockrig.files.discovered import plain
     from shockrig.rig.virtual.batch import simulate_campaign
     from shockrig.rig.virtual.hide import draw_effect, draw_hidden
-    from shockrig.rig.virtual.plans import standard_plan
     from shockrig.rig.virtual.truth import draw_truth
 
     rng = np.random.default_rng(seed)
     hidden = [draw_effect(rng, effect, "comfortable", channel)] if kind == "one_out" else []
+    hidden += [draw_effect(rng, other, "comfortable") for other in BESIDE.get(effect, ())]
     if kind == "two":
         hidden = draw_hidden(rng, 2)
     truth = draw_truth(rng, tier, hidden)
     with tempfile.TemporaryDirectory() as folder:
-        path = simulate_campaign(truth, standard_plan(), rng, Path(folder) / "campaign")
+        plan = plan_for(effect)
+        path = simulate_campaign(truth, plan, rng, Path(folder) / "campaign")
         data = build_channel(read_campaign(path), channel)
         taken, order = CATALOGUE.get(effect) if kind == "one_out" else None, dict(CATALOGUE)
         began = time.process_time()
@@ -122,11 +69,22 @@ def run(kind: str, effect: str, channel: str, seed: int, tier: str) -> dict:
             CATALOGUE.clear()
             CATALOGUE.update(order)
         seconds = time.process_time() - began
-        gain = None
+        fresh, elsewhere = None, []
         if kind == "one_out" and found.discovered:
-            again = read_campaign(simulate_campaign(truth, standard_plan(), seed + FRESH, Path(folder) / "again"))
-            gain = fresh_gain(build_channel(again, channel), found)
-    result = {
+
+            def recorded(name: str, plan: list, place: int) -> Channel | None:
+                at = seed + place * FRESH
+                return build_channel(read_campaign(simulate_campaign(truth, plan, at, Path(folder) / name)), channel)
+
+            fresh = fresh_gain(recorded("again", plan, 1), found)
+            for place, (airflows, more) in enumerate((BETWEEN, BEYOND), 2):
+                # A rate of the film is known at the ambients recorded, that of the bead at all.
+                plan = unrecorded_plan(airflows, more if channel == T else ())
+                elsewhere.append(errors(recorded(f"elsewhere {place}", plan, place), found))
+    return {
+        "commit": subprocess.run(
+            ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True
+        ).stdout.strip(),
         "kind": kind,
         "effect": effect,
         "channel": channel,
@@ -135,15 +93,16 @@ def run(kind: str, effect: str, channel: str, seed: int, tier: str) -> dict:
         "hidden": {h.effect: h.parameters for h in truth.effects if channel in h.channels},
         "verdict": found.verdict,
         "causes": [cause.effect for cause in found.causes],
+        "certainty": {c.effect: [round(c.probability, 3), *c.indistinguishable_from] for c in found.causes},
         "discovered": [plain(one) for one in found.discovered],
         "held_out": [found.gain.before, found.gain.after, found.gain.noise_floor],
-        "fresh_share": gain,
+        "fresh_share": fresh,
+        "elsewhere": elsewhere,
         "seconds": round(seconds, 1),
     }
-    return result
 
 
-def fresh_gain(channel, found) -> float | None:
+def fresh_gain(channel: Channel | None, found: ChannelDiagnosis) -> float | None:
     """Share of the explainable error that the description, as fitted, removes on a fresh campaign of the same world."""
     from shockrig.analysis.diagnosis.gain import kinds, plainly, run_errors, summarise
     from shockrig.analysis.diagnosis.prepare import prepare
@@ -154,6 +113,18 @@ def fresh_gain(channel, found) -> float | None:
     before = run_errors(channel, problem, plainly(found.plain))
     after = run_errors(channel, problem, found.final)
     return summarise(before, after, found.noise.standard_deviation, kinds(channel)).explained_fraction
+
+
+def errors(channel: Channel | None, found: ChannelDiagnosis) -> tuple[float, float] | None:
+    """Root-mean-square error on a campaign without and with what was described."""
+    from shockrig.analysis.diagnosis.gain import run_errors
+    from shockrig.analysis.diagnosis.prepare import prepare
+
+    if channel is None or channel.rates != found.problem.channel.rates:
+        return None
+    problem = prepare(channel, found.noise.averaged).problem
+    without = found.described.discovery.without
+    return tuple(float(np.sqrt(run_errors(channel, problem, one).mean())) for one in (without, found.final))
 
 
 def scored(result: dict) -> dict[str, object]:

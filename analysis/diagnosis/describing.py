@@ -6,10 +6,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from shockrig.analysis.diagnosis.adequacy import Adequacy, judge
+from shockrig.analysis.diagnosis.beside import alone, cost, without_idle
 from shockrig.analysis.diagnosis.gain import Gain, measure_gain, worse_without
 from shockrig.analysis.diagnosis.remainder import Remainder, Tolerance, measure_remainder
 from shockrig.analysis.discovery.discover import TIE, Discovery, discover
-from shockrig.analysis.discovery.race import NUMBER
 from shockrig.analysis.discovery.stating import stated
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.fit import Fit
@@ -59,9 +59,11 @@ def describe_rest(
         return judge(problem, found, noise)
 
     found = discover(problem, named, left, work)
-    if named.structure.ids != plain.structure.ids and (found is None or not found.passed or len(found.effects) > 1):
-        other = discover(problem, plain, left, work)
-        found = other if other is not None and _plainer(found, other) else found
+    if named.structure.ids != plain.structure.ids:
+        if found is None or not found.passed or len(found.effects) > 1 or alone(problem, plain, found):
+            other = discover(problem, plain, left, work)
+            found = other if other is not None and _plainer(problem, plain, found, other) else found
+        found = None if found is None else without_idle(problem, plain, found)
     if found is None:
         return None
     # A description stands in the structure that the folds begin from: they fit it again and try each without it.
@@ -87,14 +89,10 @@ def alternatives(described: Description) -> list[tuple[Fit, Fit]]:
     return [(described.fit, other.fit) for one in described.discovery.effects for other in one.instead]
 
 
-def _plainer(found: Discovery | None, other: Discovery) -> bool:
+def _plainer(problem: Problem, plain: Fit, found: Discovery | None, other: Discovery) -> bool:
     """Whether a description without the named causes does better than one beside them."""
     if found is None:
         return other.passed
     if other.passed != found.passed:
         return other.passed
-
-    def cost(one: Discovery) -> float:
-        return one.fit.deviance + NUMBER * len(one.fit.structure.parameters)
-
-    return cost(other) < cost(found) - TIE
+    return cost(problem, plain, other.fit) < cost(problem, plain, found.fit) - TIE

@@ -23,6 +23,7 @@ from shockrig.analysis.diagnosis.prepare import Prepared, likelier_average, prep
 from shockrig.analysis.diagnosis.remainder import Remainder, Tolerance, measure_remainder
 from shockrig.analysis.diagnosis.search import Earlier, Search, at_bound, evidence, refit, refused, says_nothing, search
 from shockrig.analysis.diagnosis.thresholds import TIE, level, penalty
+from shockrig.analysis.discovery.likeness import outdone
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.effect import Finding, unchanged
@@ -138,13 +139,15 @@ def diagnose_channel(
     untried = any(CATALOGUE[c.effect].shape for c in kept.causes) and not kept.gain.measured
     verdict = "unexplained" if spoilt or untried else "explained" if kept.causes else "adequate"
     described, work = None, Work(MOST_FITS / cost_of_a_fit(ready.problem, ready.structure))
-    if spoilt and describing:
+    doubted = _outdone(ready, kept, work) if describing else []
+    if (spoilt or doubted) and describing:
         progress(f"{channel.name}: describing what no catalogued effect explains")
+        less = _without(channel, ready, found, kept, doubted)
         described = describe_rest(
-            channel, ready.problem, ready.noise, found.plain, kept.final, kept.gain, tolerance or Tolerance(), work
+            channel, ready.problem, ready.noise, found.plain, less.final, less.gain, tolerance or Tolerance(), work
         )
+        kept = _doubtful(kept, doubted) if described is None else _beside(less, described)
     if described is not None:
-        kept = _beside(kept, described)
         adequacy, remainder = described.adequacy, described.remainder
         spoilt = remainder.significant and remainder.material
         left, verdict = spoilt or not adequacy.passed, "unexplained" if spoilt else "described"
@@ -170,6 +173,30 @@ def diagnose_channel(
         described=described,
         work=work,
     )
+
+
+def _outdone(ready: Prepared, kept: _Kept, work: Work) -> list[str]:
+    """Named causes in the place of which a plain behaviour, which claims none, does plainly better."""
+    shown = {finding.effect for finding in ready.findings}
+    claims = (c.effect for c in kept.causes if c.effect not in shown and not CATALOGUE[c.effect].shape)
+    return [effect for effect in claims if outdone(ready.problem, kept.final, effect, work) is not None]
+
+
+def _without(channel: Channel, ready: Prepared, found: Search, kept: _Kept, doubted: list[str]) -> _Kept:
+    """What is kept without the causes `doubted`."""
+    if not doubted:
+        return kept
+    final = _reduced(ready.problem, found, kept.final, set(kept.final.structure.ids) - set(doubted))
+    gain = measure_gain(channel, ready.problem, ready.structure, found.plain, final, ready.noise, choose=False)
+    tried = (*kept.tried, *(Tried(e, "a behaviour that nobody listed does better in its place") for e in doubted))
+    return _Kept(tuple(c for c in kept.causes if c.effect not in doubted), final, gain, tried)
+
+
+def _doubtful(kept: _Kept, doubted: list[str]) -> _Kept:
+    """What is kept, where a behaviour does better than a cause and no description holds."""
+    most = level("outdone")
+    causes = (replace(c, probability=min(c.probability, most)) if c.effect in doubted else c for c in kept.causes)
+    return replace(kept, causes=tuple(causes))
 
 
 def _beside(kept: _Kept, described: Description) -> _Kept:

@@ -110,6 +110,10 @@ def likelier_average(before: Prepared, found: Search, adequate: bool) -> int | N
         likely = np.zeros(MAX_AVERAGED)
     else:
         likely = estimate_noise(channel, rounding, tuple(lengths)).log_likelihood_by_average
+    # What a wrong model gains by a mean says nothing against noise that is plainly that of single readings.
+    lengths = {n for n in lengths if likely[0] - likely[n - 1] < level("average_unlikely")}
+    if not lengths:
+        return None
     average = _averaging()
     whole = found.final.structure
     without = whole.keeping(set(whole.ids) - alike - {average.id})

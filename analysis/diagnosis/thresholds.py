@@ -55,6 +55,7 @@ THRESHOLDS = {
             "ratio of mean squares by which a shape shows in one run",
             "benchmarks/foreign_benches.py",
         ),
+        ("outdone", 0.5, "most of a cause in whose place a plain behaviour does better", "benchmarks/discovery.py"),
         ("anything", 2.0, "uncertainty, in its logarithm, of what may be anything", f"{_TRIALS} ordinary"),
     )
 }

@@ -13,7 +13,9 @@ from typing import Protocol
 import numpy as np
 
 from shockrig.analysis.discovery.conditions import Judged, judged_by_condition
+from shockrig.analysis.discovery.grammar import SCALING
 from shockrig.analysis.discovery.race import NUMBER, Candidate, candidates, price, simpler
+from shockrig.analysis.effects.behaviours import scaling
 from shockrig.analysis.inference.effect import Effect
 from shockrig.analysis.inference.fit import Fit, fit
 from shockrig.analysis.inference.model import Model, Structure
@@ -29,6 +31,7 @@ CERTAIN_LEAST = 60.0
 MOST_CERTAIN = 0.97  # a description is no name: there may be forms that nobody wrote down
 UNTRIED = 0.5  # the most that is said of a description where not all others were tried
 AT_END = 1e-3  # of a range
+SWITCH = 50.0  # by which a law may scale a strength from run to run: more picks runs out, and is no law
 ANYTHING = 1.0  # uncertainty of a logarithm that says nothing
 
 
@@ -151,8 +154,16 @@ def _worth(near: Fit, one: Candidate, null: float) -> float:
 
 
 def says_something(one: Candidate) -> bool:
-    """Whether no number of a form stands at the end of its range, or may be anything."""
+    """Whether a form depends on things by a law, and no number of it stands at an end or may be anything."""
     values = one.fit.values()[one.effect.id]
+    channel = one.fit.model.channel
+    scale = np.ones(channel.runs)
+    for factor, how in one.form.depends_on:
+        if (factor, how) in SCALING:
+            number = np.array([[values[factor][0]]])
+            scale = scale * scaling(factor, how, channel.conditions, channel.jumps_with_air, number)[0]
+    if scale.max() > SWITCH * scale.min():
+        return False
     for parameter in one.effect.parameters:
         value, spread = values[parameter.name]
         low, high, at = (parameter.encoded(x) for x in (parameter.low, parameter.high, value))

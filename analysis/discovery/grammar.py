@@ -96,6 +96,11 @@ def forms(channel: Channel) -> Iterator[Form]:
         yield Form("offset", "none", (("direction", "sign"), ("step", "sets_in_over")))
 
 
+def plain_forms(channel: Channel) -> Iterator[Form]:
+    """The forms that depend on nothing; none where `forms` has none."""
+    return (form for form in forms(channel) if not form.depends_on)
+
+
 def _bases(channel: Channel) -> Iterator[Form]:
     """Behaviours with their drivers, depending on nothing yet."""
     c = channel.conditions

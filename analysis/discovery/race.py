@@ -71,7 +71,7 @@ def candidates(problem: Problem, near: Fit, work: Work | None = None) -> tuple[l
     for _ in range(ROUNDS):
         running = [_further(problem, one, work) for one in _ahead(running, 1)]
     leaders = _distinct(running)[:LEADERS]
-    ended = _distinct([_ended(problem, one, work) for i, one in enumerate(leaders) if i == 0 or not work.ended])
+    ended = _distinct([to_its_end(problem, one, work) for i, one in enumerate(leaders) if i == 0 or not work.ended])
     fewer = [less for one in ended[:REFINED] for less in simpler(problem, one, work)]
     refined = [more for one in _distinct([*ended, *fewer])[:REFINED] for more in _refined(problem, one, work)]
     return _distinct([*ended, *fewer, *refined]), null
@@ -127,10 +127,18 @@ def _begun(problem: Problem, near: Fit, entry: Scored) -> list[Candidate]:
     return found
 
 
-def _ended(problem: Problem, one: Candidate, work: Work) -> Candidate:
+def to_its_end(problem: Problem, one: Candidate, work: Work) -> Candidate:
+    """A form fitted to its end: from its deviations and from none, and across the steps of its objective."""
     structure, at_rest = one.fit.structure, problem.channel.at_rest()
     work.count(2)
     ends = [fit(problem, structure, one.fit.theta, start, WHOLE) for start in (one.fit.deviations, at_rest)]
+    best = min(ends, key=lambda f: f.deviance)
+    for offsets in one.effect.nudges(problem.channel) if one.effect.nudges else ():
+        theta = best.theta.copy()
+        for name, offset in offsets.items():
+            theta[best.model.place(f"{one.effect.id}.{name}")] += offset
+        work.count()
+        ends.append(fit(problem, structure, theta, at_rest, WHOLE))
     return Candidate(one.effect, min(ends, key=lambda f: f.deviance))
 
 

@@ -3,19 +3,19 @@ behaves most alike and why it is not that one, and its alternatives."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from shockrig.analysis.discovery.discover import Described, Discovery
 from shockrig.analysis.discovery.grammar import scaling_factors, varied
+from shockrig.analysis.discovery.likeness import Alike, alike, in_its_place
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.behaviours import form_of
 from shockrig.analysis.effects.described import described, discovered_of
 from shockrig.analysis.inference.effect import Effect
-from shockrig.analysis.inference.fit import Fit, fit
-from shockrig.analysis.inference.model import Model, Point, Structure
+from shockrig.analysis.inference.fit import Fit
+from shockrig.analysis.inference.model import Model, Point
 from shockrig.analysis.inference.problem import Problem
 from shockrig.files.diagnosis_data import Discovered, Likeness
 
@@ -25,7 +25,6 @@ SHARP = {"power": 0.15, "exponential": 0.01, "ratio": 0.1}
 SHARP_HUMIDITY, SHARP_ORDER = 0.4, 0.01
 STEP = 1e-3  # of a factor's number, in finite differences
 MOVED = 0.01  # of a parameter's range
-WHOLE = 25  # steps of Gauss and Newton
 
 
 def stated(problem: Problem, found: Discovery) -> tuple[Discovered, ...]:
@@ -89,35 +88,16 @@ def _independent(problem: Problem, final: Fit, effect: Effect) -> tuple[str, ...
 def _nearest(problem: Problem, final: Fit, one: Described) -> Likeness | None:
     """The catalogued effect whose signature is most like this one's, once the model's own freedom is taken out."""
     channel, taken = problem.channel, set(final.structure.ids)
-    less = final.structure.dropping(one.effect.id)
-    bare = Model(channel, less)
-    theta = bare.start(final.log_rates, final.choice)
-    own = problem.whiten(final.model.predict(final.point)[0] - bare.predict(Point(theta, final.deviations))[0])
-    columns, owners = [own], []
-    base = bare.predict(Point(theta, final.deviations))[0]
-    for effect in CATALOGUE.values():
-        if not (effect.fitted and effect.acts_in(channel)) or effect.id in taken or effect.excludes & taken:
-            continue
-        model = Model(channel, less.adding(effect))
-        shift = float(np.log(effect.rate_factor(channel))) if effect.rate_factor else 0.0
-        for start in _unequal(effect, effect.starts(channel)):
-            named = {f"{effect.id}.{name}": value for name, value in start.items()}
-            at = model.start(final.log_rates + shift, final.choice | named)
-            columns.append(problem.whiten(model.predict(Point(at, final.deviations))[0] - base))
-            owners.append((effect, start))
-    if not owners:
+    entries = [
+        effect
+        for effect in CATALOGUE.values()
+        if effect.fitted and effect.acts_in(channel) and effect.id not in taken and not effect.excludes & taken
+    ]
+    others = [(effect, start) for effect in entries for start in _unequal(effect, effect.starts(channel))]
+    found = alike(problem, final, one.effect.id, others)
+    if not found:
         return None
-    _, normal = final.scores(problem, np.stack(columns, axis=-1))
-    length = np.sqrt(np.maximum(np.diag(normal), 0.0))
-    likeness = np.abs(normal[0, 1:]) / np.maximum(length[0] * length[1:], 1e-12)
-    # What is all but taken up by the model's own freedom has no direction left.
-    alone = np.sqrt((np.stack(columns[1:], axis=-1) ** 2).sum(axis=(0, 1)))
-    likeness = np.where((length[1:] > 1e-3 * alone) & (likeness < 1.0 + 1e-6), likeness, 0.0)
-    best = int(np.argmax(likeness))
-    effect, start = owners[best]
-    return Likeness(
-        effect.id, round(float(min(likeness[best], 1.0)), 3), _why_not(problem, final, less, effect, start, one)
-    )
+    return Likeness(found[0].effect.id, round(found[0].likeness, 3), _why_not(problem, final, found[0], one))
 
 
 def _unequal(effect: Effect, starts: list[dict[str, float]]) -> list[dict[str, float]]:
@@ -131,15 +111,9 @@ def _unequal(effect: Effect, starts: list[dict[str, float]]) -> list[dict[str, f
     return found
 
 
-def _why_not(
-    problem: Problem, final: Fit, less: Structure, effect: Effect, start: Mapping[str, float], one: Described
-) -> str:
+def _why_not(problem: Problem, final: Fit, nearest: Alike, one: Described) -> str:
     """Why the catalogued effect that is most alike is not the one: how much worse it does, and where."""
-    structure = less.adding(effect)
-    named = {f"{effect.id}.{name}": value for name, value in start.items()}
-    theta = Model(problem.channel, structure).start(final.log_rates, final.choice | named)
-    starts = (final.deviations, problem.channel.at_rest())
-    placed = min((fit(problem, structure, theta, d, WHOLE) for d in starts), key=lambda f: f.deviance)
+    placed = in_its_place(problem, final, one.effect.id, nearest)
     rise = placed.deviance - final.deviance
     if rise < 1.0:
         return "it explains these runs as well, and was not certain beside the rest"

@@ -13,6 +13,8 @@ from functools import cache
 
 from shockrig.analysis.effects.behaviours import Form, acting, form_of
 from shockrig.analysis.effects.described_in_flight import flown
+from shockrig.analysis.effects.jumps import NUDGES_S, when_it_jumps_s
+from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.effect import Effect, Link, Parameter
 from shockrig.files.causes import Uncertain
 from shockrig.files.diagnosis_data import Dependence, Discovered, Size
@@ -62,6 +64,7 @@ def described(key: str, jumps: bool) -> Effect:
         The key is that of no form, or of one that cannot be computed.
     """
     form = form_of(key)
+    late = form.behaves_as == "delay" and jumps
     return Effect(
         id=key,
         link=LINKS.get(form.behaves_as, "readout"),
@@ -75,7 +78,14 @@ def described(key: str, jumps: bool) -> Effect:
         of_sensor=of_sensor(form),
         in_flight=flown(form),
         order=LAST,
+        start_from=_from_the_jumps if late else None,
+        nudges=(lambda channel: [{"size": s} for s in NUDGES_S]) if late else None,
     )
+
+
+def _from_the_jumps(channel: Channel) -> dict[str, float]:
+    """Where the fit of a delay begins in a channel that jumps."""
+    return {} if (late := when_it_jumps_s(channel)) is None else {"size": late}
 
 
 def of_sensor(form: Form) -> bool:
