@@ -99,7 +99,8 @@ def test_the_command_takes_an_earlier_diagnosis_of_the_same_campaign_alone(campa
     a, b = (json.loads((d / "diagnosis.json").read_text())["channels"]["temperature"] for d in (first, second))
     assert [c["effect"] for c in a["causes"]] == [c["effect"] for c in b["causes"]] == ["stem_conduction"]
     assert not a["work"]["search"]["ended_early"] and b["work"]["search"]["fits"] < a["work"]["search"]["fits"] < 400
-    assert a["work"]["description"] == {"fits": 0, "ended_early": False}
+    # Nothing is left to describe; a few plain forms were held against the name.
+    assert 0 < a["work"]["description"]["fits"] < 60 and not a["work"]["description"]["ended_early"]
     other = json.loads((first / "diagnosis.json").read_text()) | {"campaign": "another"}
     (tmp_path / "other.json").write_text(json.dumps(other))
     capsys.readouterr()

@@ -93,6 +93,7 @@ def outdone(problem: Problem, final: Fit, id_: str, work: Work) -> Candidate | N
     for one in alike(problem, final, id_, others)[:TRIED]:
         if one.likeness < ALIKE:
             break
+        work.count(2)
         placed = to_its_end(problem, Candidate(one.effect, in_its_place(problem, final, id_, one)), work)
         if placed.cost < (most if best is None else best.cost):
             best = placed
