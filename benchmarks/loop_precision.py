@@ -119,12 +119,12 @@ def nothing(seed: int) -> dict:
         while True:
             decision = decide(bench.campaign(), goals, decision)
             alone = [v for v in decision.verdicts.values() if v.dispute is None]
-            named |= {effect for verdict in alone for effect in verdict.causes}
+            named |= {effect for verdict in alone for effect in verdict.named}
             tied += bool(decision.tied)
             if decision.status != CONTINUE:
                 break
             bench.record_run(decision.choices[0].shock.as_run())
-        ended = {effect for verdict in decision.verdicts.values() for effect in verdict.causes}
+        ended = {effect for verdict in decision.verdicts.values() for effect in verdict.named}
         return {
             "seed": seed, "status": decision.status, "reason": decision.reason, "runs": bench.runs,
             "minutes": round(bench.minutes, 1), "ever_named": sorted(named), "named": sorted(ended),

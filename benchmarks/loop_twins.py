@@ -95,7 +95,7 @@ def world(pair: int, seed: int, how: str) -> dict:
                 shock = START[2] if channel == RH else START[6]
             kinds.append(shock.why)
             record(shock)
-    named = sorted(decision.verdicts[channel].causes)
+    named = sorted(decision.verdicts[channel].named)
     done = decision.status == "done"
     right, wrong = done and named == [hidden], done and any(e != hidden for e in named)
     return {

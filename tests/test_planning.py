@@ -222,10 +222,26 @@ def test_evidence_comes_from_runs_that_tell_the_explanations_apart(tmp_path):
     assert expected_evidence([Look(Verdict())], [slow]) == [0.0]
 
 
+def test_what_nobody_listed_is_held_against_what_is_catalogued(tmp_path):
+    """A described offset and a self-heating: a slow run of a bead with an offset rules the heating out, one of a bead
+    that heats itself the description."""
+    form = "offset|none"
+    dispute = ({form: {"size": 0.2}}, HEATING)
+    off = replace(LIVELY, effects=(Hidden("calibration_error", {"gain": 0.0, "offset": 0.2}, ("temperature",)),))
+    for name, truth, wrong in (("off", off, 1), ("heated", HEATED, 0)):
+        _, ready, old = evidence_after(tmp_path / name, truth, [replace(COOL, airflow_m_s=1.8)] * 2)
+        told = against(ready.problem, ready.structure, Dispute(dispute, old))
+        assert told[wrong] > REJECTED and told[1 - wrong] < 0.0
+    assert Dispute(dispute, old).labels() == ["offset", "self_heating"]
+    verdict = Verdict("described", 6, dispute[0], Dispute(dispute, old), (0.0, 0.0))
+    assert verdict.named == () and verdict.describes and verdict.left
+    assert verdict.extension("temperature").structure.ids == (form,)
+
+
 def _fitted(problem, explanation):
     from shockrig.analysis.planning.evidence import structure_of
 
-    structure = structure_of(explanation, PLAIN)
+    structure = structure_of(explanation, PLAIN, "temperature")
     choice = {f"{e}.{p}": v for e, values in explanation.items() for p, v in values.items()}
     return fit(problem, structure, Model(problem.channel, structure).start([np.log(0.56)], choice))
 

@@ -15,6 +15,7 @@ from shockrig.analysis.characterization.result import Characterization
 from shockrig.analysis.checks.checked import checked
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
 from shockrig.analysis.planning.choose import UNTOLD, Choice, Designs, choose_runs, menu_of
+from shockrig.analysis.planning.evidence import label_of
 from shockrig.analysis.planning.foretold import expected_evidence
 from shockrig.analysis.planning.goals import Goals
 from shockrig.analysis.planning.judged import Look, Verdict, diagnosed, look_at, with_verdicts
@@ -156,7 +157,8 @@ def decide(
         weighed = [replace(c, evidence=x) for c, x in zip((*chosen, *considered), told, strict=True)]
         chosen, considered = weighed[: len(chosen)], tuple(weighed[len(chosen) :])
     worst = {name: look.left_over for name, look in looks.items() if look.left_over}
-    if goals.ties and worst and chased < MOST_UNEXPLAINED and not first:
+    describes = any(v.describes for v in verdicts.values())
+    if goals.ties and worst and chased < MOST_UNEXPLAINED and not first and not describes:
         chosen, chased = designs.chase(campaign, worst, minutes, chased, count), chased + 1
     if not chosen:
         return _with(state, INCONCLUSIVE, f"no run of the menu brings what is missing: {_missing(state)}")
@@ -261,10 +263,15 @@ def _ended(state: Decision, goals: Goals, looks: Mapping[ChannelName, Look]) -> 
     unexplained = [name for name, verdict in state.verdicts.items() if verdict.left]
     decided = not tied and all(v.runs or looks[n].problem is None for n, v in state.verdicts.items())
     if met and (not goals.ties or (decided and not unexplained)):
-        named = [e for v in verdicts for e in v.causes]
+        named = [e for v in verdicts for e in v.named]
         return DONE, f"all goals are met; {'named: ' + ', '.join(named) if named else 'the plain model is enough'}"
     if met and goals.ties and unexplained and not tied and state.chased >= MOST_UNEXPLAINED:
-        return INCONCLUSIVE, f"{' and '.join(unexplained)}: something is left that nothing in the catalogue explains"
+        others = [label_of(v.causes, [v.causes, {}]) for v in verdicts if v.verdict == "described"]
+        how = f"; it behaves like {' and '.join(others)}" if others else ""
+        return (
+            INCONCLUSIVE,
+            f"{' and '.join(unexplained)}: something is left that nothing in the catalogue explains{how}",
+        )
     return None
 
 

@@ -21,6 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.effects.behaviours import form_of
+from shockrig.analysis.effects.described import described, is_described
 from shockrig.analysis.inference.fit import Fit, fit
 from shockrig.analysis.inference.model import Model, Structure
 from shockrig.analysis.inference.problem import Problem
@@ -54,15 +56,25 @@ class Dispute:
 def label_of(explanation: Explanation, among: Sequence[Explanation]) -> str:
     """An explanation's effects that not all others have too; "nothing" where it has none beyond these."""
     common = set.intersection(*(set(other) for other in among))
-    return " + ".join(e for e in explanation if e not in common) or "nothing"
+    return " + ".join(_words(e) for e in explanation if e not in common) or "nothing"
 
 
-def structure_of(explanation: Explanation, base: Structure) -> Structure:
-    """The model of an explanation, with what the readings themselves show in `base`."""
+def _words(effect: str) -> str:
+    """A catalogued effect's id; of one that nobody listed how it behaves, on what, and what it depends on."""
+    if not is_described(effect):
+        return effect
+    form = form_of(effect)
+    parts = [form.behaves_as, *([] if form.driver == "none" else [f"of {form.driver}"])]
+    return " ".join([*parts, *(f"by {factor}" for factor in form.factors)]).replace("_", " ")
+
+
+def structure_of(explanation: Explanation, base: Structure, channel: str) -> Structure:
+    """The model of an explanation of a channel, with what the readings themselves show in `base`."""
     structure = base
-    for effect in explanation:
-        if effect not in structure.ids and CATALOGUE[effect].fitted:
-            structure = structure.adding(CATALOGUE[effect])
+    for id_ in explanation:
+        effect = described(id_, channel == "humidity") if is_described(id_) else CATALOGUE[id_]
+        if id_ not in structure.ids and effect.fitted:
+            structure = structure.adding(effect)
     return structure
 
 
@@ -79,7 +91,7 @@ def against(problem: Problem, base: Structure, dispute: Dispute) -> list[float]:
         return [0.0] * count
     part = replace(problem.select(seen), channel=problem.channel.select(seen).without_lost_ambients())
     is_old = old[seen]
-    fits = [_Fitted.of(part, is_old, structure_of(e, base), e) for e in dispute.explanations]
+    fits = [_Fitted.of(part, is_old, structure_of(e, base, channel.name), e) for e in dispute.explanations]
     degrees = dispute.degrees(channel.rates)
     out = []
     for j, rival in enumerate(fits):

@@ -9,11 +9,13 @@ import numpy as np
 
 from shockrig.analysis.characterization.extension import Extension, extension_of
 from shockrig.analysis.diagnosis.adequacy import judge
+from shockrig.analysis.diagnosis.describing import alternatives
 from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis, diagnose_channel, enough
 from shockrig.analysis.diagnosis.prepare import prepare
 from shockrig.analysis.diagnosis.search import evidence
 from shockrig.analysis.diagnosis.thresholds import FALSE_ALARMS, penalty
 from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.effects.described import described, discovered_of, is_described
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.fit import Fit, fit
 from shockrig.analysis.inference.gather import build_channel
@@ -41,7 +43,7 @@ class Verdict:
     runs : int
         With how many runs the last diagnosis was made; 0: none yet.
     causes : mapping
-        What it named, with the values that a fit begins from.
+        What its model carries beside the plain one, named or described, with the values that a fit begins from.
     dispute : Dispute or None
         What was tied then.
     against : tuple of float
@@ -96,13 +98,27 @@ class Verdict:
         return self.dispute is not None and len(self.standing) < 2
 
     @property
-    def extension(self) -> Extension:
-        """The model that the characterization uses: with what is named, or may be named."""
+    def named(self) -> tuple[str, ...]:
+        """Effects of the catalogue that it names."""
+        return tuple(e for e in self.causes if not is_described(e))
+
+    @property
+    def describes(self) -> bool:
+        """Whether an explanation that stands beside others is one that nobody listed."""
+        return bool(self.tied) and any(is_described(e) for one in self.standing for e in one)
+
+    def extension(self, channel: ChannelName) -> Extension:
+        """The model that the characterization uses: with what is named or described, or may be."""
         causes = [
-            StatedEffect(effect, {name: Uncertain(value, 0.0) for name, value in values.items()}, 1.0)
-            for effect, values in self.causes.items()
+            StatedEffect(effect, {name: Uncertain(value, 0.0) for name, value in self.causes[effect].items()}, 1.0)
+            for effect in self.named
         ]
-        return extension_of(causes)
+        others = [
+            discovered_of(described(id_, channel == "humidity"), {k: (v, 0.0) for k, v in values.items()})
+            for id_, values in self.causes.items()
+            if is_described(id_)
+        ]
+        return extension_of(causes, others, channel)
 
 
 @dataclass(frozen=True)
@@ -187,7 +203,7 @@ def _looked_at(campaign: Campaign, name: ChannelName) -> Channel | None:
 
 def _fitted(problem: Problem, explanation: Explanation, base: Structure) -> Fit:
     """An explanation fitted to a channel, from the values that it came with."""
-    structure = structure_of(explanation, base)
+    structure = structure_of(explanation, base, problem.channel.name)
     choice = {f"{e}.{p}": v for e, values in explanation.items() for p, v in values.items()}
     point = rough_point(problem, base)
     start = {name: value for name, value in choice.items() if name in structure.names}
@@ -196,8 +212,7 @@ def _fitted(problem: Problem, explanation: Explanation, base: Structure) -> Fit:
 
 
 def _explained_by(found: Fit) -> Explanation:
-    values = found.values().items()
-    return {e: {p: value for p, (value, _) in own.items()} for e, own in values if e in CATALOGUE}
+    return {e: {p: value for p, (value, _) in own.items()} for e, own in found.values().items()}
 
 
 def _taken(found: ChannelDiagnosis, before: Verdict, final: bool) -> Verdict:
@@ -233,6 +248,8 @@ def _possible(found: ChannelDiagnosis, look: int) -> list[Explanation]:
     """The explanation that a diagnosis ends with, and those that it is tied with at this look."""
     own, level = _explained_by(found.final), tie_level(look)
     explanations = [own]
+    if found.described is not None:
+        explanations += [_explained_by(other) for _, other in alternatives(found.described)]
     for effect, standing in found.search.standing.items():
         if effect not in found.final.structure.ids:
             continue
@@ -251,4 +268,4 @@ def _possible(found: ChannelDiagnosis, look: int) -> list[Explanation]:
 
 def with_verdicts(verdicts: Mapping[ChannelName, Verdict]) -> dict[ChannelName, Extension]:
     """Extended models of the channels of which something is named."""
-    return {name: verdict.extension for name, verdict in verdicts.items() if verdict.causes}
+    return {name: verdict.extension(name) for name, verdict in verdicts.items() if verdict.causes}
