@@ -82,7 +82,7 @@ class FileBench:
         """What has been recorded, read back; None where nothing has."""
         return read_campaign(self.folder) if self.runs else None
 
-    def record_run(self, run: Mapping[str, Any], lead_s: float = 6.0, over_s: float = 12.0) -> None:
+    def record_run(self, run: Mapping[str, Any], over_s: float = 12.0) -> None:
         """Record one run of a plan (`shock-plan/1`)."""
         shock = Shock(
             "0001",
@@ -93,7 +93,7 @@ class FileBench:
             transfer_duration_s=run["transfer"].get("duration_s"),
             extra={k: run[k] for k in ("irradiance_w_m2",) if k in run},
         )
-        self.record(shock, lead_s, (shock.transfer_duration_s or 0.0) + run["dwell_s"], over_s)
+        self.record(shock, run["lead_s"], (shock.transfer_duration_s or 0.0) + run["dwell_s"], over_s)
 
     def record(self, shock: Shock, lead_s: float, after_s: float, over_s: float) -> None:
         """Soak, record, transfer, record."""

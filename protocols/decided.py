@@ -28,8 +28,6 @@ def soak_over_s(dwell_s: float) -> float:
 
 def as_protocol(shocks: Sequence[Shock], continues: int, name: str, goals: str) -> Protocol:
     """A protocol of some shocks, to follow `continues` runs of a campaign."""
-    from shockrig.analysis.planning.shock import LEAD_S
-
     runs = []
     for number, shock in enumerate(shocks, continues + 1):
         soak = Soak(over_s=soak_over_s(shock.dwell_s), at_most_s=SOAK_AT_MOST_S)
@@ -40,7 +38,7 @@ def as_protocol(shocks: Sequence[Shock], continues: int, name: str, goals: str) 
                 Air(shock.source_c, shock.source_percent),
                 Air(shock.destination_c, shock.destination_percent),
                 shock.airflow_m_s,
-                (soak, Record(LEAD_S), carry, Record(shock.dwell_s)),
+                (soak, Record(shock.lead_s), carry, Record(shock.dwell_s)),
                 shock.why,
                 shock.transfer_s,
             )

@@ -94,6 +94,7 @@ def test_the_strictest_of_two_goals_counts_where_both_hold():
 def test_the_menu_varies_everything_that_a_bench_can_vary():
     menu = deciding_menu([20.0], Usual(irradiances_w_m2=(0.0, 800.0)))
     assert {s.airflow_m_s for s in menu} == {1.8, 6.0, 12.0} and {s.transfer_s for s in menu} == {None, 2.0}
+    assert {s.lead_s for s in menu} == {6.0, 30.0}
     assert len({s.dwell_s for s in menu}) == 2 and {s.irradiance_w_m2 for s in menu} == {0.0, 800.0}
     signs = {(np.sign(s.destination_c - s.source_c), np.sign(s.destination_percent - s.source_percent)) for s in menu}
     assert {(0.0, 1.0), (0.0, -1.0), (-1.0, 1.0), (1.0, -1.0)} <= signs
@@ -257,6 +258,20 @@ def test_the_true_explanation_is_not_ruled_out_by_looking_on(tmp_path):
         for k in range(7, len(runs) + 1)
     ]
     assert max(look[1] for look in looks) < 2.0 and told[0] > REJECTED
+
+
+def test_a_longer_plateau_before_the_transfer_tells_a_dead_time_from_a_clock_that_runs_fast(tmp_path):
+    """A stamp runs ahead by so much a second from the run's first sample on, a dead time is the same in all runs."""
+    late = replace(LIVELY, effects=(Hidden("dead_time", {"delay_s": 0.2}, ("temperature",)),))
+    dispute = ({"dead_time": {"delay_s": 0.2}}, {"clock_drift": {"ppm": 30000.0}})
+    told = []
+    for name, lead_s in (("usual", 6.0), ("long", 30.0)):
+        bench = recorded(tmp_path / name, late, [COOL, WARM] * 3)
+        bench.record_run(replace(WARM, lead_s=lead_s).as_run())
+        ready = prepare(build_channel(bench.campaign(), "temperature"))
+        old = ready.problem.channel.run_ids[:-1]
+        told.append(against(ready.problem, ready.structure, Dispute(dispute, old)))
+    assert max(told[0]) < 1.0 and told[1][0] < 0.0 and told[1][1] > REJECTED
 
 
 def test_student_says_less_than_a_known_scatter_and_the_same_for_many_runs():

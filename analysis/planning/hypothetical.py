@@ -15,7 +15,7 @@ from shockrig.analysis.inference.noise import Noise, whiteners
 from shockrig.analysis.inference.problem import Problem, make_problem
 from shockrig.analysis.inference.quantity import HUMIDITY, TEMPERATURE
 from shockrig.analysis.physics.conditions import Conditions
-from shockrig.analysis.planning.shock import LEAD_S, Shock
+from shockrig.analysis.planning.shock import LEAD_S, PHASE_S, Shock
 
 Array = NDArray[np.float64]
 DIE_S = 10.0  # time constant with which a HYT-271's die follows the air, about
@@ -98,7 +98,7 @@ def _conditions(like: Conditions, shocks: Sequence[Shock]) -> Conditions:
         destination_percent=each("destination_percent"),
         airflow_m_s=each("airflow_m_s"),
         pressure_hpa=each("pressure_hpa"),
-        start_s=LEAD_S * many,
+        start_s=each("lead_s") + PHASE_S,
         start_scatter_s=TRIGGER_SCATTER_S * many,
         source_c_scatter=TEMPERATURE.air_scatter * many,
         destination_c_scatter=TEMPERATURE.air_scatter * many,

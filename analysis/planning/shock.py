@@ -10,7 +10,8 @@ import numpy as np
 
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 
-LEAD_S = 6.0  # recorded before a transfer
+LEAD_S, LONG_LEAD_S = 6.0, 30.0  # recorded before a transfer; longer, for what a run's own clock does
+PHASE_S = 0.5  # that a bench's transfer comes later, on average: it is at another phase of the sampling each time
 SOAK_OVER_S = 12.0  # within which a soak must have come to rest
 USUAL_AIRFLOW_M_S = 6.0
 USUAL_C = 20.0
@@ -23,7 +24,8 @@ SLOWEST_M_S = 1.5
 
 @dataclass(frozen=True)
 class Shock:
-    """One run: its two airs, airflow, pressure, light, how long it is recorded and how slowly it is carried over.
+    """One run: its two airs, airflow, pressure, light, how long it is recorded before the transfer and after it, and
+    how slowly it is carried over.
 
     `transfer_s` is None where the stage goes as fast as it can; `why` is what it is for.
     """
@@ -37,6 +39,7 @@ class Shock:
     transfer_s: float | None = None
     pressure_hpa: float = 1013.25
     irradiance_w_m2: float = 0.0
+    lead_s: float = LEAD_S
     why: str = field(default="", compare=False)
 
     @property
@@ -47,7 +50,7 @@ class Shock:
     @property
     def recorded_s(self) -> float:
         """Of the record, with the plateau before the transfer."""
-        return LEAD_S + (self.transfer_s or 0.0) + self.dwell_s
+        return self.lead_s + (self.transfer_s or 0.0) + self.dwell_s
 
     def as_run(self) -> dict[str, Any]:
         """In the terms of run.json."""
@@ -60,6 +63,7 @@ class Shock:
             "pressure_hpa": self.pressure_hpa,
             "transfer": {} if self.transfer_s is None else {"duration_s": self.transfer_s},
             **light,
+            "lead_s": self.lead_s,
             "dwell_s": self.dwell_s,
             "why": self.why,
         }
@@ -77,6 +81,7 @@ def from_run(run: dict[str, Any]) -> Shock:
         run["transfer"].get("duration_s"),
         run["pressure_hpa"],
         run.get("irradiance_w_m2", 0.0),
+        run.get("lead_s", LEAD_S),
         run["why"],
     )
 
@@ -154,10 +159,11 @@ def deciding_menu(
                 replace(base, airflow_m_s=fast, why=f"{why}, much airflow"),
                 replace(base, transfer_s=SLOWED_S, why=f"{why}, the transfer slowed"),
                 replace(base, dwell_s=LONGEST_S, why=f"{why}, recorded for longer"),
+                replace(base, lead_s=LONG_LEAD_S, why=f"{why}, recorded for longer before it"),
             ]
             if dwell_s is not None:
                 enough = float(round(1.7 * dwell_s(destination[0], source[0] == destination[0])))
-                menu += [replace(one, dwell_s=enough) for one in menu[-4:-2] if enough < one.dwell_s]
+                menu += [replace(one, dwell_s=enough) for one in menu[-5:-3] if enough < one.dwell_s]
             menu += [
                 replace(base, irradiance_w_m2=light, why=f"{why}, under {light:g} W/m2")
                 for light in usual.irradiances_w_m2
@@ -169,7 +175,7 @@ def deciding_menu(
 def _between(
     usual: Usual, source: tuple[float, float], destination: tuple[float, float], dwell: float, why: str
 ) -> Shock:
-    return Shock(*source, *destination, usual.airflow_m_s, float(dwell), None, usual.pressure_hpa, 0.0, why)
+    return Shock(*source, *destination, usual.airflow_m_s, float(dwell), None, usual.pressure_hpa, why=why)
 
 
 def _warm(ambient_c: float, by_k: float = WARMER_K) -> tuple[float, float]:
