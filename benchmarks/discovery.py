@@ -70,7 +70,7 @@ def run(kind: str, effect: str, channel: str, seed: int, tier: str) -> dict:
             CATALOGUE.update(order)
         seconds = time.process_time() - began
         fresh, elsewhere = None, []
-        if kind == "one_out" and found.discovered:
+        if kind == "one_out" and found.described is not None:
 
             def recorded(name: str, plan: list, place: int) -> Channel | None:
                 at = seed + place * FRESH

@@ -31,6 +31,8 @@ PIECES = (64, 256)  # samples of a plateau in one spectrum: the longer ones see 
 FEWEST_PIECES = 8
 LEAST_HUM = 0.25  # rms of a slow hum, in standard deviations of the noise
 BESIDE = 8  # frequencies on either side of a line that tell the noise there
+BURST = 5.5  # standard deviations from which on a reading belongs to a burst
+BURSTS, LINE = "bursts in the readings", "a line in the spectrum of the plateaus"  # names of two tests
 KNOTS_S = (0.0, 0.15, 0.4, 1.0, 2.5, 6.0, 15.0, 40.0, 120.0)
 
 
@@ -226,38 +228,38 @@ def _deviations(problem: Problem, found: Fit) -> list[Check]:
 
 def _readings(problem: Problem, found: Fit, noise: Noise) -> list[Check]:
     """Bursts and hum in the single readings of the plateaus."""
-    plateaus = list(_plateaus(problem.channel))
+    parts = [(t, y) for _, t, y in plateaus(problem.channel)]
     spread = noise.standard_deviation
-    outliers = sum(int((np.abs(y) > 5.5 * spread).sum()) for _, y in plateaus)
-    total = sum(y.size for _, y in plateaus)
+    outliers = sum(int((np.abs(y) > BURST * spread).sum()) for _, y in parts)
+    total = sum(y.size for _, y in parts)
     checks = []
     if total > 200:
         # A handful of absurd values is what real logs hold; a share of them is a cause.
         p = float(special.pdtrc(outliers - 1, 1.5 + 3e-4 * total)) if outliers else 1.0
-        checks.append(Check("bursts in the readings", float(outliers), 0, p))
-    lines = [_line(plateaus, noise, length, problem.channel.sampling_period_s) for length in PIECES]
+        checks.append(Check(BURSTS, float(outliers), 0, p))
+    lines = [_line(parts, noise, length, problem.channel.sampling_period_s) for length in PIECES]
     told = [check for check in lines if check is not None]
     return checks + ([min(told, key=lambda check: check.p)] if told else [])
 
 
-def _plateaus(channel: Channel) -> Iterator[tuple[Array, Array]]:
-    """Times and readings of the runs' plateaus, a slow bend taken off."""
+def plateaus(channel: Channel) -> Iterator[tuple[int, Array, Array]]:
+    """Run, times and readings of each plateau, a slow bend taken off."""
     period = channel.sampling_period_s
-    for (time, value), air in zip(channel.samples, channel.air, strict=True):
+    for run, ((time, value), air) in enumerate(zip(channel.samples, channel.air, strict=True)):
         if air is not None:
             continue  # there is no plateau in a record that was driven all along
         for part in (time < -2 * period, time > 0.67 * time[-1]):
             t, y = time[part], value[part]
             if y.size >= min(PIECES) and np.ptp(y) > 0:
-                yield t, y - np.polyval(np.polyfit(t, y, 2), t)
+                yield run, t, y - np.polyval(np.polyfit(t, y, 2), t)
 
 
-def _line(plateaus: Sequence[tuple[Array, Array]], noise: Noise, length: int, period_s: float) -> Check | None:
+def _line(parts: Sequence[tuple[Array, Array]], noise: Noise, length: int, period_s: float) -> Check | None:
     """Whether the plateaus' spectrum, in pieces of so many samples, has a line that the noise has not; None where there
     are too few."""
     window = np.hanning(length)
     spectra = [
-        np.abs(np.fft.rfft(piece * window)) ** 2 for t, y in plateaus for piece in whole_pieces(t, y, period_s, length)
+        np.abs(np.fft.rfft(piece * window)) ** 2 for t, y in parts for piece in whole_pieces(t, y, period_s, length)
     ]
     if len(spectra) < FEWEST_PIECES:
         return None
@@ -283,7 +285,7 @@ def _line(plateaus: Sequence[tuple[Array, Array]], noise: Noise, length: int, pe
     # Where the noise's own model is a little off, a long piece shows that as a line: one that matters is larger.
     if length > min(PIECES) and rms < LEAST_HUM * noise.standard_deviation:
         p = 1.0
-    return Check("a line in the spectrum of the plateaus", peak, 2 * len(spectra), min(1.0, p), rms)
+    return Check(LINE, peak, 2 * len(spectra), min(1.0, p), rms)
 
 
 def _beside(ratio: Array) -> Array:

@@ -20,7 +20,8 @@ from shockrig.analysis.diagnosis.experiments import propose, unseen
 from shockrig.analysis.diagnosis.gain import Gain, measure_gain, plainly, run_errors, worse_without
 from shockrig.analysis.diagnosis.limits import cannot_tell, ended
 from shockrig.analysis.diagnosis.prepare import Prepared, likelier_average, prepare, with_rounding
-from shockrig.analysis.diagnosis.remainder import Remainder, Tolerance, measure_remainder
+from shockrig.analysis.diagnosis.remainder import Remainder, Tolerance, measure_remainder, predicted_badly
+from shockrig.analysis.diagnosis.restless import nothing_else, restless
 from shockrig.analysis.diagnosis.search import Earlier, Search, at_bound, evidence, refit, refused, says_nothing, search
 from shockrig.analysis.diagnosis.thresholds import TIE, level, penalty
 from shockrig.analysis.discovery.likeness import outdone
@@ -86,12 +87,13 @@ class ChannelDiagnosis:
     tried: tuple[Tried, ...] = ()
     discrepancy: dict[str, object] | None = None
     described: Description | None = None
+    humming: tuple[Discovered, ...] = ()
     work: Work = field(default_factory=Work)
 
     @property
     def discovered(self) -> tuple[Discovered, ...]:
         """Effects that nobody listed, as the diagnosis states them."""
-        return () if self.described is None else self.described.discovered
+        return (*(() if self.described is None else self.described.discovered), *self.humming)
 
 
 @dataclass(frozen=True)
@@ -151,6 +153,10 @@ def diagnose_channel(
         adequacy, remainder = described.adequacy, described.remainder
         spoilt = remainder.significant and remainder.material
         left, verdict = spoilt or not adequacy.passed, "unexplained" if spoilt else "described"
+    humming = restless(ready.problem.channel, adequacy) if spoilt and describing else ()
+    # What only single readings show is no part of the response, and is told with that.
+    if nothing_else(adequacy, humming) and not predicted_badly(kept.gain):
+        verdict = "described"
     return ChannelDiagnosis(
         name=channel.name,
         verdict=verdict,
@@ -171,6 +177,7 @@ def diagnose_channel(
         tried=kept.tried,
         discrepancy=describe(ready.problem, kept.final, ready.noise, adequacy) if left else None,
         described=described,
+        humming=humming,
         work=work,
     )
 

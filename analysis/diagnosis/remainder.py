@@ -52,6 +52,11 @@ class Remainder:
         return self.rms >= self.tolerance or self.peak >= PEAK_TOLERANCES * self.tolerance
 
 
+def predicted_badly(gain: Gain) -> bool:
+    """Whether unseen runs are missed by more than the noise and an accident."""
+    return gain.measured and gain.after > level("held_out_excess") * gain.noise_floor
+
+
 def measure_remainder(
     problem: Problem, found: Fit, noise: Noise, adequacy: Adequacy, gain: Gain, tolerance: Tolerance
 ) -> Remainder:
@@ -68,7 +73,7 @@ def measure_remainder(
         rms=float(np.hypot(left, adequacy.hidden_rms)),
         peak=float(max(beyond.max(initial=0.0), 0.0)),
         unit=unit,
-        significant=not adequacy.passed or (gain.measured and gain.after > level("held_out_excess") * gain.noise_floor),
+        significant=not adequacy.passed or predicted_badly(gain),
         tolerance=tolerance.of(unit),
         from_s=begins,
         until_s=ends,

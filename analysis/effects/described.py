@@ -205,6 +205,8 @@ def form_of_discovered(stated: Discovered) -> Form:
 def entry_of(stated: Discovered, channel: str) -> Effect | None:
     """The entry for a described effect of a file; None where this version cannot compute it."""
     form = form_of_discovered(stated)
+    if stated.behaves_as == "periodic" and stated.phase_rad is None:
+        return None  # a hum has a phase of its own in every run, and no part in the response
     try:
         return described(form.key, channel == "humidity")
     except (ValueError, KeyError):

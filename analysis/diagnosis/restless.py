@@ -1,0 +1,176 @@
+"""What single readings do all along, with no part in the response: a hum and bursts, described from the plateaus.
+
+A hum has one frequency and a phase of its own in each run; held out by whole conditions, the frequency that the other
+runs tell has to stand out of the spectrum of these.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from shockrig.analysis.diagnosis.adequacy import BURST, BURSTS, LINE, Adequacy, factors, plateaus
+from shockrig.analysis.diagnosis.thresholds import level
+from shockrig.analysis.discovery.conditions import CHANCE, held_out
+from shockrig.analysis.discovery.discover import MOST_CERTAIN
+from shockrig.analysis.inference.channel import Channel
+from shockrig.files.causes import Uncertain
+from shockrig.files.diagnosis_data import Discovered, Size
+
+Array = NDArray[np.float64]
+
+LONGEST_S = 60.0  # of a plateau, in one spectrum
+PER_WIDTH = 4  # frequencies in the width of a line
+FINE = 12  # times as many around the one that stands out
+BESIDE = 3  # widths of a line, which are not taken for the noise beside it
+AROUND = 40  # widths of a line, which are
+CLIPPED = 4.0  # robust standard deviations: a burst is no part of a hum
+SHARP, SIGMAS = 0.15, 3.0  # relative uncertainty of a slope over a factor, and its size, from which it says nothing
+EXPECTED = 3e-4  # share of readings that are absurd in real logs
+FEWEST = 4  # plateaus of a condition that is held out
+NAMES = {"ambient": "ambient", "airflow": "airflow", "step": "direction", "run order": "run_order"}
+
+
+@dataclass(frozen=True)
+class _Plateau:
+    run: int
+    time_s: Array
+    value: Array
+
+
+def _failing(adequacy: Adequacy) -> set[str]:
+    return {c.name for c in adequacy.checks if c.p * len(adequacy.checks) <= level("adequacy")}
+
+
+def nothing_else(adequacy: Adequacy, found: tuple[Discovered, ...]) -> bool:
+    """Whether what was described of single readings is all that the tests say is left."""
+    shown = {LINE if one.behaves_as == "periodic" else BURSTS for one in found}
+    return bool(shown) and _failing(adequacy) <= shown
+
+
+def restless(channel: Channel, adequacy: Adequacy) -> tuple[Discovered, ...]:
+    """A hum and bursts, where the tests of single readings fail and every condition shows them; none elsewhere."""
+    failing = _failing(adequacy)
+    pieces = [_Plateau(run, t[t - t[0] < LONGEST_S], y[t - t[0] < LONGEST_S]) for run, t, y in plateaus(channel)]
+    found = []
+    if LINE in failing and (hum := _hum(channel, pieces)) is not None:
+        found.append(hum)
+    if BURSTS in failing and (bursts := _bursts(channel, pieces)) is not None:
+        found.append(bursts)
+    return tuple(found)
+
+
+def _spread(values: Array) -> float:
+    """Robust standard deviation."""
+    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
+
+
+def _amplitudes(pieces: list[_Plateau], frequency_hz: Array) -> tuple[Array, Array]:
+    """Squared amplitudes (K, F) of sinusoids fitted to each plateau, and each one's variance (K,)."""
+    squares, noise = [], []
+    for piece in pieces:
+        size = CLIPPED * _spread(piece.value)
+        y = np.clip(piece.value, -size, size)
+        turns = np.exp(-2j * np.pi * np.outer(frequency_hz, piece.time_s - piece.time_s[0]))
+        squares.append(np.abs(turns @ y / (0.5 * y.size)) ** 2)
+        noise.append(float(y.var()))
+    return np.array(squares), np.array(noise)
+
+
+def _hum(channel: Channel, pieces: list[_Plateau]) -> Discovered | None:
+    """A hum by its period and amplitude; None where conditions do not bear one another out."""
+    if len(pieces) < 2 * FEWEST:
+        return None
+    lasts_s = float(np.median([p.time_s[-1] - p.time_s[0] for p in pieces]))
+    width = 1.0 / lasts_s
+    grid = np.arange(2.0 * width, 0.5 / channel.sampling_period_s, width / PER_WIDTH)
+    squares, _ = _amplitudes(pieces, grid)
+    power = squares / np.median(squares, axis=1, keepdims=True)
+    run = np.array([p.run for p in pieces])
+    for _, runs in held_out(channel, set()):
+        test = runs[run]
+        if test.sum() >= FEWEST and (~test).sum() >= FEWEST and not _stands_out(power[~test], power[test]):
+            return None
+    coarse = int(np.argmax(power.mean(axis=0) / _beside(power.mean(axis=0))))
+    fine = grid[coarse] + np.arange(-PER_WIDTH * FINE, PER_WIDTH * FINE + 1) * width / (PER_WIDTH * FINE)
+    own, variance = _amplitudes(pieces, fine)
+    at = int(np.argmax((own / variance[:, None]).sum(axis=0)))
+    count = np.array([p.value.size for p in pieces])
+    lasts = np.array([p.time_s[-1] - p.time_s[0] for p in pieces])
+    noise = np.maximum(variance - 0.5 * own[:, at], 0.0)
+    square = np.maximum(own[:, at] - 4.0 * noise / count, 0.0)
+    size = float(np.sqrt(square.mean()))
+    if size == 0.0:
+        return None
+    amplitude = np.sqrt(own[:, at])
+    # Cramer and Rao, of a sinusoid's frequency in white noise (Rife and Boorstyn 1974, doi 10.1109/TIT.1974.1055282).
+    known = (np.pi**2 * size**2 * count * lasts**2 / (6.0 * np.maximum(noise, 1e-300))).sum()
+    frequency = float(fine[at])
+    return Discovered(
+        behaves_as="periodic",
+        driver="none",
+        period_s=Uncertain(1.0 / frequency, float(1.0 / np.sqrt(known)) / frequency**2),
+        size=Size(size, float(amplitude.std(ddof=1) / np.sqrt(amplitude.size)), channel.quantity.unit),
+        does_not_depend_on=_independent(channel, run, amplitude),
+        probability=MOST_CERTAIN,
+    )
+
+
+def _beside(power: Array) -> Array:
+    """Median of a spectrum (F,) around each frequency, without those of the same line."""
+    reach, gap = AROUND * PER_WIDTH // 2, BESIDE * PER_WIDTH
+    padded = np.pad(power, reach, mode="reflect" if power.size > reach else "edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1)
+    keep = np.abs(np.arange(-reach, reach + 1)) > gap
+    return np.asarray(np.median(windows[:, keep], axis=-1))
+
+
+def _stands_out(train: Array, test: Array) -> bool:
+    """Whether the line that is highest in some spectra (K, F) is one in others."""
+    mean = train.mean(axis=0)
+    at = int(np.argmax(mean / _beside(mean)))
+    of = test.mean(axis=0)
+    ratio = of[at] / _beside(of)[at]
+    # A mean of K spectra of noise is a chi-square of 2 K degrees; its median is a little below its mean.
+    count = test.shape[0]
+    return bool(special.gammaincc(count, ratio * special.gammaincinv(count, 0.5)) < CHANCE)
+
+
+def _independent(channel: Channel, run: NDArray[np.int64], amplitude: Array) -> tuple[str, ...]:
+    """Factors with which the amplitudes of the plateaus' hum do not move."""
+    free = []
+    for name, values in factors(channel).items():
+        x = values[run] - values[run].mean()
+        if name not in NAMES or x.std() < 1e-9:
+            continue
+        slope = float(x @ amplitude / (x @ x))
+        left = amplitude - amplitude.mean() - slope * x
+        spread = float(np.sqrt(left.var(ddof=2) / (x @ x)))
+        if abs(slope) < SIGMAS * spread and spread * x.std() < SHARP * amplitude.mean():
+            free.append(NAMES[name])
+    return tuple(free)
+
+
+def _bursts(channel: Channel, pieces: list[_Plateau]) -> Discovered | None:
+    """Bursts by the size of their readings; None where not every condition shows them."""
+    far = [np.abs(p.value) > BURST * _spread(p.value) for p in pieces]
+    run = np.array([p.run for p in pieces])
+    count, outside = np.array([p.value.size for p in pieces]), np.array([int(f.sum()) for f in far])
+    for _, runs in held_out(channel, set()):
+        test = runs[run]
+        expected = 1.5 + EXPECTED * count[test].sum()
+        if test.sum() >= FEWEST and special.pdtrc(outside[test].sum() - 1, expected) > CHANCE:
+            return None
+    values = np.concatenate([p.value[f] for p, f in zip(pieces, far, strict=True)])
+    # Readings of one burst go together: they count as one.
+    bursts = sum(int((np.diff(f.astype(int)) == 1).sum() + f[0]) for f in far)
+    size = float(np.sqrt((values**2).mean()))
+    return Discovered(
+        behaves_as="bursts",
+        driver="none",
+        size=Size(size, size / np.sqrt(2.0 * max(bursts, 1)), channel.quantity.unit),
+        probability=MOST_CERTAIN,
+    )

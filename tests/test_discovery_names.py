@@ -1,0 +1,118 @@
+"""Names beside descriptions: signatures that are alike by closed form, a plain delay that outdoes a clock's drift,
+causes that are idle beside a description; and what only single readings show, a hum with a known period."""
+
+from dataclasses import replace
+
+import pytest
+from small_worlds import record
+
+from shockrig.analysis.diagnosis.adequacy import LINE, Check, judge
+from shockrig.analysis.diagnosis.beside import alone, without_idle
+from shockrig.analysis.diagnosis.prepare import prepare
+from shockrig.analysis.diagnosis.restless import nothing_else, restless
+from shockrig.analysis.diagnosis.search import plain_fit
+from shockrig.analysis.discovery.conditions import Judged
+from shockrig.analysis.discovery.discover import Described, Discovery
+from shockrig.analysis.discovery.likeness import alike, outdone
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.effects.described import described, entry_of
+from shockrig.analysis.inference.fit import fit
+from shockrig.analysis.inference.gather import build_channel
+from shockrig.analysis.inference.model import Model
+from shockrig.analysis.inference.work import Work
+from shockrig.rig.virtual.plans import standard_plan
+from shockrig.rig.virtual.truth import ROUGH, Hidden
+
+T = ("temperature",)
+HUM_HZ, AMPLITUDE_K = 0.37, 0.05
+
+
+def ready_of(folder, seed, hidden):
+    channel = build_channel(record(folder / "campaign", seed, hidden, ROUGH, standard_plan()), "temperature")
+    return prepare(channel)
+
+
+@pytest.fixture(scope="module")
+def late(tmp_path_factory):
+    """A channel that is logged late by 0.5 s, and its plain fit."""
+    ready = ready_of(tmp_path_factory.mktemp("late"), 5, [Hidden("dead_time", {"delay_s": 0.5}, T)])
+    return ready, plain_fit(ready.problem, ready.structure)
+
+
+@pytest.fixture(scope="module")
+def humming(tmp_path_factory):
+    """A channel that hums at 0.37 Hz with 0.05 K, and its plain fit."""
+    numbers = {"amplitude": AMPLITUDE_K, "hum_hz": HUM_HZ, "burst_share": 0.0}
+    ready = ready_of(tmp_path_factory.mktemp("hum"), 6, [Hidden("unknown_interference", numbers, T)])
+    return ready, plain_fit(ready.problem, ready.structure)
+
+
+def with_effects(problem, plain, start, *effects):
+    structure = plain.structure
+    for effect in effects:
+        structure = structure.adding(effect)
+    return fit(problem, structure, Model(problem.channel, structure).start(plain.log_rates, start))
+
+
+def test_the_same_signature_by_two_names_is_wholly_alike(late):
+    """An offset is a calibration error without its gain; a gain is another; the described size's own freedom is no
+    part of the model that it is compared in."""
+    ready, plain = late
+    final = with_effects(ready.problem, plain, {"offset|none.size": 0.2}, described("offset|none", False))
+    entry = CATALOGUE["calibration_error"]
+    ((offset),) = alike(ready.problem, final, "offset|none", [(entry, {"gain": 0.0, "offset": 0.1})])
+    ((gain),) = alike(ready.problem, final, "offset|none", [(entry, {"gain": 0.01, "offset": 0.0})])
+    assert offset.likeness == pytest.approx(1.0, abs=1e-3)
+    assert gain.likeness < 0.95
+
+
+def test_a_delay_outdoes_a_clock_that_runs_fast_and_no_delay(late):
+    """A clock's drift moves the transfer by its share of the plateau before it, and is the only entry left that does;
+    what it is beside its own entry nothing outdoes."""
+    ready, plain = late
+    clock = with_effects(ready.problem, plain, {"clock_drift.ppm": 45000.0}, CATALOGUE["clock_drift"])
+    work = Work()
+    better = outdone(ready.problem, clock, "clock_drift", work)
+    assert better is not None and better.effect.id == "delay|none" and 0 < work.fits < 60
+    size, uncertainty = better.fit.values()["delay|none"]["size"]
+    assert abs(size - 0.5) < 4 * uncertainty < 0.1
+    own = with_effects(ready.problem, plain, {"dead_time.delay_s": 0.45}, CATALOGUE["dead_time"])
+    assert own.deviance < clock.deviance
+    assert outdone(ready.problem, own, "dead_time", Work()) is None
+
+
+def test_a_cause_that_a_description_makes_idle_is_not_named_beside_it(late):
+    """The clock was taken for what a delay does; with the delay there it is worth less than its penalty."""
+    ready, plain = late
+    delay, clock = described("delay|none", False), CATALOGUE["clock_drift"]
+    near = with_effects(ready.problem, plain, {"clock_drift.ppm": 45000.0}, clock)
+    both = with_effects(ready.problem, plain, {"delay|none.size": 0.5, "clock_drift.ppm": 10.0}, clock, delay)
+    one = Described(delay, both.values()[delay.id], 1e3, 0.9, (), Judged((), 1))
+    found = Discovery(both, near, (one,), True, 0.0)
+    assert alone(ready.problem, plain, found)
+    less = without_idle(ready.problem, plain, found)
+    assert less.fit.structure.ids == (*plain.structure.ids, delay.id)
+    assert less.effects[0].values == less.fit.values()[delay.id]
+    needed = replace(found, fit=near, effects=())
+    assert without_idle(ready.problem, plain, needed) is needed
+
+
+def test_a_hum_is_told_by_its_period_and_its_amplitude(humming):
+    ready, plain = humming
+    adequacy = judge(ready.problem, plain, ready.noise)
+    found = restless(ready.problem.channel, adequacy)
+    (one,) = found
+    assert (one.behaves_as, one.driver, one.phase_rad) == ("periodic", "none", None)
+    assert abs(one.period_s.value - 1.0 / HUM_HZ) < 5 * one.period_s.standard_uncertainty < 0.02
+    assert one.size.value == pytest.approx(AMPLITUDE_K, rel=0.15)
+    assert "airflow" in one.does_not_depend_on
+    assert nothing_else(adequacy, found) and not nothing_else(adequacy, ())
+    assert entry_of(one, "temperature") is None  # it is no part of a response, and none of a flight
+
+
+def test_a_line_that_no_condition_bears_out_is_no_hum(late):
+    """Told that a line is there where none is, the plateaus answer that they have none."""
+    ready, plain = late
+    adequacy = judge(ready.problem, plain, ready.noise)
+    told = replace(adequacy, checks=(*adequacy.checks, Check(LINE, 1.0, 1.0, 0.0)))
+    assert restless(ready.problem.channel, told) == ()
