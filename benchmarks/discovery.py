@@ -20,16 +20,19 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections import defaultdict
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from discovery_right import BESIDE, NUMBERS, RH, RIGHT, T, is_right, plan_for, unrecorded_plan
+from discovery_right import BESIDE, RH, RIGHT, T, plan_for, unrecorded_plan
+from discovery_tables import tables
 
 if TYPE_CHECKING:
     from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis
     from shockrig.analysis.inference.channel import Channel
+    from shockrig.files.campaign import Campaign
+    from shockrig.rig.virtual.truth import Truth
 
 RESULTS = Path(__file__).parent / "results" / "discovery.jsonl"
 FRESH = 1_000_000
@@ -37,14 +40,10 @@ FRESH = 1_000_000
 BETWEEN, BEYOND = ((4.0, 8.5), (5.0, 25.0)), ((1.5, 18.0), (-8.0, 48.0))
 
 
-def run(kind: str, effect: str, channel: str, seed: int, tier: str) -> dict:
-    """Record a world, diagnose a channel of it without the hidden effect's entry, and score the description."""
-    from shockrig.analysis.diagnosis.diagnose import diagnose_channel
-    from shockrig.analysis.diagnosis.remainder import Tolerance
-    from shockrig.analysis.effects import CATALOGUE
-    from shockrig.analysis.inference.gather import build_channel
+@lru_cache(maxsize=1)
+def world(kind: str, effect: str, channel: str, seed: int, tier: str) -> tuple[Truth, Campaign]:
+    """A world with its hidden effects, and a campaign in it."""
     from shockrig.files.campaign import read_campaign
-    from shockrig.files.discovered import plain
     from shockrig.rig.virtual.batch import simulate_campaign
     from shockrig.rig.virtual.hide import draw_effect, draw_hidden
     from shockrig.rig.virtual.truth import draw_truth
@@ -56,9 +55,22 @@ def run(kind: str, effect: str, channel: str, seed: int, tier: str) -> dict:
         hidden = draw_hidden(rng, 2)
     truth = draw_truth(rng, tier, hidden)
     with tempfile.TemporaryDirectory() as folder:
-        plan = plan_for(effect)
-        path = simulate_campaign(truth, plan, rng, Path(folder) / "campaign")
-        data = build_channel(read_campaign(path), channel)
+        return truth, read_campaign(simulate_campaign(truth, plan_for(effect), rng, Path(folder) / "campaign"))
+
+
+def run(kind: str, effect: str, channel: str, seed: int, tier: str) -> dict:
+    """Record a world, diagnose a channel of it without the hidden effect's entry, and score the description."""
+    from shockrig.analysis.diagnosis.diagnose import diagnose_channel
+    from shockrig.analysis.diagnosis.remainder import Tolerance
+    from shockrig.analysis.effects import CATALOGUE
+    from shockrig.analysis.inference.gather import build_channel
+    from shockrig.files.campaign import read_campaign
+    from shockrig.files.discovered import plain
+    from shockrig.rig.virtual.batch import simulate_campaign
+
+    truth, campaign = world(kind, effect, channel if kind == "one_out" else "", seed, tier)
+    data, plan = build_channel(campaign, channel), plan_for(effect)
+    with tempfile.TemporaryDirectory() as folder:
         taken, order = CATALOGUE.get(effect) if kind == "one_out" else None, dict(CATALOGUE)
         began = time.process_time()
         try:
@@ -125,85 +137,6 @@ def errors(channel: Channel | None, found: ChannelDiagnosis) -> tuple[float, flo
     problem = prepare(channel, found.noise.averaged).problem
     without = found.described.discovery.without
     return tuple(float(np.sqrt(run_errors(channel, problem, one).mean())) for one in (without, found.final))
-
-
-def scored(result: dict) -> dict[str, object]:
-    """What one trial of `one_out` shows."""
-    effect, channel, told = result["effect"], result["channel"], result["discovered"]
-    named = [one for one in told if is_right(one, effect, channel)]
-    listed = [one for one in told if any(is_right(other, effect, channel) for other in one.get("alternatives", []))]
-    single = len(told) == 1 and not told[0].get("alternatives")
-    score: dict[str, object] = {
-        "flagged": result["verdict"] != "adequate",
-        "catalogued": bool(result["causes"]) and not told,
-        "described": bool(told),
-        "right": bool(named),
-        "in the set": bool(named or listed),
-        "single and wrong": single and not named,
-        "numbers": [],
-    }
-    if named and effect in result["hidden"]:
-        one, off = named[0], []
-        for name, true in result["hidden"][effect].items():
-            key = NUMBERS.get((effect, name))
-            value = _number(one, key) if key else None
-            if value is not None and one["behaves_as"] != "added_rate":
-                # A swing of the other sign is the same half a turn on.
-                ratio = abs(value / true) if one["behaves_as"] == "periodic" else value / true
-                off.append((key, ratio - 1.0))
-        score["numbers"] = off
-    return score
-
-
-def _number(one: dict, key: str) -> float | None:
-    if key in ("size", "time_constant_s", "period_s"):
-        return one[key]["value"] if key in one else None
-    return next((on["value"] for on in one["depends_on"] if on["factor"] == key), None)
-
-
-def tables(lines: list[dict]) -> str:
-    """What all trials show together."""
-    out = []
-    for kind, title in (("none", "plain worlds"), ("two", "two catalogued effects at once")):
-        some = [r for r in lines if r["kind"] == kind]
-        if some:
-            told = sum(bool(r["discovered"]) for r in some)
-            verdicts = defaultdict(int)
-            for r in some:
-                verdicts[r["verdict"]] += 1
-            out.append(f"{title}: {len(some)} channels, {told} with anything discovered; {dict(verdicts)}")
-    rows = defaultdict(list)
-    for r in lines:
-        if r["kind"] == "one_out":
-            rows[r["effect"], r["channel"]].append(r)
-    keys = ("flagged", "catalogued", "described", "right", "in the set", "single and wrong")
-    if rows:
-        head = "".join(f"{k:>17}" for k in keys)
-        out.append(f"  {'hidden and taken away':42}{'trials':>7}{head}{'fresh gain':>12}{'worst number':>14}{'s':>7}")
-    total, count = defaultdict(int), 0
-    gains: list[float] = []
-    for (effect, channel), some in sorted(rows.items()):
-        scores = [scored(r) for r in some]
-        cells = [sum(bool(s[k]) for s in scores) for k in keys]
-        for k, v in zip(keys, cells, strict=True):
-            total[k] += v
-        count += len(some)
-        fresh = [r["fresh_share"] for r in some if r["fresh_share"] is not None]
-        gains += fresh
-        off = [abs(v) for s in scores for _, v in s["numbers"]]
-        numbers = f"{100 * max(off):12.1f} %" if off else f"{'-':>14}"
-        shown = f"{np.min(fresh):12.3f}" if fresh else f"{'-':>12}"
-        seconds = max(r["seconds"] for r in some)
-        columns = "".join(f"{c:17}" for c in cells)
-        out.append(f"  {effect + ', ' + channel:42}{len(some):7}{columns}{shown}{numbers}{seconds:7.0f}")
-    if count:
-        out.append(f"  {'all':42}{count:7}" + "".join(f"{total[k]:17}" for k in keys))
-    if gains:
-        share = np.mean(np.array(gains) >= 0.9)
-        out.append(
-            f"  of the explainable error of a fresh campaign at least 0.9 is removed in {share:.2f} of {len(gains)}"
-        )
-    return "\n".join(out)
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -15,7 +15,7 @@ Rights = tuple[tuple[str, str, tuple[frozenset[str], ...]], ...]
 # right where nothing is described, and has no entry but ().
 NONE: frozenset[str] = frozenset()
 AIRFLOW, AMBIENT, DIRECTION, HUMIDITY = (frozenset({name}) for name in ("airflow", "ambient", "direction", "humidity"))
-LATE: Rights = (("lag_in_series", "", (NONE,)), ("delay", "", (NONE,)))
+LATE: Rights = (("lag_in_series", "", (NONE, frozenset({"history"}))), ("delay", "", (NONE,)))
 DELAY: Rights = (("delay", "", (NONE,)),)
 SHARE: Rights = (("parallel_lag", "", (NONE,)), ("added_rate", "own_response", (NONE,)))
 CYCLING: Rights = (("periodic", "none", (NONE,)),)
@@ -42,7 +42,7 @@ RIGHT: dict[tuple[str, str], Rights] = {
     ("stem_conduction", T): SHARE,
     ("evaporative_cooling", T): (("added_rate", "none", (NONE, AMBIENT, HUMIDITY)),),
     ("self_heating", T): (("offset", "none", (AIRFLOW,)),),
-    ("radiative_heating", T): (("offset", "none", (AIRFLOW,)),),
+    ("radiative_heating", T): (),  # it goes with the light, on which nothing in the grammar depends
     ("wall_radiation", T): (("gain", "own_response", (AIRFLOW | AMBIENT,)),),
     ("die_thermal_lag", RH): (("gain", "die_temperature", (NONE,)), ("added_rate", "air_temperature", (NONE,))),
     ("calibration_temperature", RH): (

@@ -20,7 +20,7 @@ from shockrig.files.diagnosis_data import Discovered
 
 # Of the search for a description, beside named causes and without them together; an ordinary campaign takes a third.
 MOST_FITS = 1200
-HALF = 0.5  # of what unseen runs show above the noise: what a description that does not end it must account for
+MOST = 0.8  # of what unseen runs show above the noise: what a description that does not end it must account for
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def describe_rest(
     adequacy = left(found.fit)
     remainder = measure_remainder(problem, found.fit, noise, adequacy, reached, tolerance)
     before, after, floor = (x**2 for x in (gain.after, reached.after, reached.noise_floor))
-    if remainder.significant and remainder.material and before - after < HALF * (before - floor):
+    if remainder.significant and remainder.material and before - after < MOST * (before - floor):
         return None  # what leaves most of it describes something else
     share = reached.explained_fraction if len(found.effects) == 1 and not named.structure.ids else None
     discovered = stated(problem, found)

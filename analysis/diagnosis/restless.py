@@ -102,7 +102,7 @@ def _hum(channel: Channel, pieces: list[_Plateau]) -> Discovered | None:
     lasts = np.array([p.time_s[-1] - p.time_s[0] for p in pieces])
     noise = np.maximum(variance - 0.5 * own[:, at], 0.0)
     square = np.maximum(own[:, at] - 4.0 * noise / count, 0.0)
-    size = float(np.sqrt(square.mean()))
+    size = float(np.sqrt(np.median(square)))  # bursts of it are not its size
     if size == 0.0:
         return None
     amplitude = np.sqrt(own[:, at])

@@ -190,6 +190,8 @@ def _standing(
 ) -> Described | None:
     """How one described effect stands beside the others; None where it does not hold."""
     id_ = best.effect.id
+    if not says_something(Candidate(best.effect, final)):  # beside another it may have gone to an end
+        return None
     without = near if alone else _refitted(problem, final.structure.dropping(id_), final)
     necessity = without.deviance - final.deviance
     if not left.passed and necessity < CERTAIN * left.excess + CERTAIN_LEAST:

@@ -55,6 +55,8 @@ def scaling_factors(form: Form, channel: Channel) -> list[Factor]:
         there -= {"ambient"}  # each ambient has its own rate
     if form.behaves_as == "periodic" or "zero_at" in dict(form.depends_on).values():
         return []
+    if form.behaves_as == "lag_in_series" and "history" in form.factors:
+        return []
     if "run_order" in form.factors or form.driver == "die_temperature":
         there -= {"run_order"}
     if form.behaves_as in ("added_response", "added_rate", "gain", "periodic") and form.driver != "none":
@@ -97,8 +99,8 @@ def forms(channel: Channel) -> Iterator[Form]:
 
 
 def plain_forms(channel: Channel) -> Iterator[Form]:
-    """The forms that depend on nothing; none where `forms` has none."""
-    return (form for form in forms(channel) if not form.depends_on)
+    """The forms whose strength nothing scales; none where `forms` has none."""
+    return (form for form in forms(channel) if not set(form.depends_on) & set(SCALING))
 
 
 def _bases(channel: Channel) -> Iterator[Form]:
@@ -115,6 +117,7 @@ def _bases(channel: Channel) -> Iterator[Form]:
         yield Form("rate_change", "own_response", (("humidity", "linear"),))
     if c.start_known.any():
         yield Form("delay", "none")
+        yield Form("lag_in_series", own, (("history", "linear"),))
     if not c.airs_known.all():
         return
     yield Form("gain", "own_response")

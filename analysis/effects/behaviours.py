@@ -129,6 +129,10 @@ def _readout(chain: Chain, added: Callable[[Array, Array], Array]) -> Chain:
 def _lag_in_series(form: Form, chain: Chain, p: Arrays) -> Chain:
     if form.driver == "airflow":  # the exchange with the air holds it back: size is its resistance over the body's own
         return replace(chain, biot=1.0 / (p["size"] * _scale(form, chain, p)))
+    if ("history", "linear") in form.depends_on:  # evenly, and over after that time
+        air = chain.channel.conditions
+        ramp_s = np.where(np.isfinite(air.ramp_own_s), air.ramp_own_s, p["time_constant_s"] * air.ramp_ratio)
+        return replace(chain, ramp_s=ramp_s)
     return replace(chain, series=(*chain.series, p["time_constant_s"] * _scale(form, chain, p)))
 
 

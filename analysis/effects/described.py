@@ -172,6 +172,8 @@ def equation(form: Form) -> str:
     if form.behaves_as == "lag_in_series" and form.driver == "airflow":
         words = "".join(f" {_in_words(factor, how)}" for factor, how in form.depends_on)
         return f"flux into the body = (air - surface) / (size{words}), size in units of the body's own resistance"
+    if form.behaves_as == "lag_in_series" and ("history", "linear") in form.depends_on:
+        return "air(t) = source + (destination - source) min(t / time_constant, 1)"
     depends = "".join(f" {_in_words(factor, how)}" for factor, how in form.depends_on)
     x = {"air_temperature": "T_air", "air_humidity": "H_air", "die_temperature": "T_die", "own_response": "reading"}
     driver = x.get(form.driver, "1")

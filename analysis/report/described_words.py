@@ -43,6 +43,8 @@ def behaves(one: Discovered) -> str:
     text = BEHAVIOURS[one.behaves_as].format(driver=DRIVERS[one.driver])
     if one.behaves_as == "added_rate" and one.driver == "none":
         return "a pulse that the transfer itself brings, and that dies away"
+    if one.behaves_as == "lag_in_series" and any(on.factor == "history" for on in one.depends_on):
+        return "air that comes in evenly over a time"
     if one.behaves_as == "periodic" and one.phase_rad is None:
         return "a hum that goes on all along"
     return text
