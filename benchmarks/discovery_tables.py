@@ -12,9 +12,9 @@ CONFIDENT = 0.5  # probability from which on a name that stands alone is a wrong
 WORSE = 1.02  # ratio of errors elsewhere from which on a description does harm there
 KEYS = ("flagged", "described", "right", "in the set", "single wrong", "look-alike")
 MEANING = """  flagged: any verdict but adequate; described: anything at all; right: behaviour and dependence are those
-  of the truth (where nothing behaves so: nothing is described or named); in the set: or one of the alternatives is; single
-  wrong: one description without alternatives that is not right; look-alike: a catalogued effect that is not there is
-  named with more than even odds, and nothing is described"""
+  of the truth (where nothing behaves so: nothing is described or named); in the set: or one of the alternatives is;
+  single wrong: one description without alternatives that is not right; look-alike: a catalogued effect that is not
+  there is named with more than even odds, and nothing is described"""
 
 
 def scored(result: dict) -> dict[str, object]:

@@ -3,6 +3,7 @@ causes that are idle beside a description; and what only single readings show, a
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from small_worlds import record
 
@@ -13,12 +14,14 @@ from shockrig.analysis.diagnosis.restless import nothing_else, restless
 from shockrig.analysis.diagnosis.search import plain_fit
 from shockrig.analysis.discovery.conditions import Judged
 from shockrig.analysis.discovery.discover import Described, Discovery
+from shockrig.analysis.discovery.grammar import forms
 from shockrig.analysis.discovery.likeness import alike, outdone
 from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.effects.behaviours import Form
 from shockrig.analysis.effects.described import described, entry_of
 from shockrig.analysis.inference.fit import fit
 from shockrig.analysis.inference.gather import build_channel
-from shockrig.analysis.inference.model import Model
+from shockrig.analysis.inference.model import Model, Point, Structure
 from shockrig.analysis.inference.work import Work
 from shockrig.rig.virtual.plans import standard_plan
 from shockrig.rig.virtual.truth import ROUGH, Hidden
@@ -116,3 +119,37 @@ def test_a_line_that_no_condition_bears_out_is_no_hum(late):
     adequacy = judge(ready.problem, plain, ready.noise)
     told = replace(adequacy, checks=(*adequacy.checks, Check(LINE, 1.0, 1.0, 0.0)))
     assert restless(ready.problem.channel, told) == ()
+
+
+def test_a_drift_by_the_hour_is_told_from_one_by_the_run_where_the_times_part_them(late):
+    """Runs of the virtual bench begin an hour apart: there the order stands for both. After a night they part."""
+    channel = late[0].problem.channel
+    c = channel.conditions
+    np.testing.assert_allclose(np.diff(c.hours), np.diff(c.order), atol=1e-6)
+    by_hour = Form("offset", "none", (("time_of_campaign", "linear"),))
+    assert by_hour not in list(forms(channel))
+    night = replace(channel, conditions=replace(c, hours=c.hours + np.where(c.order > 5, 200.0, 0.0)))
+    assert by_hour in list(forms(night))
+    effect = described(by_hour.key, False)
+    assert effect.parameters[0].unit == "K/h" and not effect.of_sensor and effect.in_flight is None
+
+    def reading(structure, **values):
+        model = Model(night, structure)
+        named = {f"{by_hour.key}.{name}": value for name, value in values.items()}
+        return model.predict(Point(model.start(np.array([np.log(0.3)]), named), night.at_rest()))[0]
+
+    moved = reading(Structure((effect,)), size=0.01) - reading(Structure())
+    np.testing.assert_allclose(moved, np.broadcast_to(0.01 * night.conditions.hours[:, None], moved.shape), atol=1e-12)
+
+
+def test_air_that_comes_in_evenly_is_the_ramp_of_a_slow_transfer(late):
+    """The same closed form as the catalogue's, by another door: a lag that is over after its time."""
+    channel = late[0].problem.channel
+    even = described(Form("lag_in_series", "air_temperature", (("history", "linear"),)).key, False)
+    entry = CATALOGUE["finite_transfer"]
+    both = []
+    for effect, name in ((even, "time_constant_s"), (entry, "duration_s")):
+        model = Model(channel, Structure((effect,)))
+        start = model.start(np.array([np.log(0.3)]), {f"{effect.id}.{name}": 0.6})
+        both.append(model.predict(Point(start, channel.at_rest()))[0])
+    np.testing.assert_allclose(*both, atol=1e-12)

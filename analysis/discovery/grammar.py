@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.effects.behaviours import Factor, Form, own_step
 from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
 
@@ -16,6 +17,7 @@ LEAST_RUNS = 8  # fewer say nothing of conditions that were held out
 MOST_RUNS = 250  # more take too much memory at once
 AIRFLOWS, STEPS = 1.2, 1.5  # ratios from which on a factor has varied
 AMBIENTS_K, LEVELS_PERCENT, PRESSURES = 3.0, 10.0, 0.03
+ALL_BUT_ORDER = 0.98  # correlation of runs' times with their order from which on one stands for both
 PERIODS = 28  # that are tried, from a second to the length of a run
 
 SCALING: tuple[Factor, ...] = (
@@ -44,8 +46,17 @@ def varied(channel: Channel) -> set[str]:
         "humidity": np.ptp(level) > LEVELS_PERCENT,
         "pressure": np.ptp(c.pressure_hpa) > PRESSURES * c.pressure_hpa.mean(),
         "run_order": channel.runs >= LEAST_RUNS,
+        "time_of_campaign": channel.runs >= LEAST_RUNS and _uneven(c),
     }
     return {name for name, holds in tests.items() if holds}
+
+
+def _uneven(conditions: Conditions) -> bool:
+    """Whether runs began at known times that are not their order over again."""
+    hours, order = conditions.hours, conditions.order
+    if not np.isfinite(hours).all() or np.ptp(hours) == 0:
+        return False
+    return bool(np.corrcoef(hours, order)[0, 1] < ALL_BUT_ORDER)
 
 
 def scaling_factors(form: Form, channel: Channel) -> list[Factor]:
@@ -57,7 +68,7 @@ def scaling_factors(form: Form, channel: Channel) -> list[Factor]:
         return []
     if form.behaves_as == "lag_in_series" and "history" in form.factors:
         return []
-    if "run_order" in form.factors or form.driver == "die_temperature":
+    if {"run_order", "time_of_campaign"} & set(form.factors) or form.driver == "die_temperature":
         there -= {"run_order"}
     if form.behaves_as in ("added_response", "added_rate", "gain", "periodic") and form.driver != "none":
         there -= {"step"}  # it is in the driver
@@ -81,8 +92,8 @@ def forms(channel: Channel) -> Iterator[Form]:
     there = varied(channel)
     for behaviour in ("gain", "offset"):
         driver = "own_response" if behaviour == "gain" else "none"
-        if "run_order" in there:
-            yield Form(behaviour, driver, (("run_order", "linear"),))
+        for along in sorted({"run_order", "time_of_campaign"} & there):
+            yield Form(behaviour, driver, ((along, "linear"),))
     if "ambient" in there:
         zero = Form("gain", "own_response", (("ambient", "zero_at"),))
         own = "air_humidity" if channel.jumps_with_air else "air_temperature"

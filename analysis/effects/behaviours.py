@@ -211,8 +211,11 @@ def _gain(form: Form, chain: Chain, p: Arrays) -> Chain:
 
 
 def _signed(form: Form, chain: Chain, p: Arrays, size: Array) -> Array:
-    """A size (B, R) that grows from run to run."""
-    return size * chain.channel.conditions.order if ("run_order", "linear") in form.depends_on else size
+    """A size (B, R) that grows from run to run, or with the hours of a campaign."""
+    c = chain.channel.conditions
+    if ("time_of_campaign", "linear") in form.depends_on:
+        return size * np.nan_to_num(c.hours)
+    return size * c.order if ("run_order", "linear") in form.depends_on else size
 
 
 def _offset(form: Form, chain: Chain, p: Arrays) -> Chain:

@@ -92,7 +92,8 @@ def of_sensor(form: Form) -> bool:
     """Whether it can belong to the sensor; what grows from run to run, or swings with the air, is the bench's."""
     room = form.behaves_as == "added_response" and ("ambient", "zero_at") in form.depends_on
     pulse = form.behaves_as == "added_rate" and form.driver == "none"
-    return not (room or pulse or form.behaves_as == "periodic" or "run_order" in form.factors)
+    drifts = {"run_order", "time_of_campaign"} & set(form.factors)
+    return not (room or pulse or form.behaves_as == "periodic" or drifts)
 
 
 def _parameters(form: Form, jumps: bool) -> Iterable[Parameter]:
@@ -100,6 +101,7 @@ def _parameters(form: Form, jumps: bool) -> Iterable[Parameter]:
     unit = "%RH" if jumps else "K"
     kind = form.behaves_as
     room = kind == "added_response" and ("ambient", "zero_at") in form.depends_on
+    each = "/h" if "time_of_campaign" in form.factors else ""
     if kind == "delay":
         yield Parameter("size", "s", -0.5, 10.0, (0.05, 0.3))
     elif kind == "parallel_lag":
@@ -108,7 +110,7 @@ def _parameters(form: Form, jumps: bool) -> Iterable[Parameter]:
         yield Parameter("size", "1", 0.01, 200.0, (0.05, 0.3, 3.0), log=True, none=None)
     elif kind == "gain":
         most = 3.0 if form.driver == "die_temperature" else 0.3
-        yield Parameter("size", "1", -most, most, (0.02 * most, -0.02 * most))
+        yield Parameter("size", f"1{each}", -most, most, (0.02 * most, -0.02 * most))
     elif kind == "added_response":
         limits = {"air_temperature": 5.0, "die_temperature": 5.0, "air_humidity": 1.0, "own_response": 0.5}
         if room:
@@ -120,7 +122,7 @@ def _parameters(form: Form, jumps: bool) -> Iterable[Parameter]:
         most = {"own_response": 60.0, "none": 60.0}.get(form.driver, 200.0)
         yield Parameter("size", size_unit(form, unit), -most, most, (2e-3 * most, -2e-3 * most))
     elif kind == "offset":
-        yield Parameter("size", unit, -30.0, 30.0, (0.05, -0.05) if not jumps else (0.3, -0.3))
+        yield Parameter("size", f"{unit}{each}", -30.0, 30.0, (0.05, -0.05) if not jumps else (0.3, -0.3))
     elif kind == "periodic":
         most = 1.0 if form.driver != "none" else 20.0
         yield Parameter("size", size_unit(form, unit), -most, most, (2e-3 * most,))

@@ -34,7 +34,11 @@ def flown(form: Form) -> InFlight | None:
     """How a correction treats a form; None where it belongs to the bench."""
     if form.depends_on == (("ambient", "zero_at"),) and form.behaves_as == "gain":
         return InFlight(undo=lambda p, y, stream, length: (y + p["size"] * p["ambient"]) / (1 + p["size"]))
-    if "run_order" in form.factors or form.behaves_as == "periodic" or "zero_at" in dict(form.depends_on).values():
+    if (
+        {"run_order", "time_of_campaign"} & set(form.factors)
+        or form.behaves_as == "periodic"
+        or "zero_at" in dict(form.depends_on).values()
+    ):
         return None
     if form.behaves_as == "added_rate" and form.driver == "none":
         return None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import datetime
 
 import numpy as np
 from numpy.typing import NDArray
@@ -363,7 +364,19 @@ def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_
         ramp_ratio=np.where(timed & ~own, duration / usual_s, 1.0) if all_timed else np.ones(len(runs)),
         ramp_own_s=np.where(own, duration, np.nan),
         order=np.arange(len(runs), dtype=float),
+        hours=_hours(runs),
     )
+
+
+def _hours(runs: Sequence[Run]) -> Array:
+    """When runs began, in hours since the first of them; NaN where a time is missing or none."""
+    began = np.full(len(runs), np.nan)
+    for i, run in enumerate(runs):
+        try:
+            began[i] = datetime.fromisoformat(run.started_at or "").timestamp() / 3600.0
+        except (ValueError, OverflowError, OSError):
+            continue
+    return began - np.nanmin(began) if np.isfinite(began).any() else began
 
 
 def _extra(run: Run, key: str) -> float:

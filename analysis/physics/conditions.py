@@ -17,7 +17,7 @@ class Conditions:
     `duration_s` is NaN where the transfer was not timed. Where all runs state it, `ramp_ratio` is each run's in units
     of the typical one. `ramp_own_s` is the duration of those that alone state one, or state a far longer one (slowed on
     purpose), and NaN elsewhere: the plain model has these ramps.
-    `order` is each run's place in the campaign, from 0.
+    `order` is each run's place in the campaign, from 0; `hours` is when it began, NaN where nobody wrote that down.
     """
 
     source_c: Array
@@ -40,6 +40,7 @@ class Conditions:
     ramp_ratio: Array
     ramp_own_s: Array
     order: Array
+    hours: Array
 
     def select(self, index: NDArray[np.int64]) -> Conditions:
         """The same for the runs `index` alone."""

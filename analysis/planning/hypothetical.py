@@ -112,6 +112,7 @@ def _conditions(like: Conditions, shocks: Sequence[Shock]) -> Conditions:
         ramp_ratio=many,
         ramp_own_s=slowed,
         order=(float(like.order.max()) + 1.0) * many,
+        hours=float(like.hours.max()) * many,
     )
 
 
