@@ -3,8 +3,10 @@
     python benchmarks/real_data.py --logs /path/to/real [--keep DIR] [--only TEXT]
 
 Per set: the error on held-out runs of the plain and of the extended model and of each rival (`rivals.py`; the same
-runs, the same folds), the ratio to the best rival, the verdict, what is named, t63. A set of one run has no held-out
-error: there the rivals' error is that on the run itself.
+runs, the same folds), the ratio to the best rival and to the one that its training runs would have chosen, the verdict,
+what is named, t63. A set of one run has no held-out error: there the rivals' error is that on the run itself.
+
+`--logs` is a folder with the two sets as they were published; `data/real`, taken otherwise, holds thinned parts.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from rivals import CHOSEN
 
 RATIO = 1.05
 FOLDS = 3
@@ -92,7 +95,7 @@ def judge_set(real, logs: Path, keep: Path | None, limit_s: int) -> dict:
 
 def report(real, r: dict) -> list[str]:
     """A set's lines in the table."""
-    best = min(r["rivals"], key=r["rivals"].__getitem__)
+    best = min((name for name in r["rivals"] if name != CHOSEN), key=r["rivals"].__getitem__)
     kind = f"held out in {r['folds']} folds" if r["folds"] else "on the run itself"
     lines = [f"{real.name}: {r['runs']} runs, errors {kind}"]
     lines.append("  " + ", ".join(f"{name} {error:.3g}" for name, error in r["rivals"].items()))
@@ -102,7 +105,9 @@ def report(real, r: dict) -> list[str]:
         before, after = r["ours"]
         ratio = after / r["rivals"][best]
         mark = "ok" if ratio <= RATIO else "WORSE"
+        chosen = after / r["rivals"][CHOSEN]
         lines.append(f"  ours: plain {before:.3g}, extended {after:.3g}: {ratio:.2f} of the best rival ({best}) {mark}")
+        lines[-1] += f", {chosen:.2f} of that which is best in training"
     told = r["told"]
     if told is None:
         lines.append(
@@ -133,13 +138,14 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    worse = 0
+    worse = behind = 0
     for real in (s for s in real_sets() if args.only in s.name):
         found = judge_set(real, args.logs, args.keep, args.limit)
         print("\n".join(report(real, found)), flush=True)
         if not isinstance(found["ours"], str):
-            worse += found["ours"][1] > RATIO * min(found["rivals"].values())
-    print(f"\nsets with an error above {RATIO:g} of the best rival's: {worse}")
+            worse += found["ours"][1] > RATIO * min(e for name, e in found["rivals"].items() if name != CHOSEN)
+            behind += found["ours"][1] > RATIO * found["rivals"][CHOSEN]
+    print(f"\nsets with an error above {RATIO:g} of the best rival's: {worse}; of that best in training: {behind}")
     return 0
 
 

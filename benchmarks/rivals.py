@@ -26,6 +26,7 @@ WITHIN = 2.0  # standard uncertainties
 START_KNOWN_S = 0.01
 AIR_KNOWN = {"temperature": 0.02, "humidity": 0.1}
 TINY_S = 1e-9
+CHOSEN = "best in training"
 SMALL = 1e-4  # of a parameter, to see what it does
 WIDE = 4.0  # in ln: how far a parameter may go from its first guess
 
@@ -236,13 +237,18 @@ def _mean_rmse(found: dict[str, float]) -> float:
 
 
 def held_out(records: Sequence[Record], channel: str, folds: int) -> dict[str, dict[str, float]]:
-    """For each rival the rms error of every run under a fit that never saw it; run k is in fold k % folds."""
-    found: dict[str, dict[str, float]] = {}
-    for name, model in models(channel).items():
-        found[name] = {}
-        for k in range(folds):
-            train = [r for i, r in enumerate(records) if i % folds != k]
-            test = [r for i, r in enumerate(records) if i % folds == k]
-            if train and test:
-                found[name] |= {i: float(np.sqrt(m)) for i, m in errors(fit_rival(model, train, channel), test).items()}
+    """For each rival the rms error of every run under a fit that never saw it; run k is in fold k % folds.
+
+    `CHOSEN` is the rival that leaves least of each fold's training runs: what one can choose without the held-out ones.
+    """
+    found: dict[str, dict[str, float]] = {name: {} for name in (*models(channel), CHOSEN)}
+    for k in range(folds):
+        train = [r for i, r in enumerate(records) if i % folds != k]
+        test = [r for i, r in enumerate(records) if i % folds == k]
+        if not (train and test):
+            continue
+        fitted = {name: fit_rival(model, train, channel) for name, model in models(channel).items()}
+        fitted[CHOSEN] = min(fitted.values(), key=lambda f: f.train_rmse)
+        for name, rival in fitted.items():
+            found[name] |= {i: float(np.sqrt(m)) for i, m in errors(rival, test).items()}
     return found

@@ -67,3 +67,28 @@ def test_whitened_bins_of_correlated_noise_are_white():
 def test_no_noise_at_all_is_a_very_small_one():
     noise = estimate_noise(noisy_channel(7, 0.0))
     assert 0 < noise.standard_deviation <= 1e-3
+
+
+@pytest.mark.parametrize("period_s", [0.16, 1.0])
+@pytest.mark.parametrize("lag_s", [0.6, 8.0])
+def test_a_slow_chamber_is_no_noise_with_a_memory(lag_s, period_s):
+    """A lag behind a chamber of 60 s whose air was measured: what bends, and the kink where it begins, are not noise.
+
+    Reading in closed form: 1 - (T exp(-t/T) - tau exp(-t/tau)) / (T - tau).
+    """
+    rng, chamber, white = np.random.default_rng(8), 60.0, 0.02
+    made = []
+    for k in range(6):
+        time = np.arange(0.0, 600.0, period_s) - 60.0
+        since = np.maximum(time, 0.0)
+        air = 20.0 + 20.0 * (1.0 - np.exp(-since / chamber))
+        shown = 1.0 - (chamber * np.exp(-since / chamber) - lag_s * np.exp(-since / lag_s)) / (chamber - lag_s)
+        imet = Trace(time, {"temperature_c": 20.0 + 20.0 * shown + white * rng.standard_normal(time.size)})
+        measured = Trace(time, {"temperature_c": air})
+        made.append(Run(str(k), Air(20.0, 50.0), Air(40.0, 50.0), None, 1000.0, None, None, imet, None, {}, measured))
+    channel = build_channel(Campaign("n", None, {}, 4e-4, 1e-5, tuple(made)), "temperature")
+    assert channel.measured.all()
+    found = estimate_noise(channel).autocovariance(400)
+    assert found[0] == pytest.approx(white**2, rel=0.05)
+    # What limits a rate behind a slow chamber is the noise's power at its low end: white noise has none beside its own.
+    assert found[0] + 2.0 * found[1:].sum() < 2.0 * white**2

@@ -116,6 +116,7 @@ def test_runs_that_took_no_part_are_predicted_to_the_noise_by_the_true_model_alo
     write(tmp_path, np.random.default_rng(6), lambda t: 0.7 * lag(1.5)(t) + 0.3 * lag(12.0)(t), known=False)
     runs = records.read_records(tmp_path, "temperature")
     found = rivals.held_out(runs, "temperature", folds=2)
+    assert found.pop(rivals.CHOSEN) == found["two exponentials"]
     assert set(found) == set(rivals.models("temperature"))
     for name, by_run in found.items():
         assert set(by_run) == {r.id for r in runs}

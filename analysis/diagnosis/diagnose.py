@@ -19,6 +19,7 @@ from shockrig.analysis.diagnosis.describing import MOST_FITS, Description, alter
 from shockrig.analysis.diagnosis.experiments import propose, unseen
 from shockrig.analysis.diagnosis.gain import Gain, measure_gain, plainly, run_errors, worse_without
 from shockrig.analysis.diagnosis.limits import cannot_tell, ended
+from shockrig.analysis.diagnosis.placing import weighed_alike
 from shockrig.analysis.diagnosis.prepare import Prepared, likelier_average, prepare, with_rounding
 from shockrig.analysis.diagnosis.remainder import Remainder, Tolerance, measure_remainder, predicted_badly
 from shockrig.analysis.diagnosis.restless import nothing_else, restless
@@ -256,6 +257,7 @@ def _kept(channel: Channel, ready: Prepared, found: Search, adequacy: Adequacy) 
         else:
             final = _reduced(problem, found, final, set(final.structure.ids) - {t.effect for t in dropped})
         choose = False
+    final = weighed_alike(problem, final)
     values = widened(problem, final).values()
     causes = [
         replace(from_readings.get(e) or named[e], parameters=from_readings[e].parameters if e in from_readings else v)

@@ -21,7 +21,9 @@ Array = NDArray[np.float64]
 PIECE = 84  # samples in a piece of plateau where it is that long: long against the noise's memory
 SHORTEST_PIECE = 10
 MAX_AVERAGED = 24
+TINY = 1e-12  # variance of what is nothing
 BENT_IN_AIR = 4  # order of the polynomial that a piece of a driven response is taken for
+KINKED = 9.0  # median deviations above the median by which a piece of measured air departs from such a polynomial
 LONGEST_MEMORY = 0.995  # from one sample to the next
 LEAST_WHITE = 0.01  # share of the correlated part's variance that is white at the least
 # (ln of total over observed variance, logit of the correlated share, logit of the memory) for a quick look
@@ -116,6 +118,7 @@ def plateau_pieces(channel: Channel, late_share: float = 1 / 3) -> tuple[Array, 
     piece = int(np.clip(longest, SHORTEST_PIECE, PIECE))
     early: list[Array] = []
     late: list[Array] = []
+    driving: list[Array] = []
     period = channel.sampling_period_s
     for (time, value), air in zip(channel.samples, channel.air, strict=True):
         # Air that was measured all along drives the sensor all along: what bends less than noise does is in pieces.
@@ -123,7 +126,27 @@ def plateau_pieces(channel: Channel, late_share: float = 1 / 3) -> tuple[Array, 
         for part, pieces in parts or [(np.ones(time.size, dtype=bool), late)]:
             t, y = time[part], value[part]
             pieces.extend(whole_pieces(t, y, period, piece))
+        if air is not None:
+            measured = air.humidity_percent if channel.jumps_with_air else air.temperature_c
+            driving.extend(whole_pieces(time, np.interp(time, air.time_s, measured), period, piece))
+    if driving and len(driving) == len(late):
+        late = [y for y, smooth in zip(late, _smooth(np.array(driving)), strict=True) if smooth]
     return np.array(early).reshape(-1, piece), np.array(late).reshape(-1, piece)
+
+
+def _smooth(driving: Array) -> NDArray[np.bool_]:
+    """Pieces (m, n) of a measured air that bend as little as most, as does the piece before: behind a kink of the air a
+    sensor bends too, by little enough to pass for noise with a long memory."""
+    power = (_unbent(driving, BENT_IN_AIR)[0] ** 2).mean(axis=1)
+    middle = float(np.median(power))
+    kinked = power > middle + KINKED * float(np.median(np.abs(power - middle))) + TINY
+    return ~(kinked | np.append(False, kinked[:-1]))
+
+
+def _unbent(pieces: Array, order: int) -> tuple[Array, Array]:
+    """Pieces (m, n) less the polynomial of that order that fits each best; and the polynomials, orthonormal."""
+    polynomials = np.linalg.qr(np.vander(np.linspace(-1, 1, pieces.shape[1]), order + 1))[0]
+    return pieces - (pieces @ polynomials) @ polynomials.T, polynomials
 
 
 def whole_pieces(time_s: Array, value: Array, period_s: float, length: int) -> Iterator[Array]:
@@ -160,12 +183,11 @@ class _Pool:
 
 
 def _pool(pieces: Array, order: int, reject: bool = True) -> _Pool:
-    polynomials = np.linalg.qr(np.vander(np.linspace(-1, 1, pieces.shape[1]), order + 1))[0]
-    reduced = pieces - (pieces @ polynomials) @ polynomials.T
+    reduced, polynomials = _unbent(pieces, order)
     if reject and reduced.shape[0] >= 8:
         # A burst or an unsettled plateau is not the noise.
         power = (reduced**2).mean(axis=1)
-        reduced = reduced[power <= 4.0 * np.median(power) + 1e-12]
+        reduced = reduced[power <= 4.0 * np.median(power) + TINY]
     return _Pool(reduced.shape[0], polynomials, reduced.T @ reduced)
 
 
