@@ -12,7 +12,7 @@ from shockrig.analysis.discovery.grammar import plain_forms
 from shockrig.analysis.discovery.race import NUMBER, WHOLE, Candidate, to_its_end
 from shockrig.analysis.effects.described import described
 from shockrig.analysis.inference.effect import Effect
-from shockrig.analysis.inference.fit import Fit, fit, linearise
+from shockrig.analysis.inference.fit import Fit, fit, go_on, linearise
 from shockrig.analysis.inference.model import Model, Point
 from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.inference.work import Work
@@ -20,6 +20,8 @@ from shockrig.analysis.inference.work import Work
 TOLD = 1e-3  # share of a signature that must be left of it to have a direction
 ALIKE = 0.4  # from which on a form is tried in a cause's place: far from its end a signature points only roughly
 TRIED = 6  # forms that are
+GLANCE = 5  # steps of a fit after which a form is given up that is still
+FAR_BEHIND = 100.0  # of deviance from doing better: near the end steps bring tenths
 PLAINLY = 12.0  # of deviance by which one has to do better: odds of four hundred
 
 Start = tuple[Effect, Mapping[str, float]]
@@ -67,13 +69,15 @@ def alike(problem: Problem, final: Fit, id_: str, others: Sequence[Start]) -> li
     return sorted(best.values(), key=lambda one: -one.likeness)
 
 
-def in_its_place(problem: Problem, final: Fit, id_: str, one: Alike) -> Fit:
-    """The model with another effect in the place of one, fitted from both starts of the deviations."""
+def in_its_place(problem: Problem, final: Fit, id_: str, one: Alike, most: float = np.inf) -> Fit | None:
+    """The model with another effect in the place of one, fitted from both starts of the deviations; None where both
+    stay far above a deviance of `most`."""
     structure = final.structure.dropping(id_).adding(one.effect)
     named = {f"{one.effect.id}.{name}": value for name, value in one.start.items()}
     theta = Model(problem.channel, structure).start(final.log_rates, final.choice | named)
-    begun = (final.deviations, problem.channel.at_rest())
-    return min((fit(problem, structure, theta, start, WHOLE) for start in begun), key=lambda f: f.deviance)
+    begun = [fit(problem, structure, theta, at, GLANCE) for at in (final.deviations, problem.channel.at_rest())]
+    hopeful = [f for f in begun if f.deviance < most + FAR_BEHIND]
+    return min((go_on(problem, f, WHOLE) for f in hopeful), key=lambda f: f.deviance, default=None)
 
 
 def outdone(problem: Problem, final: Fit, id_: str, work: Work) -> Candidate | None:
@@ -94,7 +98,10 @@ def outdone(problem: Problem, final: Fit, id_: str, work: Work) -> Candidate | N
         if one.likeness < ALIKE:
             break
         work.count(2)
-        placed = to_its_end(problem, Candidate(one.effect, in_its_place(problem, final, id_, one)), work)
+        reached = in_its_place(problem, final, id_, one, most)
+        if reached is None:
+            continue
+        placed = to_its_end(problem, Candidate(one.effect, reached), work)
         if placed.cost < (most if best is None else best.cost):
             best = placed
     return best

@@ -114,6 +114,7 @@ def _unequal(effect: Effect, starts: list[dict[str, float]]) -> list[dict[str, f
 def _why_not(problem: Problem, final: Fit, nearest: Alike, one: Described) -> str:
     """Why the catalogued effect that is most alike is not the one: how much worse it does, and where."""
     placed = in_its_place(problem, final, one.effect.id, nearest)
+    assert placed is not None  # without a limit nothing is given up
     rise = placed.deviance - final.deviance
     if rise < 1.0:
         return "it explains these runs as well, and was not certain beside the rest"
