@@ -19,10 +19,12 @@ from shockrig.analysis.discovery.likeness import alike, outdone
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.behaviours import Form
 from shockrig.analysis.effects.described import described, entry_of
+from shockrig.analysis.flight.profile_effects import not_undone
 from shockrig.analysis.inference.fit import fit
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.model import Model, Point, Structure
 from shockrig.analysis.inference.work import Work
+from shockrig.analysis.report.described_words import flies, sentence
 from shockrig.rig.virtual.plans import standard_plan
 from shockrig.rig.virtual.truth import ROUGH, Hidden
 
@@ -111,6 +113,9 @@ def test_a_hum_is_told_by_its_period_and_its_amplitude(humming):
     assert "airflow" in one.does_not_depend_on
     assert nothing_else(adequacy, found) and not nothing_else(adequacy, ())
     assert entry_of(one, "temperature") is None  # it is no part of a response, and none of a flight
+    (said,) = not_undone((), "temperature", (one,))
+    assert "no part in a flight" in said and flies(one, "temperature").endswith("no part in a flight")
+    assert sentence(one, "K").startswith("It behaves as a hum that goes on all along (size 0.0")
 
 
 def test_a_line_that_no_condition_bears_out_is_no_hum(late):

@@ -206,11 +206,16 @@ def form_of_discovered(stated: Discovered) -> Form:
     return Form(stated.behaves_as, stated.driver, tuple((on.factor, on.form) for on in stated.depends_on))
 
 
+def of_readings(stated: Discovered) -> bool:
+    """Whether it is what single readings do all along, a hum or bursts: no part of the response, nor of a flight."""
+    return stated.behaves_as == "bursts" or (stated.behaves_as == "periodic" and stated.phase_rad is None)
+
+
 def entry_of(stated: Discovered, channel: str) -> Effect | None:
     """The entry for a described effect of a file; None where this version cannot compute it."""
     form = form_of_discovered(stated)
-    if stated.behaves_as == "periodic" and stated.phase_rad is None:
-        return None  # a hum has a phase of its own in every run, and no part in the response
+    if of_readings(stated):
+        return None
     try:
         return described(form.key, channel == "humidity")
     except (ValueError, KeyError):

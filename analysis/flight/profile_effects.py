@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.effects.described import entry_of, stated_values
+from shockrig.analysis.effects.described import entry_of, of_readings, stated_values
 from shockrig.analysis.inference.effect import Effect, InFlight
 from shockrig.analysis.physics.exchange import Stream
 from shockrig.files.diagnosis_data import Discovered
@@ -135,7 +135,9 @@ def not_undone(effects: Iterable[StatedEffect], channel: str, discovered: Iterab
     said = []
     for one in discovered:
         described = entry_of(one, channel)
-        if described is None:
+        if of_readings(one):
+            said.append(f"{channel}: {behaviour(one)} is of single readings and has no part in a flight")
+        elif described is None:
             why = "is in the profile and unknown to this version, so it is not undone"
             said.append(f"{channel}: {behaviour(one)} {why}")
         elif described.in_flight is None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from shockrig.analysis.effects.described import entry_of
+from shockrig.analysis.effects.described import entry_of, of_readings
 from shockrig.analysis.report.numbers import measured, plain
 from shockrig.files.causes import Uncertain
 from shockrig.files.diagnosis_data import Dependence, Discovered
@@ -45,7 +45,7 @@ def behaves(one: Discovered) -> str:
         return "a pulse that the transfer itself brings, and that dies away"
     if one.behaves_as == "lag_in_series" and any(on.factor == "history" for on in one.depends_on):
         return "air that comes in evenly over a time"
-    if one.behaves_as == "periodic" and one.phase_rad is None:
+    if one.behaves_as == "periodic" and of_readings(one):
         return "a hum that goes on all along"
     return text
 
@@ -73,6 +73,8 @@ def sentence(one: Discovered, unit: str) -> str:
 def flies(one: Discovered, channel: str) -> str:
     """What a correction does with it."""
     effect = entry_of(one, channel)
+    if of_readings(one):
+        return "of single readings: no part in a flight"
     if effect is None or effect.in_flight is None:
         return "taken for the bench's: no part in a flight"
     if effect.in_flight.left:
