@@ -13,8 +13,8 @@ WORSE = 1.02  # ratio of errors elsewhere from which on a description does harm 
 KEYS = ("flagged", "described", "right", "in the set", "single wrong", "look-alike")
 MEANING = """  flagged: any verdict but adequate; described: anything at all; right: behaviour and dependence are those
   of the truth (where nothing behaves so: nothing is described or named); in the set: or one of the alternatives is;
-  single wrong: one description without alternatives that is not right; look-alike: a catalogued effect that is not
-  there is named with more than even odds, and nothing is described"""
+  single wrong: one description with more than even odds and without alternatives that is not right; look-alike: a
+  catalogued effect that is not there is named with more than even odds, and nothing is described"""
 
 
 def scored(result: dict) -> dict[str, object]:
@@ -22,7 +22,7 @@ def scored(result: dict) -> dict[str, object]:
     effect, channel, told = result["effect"], result["channel"], result["discovered"]
     named = [one for one in told if is_right(one, effect, channel)]
     listed = [one for one in told if any(is_right(other, effect, channel) for other in one.get("alternatives", []))]
-    single = len(told) == 1 and not told[0].get("alternatives")
+    single = len(told) == 1 and not told[0].get("alternatives") and told[0].get("probability", 1.0) > CONFIDENT
     certainty = result.get("certainty", {name: [1.0] for name in result["causes"]})
     wrong = [name for name, (p, *tied) in certainty.items() if name not in result["hidden"] and p > CONFIDENT]
     right = bool(named) if RIGHT[effect, channel] else not told and not wrong

@@ -18,7 +18,8 @@ from shockrig.analysis.discovery.grammar import forms
 from shockrig.analysis.discovery.likeness import alike, outdone
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.behaviours import Form
-from shockrig.analysis.effects.described import described, entry_of
+from shockrig.analysis.effects.described import described, discovered_of, entry_of
+from shockrig.analysis.effects.described_in_flight import as_listed
 from shockrig.analysis.flight.profile_effects import not_undone
 from shockrig.analysis.inference.fit import fit
 from shockrig.analysis.inference.gather import build_channel
@@ -158,3 +159,24 @@ def test_air_that_comes_in_evenly_is_the_ramp_of_a_slow_transfer(late):
         start = model.start(np.array([np.log(0.3)]), {f"{effect.id}.{name}": 0.6})
         both.append(model.predict(Point(start, channel.at_rest()))[0])
     np.testing.assert_allclose(*both, atol=1e-12)
+
+
+def test_a_description_without_factors_flies_as_the_catalogued_effect_of_its_closed_form(late):
+    """Where a described chain and a catalogued one read the same, a simulation may take the one's equation."""
+    channel = late[0].problem.channel
+    values = {"size": (0.2, 0.01), "time_constant_s": (3.0, 0.1)}
+    for key in ("delay|none", "lag_in_series|air_temperature", "parallel_lag|air_temperature", "offset|none"):
+        effect = described(key, False)
+        stated = as_listed(discovered_of(effect, {p.name: values[p.name] for p in effect.parameters}))
+        entry = CATALOGUE[stated.effect]
+        read = []
+        for one, numbers in (
+            (effect, {p.name: values[p.name][0] for p in effect.parameters}),
+            (entry, {name: value.value for name, value in stated.parameters.items()}),
+        ):
+            model = Model(channel, Structure((one,)))
+            named = {f"{one.id}.{name}": value for name, value in numbers.items()}
+            read.append(model.predict(Point(model.start(np.array([np.log(0.3)]), named), channel.at_rest()))[0])
+        np.testing.assert_allclose(*read, atol=1e-9)
+    scaled = described("offset|none|airflow:power", False)
+    assert as_listed(discovered_of(scaled, {"size": (0.1, 0.01), "airflow": (-0.5, 0.1)})) is None

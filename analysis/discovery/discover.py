@@ -29,7 +29,7 @@ TRIED_INSTEAD = 8  # descriptions that are put in another's place
 CERTAIN = 10.0  # multiple of what is left that a description must bring, where something is left
 CERTAIN_LEAST = 60.0
 MOST_CERTAIN = 0.97  # a description is no name: there may be forms that nobody wrote down
-UNTRIED = 0.5  # the most that is said of a description where not all others were tried
+UNTRIED = 0.5  # the most that is said of a description where not all others were tried, or where something is left
 AT_END = 1e-3  # of a range
 SWITCH = 50.0  # by which a law may scale a strength from run to run: more picks runs out, and is no law
 ANYTHING = 1.0  # uncertainty of a logarithm that says nothing
@@ -128,6 +128,8 @@ def discover(problem: Problem, near: Fit, judge: Callable[[Fit], Left], work: Wo
         current = _refitted(problem, structure, current)
         left = judge(current)
         described = [replace(one, values=current.values()[one.effect.id]) for one in described]
+    if not left.passed:  # what it leaves says that this form is not the whole of it
+        described = [replace(one, probability=min(one.probability, UNTRIED)) for one in described]
     if work.ended:  # forms that were not reached may do as well
         described = [replace(one, probability=min(one.probability, UNTRIED)) for one in described]
     described.sort(key=lambda one: -one.necessity)

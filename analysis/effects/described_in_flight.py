@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from shockrig.analysis.effects.behaviours import USUAL_C, Form
 from shockrig.analysis.inference.effect import InFlight, Values
 from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S
+from shockrig.files.causes import StatedEffect, Uncertain
+from shockrig.files.diagnosis_data import Discovered
 
 Array = NDArray[np.float64]
 KNOWN = {("airflow", "power"), ("ambient", "exponential")}
@@ -28,6 +30,23 @@ def along(form: Form, p: Values, airspeed: Array, temperature_c: Array) -> Array
         elif (factor, how) == ("ambient", "exponential"):
             out = out * np.exp(p[factor] * (temperature_c - USUAL_C))
     return out
+
+
+def as_listed(one: Discovered) -> StatedEffect | None:
+    """The catalogued effect with the same closed form as a described one, for who has equations of those alone."""
+    if one.depends_on or one.driver in ("airflow", "die_temperature"):
+        return None
+    size = None if one.size is None else Uncertain(one.size.value, one.size.standard_uncertainty)
+    nothing = Uncertain(0.0, 0.0)
+    effect, parameters = {
+        "delay": ("dead_time", {"delay_s": size}),
+        "lag_in_series": ("series_lag", {"time_constant_s": one.time_constant_s}),
+        "parallel_lag": ("parallel_lag", {"fraction": size, "time_constant_s": one.time_constant_s}),
+        "gain": ("calibration_error", {"gain": size, "offset": nothing}),
+        "offset": ("calibration_error", {"gain": nothing, "offset": size}),
+    }.get(one.behaves_as, ("", {}))
+    known = {name: value for name, value in parameters.items() if value is not None}
+    return StatedEffect(effect, known) if effect and len(known) == len(parameters) else None
 
 
 def flown(form: Form) -> InFlight | None:

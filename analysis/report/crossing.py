@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.effects.described_in_flight import as_listed
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.judging import rmse
 from shockrig.analysis.flight.scenes import to_flight
@@ -87,9 +88,13 @@ def _flyable(extended: Profile, plain: Profile, notes: list[str]) -> tuple[Profi
         grounded = [e.effect for e in part.effects if e not in flown]
         if grounded:
             notes.append(f"Left on the bench: {', '.join(grounded)} ({channel}).")
-        if part.discovered:
+        listed = {named.effect: named for one in part.discovered if (named := as_listed(one)) is not None}
+        listed = {e: named for e, named in listed.items() if e not in {known.effect for known in flown}}
+        flown = (*flown, *listed.values())
+        if len(part.discovered) > len(listed):
             notes.append(
-                f"What was described of the {channel} sensor is not simulated here, so the crossing is without it."
+                f"{'Not all that' if listed else 'What'} was described of the {channel} sensor is "
+                f"{'' if listed else 'not '}simulated here, so the crossing is without {'the rest' if listed else 'it'}."
             )
         parts[channel] = replace(part, effects=flown, discovered=())
     surface_c = 20.0
