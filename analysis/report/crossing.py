@@ -92,10 +92,9 @@ def _flyable(extended: Profile, plain: Profile, notes: list[str]) -> tuple[Profi
         listed = {e: named for e, named in listed.items() if e not in {known.effect for known in flown}}
         flown = (*flown, *listed.values())
         if len(part.discovered) > len(listed):
-            notes.append(
-                f"{'Not all that' if listed else 'What'} was described of the {channel} sensor is "
-                f"{'' if listed else 'not '}simulated here, so the crossing is without {'the rest' if listed else 'it'}."
-            )
+            what, left, rest = ("Not all that", "", "the rest") if listed else ("What", "not ", "it")
+            described = f"{what} was described of the {channel} sensor"
+            notes.append(f"{described} is {left}simulated here, so the crossing is without {rest}.")
         parts[channel] = replace(part, effects=flown, discovered=())
     surface_c = 20.0
     if "humidity" in parts:
