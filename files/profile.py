@@ -42,6 +42,7 @@ __all__ = [
     "write_profile",
 ]
 
+LEAST_APART_K = 1e-6  # rows of the table: a slope between them must be a number
 FORMAT = "sensor-profile/1"
 ASSUMED_RELATIVE_UNCERTAINTY = 0.05  # of a diffusivity whose file gives no standard uncertainty
 LARGEST_RELATIVE_UNCERTAINTY = 1e6  # beyond it nothing was measured, and arithmetic would not survive it
@@ -190,7 +191,7 @@ def _table(humidity: JsonObject) -> tuple[DiffusivityRow, ...]:
         ambient_c = item.demand("ambient_temperature_c", stated)
         key = "diffusivity_m2_s"
         value = item.demand(key, _rate(item, key), "a positive number")
-        if rows and ambient_c <= rows[-1].ambient_temperature_c:
+        if rows and ambient_c < rows[-1].ambient_temperature_c + LEAST_APART_K:
             expected = "rows ordered by rising temperature, each once"
             raise item.error("ambient_temperature_c", expected, ambient_c, "put them in order")
         runs = item.number("runs", at_least=0.0)

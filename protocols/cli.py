@@ -46,6 +46,7 @@ COMMANDS = {
 }
 
 
+LONGEST_MESSAGE = 800
 OPTIONS = ("-h", "--help", "--version", "--print-completion")  # of shockrig itself
 SHELLS = ("bash", "zsh", "tcsh")
 
@@ -132,9 +133,7 @@ def main(argv: list[str] | None = None) -> int:
         _tell(f"shockrig {args.command}: {error}; what was recorded up to now is kept")
         return 130
     except (InputError, RigError) as error:
-        # One line, whatever stands in the names of files that it tells of.
-        said = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in str(error))
-        _tell(f"shockrig {args.command}: {said}")
+        _tell(f"shockrig {args.command}: {_one_line(str(error))}")
         return 2
     except KeyboardInterrupt:
         kept = "; what was recorded up to now is kept" if args.command in ("run", "demo") else ""
@@ -151,6 +150,14 @@ def main(argv: list[str] | None = None) -> int:
             f"shockrig {args.command}: {where}: {error.strerror}; give another path, or access to it", file=sys.stderr
         )
         return 2
+
+
+def _one_line(text: str) -> str:
+    """A message on one line that can be read, whatever stands in the names and options that it tells of."""
+    said = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+    return (
+        said if len(said) <= LONGEST_MESSAGE else f"{said[: LONGEST_MESSAGE // 2]} ... {said[-LONGEST_MESSAGE // 3 :]}"
+    )
 
 
 def _tell(text: str) -> None:

@@ -128,7 +128,7 @@ def test_a_broken_packet_is_an_error_and_no_harm():
         assert answer(None, packet) == (71).to_bytes(4, sys.byteorder)  # EPROTO
 
 
-@needs("stty", "timeout")
+@needs("stty", "cat")
 def test_unmodified_cat_reads_lines_and_nothing_from_before_it_opened(tmp_path):
     link = tmp_path / "tty"
     with emulating(tmp_path, "imet-xf", "--link", str(link), "--rate-hz", "20", "--humidity") as process:
@@ -136,12 +136,15 @@ def test_unmodified_cat_reads_lines_and_nothing_from_before_it_opened(tmp_path):
         speed = subprocess.run(["stty", "-F", str(link), "speed"], capture_output=True, text=True, timeout=60)
         assert speed.returncode == 0
         time.sleep(1.0)  # what is said now, nobody hears
-        before_s = time.monotonic()
-        heard = subprocess.run(["timeout", "1.5", "cat", str(link)], capture_output=True, timeout=10).stdout
+        before_s, heard = time.monotonic(), b""
+        with subprocess.Popen(["cat", str(link)], stdout=subprocess.PIPE) as cat:
+            while heard.count(b"\r\n8,") < 15 and time.monotonic() < before_s + 60:
+                heard += os.read(cat.stdout.fileno(), 4096)
+            cat.kill()
         lines = heard.decode("ascii").split("\r\n")
         beads = [line for line in lines if re.fullmatch(r"5,\d{4},\d+", line)]
         assert 15 <= len(beads) <= 20 * (time.monotonic() - before_s) + 3
-        assert sum(bool(re.fullmatch(r"8,\d+,\d+", line)) for line in lines) >= 15
+        assert sum(bool(re.fullmatch(r"8,\d+,\d+", line)) for line in lines) >= 14
     assert not link.exists()
 
 
@@ -167,14 +170,16 @@ def test_a_grbl_sender_moves_the_emulated_carriage(tmp_path):
     serial = pytest.importorskip("serial")
     link = tmp_path / "tty"
     with emulating(tmp_path, "grbl", "--link", str(link)):
-        with serial.Serial(str(link), 115200, timeout=2) as port:
+        with serial.Serial(str(link), 115200, timeout=30) as port:
             port.write(b"$H\n")
             assert port.readline() == b"ok\r\n"
             port.write(b"G90 G53 G1 X300 F30000\n")
             assert port.readline() == b"ok\r\n"
-            time.sleep(0.8)
             port.write(b"?")
-            assert port.readline().startswith(b"<Idle|MPos:300.000,")
+            deadline_s = time.monotonic() + 60
+            while (report := port.readline()).startswith(b"<Run|") and time.monotonic() < deadline_s:
+                port.write(b"?")
+            assert report.startswith(b"<Idle|MPos:300.000,")
 
 
 @needs_cc
@@ -284,8 +289,10 @@ def test_a_flight_is_played_in_time_with_its_truth_beside_it(tmp_path):
         latest, earliest = (20.0 + 10.0 * np.interp(t - late, since, share, left=0.0) for late in (0.0, 0.2))
         assert earliest - 0.1 < value < latest + 0.1
     assert any(0.0 < float(row["time_s"]) - 8.0 < 2.0 for row in book)
-    host_s, flight_s = (float(book[-1][name]) - float(book[0][name]) for name in ("unix_s", "time_s"))
-    assert 10.0 * host_s == pytest.approx(flight_s, rel=0.1)
+    # Where the machine is busy a line is said late, but never early, and hardly all of a dozen.
+    late_s = np.array([float(row["unix_s"]) - float(row["time_s"]) / 10.0 for row in book])
+    first, last = late_s[: len(book) // 2].min(), late_s[len(book) // 2 :].min()
+    assert last == pytest.approx(first, abs=0.1)
 
 
 @pytest.mark.parametrize(

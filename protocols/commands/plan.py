@@ -26,7 +26,7 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.analysis.planning.export import log_entry, plan_document, remembered
     from shockrig.analysis.planning.goals import parse_goals
     from shockrig.files.campaign import read_campaign
-    from shockrig.files.disk import shown, write_whole
+    from shockrig.files.disk import demand_place, shown, write_whole
     from shockrig.files.errors import InputError
     from shockrig.files.json_files import write_json
     from shockrig.files.plan import append_decision, read_decisions
@@ -39,6 +39,8 @@ def main(args: argparse.Namespace) -> int:
     goals = parse_goals(args.until)
     if args.out.suffix != ".toml":
         raise InputError(f"--out {shown(args.out)}: a protocol's name ends in .toml; NEXT.json is written beside it")
+    for path in (args.out, args.out.with_suffix(".json")):
+        demand_place(path)  # before the work, and so that one is not written without the other
     if not 1 <= args.runs <= 100:
         raise InputError(f"--runs {args.runs}: expected 1 to 100")
     recorded, planned = _counted(args.campaign)
