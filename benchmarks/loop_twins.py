@@ -23,7 +23,7 @@ from scipy.stats import spearmanr
 from shockrig.analysis.planning.decide import CONTINUE, decide
 from shockrig.analysis.planning.export import log_entry
 from shockrig.analysis.planning.goals import parse_goals
-from shockrig.analysis.planning.shock import Shock, Usual, deciding_menu
+from shockrig.analysis.planning.shock import Shock, Surroundings, Usual, deciding_menu
 from shockrig.rig.virtual.hide import draw_effect
 from shockrig.rig.virtual.truth import ROUGH, draw_truth
 
@@ -89,7 +89,7 @@ def world(pair: int, seed: int, how: str) -> dict:
                 break
             shock = decision.choices[0].shock
             if how == RANDOM:
-                menu = deciding_menu([20.0, 40.0], Usual(irradiances_w_m2=(light,) if light else ()))
+                menu = deciding_menu([20.0, 40.0], Usual(other=Surroundings((), (light,) if light else ())))
                 shock = menu[int(rng.integers(len(menu)))]
             elif how == REPEATS:
                 shock = START[2] if channel == RH else START[6]

@@ -48,6 +48,7 @@ RANGES: Mapping[str, Range] = MappingProxyType(
         "humidity_set_percent": Range(0.0, 100.0, _FRACTION),
         "airflow_m_s": Range(0.0, 150.0, "is it in km/h"),
         "pressure_hpa": Range(1.0, 2000.0, "is it in pascal"),
+        "irradiance_w_m2": Range(0.0, 3000.0, "is it in lux"),
         "bead_radius_m": Range(1e-6, 0.03, _MILLIMETRES),
         "film_thickness_m": Range(1e-9, 0.003, "is it in millimetres or micrometres"),
         "time_s": Range(-1e7, 1e7, "is it in milliseconds, or since 1970"),  # on a run's own clock

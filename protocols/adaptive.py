@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from shockrig.protocols.background import Background
-from shockrig.protocols.decided import as_protocol, feasible_on, lines, minutes_left
+from shockrig.protocols.decided import as_protocol, feasible_on, lines, minutes_left, surroundings_of
 from shockrig.rig.clock import VirtualClock
 from shockrig.rig.protocol import Protocol
 from shockrig.rig.recorder import read_state
@@ -106,6 +106,7 @@ class Loop:
                 remembered(last),
                 feasible=self._feasible,
                 vetoed=vetoed,
+                surroundings=surroundings_of(self._bench),
                 later=self._later,
                 due=self._background,
             )
@@ -155,7 +156,7 @@ class Loop:
         return True
 
     def _next(self, shock: Shock, state: Any) -> Protocol:
-        return as_protocol([shock], self._behind(state), NAME, str(self._goals))
+        return as_protocol([shock], self._behind(state), NAME, str(self._goals), self._bench.pressures_hpa)
 
     @staticmethod
     def _behind(state: Any) -> int:

@@ -11,7 +11,7 @@ from shockrig.rig.seams import Air
 
 if TYPE_CHECKING:
     from shockrig.analysis.planning.decide import Decision
-    from shockrig.analysis.planning.shock import Shock
+    from shockrig.analysis.planning.shock import Shock, Surroundings
     from shockrig.rig.bench import Bench
 
 TRANSFER_AT_MOST_S = 60.0  # a person may carry the probes; a stage has deadlines of its own
@@ -26,8 +26,13 @@ def soak_over_s(dwell_s: float) -> float:
     return min(max(round(dwell_s / SOAK_SHARE), least), most)
 
 
-def as_protocol(shocks: Sequence[Shock], continues: int, name: str, goals: str) -> Protocol:
-    """A protocol of some shocks, to follow `continues` runs of a campaign."""
+def as_protocol(
+    shocks: Sequence[Shock], continues: int, name: str, goals: str, pressures_hpa: Sequence[float] = ()
+) -> Protocol:
+    """A protocol of some shocks, to follow `continues` runs of a campaign.
+
+    A pressure is set where it is one of `pressures_hpa`; any other is the laboratory's.
+    """
     runs = []
     for number, shock in enumerate(shocks, continues + 1):
         soak = Soak(over_s=soak_over_s(shock.dwell_s), at_most_s=SOAK_AT_MOST_S)
@@ -41,13 +46,17 @@ def as_protocol(shocks: Sequence[Shock], continues: int, name: str, goals: str) 
                 (soak, Record(shock.lead_s), carry, Record(shock.dwell_s)),
                 shock.why,
                 shock.transfer_s,
+                shock.pressure_hpa if shock.pressure_hpa in pressures_hpa else None,
+                shock.irradiance_w_m2 or None,
             )
         )
     return Protocol(name, f"chosen for: {goals}", tuple(runs), continues=continues)
 
 
 def feasible_on(bench: Bench) -> Callable[[Shock], bool]:
-    """Whether a bench can make a shock: its airs, its transfer; light it has none."""
+    """Whether a bench can make a shock: its airs, transfer, pressure and light."""
+
+    from shockrig.analysis.planning.decide import OTHER_PRESSURE
 
     def feasible(shock: Shock) -> bool:
         airs = Air(shock.source_c, shock.source_percent), Air(shock.destination_c, shock.destination_percent)
@@ -56,11 +65,20 @@ def feasible_on(bench: Bench) -> Callable[[Shock], bool]:
                 bench.chambers.demand(*airs, shock.airflow_m_s)
             if shock.transfer_s is not None:
                 bench.stage.demand_transfer(shock.transfer_s)
+            bench.demand_surroundings(None, shock.irradiance_w_m2)
         except BenchError:
             return False
-        return not shock.irradiance_w_m2
+        usual = abs(shock.pressure_hpa / bench.pressure_hpa - 1.0) <= OTHER_PRESSURE
+        return usual or shock.pressure_hpa in bench.pressures_hpa
 
     return feasible
+
+
+def surroundings_of(bench: Bench) -> Surroundings:
+    """The pressures and lights that a bench can make besides the laboratory's."""
+    from shockrig.analysis.planning.shock import Surroundings
+
+    return Surroundings(bench.pressures_hpa, bench.irradiances_w_m2)
 
 
 def lines(decision: Decision, document: Mapping[str, Any]) -> list[str]:

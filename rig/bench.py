@@ -68,6 +68,37 @@ class Bench:
     calibration: Mapping[str, Any] = field(default_factory=dict)
     common: Mapping[str, float] = field(default_factory=dict)
     devices: Mapping[str, str] = field(default_factory=dict)
+    pressures_hpa: tuple[float, ...] = ()
+    irradiances_w_m2: tuple[float, ...] = ()
+
+    def demand_surroundings(self, pressure_hpa: float | None, irradiance_w_m2: float | None) -> None:
+        """Raise BenchError where runs cannot be recorded at this pressure, or in this light."""
+        offers = {"pressure_hpa": (self.pressure_hpa, *self.pressures_hpa), "irradiance_w_m2": self.lights}
+        for key, value, unit in (
+            ("pressure_hpa", pressure_hpa, "hPa"),
+            ("irradiance_w_m2", irradiance_w_m2, "W/m2"),
+        ):
+            if value is not None and value not in offers[key]:
+                made = ", ".join(f"{one:g}" for one in offers[key])
+                listed = key.replace("pressure_", "pressures_").replace("irradiance_", "irradiances_")
+                raise BenchError(
+                    f"{key} {value:g}: bench {self.name} has {made} {unit}; leave it out, or list it under {listed} in "
+                    "[bench] where the bench can make it"
+                )
+
+    @property
+    def lights(self) -> tuple[float, ...]:
+        """Irradiances that runs can be recorded at, none first."""
+        return (0.0, *self.irradiances_w_m2)
+
+    def surround(self, pressure_hpa: float | None, irradiance_w_m2: float | None) -> dict[str, float]:
+        """Make pressure and light of a run, and say what they are for run.json; the laboratory's where None."""
+        pressure = self.pressure_hpa if pressure_hpa is None else pressure_hpa
+        if self.chambers is None or not (self.pressures_hpa or self.irradiances_w_m2):
+            return {"pressure_hpa": pressure}
+        self.chambers.surround(pressure, irradiance_w_m2 or 0.0)
+        light = {"irradiance_w_m2": irradiance_w_m2 or 0.0} if self.irradiances_w_m2 else {}
+        return {"pressure_hpa": pressure, **light}
 
     @property
     def emulated(self) -> bool:
@@ -216,6 +247,8 @@ def open_bench(
         common=config.common,
         climate={CHAMBERS[name]: device for name, device in devices.items()},
         devices={name: _device(name, part) for name, part in config.parts().items()},
+        pressures_hpa=tuple(config.general.pressures_hpa),
+        irradiances_w_m2=tuple(config.general.irradiances_w_m2),
     )
 
 

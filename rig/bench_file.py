@@ -15,7 +15,7 @@ import math
 import tomllib
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from importlib import resources
 from importlib.metadata import entry_points
@@ -88,15 +88,22 @@ class GeneralSettings:
     """The [bench] section.
 
     `clock` is "real" or, where every part is emulated, "virtual"; a question to the operator that waits for longer than
-    `answer_within_s` pauses the campaign.
+    `answer_within_s` pauses the campaign. `pressures_hpa` and `irradiances_w_m2` are those that runs can be recorded
+    at besides the laboratory's own pressure and no light.
     """
 
     name: str
     clock: str = "real"
     pressure_hpa: float = 1013.25
     answer_within_s: float = 1800.0
+    pressures_hpa: Sequence[float] = ()
+    irradiances_w_m2: Sequence[float] = ()
 
     def __post_init__(self) -> None:
+        for key, quantity in (("pressures_hpa", "pressure_hpa"), ("irradiances_w_m2", "irradiance_w_m2")):
+            for value in getattr(self, key):
+                if not RANGES[quantity].holds(value):
+                    raise BenchError(f"{key}: {RANGES[quantity].refusal(value)}")
         if self.clock not in ("real", "virtual"):
             raise BenchError(f'clock = "{self.clock}" must be "real" or "virtual"')
         possible = RANGES["pressure_hpa"]
@@ -292,5 +299,7 @@ def _words(hint: Any) -> str:
     if origin is tuple:
         return f"a list of {len(arguments)} numbers"
     if origin is not None:
-        return "a table of lists of text" if issubclass(origin, Mapping) else "a list of text"
+        if issubclass(origin, Mapping):
+            return "a table of lists of text"
+        return "a list of numbers" if arguments[0] is float else "a list of text"
     return names.get(hint, str(hint))

@@ -39,11 +39,12 @@ def check_plan(protocol: Protocol, bench: Bench, free_bytes: int | None = None) 
                 bench.chambers.demand(run.source, run.destination, run.airflow_m_s)
             except BenchError as error:
                 raise BenchError(f"run {run.id}: {error}") from None
-        if run.transfer_s is not None:
-            try:
+        try:
+            if run.transfer_s is not None:
                 bench.stage.demand_transfer(run.transfer_s)
-            except BenchError as error:
-                raise BenchError(f"run {run.id}: {error}") from None
+            bench.demand_surroundings(run.pressure_hpa, run.irradiance_w_m2)
+        except BenchError as error:
+            raise BenchError(f"run {run.id}: {error}") from None
         dew_point_c = _dew_point_c(run.destination)
         if dew_point_c is not None and run.source.temperature_c is not None and dew_point_c > run.source.temperature_c:
             warnings.append(

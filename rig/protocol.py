@@ -89,6 +89,12 @@ class Faults:
     airs_within_percent: float = 12.0
 
 
+RUN_KEYS = (
+    *("source", "destination", "airflow_m_s", "pressure_hpa", "irradiance_w_m2", "transfer"),
+    *("steps", "note"),
+)
+
+
 @dataclass(frozen=True)
 class PlannedRun:
     """One run as the protocol wants it; what the airs really were comes from the reference."""
@@ -100,6 +106,8 @@ class PlannedRun:
     steps: tuple[Step, ...]
     note: str = ""
     transfer_s: float | None = None  # slowed on purpose; as fast as the stage goes where None
+    pressure_hpa: float | None = None  # the laboratory's where None
+    irradiance_w_m2: float | None = None  # no light where None
 
     def shortest_s(self) -> float:
         """Time that the run takes if the soak is stable at once, in s."""
@@ -187,7 +195,7 @@ def parse_protocol(content: bytes, where: str) -> Protocol:
     runs = []
     for number, entry in enumerate(entries, start=1):
         here = f"{where}: run {number}"
-        refuse_unknown_keys(entry, ("source", "destination", "airflow_m_s", "transfer", "steps", "note"), here)
+        refuse_unknown_keys(entry, RUN_KEYS, here)
         recipe = entry.get("steps", next(iter(recipes)))
         if not isinstance(recipe, str) or recipe not in recipes:
             raise BenchError(f"{here}: steps = {recipe!r} is not defined{nearest(str(recipe), recipes)}")
@@ -201,6 +209,8 @@ def parse_protocol(content: bytes, where: str) -> Protocol:
                 steps=recipes[recipe],
                 note=_text(entry, "note", here),
                 transfer_s=_slowed(entry, recipes[recipe], here),
+                pressure_hpa=_number(entry, "pressure_hpa", here, RANGES["pressure_hpa"]),
+                irradiance_w_m2=_number(entry, "irradiance_w_m2", here, RANGES["irradiance_w_m2"]),
             )
         )
     return Protocol(

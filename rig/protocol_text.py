@@ -58,6 +58,11 @@ def _run(run: PlannedRun, recipe: str) -> list[str]:
         f"source = {_air(run.source)}",
         f"destination = {_air(run.destination)}",
         *([f"airflow_m_s = {run.airflow_m_s!r}"] if run.airflow_m_s is not None else []),
+        *(
+            f"{name} = {value!r}"
+            for name in ("pressure_hpa", "irradiance_w_m2")
+            if (value := getattr(run, name)) is not None
+        ),
         *([f"transfer = {{ duration_s = {run.transfer_s!r} }}"] if run.transfer_s is not None else []),
         f'steps = "{recipe}"',
     ]

@@ -223,7 +223,7 @@ class _Runner:
         header: dict[str, Any] = {
             "attempt": attempt,
             "started_at": self.utc(),
-            "pressure_hpa": self.bench.pressure_hpa,
+            **self.bench.surround(run.pressure_hpa, run.irradiance_w_m2),
             "sensors": list(self.bench.describe()),
             "airs_from": dict(zip(("source", "destination"), self.bench.reference.origins, strict=True)),
         }

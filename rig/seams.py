@@ -179,6 +179,10 @@ class Chambers(Protocol):
 
     def set_airs(self, source: Air, destination: Air, airflow_m_s: float | None) -> None: ...
 
+    def surround(self, pressure_hpa: float, irradiance_w_m2: float) -> None:
+        """Make pressure and light of the runs from now on; called only where the bench file lists any."""
+        ...
+
     def airs(self) -> tuple[Air, Air]:
         """Source and destination air: as the chambers read them, or as they were last asked for."""
         ...

@@ -26,7 +26,7 @@ from shockrig.analysis.planning.information import information, nats, separation
 from shockrig.analysis.planning.judged import Look, Verdict, spending
 from shockrig.analysis.planning.minutes import USUAL, learn, spent_minutes
 from shockrig.analysis.planning.precision import Target, gained_by, measured, targets
-from shockrig.analysis.planning.shock import Shock, Usual, deciding_menu, opening, precision_menu
+from shockrig.analysis.planning.shock import Shock, Surroundings, Usual, deciding_menu, opening, precision_menu
 from shockrig.analysis.planning.varied import variety
 from shockrig.files.errors import InputError
 from shockrig.files.plan import append_decision, read_decisions
@@ -92,9 +92,9 @@ def test_the_strictest_of_two_goals_counts_where_both_hold():
 
 
 def test_the_menu_varies_everything_that_a_bench_can_vary():
-    menu = deciding_menu([20.0], Usual(irradiances_w_m2=(0.0, 800.0)))
+    menu = deciding_menu([20.0], Usual(other=Surroundings((700.0,), (800.0,))))
     assert {s.airflow_m_s for s in menu} == {1.8, 6.0, 12.0} and {s.transfer_s for s in menu} == {None, 2.0}
-    assert {s.lead_s for s in menu} == {6.0, 30.0}
+    assert {s.lead_s for s in menu} == {6.0, 30.0} and {s.pressure_hpa for s in menu} == {1013.25, 700.0}
     assert len({s.dwell_s for s in menu}) == 2 and {s.irradiance_w_m2 for s in menu} == {0.0, 800.0}
     signs = {(np.sign(s.destination_c - s.source_c), np.sign(s.destination_percent - s.source_percent)) for s in menu}
     assert {(0.0, 1.0), (0.0, -1.0), (-1.0, 1.0), (1.0, -1.0)} <= signs

@@ -21,12 +21,13 @@ from shockrig.analysis.planning.goals import Goals
 from shockrig.analysis.planning.judged import Look, Verdict, diagnosed, look_at, with_verdicts
 from shockrig.analysis.planning.minutes import learn, spent_minutes
 from shockrig.analysis.planning.precision import Target, gained_by, measured, targets
-from shockrig.analysis.planning.shock import USUAL_C, Shock, Usual, opening
+from shockrig.analysis.planning.shock import ORDINARY, USUAL_C, Shock, Surroundings, Usual, opening
 from shockrig.analysis.planning.varied import variety
 from shockrig.files.campaign import Campaign
 
 CONTINUE, DONE, INCONCLUSIVE = "continue", "done", "inconclusive"
 USUAL_BUDGET_MINUTES = 240.0  # where none is given
+OTHER_PRESSURE = 0.03  # relative difference from which on a pressure is another one, and no weather
 MOST_UNEXPLAINED = 4  # runs that are spent on what nothing explains
 Progress = Callable[[str], None]
 Due = Callable[[ChannelName], Verdict | None]
@@ -87,6 +88,7 @@ def decide(
     count: int = 1,
     feasible: Callable[[Shock], bool] = anything,
     vetoed: Sequence[Shock] = (),
+    surroundings: Surroundings = ORDINARY,
     later: bool = False,
     due: Due | None = None,
     progress: Progress = lambda _: None,
@@ -106,6 +108,8 @@ def decide(
         Whether the bench can do it.
     vetoed : sequence of Shock
         Which the operator does not want.
+    surroundings : Surroundings
+        Pressures and lights that the bench can make, besides those that the campaign has had.
     later : bool
         Whether diagnoses are left for the time in which the next run is recorded: the decision says which are due, and
         the one after it rests on them. One that may end the campaign is not.
@@ -116,7 +120,7 @@ def decide(
     """
     if before is not None and campaign is not None:
         before = with_due(campaign, before, due)
-    usual = _usual(campaign, goals)
+    usual = usual_of(campaign, goals, surroundings)
     if campaign is not None:
         campaign = checked(campaign).campaign
     spent = 0.0 if campaign is None else sum(spent_minutes(campaign).values())
@@ -221,16 +225,20 @@ def _look(
     return looks, {name: look.verdict for name, look in looks.items()}
 
 
-def _usual(campaign: Campaign | None, goals: Goals) -> Usual:
+def usual_of(campaign: Campaign | None, goals: Goals, surroundings: Surroundings) -> Usual:
+    """What runs of a campaign have that nothing is said of, and what else they can have."""
     low, high = min(*goals.ambients_c, USUAL_C), max(*goals.ambients_c, 2 * USUAL_C)
     runs = () if campaign is None else campaign.runs
     airs = [a.temperature_c for r in runs for a in (r.source, r.destination) if a.temperature_c is not None]
     flows = [run.airflow_m_s for run in runs if run.airflow_m_s]
-    lights = {float(x) for run in runs if isinstance(x := run.extra.get("irradiance_w_m2"), int | float)}
+    lights = {float(x) for run in runs if isinstance(x := run.extra.get("irradiance_w_m2"), int | float) and x > 0}
+    pressure = round(float(np.median([run.pressure_hpa for run in runs])), 2) if runs else Usual.pressure_hpa
+    others = {round(p, -1) for run in runs if abs((p := run.pressure_hpa) / pressure - 1.0) > OTHER_PRESSURE}
+    others |= {p for p in surroundings.pressures_hpa if abs(p / pressure - 1.0) > OTHER_PRESSURE}
     return Usual(
         airflow_m_s=round(float(np.median(flows)), 2) if flows else Usual.airflow_m_s,
-        pressure_hpa=round(float(np.median([run.pressure_hpa for run in runs])), 2) if runs else Usual.pressure_hpa,
-        irradiances_w_m2=tuple(sorted(lights)),
+        pressure_hpa=pressure,
+        other=Surroundings(tuple(sorted(others)), tuple(sorted(lights | set(surroundings.irradiances_w_m2)))),
         coldest_c=round(min([low, *airs])),
         warmest_c=round(max([high, *airs])),
     )

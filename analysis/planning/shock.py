@@ -87,12 +87,25 @@ def from_run(run: dict[str, Any]) -> Shock:
 
 
 @dataclass(frozen=True)
+class Surroundings:
+    """Other pressures and lights that runs can be recorded at, besides the laboratory's and none."""
+
+    pressures_hpa: tuple[float, ...] = ()
+    irradiances_w_m2: tuple[float, ...] = ()
+
+
+ORDINARY = Surroundings()
+
+
+@dataclass(frozen=True)
 class Usual:
-    """What a campaign's runs usually have: airflow, pressure, lights that were on; its coldest and warmest air."""
+    """What a campaign's runs usually have: airflow, pressure; others and lights that there are; its coldest and warmest
+    air.
+    """
 
     airflow_m_s: float = USUAL_AIRFLOW_M_S
     pressure_hpa: float = 1013.25
-    irradiances_w_m2: tuple[float, ...] = ()
+    other: Surroundings = ORDINARY
     coldest_c: float = 0.0
     warmest_c: float = 40.0
 
@@ -166,8 +179,11 @@ def deciding_menu(
                 menu += [replace(one, dwell_s=enough) for one in menu[-5:-3] if enough < one.dwell_s]
             menu += [
                 replace(base, irradiance_w_m2=light, why=f"{why}, under {light:g} W/m2")
-                for light in usual.irradiances_w_m2
-                if light > 0.0
+                for light in usual.other.irradiances_w_m2
+            ]
+            menu += [
+                replace(base, pressure_hpa=pressure, why=f"{why}, at {pressure:g} hPa")
+                for pressure in usual.other.pressures_hpa
             ]
     return [shock for shock in menu if usual.allows(shock)]
 

@@ -11,19 +11,19 @@ from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.quantity import ChannelName
 from shockrig.analysis.planning.judged import Look
 from shockrig.analysis.planning.minutes import airs_of_run
-from shockrig.analysis.planning.precision import FEWEST_RUNS
 from shockrig.analysis.planning.shock import SHORTEST_S, Shock
 from shockrig.files.campaign import Run
 
 Array = NDArray[np.float64]
 VARIETY = 0.5  # worth of a run in another direction or airflow, where ties are to be decided
+ENOUGH = 1.8  # runs of one kind, a smaller step than the largest counting as much less
 OTHER_FLOW = 1.5  # times as much airflow is another one
 
 
 def variety(looks: Mapping[ChannelName, Look], shocks: Sequence[Shock]) -> Array:
     """Worth of the runs that vary what fewer than two of a channel's runs have: direction, airflow.
 
-    One run says nothing: runs differ. A smaller step than the largest so far says as much less.
+    One run says nothing: runs differ. A step that is smaller than the largest so far says as much less.
     """
     bonus = np.zeros(len(shocks))
     for look in looks.values():
@@ -31,25 +31,24 @@ def variety(looks: Mapping[ChannelName, Look], shocks: Sequence[Shock]) -> Array
             continue
         channel = look.problem.channel
         step = channel.quantity.step(channel.conditions)
-        large = step[np.abs(step) > channel.quantity.least_step]
-        flow = channel.conditions.airflow_m_s
+        largest = max(float(np.abs(step).max()), channel.quantity.least_step)
+        share, flow = np.abs(step) / largest, channel.conditions.airflow_m_s
         for i, shock in enumerate(shocks):
             own = _step_of(channel, shock)
-            if abs(own) <= channel.quantity.least_step:
-                continue
-            size = min(abs(own) / max(float(np.abs(large).max(initial=0.0)), abs(own)), 1.0)
-            other_way = int((np.sign(large) == np.sign(own)).sum()) < FEWEST_RUNS
-            bonus[i] += VARIETY * size * (other_way + _other_flow(flow, shock.airflow_m_s))
+            if abs(own) > channel.quantity.least_step:
+                other_way = share[np.sign(step) == np.sign(own)].sum() < ENOUGH
+                other_flow = _other_flow(flow, share, shock.airflow_m_s)
+                bonus[i] += VARIETY * min(abs(own) / largest, 1.0) * (int(other_way) + int(other_flow))
     return bonus
 
 
-def _other_flow(flows: Array, flow: float) -> bool:
-    """Whether an airflow is one that fewer than two runs have had something like."""
+def _other_flow(flows: Array, share: Array, flow: float) -> bool:
+    """Whether an airflow is one that less than two runs of the largest step have had something like."""
     low, high = float(flows.min()), float(flows.max())
     if high < OTHER_FLOW * low:
         return max(high, flow) > OTHER_FLOW * min(low, flow)
     slow = flows < np.sqrt(low * high)
-    few = [int(slow.sum()) < FEWEST_RUNS, int((~slow).sum()) < FEWEST_RUNS]
+    few = [float(share[slow].sum()) < ENOUGH, float(share[~slow].sum()) < ENOUGH]
     return few[0] and flow <= OTHER_FLOW * low or few[1] and flow >= high / OTHER_FLOW
 
 

@@ -22,15 +22,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    from shockrig.analysis.planning.decide import CONTINUE, anything, decide
+    from shockrig.analysis.planning.decide import CONTINUE, anything, decide, usual_of
     from shockrig.analysis.planning.export import log_entry, plan_document, remembered
     from shockrig.analysis.planning.goals import parse_goals
+    from shockrig.analysis.planning.shock import ORDINARY
     from shockrig.files.campaign import read_campaign
     from shockrig.files.disk import demand_place, shown, write_whole
     from shockrig.files.errors import InputError
     from shockrig.files.json_files import write_json
     from shockrig.files.plan import append_decision, read_decisions
-    from shockrig.protocols.decided import as_protocol, feasible_on, lines
+    from shockrig.protocols.decided import as_protocol, feasible_on, lines, surroundings_of
     from shockrig.protocols.loop_page import write_loop_page
     from shockrig.rig.bench import open_bench
     from shockrig.rig.bench_file import load_bench
@@ -47,17 +48,22 @@ def main(args: argparse.Namespace) -> int:
     campaign = read_campaign(args.campaign) if recorded else None
     log = read_decisions(args.campaign)
     last = log[-1] if log else None
-    feasible = anything if args.bench is None else feasible_on(open_bench(load_bench(args.bench)))
+    bench = None if args.bench is None else open_bench(load_bench(args.bench))
+    feasible = anything if bench is None else feasible_on(bench)
+    surroundings = ORDINARY if bench is None else surroundings_of(bench)
     decision = decide(
         campaign,
         goals,
         remembered(last),
         count=args.runs,
         feasible=feasible,
+        surroundings=surroundings,
         progress=lambda text: print(text, file=sys.stderr),
     )
     document = plan_document(decision, goals)
-    protocol = as_protocol([c.shock for c in decision.choices], max(recorded, planned), args.out.stem, str(goals))
+    others = usual_of(campaign, goals, surroundings).other.pressures_hpa
+    shocks = [c.shock for c in decision.choices]
+    protocol = as_protocol(shocks, max(recorded, planned), args.out.stem, str(goals), others)
     if recorded:
         append_decision(args.campaign, log_entry(decision, goals, last, []))
         write_loop_page(args.campaign)

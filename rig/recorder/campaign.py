@@ -248,6 +248,7 @@ def _plan_entry(run: PlannedRun) -> dict[str, Any]:
     entry = {"id": run.id, "source": asdict(run.source), "destination": asdict(run.destination)}
     if run.transfer_s is not None:
         entry["transfer"] = {"duration_s": run.transfer_s}
+    entry |= {name: value for name in ("pressure_hpa", "irradiance_w_m2") if (value := getattr(run, name)) is not None}
     return entry | {"airflow_m_s": run.airflow_m_s, "note": run.note, "steps": [str(step) for step in run.steps]}
 
 

@@ -33,6 +33,7 @@ def run_json(record: RunRecord) -> dict[str, Any]:
         destination=_mean_air(record.airs["destination"]),
         airflow_m_s=header.get("airflow_m_s"),
         pressure_hpa=round(sum(measured_hpa) / len(measured_hpa), 2) if measured_hpa else header.get("pressure_hpa"),
+        irradiance_w_m2=header.get("irradiance_w_m2"),
         start_s=start_s,
         duration_s=duration_s,
         status=record.status,

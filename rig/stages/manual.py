@@ -99,6 +99,10 @@ class PromptedChambers(SetPointsOnly):
     def __init__(self, operator: Operator) -> None:
         self._operator = operator
         self._airs = (Air(None, None), Air(None, None))
+        self._around = Surroundings(operator)
+
+    def surround(self, pressure_hpa: float, irradiance_w_m2: float) -> None:
+        self._around.ask(pressure_hpa, irradiance_w_m2)
 
     def set_airs(self, source: Air, destination: Air, airflow_m_s: float | None) -> None:
         self._airs = (source, destination)
@@ -110,6 +114,22 @@ class PromptedChambers(SetPointsOnly):
 
     def airs(self) -> tuple[Air, Air]:
         return self._airs
+
+
+class Surroundings:
+    """Pressure and light that a person sets, asked for when they change."""
+
+    def __init__(self, operator: Operator) -> None:
+        self._operator = operator
+        self._now: tuple[float, float] | None = None
+
+    def ask(self, pressure_hpa: float, irradiance_w_m2: float) -> None:
+        """Wait until the person has set both, where they are others than those before."""
+        if self._now == (pressure_hpa, irradiance_w_m2):
+            return
+        light = f"the light to {irradiance_w_m2:g} W/m2" if irradiance_w_m2 else "the light off"
+        self._operator.ask(f"Set the pressure to {pressure_hpa:g} hPa and {light}; press Enter when both are steady.")
+        self._now = (pressure_hpa, irradiance_w_m2)
 
 
 def _words(air: Air) -> str:

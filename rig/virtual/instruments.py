@@ -28,7 +28,9 @@ _numbers = itertools.count(1)
 class PhysicalWorld(Protocol):
     """What the instruments sample; times are on the bench clock."""
 
-    def set_airs(self, source: Air, destination: Air, airflow_m_s: float, pressure_hpa: float) -> None: ...
+    def set_airs(
+        self, source: Air, destination: Air, airflow_m_s: float, pressure_hpa: float, irradiance_w_m2: float = 0.0
+    ) -> None: ...
 
     def begin_transfer(self, at_s: float, duration_s: float | None = None) -> None: ...
 
@@ -93,17 +95,24 @@ class WorldChambers(SetPointsOnly):
         made: tuple[float, float],
         reported: tuple[float, float],
         seed: int,
+        told: Callable[[float], None] = lambda pressure_hpa: None,
     ) -> None:
         self._world = world
-        self._pressure_hpa = pressure_hpa
+        self._pressure_hpa, self._irradiance_w_m2, self._told = pressure_hpa, 0.0, told
         self._made, self._reported = made, reported
         self._random = random.Random(f"chambers {seed}")
         self._airs = (Air(None, None), Air(None, None))
 
     def set_airs(self, source: Air, destination: Air, airflow_m_s: float | None) -> None:
         true = self._off(source, self._made), self._off(destination, self._made)
-        self._world.set_airs(*true, 5.0 if airflow_m_s is None else airflow_m_s, self._pressure_hpa)
+        flow = 5.0 if airflow_m_s is None else airflow_m_s
+        self._world.set_airs(*true, flow, self._pressure_hpa, self._irradiance_w_m2)
         self._airs = self._off(true[0], self._reported), self._off(true[1], self._reported)
+
+    def surround(self, pressure_hpa: float, irradiance_w_m2: float) -> None:
+        """Felt from the next airs on; what measures the pressure is told."""
+        self._pressure_hpa, self._irradiance_w_m2 = pressure_hpa, irradiance_w_m2
+        self._told(pressure_hpa)
 
     def _off(self, air: Air, sigma: tuple[float, float]) -> Air:
         if air.temperature_c is None or air.humidity_percent is None:
@@ -275,7 +284,10 @@ class VirtualInstruments:
         """The two airs, with the scatter of the truth's chambers and of its reference instruments."""
         made = truth.chamber_scatter_k, truth.chamber_scatter_percent
         reported = truth.reference_scatter_k, truth.reference_scatter_percent
-        return WorldChambers(self._bench, self._pressure_hpa, made, reported, self._seed)
+        return WorldChambers(self._bench, self._pressure_hpa, made, reported, self._seed, self._at_pressure)
+
+    def _at_pressure(self, pressure_hpa: float) -> None:
+        self._pressure_hpa = pressure_hpa
 
     def climate_port(self, part: str, protocol: str) -> str:
         """Where an emulated chamber ("source chamber", "destination chamber") or "fan" of this world is reached."""
