@@ -126,6 +126,12 @@ def of_bench(folder, value):
     load_bench(folder / "bench.toml")
 
 
+def of_bench_light(folder, value):
+    text = (ROOT / "data/benches/virtual.toml").read_text()
+    (folder / "bench.toml").write_text(text.replace("[bench]", f"[bench]\nirradiances_w_m2 = [{value!r}]"))
+    load_bench(folder / "bench.toml")
+
+
 def of_flown_air(column):
     def read(folder, value):
         others = {"temperature_c": 20.0, "humidity_percent": 50.0} | {column: value}
@@ -169,6 +175,10 @@ DOORS = {
         "import": of_import("--pressure"),
         "bench": of_bench,
         "flight": of_flown_air("pressure_hpa"),
+    },
+    "irradiance_w_m2": {
+        "protocol": of_protocol("[[run]]", "[[run]]\nirradiance_w_m2"),
+        "bench": of_bench_light,
     },
     "bead_radius_m": {
         "campaign.json": of_sensor("imet.bead_radius_m"),

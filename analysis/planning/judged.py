@@ -239,6 +239,11 @@ def _taken(found: ChannelDiagnosis, before: Verdict, final: bool) -> Verdict:
         return Verdict(
             "unexplained", runs.runs, _explained_by(found.final), None, (), out, look, settled, as_at_the_end
         )
+    if verdict == "unexplained" and tuple(sorted(_explained_by(found.final))) in out:
+        # What unseen runs of this look do not bear out, new runs have: what is left is judged of the model they leave.
+        stands = explanations[0] == _explained_by(found.search.final)
+        if stands and judge(found.problem, found.search.final, found.noise).passed:
+            verdict, as_at_the_end = "explained", True
     dispute = Dispute(explanations, runs.run_ids) if len(explanations) > 1 else None
     nothing_yet = (0.0,) * len(explanations) if dispute else ()
     return Verdict(verdict, runs.runs, explanations[0], dispute, nothing_yet, out, look, settled, as_at_the_end)
