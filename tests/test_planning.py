@@ -23,7 +23,7 @@ from shockrig.analysis.planning.export import chosen, log_entry, plan_document, 
 from shockrig.analysis.planning.foretold import expected_evidence
 from shockrig.analysis.planning.goals import Goals, Precision, parse_goals
 from shockrig.analysis.planning.information import information, nats, separations
-from shockrig.analysis.planning.judged import Look, Verdict, spending
+from shockrig.analysis.planning.judged import Look, Verdict, look_at, spending
 from shockrig.analysis.planning.minutes import USUAL, learn, spent_minutes
 from shockrig.analysis.planning.precision import Target, gained_by, measured, targets
 from shockrig.analysis.planning.shock import Shock, Surroundings, Usual, deciding_menu, opening, precision_menu
@@ -258,6 +258,19 @@ def test_the_true_explanation_is_not_ruled_out_by_looking_on(tmp_path):
         for k in range(7, len(runs) + 1)
     ]
     assert max(look[1] for look in looks) < 2.0 and told[0] > REJECTED
+
+
+def test_what_new_runs_bear_out_is_named_though_most_runs_cannot_show_it(tmp_path):
+    """Light in one of eight runs: no finding yet. Two further runs in light rule out that it does nothing."""
+    lit = replace(LIVELY, effects=(Hidden("radiative_heating", {"kelvin_per_w_m2_at_5_m_s": 1e-3}),))
+    sunny = replace(COOL, irradiance_w_m2=800.0)
+    bench = recorded(tmp_path, lit, [sunny, *(COOL, WARM) * 3, COOL])
+    before = look_at(bench.campaign(), "temperature", Verdict()).verdict
+    assert before.verdict == "unexplained" and before.tied == ("nothing", "radiative_heating") and not before.named
+    bench.record_run(sunny.as_run())
+    bench.record_run(sunny.as_run())
+    after = look_at(bench.campaign(), "temperature", before).verdict
+    assert after.out == ((),) and after.named == ("radiative_heating",) and after.verdict == "explained"
 
 
 def test_a_longer_plateau_before_the_transfer_tells_a_dead_time_from_a_clock_that_runs_fast(tmp_path):
