@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from shockrig.files.campaign_names import FIRST_PROBE
 from shockrig.files.disk import is_there, read_text, shown
 from shockrig.files.errors import InputError
 from shockrig.files.json_files import as_object, json_text
@@ -32,19 +33,29 @@ NEEDED: dict[str, type | tuple[type, ...]] = {
 }
 
 
-def read_decisions(campaign: Path) -> list[dict[str, Any]]:
+def read_decisions(campaign: Path, probe: str | None = None) -> list[dict[str, Any]]:
     """Every decision of a campaign's log; empty where there is none.
+
+    Parameters
+    ----------
+    campaign : Path
+    probe : str, optional
+        The one of several probes by which further decisions are to be taken.
 
     Raises
     ------
     InputError
-        A line is not a decision: names file, line and remedy.
+        A line is not a decision, or the last one was taken by another probe: names file, line and remedy.
     """
     path = campaign / LOG
     if not is_there(path):
         return []
     lines = read_text(path, REMEDY).split("\n")
-    return [_decision(line, f"{shown(path)}, line {n}") for n, line in enumerate(lines[:-1], 1)]
+    found = [_decision(line, f"{shown(path)}, line {n}") for n, line in enumerate(lines[:-1], 1)]
+    by = str(found[-1].get("probe", FIRST_PROBE)) if found else probe
+    if probe is not None and by != probe:
+        raise InputError(f"{shown(path)}: decides by probe {by}, not {probe}; give --probe {by}, or {REMEDY}")
+    return found
 
 
 def _decision(line: str, where: str) -> dict[str, Any]:

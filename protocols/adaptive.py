@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from shockrig.files.campaign_names import FIRST_PROBE
 from shockrig.protocols.background import Background
 from shockrig.protocols.decided import as_protocol, feasible_on, lines, minutes_left, surroundings_of
 from shockrig.rig.clock import VirtualClock
@@ -42,6 +43,8 @@ class Loop:
     confirm : bool
         Whether each choice waits for the operator: Enter, s to veto it, p to pause, a to abort.
     say : function of a line
+    probe : str
+        By which of several probes it is decided.
     """
 
     def __init__(
@@ -52,8 +55,10 @@ class Loop:
         say: Callable[[str], None],
         added: Sequence[Any] = (),
         confirm: bool = False,
+        probe: str = FIRST_PROBE,
     ) -> None:
         self._path, self._goals, self._bench, self._say = path, goals, bench, say
+        self._probe = probe
         self._added, self._confirm = list(added), confirm
         self._feasible = feasible_on(bench)
         self.decision: Decision | None = None
@@ -69,7 +74,7 @@ class Loop:
         if self._added:
             run, *self._added = self._added
             return self._of_operator(run, self._behind(state))
-        log = read_decisions(self._path)
+        log = read_decisions(self._path, self._probe)
         pending = self._pending(log, state.recorded)
         if pending is not None and left_out is None:
             self._think_on(log[-1])
@@ -97,7 +102,7 @@ class Loop:
         last = log[-1] if log else None
         if vetoed and last is not None:
             vetoed += [from_run(run) for run in last["vetoed"]]
-        campaign = read_campaign(self._path) if state.recorded else None
+        campaign = read_campaign(self._path, self._probe) if state.recorded else None
         while True:
             began_s = self._bench.clock.now()
             self.decision = decision = decide(
@@ -112,7 +117,7 @@ class Loop:
             )
             waited_s = self._bench.clock.now() - began_s
             self.waited_s += waited_s
-            entry = log_entry(decision, self._goals, last, vetoed, waited_s)
+            entry = log_entry(decision, self._goals, last, vetoed, waited_s, self._probe)
             append_decision(self._path, entry, sync=not self._bench.emulated)
             for line in lines(decision, plan_document(decision, self._goals)):
                 self._say(line)
@@ -138,7 +143,7 @@ class Loop:
         decision = remembered(entry)
         due = {} if decision is None else {name: v for name, v in decision.verdicts.items() if v.due}
         if decision is not None and due:
-            self._background.begin(of_decision(read_campaign(self._path), decision), due)
+            self._background.begin(of_decision(read_campaign(self._path, self._probe), decision), due)
 
     def close(self) -> None:
         """End what is thought beside the recording."""

@@ -6,8 +6,11 @@ import json
 from pathlib import Path
 
 import pytest
+from benchmark_scripts import benchmark
+from small_worlds import QUIET
 
 from shockrig.analysis.planning.goals import parse_goals
+from shockrig.analysis.planning.shock import Shock
 from shockrig.files.plan import read_decisions
 from shockrig.protocols.adaptive import Loop
 from shockrig.protocols.cli import main
@@ -138,6 +141,7 @@ def test_runs_of_the_operators_own_come_first(tmp_path):
     [
         (["run", "adaptive", "--out", "c"], "--until is missing: what shall be reached?"),
         (["run", "quick", "--out", "c", "--until", "alpha 1 %"], "--until is for shockrig run adaptive"),
+        (["run", "quick", "--out", "c", "--probe", "2"], "--probe is for shockrig run adaptive"),
         (["run", "adaptive", "--out", "c", "--until", "beta 1 %"], "'beta 1 %' is no goal"),
         (["run", "adaptive", "--until", "alpha 1 %"], "--out CAMPAIGN is missing"),
         (["plan", "c", "--until", "alpha 1 %", "--out", "next.txt"], "a protocol's name ends in .toml"),
@@ -177,6 +181,26 @@ def test_file_by_file_from_an_empty_folder_until_it_is_done(tmp_path, monkeypatc
     assert [len(e["recorded"]) for e in read_decisions(Path("c"))] == sorted(
         len(e["recorded"]) for e in read_decisions(Path("c"))
     )
+
+
+def test_one_of_several_probes_decides_and_its_log_stays_its_own(tmp_path, monkeypatch, capsys):
+    """The second probe has two runs by which D is known, the first one none."""
+    monkeypatch.chdir(tmp_path)
+    bench = benchmark("loop_bench").FileBench(QUIET, tmp_path / "c", 0)
+    for shock in (Shock(20.0, 20.0, 20.0, 80.0, dwell_s=30.0), Shock(20.0, 80.0, 20.0, 20.0, dwell_s=30.0)):
+        bench.record_run(shock.as_run())
+        run = bench.folder / "runs" / f"{bench.runs:04d}"
+        (run / "hyt.csv").rename(run / "hyt-2.csv")
+    head = json.loads(Path("c/campaign.json").read_text())
+    sensors = head["sensors"] | {"hyt-2": head["sensors"]["hyt"]}
+    Path("c/campaign.json").write_text(json.dumps(head | {"sensors": sensors}))
+    asked = ["plan", "c", "--until", "D 0.9 % at 20", "--out", "next.toml"]
+    assert main([*asked, "--probe", "2"]) == 0
+    (entry,) = read_decisions(Path("c"))
+    assert entry["probe"] == "2" and entry["targets"][0]["runs"] == 2
+    capsys.readouterr()
+    assert main(asked) == 2
+    assert "decisions.jsonl: decides by probe 2, not 1; give --probe 2, or" in capsys.readouterr().err
 
 
 def test_a_plan_keeps_to_what_a_bench_can_do():

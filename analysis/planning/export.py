@@ -13,6 +13,7 @@ from shockrig.analysis.planning.goals import Goals
 from shockrig.analysis.planning.judged import Verdict
 from shockrig.analysis.planning.precision import Target
 from shockrig.analysis.planning.shock import Shock, from_run
+from shockrig.files.campaign_names import FIRST_PROBE
 from shockrig.files.json_files import measured
 from shockrig.files.plan import DECISION_FORMAT, PLAN_FORMAT
 
@@ -67,14 +68,16 @@ def log_entry(
     before: Mapping[str, Any] | None,
     vetoed: list[Shock],
     waited_s: float = 0.0,
+    probe: str = FIRST_PROBE,
 ) -> dict[str, Any]:
     """One line of a campaign's log of decisions; `before` is the line before it, `waited_s` how long the bench stood
-    still for this decision [s].
+    still for this decision [s], `probe` the one whose record it rests on.
     """
     return {
         "format": DECISION_FORMAT,
         "number": 1 if before is None else int(before["number"]) + 1,
         "until": str(goals),
+        "probe": probe,
         "recorded": list(decision.recorded),
         **plan_document(decision, goals) | {"format": DECISION_FORMAT},
         "targets": [_target(target) for target in decision.targets],

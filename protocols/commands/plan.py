@@ -6,6 +6,8 @@ import argparse
 import sys
 from pathlib import Path
 
+PROBE = "by which of several probes recorded at once it is decided: 1 (the default), or 2 for imet-2 and hyt-2"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
@@ -18,6 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--out", metavar="NEXT.toml", type=Path, required=True, help="the protocol, with NEXT.json")
     parser.add_argument("--runs", metavar="N", type=int, default=6, help="how many runs to choose at most (6)")
+    parser.add_argument("--probe", metavar="NAME", default="1", help=PROBE)
     parser.add_argument("--bench", metavar="BENCH.toml", type=Path, help="choose only what this bench can do")
 
 
@@ -45,8 +48,8 @@ def main(args: argparse.Namespace) -> int:
     if not 1 <= args.runs <= 100:
         raise InputError(f"--runs {args.runs}: expected 1 to 100")
     recorded, planned = _counted(args.campaign)
-    campaign = read_campaign(args.campaign) if recorded else None
-    log = read_decisions(args.campaign)
+    campaign = read_campaign(args.campaign, args.probe) if recorded else None
+    log = read_decisions(args.campaign, args.probe)
     last = log[-1] if log else None
     bench = None if args.bench is None else open_bench(load_bench(args.bench))
     feasible = anything if bench is None else feasible_on(bench)
@@ -65,7 +68,7 @@ def main(args: argparse.Namespace) -> int:
     shocks = [c.shock for c in decision.choices]
     protocol = as_protocol(shocks, max(recorded, planned), args.out.stem, str(goals), others)
     if recorded:
-        append_decision(args.campaign, log_entry(decision, goals, last, []))
+        append_decision(args.campaign, log_entry(decision, goals, last, [], probe=args.probe))
         write_loop_page(args.campaign)
     if decision.status == CONTINUE:
         write_whole(args.out, protocol_text(protocol), False)

@@ -25,6 +25,8 @@ class _Sealed:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    from shockrig.protocols.commands.plan import PROBE
+
     parser.epilog = (
         "A campaign that was interrupted goes on when the same command is run again. Ctrl-C makes the bench safe and "
         "keeps what was recorded; a second Ctrl-C ends at once."
@@ -33,6 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     loop = parser.add_argument_group("run adaptive: record, look, decide, until the goals are met")
     loop.add_argument("--until", metavar="GOALS", help='such as "alpha 0.2 %%, D 0.3 %%, ties decided, minutes 90"')
     loop.add_argument("--confirm", action="store_true", help="ask before each run: Enter, s vetoes, p pauses, a aborts")
+    loop.add_argument("--probe", metavar="NAME", help=PROBE)
     loop.add_argument("--add", metavar="RUNS.toml", type=Path, help="a protocol whose runs are recorded first")
     parser.add_argument(
         "--bench",
@@ -117,7 +120,7 @@ def _demand_goals(args: argparse.Namespace, adaptive: bool) -> None:
         raise BenchError(f"--until is missing: what shall be reached? e.g. --until {EXAMPLE!r}")
     if adaptive and args.dry_run:
         raise BenchError("--dry-run: nothing is planned ahead here; shockrig plan says what would be recorded first")
-    for name in () if adaptive else ("until", "confirm", "add"):
+    for name in () if adaptive else ("until", "confirm", "add", "probe"):
         if getattr(args, name):
             raise BenchError(f"--{name} is for shockrig run adaptive; leave it out")
 
@@ -273,7 +276,7 @@ def _loop(args: argparse.Namespace, bench: Any, say: Callable[[str], None]) -> A
     from shockrig.rig.protocol import load_protocol
 
     added = () if args.add is None else load_protocol(args.add).runs
-    return Loop(args.out, parse_goals(args.until), bench, say, added, args.confirm)
+    return Loop(args.out, parse_goals(args.until), bench, say, added, args.confirm, args.probe or "1")
 
 
 def _operator(out: Path, bench: Any) -> str | None:
