@@ -92,10 +92,11 @@ class HumidityProfile:
         return (temperature_c >= low) & (temperature_c <= high)
 
     def diffusivity_m2_s(self, temperature_c: float | np.ndarray, *, outside: str = "raise") -> tuple[Any, Any]:
-        """D and its standard uncertainty at `temperature_c`: ln D linear in 1/T between the table's rows.
+        """D and its standard uncertainty at `temperature_c`: ln D over 1/T bends between rows as the rows around say.
 
-        The uncertainty carries the rows' own and the curvature that a straight line between two rows cannot know (the
-        second difference of the rows around, zero at the rows themselves and for an Arrhenius law).
+        An Arrhenius law is a straight line. Where the rows bend, D may bend evenly between two of them or all at one
+        point: it lies between their chord and the continued chords beside it, and the uncertainty has that range in it
+        (none at the rows themselves). The rows' own uncertainties count as common to all of them: airs and airflow are.
 
         Parameters
         ----------
@@ -136,10 +137,9 @@ class HumidityProfile:
             left = np.clip(np.searchsorted(node_c, inside_c, side="right") - 1, 0, len(rows) - 2)
             weight = (x - node[left]) / (node[left + 1] - node[left])
             value = (1 - weight) * ln_d[left] + weight * ln_d[left + 1]
-            bend = _curvature(node, ln_d)
-            sag = 0.5 * np.maximum(bend[left], bend[left + 1]) * np.abs((x - node[left]) * (node[left + 1] - x))
-            rows_part = np.hypot((1 - weight) * relative[left], weight * relative[left + 1])
-            sigma = np.hypot(rows_part, sag / math.sqrt(3))
+            sag, spread = _between(node, ln_d, left, weight)
+            value = value + sag
+            sigma = np.hypot((1 - weight) * relative[left] + weight * relative[left + 1], spread)
         sigma = np.hypot(sigma, GROWTH_PER_KELVIN * np.abs(wanted - inside_c))
         diffusivity = np.exp(value)
         uncertainty = diffusivity * sigma
@@ -212,10 +212,22 @@ class Profile:
         return profile_card(self)
 
 
-def _curvature(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """|second derivative| of y(x) at each node, from divided differences; zero with fewer than three nodes."""
+def _between(x: np.ndarray, y: np.ndarray, left: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How far y(x) hangs from its chord between nodes `left` and the next, and how far it may be from there, one sigma.
+
+    `weight` is the place between the two, 0 to 1. Evenly bent it is a parabola; what bends one way lies between the
+    chord and the nearer of the two chords beside it, continued.
+    """
     if len(x) < 3:
-        return np.zeros(len(x))
-    slope = np.diff(y) / np.diff(x)
-    second = np.abs(np.diff(slope) / (0.5 * (x[2:] - x[:-2])))
-    return np.concatenate([second[:1], second, second[-1:]])
+        return np.zeros(weight.shape), np.zeros(weight.shape)
+    second = np.diff(np.diff(y) / np.diff(x)) / (0.5 * (x[2:] - x[:-2]))
+    second = np.concatenate([second[:1], second, second[-1:]])
+    width = x[left + 1] - x[left]
+    first, last = second[left] * width**2, second[left + 1] * width**2  # bends at both ends, in the unit of y
+    reach = np.minimum(np.abs(first) * weight, np.abs(last) * (1 - weight))
+    # the lesser of the two bends: beside a kink the other is not this stretch's own
+    bend = np.where(first * last > 0, np.sign(first) * np.minimum(np.abs(first), np.abs(last)), 0.0)
+    sag = -0.5 * weight * (1 - weight) * bend
+    # rectangular, about its own middle; to either side of the chord where the rows bend to both
+    middle, half = -0.5 * np.sign(bend) * reach, np.where(bend == 0, reach, 0.5 * reach)
+    return sag, np.hypot(half / math.sqrt(3), sag - middle)

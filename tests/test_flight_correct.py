@@ -186,7 +186,7 @@ def test_stated_uncertainty_holds_the_truth(scene):
     for channel in ("temperature", "humidity"):
         held = [s.coverage for s in table if (s.channel, s.method) == (channel, "smoother")]
         # air that is perfectly straight between corners is calmer than any prior dares to say: there it covers more
-        assert 0.92 <= np.mean(held) <= (0.98 if scene == "convective" else 0.995), held
+        assert 0.92 <= np.mean(held) <= (0.98 if scene == "convective" else 0.999), held
         own = [s for s in table if (s.channel, s.method) == (channel, "smoother")]
         stated, error = (rms([getattr(s, name) for s in own]) for name in ("stated", "rmse"))
         assert stated < 1.6 * error

@@ -4,18 +4,20 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from shockrig.analysis.flight.channel import Channel
 from shockrig.analysis.flight.coarse import within
 from shockrig.analysis.flight.comparisons import up_and_down
 from shockrig.analysis.flight.correct import correct
-from shockrig.analysis.flight.prior import RATES_PER_S, Prior, seen, spectra
+from shockrig.analysis.flight.prior import OU_VARIANCES, RATES_PER_S, Prior, spectra
 from shockrig.analysis.flight.response import Response, bead_response
 from shockrig.analysis.flight.scenes import to_flight
 from shockrig.analysis.flight.screen import Screened
 from shockrig.analysis.flight.sensor import fly
 from shockrig.analysis.flight.smooth_channel import estimate
 from shockrig.analysis.flight.smoother import Jumps, smooth
+from shockrig.analysis.flight.strengths import fit_prior, fit_windows, seen
 from shockrig.analysis.flight.typical import typical_profile
 from shockrig.analysis.flight.weather import Weather, convective
 from shockrig.analysis.physics.exchange import Stream
@@ -187,3 +189,50 @@ def test_ascent_against_descent_says_how_wrong_the_time_scale_is(slower):
     flight, channel = climbing(slower)
     level = dataclasses.replace(flight, altitude_m=np.full(flight.time_s.size, 100.0))
     assert up_and_down(level, channel) is None
+
+
+def _air(prior, period, count, rng):
+    """Air whose turbulence has a known strength, sampled from the model itself, shape (count,)."""
+    total = np.zeros(count)
+    for rate, variance in zip(RATES_PER_S, OU_VARIANCES, strict=True):
+        decay = np.exp(-rate * period)
+        drive = prior * np.sqrt(variance * (1 - decay**2)) * rng.standard_normal(count)
+        drive[0] = prior * np.sqrt(variance) * rng.standard_normal()
+        total += lfilter([1.0], [1.0, -decay], drive)
+    return total
+
+
+def test_weak_turbulence_that_no_segment_shows_alone_is_found_by_all_together():
+    """Air behind a lag of 2 s, in a noise that hides its turbulence above 0.05 Hz."""
+    period, size, rate, noise, strength = 0.1, 250, 0.5, 0.02, 0.003
+    ratios = []
+    for seed in range(12):
+        rng = np.random.default_rng([seed, 11])
+        air, decay = _air(strength, period, 2400, rng), np.exp(-rate * period)
+        lagged = lfilter([1.0 - decay], [1.0, -decay], air, zi=[decay * air[0]])[0]
+        values = lagged + noise * rng.standard_normal(2400)
+        starts = np.arange(0, 2400 - size + 1, size // 2)
+        segments, rows = values[starts[:, None] + np.arange(size)], np.ones((starts.size, 1))
+        response = Response(rows, rate * rows, np.zeros(starts.size))
+        common = fit_prior(segments, response, period, noise, spread=0.3)
+        ratios.append(np.log(np.median(fit_windows(segments, response, period, common).turbulence) / strength))
+    assert abs(np.mean(ratios)) < 0.25
+    assert np.std(ratios) < 0.5
+
+
+def test_where_another_sensor_saw_the_air_jump_a_small_jump_is_believed():
+    time_s, at_s, size = 0.1 * np.arange(600), 30.03, 0.15
+    rng = np.random.default_rng(3)
+    air = size * (time_s > at_s)
+    since = np.maximum(time_s - at_s, 0.0)
+    reading = size * (1.0 - np.exp(-0.3 * since)) + 0.02 * rng.standard_normal(600)
+    response = Response(np.ones((600, 1)), np.full((600, 1), 0.3), np.zeros(600))
+
+    def found(**known):
+        return estimate(time_s, reading, np.ones(600, dtype=bool), response, np.full(600, 0.02**2), **known)
+
+    alone, told = found(), found(jumps_s=np.array([at_s]))
+    assert alone.jumps_s.size == 0
+    np.testing.assert_allclose(told.jumps_s, [at_s], atol=1e-9)
+    near = np.abs(time_s - at_s) < 3.0
+    assert rms((told.air - air)[near]) < 0.5 * rms((alone.air - air)[near])

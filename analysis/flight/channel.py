@@ -47,6 +47,8 @@ class Readings:
         What reaches reading and air alike.
     rounding : ndarray (n,) or None
         Step of each reading, where it is coarser than the noise.
+    jumps_s : ndarray (j,) or None
+        Times at which a faster sensor saw the air jump.
     """
 
     channel: str
@@ -58,6 +60,7 @@ class Readings:
     delay_s: float = 0.0
     passing: Passing | None = None
     rounding: Array | None = None
+    jumps_s: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,8 @@ class Channel:
         Angular frequency above which the air is not resolved [1/s].
     cutoff_hz : float or None
         Low-pass of the method, where it has one.
+    jumps_s : ndarray (j,) or None
+        Times at which the air jumped.
     """
 
     name: str
@@ -95,6 +100,7 @@ class Channel:
     raw: Mask
     resolved_rate: float = 30.0
     cutoff_hz: float | None = None
+    jumps_s: Array | None = None
 
     @property
     def total_uncertainty(self) -> Array:
@@ -173,6 +179,7 @@ def judged(
         raw_rows,
         found.resolved_rate,
         found.cutoff_hz,
+        found.jumps_s,
     )
 
 

@@ -23,9 +23,10 @@ LEAST_SPEED_M_S = 0.3
 SPEED_OVER_S = 5.0
 LAYERS = 60
 EDGE = 20  # one in so many layers is left out at either end
-BLOCKS = 8  # of layers, left out in turn (jackknife)
+BLOCKS = 20  # of layers, left out in turn (jackknife): none holds a whole front
 SURE = 4.0  # standard errors from which a time scale counts as wrong
-BEYOND = 2.5  # times what the profile states
+BEYOND = 3.0  # times what the profile states
+EXPLAINED = 0.4  # of the difference's variance; less is the air's own, which changes between the two ways
 MOST = 1.0
 UNITS = {"temperature": "K", "humidity": "%RH"}
 
@@ -33,7 +34,7 @@ UNITS = {"temperature": "K", "humidity": "%RH"}
 @dataclass(frozen=True)
 class UpAndDown:
     """Ascent against descent: layers in common, rms difference as read and as corrected, the relative error of the time
-    scale that explains it best, and that number's standard error."""
+    scale that explains it best, that number's standard error, and the share of the difference's variance explained."""
 
     layers: int
     low_m: float
@@ -42,6 +43,7 @@ class UpAndDown:
     corrected: float
     slower: float
     slower_error: float
+    explained: float
 
 
 def up_and_down(flight: Flight, channel: Channel) -> UpAndDown | None:
@@ -70,7 +72,8 @@ def up_and_down(flight: Flight, channel: Channel) -> UpAndDown | None:
     corrected, read, lag = np.array(level[1]) - np.array(level[0])
     slower, error = _slope(lag, corrected)
     size = [float(np.sqrt(np.mean(v**2))) for v in (read, corrected)]
-    return UpAndDown(int(known.sum()), low, high, size[0], size[1], -slower, error)
+    explained = float(np.corrcoef(lag, corrected)[0, 1] ** 2) if np.ptp(lag) and np.ptp(corrected) else 0.0
+    return UpAndDown(int(known.sum()), low, high, size[0], size[1], -slower, error, explained)
 
 
 def compared(
@@ -89,7 +92,8 @@ def compared(
             )
             stated = _stated(channel)
             wrong = min(abs(both.slower), MOST)
-            if wrong > SURE * both.slower_error and wrong > BEYOND * stated:
+            sure = wrong > SURE * both.slower_error and both.explained > EXPLAINED
+            if sure and wrong > BEYOND * stated:
                 way = "slower" if both.slower > 0 else "faster"
                 notes.append(
                     f"{channel.name}: they agree best if the sensor is {100 * wrong:.0f} % {way} than the profile "

@@ -46,6 +46,7 @@ def _smoother(readings: Readings, cutoff_hz: float | None = None) -> Estimate:
         readings.delay_s,
         readings.passing,
         readings.rounding,
+        readings.jumps_s,
     )
 
 

@@ -88,7 +88,9 @@ def correct_humidity(
         passing = Passing(percent_per_k * error, bead.resolved_rate, coupling)
     variance = (np.hypot(noise, screened.resolution / np.sqrt(12)) / plain.gain * to_vapour) ** 2
     steps = coarse(screened.resolution, noise, to_vapour / plain.gain)
-    readings = Readings("humidity", time_s, vapour, screened.usable, response, variance, plain.delay_s, passing, steps)
+    readings = Readings(
+        "humidity", time_s, vapour, screened.usable, response, variance, plain.delay_s, passing, steps, bead.jumps_s
+    )
     found = solve(readings, cutoff_hz)
     outside = ~part.covers(now) | unseen(part.discovered, stream.airflow_m_s, now)
     channel = judged(readings, found, plain, screened, outside, raw, from_vapour, notes)

@@ -29,6 +29,9 @@ SETTLED = 4.0  # time constants after which a jump's place no longer shows
 LONGEST_HIDDEN = 10  # samples
 RAMPS = (2, 4, 7, 12, 20)  # samples: half of what a change may take that looks like a jump
 PLACES = (0.1, 0.3, 0.5, 0.7, 0.9)  # shares of the step
+KNOWN_SIGMAS = 2.0
+KNOWN_APART = 3.0  # samples within which a jump that another sensor saw is the same one
+BELIEVED = 4.5  # of log-likelihood that it may cost: three sigmas
 
 
 def none(count: int) -> Jumps:
@@ -36,20 +39,34 @@ def none(count: int) -> Jumps:
     return Jumps(np.zeros((count, 2)), np.full(count, 0.5))
 
 
+def when(track: Track, jumps: Jumps) -> Array:
+    """Times [s] of the jumps of the air itself, not of its slope."""
+    nodes = np.flatnonzero(jumps.variance[:, 0])
+    return track.time_s[nodes] - (1.0 - jumps.place[nodes]) * track.period_s
+
+
 def with_jumps(
-    track: Track, values: Array, variance: Array, local: Prior, refit: Callable[[Array], Prior]
+    track: Track,
+    values: Array,
+    variance: Array,
+    local: Prior,
+    refit: Callable[[Array], Prior],
+    known_s: Array,
 ) -> tuple[Sweep, Prior, Jumps]:
-    """Sweep, strengths (fitted anew by `refit` to the readings without the jumps) and the jumps."""
+    """Sweep, strengths (fitted anew by `refit` to the readings without the jumps) and the jumps.
+
+    `known_s` (j,) are times at which a faster sensor saw the air jump: there, if anywhere near.
+    """
     jumps = none(values.size)
     found = swept(track, values, variance, local, jumps)
     typical = Prior(*(np.full(values.size, np.median(s)) for s in (local.turbulence, local.bend, local.noise)))
     for number in range(ROUNDS):
-        places = _places(found.jump_score)
+        places = _places(track, found.jump_score, known_s if number == 0 else np.zeros(0))
         if not places.size or np.count_nonzero(jumps.variance) + places.size > MOST:
             break
         for k in places:
             # before air as calm as it is elsewhere, a jump has its place most sharply
-            jumps = _best(track, values, variance, typical, jumps, int(k), found.jump[k])
+            jumps = _best(track, values, variance, typical, jumps, int(k), found.jump[k], known_s)
         found = swept(track, values, variance, local, jumps, found, np.asarray(jumps.variance.any(axis=1)))
         if number == 0:
             local = refit(_without(track, values, found, jumps))
@@ -57,17 +74,28 @@ def with_jumps(
     return found, local, jumps
 
 
-def _places(score: Array) -> NDArray[np.int64]:
-    """Nodes whose score is beyond chance and the largest around."""
+def _places(track: Track, score: Array, known_s: Array) -> NDArray[np.int64]:
+    """Nodes whose score is beyond chance and the largest around; less will do where the air is known to have jumped."""
     size = np.abs(np.nan_to_num(score)).max(axis=1)
-    places = []
+    at = np.unique(np.minimum(np.searchsorted(track.time_s, known_s), size.size - 1))
+    places = [int(k) for k in at if size[max(k - 1, 0) : k + 2].max() > KNOWN_SIGMAS]
     for k in np.flatnonzero(size > JUMP_SIGMAS):
-        if size[k] >= size[max(k - APART, 0) : k + APART + 1].max():
+        alone = all(abs(k - other) > APART for other in places)
+        if alone and size[k] >= size[max(k - APART, 0) : k + APART + 1].max():
             places.append(int(k))
     return np.array(places, dtype=np.int64)
 
 
-def _best(track: Track, values: Array, variance: Array, local: Prior, jumps: Jumps, near: int, size: Array) -> Jumps:
+def _best(
+    track: Track,
+    values: Array,
+    variance: Array,
+    local: Prior,
+    jumps: Jumps,
+    near: int,
+    size: Array,
+    known_s: Array,
+) -> Jumps:
     """The jumps with one more near a node: of the air, of its slope, or a ramp; `size` (2,) as found, placed where it
     makes the readings most likely."""
     most = min(float(np.ptp(values)), WIDEST * float(local.noise[near]))
@@ -86,6 +114,11 @@ def _best(track: Track, values: Array, variance: Array, local: Prior, jumps: Jum
             one.variance[k, kind], one.place[k] = height**2, place
         tried.append(one)
 
+    apart = np.abs(known_s - track.time_s[near]) / track.period_s
+    for at_s in known_s[apart <= KNOWN_APART]:
+        k = min(int(np.searchsorted(track.time_s, at_s)), values.size - 1)
+        try_with((k, 0, size[0], float(np.clip(1.0 - (track.time_s[k] - at_s) / track.period_s, 0.0, 1.0))))
+    known = len(tried)
     for beside in STEPS:
         for place in PLACES:
             try_with((near + beside, 0, size[0], place))
@@ -96,7 +129,10 @@ def _best(track: Track, values: Array, variance: Array, local: Prior, jumps: Jum
             try_with((near + beside - half, 1, slope, 0.5), (near + beside + half, 1, slope, 0.5))
     if not tried:
         return jumps
-    best = tried[int(np.argmin(costs(track, values, variance, local, tried, nodes)))]
+    cost = costs(track, values, variance, local, tried, nodes)
+    if known and cost[:known].min() <= cost.min() + BELIEVED:
+        return tried[int(np.argmin(cost[:known]))]
+    best = tried[int(np.argmin(cost))]
     added = np.flatnonzero((best.variance != jumps.variance).any(axis=1))
     if added.size > 1 or not best.variance[added[0], 0]:
         return best

@@ -3,22 +3,16 @@ again."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.flight.coarse import propagated
-from shockrig.analysis.flight.jumps import with_jumps
-from shockrig.analysis.flight.prior import (
-    Passing,
-    Prior,
-    fit_prior,
-    fit_windows,
-    gain_squared,
-    spectra,
-)
+from shockrig.analysis.flight.jumps import when, with_jumps
+from shockrig.analysis.flight.prior import Passing, Prior, gain_squared, spectra
 from shockrig.analysis.flight.response import Response
+from shockrig.analysis.flight.strengths import fit_prior, fit_windows
 from shockrig.analysis.flight.sweep import Track, swept, windows
 
 Array = NDArray[np.float64]
@@ -30,7 +24,7 @@ PER_LAG = 0.5  # of the sensor's lag: over longer steps the air is not straight,
 MOST_PARTS = 5
 ODD = 8.0  # times the usual
 NOISE_SPREAD = 0.3  # ln of how far the noise may be from what is expected
-SPARSE = 0.75  # share of nodes with a sample, below which the bridges are left out of the judgement
+SPARSE = 0.97  # share of nodes with a sample, below which the bridges are left out of the judgement
 
 
 @dataclass(frozen=True)
@@ -40,7 +34,7 @@ class Estimate:
 
     `noise_factor`: fitted over expected noise, one sigma; `cutoff_hz`: of the low-pass, where the method has one;
     `resolved_rate`: angular frequency [1/s] above which the air is not resolved; `amplified`: variance of the reading's
-    noise in an inverse's air.
+    noise in an inverse's air; `jumps_s`: times at which the air jumped, where the method looks for them.
     """
 
     air: Array
@@ -50,6 +44,7 @@ class Estimate:
     cutoff_hz: float | None = None
     resolved_rate: float = 30.0
     amplified: float = 0.0
+    jumps_s: Array = field(default_factory=lambda: np.zeros(0))
 
 
 def estimate(
@@ -61,6 +56,7 @@ def estimate(
     delay_s: float = 0.0,
     passing: Passing | None = None,
     rounding: Array | None = None,
+    jumps_s: Array | None = None,
 ) -> Estimate:
     """Smooth one channel.
 
@@ -78,6 +74,8 @@ def estimate(
         With `sigma` for each row.
     rounding : (n,), optional
         Step of each reading where it is coarser than the noise; `noise_variance` has its variance, step^2 / 12, in it.
+    jumps_s : (j,), optional
+        Times at which a faster sensor saw the air jump.
     """
     between = typical_period(time_s)
     parts = int(np.clip(round(between / (PER_LAG * response.slowest_s)), 1, MOST_PARTS))
@@ -115,15 +113,20 @@ def estimate(
             return _local_priors(values, along, period, noise, through, 1, spread)
         # bridges would pass for calm air: the samples alone, as if they were evenly spaced
         steps = np.diff(node_time[rows])
-        spacing = float(np.mean(steps[steps <= 5 * np.median(steps)]))
+        long = steps > 5 * np.median(steps)
+        spacing = float(np.mean(steps[~long]))
+        # of what the air did in a long gap, as much as it does between two samples
+        extra = np.where(long, np.diff(values[rows]) * (1.0 - spacing / steps), 0.0)
+        seen = values[rows] - np.concatenate([[0.0], np.cumsum(extra)])
         some = None if through is None else replace(through, sigma=through.sigma[rows])
-        own = _local_priors(values[rows], along.at(rows), spacing, noise[rows], some, parts, spread)
+        own = _local_priors(seen, along.at(rows), spacing, noise[rows], some, parts, spread)
         return Prior(*(np.interp(node_time, node_time[rows], value) for value in (own.turbulence, own.bend, own.noise)))
 
     local = priors(bridged)
     noise_factor = float(local.noise[0]) / expected if rounding is None else 1.0
     variance = np.where(measured, noise_variance[nearest] * noise_factor**2, np.inf)
-    found, local, jumps = with_jumps(track, bridged, variance, local, priors)
+    known_s = np.zeros(0) if jumps_s is None else jumps_s
+    found, local, jumps = with_jumps(track, bridged, variance, local, priors, known_s)
     if rounding is not None:
         steps = rounding[nearest]
         own = np.sqrt(np.maximum(noise_variance[nearest] - steps**2 / 12.0, 0.0))
@@ -134,7 +137,7 @@ def estimate(
     air, node_variance, clean = (np.interp(time_s, node_time, v) for v in (found.air, found.variance, found.clean))
     typical = Prior(*np.median([local.turbulence, local.bend, local.noise], axis=1)[:, None])
     rate = _resolved_rate(typical, along.at(slice(len(along.rate) // 2, len(along.rate) // 2 + 1)), period)
-    return Estimate(air, node_variance, clean, noise_factor, resolved_rate=rate)
+    return Estimate(air, node_variance, clean, noise_factor, resolved_rate=rate, jumps_s=when(track, jumps))
 
 
 def typical_period(time_s: Array) -> float:
