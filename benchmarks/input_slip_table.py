@@ -35,6 +35,7 @@ F, FRACTION, MS = ("fahrenheit",), ("fraction_for_percent",), ("milliseconds",)
 AIRS, SENSORS, COLUMNS = ("airs_swapped",), ("sensors_swapped",), ("columns_swapped",)
 DEAD, RAIL, START, COPY = ("dead_sensor",), ("saturated_sensor",), ("start_disagrees",), ("run_copied",)
 DEAD_OR_RAIL = (*DEAD, *RAIL)
+STOOD = ("airs_disagree",)
 OTHER, LATE = ("another_sensor",), ("clock_late",)
 
 
@@ -83,6 +84,8 @@ SLIPS = (
     Slip("milliseconds: start_s", MS, every(start(milli))),
     Slip("source and destination swapped in one run", AIRS, one_of(swapped_airs)),
     Slip("source and destination swapped in all", AIRS, every(swapped_airs)),
+    Slip("airs of another run, 10 K off, in one run", STOOD, one_of(airs(temperature=lambda x: x + 10.0))),
+    Slip("airs 25 %RH off in a third of the runs", STOOD, share_of(airs(humidity=lambda x: x - 25.0), 1 / 3)),
     Slip("sensors swapped", SENSORS, every(swapped_sensors)),
     Slip("sensors swapped in one run", SENSORS, one_of(swapped_sensors)),
     Slip("sensors swapped, airs not stated", SENSORS, every(swapped_sensors, without("airs"))),

@@ -33,7 +33,7 @@ __all__ = ["Bench", "ConnectionFault", "ConnectionFaults", "default_bench", "loa
 
 XF_FILM = "8"  # id of an iMet-XF's lines with its first HYT-271
 REMEDIES = {
-    errno.ENOENT: "there is no such device: check the bench file, that it is plugged in, and that I2C is switched on",
+    errno.ENOENT: "there is no such port: check that it is plugged in, and its name in the bench file (shockrig scan)",
     errno.EACCES: "the system refuses access: add yourself to the groups dialout and i2c, then log in again",
     errno.EBUSY: "another program has it: end that one",
     errno.EAGAIN: "another program has it: end that one",
@@ -42,6 +42,16 @@ REMEDIES = {
     errno.EIO: "nobody answers: check supply, wiring and address",
     errno.ETIMEDOUT: "the bus is held: check wiring and pull-ups, then switch the supply off and on",
 }
+
+
+NO_BUS = "there is no such bus: switch I2C on (raspi-config, or the overlay of that bus), and check its number"
+
+
+def _remedy(error: OSError, device: str) -> str:
+    """What helps where a device cannot be opened."""
+    if error.errno == errno.ENOENT and " at 0x" in device:  # what has an address is on a bus
+        return NO_BUS
+    return REMEDIES.get(error.errno or 0, "check cable and supply")
 
 
 @dataclass
@@ -123,11 +133,12 @@ class Bench:
                 part.open()
             except OSError as error:
                 own = isinstance(error, RigError)  # says the remedy itself
-                remedy = "" if own else REMEDIES.get(error.errno or 0, "check cable and supply")
+                device = self.devices.get(name, name)
+                remedy = "" if own else _remedy(error, device)
                 cause = error.strerror or str(error)
                 if error.errno and "[Errno" in cause:  # pyserial's own words name the port and the error twice
                     cause = os.strerror(error.errno)
-                faults.append(ConnectionFault(self.devices.get(name, name), cause, remedy))
+                faults.append(ConnectionFault(device, cause, remedy))
         if faults:
             raise ConnectionFaults(faults)
 

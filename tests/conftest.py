@@ -1,6 +1,14 @@
-"""Every test process computes in one thread: two workers with a thread per core each only wait for one another."""
+"""Every test process computes in one thread: two workers with a thread per core each only wait for one another.
+
+And no test depends on how busy the machine is: examples may take as long as they take.
+"""
 
 import os
 
+from hypothesis import HealthCheck, settings
+
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")
+
+settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("busy")

@@ -106,6 +106,26 @@ def test_two_faults_are_said_as_two(pairs):
     assert sorted(kinds(spoiled)) == ["airs_swapped", "fahrenheit"]
 
 
+def test_airs_in_which_the_probes_did_not_stand_are_said(pairs):
+    """A source 15 K off: its run is left out where others agree, and said where it is the only one."""
+    _, campaign, _ = pairs
+
+    def moved(run):
+        return replace(run, source=replace(run.source, temperature_c=run.source.temperature_c + 15.0))
+
+    downwards = [run.source.temperature_c - run.destination.temperature_c > 5.0 for run in campaign.runs]
+    which = downwards.index(True)
+    spoiled = slips.each(campaign, moved, lambda i: i == which)
+    (finding,) = check_campaign(spoiled)
+    wrong = spoiled.runs[which]
+    assert (finding.kind, finding.channel, finding.severity) == ("airs_disagree", "temperature", "stop")
+    assert finding.runs == (wrong.id,)
+    assert f"which is said to have {wrong.source.temperature_c:.1f} °C" in finding.sentence
+    (alone,) = check_campaign(replace(spoiled, runs=[wrong]))
+    assert (alone.kind, alone.severity) == ("airs_disagree", "warn")
+    assert check_campaign(slips.each(spoiled, slips.without("start"))) == ()
+
+
 def test_a_wrong_length_counts_only_where_it_is_stated():
     runs = [lag(1.0, noise=0.01, seed=i, name=f"{i}") for i in range(4)]
     assert kinds(thermometer(*runs, bead_radius_m=0.4)) == ["length_in_millimetres"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+from shockrig.analysis.checks.airs import airs_disagree
 from shockrig.analysis.checks.clocks import clocks_without_starts, starts_and_clocks
 from shockrig.analysis.checks.copies import copied_runs
 from shockrig.analysis.checks.finding import InputFinding
@@ -36,6 +37,7 @@ CHECKS: tuple[Callable[[View], Iterable[InputFinding]], ...] = (
     copied_runs,
     starts_and_clocks,
     clocks_without_starts,
+    airs_disagree,
     response_times,
 )
 

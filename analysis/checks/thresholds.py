@@ -44,6 +44,8 @@ THRESHOLDS: dict[str, Threshold] = {
         2.0, "K", "smallest stated step in which swapped airs show", "self-heating, calibration: 1.3 K"
     ),
     "swap_percent": Threshold(8.0, "%RH", "the same of humidity", "calibration and hysteresis: 6 %RH"),
+    "stood_k": Threshold(4.0, "K", "a sensor at rest stands this near its air", "as agree_k, and as a bench's runs"),
+    "stood_percent": Threshold(12.0, "%RH", "the same of humidity", "clipped, 10 %RH; as a bench's runs"),
     # dead and saturated sensors
     "dead_share": Threshold(0.995, "1", "equal readings of a dead sensor", "the rest before it died"),
     "dead_air_step_k": Threshold(2.0, "K", "a step that every live sensor shows", "the coarsest resolution is 0.2 K"),

@@ -81,6 +81,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
+    from shockrig.analysis.checks import check_campaign
+    from shockrig.files.campaign import read_campaign
     from shockrig.rig.csv_series import CsvLayout, read_series
     from shockrig.rig.errors import BenchError
     from shockrig.rig.import_csv import RunFacts, import_run
@@ -141,6 +143,9 @@ def main(args: argparse.Namespace) -> int:
         print(f"{name}: {len(one.time_s)} readings over {one.time_s[-1] - one.time_s[0]:.1f} s", file=sys.stderr)
         if left_out:
             print(f"{name}: left out {left_out}", file=sys.stderr)
+    for finding in check_campaign(read_campaign(args.out)):
+        if id_ in finding.runs:
+            print(f"input: {finding.sentence}", file=sys.stderr)
     if args.start is None:
         print("no --start: the time of the transfer will be estimated from the data", file=sys.stderr)
     print(args.out / "runs" / id_)

@@ -1,0 +1,97 @@
+"""Stated airs that are not those in which the probes stood: each end of a run, where a sensor was at rest in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from shockrig.analysis.checks.finding import InputFinding
+from shockrig.analysis.checks.signals import (
+    CHANNEL_OF,
+    COLUMNS,
+    FILES,
+    HUMIDITY,
+    TEMPERATURE,
+    UNITS,
+    Seen,
+    View,
+    stated,
+)
+from shockrig.analysis.checks.thresholds import limit
+
+QUARTERS = 4  # of a rest, of which the last is what a sensor read there
+LEAST_READINGS = 8
+LEFT = 0.75  # share of a sensor's runs with which nothing else is wrong
+
+
+def airs_disagree(view: View) -> Iterator[InputFinding]:
+    """Runs in which a sensor stood further from its stated air than calibration, heat and water explain.
+
+    Where most runs agree with their airs these are wrong, and stop; where hardly any does it may be the sensor.
+    """
+    for column in (TEMPERATURE, HUMIDITY):
+        off, agree = {}, 0
+        recorded = sum(getattr(run, COLUMNS[column][0]) is not None for run in view.campaign.runs)
+        if len(view.column(column)) < LEFT * recorded:
+            continue  # what stopped the others is what is wrong with the sensor
+        for seen in view.column(column):
+            found = [place for place in (_source(seen), _destination(seen)) if place is not None]
+            wrong = [said for said, far in found if far]
+            if wrong:
+                off[seen.run.id] = wrong[0]
+            elif found:
+                agree += 1
+        if off:
+            certain = agree >= 2 * len(off)
+            first, said = next(iter(off.items()))
+            yield InputFinding(
+                "airs_disagree",
+                CHANNEL_OF[column],
+                tuple(off),
+                "stop" if certain else "warn",
+                f"The airs in run.json of {view.words(off)} are not those in which the probes stood (in run {first} "
+                f"{FILES[column]} {said}): correct them, or record these runs again.",
+            )
+
+
+def _source(seen: Seen) -> tuple[str, bool] | None:
+    """What is to be said of the air that a run begins in, and whether it disagrees; None where it tells nothing."""
+    source, start_s = stated(seen.run, seen.column)[0], seen.run.start_s
+    if source is None or start_s is None or seen.run.air is not None:
+        return None
+    stood = _at_rest(seen, seen.time_s < start_s)
+    return None if stood is None else _judged(seen, "source", stood, source, 0.0)
+
+
+def _destination(seen: Seen) -> tuple[str, bool] | None:
+    source, destination = stated(seen.run, seen.column)
+    if destination is None or seen.run.start_s is None or seen.run.air is not None:
+        return None
+    half = 0.5 * (seen.run.start_s + float(seen.time_s[-1]))
+    stood = _at_rest(seen, seen.time_s > half)
+    on_the_way = 0.5 * abs(destination - source) if source is not None else 0.0
+    return None if stood is None else _judged(seen, "destination", stood, destination, on_the_way)
+
+
+def _judged(seen: Seen, place: str, stood: float, air: float, on_the_way: float) -> tuple[str, bool]:
+    unit = UNITS[seen.column]
+    far = abs(stood - air) > _allowed(seen) + on_the_way
+    return f"stands at {stood:.1f} {unit} in the {place} air, which is said to have {air:.1f} {unit}", far
+
+
+def _allowed(seen: Seen) -> float:
+    return limit("stood_percent" if seen.column == HUMIDITY else "stood_k")
+
+
+def _at_rest(seen: Seen, there: np.ndarray) -> float | None:
+    """What a sensor read at the end of a rest; None where it had not come to one, for all that its own pace tells."""
+    time, value = seen.time_s[there], seen.value[there]
+    if value.size < LEAST_READINGS:
+        return None
+    parts = [float(np.median(part)) for part in np.array_split(value, QUARTERS)]
+    drift = abs(parts[-1] - parts[-2]) / max(float(time[-1] - time[0]) / QUARTERS, 1e-9)
+    rise_s = seen.crossing_s(0.63) - seen.crossing_s(0.1) if seen.moves else 0.0
+    window_s = float(time[-1] - time[0])
+    # A slow sensor that drifts no faster than noise may still be far from where it goes.
+    return parts[-1] if drift * max(3.0 * rise_s, window_s) < 0.25 * _allowed(seen) else None
