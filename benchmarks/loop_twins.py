@@ -2,6 +2,9 @@
 
 A poor start, one airflow and one direction, with one of a pair of look-alikes hidden; then runs one by one until the
 decision is to stop, 12 at most. Right: that effect alone is named. Wrong: another one is. The rest is inconclusive.
+`right_after` is after how many added runs the look names it alone, with nothing tied or left, and does so from then on: for
+random runs and repeats too, which may never vary what the decision to stop wants varied. Random runs are those of the
+menu that move the channel on trial.
 Each world is a line of JSON in the results file; what is there is not run again.
 
     python benchmarks/loop_twins.py --seeds 1 --out benchmarks/results/loop_twins.jsonl
@@ -73,6 +76,7 @@ def world(pair: int, seed: int, how: str) -> dict:
         for i, shock in enumerate(START):
             record(Shock(**{**vars(shock), "irradiance_w_m2": light if i == 0 and light else 0.0}))
         decision, kinds, tied, log, evidence = None, [], False, None, []
+        right_after = None
         waiting = Waiting()
         while True:
             if how == LATER:
@@ -85,11 +89,17 @@ def world(pair: int, seed: int, how: str) -> dict:
                 if was_tied and came and came["expected_evidence"] is not None:
                     evidence.append([round(came["expected_evidence"], 2), round(came["evidence"], 2)])
             tied = tied or bool(decision.tied)
+            now = decision.verdicts[channel]
+            if now.named != (hidden,) or now.tied or now.verdict != "explained":
+                right_after = None
+            elif right_after is None:
+                right_after = len(kinds)
             if decision.status != CONTINUE or len(kinds) >= MOST:
                 break
             shock = decision.choices[0].shock
             if how == RANDOM:
                 menu = deciding_menu([20.0, 40.0], Usual(other=Surroundings((), (light,) if light else ())))
+                menu = [one for one in menu if one.isothermal == (channel == RH)]
                 shock = menu[int(rng.integers(len(menu)))]
             elif how == REPEATS:
                 shock = START[2] if channel == RH else START[6]
@@ -99,7 +109,7 @@ def world(pair: int, seed: int, how: str) -> dict:
     done = decision.status == "done"
     right, wrong = done and named == [hidden], done and any(e != hidden for e in named)
     return {
-        "pair": both, "channel": channel, "hidden": hidden, "seed": seed, "how": how, "added": len(kinds),
+        "pair": both, "channel": channel, "hidden": hidden, "seed": seed, "how": how, "added": len(kinds), "right_after": right_after,
         "minutes": round(bench.minutes, 1), "waited_s": round(waiting.waited_s, 1), "named": named,
         "tied": decision.tied, "was_tied": tied,
         "outcome": "right" if right else "wrong" if wrong else "missed" if done else "inconclusive",
@@ -119,10 +129,13 @@ def summary(results: Iterable[dict]) -> str:
     for how in (ADAPTIVE, LATER, RANDOM, REPEATS):
         own = [r for r in found if r["how"] == how]
         if own:
+            after = [MOST + 1 if r.get("right_after") is None else r["right_after"] for r in own if "right_after" in r]
             counts = {o: sum(r["outcome"] == o for r in own) for o in ("right", "wrong", "missed", "inconclusive")}
             added = np.median([r["added"] if r["outcome"] == "right" else MOST + 1 for r in own])
             said = ", ".join(f"{n} {o}" for o, n in counts.items())
             lines.append(f"{how:9} {len(own)} worlds: {said}; median of added runs {added:g} (not decided: {MOST + 1})")
+            if after:
+                lines.append(f"  right from then on after {np.median(after):g} added runs, median of {len(after)}")
         if own and how == LATER:
             shares = [r["waited_s"] / 60.0 / r["minutes"] for r in own]
             lines.append(f"  the bench waited {np.median(shares):.1%} of its time, at most {max(shares):.1%}")
