@@ -2,9 +2,9 @@
 
 A poor start, one airflow and one direction, with one of a pair of look-alikes hidden; then runs one by one until the
 decision is to stop, 12 at most. Right: that effect alone is named. Wrong: another one is. The rest is inconclusive.
-`right_after` is after how many added runs the look names it alone, with nothing tied or left, and does so from then on: for
-random runs and repeats too, which may never vary what the decision to stop wants varied. Random runs are those of the
-menu that move the channel on trial.
+`right_after` is after how many added runs a look names it alone, with nothing tied or left, and does so from then on:
+for random runs and repeats too, which may never vary what the decision to stop wants varied. Random runs are those of
+the menu that move the channel on trial.
 Each world is a line of JSON in the results file; what is there is not run again.
 
     python benchmarks/loop_twins.py --seeds 1 --out benchmarks/results/loop_twins.jsonl
@@ -109,7 +109,8 @@ def world(pair: int, seed: int, how: str) -> dict:
     done = decision.status == "done"
     right, wrong = done and named == [hidden], done and any(e != hidden for e in named)
     return {
-        "pair": both, "channel": channel, "hidden": hidden, "seed": seed, "how": how, "added": len(kinds), "right_after": right_after,
+        "pair": both, "channel": channel, "hidden": hidden, "seed": seed, "how": how, "added": len(kinds),
+        "right_after": right_after,
         "minutes": round(bench.minutes, 1), "waited_s": round(waiting.waited_s, 1), "named": named,
         "tied": decision.tied, "was_tied": tied,
         "outcome": "right" if right else "wrong" if wrong else "missed" if done else "inconclusive",
