@@ -51,7 +51,6 @@ def shown(tmp_path_factory):
     return home / "out", out.getvalue(), err.getvalue()
 
 
-@pytest.mark.timeout(400)  # a recording, two characterizations and a diagnosis
 def test_the_air_film_is_found_and_the_first_line_says_so(shown):
     out, printed, _ = shown
     truth, seed = open_seal(out / "campaign.sealed")
@@ -63,7 +62,6 @@ def test_the_air_film_is_found_and_the_first_line_says_so(shown):
     assert f"hidden {true:.4g}, found " in printed
 
 
-@pytest.mark.timeout(400)
 def test_the_extended_alpha_is_the_materials_where_the_plain_one_is_not(shown):
     out, _, _ = shown
     truth, _ = open_seal(out / "campaign.sealed")
@@ -76,7 +74,6 @@ def test_the_extended_alpha_is_the_materials_where_the_plain_one_is_not(shown):
     assert abs(alpha["extended"]["value"] - true) < 4 * alpha["extended"]["standard_uncertainty"] < true
 
 
-@pytest.mark.timeout(400)
 def test_progress_is_on_standard_error_and_every_path_that_is_printed_exists(shown):
     out, printed, progress = shown
     assert [line[0] for line in progress.splitlines() if " of 5: " in line] == ["1", "2", "3", "4", "5"]

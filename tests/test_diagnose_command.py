@@ -216,7 +216,7 @@ def test_ctrl_c_ends_all_processes_with_one_line_and_leaves_nothing(interrupt, t
             pass
         interrupt(process.pid, signal.SIGINT)
         # the pipes are at their end when the last process has closed them
-        printed, errors = process.communicate(timeout=60)
+        printed, errors = process.communicate(timeout=120)
     assert process.returncode == 130 and printed == ""
     assert "Traceback" not in errors and errors.splitlines()[-1].endswith("stopped by Ctrl-C")
     assert [path.name for path in tmp_path.iterdir()] == ["bead"]

@@ -44,7 +44,7 @@ def emulating(tmp_path, *arguments):
             yield process
         finally:
             process.send_signal(signal.SIGINT)
-            process.wait(timeout=30)
+            process.wait(timeout=120)
 
 
 def with_bus(tmp_path):
@@ -71,7 +71,7 @@ def test_unmodified_i2c_tools_read_the_sensor(tmp_path):
     with emulating(tmp_path, "hyt-271", "--source", "25,60", "--truth", str(tmp_path / "truth.csv")):
 
         def run(*command):
-            return subprocess.run(command, env=with_bus(tmp_path), capture_output=True, text=True, timeout=60)
+            return subprocess.run(command, env=with_bus(tmp_path), capture_output=True, text=True, timeout=300)
 
         grid = run("i2cdetect", "-y", "1").stdout
         assert re.findall(r"\b28\b", grid) and grid.count("--") > 100
@@ -115,7 +115,7 @@ bus.close()
             env=with_bus(tmp_path),
             capture_output=True,
             text=True,
-            timeout=60,
+            timeout=300,
         )
     first, number = done.stdout.splitlines()
     fresh, again, mode, note = first.split()
@@ -133,7 +133,7 @@ def test_unmodified_cat_reads_lines_and_nothing_from_before_it_opened(tmp_path):
     link = tmp_path / "tty"
     with emulating(tmp_path, "imet-xf", "--link", str(link), "--rate-hz", "20", "--humidity") as process:
         assert str(link) in process.hello
-        speed = subprocess.run(["stty", "-F", str(link), "speed"], capture_output=True, text=True, timeout=60)
+        speed = subprocess.run(["stty", "-F", str(link), "speed"], capture_output=True, text=True, timeout=300)
         assert speed.returncode == 0
         time.sleep(1.0)  # what is said now, nobody hears
         before_s, heard = time.monotonic(), b""

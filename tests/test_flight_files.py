@@ -325,7 +325,7 @@ def test_a_simulation_that_the_disk_has_no_room_for_leaves_nothing(tmp_path, out
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=300,
     )
     assert done.returncode == 2 and "File too large" in done.stderr and done.stderr.count("\n") == 1
     assert sorted(tmp_path.rglob("*")) == before and (tmp_path / "there/flight.csv").read_text() == "an older one"

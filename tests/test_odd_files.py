@@ -26,7 +26,7 @@ from shockrig.protocols.folder import whole_folder
 from shockrig.rig.virtual.hide import open_seal, seal
 from shockrig.rig.virtual.truth import draw_truth
 
-pytestmark = pytest.mark.timeout(60)
+pytestmark = pytest.mark.timeout(300)
 
 PROFILE = {
     "format": "sensor-profile/1",
@@ -254,7 +254,7 @@ def test_names_of_any_bytes_are_names_in_any_locale(tmp_path):
                 cwd=tmp_path,
                 env={k: v for k, v in os.environ.items() if not k.startswith("LC_")} | settings,
                 capture_output=True,
-                timeout=60,
+                timeout=300,
             )
             assert (done.returncode, done.stderr) == (0, b"")
             assert b"2 runs recorded" in done.stdout
@@ -421,7 +421,7 @@ with whole_folder(Path("o")) as folder:
 
 def test_what_a_killed_command_left_is_cleared_away_by_the_next(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    subprocess.run([sys.executable, "-c", KILLED, "SIGKILL"], timeout=60)
+    subprocess.run([sys.executable, "-c", KILLED, "SIGKILL"], timeout=300)
     assert [name for name in entries(".") if name.endswith("half")]
     with whole_folder(Path("o")) as held, whole_folder(Path("o2")) as folder:
         assert [entry.name for entry in Path().iterdir() if entry.name.startswith(".o.")] == [held.name]

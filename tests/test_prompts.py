@@ -28,7 +28,7 @@ from shockrig.rig.operator import KEYS, ConsoleOperator
 from shockrig.rig.recorder import read_state
 from shockrig.rig.watch.follow import Follower
 
-pytestmark = pytest.mark.timeout(120)
+pytestmark = pytest.mark.timeout(300)
 ROOT = Path(__file__).parents[1]
 # Emulated sensors that lie in their room, 20 degC and 50 %RH, in real time; everything else is a person's.
 BENCH = """
@@ -99,7 +99,7 @@ class Terminal:
         os.close(slave)
         self.said, self._from = "", 0
 
-    def wait_for(self, text, within_s=60.0):
+    def wait_for(self, text, within_s=200.0):
         """Wait until something new is said that has this text."""
         deadline_s = time.monotonic() + within_s
         while text not in self.said[self._from :]:
@@ -120,7 +120,7 @@ class Terminal:
             self.wait_for(prompt)
             self.type(with_)
 
-    def end(self, within_s=60.0):
+    def end(self, within_s=200.0):
         """The exit status, with all that was said until then read."""
         deadline_s = time.monotonic() + within_s
         while self.process.poll() is None:
@@ -252,7 +252,7 @@ def test_a_hang_up_is_filed_as_such(start, place):
     one.answer(before)
     one.wait_for(prompt)
     one.hang_up()
-    assert one.process.wait(60) in (2, 128 + signal.SIGHUP)
+    assert one.process.wait(120) in (2, 128 + signal.SIGHUP)
     ((id_, status, reason),) = aside(one)
     assert (id_, status) == ("0001", "interrupted") and "hang-up" in reason and "Errno" not in reason
     assert "hang-up" in json.loads((one.out / "status.json").read_text())["reason"]
@@ -350,14 +350,14 @@ def cable(tmp_path, monkeypatch):
         words = ["emulate", "imet-xf", "--folder", tmp_path / "bus", "--link", f"imet-xf={tmp_path / 'bus/imet'}"]
         command = [sys.executable, "-m", "shockrig.protocols.cli", *map(str, words)]
         plugged.append(subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
-        deadline_s = time.monotonic() + 60.0
+        deadline_s = time.monotonic() + 120.0
         while not (tmp_path / "bus/imet").exists():
             assert time.monotonic() < deadline_s and plugged[-1].poll() is None
             time.sleep(0.05)
 
         def pull_out():
             plugged[-1].send_signal(signal.SIGINT)
-            plugged[-1].wait(60)
+            plugged[-1].wait(120)
 
         return pull_out
 

@@ -143,7 +143,7 @@ def start(path: Path, **options) -> subprocess.Popen:
 
 
 def wait_for_recording(path: Path, process: subprocess.Popen) -> None:
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + 120
     while not list(path.glob("recording/*/journal.log")) and time.monotonic() < deadline:
         assert process.poll() is None, process.stderr.read()
         time.sleep(0.005)
@@ -205,7 +205,7 @@ def test_an_interrupted_process_leaves_everything_in_order(tmp_path):
     wait_for_recording(path, process)
     time.sleep(0.3)
     process.send_signal(signal.SIGINT)
-    process.communicate(timeout=30)
+    process.communicate(timeout=120)
     state = read_state(path)
     assert process.returncode != 0 and not state.in_progress
     assert len(state.set_aside) <= 1
@@ -217,7 +217,7 @@ def test_a_disk_quota_ends_with_a_clear_message_and_a_readable_journal(tmp_path)
     path = tmp_path / "campaign"
     limit = lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))  # noqa: E731
     process = start(path, preexec_fn=limit)
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=120)
     assert process.returncode != 0
     assert "RecordingError" in errors and "the disk is full" in errors and "free some space" in errors
     (folder,) = path.glob("recording/*")

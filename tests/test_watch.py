@@ -154,7 +154,7 @@ def test_a_recording_is_seen_and_its_watchers_can_be_killed(live, terminal):
         heard = len(follower.look().traces[0].points)
         wait_for(lambda: len(follower.look().traces[0].points) > heard + 20)  # it goes on as if nothing had been
         process.send_signal(signal.SIGINT)
-        said, errors = process.communicate(timeout=60)
+        said, errors = process.communicate(timeout=120)
         assert process.returncode == 130, errors
         head = json.loads((out / "set_aside/0001-1/run.json").read_text())
         assert head["reason"] == "stopped by the operator" and head["outcomes"]["imet"]["ok"] > heard

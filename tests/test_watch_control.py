@@ -55,7 +55,7 @@ def campaign(tmp_path):
 
 def ask(server, body=SKIP, *, token=TOKEN, path="/control", method="POST", to="127.0.0.1", **headers):
     content = body if isinstance(body, bytes) else json.dumps(body).encode()
-    connection = http.client.HTTPConnection(to, server.server_port, timeout=10)
+    connection = http.client.HTTPConnection(to, server.server_port, timeout=300)
     given = {"Host": f"127.0.0.1:{server.server_port}", "X-Shockrig-Token": token, **headers}
     try:
         connection.request(method, path, content, {name: value for name, value in given.items() if value is not None})
@@ -248,7 +248,7 @@ def test_from_the_address_in_the_terminal_to_the_recorder(live):  # noqa: F811
         try:
             url = watching.stdout.readline().split()[0]
             port, token = re.fullmatch(r"http://127\.0\.0\.1:(\d+)/#([\w-]{16,})", url).groups()
-            connection = http.client.HTTPConnection("127.0.0.1", int(port), timeout=60)
+            connection = http.client.HTTPConnection("127.0.0.1", int(port), timeout=300)
 
             def view():
                 connection.request("GET", "/view.json")
@@ -261,7 +261,7 @@ def test_from_the_address_in_the_terminal_to_the_recorder(live):  # noqa: F811
                 assert connection.getresponse().read() == b"asked for\n"
                 connection.close()
                 wait_for(lambda: not (out / FILE).exists())
-            said = recorder.communicate(timeout=60)[1]
+            said = recorder.communicate(timeout=120)[1]
             assert recorder.returncode == 2 and "paused from the live page" in said
             late = wait_for(lambda: (seen := view())["state"] == "ended" and seen)
             assert late["alarms"] == ["ended: paused from the live page; the same command goes on from here"]
@@ -273,7 +273,7 @@ def test_from_the_address_in_the_terminal_to_the_recorder(live):  # noqa: F811
                     [CHROMIUM, *FLAGS, profile, "--virtual-time-budget=2000", "--dump-dom", url],
                     capture_output=True,
                     text=True,
-                    timeout=120,
+                    timeout=300,
                 ).stdout
                 assert "<title>ALARM - " in seen and '<section id="control" aria-labelledby="h-control">' in seen
                 assert re.search(r"<li>[\d.]+ s: late but here</li>", seen) and token not in seen

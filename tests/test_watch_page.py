@@ -51,7 +51,7 @@ def server(tmp_path):
 
 
 def ask(server, path, method="GET", host=None):
-    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=10)
+    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=300)
     try:
         connection.putrequest(method, path, skip_host=True)
         if host != "":
@@ -67,7 +67,7 @@ def ask(server, path, method="GET", host=None):
 def test_the_page_in_a_browser(server, tmp_path):
     profile = f"--user-data-dir={tmp_path / 'profile'}"
     command = [CHROMIUM, *FLAGS, profile, "--virtual-time-budget=2000", "--dump-dom", server.url]
-    shown = subprocess.run(command, capture_output=True, text=True, timeout=120).stdout
+    shown = subprocess.run(command, capture_output=True, text=True, timeout=300).stdout
     assert "<title>&lt;script&gt;document.title='ran'&lt; - recording</title>" in shown
     # Values, traces, plan and health are there.
     assert "30.00 °C" in shown and "40.0 %RH" in shown and "imet temperature in °C: 30.00" in shown
