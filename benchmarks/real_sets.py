@@ -61,7 +61,9 @@ def write_campaign(
         if air is not None and reference:
             run["reference"] = reference
         (folder / "run.json").write_text(json.dumps(run))
-    head = {"format": "shock-campaign/1", "name": out.name, "sensors": {sensor: {"kind": "as logged"}}}
+    # As shockrig import states a sensor whose body nobody states.
+    sensors = {sensor: {"kind": "as logged", "body": "lumped"}}
+    head = {"format": "shock-campaign/1", "name": out.name, "sensors": sensors}
     (out / "campaign.json").write_text(json.dumps(head))
 
 

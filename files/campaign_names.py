@@ -16,6 +16,7 @@ CAMPAIGN_FORMAT = "shock-campaign/1"
 RUN_FORMAT = "shock-run/1"
 BODIES = ("sphere", "film", "sphere_mean", "cylinder", "cylinder_mean", "plate", "lumped")
 DEFAULT_BODIES: Mapping[str, str] = {"imet": "sphere", "hyt": "film"}
+KNOWN_KINDS = ("imet-xf", "imet-xq", "imet-xq2", "hyt-271")  # whose bodies those are
 LONGEST_ID = 100
 FIRST_PROBE = "1"
 _SENSOR = re.compile(rf"({'|'.join(DEFAULT_BODIES)})(?:-([A-Za-z0-9]{{1,20}}))?")

@@ -215,3 +215,9 @@ def test_the_csv_file_of_intermets_application_is_known(tmp_path, capsys):
     # The map that ships knows it as well, and finds the steps by itself.
     assert run(log, "--map", "intermet", "--out", tmp_path / "d") == 0
     assert len(read_campaign(tmp_path / "d").runs) == 3
+
+
+def test_a_sensor_whose_body_nobody_states_is_a_single_lag(tmp_path):
+    log, map_ = plain_log(tmp_path, 'thermometer = { kind = "sht35" }\nhygrometer = { kind = "hyt-271" }\n')
+    assert run(log, "--map", map_, "--out", tmp_path / "c") == 0
+    assert read_campaign(tmp_path / "c").bodies == {"imet": "lumped", "hyt": "film"}

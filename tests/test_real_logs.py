@@ -7,7 +7,8 @@ import pytest
 
 from shockrig.analysis.characterization.characterize import characterize
 from shockrig.analysis.inference.gather import build_channel
-from shockrig.analysis.report.seen import seen, seen_sentence
+from shockrig.analysis.inference.seen import seen
+from shockrig.analysis.report.seen import seen_sentence
 from shockrig.files.campaign import read_campaign
 from shockrig.files.errors import InputError
 from shockrig.protocols.cli import main

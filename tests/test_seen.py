@@ -7,8 +7,9 @@ import pytest
 
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.gather import build_channel
+from shockrig.analysis.inference.seen import seen
 from shockrig.analysis.report.next_time import next_time
-from shockrig.analysis.report.seen import seen, seen_sentence
+from shockrig.analysis.report.seen import seen_sentence
 from shockrig.files.campaign import read_campaign
 
 TAU_S = 12.0

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import special
 
+from shockrig.analysis.characterization.response_times import response_time
 from shockrig.analysis.characterization.shifts import widened
 from shockrig.analysis.checks.checked import Checked, checked
 from shockrig.analysis.diagnosis.adequacy import Adequacy, describe, judge
@@ -330,12 +331,23 @@ def _unproven(channel: Channel, problem: Problem, plain: Fit, final: Fit) -> lis
     claims = [e for e in tested if not _plain_shape(e, channel)]
     if claims:
         return [Tried(e, "it could not be tried on a run that was not fitted") for e in claims]
+    if tested and _unsettled(problem.channel, final):
+        return [
+            Tried(e, "the one run ends before its response settles, where shape and plateau are one") for e in tested
+        ]
     before, after = (run_errors(channel, problem, f).mean() for f in (plainly(plain), final))
     if tested and before < level("plain_to_see") * after:
         return [
             Tried(e, "it lowers the error of the one run little, and there is no other to try it on") for e in tested
         ]
     return []
+
+
+def _unsettled(channel: Channel, final: Fit) -> bool:
+    """Whether runs whose airs nobody recorded end while their response is still under way."""
+    last = max(float(time[-1]) for time, _ in channel.samples)
+    unknown = not (channel.conditions.airs_known.any() or channel.measured.any())
+    return unknown and last < min(response_time(channel, final, int(g)).t98_s for g in np.unique(channel.ambient))
 
 
 def _from_readings(finding: Finding) -> Cause:

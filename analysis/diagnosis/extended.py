@@ -22,12 +22,16 @@ from shockrig.analysis.diagnosis.export import stated_cause
 from shockrig.analysis.diagnosis.search import drop, finish, plain_fit, race
 from shockrig.analysis.diagnosis.thresholds import TIE
 from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.fit import Fit
 from shockrig.analysis.inference.noise import whiteners
 from shockrig.analysis.inference.problem import make_problem
 from shockrig.analysis.inference.quantity import ChannelName
+from shockrig.analysis.inference.seen import seen
 from shockrig.files.campaign import Campaign
 from shockrig.files.profile import Profile
+
+LAG_TO_90 = float(np.log(10.0))  # time constants of a first-order lag
 
 
 def plain_result(found: ChannelDiagnosis) -> ChannelResult | None:
@@ -80,11 +84,14 @@ def _in_doubt(found: ChannelDiagnosis, row: Row, wider: Sequence[Fit]) -> Row:
     ]
     if found.verdict == "unexplained":
         rivals.append(found.search.final)
-    if not rivals and not wider:
+    shown = _by_itself(channel) if found.verdict == "unexplained" and not found.gain.measured else None
+    if not (rivals or wider or shown):
         return row
     stated, others = row.response, [response_time(channel, fit, ambient) for fit in (*rivals, *wider)]
     times = np.array([[r.t63_s, r.t90_s, r.t98_s] for r in (stated, *others)])
-    away = np.abs(np.log(times[1:] / times[0])).max(axis=0)
+    away = np.abs(np.log(times[1:] / times[0])).max(axis=0, initial=0.0)
+    if shown is not None:  # a shape that no other run has borne out is as sure as it agrees with the readings
+        away = np.maximum(away, np.abs(np.log(np.array([*shown, shown[1]]) / [*times[0, :2], times[0, 1]])))
     sure = np.array([r.standard_uncertainties_s or (0.0, 0.0, 0.0) for r in (stated, *others[len(rivals) :])])
     uncertain = np.hypot(sure.max(axis=0), times[0] * away)
     first, second, third = (float(u) for u in uncertain)
@@ -93,6 +100,16 @@ def _in_doubt(found: ChannelDiagnosis, row: Row, wider: Sequence[Fit]) -> Row:
         standard_uncertainty=float(np.hypot(row.standard_uncertainty, row.diffusivity_m2_s * away[0])),
         response=replace(stated, standard_uncertainties_s=(first, second, third)),
     )
+
+
+def _by_itself(channel: Channel) -> tuple[float, float] | None:
+    """Times [s] to 63 and 90 % that a single run shows by no model; None where it shows none."""
+    for one in seen(channel):
+        if one.times_s is not None and not one.at_most:
+            return one.times_s
+        if one.behind_s:
+            return one.behind_s, LAG_TO_90 * one.behind_s
+    return None
 
 
 def _wider(found: ChannelDiagnosis) -> list[Fit]:

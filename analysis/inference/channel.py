@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from shockrig.analysis.inference.quantity import ChannelName, Quantity
 from shockrig.analysis.physics.chain import MeasuredAir
 from shockrig.analysis.physics.conditions import Conditions
+from shockrig.files.campaign_names import KNOWN_KINDS
 from shockrig.files.common_uncertainty import CommonUncertainty
 
 Array = NDArray[np.float64]
 AMBIENT_WIDTH_K = 1.0
-KNOWN_KINDS = ("imet-xf", "imet-xq", "imet-xq2", "hyt-271")
 
 
 @dataclass(frozen=True)

@@ -16,12 +16,13 @@ from shockrig.analysis.diagnosis.held_out import HeldOut, autocorrelation, held_
 from shockrig.analysis.diagnosis.thresholds import penalty
 from shockrig.analysis.discovery.remaining import remaining
 from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.inference.seen import little_known, seen
 from shockrig.analysis.report import residuals as drawings
 from shockrig.analysis.report.diagnosis_words import SENSOR, listed, named
 from shockrig.analysis.report.fitted import UNIT, conditions, relative_runs
 from shockrig.analysis.report.parameters import parameter_by_condition
 from shockrig.analysis.report.remaining import remaining_figure
-from shockrig.analysis.report.seen import little_known, seen, seen_figure
+from shockrig.analysis.report.seen import seen_figure
 from shockrig.analysis.report.style import save_figure
 
 if TYPE_CHECKING:

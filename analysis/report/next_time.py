@@ -8,7 +8,7 @@ import numpy as np
 
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.driven_air import follow
-from shockrig.analysis.report.seen import FEW_RUNS, little_known, seen, trace_of
+from shockrig.analysis.inference.seen import FEW_RUNS, little_known, seen, trace_of
 
 ENOUGH_READINGS = 8.0  # in the time to 63 %
 REST, WHOLE = 3.0, 8.0  # times to 63 % to wait before a transfer, and to record after it

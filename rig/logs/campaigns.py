@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from shockrig.files.campaign_names import KNOWN_KINDS
 from shockrig.files.campaign_write import campaign_document, write_run
 from shockrig.files.disk import TABLE_AT_MOST, read_bytes, shown
 from shockrig.rig.errors import BenchError
@@ -16,6 +17,8 @@ from shockrig.rig.logs.channels import SensorLog, read_sensors
 from shockrig.rig.logs.found import LogStep, steps_of
 from shockrig.rig.logs.mapping import LogMap
 from shockrig.rig.logs.runs import ImportedRun, LeftOut, runs_of
+
+UNKNOWN_BODY = "lumped"
 
 
 @dataclass(frozen=True)
@@ -91,13 +94,13 @@ def import_logs(paths: Sequence[Path], map_: LogMap, sensor: str | None = None) 
 
 
 def describe(campaign: SensorCampaign, imported: Imported, name: str, software: str) -> dict[str, Any]:
-    """Content of campaign.json of one sensor's campaign."""
+    """Content of campaign.json of one sensor's campaign. One whose body nobody states is a single lag."""
     map_ = imported.map
     sensor = map_.sensors[campaign.sensor]
     described: dict[str, Mapping[str, Any]] = {}
     for key, instrument in (("imet", sensor.thermometer), ("hyt", sensor.hygrometer)):
         if any(key in run.tables for run in campaign.runs):
-            described[key] = instrument
+            described[key] = instrument if _has_body(instrument) else {**instrument, "body": UNKNOWN_BODY}
     return campaign_document(
         name,
         described,
@@ -112,6 +115,12 @@ def describe(campaign: SensorCampaign, imported: Imported, name: str, software: 
             "software": software,
         },
     )
+
+
+def _has_body(instrument: Mapping[str, Any]) -> bool:
+    """Whether a map says of a sensor what shape it has, by itself, by a kind that is known or by a length of it."""
+    lengths = ("bead_radius_m", "film_thickness_m")
+    return instrument.get("kind") in KNOWN_KINDS or any(key in instrument for key in ("body", *lengths))
 
 
 def write_runs(folder: Path, runs: Sequence[ImportedRun], first: int = 1) -> None:
