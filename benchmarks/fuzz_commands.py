@@ -4,8 +4,8 @@
 
 Each case copies a folder of sound files, damages one of them (or an option, or the place of the output), and runs a
 command on it in a process of its own. Wrong is: a traceback or a warning, an exit status other than 0 and 2 (1 from
-check and scan), a refusal that is not one readable line, anything left behind by a refusal, anything half-written or no
-number in what was written, more than a minute of processor time, and no end.
+check and scan), a refusal that is not one readable line, anything left behind by a refusal, anything half-written, no
+number or nothing that our own readers take in what was written, more than a minute of processor time, and no end.
 """
 
 from __future__ import annotations
@@ -259,9 +259,29 @@ def wrongs(
     if half or any((folder / "tmp").iterdir()):
         found.append(f"half-written: {half or sorted(p.name for p in (folder / 'tmp').iterdir())[:3]}")
     found += [f"no numbers in {name}" for name in sorted(new) if not numbers(work / name)]
+    if status == 0:
+        found += [f"not read again: {said}" for name in sorted(new) if (said := not_read(work / name))]
     if processor_s > 0.9 * PROCESSOR_S:
         found.append(f"{processor_s:.0f} s of processor time")
     return found
+
+
+def not_read(path: Path) -> str:
+    """Why one of our own readers refuses a file that was written; empty where none does."""
+    from shockrig.files.campaign import read_campaign
+    from shockrig.files.diagnosis import read_diagnosis
+    from shockrig.files.errors import InputError
+    from shockrig.files.profile import read_profile
+
+    readers = {"campaign.json": read_campaign, "profile.json": read_profile, "diagnosis.json": read_diagnosis}
+    reader = readers.get(path.name)
+    if reader is None:
+        return ""
+    try:
+        reader(path.parent if reader is read_campaign else path)
+    except InputError as error:
+        return str(error)[:200]
+    return ""
 
 
 def numbers(path: Path) -> bool:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import importlib
+import io
 import os
 import signal
 import sys
@@ -117,6 +118,8 @@ def main(argv: list[str] | None = None) -> int:
     elif command not in COMMANDS:
         parser.error(f"no command {command!r}; {nearest(str(command), COMMANDS, 'shockrig --help lists the commands')}")
     args = parser.parse_args(arguments)
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+        sys.stdout.reconfigure(errors="backslashreplace")  # names of any bytes are printed
     from shockrig.files.disk import shown
     from shockrig.files.errors import InputError
     from shockrig.rig.errors import CampaignAborted, ConnectionFaults, RigError
@@ -200,8 +203,8 @@ def _check_common(arguments: Sequence[str], args: argparse.Namespace) -> None:
 
     for before, word in zip(("", *arguments), arguments, strict=False):
         option, equals, value = word.partition("=") if word.startswith("--") else (before, "=", word)
-        if equals and not value.strip():
-            said = f"{option}: is empty; give a value, or leave it out"
+        if equals and (not value.strip() or (option.startswith("--") and word == f"{option}=--")):
+            said = f"{option}: is {'--' if value.strip() else 'empty'}; give a value, or leave it out"
             raise InputError(said if option.startswith("--") else "an argument is empty; give a value")
     for value in vars(args).values():
         for path in value if isinstance(value, list) else [value]:

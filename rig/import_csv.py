@@ -5,14 +5,17 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from shockrig.files.campaign import read_campaign
 from shockrig.files.campaign_names import CAMPAIGN_FORMAT, is_run_id
 from shockrig.files.campaign_write import campaign_document, run_document, table_text, write_campaign, write_run
-from shockrig.files.disk import is_there
+from shockrig.files.disk import is_there, read_bytes, write_whole
+from shockrig.files.errors import InputError
 from shockrig.files.json_files import read_json
 from shockrig.rig.csv_series import CsvLayout, Series, time_of
 from shockrig.rig.errors import BenchError, as_bench_errors
@@ -96,7 +99,8 @@ def import_run(
         duration_s=facts.duration_s,
         imported={key: {"file": names.get(key, ""), "left_out": dict(one.left_out)} for key, one in series.items()},
     )
-    fresh = not campaign.exists()
+    fresh, file = not campaign.exists(), campaign / "campaign.json"
+    before = read_bytes(file, "give another --out") if is_there(file) else None
     part = campaign / "runs" / f".{id_}.part"
     try:
         shutil.rmtree(part, ignore_errors=True)  # of an import that was killed
@@ -108,7 +112,26 @@ def import_run(
     except OSError as error:
         shutil.rmtree(campaign if fresh else part, ignore_errors=True)
         raise BenchError(f"{campaign}: {error.strerror or error}; give another --out or free some space") from None
+    try:
+        read_campaign(campaign)
+    except InputError as error:  # a run that no reader takes is none
+        _take_back(campaign, id_, before, fresh)
+        raise BenchError(f"{error} (nothing was imported)") from None
     return id_
+
+
+def _take_back(campaign: Path, id_: str, before: bytes | None, fresh: bool) -> None:
+    """A campaign as it was before a run came into it; `before` is what its campaign.json held."""
+    if fresh:
+        shutil.rmtree(campaign, ignore_errors=True)
+        return
+    shutil.rmtree(campaign / "runs" / id_, ignore_errors=True)
+    if before is not None:
+        write_whole(campaign / "campaign.json", before)
+    else:  # a folder that was empty
+        (campaign / "campaign.json").unlink(missing_ok=True)
+        with suppress(OSError):
+            (campaign / "runs").rmdir()
 
 
 def _is_only_begun(campaign: Path) -> bool:

@@ -485,3 +485,31 @@ def test_an_import_that_was_killed_leaves_no_run_and_can_be_done_again(tmp_path,
             assert [run.id for run in read_campaign("c").runs] == ["0001"]
             assert not [name for name in entries("c") if name.endswith(".part")]
             shutil.rmtree("c")
+
+
+@pytest.mark.parametrize("place", ["new", "empty", "there"])
+def test_what_no_reader_takes_is_not_imported(tmp_path, monkeypatch, capsys, place):
+    monkeypatch.chdir(tmp_path)
+    Path("f.csv").write_text("time_s,temperature_c\n0,20\n1,21\n1e15,22\n")
+    if place == "empty":
+        Path("c").mkdir()
+    elif place == "there":
+        campaign(Path("c"))
+    before = [(name, os.path.isfile(name) and Path(name).read_bytes()) for name in entries(".")]
+    assert main(["import", "--imet", "f.csv", "--out", "c"]) == 2
+    assert "nothing was imported" in capsys.readouterr().err
+    assert [(name, os.path.isfile(name) and Path(name).read_bytes()) for name in entries(".")] == before
+
+
+def test_two_hyphens_are_no_value(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    refused(capsys, "--pressure: is --", "import", "--imet", "f.csv", "--out", "o", "--pressure=--")
+
+
+def test_names_of_any_bytes_are_printed(tmp_path):
+    """On a terminal in UTF-8, whose encoding is strict."""
+    shutil.copytree(campaign(tmp_path / "c"), tmp_path / os.fsdecode(b"\xff\xfe"))
+    command = [sys.executable, "-m", "shockrig.protocols.cli", "status", b"\xff\xfe"]
+    strict = os.environ | {"PYTHONIOENCODING": "utf-8:strict"}
+    done = subprocess.run(command, cwd=tmp_path, env=strict, capture_output=True, timeout=300)
+    assert (done.returncode, done.stderr) == (0, b"") and b"2 runs recorded" in done.stdout
