@@ -11,6 +11,7 @@ from small_worlds import QUIET
 
 from shockrig.analysis.planning.goals import parse_goals
 from shockrig.analysis.planning.shock import Shock
+from shockrig.analysis.report.loop_page import chosen_section
 from shockrig.files.plan import read_decisions
 from shockrig.protocols.adaptive import Loop
 from shockrig.protocols.cli import main
@@ -78,6 +79,16 @@ def test_a_killed_campaign_goes_on_with_the_same_decision(killed):
     assert state.recorded == state.planned == tuple(log[-1]["recorded"])
     run = json.loads((path / "runs" / "0002" / "run.json").read_text())
     assert run["planned"]["source"] == before[1]["runs"][0]["source"]
+
+
+def test_reports_show_how_runs_were_chosen(killed, tmp_path, capsys):
+    """The section's plots lie beside the others; a campaign without decisions has no such section."""
+    path, *_ = killed
+    assert main(["characterize", str(path), "--out", str(tmp_path / "k")]) == 0
+    assert {"loop_precision.png", "loop_realised.png"} <= {file.name for file in (tmp_path / "k").iterdir()}
+    page = (tmp_path / "k" / "report.html").read_text()
+    assert "How its runs were chosen" in page and f"{len(read_decisions(path))} decisions over" in page
+    assert chosen_section([], tmp_path) == []
 
 
 def test_without_its_log_the_same_files_give_the_same_decision(killed, tmp_path):
