@@ -8,9 +8,12 @@ import pytest
 
 from shockrig.analysis.diagnosis.prepare import prepare
 from shockrig.analysis.diagnosis.search import plain_fit, refit
+from shockrig.analysis.discovery.grammar import forms
 from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.effects.described import described
 from shockrig.analysis.inference.fit import run_misfit
 from shockrig.analysis.inference.gather import build_channel
+from shockrig.analysis.inference.model import Held, Model, Point, Structure
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.plans import standard_plan
@@ -43,3 +46,20 @@ def test_the_die_is_taken_from_its_own_trace():
     late = (channel.time_s[0] > 1.0) & (channel.time_s[0] < 9.0)
     earlier = channel.die_earlier_c(0.4)[0, late]
     assert earlier == pytest.approx(20.0 + channel.time_s[0, late] - 0.4, abs=1e-9)
+
+
+def test_every_form_goes_through_a_mean_of_readings():
+    """What a description adds is averaged reading by reading; of a reading at rest the mean is the reading."""
+    channel = build_channel(read_campaign(EXAMPLE), "humidity").select(np.arange(4))
+    at_rest = np.broadcast_to(channel.time_s < -1.5, channel.time_s.shape)
+    average = CATALOGUE["moving_average"]
+    assert at_rest.any()
+    for form in forms(channel):
+        if form.behaves_as == "periodic":
+            continue
+        effect, shown = described(form.key, True), []
+        for structure in (Structure((effect,)), Structure((effect,)).adding(average, Held(average.id, "samples", 11.0))):
+            model = Model(channel, structure)
+            shown.append(model.predict(Point(model.start(np.zeros(channel.rates)), channel.at_rest()))[0])
+        np.testing.assert_allclose(shown[1][at_rest], shown[0][at_rest], atol=1e-6, err_msg=form.key)
+        assert np.isfinite(shown[1]).all(), form

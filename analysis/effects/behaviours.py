@@ -123,7 +123,7 @@ def _relaxed(time: Array, time_constant_s: Array) -> Array:
 
 
 def _readout(chain: Chain, added: Callable[[Array, Array], Array]) -> Chain:
-    return replace(chain, readouts=(*chain.readouts, lambda reading, time: reading + added(reading, time)))
+    return replace(chain, readouts=(*chain.readouts, lambda reading, time, die_c: reading + added(reading, time)))
 
 
 def _lag_in_series(form: Form, chain: Chain, p: Arrays) -> Chain:
@@ -160,8 +160,11 @@ def _added_response(form: Form, chain: Chain, p: Arrays) -> Chain:
         return replace(chain, rooms=(*chain.rooms, room))
     size = (p["size"] * _scale(form, chain, p))[..., None]
     if form.driver == "die_temperature":
-        die = chain.die_c - USUAL_C
-        return _readout(chain, lambda reading, time: size * np.where(np.isfinite(die), die, 0.0))
+
+        def with_die(reading: Array, time: Array, die_c: Array) -> Array:
+            return np.asarray(reading + size * np.where(np.isfinite(die_c), die_c - USUAL_C, 0.0))
+
+        return replace(chain, readouts=(*chain.readouts, with_die))
     kinetics = dict(form.depends_on).get("history", "")
     time_constant_s = p["time_constant_s"][..., None] if "time_constant_s" in p else np.full((1, 1, 1), A_MINUTE_S)
 
@@ -197,14 +200,12 @@ def _gain(form: Form, chain: Chain, p: Arrays) -> Chain:
     if form.driver == "die_temperature":  # as the saturation pressure moves from the air's temperature to the die's
         size = (p["size"] * _scale(form, chain, p))[..., None]
 
-        def of_die(reading: Array, time: Array) -> Array:
+        def of_die(reading: Array, time: Array, die_c: Array) -> Array:
             air = np.where(time > 0, chain.destination_c[..., None], chain.source_c[..., None])
-            die = np.where(np.isfinite(chain.die_c), chain.die_c, air)
-            return np.asarray(
-                reading * np.expm1(size * np.log(saturation_pressure_hpa(die) / saturation_pressure_hpa(air)))
-            )
+            die = np.where(np.isfinite(die_c), die_c, air)
+            return np.asarray(reading * (saturation_pressure_hpa(die) / saturation_pressure_hpa(air)) ** size)
 
-        return _readout(chain, of_die)
+        return replace(chain, readouts=(*chain.readouts, of_die))
     zero = p["ambient"][..., None] if ("ambient", "zero_at") in form.depends_on else 0.0
     size = (_signed(form, chain, p, p["size"]) * _scale(form, chain, p))[..., None]
     return _readout(chain, lambda reading, time: size * (reading - zero))

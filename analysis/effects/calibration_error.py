@@ -12,7 +12,7 @@ from shockrig.analysis.physics.chain import Chain
 
 def _apply(chain: Chain, p: Arrays) -> Chain:
     gain, offset = p["gain"][..., None], p["offset"][..., None]
-    return replace(chain, readouts=(*chain.readouts, lambda reading, time: reading * (1 + gain) + offset))
+    return replace(chain, readouts=(*chain.readouts, lambda reading, time, die_c: reading * (1 + gain) + offset))
 
 
 LEAST = 3.0  # standard uncertainties of the references' own calibration: less may be theirs

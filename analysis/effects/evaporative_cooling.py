@@ -20,7 +20,9 @@ def wetted(channel: Recorded) -> NDArray[np.float64]:
 
 
 def _apply(chain: Chain, p: Arrays) -> Chain:
-    def cooled(reading: NDArray[np.float64], late: NDArray[np.float64]) -> NDArray[np.float64]:
+    def cooled(
+        reading: NDArray[np.float64], late: NDArray[np.float64], die_c: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         decay = np.exp(-np.maximum(late, 0) / p["time_constant_s"][..., None]) * (late > 0)
         return reading - (p["depression_k"] * wetted(chain.channel))[..., None] * decay
 

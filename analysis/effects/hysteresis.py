@@ -12,7 +12,9 @@ SET_IN_PERCENT = 5.0
 
 
 def _apply(chain: Chain, p: Arrays) -> Chain:
-    def held_back(reading: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[np.float64]:
+    def held_back(
+        reading: NDArray[np.float64], time: NDArray[np.float64], die_c: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         change = reading - chain.source_percent[..., None]
         return reading - p["rh_percent"][..., None] * np.tanh(change / SET_IN_PERCENT)
 

@@ -10,7 +10,7 @@ from shockrig.analysis.physics.chain import Chain, relative_ventilation
 def _apply(chain: Chain, p: Arrays) -> Chain:
     irradiance = chain.channel.conditions.irradiance_w_m2
     rise = (p["kelvin_per_w_m2_at_5_m_s"] * irradiance / relative_ventilation(chain.channel))[..., None]
-    return replace(chain, readouts=(*chain.readouts, lambda reading, time: reading + rise))
+    return replace(chain, readouts=(*chain.readouts, lambda reading, time, die_c: reading + rise))
 
 
 EFFECT = Effect(

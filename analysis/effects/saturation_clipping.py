@@ -75,7 +75,8 @@ EFFECT = Effect(
     channels=("humidity",),
     parameters=(Parameter("limit_percent", "%RH", 20.0, 130.0, (95.0,), none=None),),
     apply=lambda chain, p: replace(
-        chain, readouts=(*chain.readouts, lambda reading, time: np.minimum(reading, p["limit_percent"][..., None]))
+        chain,
+        readouts=(*chain.readouts, lambda reading, time, die_c: np.minimum(reading, p["limit_percent"][..., None])),
     ),
     sentence="The reading stops at {limit_percent} %RH, whatever the air.",
     equation="reading = min(reading, limit)",

@@ -9,7 +9,7 @@ from shockrig.analysis.physics.exchange import ventilation_ratio
 
 def _apply(chain: Chain, p: Arrays) -> Chain:
     rise = (p["rise_k_at_5_m_s"] / relative_ventilation(chain.channel))[..., None]
-    return replace(chain, readouts=(*chain.readouts, lambda reading, time: reading + rise))
+    return replace(chain, readouts=(*chain.readouts, lambda reading, time, die_c: reading + rise))
 
 
 EFFECT = Effect(

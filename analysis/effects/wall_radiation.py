@@ -23,7 +23,9 @@ def _apply(chain: Chain, p: Arrays) -> Chain:
     weaker = (p["rise_k_at_10_k"] / relative_ventilation(chain.channel))[..., None]
     wall = (p["wall_temperature_c"] + ZERO_CELSIUS_K)[..., None] ** 4
 
-    def radiated(reading: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[np.float64]:
+    def radiated(
+        reading: NDArray[np.float64], time: NDArray[np.float64], die_c: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         return reading + weaker * (wall - (reading + ZERO_CELSIUS_K) ** 4) / PER_10_K
 
     return replace(chain, readouts=(*chain.readouts, radiated))

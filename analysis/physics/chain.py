@@ -132,7 +132,7 @@ class Chain:
         Whether ppmv is turned into RH at the die's temperature.
     percent_per_k : ndarray (B, 1) or None
         By how much the calibration of RH moves with the sensor's temperature, from 20 degC on.
-    readouts : tuple of functions (reading (B, R, n), time_s (B, R, n)) -> reading
+    readouts : tuple of functions (reading (B, R, n), time_s (B, R, n), die_c (R, n)) -> reading
         Applied in order.
     averaged : int
         Each logged value is the mean of this many readings.
@@ -159,7 +159,7 @@ class Chain:
     wet_until_s: Array | None = None
     at_die_temperature: bool = False
     percent_per_k: Array | None = None
-    readouts: tuple[Callable[[Array, Array], Array], ...] = ()
+    readouts: tuple[Callable[[Array, Array, Array], Array], ...] = ()
     averaged: int = 1
 
 
@@ -175,7 +175,7 @@ def evaluate(chain: Chain, reading_of: Callable[[Chain], Array]) -> Array:
     reading, period = reading_of(chain), chain.channel.sampling_period_s
     for readout in chain.readouts:
         # Readouts of such a channel are linear in the reading: what they add to each reading is averaged by itself.
-        each = [readout(reading, chain.time_s - j * period) for j in range(chain.averaged)]
+        each = [readout(reading, chain.time_s - j * period, chain.die_c) for j in range(chain.averaged)]
         reading = each[0] if len(each) == 1 else np.mean(each, axis=0)
     return reading
 
