@@ -9,9 +9,9 @@ from small_worlds import record
 
 from shockrig.analysis.diagnosis.adequacy import LINE, Check, judge
 from shockrig.analysis.diagnosis.beside import alone, without_idle
-from shockrig.analysis.diagnosis.prepare import prepare
+from shockrig.analysis.diagnosis.prepare import likelier_average, prepare
 from shockrig.analysis.diagnosis.restless import nothing_else, restless
-from shockrig.analysis.diagnosis.search import plain_fit
+from shockrig.analysis.diagnosis.search import Search, plain_fit
 from shockrig.analysis.discovery.conditions import Judged
 from shockrig.analysis.discovery.discover import Described, Discovery
 from shockrig.analysis.discovery.grammar import forms
@@ -23,7 +23,7 @@ from shockrig.analysis.effects.described_in_flight import as_listed
 from shockrig.analysis.flight.profile_effects import not_undone
 from shockrig.analysis.inference.fit import fit
 from shockrig.analysis.inference.gather import build_channel
-from shockrig.analysis.inference.model import Model, Point, Structure
+from shockrig.analysis.inference.model import Held, Model, Point, Structure
 from shockrig.analysis.inference.work import Work
 from shockrig.analysis.report.described_words import flies, sentence
 from shockrig.rig.virtual.plans import standard_plan
@@ -101,6 +101,19 @@ def test_a_cause_that_a_description_makes_idle_is_not_named_beside_it(late):
     assert less.effects[0].values == less.fit.values()[delay.id]
     needed = replace(found, fit=near, effects=())
     assert without_idle(ready.problem, plain, needed) is needed
+
+
+def test_a_mean_that_the_noise_denies_is_none_whatever_the_response_says(tmp_path):
+    """A ramp that nothing names leaves a plainly wrong model, which a mean would help by thousands; the noise is of
+    single readings."""
+    ready = ready_of(tmp_path, 8, [Hidden("finite_transfer", {"duration_s": 0.6}, T)])
+    plain = plain_fit(ready.problem, ready.structure)
+    delay = with_effects(ready.problem, plain, {"dead_time.delay_s": 0.3}, CATALOGUE["dead_time"])
+    entry = CATALOGUE["moving_average"]
+    averaged = delay.structure.adding(entry, Held(entry.id, "samples", 4.0))
+    better = fit(ready.problem, averaged, Model(ready.problem.channel, averaged).start(delay.log_rates, delay.choice))
+    assert better.deviance < delay.deviance - 1000.0
+    assert likelier_average(ready, Search(plain, delay, (), {}), False) is None
 
 
 def test_a_hum_is_told_by_its_period_and_its_amplitude(humming):
