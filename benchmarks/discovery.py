@@ -20,7 +20,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -38,6 +38,12 @@ RESULTS = Path(__file__).parent / "results" / "discovery.jsonl"
 FRESH = 1_000_000
 # Airflows [m/s] and further ambients [degC] that no standard campaign records: within what it does, and beyond.
 BETWEEN, BEYOND = ((4.0, 8.5), (5.0, 25.0)), ((1.5, 18.0), (-8.0, 48.0))
+
+
+@cache
+def commit() -> str:
+    """The commit of the code that runs: the one when it began."""
+    return subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True).stdout.strip()
 
 
 @lru_cache(maxsize=1)
@@ -94,9 +100,7 @@ def run(kind: str, effect: str, channel: str, seed: int, tier: str) -> dict:
                 plan = unrecorded_plan(airflows, more if channel == T else ())
                 elsewhere.append(errors(recorded(f"elsewhere {place}", plan, place), found))
     return {
-        "commit": subprocess.run(
-            ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True
-        ).stdout.strip(),
+        "commit": commit(),
         "kind": kind,
         "effect": effect,
         "channel": channel,
@@ -163,6 +167,7 @@ def main(argv: list[str] | None = None) -> int:
     if args.results.exists():
         told = map(json.loads, args.results.read_text(encoding="utf-8").splitlines())
         done = {tuple(r[k] for k in ("kind", "effect", "channel", "seed", "tier")) for r in told}
+    commit()
     for seed in range(args.first_seed, args.first_seed + args.seeds):
         for effect, channel in pairs:
             if (args.kind, effect, channel, seed, args.tier) in done:

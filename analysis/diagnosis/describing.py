@@ -20,7 +20,7 @@ from shockrig.files.diagnosis_data import Discovered
 
 # Of the search for a description, beside named causes and without them together; an ordinary campaign takes a third.
 MOST_FITS = 1200
-MOST = 0.8  # of what unseen runs show above the noise: what a description that does not end it must account for
+MOST = 0.9  # of what unseen runs show above the noise: what a description that does not end it must account for
 
 
 @dataclass(frozen=True)
