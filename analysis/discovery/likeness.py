@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from shockrig.analysis.discovery.grammar import plain_forms
+from shockrig.analysis.discovery.grammar import SCALING, forms, plain_forms
 from shockrig.analysis.discovery.race import NUMBER, WHOLE, Candidate, to_its_end
 from shockrig.analysis.effects.described import described
 from shockrig.analysis.inference.effect import Effect
@@ -22,6 +22,7 @@ ALIKE = 0.4  # from which on a form is tried in a cause's place: far from its en
 TRIED = 6  # forms that are
 GLANCE = 5  # steps of a fit after which a form is given up that is still
 FAR_BEHIND = 100.0  # of deviance from doing better: near the end steps bring tenths
+TIED = 12.0  # of deviance within which one does as well, and is tried with what it may depend on
 PLAINLY = 12.0  # of deviance by which one has to do better: odds of four hundred
 
 Start = tuple[Effect, Mapping[str, float]]
@@ -81,7 +82,7 @@ def in_its_place(problem: Problem, final: Fit, id_: str, one: Alike, most: float
 
 
 def outdone(problem: Problem, final: Fit, id_: str, work: Work) -> Candidate | None:
-    """The form without factors that in the place of a cause does plainly better; None where none does.
+    """The form that does plainly better in the place of a cause; None where none does.
 
     A catalogue names what comes nearest, and with nothing left to see. Where what is really there has no entry, a plain
     behaviour fits better than the name.
@@ -92,16 +93,40 @@ def outdone(problem: Problem, final: Fit, id_: str, work: Work) -> Candidate | N
             effect = described(form.key, problem.channel.jumps_with_air)
             others += [(effect, start) for start in effect.starts(problem.channel)]
     own = next(effect for effect in final.structure.effects if effect.id == id_)
-    most = final.deviance + NUMBER * len(own.parameters) - PLAINLY
+    level = final.deviance + NUMBER * len(own.parameters)
     best: Candidate | None = None
     for one in alike(problem, final, id_, others)[:TRIED]:
         if one.likeness < ALIKE:
             break
         work.count(2)
-        reached = in_its_place(problem, final, id_, one, most)
+        reached = in_its_place(problem, final, id_, one, level)
         if reached is None:
             continue
         placed = to_its_end(problem, Candidate(one.effect, reached), work)
-        if placed.cost < (most if best is None else best.cost):
+        if best is None or placed.cost < best.cost:
             best = placed
-    return best
+    # What does all that the name does may depend on what the name does not.
+    if best is not None and best.cost < level + TIED:
+        best = min((best, *_depending(problem, best, work)), key=lambda c: c.cost)
+    return best if best is not None and best.cost < level - PLAINLY else None
+
+
+def _depending(problem: Problem, one: Candidate, work: Work) -> list[Candidate]:
+    """The same form depending on one thing more."""
+    found, without = [], one.fit.structure.dropping(one.effect.id)
+    for form in forms(problem.channel):
+        more = set(form.depends_on) - set(one.form.depends_on)
+        same = (form.behaves_as, form.driver) == (one.form.behaves_as, one.form.driver)
+        if not same or len(more) != 1 or len(form.depends_on) != len(one.form.depends_on) + 1:
+            continue
+        ((factor, how),) = more
+        if (factor, how) not in SCALING:
+            continue
+        effect = described(form.key, problem.channel.jumps_with_air)
+        named = {f"{effect.id}.{p.name}": one.fit.choice[f"{one.effect.id}.{p.name}"] for p in one.effect.parameters}
+        named[f"{effect.id}.{factor}"] = 1.0 if how == "ratio" else 0.0
+        structure = without.adding(effect)
+        theta = Model(problem.channel, structure).start(one.fit.log_rates, one.fit.choice | named)
+        work.count()
+        found.append(Candidate(effect, fit(problem, structure, theta, one.fit.deviations, WHOLE)))
+    return found
