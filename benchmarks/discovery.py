@@ -5,8 +5,8 @@
     python benchmarks/discovery.py --kind two --seeds 4
     python benchmarks/discovery.py --tables
 
-Each trial appends one line to benchmarks/results/discovery.jsonl (one that is there already is not made again), with the
-commit of the code that made it; `--tables` says what all lines there show. Kinds:
+Each trial appends one line to benchmarks/results/discovery.jsonl (one that is there already is not made again), with
+the commit of the code that made it; `--tables` says what all lines there show. Kinds:
 one_out (an entry taken away and hidden, or an effect from outside of the catalogue), none (plain worlds), two (two
 catalogued effects, nothing taken away). Tolerances are 0: every significant remainder is material.
 """
