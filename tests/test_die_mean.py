@@ -58,7 +58,8 @@ def test_every_form_goes_through_a_mean_of_readings():
         if form.behaves_as == "periodic":
             continue
         effect, shown = described(form.key, True), []
-        for structure in (Structure((effect,)), Structure((effect,)).adding(average, Held(average.id, "samples", 11.0))):
+        alone = Structure((effect,))
+        for structure in (alone, alone.adding(average, Held(average.id, "samples", 11.0))):
             model = Model(channel, structure)
             shown.append(model.predict(Point(model.start(np.zeros(channel.rates)), channel.at_rest()))[0])
         np.testing.assert_allclose(shown[1][at_rest], shown[0][at_rest], atol=1e-6, err_msg=form.key)
