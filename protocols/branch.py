@@ -13,6 +13,8 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 Send = Callable[[object], None]
+AWAKE_S = 1.0  # between two looks at whether somebody asked to stop
+ASKED = 20  # times that a process is asked to end before it is made to
 
 
 @contextmanager
@@ -30,19 +32,33 @@ def branch(function: Callable[..., None], *arguments: object) -> Iterator[Connec
         yield mine
     finally:
         mine.close()
-        process.terminate()
-        process.join()
+        _end(process)
 
 
 def received(connection: Connection) -> Any:
     """The next that a branch has sent; its error is raised here. RuntimeError where it ended without a word."""
     try:
+        # Python acts on a signal between two of its steps: one that another thread took would wait for the next word.
+        while not connection.poll(AWAKE_S):
+            pass
         done, value = connection.recv()
     except EOFError:
         raise RuntimeError("a process ended before it was done; was it killed, or is the memory full?") from None
     if not done:
         raise value
     return value
+
+
+def _end(process: Any) -> None:
+    """End a process, and those it has branched: asked again where an exception that a signal raised came to nothing, as
+    one does that is raised while something is being deleted."""
+    for _ in range(ASKED):
+        process.terminate()
+        process.join(AWAKE_S)
+        if process.exitcode is not None:
+            return
+    process.kill()
+    process.join()
 
 
 def _alone() -> bool:

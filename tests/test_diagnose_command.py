@@ -4,6 +4,7 @@ The campaigns come from another solver (data/examples) or from the virtual bench
 elsewhere.
 """
 
+import contextlib
 import json
 import os
 import shutil
@@ -215,8 +216,12 @@ def test_ctrl_c_ends_all_processes_with_one_line_and_leaves_nothing(interrupt, t
         while (line := process.stderr.readline()) and "gain" not in line:
             pass
         interrupt(process.pid, signal.SIGINT)
-        # the pipes are at their end when the last process has closed them
-        printed, errors = process.communicate(timeout=120)
+        try:
+            # the pipes are at their end when the last process has closed them
+            printed, errors = process.communicate(timeout=120)
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
     assert process.returncode == 130 and printed == ""
     assert "Traceback" not in errors and errors.splitlines()[-1].endswith("stopped by Ctrl-C")
     assert [path.name for path in tmp_path.iterdir()] == ["bead"]
