@@ -55,7 +55,7 @@ def test_airs_scatter_about_their_set_points_and_their_reports_about_the_airs():
         chambers.set_airs(source, destination, None)
         reports.append(chambers.airs())
     made = [arguments for _, arguments in world.asked]
-    assert {arguments[2:] for arguments in made} == {(5.0, 1000.0)}
+    assert {arguments[2:] for arguments in made} == {(5.0, 1000.0, 0.0)}
     true_c, said_c = (np.array([airs[0].temperature_c for airs in both]) for both in (made, reports))
     true_percent, said_percent = (np.array([airs[0].humidity_percent for airs in both]) for both in (made, reports))
     for spread, sigma in (

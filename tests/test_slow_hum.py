@@ -39,10 +39,14 @@ def test_a_slow_hum_is_seen_with_its_size(frequency_hz, amplitude_k, seed, tmp_p
     assert 0.6 * amplitude_k / np.sqrt(2) < judged.hidden_rms < 1.3 * amplitude_k / np.sqrt(2)
 
 
-def test_a_hum_as_large_as_the_tolerance_spoils_the_verdict(tmp_path):
+def test_a_hum_as_large_as_the_tolerance_is_described_and_no_noise(tmp_path):
     hum = {"amplitude": 0.1, "hum_hz": 0.35, "burst_share": 0.0}
     found = diagnose_channel(recorded(tmp_path, 7, Hidden("unknown_interference", hum, ("temperature",))))
-    assert found.verdict == "unexplained" and found.causes == ()
+    assert found.verdict == "described" and found.causes == ()
+    (one,) = found.discovered
+    assert one.behaves_as == "periodic"
+    assert one.period_s.value == pytest.approx(1.0 / 0.35, rel=0.002)
+    assert one.size.value == pytest.approx(0.1, rel=0.05)
     assert found.remainder.rms >= found.remainder.tolerance
 
 
