@@ -48,6 +48,7 @@ COMMANDS = {
 
 
 LONGEST_MESSAGE = 800
+AGAIN_S = 0.05  # after which a signal is sent again
 OPTIONS = ("-h", "--help", "--version", "--print-completion")  # of shockrig itself
 SHELLS = ("bash", "zsh", "tcsh")
 
@@ -125,7 +126,7 @@ def main(argv: list[str] | None = None) -> int:
     from shockrig.rig.errors import CampaignAborted, ConnectionFaults, RigError
 
     try:
-        with _ended_by_signals():
+        with ended_by_signals():
             _check_common(arguments, args)
             return args.main(args) or 0
     except ConnectionFaults as error:
@@ -170,9 +171,10 @@ def _tell(text: str) -> None:
 
 
 @contextlib.contextmanager
-def _ended_by_signals() -> Iterator[None]:
+def ended_by_signals() -> Iterator[None]:
     """SIGTERM and a closed terminal end a command as an exception does, so that it clears away what is half done.
 
+    An exception that a signal raises in the middle of a deletion is dropped by Python: the signal is then sent again.
     What is ignored (nohup) stays so, and a program that calls `main` keeps handlers of its own.
     """
     if threading.current_thread() is not threading.main_thread():
@@ -181,15 +183,32 @@ def _ended_by_signals() -> Iterator[None]:
     ours = [number for number in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(number) is signal.SIG_DFL]
     for number in ours:
         signal.signal(number, _end)
+    before, sys.unraisablehook = sys.unraisablehook, _sent_again
     try:
         yield
     finally:
+        sys.unraisablehook = before
         for number in ours:
             signal.signal(number, signal.SIG_DFL)
 
 
 def _end(number: int, frame: object) -> None:
     raise SystemExit(128 + number)
+
+
+def _sent_again(dropped: sys.UnraisableHookArgs) -> None:
+    """What Python drops of signals is sent again; of the rest it says what it says."""
+    match dropped.exc_value:
+        case KeyboardInterrupt():
+            number = signal.SIGINT.value
+        case SystemExit(code=int(code)) if code > 128:
+            number = code - 128
+        case _:
+            sys.__unraisablehook__(dropped)
+            return
+    again = threading.Timer(AGAIN_S, os.kill, (os.getpid(), number))
+    again.daemon = True
+    again.start()
 
 
 def _check_common(arguments: Sequence[str], args: argparse.Namespace) -> None:
