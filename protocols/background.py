@@ -12,6 +12,8 @@ from collections.abc import Mapping
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING
 
+from shockrig.protocols.branch import end
+
 if TYPE_CHECKING:
     from shockrig.analysis.inference.quantity import ChannelName
     from shockrig.analysis.planning.judged import Verdict
@@ -51,8 +53,7 @@ class Background:
     def close(self) -> None:
         """End the process, whatever it is at."""
         if self._process is not None:
-            self._process.terminate()
-            self._process.join()
+            end(self._process)
         if self._answers is not None:
             self._answers.close()
         self._process, self._answers, self._found = None, None, {}

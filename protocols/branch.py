@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from typing import Any
 
 Send = Callable[[object], None]
@@ -32,7 +33,7 @@ def branch(function: Callable[..., None], *arguments: object) -> Iterator[Connec
         yield mine
     finally:
         mine.close()
-        _end(process)
+        end(process)
 
 
 def received(connection: Connection) -> Any:
@@ -49,7 +50,7 @@ def received(connection: Connection) -> Any:
     return value
 
 
-def _end(process: Any) -> None:
+def end(process: BaseProcess) -> None:
     """End a process, and those it has branched: asked again where an exception that a signal raised came to nothing, as
     one does that is raised while something is being deleted."""
     for _ in range(ASKED):

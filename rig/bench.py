@@ -83,14 +83,13 @@ class Bench:
 
     def demand_surroundings(self, pressure_hpa: float | None, irradiance_w_m2: float | None) -> None:
         """Raise BenchError where runs cannot be recorded at this pressure, or in this light."""
-        offers = {"pressure_hpa": (self.pressure_hpa, *self.pressures_hpa), "irradiance_w_m2": self.lights}
-        for key, value, unit in (
-            ("pressure_hpa", pressure_hpa, "hPa"),
-            ("irradiance_w_m2", irradiance_w_m2, "W/m2"),
+        pressures = (self.pressure_hpa, *self.pressures_hpa)
+        for key, value, offered, unit, listed in (
+            ("pressure_hpa", pressure_hpa, pressures, "hPa", "pressures_hpa"),
+            ("irradiance_w_m2", irradiance_w_m2, self.lights, "W/m2", "irradiances_w_m2"),
         ):
-            if value is not None and value not in offers[key]:
-                made = ", ".join(f"{one:g}" for one in offers[key])
-                listed = key.replace("pressure_", "pressures_").replace("irradiance_", "irradiances_")
+            if value is not None and value not in offered:
+                made = ", ".join(f"{one:g}" for one in offered)
                 raise BenchError(
                     f"{key} {value:g}: bench {self.name} has {made} {unit}; leave it out, or list it under {listed} in "
                     "[bench] where the bench can make it"

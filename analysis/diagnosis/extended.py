@@ -61,14 +61,16 @@ def extended_result(found: ChannelDiagnosis) -> ChannelResult | None:
     if not rows:
         return None
     wider = _wider(found)
-    rows = [_in_doubt(found, row, wider) for row in rows]
+    shown = _by_itself(found.problem.channel) if found.verdict == "unexplained" and not found.gain.measured else None
+    rows = [_in_doubt(found, row, wider, shown) for row in rows]
     effects = tuple(stated_cause(cause).as_effect() for cause in found.causes)
     left_out = [*found.problem.channel.left_out, *undetermined]
     return channel_result(rows, found.noise, effects, [part], left_out, found.discovered)
 
 
-def _in_doubt(found: ChannelDiagnosis, row: Row, wider: Sequence[Fit]) -> Row:
-    """A row as uncertain as its nearest rivals are away from it, and no surer than the models that it is a limit of.
+def _in_doubt(found: ChannelDiagnosis, row: Row, wider: Sequence[Fit], shown: tuple[float, float] | None) -> Row:
+    """A row as uncertain as its nearest rivals are away from it, and no surer than the models that it is a limit of;
+    `shown` are the times to 63 and 90 % that the readings of a single run show by no model.
 
     What a search ended with lowers the misfit and may not be named, for want of runs or of certainty, and what is tied
     may be as true; how far their times are from those that are stated is how far these may be off.
@@ -84,7 +86,6 @@ def _in_doubt(found: ChannelDiagnosis, row: Row, wider: Sequence[Fit]) -> Row:
     ]
     if found.verdict == "unexplained":
         rivals.append(found.search.final)
-    shown = _by_itself(channel) if found.verdict == "unexplained" and not found.gain.measured else None
     if not (rivals or wider or shown):
         return row
     stated, others = row.response, [response_time(channel, fit, ambient) for fit in (*rivals, *wider)]

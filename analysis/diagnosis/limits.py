@@ -6,9 +6,9 @@ import numpy as np
 
 from shockrig.analysis.diagnosis.search import Search
 from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.seen import FEW_RUNS
 from shockrig.analysis.inference.work import Work
 
-FEW_RUNS = 6
 SAME_AIRFLOW = 1.2  # ratio between airflows below which they are one
 
 

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 PLACED_WITHIN = 2.0  # standard uncertainties
 FREE = 10.0  # likewise, of what nobody recorded
-WEIGHED = 4  # times at most that a wrong model is fitted anew, each by what the one before left
+WEIGHED = 3  # times at most that a wrong model is fitted anew, each by what the one before left
 STEPS = 8  # of Gauss and Newton within the limits
 TINY = 1e-12
 TRUSTED = 10.0  # times what they leave: readings are weighted so that what is stated only limits
@@ -60,16 +60,14 @@ def weighed_alike(problem: Problem, found: Fit) -> Fit:
     """
     if run_misfit(problem, found).max() < MISSED:
         return found
-    least = np.inf
-    reached, best = found, found
+    best, least = _with_square(problem, found)
     for _ in range(WEIGHED):
-        at = placed(problem, reached)
-        left = _squares(problem, reached, at)
-        if not left.mean() < (1.0 - SETTLED) * least:
+        part = _by_count(problem.with_rate_scatter(RATE_SCATTER), np.full(problem.channel.runs, least))
+        again = fit(part, found.structure, best.theta, best.deviations, adapt_scatter=False)
+        reached, left = _with_square(problem, again)
+        if not left < (1.0 - SETTLED) * least:
             break
-        best, least = replace(reached, deviations=at), float(left.mean())
-        part = _by_count(problem.with_rate_scatter(RATE_SCATTER), np.full(left.size, least))
-        reached = fit(part, found.structure, reached.theta, at, adapt_scatter=False)
+        best, least = reached, left
     if best.theta is found.theta:
         return found
     prediction, _ = linearise(problem, found.structure, best.point)
@@ -80,6 +78,12 @@ def weighed_alike(problem: Problem, found: Fit) -> Fit:
         covariance=found.covariance + best.covariance,
         residual=np.where(problem.channel.count > 0, problem.channel.value - prediction, 0.0),
     )
+
+
+def _with_square(problem: Problem, found: Fit) -> tuple[Fit, float]:
+    """A fit with its runs placed, and the mean square error of their readings."""
+    at = placed(problem, found)
+    return replace(found, deviations=at), float(_squares(problem, found, at).mean())
 
 
 def _placed(problem: Problem, found: Fit) -> tuple[Array, NDArray[np.bool_]]:

@@ -132,6 +132,10 @@ class Channel:
         """Whether a reading jumps with the air's temperature, as RH does that is read at it."""
         return not self.quantity.pooled
 
+    def trace_of(self, air: MeasuredAir) -> Array:
+        """What a measured air was in the channel's own quantity (m,)."""
+        return air.temperature_c if self.quantity.pooled else air.humidity_percent
+
     @cached_property
     def _earlier_dies(self) -> dict[float, Array]:
         return {}

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy import linalg, optimize
 
 from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.readings import white_noise
 from shockrig.analysis.inference.rounding import noise_before_rounding, rounded_autocovariance, rounding_covariance
 
 Array = NDArray[np.float64]
@@ -127,8 +128,7 @@ def plateau_pieces(channel: Channel, late_share: float = 1 / 3) -> tuple[Array, 
             t, y = time[part], value[part]
             pieces.extend(whole_pieces(t, y, period, piece))
         if air is not None:
-            measured = air.humidity_percent if channel.jumps_with_air else air.temperature_c
-            driving.extend(whole_pieces(time, np.interp(time, air.time_s, measured), period, piece))
+            driving.extend(whole_pieces(time, np.interp(time, air.time_s, channel.trace_of(air)), period, piece))
     if driving and len(driving) == len(late):
         late = [y for y, smooth in zip(late, _smooth(np.array(driving)), strict=True) if smooth]
     return np.array(early).reshape(-1, piece), np.array(late).reshape(-1, piece)
@@ -301,7 +301,7 @@ def _logistic(x: float) -> float:
 
 def _crude(channel: Channel, step: float) -> Noise:
     """White noise from differences where no plateau is long enough for more."""
-    spread = [1.4826 * np.median(np.abs(np.diff(y[t > 0.6 * t[-1]]))) / np.sqrt(2) for t, y in channel.samples]
+    spread = [white_noise(y[t > 0.6 * t[-1]]) for t, y in channel.samples]
     return Noise(max(float(np.median(spread)), 1e-4), 0.0, 0.0, 1, 0.0, 0, np.zeros(MAX_AVERAGED), step)
 
 

@@ -1,10 +1,18 @@
-"""What single readings show without any model: the step that a log is rounded to."""
+"""What single readings show without any model: their noise, and the step that a log is rounded to."""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shockrig.analysis.inference.channel import Channel
+
+ROBUST = 1.4826  # standard deviations in the median of a normal variable's absolute value
+
+
+def white_noise(value: NDArray[np.float64]) -> float:
+    """Standard deviation of independent noise, from the differences of readings in a row; a few jumps do not count."""
+    return ROBUST * float(np.median(np.abs(np.diff(value)))) / float(np.sqrt(2.0))
 
 
 def rounding_step(channel: Channel) -> float:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.driven_air import follow
-from shockrig.analysis.physics.chain import MeasuredAir
+from shockrig.analysis.inference.readings import white_noise
 
 Array = NDArray[np.float64]
 
@@ -49,21 +49,16 @@ def seen(channel: Channel) -> tuple[Seen, ...]:
         tail = max(value.size // 20, 3)
         before = value[time < 0] if (time < 0).sum() >= 3 else value[:3]
         begin, end = float(np.median(before)), float(np.median(value[-tail:]))
-        noise = 1.4826 * float(np.median(np.abs(np.diff(value)))) / np.sqrt(2.0)
+        noise = white_noise(value)
         if abs(end - begin) < max(STEP_IN_NOISE * noise, channel.quantity.least_step):
             continue
         if air is None:
             times_s, at_most = _crossings(time, (value - begin) / (end - begin))
             found.append(Seen(run, begin, end, times_s, None, at_most))
         else:
-            lag = follow(time, value, air.time_s, trace_of(channel, air), channel.quantity.resolution).time_constant_s
+            lag = follow(time, value, air.time_s, channel.trace_of(air), channel.quantity.resolution).time_constant_s
             found.append(Seen(run, begin, end, None, lag))
     return tuple(found)
-
-
-def trace_of(channel: Channel, air: MeasuredAir) -> Array:
-    """What a measured air was in the channel's own quantity (m,)."""
-    return air.temperature_c if channel.quantity.pooled else air.humidity_percent
 
 
 def _crossings(time: Array, share: Array) -> tuple[tuple[float, float], bool]:

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from shockrig.analysis.inference.readings import white_noise
+
 Array = NDArray[np.float64]
 
 SCAN = 160  # starts that are tried over a record, before the search narrows
@@ -23,7 +25,7 @@ def estimate_start(time_s: Array, value: Array) -> float | None:
     """Start of the transient in one trace (n,) [s]; None where no step stands out of the noise."""
     if time_s.size < 20:
         return None
-    noise = 1.4826 * float(np.median(np.abs(np.diff(value)))) / np.sqrt(2.0)
+    noise = white_noise(value)
     tail = max(value.size // 20, 5)
     lowest, highest = np.quantile(value, [0.01, 0.99])
     step = max(abs(float(np.median(value[-tail:]) - np.median(value[:tail]))), 0.0)

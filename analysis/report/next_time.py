@@ -8,7 +8,7 @@ import numpy as np
 
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.driven_air import follow
-from shockrig.analysis.inference.seen import FEW_RUNS, little_known, seen, trace_of
+from shockrig.analysis.inference.seen import FEW_RUNS, little_known, seen
 
 ENOUGH_READINGS = 8.0  # in the time to 63 %
 REST, WHOLE = 3.0, 8.0  # times to 63 % to wait before a transfer, and to record after it
@@ -103,7 +103,7 @@ def _settled(channels: Sequence[Channel]) -> str:
         for (time, value), air in zip(channel.samples, channel.air, strict=True):
             if air is None:
                 continue
-            trace = trace_of(channel, air)
+            trace = channel.trace_of(air)
             if follow(time, value, air.time_s, trace, channel.quantity.resolution).excess:
                 return "Let the sensor settle before the record begins: it was still on its way from another air."
     return ""

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Generic, Self, TypeVar
 
 from shockrig.rig.errors import BenchError
 from shockrig.rig.seams import Parts, Reading
@@ -41,15 +41,23 @@ class ImetBeadSettings:
     bead_radius_m: float = 4e-4
 
 
-class _OfUnit:
+_Settings = TypeVar("_Settings", ImetHumiditySettings, ImetBeadSettings)
+
+
+class _OfUnit(Generic[_Settings]):
     """One quantity out of another sensor's lines."""
 
     takes: Mapping[str, str]  # its own quantities, the one that counts first, by what the unit's lines call them
 
-    def __init__(self, name: str, imet: Imet, line: str) -> None:
+    def __init__(self, name: str, settings: _Settings, imet: Imet) -> None:
         self.name = name
+        self.settings: _Settings = settings
         self._imet = imet
-        self._readings = imet.keep(name, line, self.takes)
+        self._readings = imet.keep(name, settings.line, self.takes)
+
+    @classmethod
+    def build(cls, name: str, settings: _Settings, parts: Parts) -> Self:
+        return cls(name, settings, _unit(settings.through, settings.line, cls.takes, parts))
 
     def open(self) -> None:
         self._readings.clear()
@@ -66,20 +74,12 @@ class _OfUnit:
         pass
 
 
-class ImetHumidity(_OfUnit):
+class ImetHumidity(_OfUnit[ImetHumiditySettings]):
     """Humidity and die temperature out of an iMet's lines."""
 
     Settings = ImetHumiditySettings
     KIND = "imet-humidity"
     takes = {"humidity_percent": "humidity_percent", "die_temperature_c": "temperature_c"}
-
-    def __init__(self, name: str, settings: ImetHumiditySettings, imet: Imet) -> None:
-        super().__init__(name, imet, settings.line)
-        self.settings = settings
-
-    @classmethod
-    def build(cls, name: str, settings: ImetHumiditySettings, parts: Parts) -> ImetHumidity:
-        return cls(name, settings, _unit(settings.through, settings.line, cls.takes, parts))
 
     def describe(self) -> dict[str, Any]:
         unit = str(self._imet.describe()["kind"])
@@ -87,20 +87,12 @@ class ImetHumidity(_OfUnit):
         return {"kind": kind, "serial": self.settings.serial, "film_thickness_m": self.settings.film_thickness_m}
 
 
-class ImetBead(_OfUnit):
+class ImetBead(_OfUnit[ImetBeadSettings]):
     """Temperature of an iMet's second bead."""
 
     Settings = ImetBeadSettings
     KIND = "imet-bead"
     takes = {"temperature_c": "temperature_c"}
-
-    def __init__(self, name: str, settings: ImetBeadSettings, imet: Imet) -> None:
-        super().__init__(name, imet, settings.line)
-        self.settings = settings
-
-    @classmethod
-    def build(cls, name: str, settings: ImetBeadSettings, parts: Parts) -> ImetBead:
-        return cls(name, settings, _unit(settings.through, settings.line, cls.takes, parts))
 
     def describe(self) -> dict[str, Any]:
         unit = str(self._imet.describe()["kind"])
