@@ -248,6 +248,16 @@ def test_lags_of_equal_time_constants():
     assert response_times(two_lags(1.0, 1.0))[0] == pytest.approx(2.14619, rel=1e-5)
 
 
+def test_lags_of_which_some_stand_on_a_rate_are_each_what_they_are_alone():
+    """One on a rate of its body, two on none: the one that has to give way moves no other."""
+    rates = 1.0 / np.array([[0.5], [1.0], [2.0]])
+    body = first_order(np.array([1.0, 1.0, 1.0])).scaled(np.ones(3))
+    found = in_series(body, 1.0 / rates[:, 0])
+    t = np.linspace(0.01, 8.0, 40)
+    for i, second_s in enumerate((0.5, 1.0, 2.0)):
+        assert found.step(t)[i] == pytest.approx(two_lags(1.0, second_s).step(t), abs=1e-12)
+
+
 @pytest.mark.parametrize("name", SERIES)
 def test_a_lag_as_fast_as_a_mode_of_the_body_is_nothing_special(name):
     held = BODIES[name].held()

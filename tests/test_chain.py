@@ -52,6 +52,29 @@ def test_plain_chain_is_the_closed_form(channels):
     assert found == pytest.approx(humidity_from_ppmv(held, air), abs=1e-5)
 
 
+LAGGING = {
+    "convective_film": {"biot_at_5_m_s": 8.0},
+    "sheath": {"time_constant_s": 2.0, "capacity": 0.3},
+    "series_lag": {"time_constant_s": 0.7},
+    "parallel_lag": {"fraction": 0.05, "time_constant_s": 9.0},
+}
+
+
+def test_candidates_at_once_read_as_each_by_itself(channels):
+    """Those that differ only in what a response is multiplied with, or in nothing, share one response."""
+    channel = channels["temperature"]
+    model = Model(channel, structure_of(LAGGING))
+    theta = model.start(np.array([np.log(0.3)]), {f"{e}.{p}": v for e, own in LAGGING.items() for p, v in own.items()})
+    thetas, deviations = np.tile(theta, (12, 1)), np.tile(channel.at_rest(), (12, 1, 1))
+    for k in range(theta.size):
+        thetas[1 + k, k] += 0.01
+    for k in range(deviations.shape[-1]):
+        deviations[-1 - k, :, k] += 0.01
+    assert 1 + theta.size + deviations.shape[-1] <= 12
+    alone = [model.predict(Point(thetas[i], deviations[i]))[0] for i in range(12)]
+    np.testing.assert_allclose(model.predict(Point(thetas, deviations)), alone, rtol=0, atol=1e-12)
+
+
 def test_saturation_pressure_known_values():
     """Boiling point by definition; Murphy and Koop (2005) over water at 0, 20 and 40 degC; dew point is its inverse."""
     assert saturation_pressure_hpa(100.0) == pytest.approx(1013.25)

@@ -5,12 +5,14 @@ import json
 import pickle
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 from small_worlds import record
 
+import shockrig.analysis.discovery.discover as searching
 from shockrig.analysis.characterization.extension import extension_of
 from shockrig.analysis.diagnosis.adequacy import judge
 from shockrig.analysis.diagnosis.prepare import prepare
@@ -130,6 +132,25 @@ def test_a_rate_that_moves_with_the_ambient_is_described(warm_rates):
     assert one.seen_over["airflow_m_s"] == (2.5, 12.0)
     judged = found.effects[0].judged
     assert judged.holds and all(c.saved > -6.0 for c in judged.conditions)
+
+
+@pytest.mark.parametrize(("after", "looks"), [(600.0, 1), (400.0, 2)])
+def test_a_second_form_is_looked_for_only_where_the_first_took_most_of_it(warm_rates, monkeypatch, after, looks):
+    """What leaves nearly all that was there is no half of an answer; the forms are not gone through once more."""
+    ready, near, whole = warm_rates
+    seen, told = [], iter([1000.0])
+    best = race.Candidate(whole.effects[0].effect, whole.fit)
+
+    def candidates(problem, current, work):
+        seen.append(current.structure.ids)
+        return ([best], 20.0) if len(seen) == 1 else ([], 20.0)
+
+    def left(found):
+        return SimpleNamespace(passed=False, inflation=1.0, excess=next(told, after))
+
+    monkeypatch.setattr(searching, "candidates", candidates)
+    discover(ready.problem, near, left)
+    assert len(seen) == looks
 
 
 @pytest.mark.parametrize("limit", [1, 12])

@@ -30,6 +30,7 @@ CERTAIN = 10.0  # multiple of what is left that a description must bring, where 
 CERTAIN_LEAST = 60.0
 MOST_CERTAIN = 0.97  # a description is no name: there may be forms that nobody wrote down
 UNTRIED = 0.5  # the most that is said of a description where not all others were tried, or where something is left
+HARDLY = 0.5  # share of what was there, above which what a first form leaves is not for a second to end
 AT_END = 1e-3  # of a range
 SWITCH = 50.0  # by which a law may scale a strength from run to run: more picks runs out, and is no law
 ANYTHING = 1.0  # uncertainty of a logarithm that says nothing
@@ -100,7 +101,8 @@ def discover(problem: Problem, near: Fit, judge: Callable[[Fit], Left], work: Wo
     work = Work() if work is None else work
     stages: list[tuple[Candidate, list[Candidate]]] = []
     current, left, null = near, judge(near), np.inf
-    while not left.passed and len(stages) < MOST and not (stages and work.ended):
+    there = left.excess
+    while not left.passed and len(stages) < MOST and not (stages and (work.ended or left.excess > HARDLY * there)):
         found, chance = candidates(problem, current, work)
         found = [one for one in found if says_something(one)]
         null = min(null, chance)

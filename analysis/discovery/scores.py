@@ -49,6 +49,7 @@ def first_order(problem: Problem, near: Fit, forms: Iterable[Form]) -> tuple[lis
     """Every form's best score beside a fit, best first, and the drop that the best of them reaches by chance."""
     channel = problem.channel
     base = near.model.predict(near.point)[0]
+    whitener = problem.whitener.astype(np.float32)  # a score needs no more digits, and half of them take half the time
     columns, owners = [], []
     for form in forms:
         effect = described(form.key, channel.jumps_with_air)
@@ -60,7 +61,7 @@ def first_order(problem: Problem, near: Fit, forms: Iterable[Form]) -> tuple[lis
             [model.start(near.log_rates, near.choice | {f"{effect.id}.{k}": v for k, v in s.items()}) for s in tried]
         )
         predicted = model.predict(Point(thetas, near.deviations)) - base
-        columns.append(problem.whiten(np.moveaxis(predicted, 0, -1)).astype(np.float32))
+        columns.append(np.matmul(whitener, np.moveaxis(predicted, 0, -1).astype(np.float32)))
         owners += [(effect, start) for start in tried]
     if not columns:
         return [], np.inf

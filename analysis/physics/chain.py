@@ -7,7 +7,7 @@ effect replaces fields of the chain. Leading axes are always (candidates B, runs
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Protocol
@@ -290,20 +290,31 @@ def humidity_reading(chain: Chain) -> Array:
 
 def _response(chain: Chain, rate: Array) -> modes.Modes:
     """Response of body, lags in parallel and lags in series to the air."""
+    lags = [x for pair in (*chain.lags, *chain.echoes) for x in pair]
+    films = [x for x in (chain.biot, *(chain.loaded or ())) if x is not None]
+    if not (lags or films or chain.series):
+        return chain.body.held().scaled(rate)
+    count, pick, place = _different((rate, *films, *lags, *chain.series))
+
+    def own(x: Array) -> Array:
+        return x[pick] if x.shape[0] == count else x
+
     if chain.loaded is not None:
-        time_constant_s, capacity = chain.loaded
-        time_constant = chain.body.sheath_time(time_constant_s * rate, capacity, chain.biot)
+        time_constant_s, capacity = (own(x) for x in chain.loaded)
+        biot = None if chain.biot is None else own(chain.biot)
+        time_constant = chain.body.sheath_time(time_constant_s * own(rate), capacity, biot)
         body = chain.body.sheathed(time_constant, capacity)
     else:
-        body = chain.body.held() if chain.biot is None else chain.body.behind(chain.biot)
-    response = body.scaled(rate)
+        body = chain.body.held() if chain.biot is None else chain.body.behind(own(chain.biot))
+    response = body.scaled(own(rate))
     for time_constant_s in chain.series:
-        response = modes.in_series(response, time_constant_s)
+        response = modes.in_series(response, own(time_constant_s))
     for share, time_constant_s in chain.lags:
-        response = modes.mix(response, modes.first_order(time_constant_s), share)
+        response = modes.mix(response, modes.first_order(own(time_constant_s)), own(share))
     for share, time_constant_s in chain.echoes:
-        response = modes.mix(response, modes.in_series(response, time_constant_s), share)
-    return response
+        response = modes.mix(response, modes.in_series(response, own(time_constant_s)), own(share))
+    each = ((x[place] if x.ndim > 2 and x.shape[0] == pick.size else x) for x in (response.amplitude, response.rate))
+    return modes.Modes(*each)
 
 
 def _measured(chain: Chain) -> list[tuple[int, MeasuredAir]]:
@@ -369,20 +380,25 @@ def _averaged(chain: Chain, form: Callable[..., Array]) -> Callable[..., Array]:
 def _shared(form: Callable[..., Array], response: modes.Modes, time: Array, *arguments: Array) -> Array:
     """A closed form for all candidates; those that differ only in what it is multiplied with share one evaluation."""
     keys = (response.amplitude, response.rate, time, *arguments)
-    count = max(key.shape[0] if key.ndim > 1 else 1 for key in keys)
-    whole = [key.ndim > 1 and key.shape[0] == count for key in keys]
+    count, pick, place = _different(keys)
     if count < 3:
         return form(response, time, *arguments)
+    amplitude, rate, *rest = (key[pick] if key.ndim > 1 and key.shape[0] == count else key for key in keys)
+    return np.asarray(form(modes.Modes(amplitude, rate), *rest)[place])
+
+
+def _different(keys: Sequence[Array]) -> tuple[int, NDArray[np.int64], NDArray[np.int64]]:
+    """How many candidates there are, which of them differ from the first in anything (with the first), and the place of
+    each among those."""
+    count = max(key.shape[0] if key.ndim > 1 else 1 for key in keys)
     same = np.ones(count, dtype=bool)
-    for key, full in zip(keys, whole, strict=True):
-        if full:
+    for key in keys:
+        if key.ndim > 1 and key.shape[0] == count:
             same &= (key == key[:1]).reshape(count, -1).all(axis=1)
     own = np.flatnonzero(~same)
-    pick = np.concatenate([[0], own])
     place = np.zeros(count, dtype=int)
-    place[own] = np.arange(1, pick.size)
-    amplitude, rate, *rest = (key[pick] if full else key for key, full in zip(keys, whole, strict=True))
-    return np.asarray(form(modes.Modes(amplitude, rate), *rest)[place])
+    place[own] = np.arange(1, own.size + 1)
+    return count, np.concatenate([[0], own]), place
 
 
 def _saturation_at_reading(chain: Chain) -> Array:

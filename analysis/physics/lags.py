@@ -13,6 +13,7 @@ from shockrig.analysis.physics.exponentials import Modes
 Array = NDArray[np.float64]
 
 APART = 3e-5  # relative distance of two rates from which partial fractions keep ten digits
+CLEAR = 0.99 * APART
 
 
 def first_order(time_constant_s: ArrayLike) -> Modes:
@@ -48,13 +49,24 @@ def in_series(first: Modes, time_constant_s: ArrayLike) -> Modes:
         two rates are within 3e-5 of one another, by less than 1e-6 where three are, and by rounding elsewhere.
     """
     mu = 1.0 / np.asarray(time_constant_s, dtype=float)[..., None]
-    spread = APART * np.arange(0.0, 24.0, 2.0)[:, None]
-    tried = mu[..., None] * np.concatenate([1.0 - spread, 1.0 + spread], axis=-1)  # (..., spreads, 2)
-    off = np.abs(tried[..., None] / first.rate[..., None, None, :] - 1.0).min(axis=(-2, -1))
-    chosen = np.argmax(off >= 0.99 * APART, axis=-1)[..., None, None]
-    mu = np.take_along_axis(tried, chosen, axis=-2)[..., 0, :]  # (..., 2)
+    mu = _clear_of(first.rate, mu)  # (..., 2)
     passed = first.amplitude[..., None, :] / (1.0 - first.rate[..., None, :] / mu[..., None])  # (..., 2, K)
     return _joined((passed.mean(axis=-2), first.rate), (-0.5 * (1.0 + passed.sum(axis=-1)), mu))
+
+
+def _clear_of(rate: Array, mu: Array) -> Array:
+    """Two rates (..., 2) in the place of a lag's `mu` (..., 1): equal, or as far apart as keeps both off all `rate`."""
+    alone = np.abs(mu / rate - 1.0).min(axis=-1) >= CLEAR
+    pair = np.repeat(np.broadcast_to(mu, (*alone.shape, 1)), 2, axis=-1)
+    if alone.all():
+        return pair
+    near = np.broadcast_to(rate, (*alone.shape, rate.shape[-1]))[~alone]
+    spread = APART * np.arange(0.0, 24.0, 2.0)[:, None]
+    tried = pair[~alone][:, None, :] * np.concatenate([1.0 - spread, 1.0 + spread], axis=-1)  # (..., spreads, 2)
+    off = np.abs(tried[..., None] / near[:, None, None, :] - 1.0).min(axis=(-2, -1))
+    chosen = np.argmax(off >= CLEAR, axis=-1)
+    pair[~alone] = tried[np.arange(chosen.size), chosen]
+    return pair
 
 
 def two_lags(first_s: ArrayLike, second_s: ArrayLike) -> Modes:
