@@ -172,6 +172,49 @@ def test_slow_and_fast_sensors_of_a_log_have_one_step():
         assert all(len(step.moves) == 2 for step in found)
 
 
+def carried_weather_sensor(seed):
+    """A sensor of both, boxed, between a room and a cold one, every 2 s: times of its transfers, and its two channels.
+
+    Its film answers within seconds to the vapour of the new air at the temperature that it still has."""
+    random = np.random.default_rng(seed)
+    slow_s, box_s, film_s = random.uniform(50.0, 200.0), random.uniform(5.0, 30.0), random.uniform(5.0, 15.0)
+    carried_s = np.cumsum(random.uniform(12.0, 20.0, 5) * slow_s)
+    time_s = np.arange(0.0, carried_s[-1], 2.0)
+    warm, cold = random.uniform(19.0, 24.0), random.uniform(3.0, 8.0)
+    outside = (np.searchsorted(carried_s, time_s, side="right") % 2).astype(float)
+    air_c, air_hpa = np.where(outside, cold, warm), np.where(outside, 5.0, 8.0)
+    temperature_c, film_percent = np.empty(time_s.size), np.empty(time_s.size)
+    box_c = own_c = warm
+    reading = 100.0 * 8.0 / saturation_hpa(warm)
+    for k in range(time_s.size):
+        box_c += (air_c[k] - box_c) * -np.expm1(-2.0 / slow_s)
+        own_c += (box_c - own_c) * -np.expm1(-2.0 / box_s)
+        reading += (100.0 * air_hpa[k] / saturation_hpa(own_c) - reading) * -np.expm1(-2.0 / film_s)
+        temperature_c[k], film_percent[k] = own_c, reading
+    made = [
+        channel_of(time_s, np.round(temperature_c + random.normal(0.0, 0.03, time_s.size), 1), "temperature"),
+        channel_of(time_s, np.round(film_percent + random.normal(0.0, 0.1, time_s.size), 1), "humidity"),
+    ]
+    return carried_s[:-1], made
+
+
+def saturation_hpa(temperature_c):
+    """Magnus, over water (Sonntag 1990)."""
+    return 6.112 * np.exp(17.62 * temperature_c / (243.12 + temperature_c))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_humidity_that_comes_back_is_no_second_step(seed):
+    carried_s, channels = carried_weather_sensor(seed)
+    found = find_steps(channels, 0)
+    assert len(found) == carried_s.size
+    for step, at_s in zip(found, carried_s, strict=True):
+        assert step.why_not == ""
+        assert abs(step.at_s - at_s) < max(3.0 * step.uncertainty_s, 4.0)
+        assert step.uncertainty_s < 10.0  # the film's turn tells the start that the boxed thermometer hides
+        assert {move.quantity for move in step.moves} == {"temperature", "humidity"}
+
+
 def test_the_map_of_a_first_look_says_what_was_seen(tmp_path):
     """Read again it holds the steps that were found, and what it suggests is only a comment."""
     log = two_sensors(tmp_path)

@@ -58,6 +58,11 @@ def cannot_tell(channel: Channel) -> tuple[str, ...]:
         )
     elif channel.runs > 1 and c.airflow_m_s.max() < SAME_AIRFLOW * max(c.airflow_m_s.min(), 1e-9):
         said.append("All runs have one airflow: what depends on it cannot be told from what does not. Vary it.")
+    if channel.name == "humidity" and not np.isfinite(channel.die_c).any() and not channel.isothermal.all():
+        said.append(
+            f"The {sensor}'s own temperature was not recorded: where the temperature changes, its lag and the "
+            f"{sensor}'s cannot be told apart. Log it (temperature_c in hyt.csv, die_temperature in a map)."
+        )
     step = channel.quantity.step(c)
     if channel.runs > 1 and not channel.measured.any() and (np.all(step > 0) or np.all(step < 0)):
         said.append("All steps go one way: what depends on the direction cannot be told from what does not.")

@@ -156,7 +156,9 @@ def _independent(channel: Channel, run: NDArray[np.int64], amplitude: Array) -> 
 
 def _bursts(channel: Channel, pieces: list[_Plateau]) -> Discovered | None:
     """Bursts by the size of their readings; None where not every condition shows them."""
-    far = [np.abs(p.value) > BURST * _spread(p.value) for p in pieces]
+    # A plateau that stands at one code has no spread of its own.
+    usual = float(np.median([p.value.std() for p in pieces]))
+    far = [np.abs(p.value) > BURST * max(_spread(p.value), usual) for p in pieces]
     run = np.array([p.run for p in pieces])
     count, outside = np.array([p.value.size for p in pieces]), np.array([int(f.sum()) for f in far])
     for _, runs in held_out(channel, set()):
@@ -165,6 +167,8 @@ def _bursts(channel: Channel, pieces: list[_Plateau]) -> Discovered | None:
         if test.sum() >= FEWEST and special.pdtrc(outside[test].sum() - 1, expected) > CHANCE:
             return None
     values = np.concatenate([p.value[f] for p, f in zip(pieces, far, strict=True)])
+    if values.size == 0:
+        return None
     # Readings of one burst go together: they count as one.
     bursts = sum(int((np.diff(f.astype(int)) == 1).sum() + f[0]) for f in far)
     size = float(np.sqrt((values**2).mean()))

@@ -38,6 +38,7 @@ ORDINARY_HALF_WAY_S = (0.25, 8.0)  # of the sensors that the bins and the limits
 SLOWED_TIMES, SLOWED_FROM_S = 3.0, 0.5  # usual durations, and seconds, from which a transfer was slowed on purpose
 UNKNOWN_AIRFLOW_M_S = 5.0
 FEWEST_SAMPLES = 30
+SLIGHT = 0.1  # of the largest step
 SHORTEST_BEFORE, SHORTEST_AFTER = 2.0, 7.0  # records around a transfer, in times to half of the step; else 1 s and 5 s
 
 
@@ -87,6 +88,9 @@ def _usable(campaign: Campaign, quantity: Quantity) -> tuple[list[UsableRun], li
             usable.append(one)
         else:
             reasons[one.run.id] = reason
+    slight = _slight(usable, quantity, tempo)
+    reasons |= slight
+    usable = [one for one in usable if one.run.id not in slight]
     left_out = [LeftOut(run.id, quantity.name, reasons[run.id]) for run in campaign.runs if run.id in reasons]
     return usable, left_out, tempo, half_s
 
@@ -178,16 +182,42 @@ def _unfit(one: UsableRun, quantity: Quantity, tempo: float, half_s: float) -> s
     gap = float(np.diff(near).max()) if near.size > 1 else np.inf
     if gap > max(0.8 * tempo, 5 * period):
         return f"a gap of {gap:.1f} s over the transfer"
-    end = value[time > time[-1] - max(5.0 * min(tempo, 1.0), 5 * period)].mean()
     drift = _drift(value[before])
-    step = abs(end - value[before].mean())
-    known = all(getattr(air, quantity.column) is not None for air in (one.run.source, one.run.destination))
+    step = _step_read(one, quantity, tempo)
+    known = _airs_known(one.run, quantity)
     if not known and step < quantity.least_step:
         return f"no {quantity.name} step ({step:.2g} {quantity.unit})"
     limit = max(quantity.settled_within, (0.02 if known else 0.05) * step)
     if abs(drift) > limit:
         return f"not settled before the transfer: the plateau drifts by {drift:+.2f} {quantity.unit}"
     return None
+
+
+def _step_read(one: UsableRun, quantity: Quantity, tempo: float) -> float:
+    """From the readings' mean before the transfer to that of the last ones."""
+    time, value = one.trace.time_s, one.trace.values[quantity.column]
+    period = float(np.median(np.diff(time)))
+    before = time < one.start_s - min(0.05, 0.5 * period)
+    last = time > time[-1] - max(5.0 * min(tempo, 1.0), 5 * period)
+    return float(abs(value[last].mean() - value[before].mean()))
+
+
+def _airs_known(run: Run, quantity: Quantity) -> bool:
+    return all(getattr(air, quantity.column) is not None for air in (run.source, run.destination))
+
+
+def _slight(usable: Sequence[UsableRun], quantity: Quantity, tempo: float) -> dict[str, str]:
+    """Runs whose step is slight beside the others', by id, with the reason: in airs that nobody recorded, what they do
+    by themselves may be as large, and a hundredth of a large step's information is no loss."""
+    own = [one for one in usable if one.air is None and one.run.start_s is None and not _airs_known(one.run, quantity)]
+    steps = [_step_read(one, quantity, tempo) for one in own]
+    most = max(steps, default=0.0)
+    return {
+        one.run.id: f"a step of {step:.2g} {quantity.unit} is slight beside {most:.2g} {quantity.unit} of another run, "
+        "and its airs were not recorded"
+        for one, step in zip(own, steps, strict=True)
+        if step < SLIGHT * most
+    }
 
 
 def _has_temperatures(run: Run) -> bool:

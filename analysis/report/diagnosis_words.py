@@ -11,6 +11,7 @@ from shockrig.analysis.diagnosis.thresholds import TIE
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.effect import Parameter
 from shockrig.analysis.inference.quantity import QUANTITIES
+from shockrig.analysis.inference.seen import seen
 from shockrig.analysis.report import described_words
 from shockrig.analysis.report.fitted import UNIT
 from shockrig.analysis.report.numbers import measured, plain
@@ -138,7 +139,8 @@ def channel_verdict(found: ChannelDiagnosis, whole: bool = True) -> str:
     if not (gain.measured or (found.remainder.significant and found.remainder.material)):
         return " ".join([f"{sensor.capitalize()}: there is no other run to try an explanation on.", opening, *said])
     told = [described_words.sentence(one, unit) for one in found.discovered]
-    most = ["Most of it can be described.", *told] if told else []
+    much = "Most" if found.gain.measured and found.gain.explained_fraction > 0.5 else "Some"
+    most = [f"{much} of it can be described.", *told] if told else []
     return " ".join([unexplained(found, whole), *([opening, *said] if said else []), *most])
 
 
@@ -158,6 +160,7 @@ def unexplained(found: ChannelDiagnosis, whole: bool = True) -> str:
         parts.append(
             f"largest from {plain(float(left['largest_from_s']), 2)} to {plain(float(left['largest_until_s']), 2)} s "
             "after the transfer"
+            + (", when the response is over: rather an air that moved than the sensor" if _late(found, left) else "")
         )
     varying = [str(v) for v in left.get("varies_with") or ()]
     alike = [v for v in varying if v.startswith("nothing")]
@@ -170,6 +173,15 @@ def unexplained(found: ChannelDiagnosis, whole: bool = True) -> str:
     if whole and left.get("test"):
         parts.append(f"the test that shows it best: {left['test']}")
     return f"{text}: {'; '.join(parts)}." if parts else f"{text}."
+
+
+def _late(found: ChannelDiagnosis, left: Mapping[str, Any]) -> bool:
+    """Whether what is left, in airs that nobody recorded, is largest after 90 % of the way in every run."""
+    channel = found.problem.channel
+    if channel.conditions.airs_known.all():
+        return False
+    over = [one.times_s[1] for one in seen(channel) if one.times_s is not None]
+    return bool(over) and float(left["largest_from_s"]) > max(over)
 
 
 def remainder_sentence(found: ChannelDiagnosis) -> str:

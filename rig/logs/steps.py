@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from shockrig.rig.logs.changes import Change, Channel, find_changes
 from shockrig.rig.logs.onset import Move, fit_onset
+from shockrig.rig.logs.stages import count_stages, first_stage
+from shockrig.rig.logs.turns import on_its_way, own_temperature, turn_s
 
 Array = NDArray[np.float64]
 
@@ -24,7 +26,6 @@ UNDER_WAY = 0.25  # of a step's size may have passed in one t63 before it: weath
 AT_ONCE, AT_ONCE_READINGS = 0.25, 25  # of a t63, and readings, within which a turn is seen
 RETURNED = 0.25  # of the readings after it may lie nearer to the level before: a wave comes back
 RAMP = 0.5  # of the stretch to the next step, taken by 63 % of the way: it did not slow down
-LEAST_STAGE = 0.05  # of the whole way
 MANY_STAGES = 3  # that one transfer does not make
 READINGS_BEFORE, READINGS_AFTER = 5, 10  # that a run needs
 
@@ -66,7 +67,7 @@ def find_steps(channels: Sequence[Channel], piece: int, merge_s: float | None = 
     """
     changes = [find_changes(channel) for channel in channels]
     clusters = _cluster(channels, changes)
-    groups = _merged(channels, clusters, merge_s)
+    groups = _with_turns(channels, _merged(channels, clusters, merge_s))
     begins_s = min((float(c.time_s[0]) for c in channels if c.time_s.size), default=0.0)
     ends_s = max((float(c.time_s[-1]) for c in channels if c.time_s.size), default=0.0)
     steps = []
@@ -137,6 +138,31 @@ def _merged(channels: Sequence[Channel], clusters: Sequence[_Cluster], merge_s: 
     return groups
 
 
+def _with_turns(channels: Sequence[Channel], groups: Sequence[list[_Cluster]]) -> list[list[_Cluster]]:
+    """Groups with what is a turn on the way and no step put to the one before: humidity alone, while the same sensor's
+    temperature is under way."""
+    kept: list[list[_Cluster]] = []
+    for group in groups:
+        if kept and _turns(channels, group, kept[-1]):
+            kept[-1] = [*kept[-1], *group]
+        else:
+            kept.append(list(group))
+    return kept
+
+
+def _turns(channels: Sequence[Channel], group: Sequence[_Cluster], before: Sequence[_Cluster]) -> bool:
+    """Whether all that changes in `group` is humidity whose own temperature still follows a change `before`."""
+    places = {place for cluster in group for place in cluster.changes}
+    if any(channels[place].quantity != "humidity" for place in places):
+        return False
+    for place in places:
+        own = own_temperature(channels, place)
+        moved = [change.time_s for cluster in before for change in cluster.changes.get(-1 if own is None else own, ())]
+        if own is None or not moved or not on_its_way(channels[own], min(moved), group[0].time_s):
+            return False
+    return True
+
+
 def _last_s(group: Sequence[_Cluster]) -> float:
     return max(change.time_s for cluster in group for those in cluster.changes.values() for change in those)
 
@@ -152,11 +178,18 @@ def _step(
         if not mine:
             continue
         end_s = min(until_s, float(channel.time_s[-1]))
+        own = own_temperature(channels, place)
+        if own is not None and any(own in cluster.changes for cluster in group):
+            turned_s = turn_s(channel, channels[own], mine[0], end_s)
+            if turned_s is not None:
+                # It comes back: only when it began is to be had of it.
+                moves.append(fit_onset(channel, mine[0], max(since_s, float(channel.time_s[0])), turned_s))
+                continue
         # In stages the way goes on: its end is that of the step, the start is that of the first stage.
         move = fit_onset(channel, mine[0], max(since_s, float(channel.time_s[0])), end_s)
         count, last_s = count_stages(channel, move, end_s)
         if count >= MANY_STAGES:
-            move = _first_stage(channel, move, mine[0])
+            move = first_stage(channel, move, mine[0])
         elif not _stands_out(channel, move, mine[0].width_s, since_s, end_s):
             continue
         if count > stages:
@@ -188,47 +221,6 @@ def _stands_out(channel: Channel, move: Move, width_s: float, since_s: float, un
     if slope * move.size < 0 and width_s <= min(AT_ONCE * move.t63_s, AT_ONCE_READINGS * channel.period_s):
         return True
     return bool(abs(slope) * max(move.t63_s, channel.period_s) <= UNDER_WAY * abs(move.size))
-
-
-def count_stages(channel: Channel, move: Move, until_s: float) -> tuple[int, float]:
-    """How many stages a move came in (it stood still between them), and when the last one ended."""
-    time_s, value = channel.time_s, channel.value
-    inside = (time_s >= move.at_s - channel.period_s) & (time_s <= until_s)
-    share = (value[inside] - move.before) / move.size if move.size else np.zeros(int(inside.sum()))
-    there = np.flatnonzero(share >= 0.95)
-    if there.size == 0 or there[0] < 6:
-        return 1, move.at_s
-    end = int(there[0]) + 1
-    moments, share = time_s[inside][:end], share[:end]
-    blocks = min(60, end - 1)
-    way = np.diff(np.interp(np.linspace(moments[0], moments[-1], blocks + 1), moments, share))
-    noise = np.sqrt(2.0) * channel.noise / abs(move.size)
-    moving = np.abs(way) > max(0.5 / blocks, 6.0 * noise)
-    still = np.abs(way) < max(0.15 / blocks, 3.0 * noise)
-    stages, going, gone = 0, False, 0.0
-    for k in range(blocks + 1):
-        if k == blocks or (going and still[k]):
-            stages += going and abs(gone) >= LEAST_STAGE
-            going, gone = False, 0.0
-        elif moving[k] or going:
-            going, gone = True, gone + float(way[k])
-    return max(stages, 1), float(moments[-1])
-
-
-def _first_stage(channel: Channel, move: Move, change: Change) -> Move:
-    """The move timed by its first stage alone, which two lags behind one step cannot follow: the first two readings
-    that are off the level before."""
-    time_s, value = channel.time_s, channel.value
-    begin_s = min(move.at_s - 2.0 * move.uncertainty_s, change.time_s - change.width_s)
-    before = np.flatnonzero(time_s < begin_s)[-10:]
-    if before.size < 3:
-        return move
-    off = np.abs(value - np.median(value[before])) > max(6.0 * channel.noise, LEAST_STAGE * abs(move.size))
-    both = np.flatnonzero(off[:-1] & off[1:] & (time_s[:-1] >= begin_s))
-    if both.size == 0 or both[0] == 0:
-        return move
-    last_s, first_s = float(time_s[both[0] - 1]), float(time_s[both[0]])
-    return replace(move, at_s=0.5 * (last_s + first_s), uncertainty_s=first_s - last_s)
 
 
 def judged(step: Step, steps: Sequence[Step], k: int, channels: Sequence[Channel]) -> Step:
