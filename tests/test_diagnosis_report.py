@@ -32,8 +32,18 @@ def gain(before, after, floor):
     return Gain(before, after, floor, 0.99, (0.98, 1.0), True, True, *runs)
 
 
-def channel(name, verdict, causes=(), discrepancy=None):
+def recorded(airs_known):
+    """One run of a lag of 1 s, 90 % of its way after 2.3 s."""
+    time_s = np.linspace(-2.0, 20.0, 441)
+    reading = np.where(time_s > 0, 30.0 - 10.0 * np.exp(-np.maximum(time_s, 0.0)), 20.0)
+    conditions = SimpleNamespace(airs_known=np.array([airs_known]))
+    runs = {"run_ids": ("0001",), "samples": ((time_s, reading),), "air": (None,)}
+    return SimpleNamespace(quantity=TEMPERATURE, conditions=conditions, **runs)
+
+
+def channel(name, verdict, causes=(), discrepancy=None, airs_known=True):
     return SimpleNamespace(
+        problem=SimpleNamespace(channel=recorded(airs_known)),
         name=name,
         discovered=(),
         verdict=verdict,
@@ -90,6 +100,15 @@ def test_adequate_and_unexplained_are_said_honestly():
     assert "from 2.5 to 10 s" in text and "it varies with airflow, and part of it is the same in every run" in text
     assert "Certain all the same: The bead does not follow" in text
     assert channel_verdict(channel("temperature", "unexplained")).endswith("explains.")
+
+
+@pytest.mark.parametrize(
+    ("airs_known", "from_s", "late"), [(False, 2.5, True), (False, 2.0, False), (True, 9.0, False)]
+)
+def test_what_is_left_when_the_response_is_over_is_the_airs(airs_known, from_s, late):
+    left = {"size_rms": 0.08, "size_peak": 0.2, "largest_from_s": from_s, "largest_until_s": 20.0}
+    text = channel_verdict(channel("temperature", "unexplained", (), left, airs_known))
+    assert ("rather an air that moved than the sensor" in text) == late
 
 
 def test_what_is_left_is_said_with_whether_it_matters():
