@@ -17,13 +17,12 @@ from shockrig.files.disk import decoded, read_bytes
 from shockrig.files.ranges import RANGES
 from shockrig.rig.errors import BenchError, as_bench_errors
 from shockrig.rig.keys import nearest
+from shockrig.rig.logs.units import UNITS, bare_name, unit_in_name
 
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
-TEMPERATURE_UNITS = {"c": (1.0, 0.0), "k": (1.0, -273.15), "f": (5.0 / 9.0, -160.0 / 9.0)}
-HUMIDITY_UNITS = {"percent": (1.0, 0.0), "fraction": (100.0, 0.0)}
+TEMPERATURE_UNITS = {"c": "degC", "k": "K", "f": "degF"}
 PLAUSIBLE = {"temperature_c": RANGES["temperature_c"], "humidity_percent": RANGES["humidity_reading_percent"]}
 USUAL_NAMES = {
-    "time": ("time_s", "time", "t", "timestamp", "datetime", "date_time", "time_ms"),
+    "time": ("time_s", "time", "t", "timestamp", "datetime", "date_time", "time_ms", "seconds"),
     "temperature_c": ("temperature_c", "temperature", "temp", "temp_c", "t_c", "tair"),
     "humidity_percent": ("humidity_percent", "humidity", "rh", "rh_percent", "rel_humidity", "hum"),
 }
@@ -33,8 +32,9 @@ USUAL_NAMES = {
 class CsvLayout:
     """How a logger writes. None and "auto" are found out from the file.
 
-    `time_unit` is "s", "ms", "us", "iso" or "auto" (ISO where it is not a number, else s); `time_format` is a strptime
-    format and overrides it. `columns` maps "time", "temperature_c" and "humidity_percent" to a name or a number from 1.
+    `time_unit` is "s", "ms", "us", "iso" or "auto" (ISO where it is not a number, else the unit in the column's name,
+    else s); `time_format` is a strptime format and overrides it. `columns` maps "time", "temperature_c" and
+    "humidity_percent" to a name or a number from 1. A unit of values that is None is that in their column's name.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -43,18 +43,22 @@ class CsvLayout:
     delimiter: str | None = None
     decimal: str | None = None
     skip_lines: int = 0
-    temperature_unit: str = "c"
-    humidity_unit: str = "percent"
+    temperature_unit: str | None = None
+    humidity_unit: str | None = None
 
 
 @dataclass(frozen=True)
 class Series:
-    """One sensor's readings: times in s (since 1970 for dates), values by column, and what was left out and why."""
+    """One sensor's readings: times in s (since 1970 for dates), values by column, and what was left out and why.
+
+    `unit_s` is the unit of times that are numbers, in s: that of `--start`, too.
+    """
 
     time_s: tuple[float, ...]
     values: Mapping[str, tuple[float | None, ...]]
     left_out: Mapping[str, int]
     dated: bool
+    unit_s: float = 1.0
 
 
 def read_series(path: Path, wanted: Sequence[str], layout: CsvLayout) -> Series:
@@ -79,8 +83,15 @@ def read_series(path: Path, wanted: Sequence[str], layout: CsvLayout) -> Series:
     for quantity in wanted:
         if quantity == wanted[0] or quantity in layout.columns or _usual(header, quantity) is not None:
             places[quantity] = _place(path, first_line, header, quantity, layout, options)
-    units = {"temperature_c": TEMPERATURE_UNITS[layout.temperature_unit]}
-    units["humidity_percent"] = HUMIDITY_UNITS[layout.humidity_unit]
+    asked = {"temperature": TEMPERATURE_UNITS.get(layout.temperature_unit or ""), "humidity": layout.humidity_unit}
+    units = {
+        column: _conversion(quantity, header, places, asked[quantity])
+        for quantity, column in (("temperature", "temperature_c"), ("humidity", "humidity_percent"))
+    }
+    if layout.time_unit == "auto" and layout.time_format is None:
+        unit_s, _ = _conversion("time", header, places, None)
+    else:
+        unit_s, _ = UNITS["time"].get(layout.time_unit, (1.0, 0.0))
     times: list[float] = []
     values: dict[str, list[float | None]] = {quantity: [] for quantity in places if quantity != "time"}
     left_out: dict[str, int] = {}
@@ -91,7 +102,7 @@ def read_series(path: Path, wanted: Sequence[str], layout: CsvLayout) -> Series:
         if len(row) <= max(places.values()):
             raise BenchError(f"{path}, line {line}: has {len(row)} columns, expected {max(places.values()) + 1}+")
         here = f"{path}, line {line}"
-        time_s, dated = time_of(row[places["time"]], layout, f"{here}, column {header[places['time']]!r}")
+        time_s, dated = time_of(row[places["time"]], layout, f"{here}, column {header[places['time']]!r}", unit_s)
         new: dict[str, float | None] = {}
         for quantity in values:
             value = _number(row[places[quantity]], layout, f"{here}, column {header[places[quantity]]!r}")
@@ -119,7 +130,9 @@ def read_series(path: Path, wanted: Sequence[str], layout: CsvLayout) -> Series:
             values[quantity].append(value)
     if len(times) < 2:
         raise BenchError(f"{path}: fewer than two usable rows; expected a recording")
-    return Series(tuple(times), {quantity: tuple(column) for quantity, column in values.items()}, left_out, dated)
+    return Series(
+        tuple(times), {quantity: tuple(column) for quantity, column in values.items()}, left_out, dated, unit_s
+    )
 
 
 def _rows(path: Path, layout: CsvLayout) -> list[tuple[int, list[str]]]:
@@ -168,8 +181,24 @@ def _place(
     raise BenchError(f"{path}, line {line}: no column {asked!r}{nearest(asked, header)}")
 
 
+def _conversion(
+    quantity: str, header: Sequence[str], places: Mapping[str, int], asked: str | None
+) -> tuple[float, float]:
+    """Factor and offset to the campaign's unit: of the unit asked for, else of that in the column's name, else none."""
+    column = {"temperature": "temperature_c", "humidity": "humidity_percent"}.get(quantity, quantity)
+    named = unit_in_name(header[places[column]]) if column in places else None
+    return UNITS[quantity].get(asked or named or "", (1.0, 0.0))
+
+
 def _usual(header: Sequence[str], quantity: str) -> int | None:
     lowered = [name.lower() for name in header]
+    # "Time [ms]" and "Temp (C)" are a time and a temperature; a name as it stands comes first.
+    lowered += [bare_name(name).lower() for name in header]
+    place = _first(lowered, quantity)
+    return None if place is None else place % len(header)
+
+
+def _first(lowered: Sequence[str], quantity: str) -> int | None:
     return next((lowered.index(name) for name in USUAL_NAMES[quantity] if name in lowered), None)
 
 
@@ -180,7 +209,7 @@ def _is_value(cell: str, layout: CsvLayout) -> bool:
     except BenchError:
         pass
     try:
-        time_of(cell, layout, "")
+        time_of(cell, layout, "", 1.0)
         return True
     except BenchError:
         return False
@@ -205,8 +234,9 @@ def _number(cell: str, layout: CsvLayout, where: str) -> float | None:
     return value
 
 
-def time_of(cell: str, layout: CsvLayout, where: str) -> tuple[float, bool]:
-    """Time in s (since 1970 where it is a date), and whether it is a date; `where` names the cell in errors."""
+def time_of(cell: str, layout: CsvLayout, where: str, unit_s: float) -> tuple[float, bool]:
+    """Time in s (since 1970 where it is a date), and whether it is a date; `where` names the cell in errors, `unit_s`
+    is the unit of one that is a number."""
     text = cell.strip()
     if layout.time_format is not None:
         try:
@@ -222,7 +252,7 @@ def time_of(cell: str, layout: CsvLayout, where: str) -> tuple[float, bool]:
         else:
             if value is None:
                 raise BenchError(f"{where}: the time is missing; every row needs one")
-            return value * SECONDS.get(layout.time_unit, 1.0), False
+            return value * unit_s, False
     try:
         return _epoch_s(datetime.fromisoformat(text)), True
     except ValueError:

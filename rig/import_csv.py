@@ -69,14 +69,15 @@ def import_run(
     late_s = max(one.time_s[0] for one in series.values())
     if late_s >= min(one.time_s[-1] for one in series.values()):
         raise BenchError("the two files do not overlap in time; both must be on one clock")
-    dated = next(iter(series.values())).dated
+    first = next(iter(series.values()))
+    dated = first.dated
     airs: dict[str, dict[str, float]] = {}
     for place in ("source", "destination"):
         said = {key: getattr(facts, f"{place}_{key}") for key in ("temperature_c", "humidity_percent")}
         airs[place] = {key: value for key, value in said.items() if value is not None}
     start_s = None
     if facts.start is not None:
-        start_s, start_dated = time_of(facts.start, layout, "--start")
+        start_s, start_dated = time_of(facts.start, layout, "--start", first.unit_s)
         if start_dated != dated or not begins_s < start_s < ends_s:
             raise BenchError(
                 f"--start {facts.start} is not within the recording, which is {ends_s - begins_s:.1f} s long; "

@@ -35,6 +35,11 @@ WAYS = {
         ("--time-unit", "ms", "--imet-time", "Zeit", "--imet-temperature", "Temp", "--hyt-humidity", "Feuchte"),
         "10050",
     ),
+    "units in the names": (
+        dict(header="Time [ms],Temp [C],RH (%)", when=lambda t: f"{1000 * t:.0f}"),
+        (),
+        "10050",
+    ),
     "ISO times and tabs": (
         dict(header="timestamp\ttemp\trh", delimiter="\t", when=lambda t: (DAY + timedelta(seconds=t)).isoformat()),
         (),
@@ -96,6 +101,15 @@ def test_units_are_turned(tmp_path):
     options = ("--temperature-unit", "f", "--humidity-unit", "fraction")
     run("--imet", log, "--hyt", log, *options, "--out", tmp_path / "c")
     assert columns(tmp_path / "c/runs/0001/imet.csv")["temperature_c"] == pytest.approx([0, 100, 10])
+    assert columns(tmp_path / "c/runs/0001/hyt.csv")["humidity_percent"] == pytest.approx([40, 50, 60])
+
+
+def test_units_in_the_names_are_turned(tmp_path):
+    log = tmp_path / "log.csv"
+    log.write_text("Time (min),Temp (F),Humidity (fraction)\n0,32,0.4\n1,212,0.5\n2,50,0.6\n")
+    run("--imet", log, "--hyt", log, "--out", tmp_path / "c")
+    imet = columns(tmp_path / "c/runs/0001/imet.csv")
+    assert imet["temperature_c"] == pytest.approx([0, 100, 10]) and imet["time_s"] == [0, 60, 120]
     assert columns(tmp_path / "c/runs/0001/hyt.csv")["humidity_percent"] == pytest.approx([40, 50, 60])
 
 

@@ -43,17 +43,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--time-unit",
         choices=["auto", "s", "ms", "us", "iso"],
         default="auto",
-        help="of the time columns; iso: ISO 8601 dates (auto)",
+        help="of the time columns; iso: ISO 8601 dates (auto: as their names say, else s)",
     )
     layout.add_argument("--time-format", metavar="FORMAT", help="strptime format, e.g. '%%d.%%m.%%Y %%H:%%M:%%S.%%f'")
     layout.add_argument("--delimiter", choices=sorted(DELIMITERS), help="between the columns")
     layout.add_argument("--decimal", choices=["point", "comma"], help="what numbers are written with")
     layout.add_argument("--skip-lines", metavar="N", type=int, default=0, help="lines before the header")
     layout.add_argument(
-        "--temperature-unit", choices=["c", "k", "f"], default="c", help="of all temperature columns (c)"
+        "--temperature-unit", choices=["c", "k", "f"], help="of all temperature columns (as their names say, else c)"
     )
     layout.add_argument(
-        "--humidity-unit", choices=["percent", "fraction"], default="percent", help="of the humidity column (percent)"
+        "--humidity-unit",
+        choices=["percent", "fraction"],
+        help="of the humidity column (as its name says, else percent)",
     )
     run = parser.add_argument_group("the run (leave out what is not known)")
     run.add_argument("--source-temperature", metavar="DEGC", type=float, help="of the air that the probes come from")
