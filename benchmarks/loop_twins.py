@@ -94,6 +94,8 @@ def world(pair: int, seed: int, how: str) -> dict:
                 right_after = None
             elif right_after is None:
                 right_after = len(kinds)
+            if not kinds:
+                open_at_start = right_after is None
             if decision.status != CONTINUE or len(kinds) >= MOST:
                 break
             shock = decision.choices[0].shock
@@ -110,7 +112,7 @@ def world(pair: int, seed: int, how: str) -> dict:
     right, wrong = done and named == [hidden], done and any(e != hidden for e in named)
     return {
         "pair": both, "channel": channel, "hidden": hidden, "seed": seed, "how": how, "added": len(kinds),
-        "right_after": right_after,
+        "right_after": right_after, "open_at_start": open_at_start,
         "minutes": round(bench.minutes, 1), "waited_s": round(waiting.waited_s, 1), "named": named,
         "tied": decision.tied, "was_tied": tied,
         "outcome": "right" if right else "wrong" if wrong else "missed" if done else "inconclusive",

@@ -19,12 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.inference.arrow import Arrow
-from shockrig.analysis.inference.channel import AMBIENT_WIDTH_K
 from shockrig.analysis.inference.fit import linearise
 from shockrig.analysis.inference.model import Point
 from shockrig.analysis.planning.evidence import REJECTED, TEMPERED, student
 from shockrig.analysis.planning.hypothetical import imagined
-from shockrig.analysis.planning.information import each_run, nats
+from shockrig.analysis.planning.information import each_run, nats, rates_known
 from shockrig.analysis.planning.judged import Look
 from shockrig.analysis.planning.shock import Shock
 
@@ -38,20 +37,13 @@ def expected_evidence(looks: Sequence[Look], shocks: Sequence[Shock]) -> list[fl
     """
     expected = np.zeros(len(shocks))
     for look in looks:
-        if len(look.rivals) > 1 and look.verdict.dispute is not None and shocks:
+        if len(look.rivals) > 1 and look.problem is not None and look.verdict.dispute is not None and shocks:
             now = np.array([x for x in look.verdict.against if x < REJECTED])
             likely = np.exp(now.min() - now)
             told = [_if_true(look, i, now, shocks) for i in range(len(look.rivals))]
-            expected = np.maximum(expected, _known(look, shocks) * (likely @ np.array(told) / likely.sum()))
+            known = rates_known(look.problem.channel, shocks)
+            expected = np.maximum(expected, known * (likely @ np.array(told) / likely.sum()))
     return [float(x) for x in expected]
-
-
-def _known(look: Look, shocks: Sequence[Shock]) -> NDArray[np.bool_]:
-    """Whether runs (M,) go where rates are known."""
-    assert look.problem is not None
-    channel = look.problem.channel
-    away = np.abs(np.array([shock.destination_c for shock in shocks])[:, None] - channel.ambients_c)
-    return np.asarray((away <= AMBIENT_WIDTH_K).any(axis=1) | channel.quantity.pooled)
 
 
 def _if_true(look: Look, i: int, now: Array, shocks: Sequence[Shock]) -> Array:

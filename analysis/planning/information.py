@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.inference.arrow import Arrow
+from shockrig.analysis.inference.channel import AMBIENT_WIDTH_K, Channel
 from shockrig.analysis.inference.fit import Fit, linearise
 from shockrig.analysis.inference.model import Point
 from shockrig.analysis.inference.noise import Noise
@@ -141,7 +142,8 @@ def each_run(arrow: Arrow) -> list[Arrow]:
 def separations(problem: Problem, noise: Noise, true: Fit, rival: Fit, shocks: Sequence[Shock]) -> Array:
     """Expected drop in deviance (M,) by which each run, made once, speaks for `true` against `rival`.
 
-    The rival is free to move as far as the campaign leaves it open.
+    The rival is free to move as far as the campaign leaves it open. A run that goes where no rate is known yet says
+    nothing of either.
     """
     channel = problem.channel
     new = imagined(problem.with_rate_scatter(rival.rate_scatter), noise, shocks, channel.ambients_c)
@@ -157,4 +159,10 @@ def separations(problem: Problem, noise: Noise, true: Fit, rival: Fit, shocks: S
         right, _ = one.right_sides(own, at_rest[i : i + 1], nothing)
         absorbed = float(right @ np.linalg.lstsq(known + one.normal - prior, right, rcond=None)[0])
         found[i] = max(one.hidden(own) - absorbed, 0.0)
-    return found
+    return found * rates_known(channel, shocks)
+
+
+def rates_known(channel: Channel, shocks: Sequence[Shock]) -> NDArray[np.bool_]:
+    """Whether runs (M,) go to where the rates of a channel's fit hold."""
+    away = np.abs(np.array([shock.destination_c for shock in shocks])[:, None] - channel.ambients_c)
+    return np.asarray((away <= AMBIENT_WIDTH_K).any(axis=1) | channel.quantity.pooled)

@@ -239,11 +239,11 @@ def _taken(found: ChannelDiagnosis, before: Verdict, final: bool) -> Verdict:
         return Verdict(
             "unexplained", runs.runs, _explained_by(found.final), None, (), out, look, settled, as_at_the_end
         )
-    if verdict == "unexplained" and tuple(sorted(_explained_by(found.final))) in out:
+    if verdict in ("unexplained", "adequate") and tuple(sorted(_explained_by(found.final))) in out:
         # What unseen runs of this look do not bear out, new runs have: what is left is judged of the model they leave.
         stands = explanations[0] == _explained_by(found.search.final)
-        if stands and judge(found.problem, found.search.final, found.noise).passed:
-            verdict, as_at_the_end = "explained", True
+        enough_now = stands and judge(found.problem, found.search.final, found.noise).passed
+        verdict, as_at_the_end = ("explained", True) if enough_now else ("unexplained", as_at_the_end)
     dispute = Dispute(explanations, runs.run_ids) if len(explanations) > 1 else None
     nothing_yet = (0.0,) * len(explanations) if dispute else ()
     return Verdict(verdict, runs.runs, explanations[0], dispute, nothing_yet, out, look, settled, as_at_the_end)
@@ -265,8 +265,9 @@ def _possible(found: ChannelDiagnosis, look: int) -> list[Explanation]:
         needed = evidence(found.problem, standing.necessity)
         if needed < penalty(CATALOGUE[effect], found.problem.channel) + level - tie_level(1):
             explanations.append({e: v for e, v in own.items() if e != effect})
+    # What the search found and unseen runs of this look do not bear out, where the model without it is not enough.
     wider = _explained_by(found.search.final)
-    if set(wider) - set(own) and found.verdict != "adequate":
+    if set(wider) - set(own) and not (found.verdict == "adequate" and found.adequacy.passed):
         explanations.append(wider)
     return explanations
 
