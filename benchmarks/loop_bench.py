@@ -56,7 +56,7 @@ class Waiting:
         run_s, self._clock_s = bench.clock_s - self._clock_s, bench.clock_s
         began_s = time.process_time()
         if before is not None and campaign is not None:
-            before = with_due(campaign, before)
+            before = with_due([campaign], before)
         behind_s = time.process_time() - began_s
         decision = decide(campaign, goals, before, later=True)
         self.behind_s += behind_s

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from shockrig.files.campaign_names import FIRST_PROBE
 from shockrig.files.disk import is_there, read_text, shown
 from shockrig.files.errors import InputError
 from shockrig.files.json_files import as_object, json_text
@@ -28,34 +27,40 @@ NEEDED: dict[str, type | tuple[type, ...]] = {
     "targets": list,
     "verdicts": dict,
     "vetoed": list,
+    "probes": list,
     "chased": int,
     "minutes_spent": (int, float),
 }
 
 
-def read_decisions(campaign: Path, probe: str | None = None) -> list[dict[str, Any]]:
+def read_decisions(campaign: Path, probes: Sequence[str] | None = None) -> list[dict[str, Any]]:
     """Every decision of a campaign's log; empty where there is none.
 
     Parameters
     ----------
     campaign : Path
-    probe : str, optional
-        The one of several probes by which further decisions are to be taken.
+    probes : sequence of str, optional
+        By which further decisions are to be taken.
 
     Raises
     ------
     InputError
-        A line is not a decision, or the last one was taken by another probe: names file, line and remedy.
+        A line is not a decision, or the last one was taken by other probes: names file, line and remedy.
     """
     path = campaign / LOG
     if not is_there(path):
         return []
     lines = read_text(path, REMEDY).split("\n")
     found = [_decision(line, f"{shown(path)}, line {n}") for n, line in enumerate(lines[:-1], 1)]
-    by = str(found[-1].get("probe", FIRST_PROBE)) if found else probe
-    if probe is not None and by != probe:
-        raise InputError(f"{shown(path)}: decides by probe {by}, not {probe}; give --probe {by}, or {REMEDY}")
+    by = found[-1]["probes"] if found else probes
+    if probes is not None and by is not None and list(by) != list(probes):
+        give = f"give --probe {by[0]}" if len(by) == 1 else "leave out --probe"
+        raise InputError(f"{shown(path)}: decides by {_words(by)}, not by {_words(probes)}; {give}, or {REMEDY}")
     return found
+
+
+def _words(probes: Sequence[object]) -> str:
+    return f"probe{'s' if len(probes) > 1 else ''} {' and '.join(map(str, probes))}"
 
 
 def _decision(line: str, where: str) -> dict[str, Any]:

@@ -12,9 +12,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from shockrig.files.campaign_names import FIRST_PROBE
 from shockrig.protocols.background import Background
 from shockrig.protocols.decided import as_protocol, feasible_on, lines, minutes_left, surroundings_of
+from shockrig.protocols.probes import seen_by, wanted_probes
 from shockrig.rig.clock import VirtualClock
 from shockrig.rig.protocol import Protocol
 from shockrig.rig.recorder import read_state
@@ -43,8 +43,8 @@ class Loop:
     confirm : bool
         Whether each choice waits for the operator: Enter, s to veto it, p to pause, a to abort.
     say : function of a line
-    probe : str
-        By which of several probes it is decided.
+    probe : str, optional
+        By which of several probes alone it is decided; by all of them where none is named.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class Loop:
         say: Callable[[str], None],
         added: Sequence[Any] = (),
         confirm: bool = False,
-        probe: str = FIRST_PROBE,
+        probe: str | None = None,
     ) -> None:
         self._path, self._goals, self._bench, self._say = path, goals, bench, say
         self._probe = probe
@@ -74,7 +74,7 @@ class Loop:
         if self._added:
             run, *self._added = self._added
             return self._of_operator(run, self._behind(state))
-        log = read_decisions(self._path, self._probe)
+        log = read_decisions(self._path, self._probes())
         pending = self._pending(log, state.recorded)
         if pending is not None and left_out is None:
             self._think_on(log[-1])
@@ -82,6 +82,10 @@ class Loop:
             return self._next(pending, state)
         vetoed = [pending] if pending is not None else []
         return self._decide(state, log, vetoed)
+
+    def _probes(self) -> tuple[str, ...]:
+        """By which it is decided."""
+        return wanted_probes(self._path, self._probe)
 
     def _pending(self, log: list[dict[str, Any]], recorded: Sequence[str]) -> Shock | None:
         """The run that was decided on and is not recorded; None where it is, or the decision was for another goal."""
@@ -96,19 +100,19 @@ class Loop:
         from shockrig.analysis.planning.decide import CONTINUE, decide
         from shockrig.analysis.planning.export import log_entry, plan_document, remembered
         from shockrig.analysis.planning.shock import from_run
-        from shockrig.files.campaign import read_campaign
         from shockrig.files.plan import append_decision
 
         last = log[-1] if log else None
         if vetoed and last is not None:
             vetoed += [from_run(run) for run in last["vetoed"]]
-        campaign = read_campaign(self._path, self._probe) if state.recorded else None
+        seen = seen_by(self._path, self._probes()) if state.recorded else []
         while True:
             began_s = self._bench.clock.now()
             self.decision = decision = decide(
-                campaign,
+                seen[0] if seen else None,
                 self._goals,
                 remembered(last),
+                beside=seen[1:],
                 feasible=self._feasible,
                 vetoed=vetoed,
                 surroundings=surroundings_of(self._bench),
@@ -117,7 +121,7 @@ class Loop:
             )
             waited_s = self._bench.clock.now() - began_s
             self.waited_s += waited_s
-            entry = log_entry(decision, self._goals, last, vetoed, waited_s, self._probe)
+            entry = log_entry(decision, self._goals, last, vetoed, waited_s, self._probes())
             append_decision(self._path, entry, sync=not self._bench.emulated)
             for line in lines(decision, plan_document(decision, self._goals)):
                 self._say(line)
@@ -138,12 +142,12 @@ class Loop:
         """Begin with the diagnoses that a decision left for later."""
         from shockrig.analysis.planning.decide import of_decision
         from shockrig.analysis.planning.export import remembered
-        from shockrig.files.campaign import read_campaign
 
         decision = remembered(entry)
         due = {} if decision is None else {name: v for name, v in decision.verdicts.items() if v.due}
         if decision is not None and due:
-            self._background.begin(of_decision(read_campaign(self._path, self._probe), decision), due)
+            seen = seen_by(self._path, self._probes())
+            self._background.begin([of_decision(one, decision) for one in seen], due)
 
     def close(self) -> None:
         """End what is thought beside the recording."""

@@ -8,47 +8,47 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING
 
 from shockrig.protocols.branch import end
 
 if TYPE_CHECKING:
-    from shockrig.analysis.inference.quantity import ChannelName
     from shockrig.analysis.planning.judged import Verdict
+    from shockrig.analysis.planning.places import Place
     from shockrig.files.campaign import Campaign
 
 NICER = 5  # than the recording, which must not wait
 
 
 class Background:
-    """One process at a time that diagnoses the channels of which the last decision left the diagnosis for later."""
+    """One process at a time that diagnoses the places of which the last decision left the diagnosis for later."""
 
     def __init__(self) -> None:
         self._process: multiprocessing.process.BaseProcess | None = None
         self._answers: Connection | None = None
-        self._found: dict[ChannelName, Verdict] = {}
+        self._found: dict[Place, Verdict] = {}
 
-    def begin(self, campaign: Campaign, due: Mapping[ChannelName, Verdict]) -> None:
-        """Diagnose a checked campaign's channels that are due."""
+    def begin(self, campaigns: Sequence[Campaign], due: Mapping[Place, Verdict]) -> None:
+        """Diagnose the places that are due in a checked campaign, as its probes saw it."""
         self.close()
         context = multiprocessing.get_context("spawn")
         self._answers, there = context.Pipe(duplex=False)
-        self._process = context.Process(target=_diagnose, args=(there, campaign, dict(due)), daemon=True)
+        self._process = context.Process(target=_diagnose, args=(there, tuple(campaigns), dict(due)), daemon=True)
         self._process.start()
         there.close()
 
-    def __call__(self, name: ChannelName) -> Verdict | None:
-        """The verdict on a channel, waited for where it is not there yet; None where the process came to nothing."""
-        while name not in self._found and self._answers is not None:
+    def __call__(self, place: Place) -> Verdict | None:
+        """The verdict on a place, waited for where it is not there yet; None where the process came to nothing."""
+        while place not in self._found and self._answers is not None:
             try:
                 whose, verdict = self._answers.recv()
             except (EOFError, OSError):
                 self.close()
                 return None
             self._found[whose] = verdict
-        return self._found.get(name)
+        return self._found.get(place)
 
     def close(self) -> None:
         """End the process, whatever it is at."""
@@ -59,14 +59,15 @@ class Background:
         self._process, self._answers, self._found = None, None, {}
 
 
-def _diagnose(answers: Connection, campaign: Campaign, due: Mapping[ChannelName, Verdict]) -> None:
-    """The process: verdicts of one channel after the other; Ctrl-C is for the bench, which ends this too."""
+def _diagnose(answers: Connection, campaigns: Sequence[Campaign], due: Mapping[Place, Verdict]) -> None:
+    """The process: verdicts of one place after the other; Ctrl-C is for the bench, which ends this too."""
     from shockrig.analysis.planning.judged import diagnosed
+    from shockrig.analysis.planning.places import places
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(NICER)
     try:
-        for name, verdict in due.items():
-            answers.send((name, diagnosed(campaign, name, verdict)))
+        for place, verdict in due.items():
+            answers.send((place, diagnosed(*places(campaigns)[place], verdict)))
     except BrokenPipeError:
         pass  # nobody is there any more who wants to know

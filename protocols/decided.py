@@ -56,7 +56,7 @@ def as_protocol(
 def feasible_on(bench: Bench) -> Callable[[Shock], bool]:
     """Whether a bench can make a shock: its airs, transfer, pressure and light."""
 
-    from shockrig.analysis.planning.decide import OTHER_PRESSURE
+    from shockrig.analysis.planning.varied import OTHER_PRESSURE
 
     def feasible(shock: Shock) -> bool:
         airs = Air(shock.source_c, shock.source_percent), Air(shock.destination_c, shock.destination_percent)

@@ -194,7 +194,7 @@ def test_file_by_file_from_an_empty_folder_until_it_is_done(tmp_path, monkeypatc
     )
 
 
-def test_one_of_several_probes_decides_and_its_log_stays_its_own(tmp_path, monkeypatch, capsys):
+def test_one_of_several_probes_may_decide_and_its_log_stays_its_own(tmp_path, monkeypatch, capsys):
     """The second probe has two runs by which D is known, the first one none."""
     monkeypatch.chdir(tmp_path)
     bench = benchmark("loop_bench").FileBench(QUIET, tmp_path / "c", 0)
@@ -208,10 +208,10 @@ def test_one_of_several_probes_decides_and_its_log_stays_its_own(tmp_path, monke
     asked = ["plan", "c", "--until", "D 0.9 % at 20", "--out", "next.toml"]
     assert main([*asked, "--probe", "2"]) == 0
     (entry,) = read_decisions(Path("c"))
-    assert entry["probe"] == "2" and entry["targets"][0]["runs"] == 2
+    assert entry["probes"] == ["2"] and entry["targets"][0]["runs"] == 2
     capsys.readouterr()
     assert main(asked) == 2
-    assert "decisions.jsonl: decides by probe 2, not 1; give --probe 2, or" in capsys.readouterr().err
+    assert "decisions.jsonl: decides by probe 2, not by probes 1 and 2; give --probe 2, or" in capsys.readouterr().err
 
 
 def test_a_plan_keeps_to_what_a_bench_can_do():

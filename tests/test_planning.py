@@ -394,18 +394,23 @@ def test_one_run_in_another_direction_or_airflow_is_not_enough(tmp_path):
 
     def worth():
         ready = prepare(build_channel(bench.campaign(), "humidity"))
-        return list(variety({"humidity": Look(Verdict(), ready.problem, ready.noise)}, menu))
+        return variety({"humidity": Look(Verdict(), ready.problem, ready.noise)}, menu, planned)
 
-    assert worth() == pytest.approx([0.5, 0.0, 0.5, 0.125], rel=0.02)
-    bench.record_run(replace(DOWN, airflow_m_s=12.0).as_run())
-    assert worth() == pytest.approx([0.5, 0.0, 0.5, 0.125], rel=0.02)
-    bench.record_run(replace(DOWN, airflow_m_s=12.0).as_run())
-    assert worth() == [0.0, 0.0, 0.0, 0.0]
+    planned, both = [], replace(DOWN, airflow_m_s=12.0)
+    wanted = np.array([0.5, 0.0, 0.5, 0.125])
+    assert worth() == pytest.approx(np.column_stack([wanted, wanted]), rel=0.02)
+    bench.record_run(both.as_run())
+    assert worth() == pytest.approx(np.column_stack([wanted, [0.0, 0.0, 0.0, 0.125]]), rel=0.02)
+    planned = [both]
+    assert not worth().any()
+    bench.record_run(both.as_run())
+    planned = []
+    assert not worth().any()
 
 
 def test_nothing_is_chosen_from_an_empty_menu():
-    from shockrig.analysis.planning.choose import Designs
+    from shockrig.analysis.planning.designs import Designs
 
-    nothing = Designs((), None, (), (), np.zeros(0), np.zeros(0))
+    nothing = Designs((), None, (), (), np.zeros(0), lambda planned: np.zeros((0, 2)))
     assert choose_runs(nothing, learn(None), None, 3, 0) == ([], ())
     assert Decision("", "").tied == []

@@ -89,7 +89,7 @@ def test_runs_are_recorded_in_them_and_say_so(tmp_path):
 
 def test_the_menu_has_what_bench_and_campaign_have(tmp_path):
     goals = parse_goals("ties decided")
-    from shockrig.analysis.planning.decide import usual_of
+    from shockrig.analysis.planning.varied import usual_of
 
     assert usual_of(None, goals, Surroundings((700.0, 1000.0), (800.0,))).other == Surroundings((700.0,), (800.0,))
     assert decide(None, goals, surroundings=Surroundings((700.0,))).choices

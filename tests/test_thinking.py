@@ -49,12 +49,12 @@ def test_another_process_says_the_same_about_the_runs_of_then(left):
     """Whoever makes it, and however many runs there are by then."""
     bench, decision = left
     then, campaign = decision.recorded, bench.campaign()
-    here = with_due(campaign, decision).verdicts["temperature"]
+    here = with_due([campaign], decision).verdicts["temperature"]
     assert here.runs == 8 and not here.due and "self_heating" in here.causes
     beside = Background()
-    beside.begin(of_decision(campaign, decision), {"temperature": decision.verdicts["temperature"]})
+    beside.begin([of_decision(campaign, decision)], {"temperature": decision.verdicts["temperature"]})
     assert beside("temperature") == here
-    assert with_due(campaign, decision, beside).verdicts["temperature"] == here
+    assert with_due([campaign], decision, beside).verdicts["temperature"] == here
     beside.close()
     assert beside("temperature") is None  # what is asked then is diagnosed by whoever asks
     assert here.dispute is None or here.dispute.runs == then
@@ -63,7 +63,7 @@ def test_another_process_says_the_same_about_the_runs_of_then(left):
 def test_a_process_that_comes_to_nothing_is_no_harm(left):
     bench, decision = left
     beside = Background()
-    beside.begin(of_decision(bench.campaign(), decision), {"temperature": decision.verdicts["temperature"]})
+    beside.begin([of_decision(bench.campaign(), decision)], {"temperature": decision.verdicts["temperature"]})
     beside._process.kill()
     assert beside("temperature") is None
 
@@ -73,12 +73,12 @@ def test_a_loop_in_real_time_begins_with_what_is_due_and_waits_by_the_benchs_clo
     asked = []
 
     class Beside:
-        def begin(self, campaign, due):
-            asked.append((len(campaign.runs), dict(due)))
+        def begin(self, campaigns, due):
+            asked.append((len(campaigns[0].runs), dict(due)))
 
         def __call__(self, name):
             bench.clock.sleep_until(bench.clock.now() + 7.0)
-            return with_due(left[0].campaign(), left[1]).verdicts[name]
+            return with_due([left[0].campaign()], left[1]).verdicts[name]
 
         def close(self):
             pass

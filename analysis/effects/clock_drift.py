@@ -14,11 +14,18 @@ def _apply(chain: Chain, p: Arrays) -> Chain:
     return replace(chain, time_s=chain.time_s - 1e-6 * p["ppm"][..., None] * np.maximum(elapsed, 0.0))
 
 
+NUDGES_S = (-0.02, -0.01, 0.01, 0.02)  # by which a transfer is later in its stamps
 LEAST = 3.5  # standard uncertainties of a clock that is off alike in all runs
 
 
 def _no_more_than_the_clock(channel: Channel, values: Values) -> bool:
     return channel.common is not None and abs(values["ppm"]) < LEAST * channel.common.clock_ppm
+
+
+def _nudges(channel: Channel) -> list[dict[str, float]]:
+    """Where a film's response begins with a kink, the objective has a step wherever a sample passes it."""
+    lead_s = float(np.nanmean(channel.conditions.start_s))
+    return [{"ppm": 1e6 * late_s / max(lead_s, 1.0)} for late_s in NUDGES_S]
 
 
 EFFECT = Effect(
@@ -32,6 +39,7 @@ EFFECT = Effect(
     source="a logger with its own oscillator; a crystal is good to 100 ppm, what acts on a transient needs far more",
     of_sensor=False,
     rare=RARE,
+    nudges=_nudges,
     needs="needs runs whose start was recorded on the clock of the readings",
     refused=lambda channel, values, bare: _no_more_than_the_clock(channel, values),
     testable=lambda channel: bool((channel.conditions.start_known & ~channel.measured).any()),

@@ -6,7 +6,7 @@ worth of a run = sum over goals of the share of what is wanted that it adds (var
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,23 +14,25 @@ import numpy as np
 from shockrig.analysis.characterization.result import Characterization
 from shockrig.analysis.checks.checked import checked
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
-from shockrig.analysis.planning.choose import UNTOLD, Choice, Designs, choose_runs, menu_of
+from shockrig.analysis.planning.choose import UNTOLD, Choice, chase, choose_runs
+from shockrig.analysis.planning.designs import Designs, menu_of
 from shockrig.analysis.planning.evidence import label_of
 from shockrig.analysis.planning.foretold import expected_evidence
 from shockrig.analysis.planning.goals import Goals
-from shockrig.analysis.planning.judged import Look, Verdict, diagnosed, look_at, with_verdicts
+from shockrig.analysis.planning.judged import Look, Verdict, diagnosed, extended, look_at
 from shockrig.analysis.planning.minutes import learn, spent_minutes
+from shockrig.analysis.planning.places import Place, place_of, places
 from shockrig.analysis.planning.precision import Target, gained_by, measured, targets
 from shockrig.analysis.planning.shock import ORDINARY, USUAL_C, Shock, Surroundings, Usual, opening
-from shockrig.analysis.planning.varied import variety
+from shockrig.analysis.planning.varied import usual_of, variety
 from shockrig.files.campaign import Campaign
 
 CONTINUE, DONE, INCONCLUSIVE = "continue", "done", "inconclusive"
 USUAL_BUDGET_MINUTES = 240.0  # where none is given
-OTHER_PRESSURE = 0.03  # relative difference from which on a pressure is another one, and no weather
 MOST_UNEXPLAINED = 4  # runs that are spent on what nothing explains
 Progress = Callable[[str], None]
-Due = Callable[[ChannelName], Verdict | None]
+Found = Mapping[str, Characterization | None]  # of each probe
+Due = Callable[[Place], Verdict | None]
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,7 @@ class Decision:
         Ids of the runs that it rests on.
     minutes_spent : float
     targets : tuple of Target
-    verdicts : mapping of channel to Verdict
+    verdicts : mapping of a place, a channel of a probe, to Verdict
     choices : tuple of Choice
         The runs to record next, in order.
     considered : tuple of Choice
@@ -63,7 +65,7 @@ class Decision:
     recorded: tuple[str, ...] = ()
     minutes_spent: float = 0.0
     targets: tuple[Target, ...] = ()
-    verdicts: Mapping[ChannelName, Verdict] = field(default_factory=dict)
+    verdicts: Mapping[Place, Verdict] = field(default_factory=dict)
     choices: tuple[Choice, ...] = ()
     considered: tuple[Choice, ...] = ()
     chased: int = 0
@@ -71,7 +73,7 @@ class Decision:
 
     @property
     def tied(self) -> list[list[str]]:
-        """The explanations that stand beside one another, a list for each channel that has any."""
+        """The explanations that stand beside one another, a list for each place that has any."""
         return [list(v.tied) for v in self.verdicts.values() if v.tied]
 
 
@@ -85,6 +87,7 @@ def decide(
     goals: Goals,
     before: Decision | None = None,
     *,
+    beside: Sequence[Campaign] = (),
     count: int = 1,
     feasible: Callable[[Shock], bool] = anything,
     vetoed: Sequence[Shock] = (),
@@ -102,6 +105,9 @@ def decide(
     goals : Goals
     before : Decision, optional
         The last one on this campaign: which explanations were tied, since which runs.
+    beside : sequence of Campaign
+        The same runs as further probes saw them: goals and ties are theirs too, so a run that serves several is worth
+        more.
     count : int
         How many runs to choose.
     feasible : function of a Shock
@@ -113,16 +119,17 @@ def decide(
     later : bool
         Whether diagnoses are left for the time in which the next run is recorded: the decision says which are due, and
         the one after it rests on them. One that may end the campaign is not.
-    due : function of a channel's name, optional
+    due : function of a place, optional
         Gives the verdict of a diagnosis that the last decision left, where somebody has made it; otherwise it is made
         here, with the same result.
     progress : function of a sentence, optional
     """
-    if before is not None and campaign is not None:
-        before = with_due(campaign, before, due)
+    campaigns = () if campaign is None else (campaign, *beside)
+    if before is not None and campaigns:
+        before = with_due(campaigns, before, due)
     usual = usual_of(campaign, goals, surroundings)
-    if campaign is not None:
-        campaign = checked(campaign).campaign
+    campaigns = tuple(checked(one).campaign for one in campaigns)
+    campaign = campaigns[0] if campaigns else None
     spent = 0.0 if campaign is None else sum(spent_minutes(campaign).values())
     recorded = () if campaign is None else tuple(run.id for run in campaign.runs)
 
@@ -130,25 +137,24 @@ def decide(
         return feasible(shock) and shock not in vetoed
 
     then = {} if before is None else before.verdicts
-    looks, verdicts = _look(campaign, then, False, later, progress)
-    found = measured(campaign, with_verdicts(verdicts))
-    wanted = targets(goals, found)
+    looks, verdicts = _look(campaigns, then, False, later, progress)
+    found = _measured(campaigns, verdicts)
+    wanted = _wanted(goals, campaigns, found)
     met = all(t.met for t in wanted) and not any(v.tied for v in verdicts.values())
     # What depends on a direction or an airflow that no run has had can be no finding.
     unvaried = goals.ties and variety(looks, menu_of(found, looks, goals, usual, allowed)).any()
     if met and recorded and not unvaried:
-        looks, verdicts = _look(campaign, verdicts, True, later, progress)
-        found = measured(campaign, with_verdicts(verdicts))
-        wanted = targets(goals, found)
+        looks, verdicts = _look(campaigns, verdicts, True, later, progress)
+        found = _measured(campaigns, verdicts)
+        wanted = _wanted(goals, campaigns, found)
     chased = before.chased if before is not None else 0
     new = set(recorded) - set(before.recorded if before is not None else ())
-    state = Decision(
-        "", "", recorded, spent, tuple(wanted), verdicts, chased=chased, gained=gained_by(new, found, wanted)
-    )
-    first = _first(campaign, goals, found, usual)
+    gained = _gained(new, found, wanted)
+    state = Decision("", "", recorded, spent, tuple(wanted), verdicts, chased=chased, gained=gained)
+    first = _first(campaigns, goals, found, usual)
     anchor = None if campaign is None or not campaign.runs else campaign.runs[0]
     designs = Designs.of(found, looks, wanted, goals, usual, allowed, anchor)
-    if (designs.bonus == 0.0).all() and (ended := _ended(state, goals, looks)):
+    if not designs.varied([])[: designs.anchor].any() and (ended := _ended(state, goals, looks)):
         return _with(state, *ended)
     minutes = learn(campaign)
     last = None if campaign is None or not campaign.runs else campaign.runs[-1]
@@ -160,10 +166,10 @@ def decide(
         told = expected_evidence(list(looks.values()), [c.shock for c in (*chosen, *considered)])
         weighed = [replace(c, evidence=x) for c, x in zip((*chosen, *considered), told, strict=True)]
         chosen, considered = weighed[: len(chosen)], tuple(weighed[len(chosen) :])
-    worst = {name: look.left_over for name, look in looks.items() if look.left_over}
+    worst = [look.left_over for look in looks.values() if look.left_over]
     describes = any(v.describes for v in verdicts.values())
-    if goals.ties and worst and chased < MOST_UNEXPLAINED and not first and not describes:
-        chosen, chased = designs.chase(campaign, worst, minutes, chased, count), chased + 1
+    if goals.ties and campaign and worst and chased < MOST_UNEXPLAINED and not first and not describes:
+        chosen, chased = chase(designs, campaign, worst, minutes, chased, count), chased + 1
     if not chosen:
         return _with(state, INCONCLUSIVE, f"no run of the menu brings what is missing: {_missing(state)}")
     budget = USUAL_BUDGET_MINUTES if goals.minutes is None else goals.minutes
@@ -193,14 +199,14 @@ def _with(
     )
 
 
-def with_due(campaign: Campaign, before: Decision, due: Due | None = None) -> Decision:
-    """A decision with the diagnoses that it left for later: made already, or made here."""
+def with_due(campaigns: Sequence[Campaign], before: Decision, due: Due | None = None) -> Decision:
+    """A decision with the diagnoses that it left for later: made already, or made here from the probes' campaigns."""
     if not any(verdict.due for verdict in before.verdicts.values()):
         return before
-    then = of_decision(campaign, before)
+    then = places(of_decision(one, before) for one in campaigns)
     verdicts = {
-        name: ((due and due(name)) or diagnosed(then, name, verdict)) if verdict.due else verdict
-        for name, verdict in before.verdicts.items()
+        place: ((due and due(place)) or diagnosed(*then[place], verdict)) if verdict.due else verdict
+        for place, verdict in before.verdicts.items()
     }
     return replace(before, verdicts=verdicts)
 
@@ -212,48 +218,51 @@ def of_decision(campaign: Campaign, decision: Decision) -> Campaign:
 
 
 def _look(
-    campaign: Campaign | None, before: Mapping[ChannelName, Verdict], final: bool, later: bool, progress: Progress
-) -> tuple[dict[ChannelName, Look], dict[ChannelName, Verdict]]:
-    looks: dict[ChannelName, Look] = {}
-    for name in QUANTITIES:
-        then = before.get(name, Verdict())
-        if campaign is None:
-            looks[name] = Look(then)
-        else:
-            progress(f"{name}: {'diagnosing all runs' if final else 'looking at what is left'}")
-            looks[name] = look_at(campaign, name, then, final, later)
-    return looks, {name: look.verdict for name, look in looks.items()}
+    campaigns: Sequence[Campaign], before: Mapping[Place, Verdict], final: bool, later: bool, progress: Progress
+) -> tuple[dict[Place, Look], dict[Place, Verdict]]:
+    looks: dict[Place, Look] = {}
+    for place, (campaign, name) in places(campaigns).items():
+        progress(f"{place}: {'diagnosing all runs' if final else 'looking at what is left'}")
+        looks[place] = look_at(campaign, name, before.get(place, Verdict()), final, later)
+    return looks, {place: look.verdict for place, look in looks.items()}
 
 
-def usual_of(campaign: Campaign | None, goals: Goals, surroundings: Surroundings) -> Usual:
-    """What runs of a campaign have that nothing is said of, and what else they can have."""
-    low, high = min(*goals.ambients_c, USUAL_C), max(*goals.ambients_c, 2 * USUAL_C)
-    runs = () if campaign is None else campaign.runs
-    airs = [a.temperature_c for r in runs for a in (r.source, r.destination) if a.temperature_c is not None]
-    flows = [run.airflow_m_s for run in runs if run.airflow_m_s]
-    lights = {float(x) for run in runs if isinstance(x := run.extra.get("irradiance_w_m2"), int | float) and x > 0}
-    pressure = round(float(np.median([run.pressure_hpa for run in runs])), 2) if runs else Usual.pressure_hpa
-    others = {round(p, -1) for run in runs if abs((p := run.pressure_hpa) / pressure - 1.0) > OTHER_PRESSURE}
-    others |= {p for p in surroundings.pressures_hpa if abs(p / pressure - 1.0) > OTHER_PRESSURE}
-    return Usual(
-        airflow_m_s=round(float(np.median(flows)), 2) if flows else Usual.airflow_m_s,
-        pressure_hpa=pressure,
-        other=Surroundings(tuple(sorted(others)), tuple(sorted(lights | set(surroundings.irradiances_w_m2)))),
-        coldest_c=round(min([low, *airs])),
-        warmest_c=round(max([high, *airs])),
-    )
+def _measured(campaigns: Sequence[Campaign], verdicts: Mapping[Place, Verdict]) -> Found:
+    """What is known by each probe, with what is named of it in the model."""
+    return {one.probe: measured(one, extended({n: verdicts[place_of(n, one.probe)] for n in QUANTITIES}))
+            for one in campaigns}  # fmt: skip
 
 
-def _first(campaign: Campaign | None, goals: Goals, found: Characterization | None, usual: Usual) -> list[Shock]:
+def _wanted(goals: Goals, campaigns: Sequence[Campaign], found: Found) -> list[Target]:
+    """What the goals want of every probe that has the sensor for it; of the first where none has."""
+    if not campaigns:
+        return targets(goals, None)
+    having = {(name, one.probe) for one in campaigns for name, q in QUANTITIES.items() if q.sensor in one.sensors}
+    nobody = set(QUANTITIES) - {name for name, _ in having}
+    having |= {(name, campaigns[0].probe) for name in nobody}
+    of_all = [t for probe, own in found.items() for t in targets(goals, own, probe)]
+    return [t for t in of_all if (t.channel, t.probe) in having]
+
+
+def _gained(new: Collection[str], found: Found, wanted: Sequence[Target]) -> float | None:
+    """What some runs brought to the rates that are wanted of all probes [nats]; None where there are no such runs."""
+    if not new:
+        return None
+    return sum(gained_by(new, own, [t for t in wanted if t.probe == probe]) for probe, own in found.items())
+
+
+def _first(campaigns: Sequence[Campaign], goals: Goals, found: Found, usual: Usual) -> list[Shock]:
     """The runs that a campaign begins with, as far as it lacks them: those that show a channel which none has shown."""
     middle = sorted(goals.ambients_c, key=lambda t: abs(t - USUAL_C))[0]
     begin = {shock: _shown_by(shock) for shock in opening(middle, usual) if usual.allows(shock)}
-    there = [n for n, q in QUANTITIES.items() if campaign is None or q.sensor in campaign.sensors]
-    wanted = [name for name in there if goals.ties or name in goals.channels]
-    known = {} if found is None else found.channels()
-    lacking = [name for name in wanted if name not in known]
-    if campaign is not None and len(campaign.runs) >= 2 * len(begin):
+    if campaigns and len(campaigns[0].runs) >= 2 * len(begin):
         return []
+    wanted = [name for name in QUANTITIES if goals.ties or name in goals.channels]
+    lacking = set() if campaigns else set(wanted)
+    for one in campaigns:
+        own = found[one.probe]
+        known = {} if own is None else own.channels()
+        lacking |= {n for n in wanted if QUANTITIES[n].sensor in one.sensors and n not in known}
     return [shock for shock, channel in begin.items() if channel in lacking]
 
 
@@ -262,7 +271,7 @@ def _shown_by(shock: Shock) -> ChannelName:
     return "humidity" if shock.isothermal else "temperature"
 
 
-def _ended(state: Decision, goals: Goals, looks: Mapping[ChannelName, Look]) -> tuple[str, str] | None:
+def _ended(state: Decision, goals: Goals, looks: Mapping[Place, Look]) -> tuple[str, str] | None:
     """Status and reason where nothing more is to be recorded."""
     if not state.recorded:
         return None

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
 from shockrig.analysis.planning.choose import Choice, progress
 from shockrig.analysis.planning.decide import Decision
 from shockrig.analysis.planning.evidence import Dispute
 from shockrig.analysis.planning.goals import Goals
 from shockrig.analysis.planning.judged import Verdict
+from shockrig.analysis.planning.places import Place
 from shockrig.analysis.planning.precision import Target
 from shockrig.analysis.planning.shock import Shock, from_run
 from shockrig.files.campaign_names import FIRST_PROBE
@@ -68,20 +68,20 @@ def log_entry(
     before: Mapping[str, Any] | None,
     vetoed: list[Shock],
     waited_s: float = 0.0,
-    probe: str = FIRST_PROBE,
+    probes: Sequence[str] = (FIRST_PROBE,),
 ) -> dict[str, Any]:
     """One line of a campaign's log of decisions; `before` is the line before it, `waited_s` how long the bench stood
-    still for this decision [s], `probe` the one whose record it rests on.
+    still for this decision [s], `probes` those whose records it rests on.
     """
     return {
         "format": DECISION_FORMAT,
         "number": 1 if before is None else int(before["number"]) + 1,
         "until": str(goals),
-        "probe": probe,
+        "probes": list(probes),
         "recorded": list(decision.recorded),
         **plan_document(decision, goals) | {"format": DECISION_FORMAT},
         "targets": [_target(target) for target in decision.targets],
-        "verdicts": {name: _verdict(verdict) for name, verdict in decision.verdicts.items()},
+        "verdicts": {place: _verdict(verdict) for place, verdict in decision.verdicts.items()},
         "considered": [_run(choice) for choice in decision.considered],
         "vetoed": [shock.as_run() for shock in vetoed],
         "chased": decision.chased,
@@ -97,8 +97,8 @@ def realised(decision: Decision, before: Mapping[str, Any]) -> dict[str, Any] | 
     if not new or not expected:
         return None
     told = 0.0
-    for name, verdict in decision.verdicts.items():
-        was = before["verdicts"].get(name, {})
+    for place, verdict in decision.verdicts.items():
+        was = before["verdicts"].get(place, {})
         disputes = [(verdict.dispute, verdict.against)] if verdict.dispute is not None else []
         for dispute, against in (*verdict.settled, *disputes):
             if was.get("dispute", {}).get("runs") == list(dispute.runs):
@@ -167,13 +167,10 @@ def remembered(entry: Mapping[str, Any] | None) -> Decision | None:
     """What the next decision has to know of the last one, from its line in the log; None where there is none."""
     if entry is None:
         return None
-    verdicts: dict[ChannelName, Verdict] = {}
-    for name in QUANTITIES:
-        if name not in entry["verdicts"]:
-            continue
-        said = entry["verdicts"][name]
+    verdicts: dict[Place, Verdict] = {}
+    for place, said in entry["verdicts"].items():
         dispute = said.get("dispute")
-        verdicts[name] = Verdict(
+        verdicts[place] = Verdict(
             said["verdict"],
             said["runs"],
             said["causes"],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from shockrig.analysis.diagnosis.adequacy import judge
 from shockrig.analysis.diagnosis.describing import alternatives
 from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis, diagnose_channel, enough
 from shockrig.analysis.diagnosis.prepare import prepare
-from shockrig.analysis.diagnosis.search import evidence
+from shockrig.analysis.diagnosis.search import candidates_of, evidence, finish, refused, says_nothing
 from shockrig.analysis.diagnosis.thresholds import FALSE_ALARMS, penalty
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.described import described, discovered_of, is_described
@@ -234,19 +234,32 @@ def _taken(found: ChannelDiagnosis, before: Verdict, final: bool) -> Verdict:
         ids = tuple(sorted(one))
         if ids not in out:
             kept.setdefault(ids, one)
-    runs, explanations = found.problem.channel, tuple(kept.values())
-    if not explanations:  # all that the diagnosis can think of is out
+    # What stood before and is not out stands where all that the diagnosis thinks of is out, or is not enough.
+    survivors = [one for one in before.standing or (before.causes,) if tuple(sorted(one)) not in out]
+    if not found.adequacy.passed and (best := _enough(found, survivors)) is not None:
+        kept = {tuple(sorted(best)): best}
+        verdict, as_at_the_end = "explained" if best else "adequate", True
+    runs, explanations = found.problem.channel, tuple(kept.values() or survivors)
+    if not explanations:
         return Verdict(
             "unexplained", runs.runs, _explained_by(found.final), None, (), out, look, settled, as_at_the_end
         )
-    if verdict in ("unexplained", "adequate") and tuple(sorted(_explained_by(found.final))) in out:
-        # What unseen runs of this look do not bear out, new runs have: what is left is judged of the model they leave.
-        stands = explanations[0] == _explained_by(found.search.final)
-        enough_now = stands and judge(found.problem, found.search.final, found.noise).passed
-        verdict, as_at_the_end = ("explained", True) if enough_now else ("unexplained", as_at_the_end)
+    if tuple(sorted(_explained_by(found.final))) in out:
+        # What this look does not think best, new runs have borne out: what is left is judged of the model they leave.
+        stands = _enough(found, explanations[:1])
+        named = "explained" if stands else "adequate"
+        verdict, as_at_the_end = ("unexplained", as_at_the_end) if stands is None else (named, True)
     dispute = Dispute(explanations, runs.run_ids) if len(explanations) > 1 else None
     nothing_yet = (0.0,) * len(explanations) if dispute else ()
     return Verdict(verdict, runs.runs, explanations[0], dispute, nothing_yet, out, look, settled, as_at_the_end)
+
+
+def _enough(found: ChannelDiagnosis, explanations: Sequence[Explanation]) -> Explanation | None:
+    """The first of some explanations that leaves nothing but noise."""
+    for one in explanations:
+        if judge(found.problem, _fitted(found.problem, one, found.plain.structure), found.noise).passed:
+            return one
+    return None
 
 
 def _possible(found: ChannelDiagnosis, look: int) -> list[Explanation]:
@@ -261,6 +274,9 @@ def _possible(found: ChannelDiagnosis, look: int) -> list[Explanation]:
         for rival, other in standing.instead.items():
             if evidence(found.problem, standing.rivals[rival]) < level:
                 explanations.append(_explained_by(other))
+        for rare, rise in _passed_over(found, effect):
+            if evidence(found.problem, rise) < level:
+                explanations.append(_explained_by(rare))
         # What is barely needed, at one look of many, is tied with nothing.
         needed = evidence(found.problem, standing.necessity)
         if needed < penalty(CATALOGUE[effect], found.problem.channel) + level - tie_level(1):
@@ -272,6 +288,24 @@ def _possible(found: ChannelDiagnosis, look: int) -> list[Explanation]:
     return explanations
 
 
-def with_verdicts(verdicts: Mapping[ChannelName, Verdict]) -> dict[ChannelName, Extension]:
+def _passed_over(found: ChannelDiagnosis, effect: str) -> list[tuple[Fit, float]]:
+    """The model with what hardly ever happens in the place of an effect, and by how much the deviance rises then.
+
+    A search follows what is likelier. Runs that can be chosen may as well rule it out.
+    """
+    problem, final = found.problem, found.final
+    out = []
+    for rare in candidates_of(problem.channel):
+        if rare.rare and rare.id not in final.structure.ids:
+            structure = final.structure.dropping(effect).adding(rare)
+            starts = [{f"{rare.id}.{name}": value for name, value in s.items()} for s in rare.starts(problem.channel)]
+            thetas = (Model(problem.channel, structure).start(final.log_rates, final.choice | own) for own in starts)
+            best = finish(problem, min((fit(problem, structure, t) for t in thetas), key=lambda one: one.deviance))
+            if not says_nothing(rare, best.values()[rare.id]) and not refused(best, rare):
+                out.append((best, best.deviance - final.deviance + rare.rarity(problem.channel)))
+    return out
+
+
+def extended(verdicts: Mapping[ChannelName, Verdict]) -> dict[ChannelName, Extension]:
     """Extended models of the channels of which something is named."""
     return {name: verdict.extension(name) for name, verdict in verdicts.items() if verdict.causes}

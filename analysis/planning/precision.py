@@ -15,6 +15,7 @@ from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
 from shockrig.analysis.planning.goals import QUANTITY_OF, Goals, Precision
 from shockrig.analysis.planning.information import gained
 from shockrig.files.campaign import Campaign
+from shockrig.files.campaign_names import FIRST_PROBE
 from shockrig.files.errors import InputError
 
 FEWEST_RUNS = 2  # of a row: one says nothing of how much runs differ
@@ -25,7 +26,7 @@ UNKNOWN = 0.5  # relative standard uncertainty of what no run has shown
 class Target:
     """One number that is wanted, and how well it is known: a channel's rate at an ambient (None: the one rate).
 
-    `relative` is its relative standard uncertainty now, `wanted` the goal's.
+    `relative` is its relative standard uncertainty now, `wanted` the goal's; `probe` whose it is.
     """
 
     channel: ChannelName
@@ -34,6 +35,7 @@ class Target:
     wanted: float
     relative: float
     runs: int
+    probe: str = FIRST_PROBE
 
     @property
     def met(self) -> bool:
@@ -43,7 +45,8 @@ class Target:
     @property
     def label(self) -> str:
         """For people: `D at 20`."""
-        return self.quantity if self.ambient_c is None else f"{self.quantity} at {self.ambient_c:g} degC"
+        where = "" if self.ambient_c is None else f" at {self.ambient_c:g} degC"
+        return self.quantity + where + ("" if self.probe == FIRST_PROBE else f", probe {self.probe}")
 
 
 def measured(
@@ -58,8 +61,8 @@ def measured(
         return None
 
 
-def targets(goals: Goals, found: Characterization | None) -> list[Target]:
-    """Every number that the goals want, with what is known of it."""
+def targets(goals: Goals, found: Characterization | None, probe: str = FIRST_PROBE) -> list[Target]:
+    """Every number that the goals want of a probe, with what is known of it."""
     wanted: dict[tuple[ChannelName, float | None, str], float] = {}
     for precision in goals.precisions:
         for channel in QUANTITY_OF[precision.quantity]:
@@ -70,17 +73,15 @@ def targets(goals: Goals, found: Characterization | None) -> list[Target]:
     for (channel, ambient, quantity), relative in wanted.items():
         row = _row(None if found is None else found.channels().get(channel), ambient)
         now = UNKNOWN if row is None else min(float(_relative(row, quantity)), UNKNOWN)
-        out.append(Target(channel, ambient, quantity, relative, now, 0 if row is None else len(row.runs)))
+        out.append(Target(channel, ambient, quantity, relative, now, 0 if row is None else len(row.runs), probe))
     return out
 
 
-def gained_by(runs: Collection[str], found: Characterization | None, wanted: Sequence[Target]) -> float | None:
-    """What some recorded runs brought to the rates that are wanted [nats]; None where there are no such runs.
+def gained_by(runs: Collection[str], found: Characterization | None, wanted: Sequence[Target]) -> float:
+    """What some recorded runs brought to the rates that are wanted [nats].
 
     A run that no fit could use, set aside or lost, brought nothing.
     """
-    if not runs:
-        return None
     came = 0.0
     for name, result in ({} if found is None else found.channels()).items():
         part = result.parts[0]

@@ -1,4 +1,4 @@
-"""What a campaign's runs have varied and what not, and recorded runs as ones that could be made again."""
+"""What a campaign's runs usually have, what they have varied and what not, and runs that could be made once more."""
 
 from __future__ import annotations
 
@@ -8,37 +8,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.quantity import ChannelName
+from shockrig.analysis.planning.goals import Goals
 from shockrig.analysis.planning.judged import Look
 from shockrig.analysis.planning.minutes import airs_of_run
-from shockrig.analysis.planning.shock import SHORTEST_S, Shock
-from shockrig.files.campaign import Run
+from shockrig.analysis.planning.places import Place
+from shockrig.analysis.planning.shock import SHORTEST_S, USUAL_C, Shock, Surroundings, Usual
+from shockrig.files.campaign import Campaign, Run
 
 Array = NDArray[np.float64]
 VARIETY = 0.5  # worth of a run in another direction or airflow, where ties are to be decided
 ENOUGH = 1.8  # runs of one kind, a smaller step than the largest counting as much less
+OTHER_PRESSURE = 0.03  # relative difference from which on a pressure is another one, and no weather
 OTHER_FLOW = 1.5  # times as much airflow is another one
 
 
-def variety(looks: Mapping[ChannelName, Look], shocks: Sequence[Shock]) -> Array:
-    """Worth of the runs that vary what fewer than two of a channel's runs have: direction, airflow.
+def variety(looks: Mapping[Place, Look], shocks: Sequence[Shock], planned: Sequence[Shock] = ()) -> Array:
+    """Worth (M, 2) of the runs that vary what fewer than two of a channel's runs have: direction, airflow.
 
-    One run says nothing: runs differ. A step that is smaller than the largest so far says as much less.
+    Of each made once, and of the second of two. One run says nothing: runs differ. A step that is smaller than the
+    largest so far says as much less. Runs that are `planned` count as recorded.
     """
-    bonus = np.zeros(len(shocks))
+    bonus = np.zeros((len(shocks), 2))
     for look in looks.values():
         if look.problem is None:
             continue
         channel = look.problem.channel
-        step = channel.quantity.step(channel.conditions)
-        largest = max(float(np.abs(step).max()), channel.quantity.least_step)
-        share, flow = np.abs(step) / largest, channel.conditions.airflow_m_s
+        least = channel.quantity.least_step
+        steps = np.array([*channel.quantity.step(channel.conditions), *(_step_of(channel, s) for s in planned)])
+        flows = np.array([*channel.conditions.airflow_m_s, *(s.airflow_m_s for s in planned)])
+        largest = max(float(np.abs(steps).max()), least)
         for i, shock in enumerate(shocks):
             own = _step_of(channel, shock)
-            if abs(own) > channel.quantity.least_step:
-                other_way = share[np.sign(step) == np.sign(own)].sum() < ENOUGH
-                other_flow = _other_flow(flow, share, shock.airflow_m_s)
-                bonus[i] += VARIETY * min(abs(own) / largest, 1.0) * (int(other_way) + int(other_flow))
+            for time in range(2) if abs(own) > least else ():
+                size = np.abs([*steps, *time * [own]]) / largest
+                other_way = size[np.sign([*steps, *time * [own]]) == np.sign(own)].sum() < ENOUGH
+                other_flow = _other_flow(np.array([*flows, *time * [shock.airflow_m_s]]), size, shock.airflow_m_s)
+                bonus[i, time] += VARIETY * min(abs(own) / largest, 1.0) * (int(other_way) + int(other_flow))
+    bonus[:, 1] *= bonus[:, 0] > 0.0
     return bonus
 
 
@@ -74,6 +80,25 @@ def shock_of(run: Run) -> Shock | None:
         None,
         round(run.pressure_hpa, 2),
         float(run.extra.get("irradiance_w_m2") or 0.0),
+    )
+
+
+def usual_of(campaign: Campaign | None, goals: Goals, surroundings: Surroundings) -> Usual:
+    """What runs of a campaign have that nothing is said of, and what else they can have."""
+    low, high = min(*goals.ambients_c, USUAL_C), max(*goals.ambients_c, 2 * USUAL_C)
+    runs = () if campaign is None else campaign.runs
+    airs = [a.temperature_c for r in runs for a in (r.source, r.destination) if a.temperature_c is not None]
+    flows = [run.airflow_m_s for run in runs if run.airflow_m_s]
+    lights = {float(x) for run in runs if isinstance(x := run.extra.get("irradiance_w_m2"), int | float) and x > 0}
+    pressure = round(float(np.median([run.pressure_hpa for run in runs])), 2) if runs else Usual.pressure_hpa
+    others = {round(p, -1) for run in runs if abs((p := run.pressure_hpa) / pressure - 1.0) > OTHER_PRESSURE}
+    others |= {p for p in surroundings.pressures_hpa if abs(p / pressure - 1.0) > OTHER_PRESSURE}
+    return Usual(
+        airflow_m_s=round(float(np.median(flows)), 2) if flows else Usual.airflow_m_s,
+        pressure_hpa=pressure,
+        other=Surroundings(tuple(sorted(others)), tuple(sorted(lights | set(surroundings.irradiances_w_m2)))),
+        coldest_c=round(min([low, *airs])),
+        warmest_c=round(max([high, *airs])),
     )
 
 

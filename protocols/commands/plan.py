@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-PROBE = "by which of several probes recorded at once it is decided: 1 (the default), or 2 for imet-2 and hyt-2"
+from shockrig.protocols.probes import BY_WHICH
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,22 +20,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--out", metavar="NEXT.toml", type=Path, required=True, help="the protocol, with NEXT.json")
     parser.add_argument("--runs", metavar="N", type=int, default=6, help="how many runs to choose at most (6)")
-    parser.add_argument("--probe", metavar="NAME", default="1", help=PROBE)
+    parser.add_argument("--probe", metavar="NAME", help=BY_WHICH)
     parser.add_argument("--bench", metavar="BENCH.toml", type=Path, help="choose only what this bench can do")
 
 
 def main(args: argparse.Namespace) -> int:
-    from shockrig.analysis.planning.decide import CONTINUE, anything, decide, usual_of
+    from shockrig.analysis.planning.decide import CONTINUE, anything, decide
     from shockrig.analysis.planning.export import log_entry, plan_document, remembered
     from shockrig.analysis.planning.goals import parse_goals
     from shockrig.analysis.planning.shock import ORDINARY
-    from shockrig.files.campaign import read_campaign
+    from shockrig.analysis.planning.varied import usual_of
     from shockrig.files.disk import demand_place, shown, write_whole
     from shockrig.files.errors import InputError
     from shockrig.files.json_files import write_json
     from shockrig.files.plan import append_decision, read_decisions
     from shockrig.protocols.decided import as_protocol, feasible_on, lines, surroundings_of
     from shockrig.protocols.loop_page import write_loop_page
+    from shockrig.protocols.probes import seen_by, wanted_probes
     from shockrig.rig.bench import open_bench
     from shockrig.rig.bench_file import load_bench
     from shockrig.rig.protocol_text import protocol_text
@@ -48,8 +49,10 @@ def main(args: argparse.Namespace) -> int:
     if not 1 <= args.runs <= 100:
         raise InputError(f"--runs {args.runs}: expected 1 to 100")
     recorded, planned = _counted(args.campaign)
-    campaign = read_campaign(args.campaign, args.probe) if recorded else None
-    log = read_decisions(args.campaign, args.probe)
+    probes = wanted_probes(args.campaign, args.probe) if recorded else ()
+    seen = seen_by(args.campaign, probes)
+    campaign = seen[0] if seen else None
+    log = read_decisions(args.campaign, probes) if recorded else []
     last = log[-1] if log else None
     bench = None if args.bench is None else open_bench(load_bench(args.bench))
     feasible = anything if bench is None else feasible_on(bench)
@@ -58,6 +61,7 @@ def main(args: argparse.Namespace) -> int:
         campaign,
         goals,
         remembered(last),
+        beside=seen[1:],
         count=args.runs,
         feasible=feasible,
         surroundings=surroundings,
@@ -68,7 +72,7 @@ def main(args: argparse.Namespace) -> int:
     shocks = [c.shock for c in decision.choices]
     protocol = as_protocol(shocks, max(recorded, planned), args.out.stem, str(goals), others)
     if recorded:
-        append_decision(args.campaign, log_entry(decision, goals, last, [], probe=args.probe))
+        append_decision(args.campaign, log_entry(decision, goals, last, [], probes=probes))
         write_loop_page(args.campaign)
     if decision.status == CONTINUE:
         write_whole(args.out, protocol_text(protocol), False)

@@ -25,7 +25,7 @@ class _Sealed:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    from shockrig.protocols.commands.plan import PROBE
+    from shockrig.protocols.probes import BY_WHICH
 
     parser.epilog = (
         "A campaign that was interrupted goes on when the same command is run again. Ctrl-C makes the bench safe and "
@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     loop = parser.add_argument_group("run adaptive: record, look, decide, until the goals are met")
     loop.add_argument("--until", metavar="GOALS", help='such as "alpha 0.2 %%, D 0.3 %%, ties decided, minutes 90"')
     loop.add_argument("--confirm", action="store_true", help="ask before each run: Enter, s vetoes, p pauses, a aborts")
-    loop.add_argument("--probe", metavar="NAME", help=PROBE)
+    loop.add_argument("--probe", metavar="NAME", help=BY_WHICH)
     loop.add_argument("--add", metavar="RUNS.toml", type=Path, help="a protocol whose runs are recorded first")
     parser.add_argument(
         "--bench",
@@ -276,7 +276,7 @@ def _loop(args: argparse.Namespace, bench: Any, say: Callable[[str], None]) -> A
     from shockrig.rig.protocol import load_protocol
 
     added = () if args.add is None else load_protocol(args.add).runs
-    return Loop(args.out, parse_goals(args.until), bench, say, added, args.confirm, args.probe or "1")
+    return Loop(args.out, parse_goals(args.until), bench, say, added, args.confirm, args.probe)
 
 
 def _operator(out: Path, bench: Any) -> str | None:
