@@ -100,3 +100,24 @@ def test_selecting_runs_selects_everything_that_belongs_to_them():
     assert some.run_ids == ("0.5", "0.9")
     assert some.value.shape[0] == some.conditions.start_s.size == len(some.samples) == len(some.bin_of) == 2
     assert np.array_equal(some.value, channel.value[1:])
+
+
+def test_a_slight_step_in_airs_that_nobody_recorded_is_left_out():
+    nobody = {"start_s": None, "source": Air(None, None), "destination": Air(None, None)}
+    slight = 20.0 + 0.08 * (lag(TIME) - 20.0)
+    full = run_of(lag(TIME), TIME, id="full", **nobody)
+    usable, left_out = usable_runs(campaign_of(full, run_of(slight, TIME, id="slight", **nobody)), "temperature")
+    assert [one.run.id for one in usable] == ["full"]
+    assert left_out[0].reason.startswith("a step of 0.8 K is slight beside 10 K of another run")
+    known, _ = usable_runs(campaign_of(full, run_of(slight, TIME, id="known", start_s=10.0)), "temperature")
+    assert [one.run.id for one in known] == ["full", "known"]
+
+
+@pytest.mark.parametrize(("recorded", "ambients"), [(True, 2), (False, 1)])
+def test_ambients_that_nobody_recorded_are_as_wide_as_rooms_are(recorded, ambients):
+    def run(warmer_k, id_):
+        columns = {"humidity_percent": lag(TIME, tau_s=5.0), "temperature_c": np.full(TIME.size, np.nan)}
+        air = Air(30.0 + warmer_k if recorded else None, None)
+        return run_of(lag(TIME) + warmer_k, TIME, id=id_, source=air, destination=air, hyt=Trace(TIME, columns))
+
+    assert build_channel(campaign_of(run(0.0, "1"), run(3.0, "2")), "humidity").ambients_c.size == ambients

@@ -68,7 +68,13 @@ def measure_remainder(
     # Four standard deviations of the bin's own noise are what the largest of a few thousand bins may show by chance.
     beyond = np.where(filled, np.abs(found.residual) - 4.0 * spread, 0.0)
     begins, ends = when_largest(channel, found, noise)
-    left = np.sqrt(max(gain.after**2 - gain.noise_floor**2, 0.0))
+    square = gain.after**2 - gain.noise_floor**2
+    if not gain.measured:
+        readings = float(channel.count.sum())
+        square = (
+            float((channel.count * found.residual**2).sum() - filled.sum() * noise.standard_deviation**2) / readings
+        )
+    left = np.sqrt(max(square, 0.0))
     return Remainder(
         rms=float(np.hypot(left, adequacy.hidden_rms)),
         peak=float(max(beyond.max(initial=0.0), 0.0)),

@@ -186,13 +186,13 @@ def run_indices(keep: NDArray[np.bool_] | NDArray[np.int64]) -> NDArray[np.int64
     return np.flatnonzero(given) if given.dtype == bool else given.astype(np.int64)
 
 
-def group_ambients(destination_c: Array) -> tuple[NDArray[np.int64], Array]:
+def group_ambients(destination_c: Array, width_k: float = AMBIENT_WIDTH_K) -> tuple[NDArray[np.int64], Array]:
     """Destinations within 1 K of one another are one ambient: index of each run (R,) and the ambients' means (G,)."""
     order = np.argsort(destination_c, kind="stable")
     index = np.zeros(destination_c.size, dtype=int)
     group, first = -1, -np.inf
     for i in order:
-        if destination_c[i] - first > AMBIENT_WIDTH_K:
+        if destination_c[i] - first > width_k:
             group, first = group + 1, destination_c[i]
         index[i] = group
     means = np.array([destination_c[index == g].mean() for g in range(group + 1)])

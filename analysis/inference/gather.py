@@ -38,6 +38,7 @@ ORDINARY_HALF_WAY_S = (0.25, 8.0)  # of the sensors that the bins and the limits
 SLOWED_TIMES, SLOWED_FROM_S = 3.0, 0.5  # usual durations, and seconds, from which a transfer was slowed on purpose
 UNKNOWN_AIRFLOW_M_S = 5.0
 FEWEST_SAMPLES = 30
+UNKNOWN_AMBIENT_WIDTH_K = 5.0  # of rooms and boxes that nobody measured; how D moves within it is interpolated
 SLIGHT = 0.1  # of the largest step
 SHORTEST_BEFORE, SHORTEST_AFTER = 2.0, 7.0  # records around a transfer, in times to half of the step; else 1 s and 5 s
 
@@ -271,7 +272,8 @@ def build_channel(campaign: Campaign, name: ChannelName) -> Channel | None:
         die = bin_means([t for t, _ in samples], list(die_samples), bin_of)[1]
         die = np.where(count > 0, die, np.nan)
         wet = past_dew_s(conditions, [t for t, _ in samples], die_samples)
-    ambient, ambients = group_ambients(conditions.destination_c)
+    recorded = all(one.air is not None or one.run.destination.temperature_c is not None for one in usable)
+    ambient, ambients = group_ambients(conditions.destination_c, *(() if recorded else (UNKNOWN_AMBIENT_WIDTH_K,)))
     interpolation = between_ambients(conditions.destination_c, ambient, ambients)
     if quantity.pooled:
         ambient, ambients = np.zeros(len(usable), dtype=int), np.array([float(np.mean(conditions.destination_c))])

@@ -78,7 +78,8 @@ def main(args: argparse.Namespace) -> int:
         diagnosis = write(args.campaign, out, args.seed, made_at, tolerance, earlier, probe)
         print(summary(diagnosis))
         for name in ("report.html", "diagnosis.json", "profile.json"):
-            print(f"{name.split('.')[0]}: {out / name}", flush=True)
+            if (out / name).is_file():  # there is no profile where no run determines a rate
+                print(f"{name.split('.')[0]}: {out / name}", flush=True)
     return 0
 
 
