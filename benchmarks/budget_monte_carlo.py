@@ -1,12 +1,12 @@
 """A budget's standard uncertainty against a Monte Carlo of its inputs (JCGM 101), and against other programs' sums.
 
-    python benchmarks/budget_monte_carlo.py [--worlds 24] [--draws 40] [--first-seed 63000] [--out FILE]
+    python benchmarks/budget_monte_carlo.py [--worlds 24] [--draws 16] [--film-draws 160] [--first-seed N] [--out FILE]
 
 In each rough world, plain and behind an air film in turn, the inputs of the budget (noise, what each run does of its
-own, what all runs share) are drawn, readings made from them by the fitted model, and fitted again as a whole. The
-linear budget's own prediction of each draw is the control variate: u by Monte Carlo is the budget's u times the ratio
-of the two standard deviations over the same draws, which a few dozen draws give to half a percent. GTC and metrolopy,
-where they are installed, combine the same lines.
+own, what all runs share) are drawn, readings made from them by the fitted model, and fitted again as a whole, each
+figure taken from the fit. The budget's own prediction of each draw, straight or along the fit's ridge, is the control
+variate: u by Monte Carlo is the budget's u times the ratio of the two standard deviations over the same draws. u is
+that of the figure's logarithm. GTC and metrolopy, where they are installed, combine the same lines.
 """
 
 from __future__ import annotations
@@ -15,18 +15,25 @@ import argparse
 import json
 import sys
 import tempfile
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from common_errors import FILM, STATED
 
-from shockrig.analysis.characterization.budget import Budget, budgets
+from shockrig.analysis.characterization import curvature
+from shockrig.analysis.characterization.budget import Budget, budgets, log_figure
 from shockrig.analysis.characterization.characterize import characterize
 from shockrig.analysis.characterization.extension import Extension
-from shockrig.analysis.characterization.response_times import response_slopes
+from shockrig.analysis.characterization.response_times import Air, response_slopes
 from shockrig.analysis.characterization.result import Part
-from shockrig.analysis.characterization.shifts import airflow_exponent, knows_airflow, shifts, temperature_slopes
+from shockrig.analysis.characterization.shifts import (
+    airflow_exponent,
+    disturbances,
+    knows_airflow,
+    shifts,
+    temperature_slopes,
+)
 from shockrig.analysis.effects import structure_of
 from shockrig.analysis.inference.common import PERTURBED, TRIGGER
 from shockrig.analysis.inference.fit import fit
@@ -38,8 +45,23 @@ from shockrig.rig.virtual.plans import standard_plan
 from shockrig.rig.virtual.truth import draw_truth
 
 
-def drawn_errors(part: Part, draws: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of theta (draws, P): by fits of drawn readings, and as the linear budget predicts them."""
+@dataclass(frozen=True)
+class Draw:
+    """One draw: errors of theta (P,) by a fit of drawn readings, what the stated airs add to them, both together to
+    first order; and the inputs: noise (R, bins) and runs' random effects (R, U) in standard deviations, what is known
+    beforehand (P,), and the other inputs by name."""
+
+    fitted: np.ndarray
+    label: np.ndarray
+    straight: np.ndarray
+    noise: np.ndarray
+    runs: np.ndarray
+    beforehand: np.ndarray
+    inputs: dict[str, float]
+
+
+def drawn(part: Part, draws: int, rng: np.random.Generator) -> list[Draw]:
+    """Draws of all inputs, each fitted as a whole."""
     problem, found, channel = part.problem, part.fit, part.channel
     model, arrow = found.model, found.arrow
     own = problem.with_rate_scatter(found.rate_scatter)
@@ -52,7 +74,7 @@ def drawn_errors(part: Part, draws: int, rng: np.random.Generator) -> tuple[np.n
         slopes[model.rates] = temperature_slopes(found)
     rates = np.zeros(found.theta.size)
     rates[model.rates] = 1.0
-    fitted, linear = [], []
+    made = []
     for _ in range(draws):
         noise = rng.standard_normal(channel.count.shape) * (channel.count > 0)
         runs = rng.standard_normal(problem.scatter.shape)
@@ -68,11 +90,10 @@ def drawn_errors(part: Part, draws: int, rng: np.random.Generator) -> tuple[np.n
             filled = channel.count[run] > 0
             value[run, filled] += np.linalg.solve(problem.whitener[run][np.ix_(filled, filled)], noise[run, filled])
         again = replace(own, channel=replace(channel, value=np.where(channel.count > 0, value, channel.value)))
-        reached = fit(again, found.structure, found.theta, adapt_scatter=False, tolerance=1e-4)
+        reached = fit(again, found.structure, found.theta, adapt_scatter=False, tolerance=1e-6, iterations=100)
         # The rate that is stated is that at the stated temperature and airflow, not at the true ones.
         label = slopes * inputs.get("air_temperature_k", 0.0) * STATED.air_temperature_k
         label = label + rates * power * inputs.get("airflow_percent", 0.0) * STATED.airflow_percent / 100.0
-        fitted.append(reached.theta - found.theta + label)
         told = from_readings @ noise.ravel() + np.einsum("upr,ru->p", from_runs, runs)
         told -= (covariance * np.sqrt(prior))[:, model.behind] @ shared
         for name, z in inputs.items():
@@ -81,8 +102,36 @@ def drawn_errors(part: Part, draws: int, rng: np.random.Generator) -> tuple[np.n
             # its line stands for a product of two draws; the prediction takes the product itself
             told = told - moved["airflow_percent"] * inputs["airflow_percent"]
             told = told + rates * power * inputs["airflow_percent"] * STATED.airflow_percent / 100.0
-        linear.append(told)
-    return np.array(fitted), np.array(linear)
+        beforehand = np.zeros(theta.size)
+        beforehand[model.behind] = -shared  # the truth is off by as much from what is known, not that from the truth
+        made.append(Draw(reached.theta - found.theta, label, told, noise, runs, beforehand, inputs))
+    return made
+
+
+def along(part: Part, ridge: curvature.Ridge, draws: list[Draw]) -> tuple[np.ndarray, np.ndarray]:
+    """Where the budget's ridge has fits to the inputs of draws end."""
+    named = disturbances(part.problem, part.fit)
+    readings = []
+    for one in draws:
+        seen = np.einsum("rbk,rb->rk", ridge.basis, one.noise) + np.einsum("rku,ru->rk", ridge.effects, one.runs)
+        for name, (change, _) in zip(named, ridge.disturbances, strict=True):
+            seen = seen + one.inputs.get(name, 0.0) * change
+        readings.append(seen)
+    return curvature.fits(ridge, np.array(readings), np.array([one.beforehand for one in draws]))
+
+
+def figures_of(part: Part, ambient: int, air: Air, error: np.ndarray) -> dict[str, float]:
+    """Logarithms of an ambient's figures where theta is off by `error`."""
+    theta = part.fit.theta + error
+    t63, t90, _ = response_slopes(part.channel, replace(part.fit, theta=theta), ambient, air)[0]
+    return {part.channel.quantity.symbol: float(theta[ambient]), "t63": np.log(t63), "t90": np.log(t90)}
+
+
+def within(budget: Budget, errors: np.ndarray) -> float:
+    """Share of drawn figures in the interval that the budget states; `errors` are of their logarithms."""
+    value, half = budget.value, budget.expanded_uncertainty
+    low, high = budget.interval or (value - half, value + half)
+    return float(np.mean((value * np.exp(errors) >= low) & (value * np.exp(errors) <= high)))
 
 
 def other_sums(budget: Budget) -> dict[str, tuple[float, float]]:
@@ -109,7 +158,7 @@ def other_sums(budget: Budget) -> dict[str, tuple[float, float]]:
     return found
 
 
-def world(seed: int, draws: int) -> list[dict[str, object]]:
+def world(seed: int, draws: int, film_draws: int) -> list[dict[str, object]]:
     """One line for each figure of one world."""
     rng = np.random.default_rng(seed)
     film = bool(seed % 2)
@@ -123,15 +172,22 @@ def world(seed: int, draws: int) -> list[dict[str, object]]:
         made, (part, *_) = budgets(found), found.parts
         if part.enlarged(found.noise) > 1.0:
             continue  # its budget has a line for a misfit, which drawn readings do not have
-        errors, linear = drawn_errors(part, draws, rng)
+        ridge = curvature.ridge(part.problem, part.fit, list(disturbances(part.problem, part.fit).values()))
+        many = drawn(part, film_draws if ridge else draws, rng)
+        linear, labels = (np.array([getattr(one, name) for one in many]) for name in ("straight", "label"))
+        ended = None if ridge is None else along(part, ridge, many)
         for i, budget in enumerate(made):
             ambient = int(np.argmin(np.abs(part.channel.ambients_c - found.rows[i // 3].ambient_c)))
-            slope = np.zeros(part.fit.theta.size)
-            slope[ambient] = budget.value
-            if budget.figure in ("t63", "t90"):
-                place = ("t63", "t90").index(budget.figure)
-                slope = response_slopes(part.channel, part.fit, ambient, budget.air)[1][place]
-            predicted = float(np.std(linear @ slope))
+            if i % 3 == 0:
+                there = [
+                    figures_of(part, ambient, budget.air, error) for error in (one.fitted + one.label for one in many)
+                ]
+            of = log_figure(part, ambient, budget)
+            slope = of(part.fit.theta)[1]
+            foretold = linear @ slope
+            if budget.interval is not None:
+                foretold = curvature.reached(ridge, of, ended) + labels @ slope
+            predicted, found_again = float(np.std(foretold)), np.array([one[budget.figure] for one in there])
             others = other_sums(budget)
             lines.append(
                 {
@@ -139,8 +195,12 @@ def world(seed: int, draws: int) -> list[dict[str, object]]:
                     "film": film,
                     "figure": budget.figure,
                     "relative_u": budget.standard_uncertainty / budget.value,
-                    "u_over_monte_carlo": predicted / float(np.std(errors @ slope)),
-                    "predicted_over_budget": predicted / budget.standard_uncertainty,
+                    "how": "straight" if budget.interval is None else "propagated",
+                    "u_over_monte_carlo": predicted / float(np.std(found_again)),
+                    "straight_over_monte_carlo": float(np.std(linear @ slope) / np.std(found_again)),
+                    "predicted_over_budget": predicted / (budget.standard_uncertainty / budget.value),
+                    "correlation": float(np.corrcoef(foretold, found_again)[0, 1]),
+                    "within_interval": within(budget, found_again - of(part.fit.theta)[0]),
                     "shares": sum(budget.share(line) for line in budget.lines),
                     "others": {name: u / budget.standard_uncertainty - 1.0 for name, (u, _) in others.items()},
                     "degrees": {name: nu / budget.degrees - 1.0 for name, (_, nu) in others.items()},
@@ -151,17 +211,24 @@ def world(seed: int, draws: int) -> list[dict[str, object]]:
 
 def table(lines: list[dict]) -> str:
     """Worst and typical ratios."""
-    rows = [f"{'worlds':<20}{'figure':<8}{'n':>4}{'u / Monte Carlo: median':>25}{'5 to 95 %':>16}{'within 5 %':>12}"]
+    rows = [
+        f"{'worlds':<20}{'figure':<8}{'n':>4}{'u / Monte Carlo: median':>25}{'5 to 95 %':>16}{'within 5 %':>12}"
+        f"{'propagated':>12}{'in interval':>13}"
+    ]
     for film in (False, True):
         for figure in ("alpha", "D", "t63", "t90"):
-            own = np.array([x["u_over_monte_carlo"] for x in lines if x["film"] == film and x["figure"] == figure])
-            if not own.size:
+            some = [x for x in lines if x["film"] == film and x["figure"] == figure]
+            if not some:
                 continue
+            own = np.array([x["u_over_monte_carlo"] for x in some])
+            how = sum(x["how"] == "propagated" for x in some)
+            inside = np.mean([x["within_interval"] for x in some])
             low, high = np.quantile(own, [0.05, 0.95])
             name = f"{len({x['seed'] for x in lines if x['film'] == film})} rough, {'air film' if film else 'plain'}"
             rows.append(
                 f"{name:<20}{figure:<8}{own.size:>4}{np.median(own):>25.3f}{low:>8.3f} to{high:>5.3f}"
                 f"{100 * np.mean(np.abs(own - 1) < 0.05):>10.0f} %"
+                f"{how:>12}{100 * inside:>11.1f} %"
             )
     rows.append(f"shares add to 100 % within {100 * max(abs(x['shares'] - 1) for x in lines):.1g} %")
     for name in sorted({name for x in lines for name in x["others"]}):
@@ -175,7 +242,8 @@ def main(argv: list[str] | None = None) -> None:
     """Run the worlds, append their lines, print the table of all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--worlds", type=int, default=24)
-    parser.add_argument("--draws", type=int, default=40)
+    parser.add_argument("--draws", type=int, default=16)
+    parser.add_argument("--film-draws", type=int, default=160, help="where the budget follows a ridge")
     parser.add_argument("--first-seed", type=int, default=63000)
     parser.add_argument("--out", type=Path, help="JSON lines of worlds already run; new ones are appended")
     args = parser.parse_args(argv)
@@ -186,7 +254,7 @@ def main(argv: list[str] | None = None) -> None:
     for seed in range(args.first_seed, args.first_seed + args.worlds):
         if seed in there:
             continue
-        new = world(seed, args.draws)
+        new = world(seed, args.draws, args.film_draws)
         lines += new
         if args.out is not None:
             with args.out.open("a") as file:

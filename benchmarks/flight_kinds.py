@@ -157,6 +157,20 @@ def _clock_steps(*steps: tuple[float, float]) -> Callable[[dict[str, Array], Rng
     return damage
 
 
+def _restarted(at: float, lost_s: tuple[float, float], by: float) -> Callable[[dict[str, Array], Rng], None]:
+    """Rows lost for a while, and another clock after them: what a logger does whose supply fails."""
+
+    def damage(log: dict[str, Array], rng: Rng) -> None:
+        first = at + rng.uniform(0, 20)
+        true, last = log["time_s"].copy(), first + rng.uniform(*lost_s)
+        lost = (true > first) & (true <= last)
+        for name in ("time_s", "temperature_c", "humidity_percent"):
+            log[name][lost] = np.nan
+        log["time_s"][true > last] += by
+
+    return damage
+
+
 def with_rows(world: World, rows: Callable[[dict[str, Array], Rng], None]) -> World:
     return changed(world, rows=rows)
 
@@ -195,6 +209,8 @@ KINDS: dict[str, Callable[[Rng], World]] = {
     "clock back and ahead": lambda r: with_rows(
         convective(r), _clock_steps((60.0, -8.0), (110.0, 12.0), (170.0, -90.0))
     ),
+    "restarted, inversion": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2), _restarted(80.0, (5.0, 30.0), -70.0)),
+    "restarted, convective": lambda r: with_rows(convective(r), _restarted(80.0, (2.0, 20.0), 40.0)),
     "coarse, calm": lambda r: changed(calm(r), **COARSE),
     "coarse, convective": lambda r: changed(convective(r), **COARSE),
     "coarse, inversion": lambda r: changed(profile(r, 40.0, 0.04, 0.2), **COARSE),

@@ -47,6 +47,8 @@ class CertifiedFigure:
     """A figure with what it is stated for: "alpha", "D", "t63" or "t90" of one channel.
 
     `airflow_m_s` is None where nobody recorded it. `degrees_of_freedom` is None where they are infinite.
+    `coverage_interval` are the ends that hold 95.45 % where distributions were propagated (JCGM 101) because the
+    figure is no straight function of its inputs; the coverage factor is then half of it over the standard uncertainty.
     """
 
     figure: str
@@ -60,6 +62,7 @@ class CertifiedFigure:
     pressure_hpa: float
     airflow_m_s: float | None
     lines: tuple[BudgetLine, ...]
+    coverage_interval: tuple[float, float] | None = None
 
     @property
     def expanded_uncertainty(self) -> float:
@@ -183,6 +186,7 @@ def certificate_document(certificate: Certificate) -> dict[str, Any]:
                     degrees_of_freedom=one.degrees_of_freedom,
                     coverage_factor=one.coverage_factor,
                     expanded_uncertainty=one.expanded_uncertainty,
+                    coverage_interval=one.coverage_interval and list(one.coverage_interval),
                     temperature_c=one.temperature_c,
                     pressure_hpa=one.pressure_hpa,
                     airflow_m_s=one.airflow_m_s,

@@ -4,7 +4,8 @@
       administrativeData   dccSoftware coreData items calibrationLaboratory respPersons customer statements
       measurementResults   measurementResult: usedMethods measuringEquipments influenceConditions results
 
-Structure: https://ptb.de/dcc/v3.3.0/. A quantity is si:real with an expanded uncertainty. What nobody stated is said to
+Structure: https://ptb.de/dcc/v3.3.0/. A quantity is si:real with an expanded uncertainty, or with a
+coverage interval where distributions were propagated. What nobody stated is said to
 be "not stated", since the schema wants something there.
 """
 
@@ -37,6 +38,7 @@ METHODS = (
     ),
     ("Uncertainty budget, Welch-Satterthwaite, 95.45 %", "JCGM 100:2008"),
 )
+PROPAGATED = ("Propagation of distributions, where the figure is no straight function of the inputs", "JCGM 101:2008")
 ITEMS = {"temperature": ("imet", "thermometer"), "humidity": ("hyt", "hygrometer")}
 
 
@@ -100,7 +102,8 @@ def _result(parent: ET.Element, certificate: Certificate, channel: str) -> None:
     part = _add(parent, "measurementResult")
     _said(part, "name", f"Response of the {ITEMS[channel][1]}")
     methods = _add(part, "usedMethods")
-    for name, reference in METHODS:
+    propagated = any(one.coverage_interval is not None for one in figures)
+    for name, reference in (*METHODS, *([PROPAGATED] if propagated else [])):
         method = _add(methods, "usedMethod")
         _said(method, "name", name)
         _add(method, "reference", reference)
@@ -125,11 +128,19 @@ def _figure(data: ET.Element, figure: CertifiedFigure) -> None:
     quantity = _add(data, "quantity", refType="basic_measuredValue")
     _said(quantity, "name", figure.name)
     real = _real(quantity, figure.value, figure.unit)
-    expanded = _si(_si(real, "measurementUncertaintyUnivariate"), "expandedMU")
-    _si(expanded, "valueExpandedMU", _number(figure.expanded_uncertainty))
-    _si(expanded, "coverageFactor", _number(figure.coverage_factor))
-    _si(expanded, "coverageProbability", _number(COVERAGE_PROBABILITY))
-    _si(expanded, "distribution", "normal" if figure.degrees_of_freedom is None else "t")
+    uncertainty = _si(real, "measurementUncertaintyUnivariate")
+    if figure.coverage_interval is None:
+        expanded = _si(uncertainty, "expandedMU")
+        _si(expanded, "valueExpandedMU", _number(figure.expanded_uncertainty))
+        _si(expanded, "coverageFactor", _number(figure.coverage_factor))
+        _si(expanded, "coverageProbability", _number(COVERAGE_PROBABILITY))
+        _si(expanded, "distribution", "normal" if figure.degrees_of_freedom is None else "t")
+    else:
+        interval = _si(uncertainty, "coverageIntervalMU")
+        _si(interval, "valueStandardMU", _number(figure.standard_uncertainty))
+        for name, end in zip(("intervalMin", "intervalMax"), figure.coverage_interval, strict=True):
+            _si(interval, name, _number(end))
+        _si(interval, "coverageProbability", _number(COVERAGE_PROBABILITY))
     conditions = _add(quantity, "influenceConditions")
     stated = (("Airflow", figure.airflow_m_s, "m/s"), ("Air temperature", figure.temperature_c, "°C"))
     for name, value, unit in (*stated, ("Air pressure", figure.pressure_hpa, "hPa")):

@@ -49,6 +49,19 @@ def measured(value: float, standard_uncertainty: float | None, unit: str = "") -
     return text + tail
 
 
+def between(value: float, low: float, high: float, unit: str = "") -> str:
+    """Value with the ends of its interval (two digits of the shorter side) and the unit, e.g. "7.5 (6.9 to 9.4) s"."""
+    tail = f" {unit}" if unit else ""
+    largest = max(abs(value), abs(low), abs(high))
+    exponent = 0 if 1e-3 <= largest < 1e5 else math.floor(math.log10(largest))
+    ends = [x / 10.0**exponent for x in (value, low, high)]
+    shorter = min(ends[0] - ends[1], ends[2] - ends[0])
+    decimals = max(0, 1 - math.floor(math.log10(shorter))) if shorter > 0 else 3
+    middle, below, above = (_number(x, decimals) for x in ends)
+    power = f" × 10{str(exponent).translate(_SUPERSCRIPT)}" if exponent else ""
+    return f"{middle} ({below} to {above}){power}{tail}"
+
+
 def power_of_ten(value: float) -> tuple[float, str]:
     """Scale of an axis that reaches `value`, and its power for the label ("10⁻¹² "; empty where none is needed)."""
     if value == 0 or 1e-2 <= abs(value) < 1e4:

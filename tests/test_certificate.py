@@ -16,11 +16,12 @@ import pytest
 import xmlschema
 from small_worlds import record
 
-from shockrig.analysis.characterization.budget import Budget, Line, budgets
+from shockrig.analysis.characterization.budget import Budget, budgets
 from shockrig.analysis.characterization.certified import calibrations, certified, with_common
 from shockrig.analysis.characterization.characterize import characterize, characterize_channel
 from shockrig.analysis.characterization.extension import Extension
 from shockrig.analysis.characterization.response_times import Air
+from shockrig.analysis.characterization.sources import Line
 from shockrig.analysis.effects import structure_of
 from shockrig.files.campaign import read_campaign
 from shockrig.files.certificate import NOT_TRACEABLE, Traced

@@ -348,8 +348,8 @@ def test_a_clock_that_steps_and_goes_on_from_there_parts_the_log():
     time_s[40:] += 30.0
     found = clock(time_s, 120.0)
     assert found.good.all()
-    assert [row for row, _ in found.steps] == [20, 40]
-    assert [by for _, by in found.steps] == pytest.approx([-0.9, 30.1])
+    assert [step.row for step in found.steps] == [20, 40]
+    assert [step.by_s for step in found.steps] == pytest.approx([-0.9, 30.1])
     steps = np.diff(found.time_s)
     assert steps[[19, 39]] == pytest.approx(120.0)
     assert np.delete(steps, [19, 39]) == pytest.approx(0.1)

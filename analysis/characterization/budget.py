@@ -3,6 +3,7 @@
 A figure is a function of a fit's parameters, so its variance is a sum over independent inputs: noise of the readings
 and what differs from run to run (type A), what references, triggers and anemometers are good to (type B).
     nu = u^4 / sum(u_i^4 / nu_i)     (Welch and Satterthwaite, JCGM 100 G.4.1),     U = k u, k for 95.45 %.
+Where the figure is no straight function of the inputs, their distributions are propagated (JCGM 101): see `curvature`.
 """
 
 from __future__ import annotations
@@ -14,64 +15,26 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from shockrig.analysis.characterization import curvature
 from shockrig.analysis.characterization.response_times import USUAL, Air, response_slopes
 from shockrig.analysis.characterization.result import ChannelResult, Part, Row
-from shockrig.analysis.characterization.shifts import airflow_exponent, knows_airflow, shifts, temperature_slopes
+from shockrig.analysis.characterization.shifts import (
+    airflow_exponent,
+    disturbances,
+    knows_airflow,
+    temperature_slopes,
+)
+from shockrig.analysis.characterization.sources import Line, Source, sources
 from shockrig.analysis.inference.channel import AMBIENT_WIDTH_K, Channel
-from shockrig.analysis.inference.common import LEAST_TRIGGER_OFFSET_S, TRIGGER
 from shockrig.analysis.inference.noise import Noise
-from shockrig.analysis.inference.quantity import RunEffect
-from shockrig.analysis.inference.rate_scatter import RATE_SCATTER_WEIGHT
 
 Array = NDArray[np.float64]
 
 COVERAGE = 0.9545  # two standard deviations of a normal distribution
 LEAST_SHARE = 1e-9  # of the variance: a smaller line is none
+WORST_RELATIVE = 0.5  # a figure known no better than this is none
+TIMES = ("t63", "t90")
 NO_DIFFERENCE = 1e-6  # of a variance, between two ways to the same number
-COMMON_LINES = {
-    "air_temperature_k": ("reference thermometer, all runs alike", "K"),
-    "air_humidity_percent": ("reference hygrometer, all runs alike", "%RH"),
-    "airflow_percent": ("anemometer, all runs alike", "%"),
-    "pressure_hpa": ("barometer, all runs alike", "hPa"),
-    TRIGGER: ("trigger, all runs alike", "s"),
-    "clock_ppm": ("clock, all runs alike", "1e-6"),
-}
-
-
-@dataclass(frozen=True)
-class Line:
-    """One component of a budget.
-
-    Attributes
-    ----------
-    component : str
-    kind : str
-        "A" (evaluated from the readings) or "B" (from what is stated of an input).
-    distribution : str
-    standard_uncertainty, unit : float, str
-        Of the input.
-    sensitivity : float
-        Change of the figure by one unit of the input; of what differs from run to run (or from reading to reading),
-        the root of the sum of squares over the runs, without a sign.
-    degrees : float
-        Degrees of freedom; infinite where the uncertainty is taken as it was stated.
-    key : str
-        Of what all runs share: its key in campaign.json; empty for the rest.
-    """
-
-    component: str
-    kind: str
-    distribution: str
-    standard_uncertainty: float
-    unit: str
-    sensitivity: float
-    degrees: float = math.inf
-    key: str = ""
-
-    @property
-    def contribution(self) -> float:
-        """In the figure's unit, not negative."""
-        return abs(self.sensitivity) * self.standard_uncertainty
 
 
 @dataclass(frozen=True)
@@ -79,7 +42,8 @@ class Budget:
     """A figure with its budget.
 
     `figure` is "alpha", "D", "t63" or "t90"; `air` is what it is stated for, with every value known; `lines` are by
-    falling contribution.
+    falling contribution. `interval` are the ends that hold 95.45 % where distributions were propagated (JCGM 101);
+    the standard uncertainty is then the value times the standard deviation of its logarithm.
     """
 
     figure: str
@@ -88,6 +52,7 @@ class Budget:
     value: float
     air: Air
     lines: tuple[Line, ...]
+    interval: tuple[float, float] | None = None
 
     @property
     def standard_uncertainty(self) -> float:
@@ -102,13 +67,16 @@ class Budget:
 
     @property
     def coverage_factor(self) -> float:
-        """Student's t that holds 95.45 %; for degrees of freedom cut to a whole number, as JCGM 100 G.4.1 asks."""
+        """Student's t that holds 95.45 %, for degrees of freedom cut to a whole number, as JCGM 100 G.4.1 asks; where
+        distributions were propagated, half the interval over the standard uncertainty."""
+        if self.interval is not None:
+            return (self.interval[1] - self.interval[0]) / (2.0 * self.standard_uncertainty)
         whole = math.floor(self.degrees) if self.degrees < 1e6 else 1e9
         return float(stdtrit(max(whole, 1), 0.5 + 0.5 * COVERAGE))
 
     @property
     def expanded_uncertainty(self) -> float:
-        """U = k u."""
+        """U = k u: half the interval that holds 95.45 %."""
         return self.coverage_factor * self.standard_uncertainty
 
     def share(self, line: Line) -> float:
@@ -116,47 +84,25 @@ class Budget:
         return (line.contribution / self.standard_uncertainty) ** 2 if self.standard_uncertainty > 0 else 0.0
 
     @property
+    def determined(self) -> bool:
+        """Whether it is known better than to a half."""
+        return self.standard_uncertainty < WORST_RELATIVE * self.value
+
+    @property
     def random(self) -> float:
         """Standard uncertainty without what all runs share: what differs from one campaign to the next on one bench."""
         return math.sqrt(sum(line.contribution**2 for line in self.lines if not line.key))
 
 
-@dataclass(frozen=True)
-class _Source:
-    """One input: its line without a sensitivity, and what it moves theta by, columns (P, m) of unit variance."""
-
-    component: str
-    kind: str
-    standard_uncertainty: float
-    unit: str
-    moves: Array
-    degrees: float = math.inf
-    key: str = ""
-
-    def line(self, slope: Array) -> Line:
-        """The line of a figure that theta moves by `slope` (P,)."""
-        along = slope @ self.moves
-        moved = float(along[0]) if along.size == 1 else float(np.sqrt((along**2).sum()))
-        sensitivity = moved / self.standard_uncertainty
-        return Line(
-            self.component,
-            self.kind,
-            "normal",
-            self.standard_uncertainty,
-            self.unit,
-            sensitivity,
-            self.degrees,
-            self.key,
-        )
-
-
 def budgets(result: ChannelResult, air: Air | None = None) -> list[Budget]:
     """Budgets of alpha or of each D, and of t63 and t90 in an air; a film's are at each row's own temperature."""
     found: list[Budget] = []
+    ridges = [curvature.ridge(p.problem, p.fit, list(disturbances(p.problem, p.fit).values())) for p in result.parts]
     for row in result.rows:
-        part = next(part for part in result.parts if row.runs[0] in part.channel.run_ids)
+        place = next(i for i, part in enumerate(result.parts) if row.runs[0] in part.channel.run_ids)
+        part = result.parts[place]
         ambient = int(np.argmin(np.abs(part.channel.ambients_c - row.ambient_c)))
-        found += _of_ambient(part, result.noise, ambient, row, air or Air())
+        found += _of_ambient(part, result.noise, ambient, row, air or Air(), ridges[place])
     return found
 
 
@@ -203,22 +149,67 @@ def mean_diffusivity(result: ChannelResult) -> tuple[Budget, tuple[float, ...]] 
     return whole, tuple(sorted(float(t) for t in wholes))
 
 
-def _of_ambient(part: Part, noise: Noise, ambient: int, row: Row, air: Air) -> list[Budget]:
+def _of_ambient(
+    part: Part, noise: Noise, ambient: int, row: Row, air: Air, ridge: curvature.Ridge | None
+) -> list[Budget]:
     channel, theta = part.channel, part.fit.theta
     stated = _stated(channel, ambient, air)
     times, slopes = response_slopes(channel, part.fit, ambient, stated)
     of_rate = np.zeros(theta.size)
     of_rate[ambient] = row.diffusivity_m2_s
     figures = [(channel.quantity.symbol, "m²/s", row.diffusivity_m2_s, of_rate)]
-    figures += [(name, "s", float(times[i]), slopes[i]) for i, name in enumerate(("t63", "t90"))]
-    return _budgets(part, noise, figures, stated, _apart(part, noise, ambient, row))
+    figures += [(name, "s", float(times[i]), slopes[i]) for i, name in enumerate(TIMES)]
+    made = _budgets(part, noise, figures, stated, _apart(part, noise, ambient, row))
+    if ridge is None:
+        return made
+    drawn = curvature.drawn(ridge, [log_figure(part, ambient, one) for one in made])
+    inputs = sources(part, noise)
+    return [_propagated(one, inputs, over) for one, over in zip(made, drawn, strict=True)]
+
+
+def log_figure(part: Part, ambient: int, budget: Budget) -> curvature.LogFigure:
+    """The logarithm of a budget's figure as a function of theta, up to a constant, with its slopes."""
+    if budget.figure in TIMES:
+        place = TIMES.index(budget.figure)
+
+        def of(theta: Array) -> tuple[float, Array]:
+            times, slopes = response_slopes(part.channel, replace(part.fit, theta=theta), ambient, budget.air)
+            return math.log(times[place]), slopes[place] / times[place]
+
+        return of
+    slope = np.zeros(part.fit.theta.size)
+    slope[ambient] = 1.0
+    return lambda theta: (float(theta[ambient]), slope)
+
+
+def _propagated(budget: Budget, inputs: list[Source], drawn: curvature.Drawn) -> Budget:
+    """The budget with the distributions of its inputs propagated; as it is where its figure is straight."""
+    named = {source.component for source in inputs}
+    others = [line for line in budget.lines if line.component not in named]
+    rest = math.sqrt(sum(line.contribution**2 for line in others)) / budget.value
+    low, high = drawn.interval(rest, budget.coverage_factor)
+    if curvature.straight(
+        budget.standard_uncertainty / budget.value, budget.expanded_uncertainty / budget.value, (low, high)
+    ):
+        return budget
+    lines = [source.giving(budget.value * given) for source, given in zip(inputs, drawn.contributions, strict=True)]
+    lines.append(Line("curvature of the response", "A", "propagated", drawn.beyond, "1", budget.value))
+    ends = budget.value * (1.0 + low), budget.value * (1.0 + high)
+    return replace(budget, lines=_kept(lines + others), interval=ends)
+
+
+def _kept(lines: list[Line]) -> tuple[Line, ...]:
+    """Lines that are any part of the whole, by falling contribution."""
+    variance = sum(line.contribution**2 for line in lines)
+    kept = [line for line in lines if line.contribution**2 > LEAST_SHARE * variance]
+    return tuple(sorted(kept, key=lambda line: -line.contribution))
 
 
 def _apart(part: Part, noise: Noise, ambient: int, row: Row) -> float:
     """By how much, relatively, runs that the model misses are apart: what of a row's uncertainty no input explains."""
     slope = np.zeros(part.fit.theta.size)
     slope[ambient] = 1.0
-    told = part.enlarged(noise) ** 2 * sum(source.line(slope).contribution ** 2 for source in _sources(part, noise))
+    told = part.enlarged(noise) ** 2 * sum(source.line(slope).contribution ** 2 for source in sources(part, noise))
     whole = (row.standard_uncertainty / row.diffusivity_m2_s) ** 2
     return math.sqrt(whole - told) if whole - told > NO_DIFFERENCE * whole else 0.0
 
@@ -235,9 +226,9 @@ def _budgets(
 ) -> list[Budget]:
     """Budgets of figures, each as its name, unit, value, and by how much theta moves it (P,)."""
     channel, made = part.channel, []
-    sources, misfit = _sources(part, noise), part.enlarged(noise)
+    inputs, misfit = sources(part, noise), part.enlarged(noise)
     for figure, unit, value, slope in figures:
-        lines = [source.line(slope) for source in sources]
+        lines = [source.line(slope) for source in inputs]
         variance = sum(line.contribution**2 for line in lines)
         if beyond := _other_airflow(part, stated):
             lines.append(Line("airflow other than the runs'", "B", "normal", beyond, "1", value))
@@ -246,9 +237,7 @@ def _budgets(
             lines.append(_misfit_line(misfit, math.sqrt(variance), channel.runs))
         if apart > 0.0:
             lines.append(Line("disagreement of the runs", "A", "normal", apart, "1", value, max(channel.runs - 1, 1)))
-        kept = [line for line in lines if line.contribution**2 > LEAST_SHARE * variance]
-        kept.sort(key=lambda line: -line.contribution)
-        made.append(Budget(figure, channel.name, unit, value, stated, tuple(kept)))
+        made.append(Budget(figure, channel.name, unit, value, stated, _kept(lines)))
     return made
 
 
@@ -273,42 +262,6 @@ def _stated(channel: Channel, ambient: int, air: Air) -> Air:
     elif temperature is None:
         temperature = USUAL["temperature_c"]
     return Air(airflow, temperature, float(np.median(conditions.pressure_hpa)) if pressure is None else pressure)
-
-
-def _sources(part: Part, noise: Noise) -> list[_Source]:
-    channel, found = part.channel, part.fit
-    model, arrow, unit = found.model, found.arrow, part.channel.quantity.unit
-    from_runs, from_readings = arrow.shares()
-    used = int((channel.count > 0).sum())
-    sources = [_Source("noise of the readings", "A", noise.standard_deviation, unit, from_readings, max(used, 1))]
-    air_unit = {RunEffect.SOURCE: unit, RunEffect.DESTINATION: unit, RunEffect.DESTINATION_C: "K"}
-    start = "trigger, run by run" if channel.conditions.start_known.any() else "start, which nobody recorded"
-    airs = "run by run" if channel.conditions.airs_known.any() else "taken from the plateaus"
-    names = {
-        RunEffect.START: start,
-        RunEffect.SOURCE: f"source air, {airs}",
-        RunEffect.DESTINATION: f"destination air, {airs}",
-        RunEffect.DESTINATION_C: "difference of the airs' temperatures, run by run",
-    }
-    for effect, moves in zip(RunEffect, from_runs, strict=False):
-        if effect is RunEffect.RATE:
-            degrees = max(channel.runs - channel.rates, 0) + RATE_SCATTER_WEIGHT
-            sources.append(_Source("rate, run by run", "A", found.rate_scatter, "1", moves, degrees))
-            continue
-        size = float(np.sqrt((1.0 / arrow.weight[:, effect]).mean()))
-        sources.append(_Source(names[effect], "B", size, "s" if effect is RunEffect.START else air_unit[effect], moves))
-    covariance, prior = arrow.covariance(), model.priors()[1]
-    for k in np.flatnonzero(prior):
-        name, size = model.names[k], float(1.0 / np.sqrt(prior[k]))
-        component, its_unit = COMMON_LINES.get(name, (f"what is known of {name} beforehand", "1"))
-        moves = -(covariance[:, k] / size)[:, None]  # the prior holds the estimate back from where the error is
-        sources.append(_Source(component, "B", size, its_unit, moves, key=name if name in COMMON_LINES else ""))
-    for name, moved in shifts(part.problem, found).items():
-        component, its_unit = COMMON_LINES[name]
-        least = channel.common is None or channel.common.trigger_offset_s < LEAST_TRIGGER_OFFSET_S
-        size = LEAST_TRIGGER_OFFSET_S if name == TRIGGER and least else float(getattr(channel.common, name))
-        sources.append(_Source(component, "B", size, its_unit, moved[:, None], key=name))
-    return sources
 
 
 def _misfit_line(enlarged: float, uncertainty: float, runs: int) -> Line:

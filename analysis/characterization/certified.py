@@ -66,7 +66,8 @@ def certified(
     """
     campaign = result.campaign
     assert campaign.common is not None
-    figures = tuple(_figure(one) for found in result.channels().values() for one in budgets(found, air))
+    figured = [one for found in result.channels().values() for one in budgets(found, air)]
+    figures = tuple(_figure(one) for one in figured if one.determined)
     began_on, ended_on = _dates(campaign, issued_on)
     sensors = {name: campaign.sensors.get(name, {}) for name in SENSORS}
     made = Certificate(
@@ -80,7 +81,7 @@ def certified(
         figures=figures,
         common=campaign.common,
         traced=tuple(traced),
-        notes=tuple(_notes(result)),
+        notes=(*_notes(result), *map(_not_determined, (one for one in figured if not one.determined))),
         provenance=provenance or {},
         **named,
     )
@@ -114,6 +115,9 @@ def _figure(budget: Budget) -> CertifiedFigure:
         temperature_c=round(budget.air.temperature_c, 2),
         pressure_hpa=rounded(budget.air.pressure_hpa),
         airflow_m_s=None if budget.air.airflow_m_s is None else rounded(budget.air.airflow_m_s),
+        coverage_interval=None
+        if budget.interval is None
+        else (rounded(budget.interval[0]), rounded(budget.interval[1])),
         lines=tuple(
             BudgetLine(
                 line.component,
@@ -128,6 +132,12 @@ def _figure(budget: Budget) -> CertifiedFigure:
             for line in budget.lines
         ),
     )
+
+
+def _not_determined(budget: Budget) -> str:
+    """Why a figure is not among those certified."""
+    relative = 100.0 * budget.standard_uncertainty / budget.value
+    return f"No {budget.figure} of the {budget.channel} sensor: its standard uncertainty would be {relative:.0f} %."
 
 
 def _dates(campaign: Campaign, otherwise: str) -> tuple[str, str]:

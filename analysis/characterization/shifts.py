@@ -25,38 +25,53 @@ USUAL_SLOPE_PER_K = 0.03  # of ln D over temperature, where one ambient alone wa
 NOTHING = 1e-9  # change of a prediction, in standard deviations of the noise, that is none
 
 
-def shifts(problem: Problem, found: Fit) -> dict[str, Array]:
-    """What moves theta (P,) by an input that is off by one standard uncertainty in all runs, by its key.
+def disturbances(problem: Problem, found: Fit) -> dict[str, tuple[Array, Array]]:
+    """What an input that is off by one standard uncertainty in all runs does, by its key: to the whitened readings
+    (R, n), and to theta (P,) whatever they are.
 
     Empty where the campaign states nothing, but for the trigger: nobody's is perfect. What the fit carries itself
     (`Model.shared`) is not among them.
     """
-    moved: dict[str, Array] = {}
-    arrow = found.arrow
-    covariance = arrow.covariance()
-    fitted = {one.name for one in found.model.shared}
+    done: dict[str, tuple[Array, Array]] = {}
+    model, channel = found.model, problem.channel
+    fitted = {one.name for one in model.shared}
+    nothing = np.zeros(found.theta.size)
     if TRIGGER not in fitted:
-        moved[TRIGGER] = covariance @ arrow.pull(arrow.run_jacobian[..., RunEffect.START]) * LEAST_TRIGGER_OFFSET_S
-    stated, channel = found.model.channel.common, problem.channel
+        done[TRIGGER] = found.arrow.run_jacobian[..., RunEffect.START] * LEAST_TRIGGER_OFFSET_S, nothing
+    stated = model.channel.common
     if stated is None:
-        return moved
-    base = found.model.predict(found.point)[0]
+        return done
+    base = model.predict(found.point)[0]
     for name, (perturbed, step) in PERTURBED.items():
         uncertainty = float(getattr(stated, name))
         if name in fitted or name == TRIGGER or uncertainty == 0.0:
             continue
-        there = found.model.on(perturbed(channel, step)).predict(found.point)[0]
+        there = model.on(perturbed(channel, step)).predict(found.point)[0]
         unused = found.residual == 0.0  # empty bins, and those too near a jump to say anything
-        change = problem.whiten(np.where(unused, 0.0, there - base)) / step
-        seen = bool(np.abs(change * uncertainty).max() > NOTHING)
-        moved[name] = covariance @ arrow.pull(change) * uncertainty if seen else np.zeros(found.theta.size)
-        if name == "airflow_percent" and not seen and channel.conditions.airflow_known.any():
-            moved[name][found.model.rates] += airflow_exponent(found) * uncertainty / 100.0
+        change = problem.whiten(np.where(unused, 0.0, there - base)) / step * uncertainty
+        if np.abs(change).max() > NOTHING:
+            done[name] = change, nothing
+        elif name == "airflow_percent" and channel.conditions.airflow_known.any():
+            done[name] = np.zeros(change.shape), _of_rates(found, airflow_exponent(found) * uncertainty / 100.0)
     if not channel.quantity.pooled and stated.air_temperature_k > 0:
         # The rate is right, and belongs to another temperature than the one that is stated.
-        label = temperature_slopes(found) * stated.air_temperature_k
-        moved.setdefault("air_temperature_k", np.zeros(found.theta.size))[found.model.rates] += label
-    return moved
+        name = "air_temperature_k"
+        change, own = done.get(name, (np.zeros(base.shape), nothing))
+        done[name] = change, own + _of_rates(found, temperature_slopes(found) * stated.air_temperature_k)
+    return done
+
+
+def shifts(problem: Problem, found: Fit) -> dict[str, Array]:
+    """By how much each of the `disturbances` moves the estimate of theta (P,), to first order."""
+    covariance = found.arrow.covariance()
+    done = disturbances(problem, found)
+    return {name: covariance @ found.arrow.pull(change) + own for name, (change, own) in done.items()}
+
+
+def _of_rates(found: Fit, values: Array | float) -> Array:
+    theta = np.zeros(found.theta.size)
+    theta[found.model.rates] = values
+    return theta
 
 
 def widened(problem: Problem, found: Fit) -> Fit:

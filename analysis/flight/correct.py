@@ -93,15 +93,16 @@ def correct(
     """
     if method not in METHODS:
         raise InputError(f"method {method!r}: expected one of {', '.join(METHODS)}")
-    clock = put_in_order(flight.time_s, PARTED_S)
+    clock = put_in_order(flight.time_s, PARTED_S, (flight.temperature_c, flight.humidity_percent))
     if np.count_nonzero(clock.good) < 2 or np.ptp(flight.time_s[clock.good]) == 0:
         raise InputError("time_s: fewer than two rows with times that run forward; give a log with a clock in seconds")
     rows = np.flatnonzero(clock.good)
     part = replace(flight.at(rows), time_s=clock.time_s)
     notes: list[str] = []
-    for row, by in clock.steps:
+    for step in clock.steps:
         notes.append(
-            f"the clock steps by {by:+.4g} s to {flight.time_s[row]:.10g} s: a gap, across which nothing is concluded"
+            f"the clock steps by {step.by_s:+.4g} s to {flight.time_s[step.row]:.10g} s: "
+            + ("the readings run on, it was set" if step.runs_on else "a gap, across which nothing is concluded")
         )
     stream = _stream(part, profile, notes)
     solve, bodies = METHODS[method], profile.bodies

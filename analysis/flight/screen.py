@@ -7,6 +7,7 @@ the same where the resolution explains it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +22,8 @@ MEDIAN_WIDTH = 11  # a burst of up to 5 absurd samples in a row is seen
 LONE_SIGMAS = 10.0
 LONGEST_GAP_S = 10.0  # without any row: more may be a step of the clock
 GAP_PERIODS = 10.0  # or so many periods, in a slow log
+SIDE_ROWS = 12  # on either side of a step of the clock that lines are laid through
+USUAL_SHARE = 0.99  # of other rows, that differ by as much
 FEWEST_ROWS = 6  # that go on from a step of the clock; fewer are out of place
 LATEST_S = 1e13  # since 1970 it is 2e9 s; beyond this a double's steps are no longer milliseconds
 
@@ -46,21 +49,32 @@ class Clock:
     good : ndarray (n,)
         Rows whose time can be believed.
     time_s : ndarray (m,)
-        Of those rows, running forward: a step of the clock has become a gap across which nothing is known.
-    steps : tuple of (row, seconds)
-        Where the clock steps back, or ahead by more than a gap that readings are bridged over, and how far.
+        Of those rows, running forward: a step of the clock has become a gap across which nothing is known, or one
+        period where the readings run on across it.
+    steps : tuple of Step
+        Where the clock steps back, or ahead by more than a gap that readings are bridged over.
     """
 
     good: Mask
     time_s: Array
-    steps: tuple[tuple[int, float], ...]
+    steps: tuple[Step, ...]
 
 
-def clock(time_s: Array, part_s: float) -> Clock:
+@dataclass(frozen=True)
+class Step:
+    """A step of the clock: the first row after it, by how many seconds, and whether the readings run on across it."""
+
+    row: int
+    by_s: float
+    runs_on: bool
+
+
+def clock(time_s: Array, part_s: float, readings: Sequence[Array] = ()) -> Clock:
     """Put a log's time (n,) in order; stretches that a step parts are set `part_s` apart.
 
     A few rows out of place (a lone jump and back) are left out; where the clock steps and goes on from there, the rows
-    after it are as good as those before, but how much time lies between is not known.
+    after it are as good as those before, but how much time lies between is not known. Only where all `readings` (n,)
+    run on across it, in level and slope, as they do between any two rows, the clock was set and no time lies between.
     """
     good = np.abs(time_s) < LATEST_S
     while True:
@@ -83,9 +97,42 @@ def clock(time_s: Array, part_s: float) -> Clock:
             break
         i = min(astray, key=lambda i: sizes[i])
         good[rows[bounds[i] : bounds[i + 1]]] = False
-    steps = tuple((int(rows[k]), float(ahead[k - 1])) for k in bounds[1:-1])
-    even = np.concatenate([[0.0], np.where(parting, part_s, ahead)])
+    on = _running_on([one[rows] for one in readings], bounds[1:-1], rows.size)
+    steps = tuple(Step(int(rows[k]), float(ahead[k - 1]), bool(on[k])) for k in bounds[1:-1])
+    part = np.where(on[1:], float(np.median(usual)) if usual.size else part_s, part_s)
+    even = np.concatenate([[0.0], np.where(parting, part, ahead)])
     return Clock(good, time_s[rows[0]] + np.cumsum(even) if steps else time_s[rows], steps)
+
+
+def _running_on(readings: Sequence[Array], steps: NDArray[np.int64], size: int) -> Mask:
+    """Rows (`size`,) of `steps` across which every reading runs on: straight lines through the rows before and after
+    differ in level and slope by no more than at nearly all other rows. A sensor that lags shows any time left out."""
+    on = np.zeros(size, dtype=bool)
+    seen = [one for one in readings if np.count_nonzero(np.isfinite(one)) > 0.5 * size]
+    if not seen or size < 20 * SIDE_ROWS:
+        return on
+    # a line through each side, both at the middle between them: level and slope as weights of the 2 x SIDE_ROWS rows
+    x = np.arange(SIDE_ROWS) + 0.5
+    slope = (x - x.mean()) / ((x - x.mean()) ** 2).sum()
+    level = 1.0 / SIDE_ROWS - x.mean() * slope
+    weights = (np.concatenate([-level[::-1], level]), np.concatenate([slope[::-1], slope]))
+    ordinary = np.ones(size + 1, dtype=bool)
+    ordinary[:SIDE_ROWS] = ordinary[size - SIDE_ROWS + 1 :] = False
+    inside = ordinary.copy()
+    for k in steps:
+        ordinary[max(k - SIDE_ROWS, 0) : k + SIDE_ROWS + 1] = False
+    if np.count_nonzero(ordinary) < 10 * SIDE_ROWS:
+        return on
+    on[steps] = inside[steps]
+    for one in seen:
+        known = np.isfinite(one)
+        values = np.interp(np.arange(size), np.flatnonzero(known), one[known])
+        values = median_filter(values, 3, mode="nearest")  # single absurd readings
+        for weight in weights:
+            apart = np.full(size + 1, np.inf)
+            apart[SIDE_ROWS : size - SIDE_ROWS + 1] = np.abs(np.correlate(values, weight, mode="valid"))
+            on[steps] &= apart[steps] <= np.quantile(apart[ordinary], USUAL_SHARE)
+    return on
 
 
 def _out_of_place(time_s: Array, longest: float) -> NDArray[np.int64]:

@@ -80,7 +80,7 @@ def swept(
     out = {name: np.full(shapes.get(name, values.size), np.nan) for name in names}
     if before is not None:
         out = {name: getattr(before, name).copy() for name in names}
-    guess = lags_behind(values, track.along, track.period_s)
+    guess = lags_behind(values, track.along, track.period_s, track.broken)
     for start in range(0, wanted.size, SIDE_BY_SIDE):
         part = wanted[start : start + SIDE_BY_SIDE]
         at, keep = safe[part], track.owner[part]
@@ -102,7 +102,7 @@ def costs(
     """Minus the log-likelihood (t,) of the readings at some neighbouring nodes under each of the jumps."""
     at = np.tile(nodes, (len(tried), 1))
     jumps = Jumps(np.stack([one.variance[nodes] for one in tried]), np.stack([one.place[nodes] for one in tried]))
-    guess = lags_behind(values, track.along, track.period_s)
+    guess = lags_behind(values, track.along, track.period_s, track.broken)
     return _smoothed(track, values, variance, local, jumps, at, guess).cost.sum(axis=1)
 
 
@@ -131,11 +131,19 @@ def _smoothed(
     return smooth(step, values[at], noise, track.along.at(at), lags[first], prior, spread, here, lag_spread, leap)
 
 
-def lags_behind(values: Array, along: Response, period: float) -> tuple[Array, Array]:
+def lags_behind(
+    values: Array, along: Response, period: float, broken: NDArray[np.bool_] | None = None
+) -> tuple[Array, Array]:
     """Each lag behind evenly spaced `values` (n, K) from rest, and how far the two were apart in the lag's memory, rms.
 
     Behind the readings it is a guess of where the sensor stands: the air is about as far from the reading as that.
+    Where values are `broken` (n,) nothing before tells, and lags start from rest again.
     """
+    starts = [] if broken is None else [k for k in np.flatnonzero(broken).tolist() if k]
+    if starts:
+        parts = [lags_behind(one, along, period) for one in np.split(values, starts)]
+        behind, far = zip(*parts, strict=True)
+        return np.concatenate(behind), np.concatenate(far)
     decay = np.exp(-np.mean(along.rate, axis=0) * period)
     lags, apart = (np.empty((values.size, decay.size)) for _ in range(2))
     inside = range(decay.size)[along.within]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from shockrig.analysis.characterization.budget import COMMON_LINES
+from shockrig.analysis.characterization.sources import COMMON_LINES
 from shockrig.analysis.report.html import Cell, Figure, KeyNumber, Report, Section, Table, Text
-from shockrig.analysis.report.numbers import measured, plain
+from shockrig.analysis.report.numbers import between, measured, plain
 from shockrig.analysis.report.style import CYCLE, GREY, literal, save_figure, styled
 from shockrig.files.certificate import NOT_ACCREDITED, Certificate, CertifiedFigure
 
@@ -58,7 +58,9 @@ def shares_figure(certificate: Certificate) -> Drawing:
 
 
 def stated(figure: CertifiedFigure) -> str:
-    """Value ± expanded uncertainty with the unit."""
+    """Value ± expanded uncertainty with the unit; with the ends of its interval where that is not symmetric."""
+    if figure.coverage_interval is not None:
+        return between(figure.value, *figure.coverage_interval, figure.unit)
     return measured(figure.value, figure.expanded_uncertainty, figure.unit)
 
 
@@ -124,6 +126,12 @@ def _results(certificate: Certificate) -> Table:
         "pressure, hPa": [f"{one.pressure_hpa:g}" for one in figures],
     }
     caption = f"U = k u: expanded uncertainty that holds {PERCENT}; ν: effective degrees of freedom."
+    if any(one.coverage_interval is not None for one in figures):
+        caption += (
+            " Where two ends are given the figure is no straight function of what is uncertain: the distributions of "
+            f"the inputs are propagated (JCGM 101); the ends hold {PERCENT}, as much beyond one as beyond the other, "
+            "and U is half of what lies between them."
+        )
     for name in ("airflow, m/s", "pressure, hPa"):
         if len(set(columns[name])) == 1:
             quantity, unit = name.split(", ")

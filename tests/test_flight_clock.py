@@ -1,0 +1,76 @@
+"""Steps of a log's clock: set while readings ran on, or after rows that nobody has."""
+
+import numpy as np
+import pandas
+import pytest
+
+from shockrig.analysis.flight.correct import correct
+from shockrig.analysis.flight.response import film_response
+from shockrig.analysis.flight.scenes import to_flight
+from shockrig.analysis.flight.screen import clock
+from shockrig.analysis.flight.sensor import fly
+from shockrig.analysis.flight.sweep import lags_behind
+from shockrig.analysis.flight.typical import typical_profile
+from shockrig.analysis.flight.weather import inversion
+from shockrig.analysis.physics.exchange import Stream
+
+PROFILE = typical_profile()
+
+
+def rms(error):
+    return float(np.sqrt(np.nanmean(np.square(error))))
+
+
+@pytest.fixture(scope="module")
+def flown():
+    return fly(inversion(), PROFILE, 4)
+
+
+@pytest.mark.parametrize("by", [-20.0, 30.0])
+def test_a_clock_that_was_set_while_readings_ran_on_costs_nothing(flown, by):
+    log, truth = flown.log.copy(), flown.truth["humidity_percent"].to_numpy()
+    untouched = correct(to_flight(log), PROFILE).humidity_percent
+    log.loc[600:, "time_s"] += by
+    found = correct(to_flight(log), PROFILE)
+    assert any("clock steps" in note and "run on" in note for note in found.notes)
+    assert rms(found.humidity_percent - truth) < 1.02 * rms(untouched - truth)
+
+
+def test_rows_that_are_lost_part_the_log_and_the_film_starts_from_rest():
+    """A slow film through a steep change while nothing was recorded: afterwards the air before it tells nothing."""
+    rng = np.random.default_rng(2)
+    count, at = 2400, 1200
+    time_s = np.arange(count) * 0.1
+    humidity = np.where(np.arange(count) < at, 45.0, 22.0) + 0.06 * rng.standard_normal(count)
+    temperature = 20.0 + 0.02 * rng.standard_normal(count)
+    time_s[at:] -= 70.0
+    seen = clock(time_s, 120.0, (temperature, humidity))
+    assert [(step.row, step.runs_on) for step in seen.steps] == [(at, False)]
+    log = pandas.DataFrame({"time_s": time_s, "temperature_c": temperature, "humidity_percent": humidity})
+    found = correct(to_flight(log), PROFILE)
+    assert any("a gap, across which nothing is concluded" in note for note in found.notes)
+    truth = np.where(np.arange(count) < at, 45.0, 22.0)
+    assert np.nanmax(np.abs(found.humidity_percent - truth)) < 3.0
+    assert rms(found.humidity_percent - truth) < 1.02 * rms(humidity - truth)
+
+
+def test_a_channel_that_runs_on_does_not_outvote_one_that_does_not():
+    rng = np.random.default_rng(5)
+    time_s = np.arange(1000) * 0.1
+    time_s[500:] += 40.0
+    calm = 20.0 + 0.02 * rng.standard_normal(1000)
+    bent = np.where(np.arange(1000) < 500, 0.0, 0.004 * (np.arange(1000) - 500.0)) + 0.001 * rng.standard_normal(1000)
+    assert clock(time_s, 120.0, (calm,)).steps[0].runs_on
+    assert not clock(time_s, 120.0, (calm, bent)).steps[0].runs_on
+    assert not clock(time_s, 120.0).steps[0].runs_on
+
+
+def test_lags_start_from_rest_where_nothing_before_tells():
+    response = film_response(PROFILE.humidity, np.full(100, 20.0), Stream(np.full(100, 5.0)))
+    values = np.concatenate([np.full(50, 5.0), np.full(50, 1.0)])
+    broken = np.zeros(100, dtype=bool)
+    broken[[0, 50]] = True
+    lags, apart = lags_behind(values, response, 0.1, broken)
+    assert lags[50:] == pytest.approx(np.ones((50, lags.shape[1])))
+    assert apart[50:] == pytest.approx(np.zeros((50, lags.shape[1])))
+    assert np.abs(lags_behind(values, response, 0.1)[0][50:] - 1.0).max() > 1.0
