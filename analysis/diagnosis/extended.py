@@ -84,7 +84,8 @@ def _in_doubt(found: ChannelDiagnosis, row: Row, wider: Sequence[Fit], shown: tu
         for e in c.indistinguishable_from
         if e in standing[c.effect].instead
     ]
-    if found.verdict == "unexplained":
+    if found.verdict == "unexplained" or not channel.conditions.start_known.all():
+        # Where nobody marked the start, a lag that no run bears out may be a part of what is taken for a delay.
         rivals.append(found.search.final)
     if not (rivals or wider or shown):
         return row

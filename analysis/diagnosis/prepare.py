@@ -13,7 +13,7 @@ from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.effect import Effect, Finding, Readings
 from shockrig.analysis.inference.fit import Fit, run_misfit
 from shockrig.analysis.inference.model import Held, Structure
-from shockrig.analysis.inference.noise import MAX_AVERAGED, Noise, estimate_noise, whiteners
+from shockrig.analysis.inference.noise import MAX_AVERAGED, Noise, estimate_noise, longest_average, whiteners
 from shockrig.analysis.inference.problem import Problem, make_problem
 from shockrig.analysis.inference.readings import rounding_step
 from shockrig.analysis.inference.reference_noise import with_reference_noise
@@ -101,7 +101,7 @@ def likelier_average(before: Prepared, found: Search, adequate: bool) -> int | N
         return None
     likely = before.noise.log_likelihood_by_average
     lengths |= {int(n) + 1 for n in np.flatnonzero(likely > likely[0] - level("average_unlikely"))}
-    lengths = {n for n in lengths if 2 <= n <= MAX_AVERAGED}
+    lengths = {n for n in lengths if 2 <= n <= longest_average(channel)}
     if not lengths:
         return None
     rounding = before.step or channel.quantity.resolution

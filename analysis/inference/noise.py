@@ -16,12 +16,14 @@ from scipy import linalg, optimize
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.readings import white_noise
 from shockrig.analysis.inference.rounding import noise_before_rounding, rounded_autocovariance, rounding_covariance
+from shockrig.analysis.inference.starts import half_way_s
 
 Array = NDArray[np.float64]
 
 PIECE = 84  # samples in a piece of plateau where it is that long: long against the noise's memory
 SHORTEST_PIECE = 10
 MAX_AVERAGED = 24
+OWN_SHARE = 0.4  # of a sensor's time to half of a step
 TINY = 1e-12  # variance of what is nothing
 BENT_IN_AIR = 4  # order of the polynomial that a piece of a driven response is taken for
 KINKED = 9.0  # median deviations above the median by which a piece of measured air departs from such a polynomial
@@ -247,10 +249,11 @@ def estimate_noise(
         log_determinant = 2 * float(np.log(np.diag(factor)).sum())
         return sum(pool.deviance(inverse, log_determinant) for pool in pools)
 
+    longest_mean = longest_average(channel)
     # A quick look at every length picks the few that are worth a full fit; plain noise always is.
     wanted = {1, *lengths} if not coarse else {averaged or 1}
     if not coarse:
-        quick = [min(deviance(np.array(x), n) for x in QUICK) for n in range(1, MAX_AVERAGED + 1)]
+        quick = [min(deviance(np.array(x), n) for x in QUICK) for n in range(1, longest_mean + 1)]
         wanted |= {int(n) + 1 for n in np.argsort(quick)[:3]}
     promising = sorted(n for n in wanted if 1 <= n <= MAX_AVERAGED)
     best = np.full(MAX_AVERAGED, -np.inf)
@@ -297,6 +300,20 @@ def estimate_noise(
 
 def _logistic(x: float) -> float:
     return float(1.0 / (1.0 + np.exp(-np.clip(x, -30, 30))))
+
+
+def longest_average(channel: Channel) -> int:
+    """How many readings a logger may be said to average.
+
+    An air that nobody recorded moves by itself, and what a sensor shows of it hangs together over the sensor's own
+    time: a mean that is nearly as long cannot be told from that.
+    """
+    if channel.conditions.airs_known.all() or channel.measured.any():
+        return MAX_AVERAGED
+    halves_s = np.array([half_way_s(time, value) for time, value in channel.samples])
+    if not np.isfinite(halves_s).any():
+        return MAX_AVERAGED
+    return int(np.clip(OWN_SHARE * float(np.nanmedian(halves_s)) / channel.sampling_period_s, 1, MAX_AVERAGED))
 
 
 def _crude(channel: Channel, step: float) -> Noise:
