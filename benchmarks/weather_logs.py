@@ -23,7 +23,8 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import brentq
 
-TRUE_NAMES = {"series_lag", "sheath"}  # a box around the thermometer
+# A box around the thermometer; a film that lags the air's temperature, and the dew on it.
+TRUE_NAMES = {"temperature": {"series_lag", "sheath"}, "humidity": {"die_thermal_lag", "condensation"}}
 SUBSTEPS = 4
 TRANSFERS = 6
 GROWTH = 1.02
@@ -127,9 +128,18 @@ def trial(seed: int) -> dict[str, object]:
         near = [min(abs(at - true) for true in starts[0]) for at in seen]
         outcome = judge(campaigns[0], 0, characterized=False)
         fresh = fresh_errors(outcome, campaigns[1], "temperature")
-        told = outcome.tells("temperature")
+        told = {channel: outcome.tells(channel) for channel in TRUE_NAMES}
         measured = t63(outcome.extended, "temperature")
-    names = [] if told is None else [(c["effect"], c["probability"]) for c in told["causes"]]
+    named = {
+        channel: {c["effect"]: c["probability"] for c in (said or {"causes": ()})["causes"]}
+        for channel, said in told.items()
+    }
+    wrong = [
+        name
+        for channel, those in named.items()
+        for name, p in those.items()
+        if p > 0.5 and name not in TRUE_NAMES[channel]
+    ]
     found = [min(abs(at - true) for at in seen) < 0.2 * sensor.t63_s for true in starts[0]] if seen else []
     return {
         "found": sum(found),
@@ -137,8 +147,9 @@ def trial(seed: int) -> dict[str, object]:
         "start_error_s": max((error for error in near if error <= 0.2 * sensor.t63_s), default=float("nan")),
         "t63_s": sensor.t63_s,
         "t63": measured,
-        "verdict": "none" if told is None else told["verdict"],
-        "names": names,
+        "verdicts": {channel: said["verdict"] for channel, said in told.items() if said is not None},
+        "named": named,
+        "wrong": wrong,
         "fresh": fresh,
         "failed": outcome.refused | outcome.crashed,
     }
@@ -162,16 +173,18 @@ def main(argv: list[str] | None = None) -> int:
             sigmas = (one["t63"][0] - one["t63_s"]) / one["t63"][1]
             within += abs(sigmas) < 2.0
             off = f"{100.0 * (one['t63'][0] / one['t63_s'] - 1.0):+.1f} % ({sigmas:+.1f} sigma)"
-        wrong = [n for n, p in one["names"] if p > 0.5 and n not in TRUE_NAMES]
-        false += bool(wrong)
-        right += any(n in TRUE_NAMES for n, _ in one["names"])
+        false += bool(one["wrong"])
+        right += bool(set(one["named"]["temperature"]) & TRUE_NAMES["temperature"])
         fresh = one["fresh"]
         worse += fresh is not None and fresh[1] > GROWTH * fresh[0]
         errors = "-" if fresh is None else f"{fresh[0]:.3g} > {fresh[1]:.3g} K"
-        names = ", ".join(f"{n} {p:.2f}" for n, p in one["names"]) or "nothing"
+        said = "; ".join(
+            f"{channel} {verdict}: {', '.join(f'{n} {p:.2f}' for n, p in one['named'][channel].items()) or 'nothing'}"
+            for channel, verdict in one["verdicts"].items()
+        )
         print(
             f"{seed}: {one['found']} of {TRANSFERS} transfers, {one['others']} other runs, starts within "
-            f"{one['start_error_s']:.1f} s; t63 {one['t63_s']:.0f} s, off {off}; {one['verdict']}: {names}; "
+            f"{one['start_error_s']:.1f} s; t63 {one['t63_s']:.0f} s, off {off}; {said}; "
             f"another log {errors}" + "".join(f"; {k}: {v.splitlines()[-1][:80]}" for k, v in one["failed"].items()),
             flush=True,
         )
