@@ -18,7 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from shockrig.analysis.planning.decide import Decision, decide, with_due
+from shockrig.analysis.planning.decide import decide, with_due
+from shockrig.analysis.planning.decision import Decision
 from shockrig.analysis.planning.goals import Goals
 from shockrig.files.campaign import Campaign, read_campaign
 from shockrig.rig.seams import Air

@@ -25,7 +25,8 @@ from loop_bench import FileBench, commit
 from scipy.stats import spearmanr
 
 from shockrig.analysis.characterization.characterize import characterize
-from shockrig.analysis.planning.decide import CONTINUE, decide
+from shockrig.analysis.planning.decide import decide
+from shockrig.analysis.planning.decision import CONTINUE
 from shockrig.analysis.planning.export import log_entry
 from shockrig.analysis.planning.goals import parse_goals
 from shockrig.analysis.planning.precision import measured, targets
@@ -61,6 +62,11 @@ def errors(found, truth: Truth) -> list[float]:
     return out
 
 
+def scatter(found) -> float:
+    """By how much rates differ from run to run, as the repeats of a campaign show it."""
+    return float(next(iter(found.channels().values())).parts[0].fit.rate_scatter)
+
+
 def precision(seed: int) -> dict:
     """One rough world: the standard campaign, then one that stops when it knows as much."""
     began_s = time.process_time()
@@ -69,7 +75,8 @@ def precision(seed: int) -> dict:
         fixed = standard(truth, Path(folder) / "standard", seed)
         whole = read_campaign(fixed.folder)
         text = "alpha 49 %, D 49 %"
-        known = targets(parse_goals(text), measured(whole))
+        first = measured(whole)
+        known = targets(parse_goals(text), first)
         parts = [
             f"{t.quantity} {100 * t.relative:.4f} %" + ("" if t.ambient_c is None else f" at {t.ambient_c:g}")
             for t in known
@@ -93,13 +100,14 @@ def precision(seed: int) -> dict:
             for choice in decision.choices:
                 bench.record_run(choice.shock.as_run())
         own = read_campaign(bench.folder)
-        final = characterize(own)
+        final, last = characterize(own), measured(own)
         # The standard campaign cut off where the other one stopped: what does it know of the same goals by then?
         share = bench.minutes / fixed.minutes
         cut = replace(whole, runs=whole.runs[: max(int(share * len(whole.runs)), 2)])
         cut_off = targets(goals, measured(cut))
         return {
-            "seed": seed, "rate_scatter": truth.rate_scatter, "status": decision.status,
+            "seed": seed, "rate_scatter": truth.rate_scatter, "scatter_found": [scatter(first), scatter(last)],
+            "status": decision.status,
             "standard_minutes": round(fixed.minutes, 1), "minutes": round(bench.minutes, 1), "share": round(share, 3),
             "runs": bench.runs, "errors": [round(e, 2) for e in errors(final, truth)],
             "standard_errors": [round(e, 2) for e in errors(characterize(whole), truth)],
@@ -139,12 +147,15 @@ def summary(found: list[dict]) -> str:
         return f"{len(found)} plain worlds: {ever} ever named a cause, {end} at the end"
     met = [r for r in found if r["status"] == "done"]
     shares = [r["share"] for r in met]
+    equal = [r["share"] * (r["scatter_found"][0] / r["scatter_found"][1]) ** 2 for r in met]
     within = np.abs([e for r in met for e in r["errors"]]) <= 2.0
     looks = [c for r in found for c in r["realised"] if c["expected_information"] is not None]
     return "\n".join(
         [
             f"{len(found)} rough worlds, {len(met)} met all goals: share of the standard campaign's minutes "
             f"median {np.median(shares):.2f}, worst {max(shares):.2f}",
+            "the same at equal scatter of rates (share times the square of what the standard campaign found over what the "
+            f"own one did): median {np.median(equal):.2f}, worst {max(equal):.2f}",
             f"within 2 standard uncertainties after the stop: {within.mean():.3f} of {within.size}",
             "information, nats of the goals' rates, expected before the runs against what their records brought:",
             _agreement("all looks", looks),

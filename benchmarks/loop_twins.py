@@ -27,7 +27,8 @@ import numpy as np
 from loop_bench import FileBench, Waiting, commit
 from scipy.stats import spearmanr
 
-from shockrig.analysis.planning.decide import CONTINUE, decide
+from shockrig.analysis.planning.decide import decide
+from shockrig.analysis.planning.decision import CONTINUE
 from shockrig.analysis.planning.export import log_entry
 from shockrig.analysis.planning.goals import parse_goals
 from shockrig.analysis.planning.shock import Shock, Surroundings, Usual, deciding_menu

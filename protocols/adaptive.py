@@ -20,7 +20,7 @@ from shockrig.rig.protocol import Protocol
 from shockrig.rig.recorder import read_state
 
 if TYPE_CHECKING:
-    from shockrig.analysis.planning.decide import Decision
+    from shockrig.analysis.planning.decision import Decision
     from shockrig.analysis.planning.goals import Goals
     from shockrig.analysis.planning.shock import Shock
     from shockrig.rig.bench import Bench
@@ -97,7 +97,8 @@ class Loop:
         return runs[0] if runs else None
 
     def _decide(self, state: Any, log: list[dict[str, Any]], vetoed: list[Shock]) -> Protocol | None:
-        from shockrig.analysis.planning.decide import CONTINUE, decide
+        from shockrig.analysis.planning.decide import decide
+        from shockrig.analysis.planning.decision import CONTINUE
         from shockrig.analysis.planning.export import log_entry, plan_document, remembered
         from shockrig.analysis.planning.shock import from_run
         from shockrig.files.plan import append_decision

@@ -10,7 +10,7 @@ from shockrig.rig.protocol import PlannedRun, Protocol, Record, Soak, Transfer, 
 from shockrig.rig.seams import Air
 
 if TYPE_CHECKING:
-    from shockrig.analysis.planning.decide import Decision
+    from shockrig.analysis.planning.decision import Decision
     from shockrig.analysis.planning.shock import Shock, Surroundings
     from shockrig.rig.bench import Bench
 
@@ -83,11 +83,14 @@ def surroundings_of(bench: Bench) -> Surroundings:
 
 def lines(decision: Decision, document: Mapping[str, Any]) -> list[str]:
     """What a person reads of a decision: goals, ties, what is next and why."""
+    from shockrig.analysis.planning.goals import TIES
     from shockrig.protocols.run_progress import words
 
     said = []
     for goal in document["goals"]:
         now = "not known yet" if goal["now"] is None else f"now {goal['now']:.2g}"
+        if goal["goal"] == TIES:
+            now = f"now {goal['now']} tied" if goal["now"] else "nothing is tied"
         said.append(f"  {'met    ' if goal['met'] else 'not yet'}  {goal['goal']:22} {now}")
     for tied in document["tied"]:
         said.append(f"  tied: {' or '.join(tied)}")

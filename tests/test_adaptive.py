@@ -9,6 +9,7 @@ import pytest
 from benchmark_scripts import benchmark
 from small_worlds import QUIET
 
+from shockrig.analysis.planning.export import remembered
 from shockrig.analysis.planning.goals import parse_goals
 from shockrig.analysis.planning.shock import Shock
 from shockrig.analysis.report.loop_page import chosen_section
@@ -194,8 +195,9 @@ def test_file_by_file_from_an_empty_folder_until_it_is_done(tmp_path, monkeypatc
     )
 
 
-def test_one_of_several_probes_may_decide_and_its_log_stays_its_own(tmp_path, monkeypatch, capsys):
-    """The second probe has two runs by which D is known, the first one none."""
+@pytest.fixture
+def two_probes(tmp_path, monkeypatch):
+    """A campaign of two films, of which only the second one has recorded anything: two runs by which D is known."""
     monkeypatch.chdir(tmp_path)
     bench = benchmark("loop_bench").FileBench(QUIET, tmp_path / "c", 0)
     for shock in (Shock(20.0, 20.0, 20.0, 80.0, dwell_s=30.0), Shock(20.0, 80.0, 20.0, 20.0, dwell_s=30.0)):
@@ -205,13 +207,49 @@ def test_one_of_several_probes_may_decide_and_its_log_stays_its_own(tmp_path, mo
     head = json.loads(Path("c/campaign.json").read_text())
     sensors = head["sensors"] | {"hyt-2": head["sensors"]["hyt"]}
     Path("c/campaign.json").write_text(json.dumps(head | {"sensors": sensors}))
-    asked = ["plan", "c", "--until", "D 0.9 % at 20", "--out", "next.toml"]
-    assert main([*asked, "--probe", "2"]) == 0
+    return ["plan", "c", "--until", "D 0.9 % at 20", "--out", "next.toml"]
+
+
+def test_several_probes_decide_together(two_probes, capsys):
+    """The second one knows D well enough; the first one does not, so it goes on."""
+    assert main(two_probes) == 0
     (entry,) = read_decisions(Path("c"))
-    assert entry["probes"] == ["2"] and entry["targets"][0]["runs"] == 2
+    assert entry["probes"] == ["1", "2"] and entry["status"] == "continue"
+    goals = {goal["goal"]: goal["met"] for goal in entry["goals"]}
+    assert goals == {"D at 20 degC 0.9 %": False, "D at 20 degC, probe 2 0.9 %": True}
+    assert set(entry["verdicts"]) == {"temperature", "humidity", "temperature-2", "humidity-2"}
+    assert remembered(entry).verdicts.keys() == entry["verdicts"].keys()
+
+
+def test_one_of_several_probes_may_decide_and_its_log_stays_its_own(two_probes, capsys):
+    assert main([*two_probes, "--probe", "2"]) == 0
+    (entry,) = read_decisions(Path("c"))
+    assert entry["probes"] == ["2"] and entry["status"] == "done"
     capsys.readouterr()
-    assert main(asked) == 2
+    assert main(two_probes) == 2
     assert "decisions.jsonl: decides by probe 2, not by probes 1 and 2; give --probe 2, or" in capsys.readouterr().err
+
+
+def test_through_files_alone_with_another_program_as_the_bench(tmp_path, capsys):
+    """It begins with a folder that is not there, and ends with what that program made its sensors of."""
+    other = benchmark("loop_by_files")
+
+    def plan(words):
+        assert main(words) == 0
+        return capsys.readouterr().out
+
+    said = other.loop(tmp_path, "alpha 1 %, D 1 % at 20, ties decided", plan, seed=3)
+    assert "nothing is known yet" in said[0] and "done: all goals are met; named: self_heating" in said[-1]
+    found = json.loads((tmp_path / "campaign" / "decisions.jsonl").read_text().splitlines()[-1])
+    rise = found["verdicts"]["temperature"]["causes"]["self_heating"]["rise_k_at_5_m_s"]
+    assert rise == pytest.approx(other.RISE_K * ventilation(6.0) / ventilation(5.0), rel=0.1)
+    assert found["verdicts"]["humidity"]["verdict"] == "adequate"
+    assert not (tmp_path / "next.toml").exists()
+
+
+def ventilation(airflow_m_s):
+    """Ranz and Marshall 1952, for a bead of 0.8 mm in air."""
+    return 2.0 + 0.6 * (airflow_m_s * 8e-4 / 1.5e-5) ** 0.5 * 0.71 ** (1 / 3)
 
 
 def test_a_plan_keeps_to_what_a_bench_can_do():

@@ -12,22 +12,27 @@ import pytest
 from benchmark_scripts import benchmark
 from small_worlds import QUIET
 
+from shockrig.analysis.diagnosis.diagnose import diagnose_channel
 from shockrig.analysis.diagnosis.prepare import prepare
 from shockrig.analysis.inference.fit import fit
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.model import PLAIN, Model
+from shockrig.analysis.planning import judged
 from shockrig.analysis.planning.choose import choose_runs, progress
-from shockrig.analysis.planning.decide import DONE, INCONCLUSIVE, Decision, decide
+from shockrig.analysis.planning.decide import decide
+from shockrig.analysis.planning.decision import DONE, INCONCLUSIVE, Decision
+from shockrig.analysis.planning.designs import Designs
 from shockrig.analysis.planning.evidence import REJECTED, Dispute, against, student
 from shockrig.analysis.planning.export import chosen, log_entry, plan_document, remembered
 from shockrig.analysis.planning.foretold import expected_evidence
 from shockrig.analysis.planning.goals import Goals, Precision, parse_goals
 from shockrig.analysis.planning.information import information, nats, separations
 from shockrig.analysis.planning.judged import Look, Verdict, look_at, spending
-from shockrig.analysis.planning.minutes import USUAL, learn, spent_minutes
+from shockrig.analysis.planning.minutes import USUAL, airs_of, learn, spent_minutes
 from shockrig.analysis.planning.precision import Target, gained_by, measured, targets
 from shockrig.analysis.planning.shock import Shock, Surroundings, Usual, deciding_menu, opening, precision_menu
 from shockrig.analysis.planning.varied import variety
+from shockrig.files.campaign import Air, Run
 from shockrig.files.errors import InputError
 from shockrig.files.plan import append_decision, read_decisions
 from shockrig.rig.virtual.truth import Hidden, Noise
@@ -273,6 +278,29 @@ def test_what_new_runs_bear_out_is_named_though_most_runs_cannot_show_it(tmp_pat
     assert after.out == ((),) and after.named == ("radiative_heating",) and after.verdict == "explained"
 
 
+def test_what_the_search_found_is_tied_with_nothing_where_the_plain_model_is_not_enough(tmp_path, monkeypatch):
+    """A film whose D depends on its water; unseen runs are taken not to bear it out, and what is left to be small."""
+    wet = replace(LIVELY, effects=(Hidden("concentration_dependent_diffusivity", {"slope_per_unit_activity": 0.21}),))
+    bench = recorded(tmp_path, wet, [UP, UP, UP, UP, DOWN])
+    found = diagnose_channel(build_channel(bench.campaign(), "humidity"), describing=False)
+    assert not found.plain_adequacy.passed and len(found.search.final.structure.ids) == 1
+    dropped = replace(found, verdict="adequate", causes=(), final=found.plain, adequacy=found.plain_adequacy)
+    monkeypatch.setattr(judged, "diagnose_channel", lambda *a, **k: dropped)
+    verdict = look_at(bench.campaign(), "humidity", Verdict()).verdict
+    assert verdict.tied == ("nothing", "concentration_dependent_diffusivity") and not verdict.named
+
+
+def test_what_hardly_ever_happens_is_tied_too_and_stays_where_the_likelier_is_ruled_out(tmp_path):
+    """A clock that runs fast, which looks like a delay until a run is recorded for longer before its transfer."""
+    fast = replace(LIVELY, effects=(Hidden("clock_drift", {"ppm": 14000.0}, ("temperature",)),))
+    bench = recorded(tmp_path, fast, [COOL] * 4)
+    before = look_at(bench.campaign(), "temperature", Verdict()).verdict
+    assert before.tied == ("dead_time", "clock_drift")
+    bench.record_run(replace(COOL, lead_s=30.0).as_run())
+    after = look_at(bench.campaign(), "temperature", before).verdict
+    assert after.out == (("dead_time",),) and after.named == ("clock_drift",) and after.verdict == "explained"
+
+
 def test_a_longer_plateau_before_the_transfer_tells_a_dead_time_from_a_clock_that_runs_fast(tmp_path):
     """A stamp runs ahead by so much a second from the run's first sample on, a dead time is the same in all runs."""
     late = replace(LIVELY, effects=(Hidden("dead_time", {"delay_s": 0.2}, ("temperature",)),))
@@ -408,9 +436,28 @@ def test_one_run_in_another_direction_or_airflow_is_not_enough(tmp_path):
     assert not worth().any()
 
 
-def test_nothing_is_chosen_from_an_empty_menu():
-    from shockrig.analysis.planning.designs import Designs
+def test_a_run_that_serves_two_disputes_comes_before_those_that_serve_one_better():
+    """Three runs of the same minutes: 4 for one pair, 4 for another, 3 for both."""
+    menu = tuple(replace(UP, why=why) for why in ("one", "other", "both"))
+    pairs = (np.array([4.0, 0.0, 3.0]), np.array([0.0, 4.0, 3.0]))
+    designs = Designs(menu, None, (), pairs, np.array([4.6, 4.6]), lambda planned: np.zeros((3, 2)))
+    chosen, considered = choose_runs(designs, learn(None), None, 1, 0)
+    assert chosen[0].shock.why == "both" and {c.shock.why for c in considered} == {"one", "other", "both"}
 
+
+def test_a_run_is_worth_what_two_of_its_kind_bring():
+    """What needs two runs, elsewhere: the chambers travel there once. What is near brings a bit over half."""
+    far = replace(UP, source_c=40.0, destination_c=40.0, why="far")
+    menu, worth = (replace(UP, why="near"), far), np.array([[0.27, 0.0], [0.5, 0.5]])
+    minutes = learn(None)
+    there = [minutes.of(airs_of(UP), shock) for shock in menu]
+    assert 0.27 / there[0] > 0.5 / there[1]
+    designs = Designs(menu, None, (), (), np.zeros(0), lambda planned: worth)
+    here = Run("0001", Air(20.0, 20.0), Air(20.0, 80.0), 6.0, 1013.25, 6.0, None, None, None)
+    assert choose_runs(designs, minutes, here, 1, 0)[0][0].shock.why == "far"
+
+
+def test_nothing_is_chosen_from_an_empty_menu():
     nothing = Designs((), None, (), (), np.zeros(0), lambda planned: np.zeros((0, 2)))
     assert choose_runs(nothing, learn(None), None, 3, 0) == ([], ())
     assert Decision("", "").tied == []

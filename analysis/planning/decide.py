@@ -1,13 +1,14 @@
-"""The decision after each run: goals and ties as they stand, what each possible run is worth per minute, when to stop.
+"""The decision after each run: what is known and tied, what each possible run is worth per minute, when to stop.
 
 worth of a run = sum over goals of the share of what is wanted that it adds (variance wanted / variance then, at most 1)
                + sum over pairs of tied explanations of expected ln E / ln 100, as far as it is needed
+               + half a goal for each direction or airflow that it varies and too few runs have
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,8 +16,15 @@ from shockrig.analysis.characterization.result import Characterization
 from shockrig.analysis.checks.checked import checked
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
 from shockrig.analysis.planning.choose import UNTOLD, Choice, chase, choose_runs
+from shockrig.analysis.planning.decision import (
+    CONTINUE,
+    INCONCLUSIVE,
+    MOST_UNEXPLAINED,
+    Decision,
+    ended_by,
+    missing,
+)
 from shockrig.analysis.planning.designs import Designs, menu_of
-from shockrig.analysis.planning.evidence import label_of
 from shockrig.analysis.planning.foretold import expected_evidence
 from shockrig.analysis.planning.goals import Goals
 from shockrig.analysis.planning.judged import Look, Verdict, diagnosed, extended, look_at
@@ -27,54 +35,10 @@ from shockrig.analysis.planning.shock import ORDINARY, USUAL_C, Shock, Surroundi
 from shockrig.analysis.planning.varied import usual_of, variety
 from shockrig.files.campaign import Campaign
 
-CONTINUE, DONE, INCONCLUSIVE = "continue", "done", "inconclusive"
 USUAL_BUDGET_MINUTES = 240.0  # where none is given
-MOST_UNEXPLAINED = 4  # runs that are spent on what nothing explains
 Progress = Callable[[str], None]
 Found = Mapping[str, Characterization | None]  # of each probe
 Due = Callable[[Place], Verdict | None]
-
-
-@dataclass(frozen=True)
-class Decision:
-    """What was found at one look, and what shall be done.
-
-    Attributes
-    ----------
-    status : str
-        "continue", "done" or "inconclusive".
-    reason : str
-        Why it stops or goes on.
-    recorded : tuple of str
-        Ids of the runs that it rests on.
-    minutes_spent : float
-    targets : tuple of Target
-    verdicts : mapping of a place, a channel of a probe, to Verdict
-    choices : tuple of Choice
-        The runs to record next, in order.
-    considered : tuple of Choice
-        The best of the menu, the chosen ones first.
-    chased : int
-        How many runs were chosen for what nothing explains.
-    gained : float or None
-        What the runs since the last decision brought to the rates that goals want [nats]; None where there are none.
-    """
-
-    status: str
-    reason: str
-    recorded: tuple[str, ...] = ()
-    minutes_spent: float = 0.0
-    targets: tuple[Target, ...] = ()
-    verdicts: Mapping[Place, Verdict] = field(default_factory=dict)
-    choices: tuple[Choice, ...] = ()
-    considered: tuple[Choice, ...] = ()
-    chased: int = 0
-    gained: float | None = None
-
-    @property
-    def tied(self) -> list[list[str]]:
-        """The explanations that stand beside one another, a list for each place that has any."""
-        return [list(v.tied) for v in self.verdicts.values() if v.tied]
 
 
 def anything(shock: Shock) -> bool:
@@ -142,7 +106,7 @@ def decide(
     wanted = _wanted(goals, campaigns, found)
     met = all(t.met for t in wanted) and not any(v.tied for v in verdicts.values())
     # What depends on a direction or an airflow that no run has had can be no finding.
-    unvaried = goals.ties and variety(looks, menu_of(found, looks, goals, usual, allowed)).any()
+    unvaried = goals.ties and bool(variety(looks, menu_of(found, looks, goals, usual, allowed)).any())
     if met and recorded and not unvaried:
         looks, verdicts = _look(campaigns, verdicts, True, later, progress)
         found = _measured(campaigns, verdicts)
@@ -150,11 +114,11 @@ def decide(
     chased = before.chased if before is not None else 0
     new = set(recorded) - set(before.recorded if before is not None else ())
     gained = _gained(new, found, wanted)
-    state = Decision("", "", recorded, spent, tuple(wanted), verdicts, chased=chased, gained=gained)
+    state = Decision("", "", recorded, spent, tuple(wanted), verdicts, chased=chased, unvaried=unvaried, gained=gained)
     first = _first(campaigns, goals, found, usual)
     anchor = None if campaign is None or not campaign.runs else campaign.runs[0]
     designs = Designs.of(found, looks, wanted, goals, usual, allowed, anchor)
-    if not designs.varied([])[: designs.anchor].any() and (ended := _ended(state, goals, looks)):
+    if not unvaried and (ended := ended_by(state, goals, looks)):
         return _with(state, *ended)
     minutes = learn(campaign)
     last = None if campaign is None or not campaign.runs else campaign.runs[-1]
@@ -171,14 +135,14 @@ def decide(
     if goals.ties and campaign and worst and chased < MOST_UNEXPLAINED and not first and not describes:
         chosen, chased = chase(designs, campaign, worst, minutes, chased, count), chased + 1
     if not chosen:
-        return _with(state, INCONCLUSIVE, f"no run of the menu brings what is missing: {_missing(state)}")
+        return _with(state, INCONCLUSIVE, f"no run of the menu brings what is missing: {missing(state)}")
     budget = USUAL_BUDGET_MINUTES if goals.minutes is None else goals.minutes
     within = [
         c for c, total in zip(chosen, np.cumsum([c.minutes for c in chosen]), strict=True) if spent + total <= budget
     ]
     if not within:
-        return _with(state, INCONCLUSIVE, f"{budget:g} minutes are spent; {_missing(state)}", considered=considered)
-    return _with(state, CONTINUE, _missing(state), tuple(within), considered, chased)
+        return _with(state, INCONCLUSIVE, f"{budget:g} minutes are spent; {missing(state)}", considered=considered)
+    return _with(state, CONTINUE, missing(state), tuple(within), considered, chased)
 
 
 def _with(
@@ -269,33 +233,3 @@ def _first(campaigns: Sequence[Campaign], goals: Goals, found: Found, usual: Usu
 def _shown_by(shock: Shock) -> ChannelName:
     """The channel that a run of the opening is for."""
     return "humidity" if shock.isothermal else "temperature"
-
-
-def _ended(state: Decision, goals: Goals, looks: Mapping[Place, Look]) -> tuple[str, str] | None:
-    """Status and reason where nothing more is to be recorded."""
-    if not state.recorded:
-        return None
-    met = all(target.met for target in state.targets)
-    tied, verdicts = state.tied, state.verdicts.values()
-    unexplained = [name for name, verdict in state.verdicts.items() if verdict.left]
-    decided = not tied and all(v.runs or looks[n].problem is None for n, v in state.verdicts.items())
-    if met and (not goals.ties or (decided and not unexplained)):
-        named = [e for v in verdicts for e in v.named]
-        return DONE, f"all goals are met; {'named: ' + ', '.join(named) if named else 'the plain model is enough'}"
-    if met and goals.ties and unexplained and not tied and state.chased >= MOST_UNEXPLAINED:
-        others = [label_of(v.causes, [v.causes, {}]) for v in verdicts if v.verdict == "described"]
-        how = f"; it behaves like {' and '.join(others)}" if others else ""
-        return (
-            INCONCLUSIVE,
-            f"{' and '.join(unexplained)}: something is left that nothing in the catalogue explains{how}",
-        )
-    return None
-
-
-def _missing(state: Decision) -> str:
-    """What is not reached yet, in one phrase."""
-    short = [f"{t.label} {100 * t.relative:.2g} % for {100 * t.wanted:g} %" for t in state.targets if not t.met]
-    parts = [", ".join(short)] if short else []
-    parts += [f"{' and '.join(tied)} are tied" for tied in state.tied]
-    parts += [f"{name}: something is left" for name, v in state.verdicts.items() if v.left]
-    return "; ".join(parts) or "all directions and airflows, and a verdict on all runs"

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from shockrig.analysis.planning.choose import Choice, progress
-from shockrig.analysis.planning.decide import Decision
+from shockrig.analysis.planning.decision import Decision
 from shockrig.analysis.planning.evidence import Dispute
 from shockrig.analysis.planning.goals import Goals
 from shockrig.analysis.planning.judged import Verdict
@@ -43,7 +43,7 @@ def _goals(decision: Decision, goals: Goals) -> list[dict[str, Any]]:
     ]
     if goals.ties:
         verdicts = decision.verdicts.values()
-        judged = any(v.runs for v in verdicts) and not any(v.left for v in verdicts)
+        judged = any(v.runs for v in verdicts) and not any(v.left for v in verdicts) and not decision.unvaried
         listed.append({"goal": "ties decided", "now": len(decision.tied), "met": judged and not decision.tied})
     if goals.minutes is not None:
         spent = decision.minutes_spent

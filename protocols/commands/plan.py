@@ -25,7 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    from shockrig.analysis.planning.decide import CONTINUE, anything, decide
+    from shockrig.analysis.planning.decide import anything, decide
+    from shockrig.analysis.planning.decision import CONTINUE
     from shockrig.analysis.planning.export import log_entry, plan_document, remembered
     from shockrig.analysis.planning.goals import parse_goals
     from shockrig.analysis.planning.shock import ORDINARY
