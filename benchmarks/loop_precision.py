@@ -154,8 +154,8 @@ def summary(found: list[dict]) -> str:
         [
             f"{len(found)} rough worlds, {len(met)} met all goals: share of the standard campaign's minutes "
             f"median {np.median(shares):.2f}, worst {max(shares):.2f}",
-            "the same at equal scatter of rates (share times the square of what the standard campaign found over what the "
-            f"own one did): median {np.median(equal):.2f}, worst {max(equal):.2f}",
+            "the same at equal scatter of rates (share times the square of what the standard campaign found over what "
+            f"this one did): median {np.median(equal):.2f}, worst {max(equal):.2f}",
             f"within 2 standard uncertainties after the stop: {within.mean():.3f} of {within.size}",
             "information, nats of the goals' rates, expected before the runs against what their records brought:",
             _agreement("all looks", looks),
