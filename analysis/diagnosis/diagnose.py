@@ -19,7 +19,7 @@ from shockrig.analysis.diagnosis.adequacy import Adequacy, describe, judge
 from shockrig.analysis.diagnosis.describing import MOST_FITS, Description, alternatives, describe_rest
 from shockrig.analysis.diagnosis.experiments import propose, unseen
 from shockrig.analysis.diagnosis.gain import Gain, measure_gain, plainly, run_errors, worse_without
-from shockrig.analysis.diagnosis.limits import cannot_tell, ended
+from shockrig.analysis.diagnosis.limits import cannot_tell, ended, own_temperature_unknown
 from shockrig.analysis.diagnosis.placing import weighed_alike
 from shockrig.analysis.diagnosis.prepare import Prepared, likelier_average, prepare, with_rounding
 from shockrig.analysis.diagnosis.remainder import Remainder, Tolerance, measure_remainder, predicted_badly
@@ -266,6 +266,10 @@ def _kept(channel: Channel, ready: Prepared, found: Search, adequacy: Adequacy) 
     ]
     if not gain.measured:
         most = {c.effect: MOST_CERTAIN if c.effect in from_readings else level("shape_in_doubt") for c in causes}
+        causes = [replace(c, probability=min(c.probability, most[c.effect])) for c in causes]
+    if not adequacy.passed and own_temperature_unknown(channel):
+        # What a film's own temperature does to its response is not known: no shape is likelier than that.
+        most = {c.effect: level("outdone") if CATALOGUE[c.effect].shape else MOST_CERTAIN for c in causes}
         causes = [replace(c, probability=min(c.probability, most[c.effect])) for c in causes]
     return _Kept(tuple(causes), final, gain, tuple(tried))
 

@@ -58,7 +58,7 @@ def cannot_tell(channel: Channel) -> tuple[str, ...]:
         )
     elif channel.runs > 1 and c.airflow_m_s.max() < SAME_AIRFLOW * max(c.airflow_m_s.min(), 1e-9):
         said.append("All runs have one airflow: what depends on it cannot be told from what does not. Vary it.")
-    if channel.name == "humidity" and not np.isfinite(channel.die_c).any() and not channel.isothermal.all():
+    if own_temperature_unknown(channel):
         said.append(
             f"The {sensor}'s own temperature was not recorded: where the temperature changes, its lag and the "
             f"{sensor}'s cannot be told apart. Log it (temperature_c in hyt.csv, die_temperature in a map)."
@@ -69,6 +69,11 @@ def cannot_tell(channel: Channel) -> tuple[str, ...]:
     if channel.measured.any():
         said.append("The air was measured: slow transfers and room air are in the trace, and are not looked for.")
     return tuple(said)
+
+
+def own_temperature_unknown(channel: Channel) -> bool:
+    """Whether a film went through changes of temperature and nobody recorded its own."""
+    return bool(channel.name == "humidity" and not np.isfinite(channel.die_c).any() and not channel.isothermal.all())
 
 
 def has_repeats(channel: Channel) -> bool:
