@@ -17,6 +17,7 @@ from shockrig.rig.logs.channels import SensorLog, read_sensors
 from shockrig.rig.logs.found import LogStep, steps_of
 from shockrig.rig.logs.mapping import LogMap
 from shockrig.rig.logs.runs import ImportedRun, LeftOut, runs_of
+from shockrig.rig.logs.steps import READINGS_BEFORE
 
 UNKNOWN_BODY = "lumped"
 
@@ -84,7 +85,8 @@ def import_logs(paths: Sequence[Path], map_: LogMap, sensor: str | None = None) 
         if first is None:
             raise BenchError(
                 f"{', '.join(map(shown, paths))}: no step is seen in it; look at it (--look --map {where}), then state "
-                "[[step]] at = ... or a smaller [steps] least_temperature_k, least_humidity_percent in the map"
+                "[[step]] at = ... or a smaller [steps] least_temperature_k, least_humidity_percent in the map (a step "
+                f"needs {READINGS_BEFORE} readings before it)"
             )
         raise BenchError(
             f"{first.log}: no step of it makes a run: step {first.step.number} {first.why}; "

@@ -90,8 +90,8 @@ def scan(path: Path, layout: Layout) -> Scan:
     width = _usual(_some([line for _, line in plain]), separator)
     if width < 2:
         raise BenchError(
-            f"{shown(path)}: no rows of two cells or more; give its separator in the map, [log] separator = "
-            f"one of {', '.join(SEPARATORS)}"
+            f"{shown(path)}: no rows of two cells or more (times and readings); give its separator in the map, [log] "
+            f"separator = one of {', '.join(SEPARATORS)}"
         )
     whole = [i for i, count in enumerate(counts) if count == width]
     first = _first_row(plain, whole, separator, layout)
