@@ -128,9 +128,8 @@ class Loop:
                 self._say(line)
             left = minutes_left(decision)
             if left is not None:
-                self._say(
-                    f"  about {left:.0f} bench minutes to the goals of precision, {decision.minutes_spent:.0f} spent"
-                )
+                spent = decision.minutes_spent
+                self._say(f"  about {left:.0f} min of bench time to the goals of precision, {spent:.0f} spent")
             if decision.status != CONTINUE:
                 return None
             choice = decision.choices[0].shock

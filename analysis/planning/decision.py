@@ -10,7 +10,7 @@ from shockrig.analysis.planning.evidence import label_of
 from shockrig.analysis.planning.goals import Goals
 from shockrig.analysis.planning.judged import Look, Verdict
 from shockrig.analysis.planning.places import Place
-from shockrig.analysis.planning.precision import Target
+from shockrig.analysis.planning.precision import FEWEST_RUNS, Target
 
 CONTINUE, DONE, INCONCLUSIVE = "continue", "done", "inconclusive"
 MOST_UNEXPLAINED = 4  # runs that are spent on what nothing explains
@@ -71,7 +71,8 @@ def ended_by(state: Decision, goals: Goals, looks: Mapping[Place, Look]) -> tupl
     decided = not tied and all(v.runs or looks[n].problem is None for n, v in state.verdicts.items())
     if met and (not goals.ties or (decided and not unexplained)):
         named = [e for v in verdicts for e in v.named]
-        return DONE, f"all goals are met; {'named: ' + ', '.join(named) if named else 'the plain model is enough'}"
+        enough = "the plain model is enough" if any(v.runs for v in verdicts) else "nothing was diagnosed"
+        return DONE, f"all goals are met; {'named: ' + ', '.join(named) if named else enough}"
     if met and goals.ties and unexplained and not tied and state.chased >= MOST_UNEXPLAINED:
         others = [label_of(v.causes, [v.causes, {}]) for v in verdicts if v.verdict == "described"]
         how = f"; it behaves like {' and '.join(others)}" if others else ""
@@ -84,13 +85,18 @@ def ended_by(state: Decision, goals: Goals, looks: Mapping[Place, Look]) -> tupl
 
 def missing(state: Decision) -> str:
     """What is not reached yet, in one phrase."""
-    short = [
-        f"{t.label} {f'{100 * t.relative:.2g} % for {100 * t.wanted:g} %' if t.runs else 'is not known yet'}"
-        for t in state.targets
-        if not t.met
-    ]
+    short = [f"{t.label} {_how_well(t)}" for t in state.targets if not t.met]
     parts = [", ".join(short)] if short else []
     parts += [f"{' and '.join(tied)} are tied" for tied in state.tied]
     parts += [f"{name}: something is left" for name, v in state.verdicts.items() if v.left]
     parts += ["a direction or an airflow has had fewer than two runs"] if state.unvaried else []
     return "; ".join(parts) or "a verdict on all runs is missing"
+
+
+def _how_well(target: Target) -> str:
+    """How well it is known that is not known well enough."""
+    if not target.runs:
+        return "is not known yet"
+    if target.relative <= target.wanted:
+        return f"rests on fewer than {FEWEST_RUNS} runs"
+    return f"{100 * target.relative:.2g} % for {100 * target.wanted:g} %"

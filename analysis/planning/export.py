@@ -110,7 +110,8 @@ def realised(decision: Decision, before: Mapping[str, Any]) -> dict[str, Any] | 
         "information": None if decision.gained is None else measured(decision.gained),
         "expected_information": _sum(run["expected_information"] for run in expected),
         "evidence": measured(told),
-        "expected_evidence": _sum(run["expected_evidence"] for run in expected),
+        # Of each run it was expected as if that were made alone; of several together it is less than the sum.
+        "expected_evidence": expected[0]["expected_evidence"] if len(expected) == 1 else None,
     }
 
 

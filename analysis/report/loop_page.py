@@ -129,7 +129,7 @@ def precision_figure(entries: Sequence[Entry]) -> MatplotlibFigure:
     ax.set_xlabel("bench time, min")
     ax.set_ylabel("standard uncertainty, %")
     if curves:
-        ax.legend(loc="upper right", ncols=2)
+        ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, fontsize="small")
     return figure
 
 
@@ -152,8 +152,10 @@ def evidence_figure(entries: Sequence[Entry]) -> MatplotlibFigure:
         runs, against = np.array(points).T
         ax.plot(runs, against, color=colour, marker="o", markersize=3, linewidth=1.1, label=label)
     ax.axhline(OUT_LN, color=INK, linewidth=0.7, linestyle="--")
-    ax.set_yscale("symlog", linthresh=10.0)
     ax.set_ylim(bottom=min(-1.0, ax.get_ylim()[0]), top=max(10.0, ax.get_ylim()[1]))
+    if np.ptp(ax.get_ylim()) > MOST_LINEAR:
+        ax.set_yscale("symlog", linthresh=10.0)
+        ax.yaxis.set_major_formatter("{x:g}")
     ax.xaxis.get_major_locator().set_params(integer=True)
     ax.set_xlabel("runs")
     ax.set_ylabel("ln E against it")
@@ -175,12 +177,15 @@ def realised_figure(entries: Sequence[Entry]) -> MatplotlibFigure:
         most = max(float(np.abs(np.concatenate([expected, came])).max(initial=0.0)), 1e-3)
         ax.plot([0, most], [0, most], color=GREY, linewidth=0.8)
         ax.plot(expected, came, color=BLUE, marker="o", markersize=3, linestyle="none")
-        if most > 50:
+        if most > MOST_LINEAR:
             ax.set_xscale("symlog")
             ax.set_yscale("symlog")
         ax.set_xlabel(f"expected, {words}")
         ax.set_ylabel(f"came, {words}")
     return figure
+
+
+MOST_LINEAR = 50.0  # of an axis
 
 
 def _number(value: float | None) -> str:
