@@ -4,8 +4,9 @@
 
 One line a kind and channel: rms error of the reading, of the best peer (tuned in hindsight, flight by flight), of the
 smoother; its largest share of the reading's in one flight; what its 95 % interval covers, with the standard error that
-flights' scatter leaves it (errors of one flight go together: its sensor's D is off throughout); and its error over that
-of a Wiener filter that knows the sensor and the power spectrum of that flight's air. With --out flights are JSON lines
+flights' scatter leaves it (errors of one flight go together: its sensor's D is off throughout); the stated uncertainty,
+rms over all samples, over the rms error; and its error over that of a Wiener filter that knows the sensor and the power
+spectrum of that flight's air. With --out flights are JSON lines
 of that file, and those that it holds already are not flown again; --table prints what a file holds.
 """
 
@@ -203,7 +204,7 @@ def table(lines: list[dict]) -> None:
     """A row for each kind and channel, and how many meet what is asked of them."""
     print(
         f"{'kind':<22}{'channel':<10}{'reading':>9}{'best peer':>10} {'':<12}{'smoother':>9}{'x peer':>7}"
-        f"{'x read.':>8}{'worst':>8}{'covered':>8}{'+-':>7}{'x informed':>11}"
+        f"{'x read.':>8}{'worst':>8}{'covered':>8}{'+-':>7}{'u/error':>8}{'x informed':>11}"
     )
     met, low, by_chance = np.zeros(3, dtype=int), 0, 0.0
     groups: dict[tuple[str, str], list[dict]] = {}
@@ -219,6 +220,7 @@ def table(lines: list[dict]) -> None:
         stated = stated[np.isfinite(stated)]  # where a channel is given as it came, nothing is stated
         covered = float(stated.mean()) if stated.size else float("nan")
         scatter = float(stated.std(ddof=1) / np.sqrt(stated.size)) if stated.size > 1 else float("nan")
+        told = rms(np.array([f["stated"] for f in flights if np.isfinite(f["stated"])]))
         know = rms(np.array([f.get("informed", np.nan) for f in flights]))
         low += covered < 0.9
         if scatter > 0:
@@ -228,7 +230,8 @@ def table(lines: list[dict]) -> None:
         print(
             f"{kind:<22}{channel.split('_')[0][:8]:<10}{size['reading']:>9.4f}{tuned.get(best, np.nan):>10.4f} "
             f"{best:<12}{size['ours']:>9.4f}{size['ours'] / beside:>7.2f}{of_reading:>8.2f}"
-            f"{max(f['worst'] for f in flights):>8.2f}{covered:>8.3f}{scatter:>7.3f}{size['ours'] / know:>11.2f}"
+            f"{max(f['worst'] for f in flights):>8.2f}{covered:>8.3f}{scatter:>7.3f}{told / size['ours']:>8.2f}"
+            f"{size['ours'] / know:>11.2f}"
             f"{'' if given > 0.99 else f'  given for {given:.0%} of the rows'}"
         )
     print(

@@ -29,8 +29,10 @@ from shockrig.rig.virtual.truth import draw_truth
 HIGHER = 1.02
 FIGURES = ("alpha", "D", "mean D", "t63")
 FILM = ("D", "mean D")
+BEAD = ("alpha",)
 DRAWS = 500
 LONG, BEFORE = 12, 6
+REPLICATES, EACH = 50, 100
 
 
 def recorded(seed: int, number: int, factor: float) -> dict[str, object]:
@@ -53,6 +55,12 @@ def of(line: dict, figure: str) -> Observation:
     return Observation(**line["figures"][figure])
 
 
+def scaled(line: dict, factor: float) -> dict:
+    """A campaign with its estimates of alpha multiplied."""
+    alpha = line["figures"]["alpha"]
+    return {**line, "figures": {**line["figures"], "alpha": {**alpha, "value": factor * alpha["value"]}}}
+
+
 def changed(lines: list[dict], figures: tuple[str, ...] = FIGURES) -> dict[str, tuple[int, ...]]:
     """Figure -> places at which a history says that it changed."""
     return {
@@ -63,7 +71,7 @@ def changed(lines: list[dict], figures: tuple[str, ...] = FIGURES) -> dict[str, 
 
 def rates(lines: list[dict], rng: np.random.Generator) -> str:
     """The table, from all campaigns that are there."""
-    alarms = whole = ever = seen_one = seen_two = right_place = trials = 0
+    alarms = whole = ever = seen_one = seen_two = right_place = trials = of_alpha = 0
     z = []
     for seed in sorted({line["seed"] for line in lines}):
         same = [line for line in lines if line["seed"] == seed and line["factor"] == 1.0]
@@ -82,6 +90,8 @@ def rates(lines: list[dict], rng: np.random.Generator) -> str:
             one = changed([*history[:BEFORE], later[0]], FILM)
             two = changed([*history[:BEFORE], *later], FILM)
             seen_one, seen_two = seen_one + any(one.values()), seen_two + (any(one.values()) or any(two.values()))
+            slower = [scaled(one, HIGHER) for one in history[BEFORE : BEFORE + 2]]
+            of_alpha += any(changed([*history[:BEFORE], *slower[:n]], BEAD)["alpha"] for n in (1, 2))
             places = {place for found in (one, two) for each in found.values() for place in each}
             right_place, trials = right_place + (BEFORE in places), trials + 1
     worlds = len({line["seed"] for line in lines})
@@ -93,7 +103,34 @@ def rates(lines: list[dict], rng: np.random.Generator) -> str:
             f"unchanged, looked at after every one of {LONG}: ever, in {100 * ever / whole:.2f} %",
             f"D 2 % higher after {BEFORE}: seen with the first campaign in {100 * seen_one / trials:.1f} %, "
             f"within two in {100 * seen_two / trials:.1f} %, at the right place in {100 * right_place / trials:.1f} %",
+            f"alpha's estimates 2 % higher after {BEFORE}: seen within two in {100 * of_alpha / trials:.1f} %",
         ]
+    )
+
+
+def pooled(lines: list[dict], rng: np.random.Generator) -> str:
+    """False alarms in histories put together from the campaigns of all worlds, each as far off its own world's mean as
+    it was, with the interval that a bootstrap over campaigns gives."""
+    pool: list[dict[str, Observation]] = []
+    for seed in sorted({line["seed"] for line in lines}):
+        same = [line for line in lines if line["seed"] == seed and line["factor"] == 1.0]
+        inflate = np.sqrt(len(same) / (len(same) - 1))
+        means = {name: np.mean([np.log(of(line, name).value) for line in same]) for name in FIGURES}
+        for line in same:
+            off = {name: inflate * (np.log(of(line, name).value) - means[name]) for name in FIGURES}
+            pool.append({name: replace(of(line, name), value=float(np.exp(off[name]))) for name in FIGURES})
+    found = []
+    for _ in range(REPLICATES):
+        some = rng.integers(len(pool), size=len(pool))
+        alarms = 0
+        for _ in range(EACH):
+            history = [pool[some[i]] for i in rng.integers(len(some), size=LONG)]
+            alarms += any(chart(name, "", "", [one[name] for one in history]).changes for name in FIGURES)
+        found.append(alarms / EACH)
+    low, high = 100 * np.quantile(found, [0.025, 0.975])
+    return (
+        f"unchanged, {LONG} campaigns drawn from the {len(pool)} of all worlds: something said to have changed in "
+        f"{100 * np.mean(found):.2f} % (95 % of {REPLICATES} draws of the campaigns: {low:.2f} to {high:.2f} %)"
     )
 
 
@@ -120,6 +157,7 @@ def main(argv: list[str] | None = None) -> None:
                     file.write(json.dumps(lines[-1]) + "\n")
             print(f"world {seed}, campaign {number}, D times {factor:g}", file=sys.stderr, flush=True)
     print(rates(lines, np.random.default_rng(1)))
+    print(pooled(lines, np.random.default_rng(2)))
 
 
 if __name__ == "__main__":

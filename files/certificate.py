@@ -74,8 +74,12 @@ class CertifiedFigure:
         """What it is called on paper: "D at 20.0 °C"."""
         if self.figure == "alpha":
             return self.figure
-        at = f" at {self.temperature_c:.1f} °C".replace("-", "−")
-        return f"{self.figure}{at if self.channel == 'humidity' else ''}"
+        return f"{self.figure}{f' at {self.air_c} °C' if self.channel == 'humidity' else ''}"
+
+    @property
+    def air_c(self) -> str:
+        """The air's temperature as it is written, to a tenth of a degree."""
+        return f"{round(self.temperature_c, 1) + 0.0:.1f}".replace("-", "−")
 
 
 @dataclass(frozen=True)

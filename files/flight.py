@@ -179,6 +179,11 @@ def read_layout(path: Path, chosen: Mapping[str, str] | None = None) -> FlightCo
         }
         return FlightColumns(XQ2_FIELDS, place, str(path), date_place=5, raw_xq2=True)
     header = [name.strip() for name in header]
+    if len(header) == 1 and re.search(r"[;\t|]", header[0]):
+        raise InputError(
+            f"{shown(path)}, line 1: its columns are not parted by commas ({_listed(header)}); read it by a map: "
+            "shockrig import FILE --look writes one, --map takes it"
+        )
     taken = sorted(set(header) & set(OUTPUT_COLUMNS))
     if taken:
         raise InputError(

@@ -27,6 +27,7 @@ COLUMNS = {
     "latitude": "latitude_deg",
     "longitude": "longitude_deg",
 }
+BACK_S = 1.0  # that the clock steps back: less is rows out of order
 READINGS = ("temperature", "humidity", "die")  # are not made up between readings; where the drone is, is
 Series = tuple[Array, Array]  # time [s], value
 
@@ -98,9 +99,23 @@ def _write(source: Path, found: Mapping[str, Series], target: Path) -> None:
         raise InputError(
             f"{shown(source)}: neither temperature nor humidity found; name them with --column temperature=NAME"
         )
-    time_s = series[max(main, key=lambda q: series[q][0].size)][0]
+    first = max(main, key=lambda q: series[q][0].size)
+    rows = found[first][0]
+    of_rows = {q: value for q, (own, value) in found.items() if np.array_equal(own, rows, equal_nan=True)}
+    taken = np.isfinite(rows) & np.any([np.isfinite(v) for q, v in of_rows.items() if q in READINGS], axis=0)
+    time_s = rows[taken]
+    back = bool((np.diff(time_s) < -BACK_S).any())
     values: dict[str, Array] = {}
     for quantity, (own, value) in series.items():
+        if quantity in of_rows:
+            # no need to look for its rows, and no way to mistake them where the clock was set back
+            values[quantity] = of_rows[quantity][taken]
+            continue
+        if back:
+            raise InputError(
+                f"{shown(source)}: the clock steps back, and {quantity} is not on the rows of {first}; "
+                "cut the log where it does, and correct its parts"
+            )
         order = np.argsort(own, kind="stable")
         own, value = own[order], value[order]
         if quantity not in READINGS:

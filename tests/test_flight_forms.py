@@ -235,3 +235,33 @@ def done_part(done, part):
     values = (getattr(done, name)[part] for name in list(Corrected.__dataclass_fields__)[:4])
     common = {name: column[part] for name, column in done.common.items()}
     return Corrected(*values, {}, (), {}, common, done.independent_after_s)
+
+
+def test_a_log_that_commas_do_not_part_is_sent_to_a_map(tmp_path, capsys):
+    write_profile(typical_profile(), tmp_path / "profile.json")
+    (tmp_path / "log.csv").write_text("Zeit;Temperatur;Feuchte\n0,1;20,5;45,0\n")
+    command = ["correct", str(tmp_path / "log.csv"), "--profile", str(tmp_path / "profile.json")]
+    assert main([*command, "--out", str(tmp_path / "out.csv")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "not parted by commas" in line and "--map" in line
+    assert not (tmp_path / "out.csv").exists()
+
+
+def test_a_log_by_a_map_whose_clock_was_set_back_keeps_its_rows(tmp_path, flown):
+    log = flown.log.iloc[:900].copy()
+    log.loc[400:, "time_s"] -= 15.0
+    log.loc[10, "temperature_c"] = np.nan
+    lines = ["Zeit;A;B"]
+    for row in log.itertuples():
+        bead = "" if np.isnan(row.temperature_c) else f"{row.temperature_c:.2f}"
+        lines.append(f"{row.time_s:.2f};{bead};{row.humidity_percent:.2f}".replace(".", ","))
+    (tmp_path / "log.csv").write_text("\n".join(lines) + "\n")
+    units = 'temperature_unit = "degC"\nhumidity_unit = "percent"\n'
+    head = 'format = "shock-map/1"\nname = "m"\n[log]\ntime = "Zeit"\ntime_unit = "s"\n'
+    (tmp_path / "map.toml").write_text(f'{head}[sensor.one]\ntemperature = "A"\nhumidity = "B"\n{units}')
+    assert to_csv(tmp_path / "log.csv", tmp_path / "flight.csv", map_path=tmp_path / "map.toml")
+    read = pd.read_csv(tmp_path / "flight.csv")
+    assert len(read) == len(log)
+    assert np.allclose(np.diff(read["time_s"]), np.diff(log["time_s"]), atol=0.006)
+    for name in ("temperature_c", "humidity_percent"):
+        assert np.allclose(read[name], log[name], atol=0.006, equal_nan=True)

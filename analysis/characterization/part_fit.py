@@ -44,7 +44,7 @@ def fit_part(
         optima, late_s = [], np.zeros(channel.runs)
         for g, ambient_c in enumerate(channel.ambients_c):
             misfit = Misfit(channel.select(channel.ambient == g), extension.structure, dict(extension.starts or {}))
-            where = "" if channel.quantity.pooled else f" at {ambient_c:.0f} degC"
+            where = "" if channel.quantity.pooled else f" at {round(ambient_c)} degC"
             say(f"{channel.name}: differential evolution over {misfit.channel.runs} runs{where}")
             optima.append((evolve(misfit, np.random.default_rng([seed, g])), cross_check(misfit)))
             late_s[channel.ambient == g] = misfit.late_s(optima[-1][0].log_rate)
@@ -176,7 +176,7 @@ def _undetermined(channel: Channel, ambient_c: float, apart: float, *, misfits: 
         )
     if channel.quantity.pooled:
         return f"does not determine {symbol}; record more runs, or larger steps"
-    return f"does not determine {symbol}, alone at {ambient_c:.0f} degC; record isothermal shocks there"
+    return f"does not determine {symbol}, alone at {round(ambient_c)} degC; record isothermal shocks there"
 
 
 def fitted_effects(extension: Extension, part: Part) -> tuple[StatedEffect, ...]:

@@ -122,7 +122,7 @@ def _results(certificate: Certificate) -> Table:
         "k": [f"{one.coverage_factor:.2f}" for one in figures],
         "ν": ["∞" if (nu := one.degrees_of_freedom) is None else f"{nu:.0f}" for one in figures],
         "airflow, m/s": ["not recorded" if one.airflow_m_s is None else f"{one.airflow_m_s:g}" for one in figures],
-        "air, °C": [f"{one.temperature_c:.1f}".replace("-", "−") for one in figures],
+        "air, °C": [one.air_c for one in figures],
         "pressure, hPa": [f"{one.pressure_hpa:g}" for one in figures],
     }
     caption = f"U = k u: expanded uncertainty that holds {PERCENT}; ν: effective degrees of freedom."

@@ -168,11 +168,11 @@ def _key_numbers(result: Characterization) -> list[KeyNumber]:
         ]
     if (h := result.humidity) is not None:
         row = min(h.rows, key=lambda r: abs(r.ambient_c - 20.0))
-        label = f"D of the film at {row.ambient_c:.0f} °C"
+        label = f"D of the film at {round(row.ambient_c)} °C"
         effective = "" if h.explained else "effective: the model does not explain the data"
         numbers += [
             KeyNumber(label, measured(row.diffusivity_m2_s, row.standard_uncertainty, "m²/s"), effective),
-            KeyNumber(f"t63 / t90 / t98 at {row.ambient_c:.0f} °C", _times(row), "after a step of the air"),
+            KeyNumber(f"t63 / t90 / t98 at {round(row.ambient_c)} °C", _times(row), "after a step of the air"),
         ]
     for name, found in result.channels().items():
         note = f"residuals {plain(found.rmse, 2)} {UNIT[name]}"

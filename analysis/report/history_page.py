@@ -115,8 +115,9 @@ def write_history(charts: Sequence[Chart], folder: Path, provenance: dict[str, C
         sections.append(Section(f"{one.figure}, {one.serial}", [*blocks, *drawn]))
     how = (
         f"A change is said where a step as large comes by accident in less than {100 * FALSE_ALARMS:g} of 100 "
-        "histories, over all campaigns at which it might have come and all figures. What a bench shares by all of its "
-        "campaigns (its references, its trigger) is not counted between them, and is between benches."
+        "histories that are looked at once, over all campaigns at which it might have come and all figures. What a "
+        "bench shares by all of its campaigns (its references, its trigger) is not counted between them, and is "
+        "between benches."
     )
     report = Report(
         title="History of a sensor",
