@@ -124,7 +124,7 @@ def world(pair: int, seed: int, how: str) -> dict:
         "right_after": right_after, "open_at_start": open_at_start,
         "start_minutes": round(start_minutes, 1), "minutes": round(bench.minutes, 1),
         "waited_s": round(waiting.waited_s, 1), "named": named,
-        "tied": decision.tied, "was_tied": tied,
+        "tied": list(decision.tied.values()), "was_tied": tied,
         "outcome": "right" if right else "wrong" if wrong else "missed" if done else "inconclusive",
         "status": decision.status, "reason": decision.reason, "kinds": kinds,
         "evidence": evidence,

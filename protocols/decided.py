@@ -91,9 +91,8 @@ def lines(decision: Decision, document: Mapping[str, Any]) -> list[str]:
         now = "not known yet" if goal["now"] is None else f"now {goal['now']:.2g}"
         if goal["goal"] == TIES:
             now = f"now {goal['now']} tied" if goal["now"] else "nothing is tied"
-        said.append(f"  {'met    ' if goal['met'] else 'not yet'}  {goal['goal']:22} {now}")
-    for tied in document["tied"]:
-        said.append(f"  tied: {' or '.join(tied)}")
+        said.append(f"  {'met    ' if goal['met'] else 'not yet'}  {goal['goal']:28} {now}")
+    said += [f"  tied, {place}: {' or '.join(tied)}" for place, tied in decision.tied.items()]
     said.append(f"{decision.status}: {decision.reason}")
     for choice in decision.choices:
         shock = choice.shock

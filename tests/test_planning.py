@@ -460,4 +460,4 @@ def test_a_run_is_worth_what_two_of_its_kind_bring():
 def test_nothing_is_chosen_from_an_empty_menu():
     nothing = Designs((), None, (), (), np.zeros(0), lambda planned: np.zeros((0, 2)))
     assert choose_runs(nothing, learn(None), None, 3, 0) == ([], ())
-    assert Decision("", "").tied == []
+    assert Decision("", "").tied == {}

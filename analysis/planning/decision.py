@@ -56,9 +56,9 @@ class Decision:
     gained: float | None = None
 
     @property
-    def tied(self) -> list[list[str]]:
-        """The explanations that stand beside one another, a list for each place that has any."""
-        return [list(v.tied) for v in self.verdicts.values() if v.tied]
+    def tied(self) -> dict[Place, list[str]]:
+        """The explanations that stand beside one another, of each place that has any."""
+        return {place: list(v.tied) for place, v in self.verdicts.items() if v.tied}
 
 
 def ended_by(state: Decision, goals: Goals, looks: Mapping[Place, Look]) -> tuple[str, str] | None:
@@ -70,7 +70,7 @@ def ended_by(state: Decision, goals: Goals, looks: Mapping[Place, Look]) -> tupl
     unexplained = [name for name, verdict in state.verdicts.items() if verdict.left]
     decided = not tied and all(v.runs or looks[n].problem is None for n, v in state.verdicts.items())
     if met and (not goals.ties or (decided and not unexplained)):
-        named = [e for v in verdicts for e in v.named]
+        named = dict.fromkeys(e for v in verdicts for e in v.named)
         enough = "the plain model is enough" if any(v.runs for v in verdicts) else "nothing was diagnosed"
         return DONE, f"all goals are met; {'named: ' + ', '.join(named) if named else enough}"
     if met and goals.ties and unexplained and not tied and state.chased >= MOST_UNEXPLAINED:
@@ -87,7 +87,7 @@ def missing(state: Decision) -> str:
     """What is not reached yet, in one phrase."""
     short = [f"{t.label} {_how_well(t)}" for t in state.targets if not t.met]
     parts = [", ".join(short)] if short else []
-    parts += [f"{' and '.join(tied)} are tied" for tied in state.tied]
+    parts += [f"{place}: {' and '.join(tied)} are tied" for place, tied in state.tied.items()]
     parts += [f"{name}: something is left" for name, v in state.verdicts.items() if v.left]
     parts += ["a direction or an airflow has had fewer than two runs"] if state.unvaried else []
     return "; ".join(parts) or "a verdict on all runs is missing"

@@ -25,7 +25,7 @@ def plan_document(decision: Decision, goals: Goals) -> dict[str, Any]:
         "status": decision.status,
         "goals": _goals(decision, goals),
         "runs": [_run(choice) for choice in decision.choices],
-        "tied": decision.tied,
+        "tied": list(decision.tied.values()),
         "minutes_spent": measured(decision.minutes_spent),
         "reason": decision.reason,
     }

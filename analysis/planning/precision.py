@@ -46,7 +46,7 @@ class Target:
     def label(self) -> str:
         """For people: `D at 20`."""
         where = "" if self.ambient_c is None else f" at {self.ambient_c:g} degC"
-        return self.quantity + where + ("" if self.probe == FIRST_PROBE else f", probe {self.probe}")
+        return ("" if self.probe == FIRST_PROBE else f"probe {self.probe}: ") + self.quantity + where
 
 
 def measured(

@@ -159,7 +159,7 @@ def evidence_figure(entries: Sequence[Entry]) -> MatplotlibFigure:
     ax.xaxis.get_major_locator().set_params(integer=True)
     ax.set_xlabel("runs")
     ax.set_ylabel("ln E against it")
-    ax.legend(loc="upper left", fontsize="small")
+    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, fontsize="small")
     return figure
 
 
