@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
+from shockrig.analysis.diagnosis.limits import cannot_tell
 from shockrig.analysis.inference.bins import bin_means
 from shockrig.analysis.inference.channel import group_ambients
 from shockrig.analysis.inference.gather import build_channel, usable_runs
 from shockrig.analysis.inference.starts import estimate_start
-from shockrig.files.campaign import Air, Campaign, Run, Trace
+from shockrig.files.campaign import Air, Campaign, Reference, Run, Trace
 
 
 def run_of(value, time, start_s=10.0, **changes):
@@ -121,3 +122,23 @@ def test_ambients_that_nobody_recorded_are_as_wide_as_rooms_are(recorded, ambien
         return run_of(lag(TIME) + warmer_k, TIME, id=id_, source=air, destination=air, hyt=Trace(TIME, columns))
 
     assert build_channel(campaign_of(run(0.0, "1"), run(3.0, "2")), "humidity").ambients_c.size == ambients
+
+
+def test_what_nobody_recorded_is_said_before_any_fit():
+    """A film's own temperature in a thermal shock, and the lag of the reference that measured the air."""
+
+    def said(**changes):
+        columns = {"humidity_percent": lag(TIME, tau_s=5.0), "temperature_c": np.full(TIME.size, np.nan)} | changes
+        run = run_of(lag(TIME), TIME, hyt=Trace(TIME, columns))
+        return " ".join(cannot_tell(build_channel(campaign_of(run), "humidity")))
+
+    assert "own temperature was not recorded" in said()
+    assert "own temperature was not recorded" not in said(temperature_c=lag(TIME, tau_s=2.0))
+
+    def beside(lag_s):
+        air = Trace(TIME, {"temperature_c": np.where(TIME > 10.0, 30.0, 20.0)})
+        run = run_of(lag(TIME), TIME, air=air, reference=Reference(temperature_time_constant_s=lag_s))
+        return " ".join(cannot_tell(build_channel(campaign_of(run), "temperature")))
+
+    assert "own lag was not stated" in beside(0.0)
+    assert "own lag was not stated" not in beside(0.2)

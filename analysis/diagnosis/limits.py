@@ -68,6 +68,11 @@ def cannot_tell(channel: Channel) -> tuple[str, ...]:
         said.append("All steps go one way: what depends on the direction cannot be told from what does not.")
     if channel.measured.any():
         said.append("The air was measured: slow transfers and room air are in the trace, and are not looked for.")
+        if not any(air is not None and air.lag_s > 0.0 for air in channel.air):
+            said.append(
+                "The reference's own lag was not stated: it is taken for none, and the times are those behind what it "
+                f"shows. State {channel.quantity.reference_lag} of the reference (run.json, or the map)."
+            )
     return tuple(said)
 
 
