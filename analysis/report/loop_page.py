@@ -111,14 +111,13 @@ def _standing(verdict: Mapping[str, Any]) -> list[str]:
 @styled
 def precision_figure(entries: Sequence[Entry]) -> MatplotlibFigure:
     """Uncertainty of each goal's quantity, in percent, against bench minutes."""
-    figure, axes = panels((1, 1), (7.4, 3.6))
-    ax = np.ravel(axes)[0]
     curves: dict[str, list[tuple[float, float, float]]] = {}
     for entry in entries:
         for target in entry["targets"]:
             if target["runs"]:
                 point = (entry["minutes_spent"], 100 * target["relative"], 100 * target["wanted"])
                 curves.setdefault(target["label"], []).append(point)
+    figure, ax = _below_its_legend(len(curves), 4)
     for (label, points), colour in zip(curves.items(), CYCLE * 4, strict=False):
         minutes, now, wanted = np.array(points).T
         ax.plot(minutes, now, color=colour, marker="o", markersize=2.5, linewidth=1.1, label=label)
@@ -136,8 +135,6 @@ def precision_figure(entries: Sequence[Entry]) -> MatplotlibFigure:
 @styled
 def evidence_figure(entries: Sequence[Entry]) -> MatplotlibFigure:
     """ln E against each explanation of each dispute, against the number of runs."""
-    figure, axes = panels((1, 1), (7.4, 3.4))
-    ax = np.ravel(axes)[0]
     curves: dict[str, list[tuple[int, float]]] = {}
     for entry in entries:
         for channel, verdict in entry["verdicts"].items():
@@ -148,6 +145,7 @@ def evidence_figure(entries: Sequence[Entry]) -> MatplotlibFigure:
                     own = curves.setdefault(key, [])
                     if not own or dispute in under_way or own[-1][1] != x:
                         own.append((len(entry["recorded"]), x))
+    figure, ax = _below_its_legend(len(curves), 2)
     for (label, points), colour in zip(curves.items(), CYCLE * 8, strict=False):
         runs, against = np.array(points).T
         ax.plot(runs, against, color=colour, marker="o", markersize=3, linewidth=1.1, label=label)
@@ -186,6 +184,13 @@ def realised_figure(entries: Sequence[Entry]) -> MatplotlibFigure:
 
 
 MOST_LINEAR = 50.0  # of an axis
+
+
+def _below_its_legend(curves: int, across: int) -> tuple[MatplotlibFigure, Any]:
+    """A figure and its axes, with room above for so many curves' names, so many in a row."""
+    above_in = 0.15 + 0.2 * -(-curves // across)
+    figure, axes = panels((1, 1), (7.4, 3.2 + above_in), top_in=above_in)
+    return figure, np.ravel(axes)[0]
 
 
 def _number(value: float | None) -> str:
