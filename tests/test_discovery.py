@@ -23,7 +23,7 @@ from shockrig.analysis.discovery.discover import discover
 from shockrig.analysis.discovery.grammar import forms
 from shockrig.analysis.discovery.remaining import spectrum
 from shockrig.analysis.discovery.scores import null_of_the_maximum
-from shockrig.analysis.discovery.stating import stated
+from shockrig.analysis.discovery.stating import nearest_of, stated
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.behaviours import Form, form_of
 from shockrig.analysis.effects.described import described, discovered_of, entry_of, stated_values
@@ -123,7 +123,7 @@ def test_every_form_of_the_grammar_is_data(warm_rates, tmp_path):
 def test_a_rate_that_moves_with_the_ambient_is_described(warm_rates):
     ready, near, found = warm_rates
     assert found is not None and found.passed and len(found.effects) == 1
-    (one,) = stated(ready.problem, found)
+    (one,) = stated(ready.problem, found, nearest_of(ready.problem, found))
     assert (one.behaves_as, [on.factor for on in one.depends_on]) == ("rate_change", ["ambient"])
     on = one.depends_on[0]
     assert abs(on.value - 0.008) < 4 * on.standard_uncertainty < 0.004
@@ -174,7 +174,7 @@ def test_a_described_effect_is_extended_with_and_flown_within_what_was_seen(warm
     """As data through profile.json: the bead is corrected as it is at the flight's temperature, and outside of the
     conditions seen it is flagged and left."""
     ready, _, found = warm_rates
-    (one,) = stated(ready.problem, found)
+    (one,) = stated(ready.problem, found, nearest_of(ready.problem, found))
     extension = extension_of([], [one], "temperature")
     assert [e.id for e in extension.structure.effects] == [found.effects[0].effect.id]
     part = TemperatureProfile(Uncertain(9e-8, 1e-10), 1.6e-3, noise_k=0.01, discovered=(one,))

@@ -9,17 +9,21 @@ from small_worlds import record
 
 from shockrig.analysis.diagnosis.adequacy import LINE, Check, judge
 from shockrig.analysis.diagnosis.beside import alone, without_idle
+from shockrig.analysis.diagnosis.naming import Doubt, doubts, from_description, from_rivals
 from shockrig.analysis.diagnosis.prepare import likelier_average, prepare
 from shockrig.analysis.diagnosis.restless import nothing_else, restless
 from shockrig.analysis.diagnosis.search import Search, plain_fit
+from shockrig.analysis.diagnosis.thresholds import TIE
 from shockrig.analysis.discovery.conditions import Judged
 from shockrig.analysis.discovery.discover import Described, Discovery
-from shockrig.analysis.discovery.grammar import forms
-from shockrig.analysis.discovery.likeness import alike, outdone
+from shockrig.analysis.discovery.grammar import forms, plain_forms
+from shockrig.analysis.discovery.likeness import Alike, alike, closest
+from shockrig.analysis.discovery.stating import nearest_of
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.behaviours import Form
 from shockrig.analysis.effects.described import described, discovered_of, entry_of
 from shockrig.analysis.effects.described_in_flight import as_listed
+from shockrig.analysis.effects.laws import LAWS
 from shockrig.analysis.flight.profile_effects import not_undone
 from shockrig.analysis.inference.fit import fit
 from shockrig.analysis.inference.gather import build_channel
@@ -43,6 +47,13 @@ def late(tmp_path_factory):
     """A channel that is logged late by 0.5 s, and its plain fit."""
     ready = ready_of(tmp_path_factory.mktemp("late"), 5, [Hidden("dead_time", {"delay_s": 0.5}, T)])
     return ready, plain_fit(ready.problem, ready.structure)
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory):
+    """Both channels of a plain world."""
+    campaign = record(tmp_path_factory.mktemp("plain") / "campaign", 5, (), ROUGH, standard_plan())
+    return {name: build_channel(campaign, name) for name in ("temperature", "humidity")}
 
 
 @pytest.fixture(scope="module")
@@ -72,19 +83,99 @@ def test_the_same_signature_by_two_names_is_wholly_alike(late):
     assert gain.likeness < 0.95
 
 
-def test_a_delay_outdoes_a_clock_that_runs_fast_and_no_delay(late):
-    """A clock's drift moves the transfer by its share of the plateau before it, and is the only entry left that does;
-    what it is beside its own entry nothing outdoes."""
+def test_a_clock_that_runs_fast_and_is_no_delay_gives_way_to_one(late, monkeypatch):
+    """A clock's drift moves the transfer by its share of the plateau before it. Where the catalogue has the delay, the
+    search begins again from it; where it has none, a plain behaviour stands against the name."""
     ready, plain = late
     clock = with_effects(ready.problem, plain, {"clock_drift.ppm": 45000.0}, CATALOGUE["clock_drift"])
     work = Work()
-    better = outdone(ready.problem, clock, "clock_drift", work)
-    assert better is not None and better.effect.id == "delay|none" and 0 < work.fits < 60
-    size, uncertainty = better.fit.values()["delay|none"]["size"]
+    (missed,) = doubts(ready.problem, clock, ["clock_drift"], work)
+    assert 0 < work.fits < 60
+    assert missed.form is None and not missed.outdone and missed.better.effect.id == "dead_time"
+    assert from_rivals([missed])["dead_time"]["delay_s"] == pytest.approx(0.5, abs=0.03)
+    monkeypatch.delitem(CATALOGUE, "dead_time")
+    (alone,) = doubts(ready.problem, clock, ["clock_drift"], Work())
+    assert alone.outdone and alone.better is None and not alone.rivals
+    size, uncertainty = alone.form.fit.values()["delay|none"]["size"]
     assert abs(size - 0.5) < 4 * uncertainty < 0.1
+    assert "delay" in alone.sentence
+
+
+def test_nothing_speaks_against_a_name_that_is_there(late):
+    """The form that is its own law is no rival of it, and others do worse."""
+    ready, plain = late
     own = with_effects(ready.problem, plain, {"dead_time.delay_s": 0.45}, CATALOGUE["dead_time"])
-    assert own.deviance < clock.deviance
-    assert outdone(ready.problem, own, "dead_time", Work()) is None
+    assert doubts(ready.problem, own, ["dead_time"], Work()) == []
+
+
+def test_what_is_described_by_the_law_of_a_catalogued_effect_is_looked_for_under_its_name(late):
+    """From the description's own number, where no fit of the effect's own starts needs to find its way."""
+    ready, plain = late
+    final = with_effects(ready.problem, plain, {"delay|none.size": 0.5}, described("delay|none", False))
+    one = Described(final.structure.effects[0], final.values()["delay|none"], 1e3, 0.9, (), Judged((), 1))
+    found = Discovery(final, plain, (one,), True, 0.0)
+    nearest = nearest_of(ready.problem, found)
+    assert nearest["delay|none"][0].effect.id == "dead_time"
+    values = from_description(found, nearest)
+    assert values == {"dead_time": {"delay_s": pytest.approx(final.choice["delay|none.size"], abs=1e-3)}}
+
+
+def test_odds_beside_a_rival_of_like_law():
+    even = Doubt("dead_time", None, False, {"finite_transfer": 0.0}, None)
+    assert even.share(even.rivals) == pytest.approx(0.5) and even.share(()) == 1.0
+    far = Doubt("dead_time", None, False, {"finite_transfer": TIE}, None)
+    assert far.share(far.rivals) == pytest.approx(20 / 21)
+
+
+def test_a_start_is_found_over_a_jump_by_its_signature(tmp_path):
+    """RH jumps with the air's temperature, a delay moves the jump: no descent leads from 0.05 to 0.22 s."""
+    late = [Hidden("dead_time", {"delay_s": 0.22}, ("humidity",))]
+    channel = build_channel(record(tmp_path / "campaign", 7, late, ROUGH, standard_plan()), "humidity")
+    ready = prepare(channel)
+    plain = plain_fit(ready.problem, ready.structure)
+    final = with_effects(ready.problem, plain, {"dead_time.delay_s": 0.22}, CATALOGUE["dead_time"])
+    begin = Alike(described("delay|none", True), {"size": 0.05}, 1.0)
+    found = closest(ready.problem, final, "dead_time", begin)
+    assert found.start["size"] == pytest.approx(final.choice["dead_time.delay_s"], abs=0.003)
+
+
+@pytest.mark.parametrize(("key", "law"), [(key, law) for key, laws in LAWS.items() for law in laws])
+def test_a_form_and_the_effect_whose_law_it_is_read_the_same(both, key, law):
+    """The same closed form by two doors, in a channel where both act."""
+    (behaviour, driver, factors), (name, of) = key, law
+    entry = CATALOGUE[name]
+    channel = both[entry.channels[-1]]
+    own = ("air_humidity" if channel.jumps_with_air else "air_temperature") if driver == "air" else driver
+    effect = described(Form(behaviour, own, factors).key, channel.jumps_with_air)
+    values = {"size": 0.02, "time_constant_s": 3.0, "humidity": 0.4}
+    read = []
+    for one, numbers in ((effect, values), (entry, {name: values[its] for name, its in of.items()})):
+        model = Model(channel, Structure((one,)))
+        named = {f"{one.id}.{p.name}": numbers.get(p.name, p.none or 0.0) for p in one.parameters}
+        start = model.start(np.full(channel.rates, np.log(0.1)), named)
+        read.append(model.predict(Point(start, channel.at_rest()))[0])
+    bare = Model(channel)
+    plain = bare.predict(Point(bare.start(np.full(channel.rates, np.log(0.1))), channel.at_rest()))[0]
+    assert np.abs(read[0] - plain).max() > 1e-3
+    told = np.isfinite(channel.die_c) | (own != "die_temperature")  # elsewhere a form has no driver
+    np.testing.assert_allclose(*(np.where(told, one, 0.0) for one in read), atol=1e-9)
+
+
+def test_a_gain_of_nothing_from_a_level_on_is_a_ceiling(both):
+    """With a size of minus one the form reads as the catalogue's hard limit; with half of it the excess is halved."""
+    channel, key = both["humidity"], "gain|own_response|humidity:above"
+    assert key in {form.key for form in plain_forms(channel)}
+    assert not any("above" in form.key for form in plain_forms(both["temperature"]))
+
+    def reading(one, **values):
+        model = Model(channel, Structure((one,)))
+        start = model.start(np.full(channel.rates, np.log(0.1)), {f"{one.id}.{k}": v for k, v in values.items()})
+        return model.predict(Point(start, channel.at_rest()))[0]
+
+    form = described(key, True)
+    hard, soft, free = (reading(form, size=size, humidity=60.0) for size in (-1.0, -0.5, 0.0))
+    np.testing.assert_allclose(hard, reading(CATALOGUE["saturation_clipping"], limit_percent=60.0), atol=1e-12)
+    np.testing.assert_allclose(soft - 60.0, np.where(free > 60.0, 0.5, 1.0) * (free - 60.0), atol=1e-12)
 
 
 def test_a_cause_that_a_description_makes_idle_is_not_named_beside_it(late):

@@ -8,9 +8,11 @@ from dataclasses import dataclass, replace
 from shockrig.analysis.diagnosis.adequacy import Adequacy, judge
 from shockrig.analysis.diagnosis.beside import alone, cost, without_idle
 from shockrig.analysis.diagnosis.gain import Gain, measure_gain, worse_without
+from shockrig.analysis.diagnosis.naming import from_description
 from shockrig.analysis.diagnosis.remainder import Remainder, Tolerance, measure_remainder
+from shockrig.analysis.diagnosis.search import Earlier
 from shockrig.analysis.discovery.discover import TIE, Discovery, discover
-from shockrig.analysis.discovery.stating import stated
+from shockrig.analysis.discovery.stating import nearest_of, stated
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.fit import Fit
 from shockrig.analysis.inference.noise import Noise
@@ -25,13 +27,17 @@ MOST = 0.9  # of what unseen runs show above the noise: what a description that 
 
 @dataclass(frozen=True)
 class Description:
-    """What was described, as it is stated, with the tests, the gain and the remainder of the model that carries it."""
+    """What was described, as it is stated, with the tests, the gain and the remainder of the model that carries it.
+
+    `listed` is where the search of the catalogue begins again, where a description is the law of an effect in it.
+    """
 
     discovery: Discovery
     discovered: tuple[Discovered, ...]
     adequacy: Adequacy
     gain: Gain
     remainder: Remainder
+    listed: Earlier | None = None
 
     @property
     def fit(self) -> Fit:
@@ -78,10 +84,11 @@ def describe_rest(
     if remainder.significant and remainder.material and before - after < MOST * (before - floor):
         return None  # what leaves most of it describes something else
     share = reached.explained_fraction if len(found.effects) == 1 and not named.structure.ids else None
-    discovered = stated(problem, found)
+    nearest = nearest_of(problem, found)
+    discovered = stated(problem, found, nearest)
     if share is not None:
         discovered = tuple(replace(one, explained_fraction=round(share, 4)) for one in discovered)
-    return Description(found, discovered, adequacy, reached, remainder)
+    return Description(found, discovered, adequacy, reached, remainder, from_description(found, nearest))
 
 
 def alternatives(described: Description) -> list[tuple[Fit, Fit]]:

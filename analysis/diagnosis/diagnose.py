@@ -20,13 +20,13 @@ from shockrig.analysis.diagnosis.describing import MOST_FITS, Description, alter
 from shockrig.analysis.diagnosis.experiments import propose, unseen
 from shockrig.analysis.diagnosis.gain import Gain, measure_gain, plainly, run_errors, worse_without
 from shockrig.analysis.diagnosis.limits import cannot_tell, ended, own_temperature_unknown
+from shockrig.analysis.diagnosis.naming import Doubt, doubts, from_rivals
 from shockrig.analysis.diagnosis.placing import weighed_alike
 from shockrig.analysis.diagnosis.prepare import Prepared, likelier_average, prepare, with_rounding
 from shockrig.analysis.diagnosis.remainder import Remainder, Tolerance, measure_remainder, predicted_badly
 from shockrig.analysis.diagnosis.restless import nothing_else, restless
 from shockrig.analysis.diagnosis.search import Earlier, Search, at_bound, evidence, refit, refused, says_nothing, search
 from shockrig.analysis.diagnosis.thresholds import TIE, level, penalty
-from shockrig.analysis.discovery.likeness import outdone
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.effect import Finding, unchanged
@@ -115,10 +115,13 @@ def diagnose_channel(
     tolerance: Tolerance | None = None,
     earlier: Earlier | None = None,
     describing: bool = True,
+    anew: bool = True,
 ) -> ChannelDiagnosis:
     """Diagnose one channel; `earlier` is what an earlier diagnosis of its runs named, where the search then begins.
 
-    What no catalogued effect explains is described only where `describing`: that takes longer than all the rest.
+    What no catalogued effect explains is described only where `describing`: that takes longer than all the rest. Where
+    a form of the grammar that does well there is the law of a catalogued effect, the search begins again from that
+    effect (`anew`), once.
     """
     ready = prepare(channel)
     progress(f"{channel.name}: searching the catalogue")
@@ -143,14 +146,33 @@ def diagnose_channel(
     untried = any(CATALOGUE[c.effect].shape for c in kept.causes) and not kept.gain.measured
     verdict = "unexplained" if spoilt or untried else "explained" if kept.causes else "adequate"
     described, work = None, Work(MOST_FITS / cost_of_a_fit(ready.problem, ready.structure))
-    doubted = _outdone(ready, kept, work) if describing else []
+    told = _doubts(ready, kept, work) if describing else []
+    doubted = [one.cause for one in told if one.outdone]
+
+    def from_the_law(missed: Earlier | None, reached: Fit, descriptions: int) -> ChannelDiagnosis | None:
+        if missed is None or not anew:
+            return None
+        progress(f"{channel.name}: searching the catalogue again, from the law of an effect that it had missed")
+        again = diagnose_channel(channel, progress, tolerance, missed, describing, anew=False)
+        more = 0 if again.described is None else len(again.described.discovered)
+        fewer = more < descriptions or not descriptions
+        new = set(missed) - set(kept.final.structure.ids)
+        return again if fewer and _does_as_well(again, ready, new, reached) else None
+
+    if (again := from_the_law(from_rivals(told), kept.final, 0)) is not None:
+        return again
+    kept = _tied(kept, told)
     if (spoilt or doubted) and describing:
         progress(f"{channel.name}: describing what no catalogued effect explains")
         less = _without(channel, ready, found, kept, doubted)
         described = describe_rest(
             channel, ready.problem, ready.noise, found.plain, less.final, less.gain, tolerance or Tolerance(), work
         )
-        kept = _doubtful(kept, doubted) if described is None else _beside(less, described)
+        if described is not None:
+            again = from_the_law(described.listed, described.fit, len(described.discovered))
+            if again is not None:
+                return again
+        kept = kept if described is None else _beside(less, described)
     if described is not None:
         adequacy, remainder = described.adequacy, described.remainder
         spoilt = remainder.significant and remainder.material
@@ -175,7 +197,9 @@ def diagnose_channel(
         untestable=tuple(
             id_ for id_, effect in CATALOGUE.items() if channel.name in effect.channels and not effect.acts_in(channel)
         ),
-        cannot_tell=cannot_tell(channel) + ended(found, work),
+        cannot_tell=cannot_tell(channel)
+        + ended(found, work)
+        + tuple(d.sentence for d in told if d.form is not None and d.cause in {c.effect for c in kept.causes}),
         tried=kept.tried,
         discrepancy=describe(ready.problem, kept.final, ready.noise, adequacy) if left else None,
         described=described,
@@ -184,11 +208,18 @@ def diagnose_channel(
     )
 
 
-def _outdone(ready: Prepared, kept: _Kept, work: Work) -> list[str]:
-    """Named causes in the place of which a plain behaviour, which claims none, does plainly better."""
+def _doubts(ready: Prepared, kept: _Kept, work: Work) -> list[Doubt]:
+    """What plain behaviours, which claim no cause, say against those that are named."""
     shown = {finding.effect for finding in ready.findings}
     claims = (c.effect for c in kept.causes if c.effect not in shown and not CATALOGUE[c.effect].shape)
-    return [effect for effect in claims if outdone(ready.problem, kept.final, effect, work) is not None]
+    return doubts(ready.problem, kept.final, claims, work)
+
+
+def _does_as_well(again: ChannelDiagnosis, ready: Prepared, missed: set[str], reached: Fit) -> bool:
+    """Whether a search that began with what the first had missed names it, with nothing more left than that left."""
+    same = again.noise.averaged == ready.noise.averaged
+    named = {cause.effect for cause in again.causes}
+    return same and missed <= named and again.final.deviance < reached.deviance + TIE
 
 
 def _without(channel: Channel, ready: Prepared, found: Search, kept: _Kept, doubted: list[str]) -> _Kept:
@@ -201,10 +232,17 @@ def _without(channel: Channel, ready: Prepared, found: Search, kept: _Kept, doub
     return _Kept(tuple(c for c in kept.causes if c.effect not in doubted), final, gain, tried)
 
 
-def _doubtful(kept: _Kept, doubted: list[str]) -> _Kept:
-    """What is kept, where a behaviour does better than a cause and no description holds."""
-    most = level("outdone")
-    causes = (replace(c, probability=min(c.probability, most)) if c.effect in doubted else c for c in kept.causes)
+def _tied(kept: _Kept, told: list[Doubt]) -> _Kept:
+    """What is kept, with the odds of each cause beside catalogued effects of like law and beside plain behaviours."""
+    by, causes = {one.cause: one for one in told}, []
+    for cause in kept.causes:
+        doubt = by.get(cause.effect)
+        if doubt is not None:
+            most = cause.probability if doubt.form is None else min(cause.probability, level("outdone"))
+            rivals = sorted(doubt.rivals.keys() - set(cause.indistinguishable_from), key=doubt.rivals.__getitem__)
+            alike = (*cause.indistinguishable_from, *rivals)
+            cause = replace(cause, probability=most * doubt.share(rivals), indistinguishable_from=alike)
+        causes.append(cause)
     return replace(kept, causes=tuple(causes))
 
 

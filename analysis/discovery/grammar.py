@@ -64,7 +64,7 @@ def scaling_factors(form: Form, channel: Channel) -> list[Factor]:
     there = varied(channel)
     if form.behaves_as == "rate_change" and not channel.quantity.pooled:
         there -= {"ambient"}  # each ambient has its own rate
-    if form.behaves_as == "periodic" or "zero_at" in dict(form.depends_on).values():
+    if form.behaves_as == "periodic" or {"zero_at", "above"} & set(dict(form.depends_on).values()):
         return []
     if form.behaves_as == "lag_in_series" and "history" in form.factors:
         return []
@@ -107,6 +107,8 @@ def forms(channel: Channel) -> Iterator[Form]:
                 yield zero.with_factor("airflow", "power")
     if "direction" in there:
         yield Form("offset", "none", (("direction", "sign"), ("step", "sets_in_over")))
+    if channel.jumps_with_air:
+        yield Form("gain", "own_response", (("humidity", "above"),))
 
 
 def plain_forms(channel: Channel) -> Iterator[Form]:

@@ -1,21 +1,25 @@
 """How alike two effects are in a channel's runs: the cosine of their signatures once the model's own parameters and the
-runs' random effects are taken out; and whether a plain form does better in the place of a named cause."""
+runs' random effects are taken out; and the plain forms in the place of a named cause."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shockrig.analysis.discovery.grammar import SCALING, forms, plain_forms
 from shockrig.analysis.discovery.race import NUMBER, WHOLE, Candidate, to_its_end
 from shockrig.analysis.effects.described import described
-from shockrig.analysis.inference.effect import Effect
+from shockrig.analysis.inference.arrow import Arrow
+from shockrig.analysis.inference.effect import Effect, Parameter
 from shockrig.analysis.inference.fit import Fit, fit, go_on, linearise
-from shockrig.analysis.inference.model import Model, Point
+from shockrig.analysis.inference.model import Model, Point, Structure
 from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.inference.work import Work
+
+Array = NDArray[np.float64]
 
 TOLD = 1e-3  # share of a signature that must be left of it to have a direction
 ALIKE = 0.4  # from which on a form is tried in a cause's place: far from its end a signature points only roughly
@@ -23,7 +27,8 @@ TRIED = 6  # forms that are
 GLANCE = 5  # steps of a fit after which a form is given up that is still
 FAR_BEHIND = 100.0  # of deviance from doing better: near the end steps bring tenths
 TIED = 12.0  # of deviance within which one does as well, and is tried with what it may depend on
-PLAINLY = 12.0  # of deviance by which one has to do better: odds of four hundred
+LEAST, SPREAD = 1e-4, 24  # share of a range from which on a single number is looked for, and at how many places
+POINTS, NEARER = 8, 3  # places between its neighbours that are looked at then, and how often
 
 Start = tuple[Effect, Mapping[str, float]]
 
@@ -41,33 +46,89 @@ def alike(problem: Problem, final: Fit, id_: str, others: Sequence[Start]) -> li
     """Effects by their likeness to the effect `id_` of a fit, the most alike first; each at its own best start."""
     if not others:
         return []
-    channel, less = problem.channel, final.structure.dropping(id_)
-    bare = Model(channel, less)
-    theta = bare.start(final.log_rates, final.choice)
-    theta[bare.behind] = final.theta[final.model.behind]
-    # The freedom that counts is that of the model without it: its own size would take all of it away.
-    base, arrow = linearise(problem.with_rate_scatter(final.rate_scatter), less, Point(theta, final.deviations))
-    columns = [problem.whiten(final.model.predict(final.point)[0] - base)]
-    for effect, start in others:
-        model = Model(channel, less.adding(effect))
-        shift = float(np.log(effect.rate_factor(channel))) if effect.rate_factor else 0.0
-        named = {f"{effect.id}.{name}": value for name, value in start.items()}
-        at = model.start(final.log_rates + shift, final.choice | named)
-        at[model.behind] = theta[bare.behind]
-        columns.append(problem.whiten(model.predict(Point(at, final.deviations))[0] - base))
-    stacked = np.stack(columns, axis=-1)
-    _, normal = arrow.scores(stacked, np.zeros(stacked.shape[:2]), np.zeros_like(final.deviations))
-    length = np.sqrt(np.maximum(np.diag(normal), 0.0))
-    cosine = np.abs(normal[0, 1:]) / np.maximum(length[0] * length[1:], 1e-12)
-    # What is all but taken up by the model's own freedom has no direction left.
-    whole = np.sqrt((stacked**2).sum(axis=(0, 1)))
-    told = (length > TOLD * whole) & (whole > 0)
-    cosine = np.where(told[1:] & told[0], np.minimum(cosine, 1.0), 0.0)
+    cosine, _ = _look(problem, final, id_).at(others)
     best: dict[str, Alike] = {}
     for (effect, start), value in zip(others, cosine, strict=True):
         if effect.id not in best or value > best[effect.id].likeness:
             best[effect.id] = Alike(effect, start, float(value))
     return sorted(best.values(), key=lambda one: -one.likeness)
+
+
+def closest(problem: Problem, final: Fit, id_: str, one: Alike) -> Alike:
+    """The same where its signature is as large as well: no fit finds its way over a jump of the reading.
+
+    Only one that has a single number is looked for, first anywhere, then ever nearer to where it came nearest.
+    """
+    if len(one.effect.parameters) != 1:
+        return one
+    (parameter,) = one.effect.parameters
+    look, best = _look(problem, final, id_), one.start
+    grid = _anywhere(parameter)
+    for _ in range(NEARER):
+        starts: list[Start] = [(one.effect, best), *((one.effect, {parameter.name: x}) for x in grid)]
+        _, apart = look.at(starts)
+        best = starts[int(np.argmin(apart))][1]
+        at = parameter.encoded(best[parameter.name])
+        scale = np.array([parameter.encoded(x) for x in grid])
+        below, above = scale[scale < at - 1e-12], scale[scale > at + 1e-12]
+        inside = np.linspace(below.max() if below.size else at, above.min() if above.size else at, POINTS + 2)[1:-1]
+        grid = [float(np.exp(x)) if parameter.log else float(x) for x in inside]
+    return replace(one, start=best)
+
+
+def _anywhere(parameter: Parameter) -> list[float]:
+    """Values all over a parameter's range, equally far apart in ratio on either side of nothing."""
+    most = max(abs(parameter.low), abs(parameter.high))
+    sizes = np.geomspace(LEAST * most, most, SPREAD)
+    both = [*(-sizes[::-1]), *sizes] if parameter.low < 0 else list(sizes)
+    return [float(x) for x in both if parameter.low < x < parameter.high]
+
+
+@dataclass(frozen=True)
+class _Look:
+    """A model without one of its effects, and that effect's signature beside it, whitened (R, n)."""
+
+    problem: Problem
+    final: Fit
+    less: Structure
+    theta: Array
+    base: Array
+    arrow: Arrow
+    own: Array
+
+    def at(self, others: Sequence[Start]) -> tuple[Array, Array]:
+        """Cosine of each effect's signature at its start with the own one, and their squared distance as a share of the
+        own one's square, the model's freedom taken out."""
+        channel, final = self.problem.channel, self.final
+        columns, bare = [self.own], Model(channel, self.less)
+        for effect, start in others:
+            model = Model(channel, self.less.adding(effect))
+            shift = float(np.log(effect.rate_factor(channel))) if effect.rate_factor else 0.0
+            named = {f"{effect.id}.{name}": value for name, value in start.items()}
+            at = model.start(final.log_rates + shift, final.choice | named)
+            at[model.behind] = self.theta[bare.behind]
+            columns.append(self.problem.whiten(model.predict(Point(at, final.deviations))[0] - self.base))
+        stacked = np.stack(columns, axis=-1)
+        _, normal = self.arrow.scores(stacked, np.zeros(stacked.shape[:2]), np.zeros_like(final.deviations))
+        square = np.maximum(np.diag(normal), 0.0)
+        length, shared = np.sqrt(square), normal[0, 1:]
+        cosine = np.abs(shared) / np.maximum(length[0] * length[1:], 1e-12)
+        # What is all but taken up by the model's own freedom has no direction left.
+        whole = np.sqrt((stacked**2).sum(axis=(0, 1)))
+        told = (length > TOLD * whole) & (whole > 0)
+        apart = (square[0] + square[1:] - 2.0 * shared) / max(square[0], 1e-12)
+        return np.where(told[1:] & told[0], np.minimum(cosine, 1.0), 0.0), apart
+
+
+def _look(problem: Problem, final: Fit, id_: str) -> _Look:
+    less = final.structure.dropping(id_)
+    bare = Model(problem.channel, less)
+    theta = bare.start(final.log_rates, final.choice)
+    theta[bare.behind] = final.theta[final.model.behind]
+    # The freedom that counts is that of the model without it: its own size would take all of it away.
+    base, arrow = linearise(problem.with_rate_scatter(final.rate_scatter), less, Point(theta, final.deviations))
+    own = problem.whiten(final.model.predict(final.point)[0] - base)
+    return _Look(problem, final, less, theta, base, arrow, own)
 
 
 def in_its_place(problem: Problem, final: Fit, id_: str, one: Alike, most: float = np.inf) -> Fit | None:
@@ -77,12 +138,13 @@ def in_its_place(problem: Problem, final: Fit, id_: str, one: Alike, most: float
     named = {f"{one.effect.id}.{name}": value for name, value in one.start.items()}
     theta = Model(problem.channel, structure).start(final.log_rates, final.choice | named)
     begun = [fit(problem, structure, theta, at, GLANCE) for at in (final.deviations, problem.channel.at_rest())]
-    hopeful = [f for f in begun if f.deviance < most + FAR_BEHIND]
+    # Where the objective has steps, a fit that is still may be on the wrong side of one.
+    hopeful = [f for f in begun if one.effect.nudges or f.deviance < most + FAR_BEHIND]
     return min((go_on(problem, f, WHOLE) for f in hopeful), key=lambda f: f.deviance, default=None)
 
 
-def outdone(problem: Problem, final: Fit, id_: str, work: Work) -> Candidate | None:
-    """The form that does plainly better in the place of a cause; None where none does.
+def in_place_of(problem: Problem, final: Fit, id_: str, work: Work) -> list[Candidate]:
+    """Plain forms fitted in the place of a cause, the best first: those whose signature is like its own.
 
     A catalogue names what comes nearest, and with nothing left to see. Where what is really there has no entry, a plain
     behaviour fits better than the name.
@@ -92,23 +154,25 @@ def outdone(problem: Problem, final: Fit, id_: str, work: Work) -> Candidate | N
         if form.behaves_as != "periodic":  # a swing is like nothing that the catalogue has
             effect = described(form.key, problem.channel.jumps_with_air)
             others += [(effect, start) for start in effect.starts(problem.channel)]
-    own = next(effect for effect in final.structure.effects if effect.id == id_)
-    level = final.deviance + NUMBER * len(own.parameters)
-    best: Candidate | None = None
+    level = final.deviance + price_of(final, id_)
+    found: list[Candidate] = []
     for one in alike(problem, final, id_, others)[:TRIED]:
         if one.likeness < ALIKE:
             break
         work.count(2)
-        reached = in_its_place(problem, final, id_, one, level)
-        if reached is None:
-            continue
-        placed = to_its_end(problem, Candidate(one.effect, reached), work)
-        if best is None or placed.cost < best.cost:
-            best = placed
+        reached = in_its_place(problem, final, id_, closest(problem, final, id_, one), level)
+        if reached is not None:
+            found.append(to_its_end(problem, Candidate(one.effect, reached), work))
+    found.sort(key=lambda c: c.cost)
     # What does all that the name does may depend on what the name does not.
-    if best is not None and best.cost < level + TIED:
-        best = min((best, *_depending(problem, best, work)), key=lambda c: c.cost)
-    return best if best is not None and best.cost < level - PLAINLY else None
+    if found and found[0].cost < level + TIED:
+        found = sorted((*found, *_depending(problem, found[0], work)), key=lambda c: c.cost)
+    return found
+
+
+def price_of(final: Fit, id_: str) -> float:
+    """What the numbers of an effect of a model must bring, as those of a form."""
+    return NUMBER * len(next(effect for effect in final.structure.effects if effect.id == id_).parameters)
 
 
 def _depending(problem: Problem, one: Candidate, work: Work) -> list[Candidate]:

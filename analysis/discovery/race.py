@@ -16,6 +16,7 @@ from shockrig.analysis.inference.effect import Effect
 from shockrig.analysis.inference.fit import Fit, fit, go_on
 from shockrig.analysis.inference.model import Model
 from shockrig.analysis.inference.problem import Problem
+from shockrig.analysis.inference.scan import scanned_starts
 from shockrig.analysis.inference.work import Work
 
 NUMBER = 6.0  # of deviance that each further number of a form must bring: odds of twenty
@@ -137,9 +138,14 @@ def to_its_end(problem: Problem, one: Candidate, work: Work) -> Candidate:
         theta = best.theta.copy()
         for name, offset in offsets.items():
             theta[best.model.place(f"{one.effect.id}.{name}")] += offset
+        # A run that is stuck on one side of a step may be so in the deviations alone.
+        work.count(2)
+        ends += [fit(problem, structure, theta, start, WHOLE) for start in (best.deviations, at_rest)]
+    best = min(ends, key=lambda f: f.deviance)
+    if one.effect.nudges and (moved := scanned_starts(problem, best)) is not None:
         work.count()
-        ends.append(fit(problem, structure, theta, at_rest, WHOLE))
-    return Candidate(one.effect, min(ends, key=lambda f: f.deviance))
+        best = min((best, fit(problem, structure, best.theta, moved, WHOLE)), key=lambda f: f.deviance)
+    return Candidate(one.effect, best)
 
 
 def _refined(problem: Problem, one: Candidate, work: Work) -> list[Candidate]:

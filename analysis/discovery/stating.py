@@ -9,8 +9,7 @@ import numpy as np
 
 from shockrig.analysis.discovery.discover import Described, Discovery
 from shockrig.analysis.discovery.grammar import scaling_factors, varied
-from shockrig.analysis.discovery.likeness import Alike, alike, in_its_place
-from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.discovery.listed import Placed, listed_instead
 from shockrig.analysis.effects.behaviours import form_of
 from shockrig.analysis.effects.described import described, discovered_of
 from shockrig.analysis.inference.effect import Effect
@@ -24,15 +23,19 @@ SIGMAS = 3.0  # beyond which a dependence is one
 SHARP = {"power": 0.15, "exponential": 0.01, "ratio": 0.1}
 SHARP_HUMIDITY, SHARP_ORDER = 0.4, 0.01
 STEP = 1e-3  # of a factor's number, in finite differences
-MOVED = 0.01  # of a parameter's range
 
 
-def stated(problem: Problem, found: Discovery) -> tuple[Discovered, ...]:
+def nearest_of(problem: Problem, found: Discovery) -> dict[str, list[Placed]]:
+    """Catalogued effects in the place of each described one, the best fit first."""
+    return {one.effect.id: listed_instead(problem, found.fit, one.effect.id) for one in found.effects}
+
+
+def stated(problem: Problem, found: Discovery, nearest: dict[str, list[Placed]]) -> tuple[Discovered, ...]:
     """The described effects of a discovery as a diagnosis's file states them."""
-    return tuple(_stated(problem, found, one) for one in found.effects)
+    return tuple(_stated(problem, found, one, nearest[one.effect.id]) for one in found.effects)
 
 
-def _stated(problem: Problem, found: Discovery, one: Described) -> Discovered:
+def _stated(problem: Problem, found: Discovery, one: Described, nearest: list[Placed]) -> Discovered:
     return replace(
         discovered_of(one.effect, one.values),
         does_not_depend_on=_independent(problem, found.fit, one.effect),
@@ -40,7 +43,7 @@ def _stated(problem: Problem, found: Discovery, one: Described) -> Discovered:
             replace(discovered_of(other.effect, other.fit.values()[other.effect.id]), seen_over={})
             for other in one.instead
         ),
-        nearest_catalogued=_nearest(problem, found.fit, one),
+        nearest_catalogued=_nearest(problem, found.fit, one, nearest),
         probability=round(one.probability, 3),
         seen_over=seen_over(problem),
     )
@@ -85,36 +88,15 @@ def _independent(problem: Problem, final: Fit, effect: Effect) -> tuple[str, ...
     return tuple(free)
 
 
-def _nearest(problem: Problem, final: Fit, one: Described) -> Likeness | None:
-    """The catalogued effect whose signature is most like this one's, once the model's own freedom is taken out."""
-    channel, taken = problem.channel, set(final.structure.ids)
-    entries = [
-        effect
-        for effect in CATALOGUE.values()
-        if effect.fitted and effect.acts_in(channel) and effect.id not in taken and not effect.excludes & taken
-    ]
-    others = [(effect, start) for effect in entries for start in _unequal(effect, effect.starts(channel))]
-    found = alike(problem, final, one.effect.id, others)
-    if not found:
+def _nearest(problem: Problem, final: Fit, one: Described, alike: list[Placed]) -> Likeness | None:
+    """Of the catalogued effects whose signature is most like this one's, that which fits best in its place."""
+    if not alike:
         return None
-    return Likeness(found[0].effect.id, round(found[0].likeness, 3), _why_not(problem, final, found[0], one))
+    return Likeness(alike[0].effect.id, round(alike[0].likeness, 3), _why_not(problem, final, alike[0].fit, one))
 
 
-def _unequal(effect: Effect, starts: list[dict[str, float]]) -> list[dict[str, float]]:
-    """Starts at which an effect does something: where it begins from nothing, each of its numbers moved by itself."""
-    found = []
-    for start in starts:
-        if any(start[p.name] != p.none for p in effect.parameters) or not effect.parameters:
-            found.append(start)
-        else:
-            found += [start | {p.name: start[p.name] + MOVED * (p.high - p.low)} for p in effect.parameters]
-    return found
-
-
-def _why_not(problem: Problem, final: Fit, nearest: Alike, one: Described) -> str:
+def _why_not(problem: Problem, final: Fit, placed: Fit, one: Described) -> str:
     """Why the catalogued effect that is most alike is not the one: how much worse it does, and where."""
-    placed = in_its_place(problem, final, one.effect.id, nearest)
-    assert placed is not None  # without a limit nothing is given up
     rise = placed.deviance - final.deviance
     if rise < 1.0:
         return "it explains these runs as well, and was not certain beside the rest"

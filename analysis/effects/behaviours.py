@@ -206,6 +206,9 @@ def _gain(form: Form, chain: Chain, p: Arrays) -> Chain:
             return np.asarray(reading * (saturation_pressure_hpa(die) / saturation_pressure_hpa(air)) ** size)
 
         return replace(chain, readouts=(*chain.readouts, of_die))
+    if ("humidity", "above") in form.depends_on:  # from a level on: minus one is a ceiling, hard, and less a soft one
+        share, above = p["size"][..., None], p["humidity"][..., None]
+        return _readout(chain, lambda reading, time: share * np.maximum(reading - above, 0.0))
     zero = p["ambient"][..., None] if ("ambient", "zero_at") in form.depends_on else 0.0
     size = (_signed(form, chain, p, p["size"]) * _scale(form, chain, p))[..., None]
     return _readout(chain, lambda reading, time: size * (reading - zero))

@@ -40,6 +40,7 @@ NUMBERS: dict[tuple[str, str], tuple[float, float, tuple[float, ...], str, bool]
     ("ambient", "exponential"): (-0.2, 0.2, (-0.004, 0.004), "1/K", False),
     ("humidity", "exponential"): (-6.0, 6.0, (-0.5, 0.5), "1", False),
     ("humidity", "linear"): (-1.6, 1.9, (-0.3, 0.3), "1", False),
+    ("humidity", "above"): (20.0, 130.0, (92.0, 85.0, 75.0, 60.0), "%RH", False),
     ("run_order", "exponential"): (-0.3, 0.3, (-0.004, 0.004), "1", False),
     ("direction", "ratio"): (0.05, 20.0, (0.8, 1.25), "1", True),
     ("ambient", "zero_at"): (-60.0, 100.0, (22.0,), "degC", False),
@@ -109,8 +110,11 @@ def _parameters(form: Form, jumps: bool) -> Iterable[Parameter]:
     elif kind == "lag_in_series" and form.driver == "airflow":
         yield Parameter("size", "1", 0.01, 200.0, (0.05, 0.3, 3.0), log=True, none=None)
     elif kind == "gain":
-        most = 3.0 if form.driver == "die_temperature" else 0.3
-        yield Parameter("size", f"1{each}", -most, most, (0.02 * most, -0.02 * most))
+        if ("humidity", "above") in form.depends_on:  # of minus one is a ceiling
+            yield Parameter("size", "1", -1.5, 1.5, (-0.5,))
+        else:
+            most = 3.0 if form.driver == "die_temperature" else 0.3
+            yield Parameter("size", f"1{each}", -most, most, (0.02 * most, -0.02 * most))
     elif kind == "added_response":
         limits = {"air_temperature": 5.0, "die_temperature": 5.0, "air_humidity": 1.0, "own_response": 0.5}
         if room:
@@ -141,7 +145,8 @@ def _parameters(form: Form, jumps: bool) -> Iterable[Parameter]:
         if (factor, how) in NUMBERS:
             low, high, begin, of, log = NUMBERS[factor, how]
             prior = ROOM.get(factor) if room else None
-            yield Parameter(factor, of, low, high, begin, log=log, none=1.0 if log else 0.0, prior=prior)
+            none = None if how == "above" else 1.0 if log else 0.0
+            yield Parameter(factor, of, low, high, begin, log=log, none=none, prior=prior)
         elif (factor, how) == ("step", "sets_in_over"):
             start = 3.0 if jumps else 1.0
             yield Parameter(factor, unit, 0.02 * start, 20.0 * start, (start,), log=True, none=None)
@@ -176,6 +181,8 @@ def equation(form: Form) -> str:
         return f"flux into the body = (air - surface) / (size{words}), size in units of the body's own resistance"
     if form.behaves_as == "lag_in_series" and ("history", "linear") in form.depends_on:
         return "air(t) = source + (destination - source) min(t / time_constant, 1)"
+    if ("humidity", "above") in form.depends_on:
+        return "reading + size max(reading - humidity, 0)"
     depends = "".join(f" {_in_words(factor, how)}" for factor, how in form.depends_on)
     x = {"air_temperature": "T_air", "air_humidity": "H_air", "die_temperature": "T_die", "own_response": "reading"}
     driver = x.get(form.driver, "1")

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.effects.behaviours import USUAL_C, Form
+from shockrig.analysis.effects.laws import laws_of
 from shockrig.analysis.inference.effect import InFlight, Values
 from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S
 from shockrig.files.causes import StatedEffect, Uncertain
@@ -37,16 +38,16 @@ def as_listed(one: Discovered) -> StatedEffect | None:
     if one.depends_on or one.driver in ("airflow", "die_temperature"):
         return None
     size = None if one.size is None else Uncertain(one.size.value, one.size.standard_uncertainty)
-    nothing = Uncertain(0.0, 0.0)
-    effect, parameters = {
-        "delay": ("dead_time", {"delay_s": size}),
-        "lag_in_series": ("series_lag", {"time_constant_s": one.time_constant_s}),
-        "parallel_lag": ("parallel_lag", {"fraction": size, "time_constant_s": one.time_constant_s}),
-        "gain": ("calibration_error", {"gain": size, "offset": nothing}),
-        "offset": ("calibration_error", {"gain": nothing, "offset": size}),
-    }.get(one.behaves_as, ("", {}))
-    known = {name: value for name, value in parameters.items() if value is not None}
-    return StatedEffect(effect, known) if effect and len(known) == len(parameters) else None
+    numbers = {"size": size, "time_constant_s": one.time_constant_s}
+    for effect, named in laws_of(Form(one.behaves_as, one.driver)):
+        known = {name: value for name, of in named.items() if (value := numbers[of]) is not None}
+        if len(known) < len(named):
+            continue
+        nothing = (
+            {"gain": Uncertain(0.0, 0.0), "offset": Uncertain(0.0, 0.0)} if set(named) <= {"gain", "offset"} else {}
+        )
+        return StatedEffect(effect, {**nothing, **known})
+    return None
 
 
 def flown(form: Form) -> InFlight | None:
