@@ -147,7 +147,8 @@ def summary(found: list[dict]) -> str:
         return f"{len(found)} plain worlds: {ever} ever named a cause, {end} at the end"
     met = [r for r in found if r["status"] == "done"]
     shares = [r["share"] for r in met]
-    equal = [r["share"] * (r["scatter_found"][0] / r["scatter_found"][1]) ** 2 for r in met]
+    scatters = [(r["share"], *r["scatter_found"]) for r in met if r["scatter_found"]]
+    equal = [share * (of_standard / own) ** 2 for share, of_standard, own in scatters] or [np.nan]
     within = np.abs([e for r in met for e in r["errors"]]) <= 2.0
     looks = [c for r in found for c in r["realised"] if c["expected_information"] is not None]
     return "\n".join(
@@ -155,7 +156,7 @@ def summary(found: list[dict]) -> str:
             f"{len(found)} rough worlds, {len(met)} met all goals: share of the standard campaign's minutes "
             f"median {np.median(shares):.2f}, worst {max(shares):.2f}",
             "the same at equal scatter of rates (share times the square of what the standard campaign found over what "
-            f"this one did): median {np.median(equal):.2f}, worst {max(equal):.2f}",
+            f"this one did; {len(scatters)} worlds): median {np.median(equal):.2f}, worst {max(equal):.2f}",
             f"within 2 standard uncertainties after the stop: {within.mean():.3f} of {within.size}",
             "information, nats of the goals' rates, expected before the runs against what their records brought:",
             _agreement("all looks", looks),
