@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 from shockrig.protocols.branch import end
 
 if TYPE_CHECKING:
-    from shockrig.analysis.planning.judged import Verdict
     from shockrig.analysis.planning.places import Place
+    from shockrig.analysis.planning.verdict import Verdict
     from shockrig.files.campaign import Campaign
 
 NICER = 5  # than the recording, which must not wait

@@ -27,11 +27,12 @@ from shockrig.analysis.planning.export import chosen, log_entry, plan_document, 
 from shockrig.analysis.planning.foretold import expected_evidence
 from shockrig.analysis.planning.goals import Goals, Precision, parse_goals
 from shockrig.analysis.planning.information import information, nats, separations
-from shockrig.analysis.planning.judged import Look, Verdict, look_at, spending
+from shockrig.analysis.planning.judged import Look, look_at, spending
 from shockrig.analysis.planning.minutes import USUAL, airs_of, learn, spent_minutes
 from shockrig.analysis.planning.precision import Target, gained_by, measured, targets
 from shockrig.analysis.planning.shock import Shock, Surroundings, Usual, deciding_menu, opening, precision_menu
 from shockrig.analysis.planning.varied import variety
+from shockrig.analysis.planning.verdict import Verdict
 from shockrig.files.campaign import Air, Run
 from shockrig.files.errors import InputError
 from shockrig.files.plan import append_decision, read_decisions

@@ -27,12 +27,13 @@ from shockrig.analysis.planning.decision import (
 from shockrig.analysis.planning.designs import Designs, menu_of
 from shockrig.analysis.planning.foretold import expected_evidence
 from shockrig.analysis.planning.goals import Goals
-from shockrig.analysis.planning.judged import Look, Verdict, diagnosed, extended, look_at
+from shockrig.analysis.planning.judged import Look, diagnosed, look_at
 from shockrig.analysis.planning.minutes import learn, spent_minutes
 from shockrig.analysis.planning.places import Place, place_of, places
 from shockrig.analysis.planning.precision import Target, gained_by, measured, targets
 from shockrig.analysis.planning.shock import ORDINARY, USUAL_C, Shock, Surroundings, Usual, opening
 from shockrig.analysis.planning.varied import usual_of, variety
+from shockrig.analysis.planning.verdict import Verdict, extended
 from shockrig.files.campaign import Campaign
 
 USUAL_BUDGET_MINUTES = 240.0  # where none is given

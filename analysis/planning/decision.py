@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 from shockrig.analysis.planning.choose import Choice
 from shockrig.analysis.planning.evidence import label_of
 from shockrig.analysis.planning.goals import Goals
-from shockrig.analysis.planning.judged import Look, Verdict
+from shockrig.analysis.planning.judged import Look
 from shockrig.analysis.planning.places import Place
 from shockrig.analysis.planning.precision import FEWEST_RUNS, Target
+from shockrig.analysis.planning.verdict import Verdict
 
 CONTINUE, DONE, INCONCLUSIVE = "continue", "done", "inconclusive"
 MOST_UNEXPLAINED = 4  # runs that are spent on what nothing explains

@@ -9,10 +9,10 @@ from shockrig.analysis.planning.choose import Choice, progress
 from shockrig.analysis.planning.decision import Decision
 from shockrig.analysis.planning.evidence import Dispute
 from shockrig.analysis.planning.goals import Goals
-from shockrig.analysis.planning.judged import Verdict
 from shockrig.analysis.planning.places import Place
 from shockrig.analysis.planning.precision import Target
 from shockrig.analysis.planning.shock import Shock, from_run
+from shockrig.analysis.planning.verdict import Verdict
 from shockrig.files.campaign_names import FIRST_PROBE
 from shockrig.files.json_files import measured
 from shockrig.files.plan import DECISION_FORMAT, PLAN_FORMAT
