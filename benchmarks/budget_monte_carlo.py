@@ -38,6 +38,7 @@ from shockrig.analysis.effects import structure_of
 from shockrig.analysis.inference.common import PERTURBED, TRIGGER
 from shockrig.analysis.inference.fit import fit
 from shockrig.analysis.inference.model import Point
+from shockrig.analysis.inference.quantity import RunEffect
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.hide import draw_effect
@@ -85,11 +86,21 @@ def drawn(part: Part, draws: int, rng: np.random.Generator) -> list[Draw]:
         for name, z in inputs.items():
             truth = PERTURBED[name][0](truth, z * float(getattr(channel.common, name)))
         theta[model.behind] = shared * [one.standard_uncertainty for one in model.shared]
-        value = model.on(truth).predict(Point(theta, runs / np.sqrt(arrow.weight)))[0].copy()
+        # A start that is noted wrongly is that: what was read, and when, stays as it was.
+        own_off = runs / np.sqrt(arrow.weight)
+        late_s = own_off[:, RunEffect.START].copy()
+        own_off[:, RunEffect.START] = 0.0
+        for k, one in enumerate(model.shared, start=model.behind.start):
+            if one.name == TRIGGER:
+                late_s += theta[k] * one.acts(channel)
+                theta[k] = 0.0
+        value = model.on(truth).predict(Point(theta, own_off))[0].copy()
         for run in range(channel.runs):
             filled = channel.count[run] > 0
             value[run, filled] += np.linalg.solve(problem.whitener[run][np.ix_(filled, filled)], noise[run, filled])
-        again = replace(own, channel=replace(channel, value=np.where(channel.count > 0, value, channel.value)))
+        noted = channel.time_s + late_s[:, None]
+        read = np.where(channel.count > 0, value, channel.value)
+        again = replace(own, channel=replace(channel, time_s=noted, value=read))
         reached = fit(again, found.structure, found.theta, adapt_scatter=False, tolerance=1e-6, iterations=100)
         # The rate that is stated is that at the stated temperature and airflow, not at the true ones.
         label = slopes * inputs.get("air_temperature_k", 0.0) * STATED.air_temperature_k

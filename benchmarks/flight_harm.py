@@ -6,8 +6,8 @@ One line a kind and channel: rms error of the reading, of the best peer (tuned i
 smoother; its largest share of the reading's in one flight; what its 95 % interval covers, with the standard error that
 flights' scatter leaves it (errors of one flight go together: its sensor's D is off throughout); the stated uncertainty,
 rms over all samples, over the rms error; and its error over that of a Wiener filter that knows the sensor and the power
-spectrum of that flight's air. With --out flights are JSON lines
-of that file, and those that it holds already are not flown again; --table prints what a file holds.
+spectrum of that flight's air. With --out flights are JSON lines of that file, and those that it holds already are not
+flown again; --table prints what a file holds.
 """
 
 from __future__ import annotations

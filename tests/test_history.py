@@ -109,7 +109,7 @@ def test_the_command_says_what_changed_and_since_when(shelf, tmp_path, capsys):
     assert main(["history", str(folder), "--out", str(tmp_path / "out")]) == 0
     said = capsys.readouterr().out
     assert "D(20 °C) of virtual has changed by" in said
-    assert "since c3 (2026-04-01); c2 was the last before." in said
+    assert "since c3 (2026-04-01); c2 (2026-03-01) was the last before." in said
     assert "alpha of virtual: (" in said
     assert "in 4 campaigns; nothing has changed beyond its uncertainty." in said
     content = json.loads((tmp_path / "out" / "history.json").read_text())
@@ -119,7 +119,7 @@ def test_the_command_says_what_changed_and_since_when(shelf, tmp_path, capsys):
     assert change["since"] == "c3"
     assert abs(change["relative"] - 0.1) < 4 * change["standard_uncertainty"]
     page = (tmp_path / "out" / "history.html").read_text()
-    assert "c2 was the last before" in page
+    assert "c2 (2026-03-01) was the last before" in page
     assert len(list((tmp_path / "out").glob("chart_*.png"))) == 4
     (mean,) = (one for one in content["charts"] if "mean of" in one["figure"])
     (change,) = mean["changes"]

@@ -69,7 +69,7 @@ def with_jumps(
             jumps = _best(track, values, variance, typical, jumps, int(k), found.jump[k], known_s)
         found = swept(track, values, variance, local, jumps, found, np.asarray(jumps.variance.any(axis=1)))
         if number == 0:
-            local = refit(_without(track, values, found, jumps))
+            local = refit(without(track, values, found, jumps))
             found = swept(track, values, variance, local, jumps)
     return found, local, jumps
 
@@ -144,7 +144,7 @@ def _best(
     return tried[int(np.argmin(costs(track, values, variance, local, tried, nodes)))]
 
 
-def _without(track: Track, values: Array, found: Sweep, jumps: Jumps) -> Array:
+def without(track: Track, values: Array, found: Sweep, jumps: Jumps) -> Array:
     """Readings without what the sensor shows of the jumps, bridged where it shows most how roughly they are placed."""
     rest, shown = values.copy(), np.ones(values.size, dtype=bool)
     ends = np.append(np.flatnonzero(track.broken)[1:], values.size)

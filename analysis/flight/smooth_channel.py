@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.flight.coarse import propagated
-from shockrig.analysis.flight.jumps import when, with_jumps
+from shockrig.analysis.flight.jumps import when, with_jumps, without
 from shockrig.analysis.flight.prior import Passing, Prior, gain_squared, spectra
 from shockrig.analysis.flight.response import Response
 from shockrig.analysis.flight.strengths import fit_prior, fit_windows
-from shockrig.analysis.flight.sweep import Track, swept, windows
+from shockrig.analysis.flight.sweep import Sweep, Track, swept, windows
 
 Array = NDArray[np.float64]
 LONGEST_BRIDGE_S = 60.0  # beyond, a gap parts the flight
@@ -105,7 +105,7 @@ def estimate(
     # noise under coarse steps does not show: it is what was expected
     spread = NOISE_SPREAD if rounding is None else 0.1 * NOISE_SPREAD
 
-    def priors(values: Array) -> Prior:
+    def priors(values: Array, noise: Array = noise) -> Prior:
         # what lies across a break is not the air's doing
         values = values - np.cumsum(np.where(broken, np.diff(values, prepend=values[0]), 0.0))
         values = np.interp(node_time, node_time[ordinary], values[ordinary])
@@ -130,10 +130,19 @@ def estimate(
     if rounding is not None:
         steps = rounding[nearest]
         own = np.sqrt(np.maximum(noise_variance[nearest] - steps**2 / 12.0, 0.0))
-        values, variance = propagated(
-            lambda site, width: swept(track, site, width, local, jumps), bridged, variance, steps, own
-        )
-        found = swept(track, values, variance, local, jumps)
+
+        def fine(local: Prior) -> Sweep:
+            sites, width = propagated(
+                lambda site, width: swept(track, site, width, local, jumps), bridged, variance, steps, own
+            )
+            return swept(track, sites, width, local, jumps)
+
+        # Rounded readings of slow air are stairs, whose power passes for turbulence: strengths are judged again by what
+        # a logger with fine steps would have read.
+        found = fine(local)
+        read = found.clean + own * np.random.default_rng(0).standard_normal(own.size)
+        local = priors(without(track, read, found, jumps), own)
+        found = fine(local)
     air, node_variance, clean = (np.interp(time_s, node_time, v) for v in (found.air, found.variance, found.clean))
     typical = Prior(*np.median([local.turbulence, local.bend, local.noise], axis=1)[:, None])
     rate = _resolved_rate(typical, along.at(slice(len(along.rate) // 2, len(along.rate) // 2 + 1)), period)

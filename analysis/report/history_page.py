@@ -21,8 +21,8 @@ def sentence(chart: Chart, change: Change) -> str:
     """What changed, by how much, and since when."""
     after, before = chart.observations[change.first], chart.observations[change.first - 1]
     by = measured(100.0 * change.relative, 100.0 * change.standard_uncertainty, "%")
-    since = f"since {after.campaign}" + (f" ({after.began_at[:10]})" if after.began_at else "")
-    said = f"{chart.figure} of {chart.serial} has changed by {by} {since}; {before.campaign} was the last before."
+    since, last = (one.campaign + (f" ({one.began_at[:10]})" if one.began_at else "") for one in (after, before))
+    said = f"{chart.figure} of {chart.serial} has changed by {by} since {since}; {last} was the last before."
     if after.bench != before.bench and max(after.common, before.common) > 0.1 * after.random:
         said += " The bench is not the same there (or nobody recorded it): what the bench shares is counted in that."
     return said
@@ -81,7 +81,7 @@ def draw(chart: Chart) -> Drawing:
             )
     for change in chart.changes:
         axes.axvline(change.first - 0.5, color=RED, linestyle="--", linewidth=1.0)
-    names = [literal(f"{one.campaign}\n{one.began_at[:10]}".strip()) for one in chart.observations]
+    names = [f"{literal(one.campaign)}\n{one.began_at[:10]}".strip() for one in chart.observations]
     axes.set_xticks(place, names, rotation=30 if values.size > 6 else 0, ha="right" if values.size > 6 else "center")
     axes.set_title(
         f"{literal(chart.figure)} of {literal(chart.serial)}: {plain(float(first))} {chart.unit} and changes"

@@ -131,7 +131,7 @@ def _charts(campaigns: Sequence[Campaign], args: argparse.Namespace, say: Any) -
             why = "no serial number" if not serials else "another sensor"
             say(f"{campaign.name}: {why}; left out")
             continue
-        say(f"{campaign.name}: characterizing")
+        say(f"{campaign.path}: characterizing")
         try:
             result = characterize(with_common(campaign), args.seed, extensions)
         except InputError as error:
