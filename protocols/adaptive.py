@@ -16,8 +16,10 @@ from shockrig.protocols.background import Background
 from shockrig.protocols.decided import as_protocol, feasible_on, lines, minutes_left, surroundings_of
 from shockrig.protocols.probes import seen_by, wanted_probes
 from shockrig.rig.clock import VirtualClock
-from shockrig.rig.protocol import Protocol
+from shockrig.rig.protocol import PlannedRun, Protocol
 from shockrig.rig.recorder import read_state
+from shockrig.rig.recorder.campaign import planned_entry
+from shockrig.rig.recorder.state import read_head
 
 if TYPE_CHECKING:
     from shockrig.analysis.planning.decision import Decision
@@ -39,7 +41,7 @@ class Loop:
     bench : Bench
         What can be chosen is what it can do; its operator is asked where `confirm` is true.
     added : sequence of PlannedRun
-        What the operator wants recorded before anything is decided.
+        What the operator wants recorded before anything is decided; what is recorded of it already is left out.
     confirm : bool
         Whether each choice waits for the operator: Enter, s to veto it, p to pause, a to abort.
     say : function of a line
@@ -53,13 +55,14 @@ class Loop:
         goals: Goals,
         bench: Bench,
         say: Callable[[str], None],
-        added: Sequence[Any] = (),
+        added: Sequence[PlannedRun] = (),
         confirm: bool = False,
         probe: str | None = None,
     ) -> None:
         self._path, self._goals, self._bench, self._say = path, goals, bench, say
         self._probe = probe
         self._added, self._confirm = list(added), confirm
+        self._own: list[dict[str, Any]] | None = None  # runs that the operator had added before this process
         self._feasible = feasible_on(bench)
         self.decision: Decision | None = None
         self.waited_s = 0.0  # that the bench stood still for decisions, by its own clock
@@ -71,10 +74,11 @@ class Loop:
         from shockrig.files.plan import read_decisions
 
         state = read_state(self._path)
-        if self._added:
-            run, *self._added = self._added
-            return self._of_operator(run, self._behind(state))
         log = read_decisions(self._path, self._probes())
+        while self._added:
+            run, *self._added = self._added
+            if not self._there_already(run, state, log):
+                return self._of_operator(run, self._behind(state))
         pending = self._pending(log, state.recorded)
         if pending is not None and left_out is None:
             self._think_on(log[-1])
@@ -82,6 +86,17 @@ class Loop:
             return self._next(pending, state)
         vetoed = [pending] if pending is not None else []
         return self._decide(state, log, vetoed)
+
+    def _there_already(self, run: PlannedRun, state: Any, log: list[dict[str, Any]]) -> bool:
+        """Whether a run of the operator's was recorded by the same command, which was then killed."""
+        if self._own is None:
+            decided = {len(entry["recorded"]) for entry in log}
+            places = {id_ for k, id_ in enumerate(state.recorded) if k not in decided}
+            self._own = [entry for entry in read_head(self._path)["plan"] if entry["id"] in places]
+        same = [entry for entry in self._own if planned_entry(run) | {"id": entry["id"]} == entry]
+        if same:
+            self._own.remove(same[0])
+        return bool(same)
 
     def _probes(self) -> tuple[str, ...]:
         """By which it is decided."""
@@ -175,7 +190,7 @@ class Loop:
             planned.pop()
         return len(planned)
 
-    def _of_operator(self, run: Any, continues: int) -> Protocol:
+    def _of_operator(self, run: PlannedRun, continues: int) -> Protocol:
         from dataclasses import replace
 
         from shockrig.rig.protocol import run_id

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -146,6 +147,15 @@ def test_runs_of_the_operators_own_come_first(tmp_path):
     loop = Loop(path, parse_goals(GOALS), virtual_bench(QUICK_SENSORS), lambda line: None, added=own)
     assert loop(None, 0.0).runs[0].source == own[0].source
     assert not read_decisions(path)
+
+
+def test_runs_of_the_operators_own_are_recorded_once_though_the_process_was_killed(tmp_path):
+    path, own = tmp_path / "c", [replace(run, note="mine") for run in load_protocol("quick").runs[:2]]
+    for there in ("0002", "0003"):
+        with pytest.raises(KeyboardInterrupt):
+            go_on(path, KilledAt(there), added=own)
+    notes = [entry["note"] for entry in json.loads((path / "campaign.json").read_text())["plan"]]
+    assert notes[:2] == ["mine", "mine"] and "mine" not in notes[2:]
 
 
 @pytest.mark.parametrize(

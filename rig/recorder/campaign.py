@@ -182,7 +182,7 @@ class CampaignFolder:
         Raises BenchError where that would take the place of a recorded run.
         """
         content = read_content(self.path / "campaign.json", CAMPAIGN_FORMAT)
-        before, now = content["plan"], [_plan_entry(run) for run in protocol.runs]
+        before, now = content["plan"], [planned_entry(run) for run in protocol.runs]
         plan = before[: protocol.continues] + now
         missing = {run.id for run in self.missing_of(protocol)}
         for was, then in zip(before[protocol.continues :], now, strict=False):
@@ -199,7 +199,7 @@ class CampaignFolder:
             folder.mkdir()
         except OSError as error:
             raise RecordingError(f"{folder}: {error.strerror}") from error
-        content = _plan_entry(run) | dict(header)
+        content = planned_entry(run) | dict(header)
         return Recorder(folder, content, now_s, self._sync_every_s)
 
     def finish(self, folder: Path) -> RunRecord:
@@ -244,7 +244,7 @@ class CampaignFolder:
         return target
 
 
-def _plan_entry(run: PlannedRun) -> dict[str, Any]:
+def planned_entry(run: PlannedRun) -> dict[str, Any]:
     entry = {"id": run.id, "source": asdict(run.source), "destination": asdict(run.destination)}
     if run.transfer_s is not None:
         entry["transfer"] = {"duration_s": run.transfer_s}
@@ -282,7 +282,7 @@ def _document(
         bench=bench,
         emulated=emulated,
         **({"common_uncertainty": stated} if stated else {}),
-        plan=[_plan_entry(run) for run in protocol.runs],
+        plan=[planned_entry(run) for run in protocol.runs],
     )
 
 
