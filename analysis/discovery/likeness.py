@@ -21,6 +21,7 @@ from shockrig.analysis.inference.work import Work
 
 Array = NDArray[np.float64]
 
+TOLD_OF_PRIOR = 0.5  # of what was known of a number beforehand, to which it is known where the runs tell it
 TOLD = 1e-3  # share of a signature that must be left of it to have a direction
 ALIKE = 0.4  # from which on a form is tried in a cause's place: far from its end a signature points only roughly
 TRIED = 6  # forms that are
@@ -171,8 +172,11 @@ def in_place_of(problem: Problem, final: Fit, id_: str, work: Work) -> list[Cand
 
 
 def price_of(final: Fit, id_: str) -> float:
-    """What the numbers of an effect of a model must bring, as those of a form."""
-    return NUMBER * len(next(effect for effect in final.structure.effects if effect.id == id_).parameters)
+    """What the numbers of an effect of a model must bring, as those of a form; one that stays what was known of it
+    beforehand (a room's humidity, to a bead) is none."""
+    effect, known = next(e for e in final.structure.effects if e.id == id_), final.values()[id_]
+    told = [p for p in effect.parameters if p.prior is None or known[p.name][1] < TOLD_OF_PRIOR * p.prior[1]]
+    return NUMBER * len(told)
 
 
 def _depending(problem: Problem, one: Candidate, work: Work) -> list[Candidate]:

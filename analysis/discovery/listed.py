@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from shockrig.analysis.discovery.likeness import Alike, Start, alike, closest, in_its_place
-from shockrig.analysis.discovery.race import NUMBER, Candidate
+from shockrig.analysis.discovery.likeness import Alike, Start, alike, closest, in_its_place, price_of
+from shockrig.analysis.discovery.race import Candidate
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.laws import laws_of
 from shockrig.analysis.inference.channel import Channel
@@ -31,7 +31,7 @@ class Placed:
     @property
     def cost(self) -> float:
         """Deviance, what its numbers must bring, and what it must besides where benches hardly ever have it."""
-        return self.fit.deviance + NUMBER * len(self.effect.parameters) + self.effect.rarity(self.fit.model.channel)
+        return self.fit.deviance + price_of(self.fit, self.effect.id) + self.effect.rarity(self.fit.model.channel)
 
 
 def available(channel: Channel, taken: Structure) -> list[Effect]:
