@@ -9,15 +9,18 @@ from small_worlds import record
 
 from shockrig.analysis.diagnosis.adequacy import LINE, Check, judge
 from shockrig.analysis.diagnosis.beside import alone, without_idle
+from shockrig.analysis.diagnosis.diagnose import diagnose_channel
 from shockrig.analysis.diagnosis.naming import Doubt, doubts, from_description, from_rivals
 from shockrig.analysis.diagnosis.prepare import likelier_average, prepare
+from shockrig.analysis.diagnosis.remainder import Tolerance
 from shockrig.analysis.diagnosis.restless import nothing_else, restless
 from shockrig.analysis.diagnosis.search import Search, plain_fit
 from shockrig.analysis.diagnosis.thresholds import TIE
 from shockrig.analysis.discovery.conditions import Judged
 from shockrig.analysis.discovery.discover import Described, Discovery
 from shockrig.analysis.discovery.grammar import forms, plain_forms
-from shockrig.analysis.discovery.likeness import Alike, alike, closest
+from shockrig.analysis.discovery.likeness import Alike, alike, closest, price_of
+from shockrig.analysis.discovery.race import NUMBER
 from shockrig.analysis.discovery.stating import nearest_of
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.behaviours import Form
@@ -284,3 +287,14 @@ def test_a_description_without_factors_flies_as_the_catalogued_effect_of_its_clo
         np.testing.assert_allclose(*read, atol=1e-9)
     scaled = described("offset|none|airflow:power", False)
     assert as_listed(discovered_of(scaled, {"size": (0.1, 0.01), "airflow": (-0.5, 0.1)})) is None
+
+
+def test_a_number_that_a_channel_cannot_see_has_no_price(tmp_path):
+    """A room's humidity moves no bead: air that comes in from it is not outdone by a form with one number less."""
+    true = {"fraction": 0.05, "time_constant_s": 9.0, "room_temperature_c": 23.0, "room_humidity_percent": 44.0}
+    channel = build_channel(
+        record(tmp_path / "c", 13, [Hidden("air_relaxation", true, ())], ROUGH, standard_plan()), "temperature"
+    )
+    found = diagnose_channel(channel, tolerance=Tolerance(0.0, 0.0))
+    assert [cause.effect for cause in found.causes] == ["air_relaxation"] and found.causes[0].probability > 0.9
+    assert price_of(found.final, "air_relaxation") == 3 * NUMBER
