@@ -197,7 +197,7 @@ def test_a_cause_that_a_description_makes_idle_is_not_named_beside_it(late):
     assert without_idle(ready.problem, plain, needed) is needed
 
 
-def test_a_mean_that_the_noise_denies_is_none_whatever_the_response_says(tmp_path):
+def test_a_mean_that_the_noise_denies_is_none_whatever_the_response_says(tmp_path, monkeypatch):
     """A ramp that nothing names leaves a plainly wrong model, which a mean would help by thousands; the noise is of
     single readings."""
     ready = ready_of(tmp_path, 8, [Hidden("finite_transfer", {"duration_s": 0.6}, T)])
@@ -207,6 +207,8 @@ def test_a_mean_that_the_noise_denies_is_none_whatever_the_response_says(tmp_pat
     averaged = delay.structure.adding(entry, Held(entry.id, "samples", 4.0))
     better = fit(ready.problem, averaged, Model(ready.problem.channel, averaged).start(delay.log_rates, delay.choice))
     assert better.deviance < delay.deviance - 1000.0
+    assert likelier_average(ready, Search(plain, delay, (), {}), False) is None
+    monkeypatch.delitem(CATALOGUE, "moving_average")
     assert likelier_average(ready, Search(plain, delay, (), {}), False) is None
 
 

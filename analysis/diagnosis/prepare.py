@@ -79,9 +79,9 @@ def with_rounding(ready: Prepared, rough: Fit | None) -> Prepared:
     return replace(ready, problem=replace(problem, whitener=whitener))
 
 
-def _averaging() -> Effect:
-    """The entry of the catalogue that is a running mean."""
-    return next(e for e in CATALOGUE.values() if e.averages)
+def _averaging() -> Effect | None:
+    """The entry of the catalogue that is a running mean; None where it holds none."""
+    return next((e for e in CATALOGUE.values() if e.averages), None)
 
 
 def likelier_average(before: Prepared, found: Search, adequate: bool) -> int | None:
@@ -90,7 +90,8 @@ def likelier_average(before: Prepared, found: Search, adequate: bool) -> int | N
     Where rounding hides the noise, only the response shows that a logger averages; a ramp of the air looks much alike.
     """
     problem, channel = before.problem, before.problem.channel
-    if before.noise.averaged > 1 or channel.measured.any():
+    average = _averaging()
+    if average is None or before.noise.averaged > 1 or channel.measured.any():
         return None
     lengths, alike = set(), set()
     for id_, parameters in found.final.values().items():
@@ -114,7 +115,6 @@ def likelier_average(before: Prepared, found: Search, adequate: bool) -> int | N
     lengths = {n for n in lengths if likely[0] - likely[n - 1] < level("average_unlikely")}
     if not lengths:
         return None
-    average = _averaging()
     whole = found.final.structure
     without = whole.keeping(set(whole.ids) - alike - {average.id})
     models = [without]
