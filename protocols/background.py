@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING
 
-from shockrig.protocols.branch import end
+from shockrig.protocols.branch import end, ready, start
 
 if TYPE_CHECKING:
     from shockrig.analysis.planning.places import Place
@@ -36,7 +36,7 @@ class Background:
         context = multiprocessing.get_context("spawn")
         self._answers, there = context.Pipe(duplex=False)
         self._process = context.Process(target=_diagnose, args=(there, tuple(campaigns), dict(due)), daemon=True)
-        self._process.start()
+        start(self._process)
         there.close()
 
     def __call__(self, place: Place) -> Verdict | None:
@@ -65,6 +65,7 @@ def _diagnose(answers: Connection, campaigns: Sequence[Campaign], due: Mapping[P
     from shockrig.analysis.planning.places import places
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    ready()
     os.nice(NICER)
     try:
         for place, verdict in due.items():

@@ -8,7 +8,7 @@ import sys
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from multiprocessing import get_context
+from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any
@@ -24,16 +24,33 @@ def branch(function: Callable[..., None], *arguments: object) -> Iterator[Connec
 
     At the end of the block the process ends, whether it is done or not.
     """
-    context: Any = get_context("fork" if _alone() else "spawn")
+    forks = _alone()
+    context: Any = get_context("fork" if forks else "spawn")
     mine, theirs = context.Pipe(duplex=False)
     process = context.Process(target=_run, args=(theirs, function, arguments))
-    process.start()
+    start(process, forks)
     theirs.close()
     try:
         yield mine
     finally:
         mine.close()
         end(process)
+
+
+def start(process: BaseProcess, forks: bool = False) -> None:
+    """Start a process for which Ctrl-C waits until it is `ready`: while it imports it would end in a traceback."""
+    if not forks:
+        resource_tracker.ensure_running()  # what starts with the first spawned process lets signals in again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        process.start()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def ready() -> None:
+    """Let Ctrl-C in, in a process that has said what it does with it."""
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
 def received(connection: Connection) -> Any:
@@ -71,6 +88,7 @@ def _run(connection: Connection, function: Callable[..., None], arguments: tuple
     # Ctrl-C reaches this process too: it ends without a word, the one that branched says what happened.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     signal.signal(signal.SIGTERM, _leave)
+    ready()
     with suppress(BrokenPipeError):  # nobody waits for it any more
         try:
             function(lambda value: connection.send((True, value)), *arguments)

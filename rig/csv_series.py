@@ -83,15 +83,13 @@ def read_series(path: Path, wanted: Sequence[str], layout: CsvLayout) -> Series:
     for quantity in wanted:
         if quantity == wanted[0] or quantity in layout.columns or _usual(header, quantity) is not None:
             places[quantity] = _place(path, first_line, header, quantity, layout, options)
-    asked = {"temperature": TEMPERATURE_UNITS.get(layout.temperature_unit or ""), "humidity": layout.humidity_unit}
-    units = {
-        column: _conversion(quantity, header, places, asked[quantity])
-        for quantity, column in (("temperature", "temperature_c"), ("humidity", "humidity_percent"))
+    asked = {
+        "time": None if layout.time_unit == "auto" else layout.time_unit,
+        "temperature_c": TEMPERATURE_UNITS.get(layout.temperature_unit or ""),
+        "humidity_percent": layout.humidity_unit,
     }
-    if layout.time_unit == "auto" and layout.time_format is None:
-        unit_s, _ = _conversion("time", header, places, None)
-    else:
-        unit_s, _ = UNITS["time"].get(layout.time_unit, (1.0, 0.0))
+    units = {column: _conversion(column, header[place], asked[column]) for column, place in places.items()}
+    unit_s, _ = units["time"]
     times: list[float] = []
     values: dict[str, list[float | None]] = {quantity: [] for quantity in places if quantity != "time"}
     left_out: dict[str, int] = {}
@@ -181,25 +179,16 @@ def _place(
     raise BenchError(f"{path}, line {line}: no column {asked!r}{nearest(asked, header)}")
 
 
-def _conversion(
-    quantity: str, header: Sequence[str], places: Mapping[str, int], asked: str | None
-) -> tuple[float, float]:
+def _conversion(column: str, name: str, asked: str | None) -> tuple[float, float]:
     """Factor and offset to the campaign's unit: of the unit asked for, else of that in the column's name, else none."""
-    column = {"temperature": "temperature_c", "humidity": "humidity_percent"}.get(quantity, quantity)
-    named = unit_in_name(header[places[column]]) if column in places else None
-    return UNITS[quantity].get(asked or named or "", (1.0, 0.0))
+    return UNITS[column.partition("_")[0]].get(asked or unit_in_name(name) or "", (1.0, 0.0))
 
 
 def _usual(header: Sequence[str], quantity: str) -> int | None:
-    lowered = [name.lower() for name in header]
     # "Time [ms]" and "Temp (C)" are a time and a temperature; a name as it stands comes first.
-    lowered += [bare_name(name).lower() for name in header]
-    place = _first(lowered, quantity)
+    names = [name.lower() for name in (*header, *map(bare_name, header))]
+    place = next((names.index(name) for name in USUAL_NAMES[quantity] if name in names), None)
     return None if place is None else place % len(header)
-
-
-def _first(lowered: Sequence[str], quantity: str) -> int | None:
-    return next((lowered.index(name) for name in USUAL_NAMES[quantity] if name in lowered), None)
 
 
 def _is_value(cell: str, layout: CsvLayout) -> bool:

@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 
@@ -68,3 +70,36 @@ def test_no_branch_outlives_its_block(function):
         lowest = received(one)
     with pytest.raises(ProcessLookupError):
         os.kill(lowest, 0)
+
+
+IMPATIENT = """
+import multiprocessing, os, signal
+if multiprocessing.current_process().name != "MainProcess":
+    os.kill(os.getpid(), signal.SIGINT)  # Ctrl-C while a spawned process imports what it is to run
+
+def numbers(send):
+    send(1)
+"""
+SPAWNS = """
+import threading
+from shockrig.protocols.branch import branch, received
+
+if __name__ == "__main__":
+    from impatient import numbers
+    done = threading.Event()
+    threading.Thread(target=done.wait, daemon=True).start()  # beside which nothing is forked
+    try:
+        with branch(numbers) as one:
+            received(one)
+    except RuntimeError as error:
+        print(error)
+"""
+
+
+def test_a_branch_that_is_interrupted_while_it_imports_ends_without_a_word(tmp_path):
+    (tmp_path / "impatient.py").write_text(IMPATIENT)
+    (tmp_path / "spawns.py").write_text(SPAWNS)
+    command = [sys.executable, "spawns.py"]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
+    assert ended.stderr == ""
+    assert "ended before it was done" in ended.stdout

@@ -19,7 +19,7 @@ from shockrig.analysis.diagnosis.thresholds import TIE
 from shockrig.analysis.discovery.conditions import Judged
 from shockrig.analysis.discovery.discover import Described, Discovery
 from shockrig.analysis.discovery.grammar import forms, plain_forms
-from shockrig.analysis.discovery.likeness import Alike, alike, closest, price_of
+from shockrig.analysis.discovery.likeness import Alike, alike, closest, price_of, signature
 from shockrig.analysis.discovery.race import NUMBER
 from shockrig.analysis.discovery.stating import nearest_of
 from shockrig.analysis.effects import CATALOGUE
@@ -80,8 +80,8 @@ def test_the_same_signature_by_two_names_is_wholly_alike(late):
     ready, plain = late
     final = with_effects(ready.problem, plain, {"offset|none.size": 0.2}, described("offset|none", False))
     entry = CATALOGUE["calibration_error"]
-    ((offset),) = alike(ready.problem, final, "offset|none", [(entry, {"gain": 0.0, "offset": 0.1})])
-    ((gain),) = alike(ready.problem, final, "offset|none", [(entry, {"gain": 0.01, "offset": 0.0})])
+    ((offset),) = alike(signature(ready.problem, final, "offset|none"), [(entry, {"gain": 0.0, "offset": 0.1})])
+    ((gain),) = alike(signature(ready.problem, final, "offset|none"), [(entry, {"gain": 0.01, "offset": 0.0})])
     assert offset.likeness == pytest.approx(1.0, abs=1e-3)
     assert gain.likeness < 0.95
 
@@ -138,7 +138,7 @@ def test_a_start_is_found_over_a_jump_by_its_signature(tmp_path):
     plain = plain_fit(ready.problem, ready.structure)
     final = with_effects(ready.problem, plain, {"dead_time.delay_s": 0.22}, CATALOGUE["dead_time"])
     begin = Alike(described("delay|none", True), {"size": 0.05}, 1.0)
-    found = closest(ready.problem, final, "dead_time", begin)
+    found = closest(signature(ready.problem, final, "dead_time"), begin)
     assert found.start["size"] == pytest.approx(final.choice["dead_time.delay_s"], abs=0.003)
 
 

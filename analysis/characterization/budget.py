@@ -98,11 +98,12 @@ def budgets(result: ChannelResult, air: Air | None = None) -> list[Budget]:
     """Budgets of alpha or of each D, and of t63 and t90 in an air; a film's are at each row's own temperature."""
     found: list[Budget] = []
     ridges = [curvature.ridge(p.problem, p.fit, list(disturbances(p.problem, p.fit).values())) for p in result.parts]
+    inputs = [sources(part, result.noise) for part in result.parts]
     for row in result.rows:
         place = next(i for i, part in enumerate(result.parts) if row.runs[0] in part.channel.run_ids)
         part = result.parts[place]
         ambient = int(np.argmin(np.abs(part.channel.ambients_c - row.ambient_c)))
-        found += _of_ambient(part, result.noise, ambient, row, air or Air(), ridges[place])
+        found += _of_ambient(part, result.noise, inputs[place], ambient, row, air or Air(), ridges[place])
     return found
 
 
@@ -127,7 +128,8 @@ def diffusivity_at(result: ChannelResult, temperature_c: float) -> Budget | None
         value = float(np.exp(weights @ found.theta) * channel.length_m**2)
         stated_air = replace(_stated(channel, 0, Air()), temperature_c=temperature_c)
         figures = [(channel.quantity.symbol, "m²/s", value, value * weights)]
-        return _budgets(part, result.noise, figures, stated_air, _apart_at_most(result, part))[0]
+        inputs = sources(part, result.noise)
+        return _budgets(part, result.noise, inputs, figures, stated_air, _apart_at_most(result, part, inputs))[0]
     return None
 
 
@@ -145,12 +147,19 @@ def mean_diffusivity(result: ChannelResult) -> tuple[Budget, tuple[float, ...]] 
     slope[found.model.rates] = value / channel.rates
     air = replace(_stated(channel, 0, Air()), temperature_c=float(wholes.mean()))
     figure = (channel.quantity.symbol, "m²/s", value, slope)
-    whole = _budgets(part, result.noise, [figure], air, _apart_at_most(result, part))[0]
+    inputs = sources(part, result.noise)
+    whole = _budgets(part, result.noise, inputs, [figure], air, _apart_at_most(result, part, inputs))[0]
     return whole, tuple(sorted(float(t) for t in wholes))
 
 
 def _of_ambient(
-    part: Part, noise: Noise, ambient: int, row: Row, air: Air, ridge: curvature.Ridge | None
+    part: Part,
+    noise: Noise,
+    inputs: list[Source],
+    ambient: int,
+    row: Row,
+    air: Air,
+    ridge: curvature.Ridge | None,
 ) -> list[Budget]:
     channel, theta = part.channel, part.fit.theta
     stated = _stated(channel, ambient, air)
@@ -159,11 +168,10 @@ def _of_ambient(
     of_rate[ambient] = row.diffusivity_m2_s
     figures = [(channel.quantity.symbol, "m²/s", row.diffusivity_m2_s, of_rate)]
     figures += [(name, "s", float(times[i]), slopes[i]) for i, name in enumerate(TIMES)]
-    made = _budgets(part, noise, figures, stated, _apart(part, noise, ambient, row))
+    made = _budgets(part, noise, inputs, figures, stated, _apart(part, noise, inputs, ambient, row))
     if ridge is None:
         return made
     drawn = curvature.drawn(ridge, [log_figure(part, ambient, one) for one in made])
-    inputs = sources(part, noise)
     return [_propagated(one, inputs, over) for one, over in zip(made, drawn, strict=True)]
 
 
@@ -184,7 +192,7 @@ def log_figure(part: Part, ambient: int, budget: Budget) -> curvature.LogFigure:
 
 def _propagated(budget: Budget, inputs: list[Source], drawn: curvature.Drawn) -> Budget:
     """The budget with the distributions of its inputs propagated; as it is where its figure is straight."""
-    named = {source.component for source in inputs}
+    named = {source.of.component for source in inputs}
     others = [line for line in budget.lines if line.component not in named]
     rest = math.sqrt(sum(line.contribution**2 for line in others)) / budget.value
     low, high = drawn.interval(rest, budget.coverage_factor)
@@ -205,28 +213,34 @@ def _kept(lines: list[Line]) -> tuple[Line, ...]:
     return tuple(sorted(kept, key=lambda line: -line.contribution))
 
 
-def _apart(part: Part, noise: Noise, ambient: int, row: Row) -> float:
+def _apart(part: Part, noise: Noise, inputs: list[Source], ambient: int, row: Row) -> float:
     """By how much, relatively, runs that the model misses are apart: what of a row's uncertainty no input explains."""
     slope = np.zeros(part.fit.theta.size)
     slope[ambient] = 1.0
-    told = part.enlarged(noise) ** 2 * sum(source.line(slope).contribution ** 2 for source in sources(part, noise))
+    told = part.enlarged(noise) ** 2 * sum(source.line(slope).contribution ** 2 for source in inputs)
     whole = (row.standard_uncertainty / row.diffusivity_m2_s) ** 2
     return math.sqrt(whole - told) if whole - told > NO_DIFFERENCE * whole else 0.0
 
 
-def _apart_at_most(result: ChannelResult, part: Part) -> float:
+def _apart_at_most(result: ChannelResult, part: Part, inputs: list[Source]) -> float:
     """The largest of the part's ambients."""
     rows = [row for row in result.rows if row.runs[0] in part.channel.run_ids]
     places = [int(np.argmin(np.abs(part.channel.ambients_c - row.ambient_c))) for row in rows]
-    return max((_apart(part, result.noise, g, row) for g, row in zip(places, rows, strict=True)), default=0.0)
+    apart = (_apart(part, result.noise, inputs, g, row) for g, row in zip(places, rows, strict=True))
+    return max(apart, default=0.0)
 
 
 def _budgets(
-    part: Part, noise: Noise, figures: list[tuple[str, str, float, Array]], stated: Air, apart: float
+    part: Part,
+    noise: Noise,
+    inputs: list[Source],
+    figures: list[tuple[str, str, float, Array]],
+    stated: Air,
+    apart: float,
 ) -> list[Budget]:
     """Budgets of figures, each as its name, unit, value, and by how much theta moves it (P,)."""
     channel, made = part.channel, []
-    inputs, misfit = sources(part, noise), part.enlarged(noise)
+    misfit = part.enlarged(noise)
     for figure, unit, value, slope in figures:
         lines = [source.line(slope) for source in inputs]
         variance = sum(line.contribution**2 for line in lines)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +53,7 @@ class Line:
     distribution: str
     standard_uncertainty: float
     unit: str
-    sensitivity: float
+    sensitivity: float = 0.0
     degrees: float = math.inf
     key: str = ""
 
@@ -67,13 +67,8 @@ class Line:
 class Source:
     """One input: its line without a sensitivity, and what it moves theta by, columns (P, m) of unit variance."""
 
-    component: str
-    kind: str
-    standard_uncertainty: float
-    unit: str
+    of: Line
     moves: Array
-    degrees: float = math.inf
-    key: str = ""
 
     def line(self, slope: Array) -> Line:
         """The line of a figure that theta moves by `slope` (P,)."""
@@ -82,17 +77,7 @@ class Source:
 
     def giving(self, contribution: float) -> Line:
         """The line of a figure that it moves by so much, one standard uncertainty."""
-        sensitivity = contribution / self.standard_uncertainty
-        return Line(
-            self.component,
-            self.kind,
-            "normal",
-            self.standard_uncertainty,
-            self.unit,
-            sensitivity,
-            self.degrees,
-            self.key,
-        )
+        return replace(self.of, sensitivity=contribution / self.of.standard_uncertainty)
 
 
 def sources(part: Part, noise: Noise) -> list[Source]:
@@ -101,7 +86,8 @@ def sources(part: Part, noise: Noise) -> list[Source]:
     model, arrow, unit = found.model, found.arrow, part.channel.quantity.unit
     from_runs, from_readings = arrow.shares()
     used = int((channel.count > 0).sum())
-    made = [Source("noise of the readings", "A", noise.standard_deviation, unit, from_readings, max(used, 1))]
+    of_noise = Line("noise of the readings", "A", "normal", noise.standard_deviation, unit, degrees=max(used, 1))
+    made = [Source(of_noise, from_readings)]
     air_unit = {RunEffect.SOURCE: unit, RunEffect.DESTINATION: unit, RunEffect.DESTINATION_C: "K"}
     start = "trigger, run by run" if channel.conditions.start_known.any() else "start, which nobody recorded"
     airs = "run by run" if channel.conditions.airs_known.any() else "taken from the plateaus"
@@ -114,19 +100,22 @@ def sources(part: Part, noise: Noise) -> list[Source]:
     for effect, moves in zip(RunEffect, from_runs, strict=False):
         if effect is RunEffect.RATE:
             degrees = max(channel.runs - channel.rates, 0) + RATE_SCATTER_WEIGHT
-            made.append(Source("rate, run by run", "A", found.rate_scatter, "1", moves, degrees))
+            line = Line("rate, run by run", "A", "normal", found.rate_scatter, "1", degrees=degrees)
+            made.append(Source(line, moves))
             continue
         size = float(np.sqrt((1.0 / arrow.weight[:, effect]).mean()))
-        made.append(Source(names[effect], "B", size, "s" if effect is RunEffect.START else air_unit[effect], moves))
+        its_unit = "s" if effect is RunEffect.START else air_unit[effect]
+        made.append(Source(Line(names[effect], "B", "normal", size, its_unit), moves))
     covariance, prior = arrow.covariance(), model.priors()[1]
     for k in np.flatnonzero(prior):
         name, size = model.names[k], float(1.0 / np.sqrt(prior[k]))
         component, its_unit = COMMON_LINES.get(name, (f"what is known of {name} beforehand", "1"))
         moves = -(covariance[:, k] / size)[:, None]  # the prior holds the estimate back from where the error is
-        made.append(Source(component, "B", size, its_unit, moves, key=name if name in COMMON_LINES else ""))
+        line = Line(component, "B", "normal", size, its_unit, key=name if name in COMMON_LINES else "")
+        made.append(Source(line, moves))
     for name, moved in shifts(part.problem, found).items():
         component, its_unit = COMMON_LINES[name]
         least = channel.common is None or channel.common.trigger_offset_s < LEAST_TRIGGER_OFFSET_S
         size = LEAST_TRIGGER_OFFSET_S if name == TRIGGER and least else float(getattr(channel.common, name))
-        made.append(Source(component, "B", size, its_unit, moved[:, None], key=name))
+        made.append(Source(Line(component, "B", "normal", size, its_unit, key=name), moved[:, None]))
     return made

@@ -303,13 +303,16 @@ def _kept(channel: Channel, ready: Prepared, found: Search, adequacy: Adequacy) 
         for e, v in values.items()
     ]
     if not gain.measured:
-        most = {c.effect: MOST_CERTAIN if c.effect in from_readings else level("shape_in_doubt") for c in causes}
-        causes = [replace(c, probability=min(c.probability, most[c.effect])) for c in causes]
+        causes = _at_most("shape_in_doubt", causes, lambda c: c.effect not in from_readings)
     if not adequacy.passed and own_temperature_unknown(channel):
         # What a film's own temperature does to its response is not known: no shape is likelier than that.
-        most = {c.effect: level("outdone") if CATALOGUE[c.effect].shape else MOST_CERTAIN for c in causes}
-        causes = [replace(c, probability=min(c.probability, most[c.effect])) for c in causes]
+        causes = _at_most("outdone", causes, lambda c: CATALOGUE[c.effect].shape)
     return _Kept(tuple(causes), final, gain, tuple(tried))
+
+
+def _at_most(name: str, causes: list[Cause], those: Callable[[Cause], bool]) -> list[Cause]:
+    """Causes, `those` of them no likelier than a level by its name."""
+    return [replace(c, probability=min(c.probability, level(name))) if those(c) else c for c in causes]
 
 
 def _with_shapes(

@@ -68,12 +68,11 @@ def measure_remainder(
     # Four standard deviations of the bin's own noise are what the largest of a few thousand bins may show by chance.
     beyond = np.where(filled, np.abs(found.residual) - 4.0 * spread, 0.0)
     begins, ends = when_largest(channel, found, noise)
-    square = gain.after**2 - gain.noise_floor**2
-    if not gain.measured:
-        readings = float(channel.count.sum())
-        square = (
-            float((channel.count * found.residual**2).sum() - filled.sum() * noise.standard_deviation**2) / readings
-        )
+    if gain.measured:
+        square = gain.after**2 - gain.noise_floor**2
+    else:
+        excess = (channel.count * found.residual**2).sum() - filled.sum() * noise.standard_deviation**2
+        square = float(excess / channel.count.sum())
     left = np.sqrt(max(square, 0.0))
     return Remainder(
         rms=float(np.hypot(left, adequacy.hidden_rms)),

@@ -43,50 +43,8 @@ class Alike:
     likeness: float
 
 
-def alike(problem: Problem, final: Fit, id_: str, others: Sequence[Start]) -> list[Alike]:
-    """Effects by their likeness to the effect `id_` of a fit, the most alike first; each at its own best start."""
-    if not others:
-        return []
-    cosine, _ = _look(problem, final, id_).at(others)
-    best: dict[str, Alike] = {}
-    for (effect, start), value in zip(others, cosine, strict=True):
-        if effect.id not in best or value > best[effect.id].likeness:
-            best[effect.id] = Alike(effect, start, float(value))
-    return sorted(best.values(), key=lambda one: -one.likeness)
-
-
-def closest(problem: Problem, final: Fit, id_: str, one: Alike) -> Alike:
-    """The same where its signature is as large as well: no fit finds its way over a jump of the reading.
-
-    Only one that has a single number is looked for, first anywhere, then ever nearer to where it came nearest.
-    """
-    if len(one.effect.parameters) != 1:
-        return one
-    (parameter,) = one.effect.parameters
-    look, best = _look(problem, final, id_), one.start
-    grid = _anywhere(parameter)
-    for _ in range(NEARER):
-        starts: list[Start] = [(one.effect, best), *((one.effect, {parameter.name: x}) for x in grid)]
-        _, apart = look.at(starts)
-        best = starts[int(np.argmin(apart))][1]
-        at = parameter.encoded(best[parameter.name])
-        scale = np.array([parameter.encoded(x) for x in grid])
-        below, above = scale[scale < at - 1e-12], scale[scale > at + 1e-12]
-        inside = np.linspace(below.max() if below.size else at, above.min() if above.size else at, POINTS + 2)[1:-1]
-        grid = [float(np.exp(x)) if parameter.log else float(x) for x in inside]
-    return replace(one, start=best)
-
-
-def _anywhere(parameter: Parameter) -> list[float]:
-    """Values all over a parameter's range, equally far apart in ratio on either side of nothing."""
-    most = max(abs(parameter.low), abs(parameter.high))
-    sizes = np.geomspace(LEAST * most, most, SPREAD)
-    both = [*(-sizes[::-1]), *sizes] if parameter.low < 0 else list(sizes)
-    return [float(x) for x in both if parameter.low < x < parameter.high]
-
-
 @dataclass(frozen=True)
-class _Look:
+class Signature:
     """A model without one of its effects, and that effect's signature beside it, whitened (R, n)."""
 
     problem: Problem
@@ -97,7 +55,7 @@ class _Look:
     arrow: Arrow
     own: Array
 
-    def at(self, others: Sequence[Start]) -> tuple[Array, Array]:
+    def beside(self, others: Sequence[Start]) -> tuple[Array, Array]:
         """Cosine of each effect's signature at its start with the own one, and their squared distance as a share of the
         own one's square, the model's freedom taken out."""
         channel, final = self.problem.channel, self.final
@@ -121,7 +79,8 @@ class _Look:
         return np.where(told[1:] & told[0], np.minimum(cosine, 1.0), 0.0), apart
 
 
-def _look(problem: Problem, final: Fit, id_: str) -> _Look:
+def signature(problem: Problem, final: Fit, id_: str) -> Signature:
+    """That of the effect `id_` of a fit."""
     less = final.structure.dropping(id_)
     bare = Model(problem.channel, less)
     theta = bare.start(final.log_rates, final.choice)
@@ -129,7 +88,48 @@ def _look(problem: Problem, final: Fit, id_: str) -> _Look:
     # The freedom that counts is that of the model without it: its own size would take all of it away.
     base, arrow = linearise(problem.with_rate_scatter(final.rate_scatter), less, Point(theta, final.deviations))
     own = problem.whiten(final.model.predict(final.point)[0] - base)
-    return _Look(problem, final, less, theta, base, arrow, own)
+    return Signature(problem, final, less, theta, base, arrow, own)
+
+
+def alike(of: Signature, others: Sequence[Start]) -> list[Alike]:
+    """Effects by their likeness to one of a fit, the most alike first; each at its own best start."""
+    if not others:
+        return []
+    cosine, _ = of.beside(others)
+    best: dict[str, Alike] = {}
+    for (effect, start), value in zip(others, cosine, strict=True):
+        if effect.id not in best or value > best[effect.id].likeness:
+            best[effect.id] = Alike(effect, start, float(value))
+    return sorted(best.values(), key=lambda one: -one.likeness)
+
+
+def closest(of: Signature, one: Alike) -> Alike:
+    """The same where its signature is as large as well: no fit finds its way over a jump of the reading.
+
+    Only one that has a single number is looked for, first anywhere, then ever nearer to where it came nearest.
+    """
+    if len(one.effect.parameters) != 1:
+        return one
+    (parameter,) = one.effect.parameters
+    best, grid = one.start, _anywhere(parameter)
+    for _ in range(NEARER):
+        starts: list[Start] = [(one.effect, best), *((one.effect, {parameter.name: x}) for x in grid)]
+        _, apart = of.beside(starts)
+        best = starts[int(np.argmin(apart))][1]
+        at = parameter.encoded(best[parameter.name])
+        scale = np.array([parameter.encoded(x) for x in grid])
+        below, above = scale[scale < at - 1e-12], scale[scale > at + 1e-12]
+        inside = np.linspace(below.max() if below.size else at, above.min() if above.size else at, POINTS + 2)[1:-1]
+        grid = [float(np.exp(x)) if parameter.log else float(x) for x in inside]
+    return replace(one, start=best)
+
+
+def _anywhere(parameter: Parameter) -> list[float]:
+    """Values all over a parameter's range, equally far apart in ratio on either side of nothing."""
+    most = max(abs(parameter.low), abs(parameter.high))
+    sizes = np.geomspace(LEAST * most, most, SPREAD)
+    both = [*(-sizes[::-1]), *sizes] if parameter.low < 0 else list(sizes)
+    return [float(x) for x in both if parameter.low < x < parameter.high]
 
 
 def in_its_place(problem: Problem, final: Fit, id_: str, one: Alike, most: float = np.inf) -> Fit | None:
@@ -157,11 +157,12 @@ def in_place_of(problem: Problem, final: Fit, id_: str, work: Work) -> list[Cand
             others += [(effect, start) for start in effect.starts(problem.channel)]
     level = final.deviance + price_of(final, id_)
     found: list[Candidate] = []
-    for one in alike(problem, final, id_, others)[:TRIED]:
+    own = signature(problem, final, id_)
+    for one in alike(own, others)[:TRIED]:
         if one.likeness < ALIKE:
             break
         work.count(2)
-        reached = in_its_place(problem, final, id_, closest(problem, final, id_, one), level)
+        reached = in_its_place(problem, final, id_, closest(own, one), level)
         if reached is not None:
             found.append(to_its_end(problem, Candidate(one.effect, reached), work))
     found.sort(key=lambda c: c.cost)

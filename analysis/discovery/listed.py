@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from shockrig.analysis.discovery.likeness import Alike, Start, alike, closest, in_its_place, price_of
+from shockrig.analysis.discovery.likeness import Alike, Start, alike, closest, in_its_place, price_of, signature
 from shockrig.analysis.discovery.race import Candidate
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.laws import laws_of
@@ -63,12 +63,13 @@ def listed_instead(problem: Problem, final: Fit, id_: str) -> list[Placed]:
             if effect.id == name:
                 laws[name] = effect, _whole(effect, known)
     starts = [(effect, start) for effect in entries for start in _unequal(effect, effect.starts(channel))]
-    looks = alike(problem, final, id_, [*starts, *laws.values()])
+    of_form = signature(problem, final, id_)
+    looks = alike(of_form, [*starts, *laws.values()])
     tried = [one for one in looks if one.effect.id in laws] + [one for one in looks if one.effect.id not in laws][:FEW]
     found = []
     for one in tried:
         own = laws.get(one.effect.id)
-        begin = closest(problem, final, id_, one) if own is None else Alike(one.effect, own[1], one.likeness)
+        begin = closest(of_form, one) if own is None else Alike(one.effect, own[1], one.likeness)
         placed = in_its_place(problem, final, id_, begin)
         assert placed is not None  # without a limit nothing is given up
         found.append(Placed(one.effect, placed, one.likeness))

@@ -187,7 +187,7 @@ def run_indices(keep: NDArray[np.bool_] | NDArray[np.int64]) -> NDArray[np.int64
 
 
 def group_ambients(destination_c: Array, width_k: float = AMBIENT_WIDTH_K) -> tuple[NDArray[np.int64], Array]:
-    """Destinations within 1 K of one another are one ambient: index of each run (R,) and the ambients' means (G,)."""
+    """Destinations within `width_k` are one ambient: index of each run (R,) and the ambients' means (G,)."""
     order = np.argsort(destination_c, kind="stable")
     index = np.zeros(destination_c.size, dtype=int)
     group, first = -1, -np.inf

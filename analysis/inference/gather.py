@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.inference.bins import bin_means, edges_after_transfer, fine_width, place
-from shockrig.analysis.inference.channel import Channel, LeftOut, between_ambients, group_ambients
+from shockrig.analysis.inference.channel import AMBIENT_WIDTH_K, Channel, LeftOut, between_ambients, group_ambients
 from shockrig.analysis.inference.die import past_dew_s, smooth_dies
 from shockrig.analysis.inference.driven_air import (
     Followed,
@@ -273,7 +273,8 @@ def build_channel(campaign: Campaign, name: ChannelName) -> Channel | None:
         die = np.where(count > 0, die, np.nan)
         wet = past_dew_s(conditions, [t for t, _ in samples], die_samples)
     recorded = all(one.air is not None or one.run.destination.temperature_c is not None for one in usable)
-    ambient, ambients = group_ambients(conditions.destination_c, *(() if recorded else (UNKNOWN_AMBIENT_WIDTH_K,)))
+    width_k = AMBIENT_WIDTH_K if recorded else UNKNOWN_AMBIENT_WIDTH_K
+    ambient, ambients = group_ambients(conditions.destination_c, width_k)
     interpolation = between_ambients(conditions.destination_c, ambient, ambients)
     if quantity.pooled:
         ambient, ambients = np.zeros(len(usable), dtype=int), np.array([float(np.mean(conditions.destination_c))])
@@ -366,9 +367,7 @@ def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_
     spacing = float(np.median([np.median(np.diff(one.trace.time_s)) for one in usable]))
     own = np.nan_to_num(UNKNOWN_START_SHARE * half_s)
     unknown_start = max(UNKNOWN_START_SCATTER_S * min(tempo, 1.0), 2.0 * spacing, own)
-    airs_known = np.array(
-        [all(getattr(air, quantity.column) is not None for air in (run.source, run.destination)) for run in runs]
-    )
+    airs_known = np.array([_airs_known(run, quantity) for run in runs])
     duration = np.array([np.nan if run.duration_s is None else run.duration_s for run in runs])
     timed = (np.nan_to_num(duration) > 0) & ~driven
     all_timed = bool((timed | driven).all())

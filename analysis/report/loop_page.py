@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 Entry = Mapping[str, Any]
 TONES: dict[str, Tone] = {"done": "good", "inconclusive": "warning", "continue": "neutral"}
 OUT_LN = float(np.log(100.0))
+MOST_LINEAR = 50.0  # of an axis
+GOALS_ACROSS, RIVALS_ACROSS = 4, 2  # names in a row of a legend
 
 
 def loop_report(name: str, entries: Sequence[Entry], data: str = "") -> Report:
@@ -117,7 +119,7 @@ def precision_figure(entries: Sequence[Entry]) -> MatplotlibFigure:
             if target["runs"]:
                 point = (entry["minutes_spent"], 100 * target["relative"], 100 * target["wanted"])
                 curves.setdefault(target["label"], []).append(point)
-    figure, ax = _below_its_legend(len(curves), 4)
+    figure, ax = _below_its_legend(len(curves), GOALS_ACROSS)
     for (label, points), colour in zip(curves.items(), CYCLE * 4, strict=False):
         minutes, now, wanted = np.array(points).T
         ax.plot(minutes, now, color=colour, marker="o", markersize=2.5, linewidth=1.1, label=label)
@@ -128,7 +130,7 @@ def precision_figure(entries: Sequence[Entry]) -> MatplotlibFigure:
     ax.set_xlabel("bench time, min")
     ax.set_ylabel("standard uncertainty, %")
     if curves:
-        ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, fontsize="small")
+        _above(ax, GOALS_ACROSS)
     return figure
 
 
@@ -145,7 +147,7 @@ def evidence_figure(entries: Sequence[Entry]) -> MatplotlibFigure:
                     own = curves.setdefault(key, [])
                     if not own or dispute in under_way or own[-1][1] != x:
                         own.append((len(entry["recorded"]), x))
-    figure, ax = _below_its_legend(len(curves), 2)
+    figure, ax = _below_its_legend(len(curves), RIVALS_ACROSS)
     for (label, points), colour in zip(curves.items(), CYCLE * 8, strict=False):
         runs, against = np.array(points).T
         ax.plot(runs, against, color=colour, marker="o", markersize=3, linewidth=1.1, label=label)
@@ -157,7 +159,7 @@ def evidence_figure(entries: Sequence[Entry]) -> MatplotlibFigure:
     ax.xaxis.get_major_locator().set_params(integer=True)
     ax.set_xlabel("runs")
     ax.set_ylabel("ln E against it")
-    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, fontsize="small")
+    _above(ax, RIVALS_ACROSS)
     return figure
 
 
@@ -183,14 +185,16 @@ def realised_figure(entries: Sequence[Entry]) -> MatplotlibFigure:
     return figure
 
 
-MOST_LINEAR = 50.0  # of an axis
-
-
 def _below_its_legend(curves: int, across: int) -> tuple[MatplotlibFigure, Any]:
     """A figure and its axes, with room above for so many curves' names, so many in a row."""
     above_in = 0.15 + 0.2 * -(-curves // across)
     figure, axes = panels((1, 1), (7.4, 3.2 + above_in), top_in=above_in)
     return figure, np.ravel(axes)[0]
+
+
+def _above(ax: Any, across: int) -> None:
+    """The legend above the axes, so many names in a row."""
+    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=across, fontsize="small")
 
 
 def _number(value: float | None) -> str:
