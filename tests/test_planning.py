@@ -12,8 +12,11 @@ import pytest
 from benchmark_scripts import benchmark
 from small_worlds import QUIET
 
+from shockrig.analysis.diagnosis import search as searching
 from shockrig.analysis.diagnosis.diagnose import diagnose_channel
 from shockrig.analysis.diagnosis.prepare import prepare
+from shockrig.analysis.diagnosis.search import finish, plain_fit, search
+from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.fit import fit
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.model import PLAIN, Model
@@ -36,7 +39,8 @@ from shockrig.analysis.planning.verdict import Verdict
 from shockrig.files.campaign import Air, Run
 from shockrig.files.errors import InputError
 from shockrig.files.plan import append_decision, read_decisions
-from shockrig.rig.virtual.truth import Hidden, Noise
+from shockrig.rig.virtual.hide import draw_effect
+from shockrig.rig.virtual.truth import ROUGH, Hidden, Noise, draw_truth
 
 bench_script = benchmark("loop_bench")
 UP, DOWN = Shock(20.0, 20.0, 20.0, 80.0, dwell_s=30.0), Shock(20.0, 80.0, 20.0, 20.0, dwell_s=30.0)
@@ -300,6 +304,46 @@ def test_what_hardly_ever_happens_is_tied_too_and_stays_where_the_likelier_is_ru
     bench.record_run(replace(COOL, lead_s=30.0).as_run())
     after = look_at(bench.campaign(), "temperature", before).verdict
     assert after.out == (("dead_time",),) and after.named == ("clock_drift",) and after.verdict == "explained"
+
+
+def late_film(folder, seed, pair):
+    """A film that is logged late, in four equal runs: its kink lies between other samples in each of them."""
+    rng = np.random.default_rng([seed, pair])
+    late = draw_truth(rng, ROUGH, [draw_effect(rng, "dead_time", "comfortable", "humidity")])
+    runs = [Shock(20.0, 20.0, 20.0, 80.0)] * 4
+    channel = build_channel(recorded(folder, late, runs, 1000 * seed + pair).campaign(), "humidity")
+    return channel, late.effects[0].parameters["delay_s"]
+
+
+@pytest.mark.parametrize("begun_s", [0.01, 0.15, 0.6])
+def test_a_fit_is_carried_over_the_steps_of_its_objective(tmp_path, begun_s):
+    """A film's response begins with a kink, and no gradient leads it over a sample."""
+    channel, delay_s = late_film(tmp_path, 209, 11)
+    problem = prepare(channel).problem
+    plain, structure = plain_fit(problem), PLAIN.adding(CATALOGUE["dead_time"])
+    theta = Model(problem.channel, structure).start(plain.log_rates, {"dead_time.delay_s": begun_s})
+    found = finish(problem, fit(problem, structure, theta))
+    assert found.values()["dead_time"]["delay_s"][0] == pytest.approx(delay_s, abs=0.006)
+    assert found.objective < 1.3 * problem.channel.count.size
+
+
+def test_a_delay_is_not_named_a_clock_by_four_equal_runs(tmp_path):
+    found = diagnose_channel(late_film(tmp_path, 205, 14)[0], describing=False)
+    assert [cause.effect for cause in found.causes] == ["dead_time"]
+    assert "clock_drift" in found.search.standing["dead_time"].rivals
+
+
+def test_the_likelier_of_two_searches_counts_and_the_other_stands_beside_it(tmp_path, monkeypatch):
+    """One from an earlier look, made to end with a clock that runs fast; one from nothing."""
+    ready = prepare(late_film(tmp_path, 205, 14)[0])
+    both = {e: search(ready.problem, PLAIN, [CATALOGUE[e]]) for e in ("clock_drift", "dead_time")}
+    assert all(s.final.structure.ids == (e,) for e, s in both.items())
+    monkeypatch.setattr(
+        searching, "search", lambda *a, earlier=None, **k: both["clock_drift" if earlier else "dead_time"]
+    )
+    found = searching.search_twice(ready.problem, PLAIN, {"clock_drift": {"ppm": 63000.0}})
+    assert found.final is both["dead_time"].final and found.otherwise is both["clock_drift"].final
+    assert searching.search_twice(ready.problem, PLAIN, {}).otherwise is None
 
 
 def test_a_longer_plateau_before_the_transfer_tells_a_dead_time_from_a_clock_that_runs_fast(tmp_path):

@@ -25,7 +25,17 @@ from shockrig.analysis.diagnosis.placing import weighed_alike
 from shockrig.analysis.diagnosis.prepare import Prepared, likelier_average, prepare, with_rounding
 from shockrig.analysis.diagnosis.remainder import Remainder, Tolerance, measure_remainder, predicted_badly
 from shockrig.analysis.diagnosis.restless import nothing_else, restless
-from shockrig.analysis.diagnosis.search import Earlier, Search, at_bound, evidence, refit, refused, says_nothing, search
+from shockrig.analysis.diagnosis.search import (
+    Earlier,
+    Search,
+    at_bound,
+    evidence,
+    refit,
+    refused,
+    says_nothing,
+    search,
+    search_twice,
+)
 from shockrig.analysis.diagnosis.thresholds import TIE, level, penalty
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.channel import Channel
@@ -116,8 +126,10 @@ def diagnose_channel(
     earlier: Earlier | None = None,
     describing: bool = True,
     anew: bool = True,
+    twice: bool = False,
 ) -> ChannelDiagnosis:
     """Diagnose one channel; `earlier` is what an earlier diagnosis of its runs named, where the search then begins.
+    Where it shall begin from nothing too (`twice`) the likelier outcome counts.
 
     What no catalogued effect explains is described only where `describing`: that takes longer than all the rest. Where
     a form of the grammar that does well there is the law of a catalogued effect, the search begins again from that
@@ -127,12 +139,13 @@ def diagnose_channel(
     progress(f"{channel.name}: searching the catalogue")
     rough = search(ready.problem, ready.structure, thorough=False).final if ready.rounds_coarsely else None
     ready = with_rounding(ready, rough)
-    found = search(ready.problem, ready.structure, earlier=earlier)
+    searched = search_twice if twice else search
+    found = searched(ready.problem, ready.structure, earlier=earlier or {})
     adequacy = judge(ready.problem, found.final, ready.noise)
     averaged = likelier_average(ready, found, adequacy.passed)
     if averaged is not None:
         ready = with_rounding(prepare(channel, averaged), rough)
-        found = search(ready.problem, ready.structure, earlier=earlier)
+        found = searched(ready.problem, ready.structure, earlier=earlier or {})
         adequacy = judge(ready.problem, found.final, ready.noise)
     plain_adequacy = judge(ready.problem, found.plain, ready.noise)
     progress(f"{channel.name}: measuring the gain on unseen runs")

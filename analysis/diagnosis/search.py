@@ -8,7 +8,7 @@ competes with every named cause on equal terms. A gain must pay for its paramete
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from shockrig.analysis.diagnosis.thresholds import TIE, level, penalty
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.effect import Effect
-from shockrig.analysis.inference.fit import Fit, fit, go_on
+from shockrig.analysis.inference.fit import Fit, fit, go_on, objective_at
 from shockrig.analysis.inference.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.inference.scan import open_starts, rough_point, rough_rates, scanned_starts
@@ -40,6 +40,7 @@ SHARE_OF_RANGE = 0.98  # from which a share stands at the end of its range
 PLAINLY_WRONG = 3.0  # objective per bin from which a fit's deviations mean nothing
 MOST_FITS = 200  # of a search that adds effects: what it has reached by then is judged, the rest called unexplained
 IN_ALL = 2  # times as many, until every effect found was held against the others; one that was not is not kept
+NUDGED_FITS = 3  # from beside where one ended
 FINISHED = 3  # candidates that are carried to the end of their fits
 
 
@@ -79,7 +80,11 @@ class Standing:
 @dataclass(frozen=True)
 class Search:
     """Outcome of a search: the model that it began from, the one that it ended with, its moves, and how each effect
-    found stands."""
+    found stands.
+
+    `otherwise` is where a search from another start ended, if with other effects; `almost` are the models with one
+    effect more that came next, each by its effect.
+    """
 
     plain: Fit
     final: Fit
@@ -87,6 +92,8 @@ class Search:
     standing: dict[str, Standing]
     fits: int = 0
     at_limit: bool = False  # whether it ended because it had made as many fits as it may
+    otherwise: Fit | None = None
+    almost: Mapping[str, Fit] = field(default_factory=dict)
 
 
 def evidence(problem: Problem, gain: float) -> float:
@@ -117,7 +124,8 @@ def refit(
 ) -> Fit:
     """Fit `structure` from the parameters of `near`; from two starts of the deviations.
 
-    An effect can hide in the runs' own deviations, and the deviations in an effect: hence both starts.
+    An effect can hide in the runs' own deviations, and the deviations in an effect: hence both starts. Where the
+    objective has steps the fit is carried over them: stuck before one, it may need an effect that nobody else does.
     """
     theta = Model(problem.channel, structure).start(near.log_rates, near.choice)
     best = fit(problem, structure, theta, _fresh(problem, near), iterations)
@@ -130,7 +138,8 @@ def refit(
         if moved is not None:
             best = min((best, fit(problem, structure, best.theta, moved, iterations)), key=lambda f: f.deviance)
     mirrored = _mirrored(problem, best)
-    return best if mirrored is None else min((best, mirrored), key=lambda f: f.deviance)
+    best = best if mirrored is None else min((best, mirrored), key=lambda f: f.deviance)
+    return min((best, *_nudged(problem, best)), key=lambda f: f.deviance)
 
 
 def _mirrored(problem: Problem, found: Fit) -> Fit | None:
@@ -219,24 +228,31 @@ def race(problem: Problem, current: Fit, starts: Mapping[str, Starts]) -> dict[s
 
 def finish(problem: Problem, found: Fit) -> Fit:
     """The fit carried to its end, where it was left early; from several values where the objective has steps."""
-    channel = problem.channel
-    nudged = [
-        {f"{effect.id}.{name}": offset for name, offset in offsets.items()}
-        for effect in found.structure.effects
-        if effect.nudges
-        for offsets in effect.nudges(channel)
-    ]
-    if found.converged and not nudged:
+    stepped = _has_steps(problem, found.structure)
+    if found.converged and not stepped:
         return found
-    fresh = _fresh(problem, found)
     # From the scatter of rates that is usual: one that has grown may hide what the model now explains.
-    fits = [found, fit(problem, found.structure, found.theta, found.deviations)]
-    for offsets in nudged:
-        theta = found.theta.copy()
-        for name, offset in offsets.items():
-            theta[found.model.place(name)] += offset
-        fits.append(fit(problem, found.structure, theta, fresh))
-    return min(fits, key=lambda f: f.deviance)
+    again = fit(problem, found.structure, found.theta, found.deviations)
+    return min((found, again, *_nudged(problem, found)), key=lambda f: f.deviance)
+
+
+def _has_steps(problem: Problem, structure: Structure) -> bool:
+    """Whether a model's objective has steps or ridges, before which a fit may end."""
+    return any(effect.nudges and effect.nudges(problem.channel) for effect in structure.effects)
+
+
+def _nudged(problem: Problem, found: Fit) -> list[Fit]:
+    """Fits from beside where one ended, where the objective has steps or ridges: from those that begin best."""
+    deviations, begun = _fresh(problem, found), list[tuple[float, Array]]()
+    for effect in found.structure.effects:
+        for offsets in effect.nudges(problem.channel) if effect.nudges else ():
+            theta = found.theta.copy()
+            for name, offset in offsets.items():
+                theta[found.model.place(f"{effect.id}.{name}")] += offset
+            theta = np.clip(theta, *found.model.bounds())
+            begun.append((objective_at(problem, found.model, Point(theta, deviations)), theta))
+    begun.sort(key=lambda one: one[0])
+    return [fit(problem, found.structure, theta, deviations) for _, theta in begun[:NUDGED_FITS]]
 
 
 def at_bound(effect: Effect, values: Mapping[str, float]) -> tuple[str, ...]:
@@ -304,6 +320,7 @@ class Stepwise:
         self.moves: list[Move] = []
         self.fits = 0  # about: a start, a fit carried on and a fit from other deviations count as one each
         self.most_fits = most_fits
+        self.almost: dict[str, Fit] = {}  # where nothing was added: the trials that were carried to their ends
         self._drops: tuple[Fit | None, dict[str, Fit]] = (None, {})
 
     def worth(self, gain: float, effect: str) -> float:
@@ -382,7 +399,7 @@ class Stepwise:
     def forward(self, current: Fit, keep: int) -> tuple[Fit, bool]:
         """With the best candidate, if one is worth its penalty."""
         promising = self.promising(current, keep)
-        trials = self.trials(current, promising)
+        trials, self.almost = self.trials(current, promising), {}
         if not trials:
             return current, False
         for effect in self._ahead(trials):
@@ -417,6 +434,7 @@ class Stepwise:
             self._drops = (taken, {best: current})
             return taken, True
         self.moves.append(Move("stop", "", 0.0, ranked))
+        self.almost = {effect: trials[effect] for effect in self._ahead(trials)}
         return current, False
 
     def _likeliest(self, current: Fit, trials: Mapping[str, Fit]) -> tuple[str, dict[str, float]]:
@@ -492,7 +510,9 @@ class Stepwise:
             promising.pop(effect, None)
             others = self.trials(without, {e: s for e, s in promising.items() if e not in current.structure.ids})
             for e, f in others.items():
-                if f.deviance - current.deviance < max(0.1 * necessity, 30.0):
+                # Before a step of its objective a rival may be behind by anything.
+                stepped = _has_steps(self.problem, f.structure)
+                if stepped or f.deviance - current.deviance < max(0.1 * necessity, 30.0):
                     others[e] = finish(self.problem, f)
                     self.fits += 1
             rises = {e: f.deviance - current.deviance for e, f in others.items()}
@@ -577,4 +597,21 @@ def search(
             structure = current.structure.keeping(set(current.structure.ids) - untried)
             current = plain if structure.ids == base.ids else refit(problem, structure, current)
     at_limit = looking.fits >= looking.most_fits and len(looking.added(current)) < most
-    return Search(plain, current, tuple(looking.moves), standing, looking.fits, at_limit)
+    almost = {} if at_limit else looking.almost
+    return Search(plain, current, tuple(looking.moves), standing, looking.fits, at_limit, almost=almost)
+
+
+def search_twice(problem: Problem, base: Structure, earlier: Earlier) -> Search:
+    """Search from where an earlier search ended and from nothing; the likelier outcome, with the other beside it."""
+    outcomes = [search(problem, base, earlier=earlier)]
+    if earlier:
+        outcomes.append(search(problem, base))
+    outcomes.sort(key=lambda one: penalised(problem, one.final))
+    best, *others = outcomes
+    differs = [o.final for o in others if set(o.final.structure.ids) != set(best.final.structure.ids)]
+    return replace(best, fits=sum(o.fits for o in outcomes), otherwise=differs[0] if differs else None)
+
+
+def penalised(problem: Problem, found: Fit) -> float:
+    """Deviance of a model with the penalties of all its effects."""
+    return found.deviance + sum(penalty(effect, problem.channel) for effect in found.structure.effects)

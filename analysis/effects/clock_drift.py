@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from shockrig.analysis.effects.jumps import NUDGES_S
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.effect import RARE, Arrays, Effect, Parameter, Values
 from shockrig.analysis.physics.chain import Chain
@@ -14,7 +15,6 @@ def _apply(chain: Chain, p: Arrays) -> Chain:
     return replace(chain, time_s=chain.time_s - 1e-6 * p["ppm"][..., None] * np.maximum(elapsed, 0.0))
 
 
-NUDGES_S = (-0.02, -0.01, 0.01, 0.02)  # by which a transfer is later in its stamps
 LEAST = 3.5  # standard uncertainties of a clock that is off alike in all runs
 
 
@@ -23,7 +23,8 @@ def _no_more_than_the_clock(channel: Channel, values: Values) -> bool:
 
 
 def _nudges(channel: Channel) -> list[dict[str, float]]:
-    """Where a film's response begins with a kink, the objective has a step wherever a sample passes it."""
+    """By how much later a transfer is in its stamps: where a film's response begins with a kink, the objective has a
+    step wherever a sample passes it."""
     lead_s = float(np.nanmean(channel.conditions.start_s))
     return [{"ppm": 1e6 * late_s / max(lead_s, 1.0)} for late_s in NUDGES_S]
 

@@ -13,7 +13,7 @@ from functools import cache
 
 from shockrig.analysis.effects.behaviours import Form, acting, form_of
 from shockrig.analysis.effects.described_in_flight import flown
-from shockrig.analysis.effects.jumps import NUDGES_S, when_it_jumps_s
+from shockrig.analysis.effects.jumps import when_it_jumps_s
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.effect import Effect, Link, Parameter
 from shockrig.files.causes import Uncertain
@@ -30,6 +30,7 @@ LINKS: dict[str, Link] = {
     "delay": "logger",
     "periodic": "air",
 }
+NUDGES_S = (-0.02, -0.01, 0.01, 0.02)  # of a delay: each is fitted to its end
 LAST = 1000  # in the order of the chain: after all of the catalogue
 TIMES_S = (0.3, 1.0, 3.0, 10.0, 30.0)
 NUMBERS: dict[tuple[str, str], tuple[float, float, tuple[float, ...], str, bool]] = {

@@ -10,7 +10,7 @@ import numpy as np
 from shockrig.analysis.inference.channel import Channel
 
 SPREAD_S = 0.06  # of the jumps' times from run to run, sampling and trigger together
-NUDGES_S = (-0.02, -0.01, 0.01, 0.02)  # the objective has steps where a sample crosses the jump
+NUDGES_S = tuple(0.002 * k for k in range(-15, 16) if k)  # the objective has steps where a sample crosses the jump
 LEAST_CHANGE_K = 3.0  # of the air, for its jump to stand out in the RH read at its temperature
 LEAST_JUMPS = 3
 

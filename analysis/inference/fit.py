@@ -164,7 +164,7 @@ def _linearise(problem: Problem, model: Model, point: Point, hold_theta: bool = 
     return Linearised(point, f[0], jacobian, run_jacobian, whitened[..., count] - base, int(mute.sum()))
 
 
-def _objective(problem: Problem, model: Model, point: Point) -> float:
+def objective_at(problem: Problem, model: Model, point: Point) -> float:
     """The same penalised sum of squares, without sensitivities: an eighth of the work."""
     channel = problem.channel
     chain = model.chain(Point(point.theta[None], point.deviations[None]))
@@ -254,7 +254,7 @@ def _descend(
             point = Point(trial, at.point.deviations + shift)
             # Where a step has just failed the next may too: its sensitivities wait until it holds.
             new = None if wary or tried else _linearise(problem, model, point, hold_theta)
-            reached = _objective(problem, model, point) if new is None else new.objective(problem, model)
+            reached = objective_at(problem, model, point) if new is None else new.objective(problem, model)
             if np.isfinite(reached) and reached <= objective + 1e-9:
                 break
             damping = min(damping * 12, 1e6)

@@ -11,7 +11,7 @@ from shockrig.analysis.diagnosis.adequacy import judge
 from shockrig.analysis.diagnosis.describing import alternatives
 from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis, diagnose_channel, enough
 from shockrig.analysis.diagnosis.prepare import prepare
-from shockrig.analysis.diagnosis.search import candidates_of, evidence, finish, refused, says_nothing
+from shockrig.analysis.diagnosis.search import candidates_of, evidence, finish, penalised, refused, says_nothing
 from shockrig.analysis.diagnosis.thresholds import FALSE_ALARMS, penalty
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.channel import Channel
@@ -84,7 +84,7 @@ def look_at(campaign: Campaign, name: ChannelName, before: Verdict, final: bool 
     if anew and wanted and later and not final:
         now = replace(now, due=True)
     elif anew and wanted:
-        found = diagnose_channel(channel, earlier=now.causes, describing=final)
+        found = diagnose_channel(channel, earlier=now.causes, describing=final, twice=final)
         now = _taken(found, now, final)
         ready = replace(ready, problem=found.problem, noise=found.noise)
     rivals = tuple(_fitted(ready.problem, e, base) for e in now.standing) if len(now.standing) > 1 else ()
@@ -190,6 +190,18 @@ def _possible(found: ChannelDiagnosis, look: int) -> list[Explanation]:
         needed = evidence(found.problem, standing.necessity)
         if needed < penalty(CATALOGUE[effect], found.problem.channel) + level - tie_level(1):
             explanations.append({e: v for e, v in own.items() if e != effect})
+    # Where a search from another start ended elsewhere.
+    elsewhere, final = found.search.otherwise, found.search.final
+    if elsewhere is not None:
+        behind = penalised(found.problem, elsewhere) - penalised(found.problem, final)
+        if evidence(found.problem, behind) < level:
+            explanations.append(_explained_by(elsewhere))
+    if found.described is None and not judge(found.problem, final, found.noise).passed:
+        # Where the search leaves something for sure, what would all but pay for itself: a few more runs tell.
+        for effect, more in found.search.almost.items():
+            gained = evidence(found.problem, final.deviance - more.deviance)
+            if gained > max(penalty(CATALOGUE[effect], found.problem.channel) - level, 0.0):
+                explanations.append(_explained_by(more))
     # What the search found and unseen runs of this look do not bear out, where the model without it is not enough.
     wider = _explained_by(found.search.final)
     if set(wider) - set(own) and not (found.verdict == "adequate" and found.adequacy.passed):
