@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from small_worlds import record
+from small_worlds import record, small_plan
 
 from shockrig.analysis.diagnosis.adequacy import LINE, Check, judge
 from shockrig.analysis.diagnosis.beside import alone, without_idle
@@ -17,10 +17,10 @@ from shockrig.analysis.diagnosis.restless import nothing_else, restless
 from shockrig.analysis.diagnosis.search import Search, plain_fit
 from shockrig.analysis.diagnosis.thresholds import TIE
 from shockrig.analysis.discovery.conditions import Judged
-from shockrig.analysis.discovery.discover import Described, Discovery
+from shockrig.analysis.discovery.discover import Described, Discovery, says_something
 from shockrig.analysis.discovery.grammar import forms, plain_forms
 from shockrig.analysis.discovery.likeness import Alike, alike, closest, price_of, signature
-from shockrig.analysis.discovery.race import NUMBER
+from shockrig.analysis.discovery.race import NUMBER, Candidate
 from shockrig.analysis.discovery.stating import nearest_of
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.behaviours import Form
@@ -33,7 +33,8 @@ from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.model import Held, Model, Point, Structure
 from shockrig.analysis.inference.work import Work
 from shockrig.analysis.report.described_words import flies, sentence
-from shockrig.rig.virtual.plans import standard_plan
+from shockrig.rig.seams import Air
+from shockrig.rig.virtual.plans import Shock, standard_plan
 from shockrig.rig.virtual.truth import ROUGH, Hidden
 
 T = ("temperature",)
@@ -179,6 +180,43 @@ def test_a_gain_of_nothing_from_a_level_on_is_a_ceiling(both):
     hard, soft, free = (reading(form, size=size, humidity=60.0) for size in (-1.0, -0.5, 0.0))
     np.testing.assert_allclose(hard, reading(CATALOGUE["saturation_clipping"], limit_percent=60.0), atol=1e-12)
     np.testing.assert_allclose(soft - 60.0, np.where(free > 60.0, 0.5, 1.0) * (free - 60.0), atol=1e-12)
+
+
+def test_what_dew_brings_goes_with_the_margin_of_the_dew_point(tmp_path):
+    """A wet bead in the air that it dries in; where no run is wet there is no such form."""
+    key, plan = "added_rate|none|humidity:dew_margin", small_plan()
+    dry = build_channel(record(tmp_path / "dry", 4, (), plan=standard_plan()), "temperature")
+    assert key not in {form.key for form in forms(dry)}
+    wet = [Shock(f"wet {flow:.0f}", Air(2.0, 60.0), Air(20.0, 70.0), flow) for flow in (4.0, 6.0, 8.0)]
+    channel = build_channel(record(tmp_path / "wet", 4, (), plan=[*plan, *wet]), "temperature")
+    assert key in {form.key for form in forms(channel)}
+    effect = described(key, False)
+    assert effect.of_sensor and effect.in_flight.left
+
+    def reading(structure, **values):
+        model = Model(channel, structure)
+        start = model.start(np.array([0.0]), {f"{key}.{name}": value for name, value in values.items()})
+        return model.predict(Point(start, channel.at_rest()))[0]
+
+    moved = reading(Structure((effect,)), size=-0.3, time_constant_s=20.0) - reading(Structure())
+    ran = np.array([not np.isclose(run, 0.0, atol=1e-12).all() for run in moved])
+    c = channel.conditions
+    np.testing.assert_array_equal(ran, (c.source_c < 5.0) & (c.destination_c > 15.0))
+    # The dew point of 70 % at 20 degC is 14.4 degC (any psychrometric table), 12.4 K above 2 degC.
+    time, run = channel.time_s[ran][0], moved[ran][0]
+    expected = np.where(time > 0, -0.3 * 1.24 * np.exp(-np.maximum(time, 0.0) / 20.0), 0.0)
+    np.testing.assert_allclose(run, expected, atol=6e-3)  # chambers scatter
+
+
+def test_a_form_whose_size_is_not_known_to_half_says_nothing(late):
+    """Two forms that balance one another leave the sizes of both open."""
+    ready, plain = late
+    delay = described("delay|none", False)
+    final = with_effects(ready.problem, plain, {"delay|none.size": 0.45}, delay)
+    one = Candidate(delay, final)
+    assert says_something(one)
+    wide = final.covariance * 1e6
+    assert not says_something(replace(one, fit=replace(final, covariance=wide)))
 
 
 def test_a_cause_that_a_description_makes_idle_is_not_named_beside_it(late):

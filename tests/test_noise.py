@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from shockrig.analysis.inference.bins import rebin
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.noise import estimate_noise, plateau_pieces, whiteners
 from shockrig.files.campaign import Air, Campaign, Run, Trace
@@ -45,6 +46,18 @@ def test_known_noise_is_found(white, correlated, memory_s):
 
 def test_an_average_over_readings_is_found():
     assert estimate_noise(noisy_channel(4, 0.03, averaged=5)).averaged == 5
+
+
+def test_a_mean_is_as_long_as_it_is_where_two_readings_in_three_are_not_shown():
+    """Of white noise averaged over six readings every third keeps half of its variance to the next, and none after."""
+    channel = noisy_channel(4, 0.03, averaged=6)
+    shown = tuple((time[::3], value[::3]) for time, value in channel.samples)
+    thinned = rebin(channel, shown, [at[::3] for at in channel.bin_of], (), 3)
+    assert (thinned.sampling_period_s, thinned.reading_period_s) == pytest.approx((0.3, 0.1))
+    noise = estimate_noise(thinned)
+    assert noise.averaged == 6 and noise.readings_per_sample == 3
+    found = noise.autocovariance(4) / noise.autocovariance(1)
+    assert found == pytest.approx([1.0, 0.5, 0.0, 0.0], abs=0.1)
 
 
 def test_plateaus_are_those_before_the_transfer_and_at_the_end():

@@ -88,21 +88,24 @@ def likelier_average(before: Prepared, found: Search, adequate: bool) -> int | N
     """Length of a running mean that, by response and noise together, explains a channel better than `found`; or None.
 
     Where rounding hides the noise, only the response shows that a logger averages; a ramp of the air looks much alike.
+    Nor does the noise tell how long a mean is where few of its readings are shown.
     """
-    problem, channel = before.problem, before.problem.channel
+    problem, channel, now = before.problem, before.problem.channel, before.noise.averaged
     average = _averaging()
-    if average is None or before.noise.averaged > 1 or channel.measured.any():
+    if average is None or channel.measured.any() or (now > 1 and channel.readings_per_sample == 1):
         return None
     lengths, alike = set(), set()
     for id_, parameters in found.final.values().items():
         if (looks := CATALOGUE[id_].like_average) is not None:
-            lengths |= looks({name: value for name, (value, _) in parameters.items()}, channel.sampling_period_s)
+            lengths |= looks({name: value for name, (value, _) in parameters.items()}, channel.reading_period_s)
             alike.add(id_)
     if not lengths and adequate:
         return None
-    likely = before.noise.log_likelihood_by_average
-    lengths |= {int(n) + 1 for n in np.flatnonzero(likely > likely[0] - level("average_unlikely"))}
-    lengths = {n for n in lengths if 2 <= n <= longest_average(channel)}
+    likely, longest = before.noise.log_likelihood_by_average, longest_average(channel)
+    lengths |= {int(n) + 1 for n in np.flatnonzero(likely > likely[now - 1] - level("average_unlikely"))}
+    if now > 1:
+        lengths = set(range(2, longest + 1)) - {now}
+    lengths = {n for n in lengths if 2 <= n <= longest}
     if not lengths:
         return None
     rounding = before.step or channel.quantity.resolution
@@ -110,9 +113,9 @@ def likelier_average(before: Prepared, found: Search, adequate: bool) -> int | N
         # Readings that mostly repeat the one before: what rounding leaves of the noise is not that of any model.
         likely = np.zeros(MAX_AVERAGED)
     else:
-        likely = estimate_noise(channel, rounding, tuple(lengths)).log_likelihood_by_average
+        likely = estimate_noise(channel, rounding, (now, *lengths)).log_likelihood_by_average
     # What a wrong model gains by a mean says nothing against noise that is plainly that of single readings.
-    lengths = {n for n in lengths if likely[0] - likely[n - 1] < level("average_unlikely")}
+    lengths = {n for n in lengths if likely[now - 1] - likely[n - 1] < level("average_unlikely")}
     if not lengths:
         return None
     whole = found.final.structure
@@ -126,10 +129,11 @@ def likelier_average(before: Prepared, found: Search, adequate: bool) -> int | N
     best = None
     for kept in models:
         start = refit(problem, kept, found.final, iterations=4)
-        paid = penalty(average, channel) + sum(penalty(CATALOGUE[e], channel) for e in kept.ids if e in found.standing)
+        paid = sum(penalty(CATALOGUE[e], channel) for e in kept.ids if e in found.standing)
+        paid += penalty(average, channel) if now == 1 else 0.0
         for n in sorted(lengths):
             trial = refit(problem, kept.adding(average, Held(average.id, average.parameters[0].name, float(n))), start)
-            total = trial.deviance + 2 * (likely[0] - likely[n - 1]) + paid
+            total = trial.deviance + 2 * (likely[now - 1] - likely[n - 1]) + paid
             if total < cost - level("average_gain"):
                 cost, best = total, n
     return best

@@ -15,7 +15,8 @@ import numpy as np
 from shockrig.analysis.discovery.conditions import Judged, judged_by_condition
 from shockrig.analysis.discovery.grammar import SCALING
 from shockrig.analysis.discovery.race import NUMBER, Candidate, candidates, price, simpler
-from shockrig.analysis.effects.behaviours import scaling
+from shockrig.analysis.effects.behaviours import form_of, scaling
+from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.inference.effect import Effect
 from shockrig.analysis.inference.fit import Fit, fit
 from shockrig.analysis.inference.model import Model, Structure
@@ -34,6 +35,7 @@ HARDLY = 0.5  # share of what was there, above which what a first form leaves is
 AT_END = 1e-3  # of a range
 SWITCH = 50.0  # by which a law may scale a strength from run to run: more picks runs out, and is no law
 ANYTHING = 1.0  # uncertainty of a logarithm that says nothing
+CANCELS = 0.5  # of a size, from which on two forms only balance one another
 
 
 class Left(Protocol):
@@ -175,6 +177,8 @@ def says_something(one: Candidate) -> bool:
             return False
         if parameter.log and spread > ANYTHING * abs(value):
             return False
+        if parameter.name == "size" and spread > CANCELS * abs(value):
+            return False
     return True
 
 
@@ -200,7 +204,9 @@ def _standing(
     necessity = without.deviance - final.deviance
     if not left.passed and necessity < CERTAIN * left.excess + CERTAIN_LEAST:
         return None
-    judged = judged_by_condition(problem, without, final, set(best.form.factors))
+    # One value of a factor says nothing of the other, whichever of the forms depends on it.
+    factors = {of for e in final.structure.effects if is_described(e.id) for of in form_of(e.id).factors}
+    judged = judged_by_condition(problem, without, final, factors)
     if not judged.holds:
         return None
     cost = final.deviance + price(best.form, len(best.effect.parameters))

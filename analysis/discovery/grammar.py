@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.effects.behaviours import Factor, Form, own_step
+from shockrig.analysis.effects.behaviours import Factor, Form, dew_margin_k, own_step
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.physics.conditions import Conditions
 
@@ -17,6 +17,7 @@ LEAST_RUNS = 8  # fewer say nothing of conditions that were held out
 MOST_RUNS = 250  # more take too much memory at once
 AIRFLOWS, STEPS = 1.2, 1.5  # ratios from which on a factor has varied
 AMBIENTS_K, LEVELS_PERCENT, PRESSURES = 3.0, 10.0, 0.03
+LEAST_DEW_K, LEAST_DEWED = 0.5, 3  # margin from which on dew falls, and runs in which it does
 ALL_BUT_ORDER = 0.98  # correlation of runs' times with their order from which on one stands for both
 PERIODS = 28  # that are tried, from a second to the length of a run
 
@@ -45,6 +46,7 @@ def varied(channel: Channel) -> set[str]:
         "step": sizes.max() > STEPS * sizes.min(),
         "humidity": np.ptp(level) > LEVELS_PERCENT,
         "pressure": np.ptp(c.pressure_hpa) > PRESSURES * c.pressure_hpa.mean(),
+        "dew": LEAST_DEWED <= (dew_margin_k(c) > LEAST_DEW_K).sum() < channel.runs,
         "run_order": channel.runs >= LEAST_RUNS,
         "time_of_campaign": channel.runs >= LEAST_RUNS and _uneven(c),
     }
@@ -109,6 +111,8 @@ def forms(channel: Channel) -> Iterator[Form]:
         yield Form("offset", "none", (("direction", "sign"), ("step", "sets_in_over")))
     if channel.jumps_with_air:
         yield Form("gain", "own_response", (("humidity", "above"),))
+    if "dew" in there:  # what dew brings, and takes away as it dries
+        yield Form("added_rate", "none", (("humidity", "dew_margin"),))
 
 
 def plain_forms(channel: Channel) -> Iterator[Form]:

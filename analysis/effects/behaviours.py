@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from shockrig.analysis.physics.chain import Chain, Recorded, RoomAir
 from shockrig.analysis.physics.conditions import Conditions
 from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S
-from shockrig.analysis.physics.humidity import saturation_pressure_hpa
+from shockrig.analysis.physics.humidity import dew_point_c, saturation_pressure_hpa
 
 Array = NDArray[np.float64]
 Arrays = Mapping[str, Array]
@@ -27,6 +27,7 @@ USUAL_PERCENT = 50.0
 USUAL_HPA = 1013.25
 USUAL_STEP = {True: 40.0, False: 20.0}  # of a channel that jumps with the air (%RH), and of one that does not (K)
 A_MINUTE_S = 60.0
+USUAL_MARGIN_K = 10.0  # of dew
 LEAST_STEP = 0.1  # share of a usual step
 
 
@@ -98,12 +99,20 @@ def own_step(conditions: Conditions, jumps: bool) -> Array:
     return c.destination_percent - c.source_percent if jumps else c.destination_c - c.source_c
 
 
+def dew_margin_k(conditions: Conditions) -> Array:
+    """How far the destination's dew point lies above the air that each run (R,) comes from; 0 where no dew falls."""
+    c = conditions
+    return np.maximum(dew_point_c(np.maximum(c.destination_percent, 1.0), c.destination_c) - c.source_c, 0.0)
+
+
 def _scale(form: Form, chain: Chain, p: Arrays) -> Array:
     """Product of all factors that scale, (B, R)."""
     out = np.ones((1, chain.channel.conditions.airflow_m_s.size))
     for factor, how in form.depends_on:
         if how in ("power", "exponential", "ratio"):
             out = out * scaling(factor, how, chain.channel.conditions, chain.channel.jumps_with_air, p[factor])
+        elif how == "dew_margin":
+            out = out * dew_margin_k(chain.channel.conditions) / USUAL_MARGIN_K
     return out
 
 

@@ -93,7 +93,8 @@ def _from_the_jumps(channel: Channel) -> dict[str, float]:
 def of_sensor(form: Form) -> bool:
     """Whether it can belong to the sensor; what grows from run to run, or swings with the air, is the bench's."""
     room = form.behaves_as == "added_response" and ("ambient", "zero_at") in form.depends_on
-    pulse = form.behaves_as == "added_rate" and form.driver == "none"
+    dew = ("humidity", "dew_margin") in form.depends_on
+    pulse = form.behaves_as == "added_rate" and form.driver == "none" and not dew
     drifts = {"run_order", "time_of_campaign"} & set(form.factors)
     return not (room or pulse or form.behaves_as == "periodic" or drifts)
 

@@ -60,7 +60,7 @@ def flown(form: Form) -> InFlight | None:
         or "zero_at" in dict(form.depends_on).values()
     ):
         return None
-    if form.behaves_as == "added_rate" and form.driver == "none":
+    if form.behaves_as == "added_rate" and form.driver == "none" and "humidity" not in form.factors:
         return None
     if any(pair not in KNOWN for pair in form.depends_on):
         return InFlight(left=True)

@@ -56,7 +56,7 @@ def repeats(known: Readings) -> tuple[Readings, Finding | None]:
         kept_bins.append(channel.bin_of[run][fresh])
         if channel.die_samples:
             kept_die.append(channel.die_samples[run][fresh])
-    kept = rebin(channel, kept_samples, kept_bins, tuple(kept_die), best * period)
+    kept = rebin(channel, kept_samples, kept_bins, tuple(kept_die), best)
     return replace(known, channel=kept), Finding(
         "stale_samples",
         {"hold_samples": (float(best), 0.05)},

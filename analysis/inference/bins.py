@@ -86,10 +86,8 @@ def bin_means(times: Sequence[Array], values: Sequence[Array], bin_of: Sequence[
     return np.where(count > 0, time, typical), value, count
 
 
-def rebin(
-    channel: Channel, samples: Samples, bins: Sequence[Index], die: tuple[Array, ...], period_s: float
-) -> Channel:
-    """The channel on fewer samples; bins that no run fills any longer are left out."""
+def rebin(channel: Channel, samples: Samples, bins: Sequence[Index], die: tuple[Array, ...], each: int) -> Channel:
+    """The channel on one sample in `each`; bins that no run fills any longer are left out."""
     bin_of = _renumbered(bins)
     time, value, count = bin_means([t for t, _ in samples], [y for _, y in samples], bin_of)
     die_c = np.full(time.shape, np.nan)
@@ -104,7 +102,8 @@ def rebin(
         samples=tuple(samples),
         bin_of=bin_of,
         die_samples=die,
-        sampling_period_s=round(period_s, 4),
+        sampling_period_s=round(each * channel.sampling_period_s, 4),
+        readings_per_sample=each * channel.readings_per_sample,
     )
 
 

@@ -56,6 +56,9 @@ class Channel:
         ln rate of a run = interpolation @ ln rate of the ambients (linear in 1/T), so that destinations that differ a
         little within an ambient do not scatter its diffusivity. One column of ones where one rate holds at all.
     sampling_period_s, length_m : float
+    readings_per_sample : int
+        Readings that the logger takes in a sampling period: more than one where rows that repeat a reading are left
+        out, and it takes all the same those that it does not show.
     tempo : float
         How much slower (or faster) the sensor is than those that the bins in time were laid out for: 1 for them.
     samples : tuple of (time_s, value) arrays
@@ -95,6 +98,12 @@ class Channel:
     die_samples: tuple[Array, ...] = ()
     left_out: tuple[LeftOut, ...] = field(default=())
     common: CommonUncertainty | None = None
+    readings_per_sample: int = 1
+
+    @property
+    def reading_period_s(self) -> float:
+        """Time from one reading of the logger to the next [s]."""
+        return self.sampling_period_s / self.readings_per_sample
 
     @property
     def name(self) -> ChannelName:

@@ -35,16 +35,18 @@ QUICK = tuple((x, s, m) for x in (-0.3, 0.0, 0.4) for s, m in ((-5.0, 0.0), (0.0
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of one channel's readings, on the grid of its sampling period.
+    """Noise of one channel's readings.
 
     Attributes
     ----------
     white, correlated : float
         Standard deviations [channel's unit] of the white and the AR(1) part before averaging.
     memory : float
-        AR(1) coefficient from one sample to the next.
+        AR(1) coefficient from one reading to the next.
     averaged : int
         Each reading is the mean of this many (1: none); the mean response is treated elsewhere.
+    readings_per_sample : int
+        Readings that the logger takes from one sample to the next.
     extra : float
         Standard deviation added as white noise for rounding that the plateaus do not show.
     pieces : int
@@ -68,10 +70,12 @@ class Noise:
     step: float = 0.0
     passed: float = 0.0
     passed_memory: float = 0.0
+    readings_per_sample: int = 1
 
     def autocovariance(self, lags: int) -> Array:
         """Autocovariance at lags 0 .. lags-1 samples [unit^2]; behind a coarse step, that of a signal that rests."""
-        gamma = _autocovariance(self.white**2, self.correlated**2, self.memory, self.averaged, lags)
+        parts = self.white**2, self.correlated**2, self.memory
+        gamma = _autocovariance(*parts, self.averaged, lags, self.readings_per_sample)
         gamma[0] += self.extra**2
         if self.passed:
             gamma = gamma + self.passed**2 * self.passed_memory ** np.arange(lags)
@@ -98,7 +102,14 @@ class Noise:
         return replace(self, extra=float(np.hypot(self.extra, step / np.sqrt(12.0))))
 
 
-def _autocovariance(white: float, correlated: float, memory: float, averaged: int, lags: int) -> Array:
+def _autocovariance(
+    white: float, correlated: float, memory: float, averaged: int, lags: int, readings_per_sample: int = 1
+) -> Array:
+    """At lags of 0, 1, ... samples; noise and mean are those of the logger's readings, of which some may be hidden."""
+    if readings_per_sample > 1:
+        return _autocovariance(white, correlated, memory, averaged, (lags - 1) * readings_per_sample + 1)[
+            ::readings_per_sample
+        ]
     reach = lags + averaged
     gamma = correlated * memory ** np.arange(reach, dtype=float)
     gamma[0] += white
@@ -208,7 +219,7 @@ def estimate_noise(
     where a plateau happens to lie near the edge of a code (see `analysis.rounding`); nothing is said of averages then.
     """
     early, late = plateau_pieces(channel)
-    piece = early.shape[1]
+    piece, each = early.shape[1], channel.readings_per_sample
     # Before the transfer the reading rests; after it the end of the transient may still bend a little.
     bent, longest = 2, LONGEST_MEMORY
     if coarse:
@@ -233,10 +244,10 @@ def estimate_noise(
 
     def parts(x: Array, averaged: int) -> tuple[float, float, float]:
         total, share, memory = scale * averaged * np.exp(x[0]), _logistic(x[1]), longest * _logistic(x[2])
-        return (1 - share) * total, share * total, memory
+        return (1 - share) * total, share * total, memory ** (1.0 / each)
 
     def deviance(x: Array, averaged: int) -> float:
-        gamma = _autocovariance(*parts(x, averaged), averaged, piece)
+        gamma = _autocovariance(*parts(x, averaged), averaged, piece, each)
         if coarse:
             gamma = rounded_autocovariance(gamma, rounding)
         elif averaged > 1:
@@ -294,6 +305,7 @@ def estimate_noise(
         extra=float(np.sqrt(extra)) if averaged > 1 and not coarse else 0.0,
         pieces=count,
         log_likelihood_by_average=best,
+        readings_per_sample=each,
         step=rounding if coarse else 0.0,
     )
 
@@ -313,7 +325,7 @@ def longest_average(channel: Channel) -> int:
     halves_s = np.array([half_way_s(time, value) for time, value in channel.samples])
     if not np.isfinite(halves_s).any():
         return MAX_AVERAGED
-    return int(np.clip(OWN_SHARE * float(np.nanmedian(halves_s)) / channel.sampling_period_s, 1, MAX_AVERAGED))
+    return int(np.clip(OWN_SHARE * float(np.nanmedian(halves_s)) / channel.reading_period_s, 1, MAX_AVERAGED))
 
 
 def _crude(channel: Channel, step: float) -> Noise:

@@ -63,7 +63,7 @@ class Recorded(Protocol):
     @property
     def air(self) -> tuple[MeasuredAir | None, ...]: ...
     @property
-    def sampling_period_s(self) -> float: ...
+    def reading_period_s(self) -> float: ...
     @property
     def length_m(self) -> float: ...
     @property
@@ -172,7 +172,7 @@ def evaluate(chain: Chain, reading_of: Callable[[Chain], Array]) -> Array:
     """Readings of the chain, shape (B, R, n) [degC or %RH]; `reading_of` is `temperature_reading` or its like."""
     if chain.averaged > 1 and chain.channel.jumps_with_air:
         return _running_mean(chain, reading_of)
-    reading, period = reading_of(chain), chain.channel.sampling_period_s
+    reading, period = reading_of(chain), chain.channel.reading_period_s
     for readout in chain.readouts:
         # Readouts of such a channel are linear in the reading: what they add to each reading is averaged by itself.
         each = [readout(reading, chain.time_s - j * period, chain.die_c) for j in range(chain.averaged)]
@@ -182,7 +182,7 @@ def evaluate(chain: Chain, reading_of: Callable[[Chain], Array]) -> Array:
 
 def _running_mean(chain: Chain, reading_of: Callable[[Chain], Array]) -> Array:
     """Mean of the last n readings: all of them where a corner lies among them, Gauss nodes for them elsewhere."""
-    n, period = chain.averaged, chain.channel.sampling_period_s
+    n, period = chain.averaged, chain.channel.reading_period_s
     single = replace(chain, averaged=1)
 
     def at(shift_s: float, columns: NDArray[np.int64]) -> Array:
@@ -241,7 +241,7 @@ def at_jump(chain: Chain) -> NDArray[np.bool_]:
     if not chain.channel.jumps_with_air or chain.at_die_temperature or np.max(ramp) > SHORT_RAMP_S:
         return np.zeros(time.shape, dtype=bool)
     # A logger that averages spreads the jump over the readings that it averages.
-    shifts = chain.channel.sampling_period_s * np.arange(chain.averaged)
+    shifts = chain.channel.reading_period_s * np.arange(chain.averaged)
     until = np.broadcast_to(ramp, (time.shape[0],))[:, None] + JUMP_S
     late = [(time - shift > -JUMP_S) & (time - shift < until) for shift in shifts]
     return stepped[:, None] & np.any(late, axis=0) & (chain.channel.count > 0)
@@ -336,7 +336,7 @@ def _drive_by(
     own = modes.slowest(modes.Modes(amplitude, rate), DRIVEN_MODES)
     if air.lag_s > 0:
         own = beside_lagging_reference(own, air.lag_s)
-    period_s = chain.channel.sampling_period_s
+    period_s = chain.channel.reading_period_s
     out[:, run] = respond(own, air.time_s, trace, at_s[:, run], samples=chain.averaged, period_s=period_s)
 
 
@@ -374,7 +374,7 @@ def _let_in(chain: Chain, response: modes.Modes, room: RoomAir) -> Array:
 
 def _averaged(chain: Chain, form: Callable[..., Array]) -> Callable[..., Array]:
     """A closed form in the mean of the readings that the logger averages."""
-    return partial(form, samples=chain.averaged, period_s=chain.channel.sampling_period_s)
+    return partial(form, samples=chain.averaged, period_s=chain.channel.reading_period_s)
 
 
 def _shared(form: Callable[..., Array], response: modes.Modes, time: Array, *arguments: Array) -> Array:

@@ -210,7 +210,7 @@ def _noise_words(found: ChannelResult) -> str:
     if noise.correlated < 0.1 * noise.standard_deviation:
         words = "white"
     else:
-        memory = -found.channel.sampling_period_s / np.log(np.clip(noise.memory, 1e-9, 0.9999))
+        memory = -found.channel.reading_period_s / np.log(np.clip(noise.memory, 1e-9, 0.9999))
         words = (
             f"white {plain(noise.white, 2)} {unit} and {plain(noise.correlated, 2)} {unit} over {plain(memory, 2)} s"
         )

@@ -116,6 +116,8 @@ def _factor(name: str) -> str:
 
 def _depends(on: Dependence) -> str:
     factor = _factor(on.factor)
+    if on.form == "dew_margin":
+        return "how far the dew point lies above the air that a run comes from"
     if on.value is None:
         return f"{factor} ({on.form.replace('_', ' ')})" if on.form not in ("sign", "linear") else factor
     value = measured(on.value, on.standard_uncertainty or 0.0)
