@@ -58,13 +58,14 @@ def test_air_straight_between_samples_moves_a_lag_as_calculus_says():
     )
 
 
-def test_smoother_is_the_conditional_mean_of_the_joint_gaussian():
+@pytest.mark.parametrize("course_is_smooth", [False, True])
+def test_smoother_is_the_conditional_mean_of_the_joint_gaussian(course_is_smooth):
     """Against dense linear algebra: the same model written as one covariance, conditioned on the readings at once."""
     rng = np.random.default_rng(2)
     n, step = 25, np.full(25, 0.1)
     step[10] = 0.35
     response = film_response(PROFILE.humidity, np.linspace(5, 30, n), Stream(np.full(n, 5.0)))
-    prior = Prior(*(np.full((1, n), v) for v in (0.4, 0.3, 0.1)))
+    prior = Prior(*(np.full((1, n), v) for v in (0.4, 0.3, 0.1)), smooth=course_is_smooth)
     noise = np.full(n, 0.01)
     noise[[4, 5, 18]] = np.inf
     reading = rng.standard_normal(n)
@@ -73,11 +74,13 @@ def test_smoother_is_the_conditional_mean_of_the_joint_gaussian():
     lags, spread = np.zeros((1, modes)), np.array([1.5])
     found = smooth(step[None], reading[None], noise[None], window, lags, prior, spread)
 
-    size = 5 + modes
+    air = AIR.size
+    size = air + modes
     start = np.zeros((size, size))
     start[0, 0] = start[1, 1] = 1.5**2
-    start[2:5, 2:5] = np.diag(0.4**2 * OU_VARIANCES)
-    start[5:, 5:] = 1.5**2 * np.eye(modes)
+    start[2, 2] = 1.5**2 * course_is_smooth
+    start[3:air, 3:air] = np.diag(0.4**2 * OU_VARIANCES)
+    start[air:, air:] = 1.5**2 * np.eye(modes)
     mean = np.zeros(size)
     mean[0] = reading[0]
     # x_k = F_k x_0 + sum of noises: build the covariance of all states by stacking
@@ -86,11 +89,12 @@ def test_smoother_is_the_conditional_mean_of_the_joint_gaussian():
     covariance[:size, :size], means[:size] = start, mean
     for k in range(1, n):
         a = transition(np.array(step[k]))
-        qa = innovation(np.array(step[k]), Prior(np.array(0.4), np.array(0.3), np.array(0.1)))
+        qa = innovation(np.array(step[k]), Prior(*np.array([0.4, 0.3, 0.1]), smooth=course_is_smooth))
         old, new, decay = hold(response.rate[k], np.array(step[k]))
         f = np.zeros((size, size))
-        f[:5, :5], f[5:, :5], f[5:, 5:] = a, np.outer(old, AIR) + np.outer(new, AIR @ a), np.diag(decay)
-        g = np.vstack([np.eye(5), np.outer(new, AIR)])
+        f[:air, :air], f[air:, :air] = a, np.outer(old, AIR) + np.outer(new, AIR @ a)
+        f[air:, air:] = np.diag(decay)
+        g = np.vstack([np.eye(air), np.outer(new, AIR)])
         before, now = slice(0, k * size), slice(k * size, (k + 1) * size)
         last = slice((k - 1) * size, k * size)
         covariance[now, before] = f @ covariance[last, before]
@@ -100,8 +104,8 @@ def test_smoother_is_the_conditional_mean_of_the_joint_gaussian():
     pick = np.zeros((n, n * size))
     observe = np.zeros((n, n * size))
     for k in range(n):
-        pick[k, k * size : k * size + 5] = AIR
-        observe[k, k * size + 5 : (k + 1) * size] = response.weight[k]
+        pick[k, k * size : k * size + air] = AIR
+        observe[k, k * size + air : (k + 1) * size] = response.weight[k]
     seen = np.isfinite(noise)
     c = observe[seen]
     s = c @ covariance @ c.T + np.diag(noise[seen])
@@ -144,6 +148,22 @@ def test_what_passes_may_carry_vapour_that_lags():
 def test_prior_of_turbulence_falls_as_five_thirds():
     frequency = np.geomspace(0.02, 2.0, 60)
     assert slope(frequency, spectra(frequency, 0.01)[0], 0.02, 2.0) == pytest.approx(-5 / 3, abs=0.12)
+
+
+@pytest.mark.parametrize(("course_is_smooth", "power"), [(False, 4), (True, 6)])
+def test_trend_is_white_noise_integrated(course_is_smooth, power):
+    """Its spectrum is 1 / omega^4 or omega^6 folded by the sampling; its steps are those of the integrals."""
+    frequency, period = np.array([0.05, 0.4, 1.1, 2.4]), 0.2
+    folds = frequency[:, None] + np.arange(-400, 401) / period
+    folded = 2 * np.sum((2 * np.pi * folds) ** -float(power), axis=1)
+    np.testing.assert_allclose(spectra(frequency, period, course_is_smooth)[1], folded, rtol=1e-6)
+    # A step's noise is the white noise's, each instant of it carried to the end by the transition.
+    last = power // 2 - 1
+    rest = np.linspace(0.0, period, 20001)
+    carried = transition(rest)[:, :3, last]
+    expected = np.trapezoid(carried[:, :, None] * carried[:, None, :], rest, axis=0)
+    prior = Prior(np.array(0.0), np.array(1.0), np.array(1.0), smooth=course_is_smooth)
+    np.testing.assert_allclose(innovation(np.array(period), prior)[:3, :3], expected, rtol=1e-6, atol=1e-15)
 
 
 # -- the figures' findings ------------------------------------------------------------

@@ -220,6 +220,25 @@ def test_weak_turbulence_that_no_segment_shows_alone_is_found_by_all_together():
     assert np.std(ratios) < 0.5
 
 
+@pytest.mark.parametrize("course", ["waves", "turbulence", "walk of the slope"])
+def test_only_waves_make_a_smooth_course(course):
+    period, size = 0.1, 250
+    for seed in range(4):
+        rng = np.random.default_rng([seed, 5])
+        time_s = period * np.arange(2400)
+        air = _air(0.01, period, 2400, rng)
+        if course == "waves":
+            air += np.sin(2 * np.pi * time_s / rng.uniform(15, 40) + rng.uniform(0, 6))
+        if course == "walk of the slope":
+            air += 0.05 * period**1.5 * np.cumsum(np.cumsum(rng.standard_normal(2400)))
+        values = air + 0.02 * rng.standard_normal(2400)
+        starts = np.arange(0, 2400 - size + 1, size // 2)
+        rows = np.ones((starts.size, 1))
+        response = Response(rows, 1e6 * rows, np.zeros(starts.size))
+        found = fit_prior(values[starts[:, None] + np.arange(size)], response, period, 0.02, spread=0.3)
+        assert found.smooth == (course == "waves")
+
+
 def test_where_another_sensor_saw_the_air_jump_a_small_jump_is_believed():
     time_s, at_s, size = 0.1 * np.arange(600), 30.03, 0.15
     rng = np.random.default_rng(3)

@@ -59,7 +59,7 @@ def with_jumps(
     """
     jumps = none(values.size)
     found = swept(track, values, variance, local, jumps)
-    typical = Prior(*(np.full(values.size, np.median(s)) for s in (local.turbulence, local.bend, local.noise)))
+    typical = local.each(lambda strength: np.full(values.size, np.median(strength)))
     for number in range(ROUNDS):
         places = _places(track, found.jump_score, known_s if number == 0 else np.zeros(0))
         if not places.size or np.count_nonzero(jumps.variance) + places.size > MOST:

@@ -1,13 +1,15 @@
 """What the air may do between samples: turbulence with a -5/3 spectrum on a trend that bends.
 
-air = trend + sum_i u_i: trend an integrated random walk (power f^-4), u_i Ornstein-Uhlenbeck with variances
-r_i^(-2/3) at rates r_i a factor apart, which together fall as f^(-5/3). How strong they are a flight says itself
-(`strengths`).
+air = trend + sum_i u_i: trend an integrated random walk (power f^-4; f^-6, integrated once more, where the air's course
+is smooth: waves), u_i Ornstein-Uhlenbeck with variances r_i^(-2/3) at rates r_i a factor apart, which together fall as
+f^(-5/3). How strong they are, and which trend it is, a flight says itself (`strengths`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from math import factorial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +19,9 @@ from shockrig.analysis.flight.stepping import stepped
 
 Array = NDArray[np.float64]
 RATES_PER_S = np.array([0.03, 0.5, 8.0])
-AIR_STATES = 2 + RATES_PER_S.size
-AIR = np.array([1.0, 0.0] + [1.0] * RATES_PER_S.size)  # the air as a sum of its states
+TREND_STATES = 3  # level, slope, curvature
+AIR_STATES = TREND_STATES + RATES_PER_S.size
+AIR = np.array([1.0, 0.0, 0.0] + [1.0] * RATES_PER_S.size)  # the air as a sum of its states
 OU_VARIANCES = RATES_PER_S ** (-2.0 / 3.0)
 # Turbulence goes on where samples and sensor no longer see it: two more rungs of the same ladder, as plain variance.
 UNSEEN_VARIANCE = float(np.sum(np.array([128.0, 2048.0]) ** (-2.0 / 3.0)))
@@ -41,39 +44,51 @@ class Passing:
 
 @dataclass(frozen=True)
 class Prior:
-    """Strengths, arrays of one shape: `turbulence` [unit], `bend` [unit / s^1.5], `noise` [unit], one sigma
-    each."""
+    """Strengths, arrays of one shape: `turbulence` [unit], `bend` [unit / s^1.5], `noise` [unit], one sigma each.
+
+    Where the air's course is `smooth`, it is the trend's curvature that walks and not its slope: power f^-6 and not
+    f^-4, and `bend` is in unit / s^2.5.
+    """
 
     turbulence: Array
     bend: Array
     noise: Array
+    smooth: bool = field(default=False, kw_only=True)
+
+    def each(self, of: Callable[[Array], Array]) -> Prior:
+        """The same with a function taken of each strength."""
+        return Prior(of(self.turbulence), of(self.bend), of(self.noise), smooth=self.smooth)
 
 
 def transition(step_s: Array) -> Array:
-    """Transition of the air's states over each step, shape (..., 5, 5)."""
+    """Transition of the air's states over each step, shape (..., 6, 6)."""
     step_s = np.asarray(step_s, dtype=float)
     a = np.zeros((*step_s.shape, AIR_STATES, AIR_STATES))
-    a[..., 0, 0] = a[..., 1, 1] = 1.0
-    a[..., 0, 1] = step_s
+    a[..., 0, 0] = a[..., 1, 1] = a[..., 2, 2] = 1.0
+    a[..., 0, 1] = a[..., 1, 2] = step_s
+    a[..., 0, 2] = step_s**2 / 2
     for i, rate in enumerate(RATES_PER_S):
-        a[..., 2 + i, 2 + i] = np.exp(-rate * step_s)
+        a[..., TREND_STATES + i, TREND_STATES + i] = np.exp(-rate * step_s)
     return a
 
 
 def innovation(step_s: Array, prior: Prior) -> Array:
-    """Covariance that each step adds to the air's states, shape (..., 5, 5); `prior` broadcasts with `step_s`."""
+    """Covariance that each step adds to the air's states, shape (..., 6, 6); `prior` broadcasts with `step_s`."""
     step_s = np.asarray(step_s, dtype=float)
     bend, turbulence = prior.bend**2, prior.turbulence**2
     q = np.zeros((*np.broadcast_shapes(step_s.shape, bend.shape), AIR_STATES, AIR_STATES))
-    q[..., 0, 0] = bend * step_s**3 / 3
-    q[..., 0, 1] = q[..., 1, 0] = bend * step_s**2 / 2
-    q[..., 1, 1] = bend * step_s
+    last = 2 if prior.smooth else 1  # the walk's steps are of this derivative
+    for i in range(last + 1):
+        for j in range(last + 1):
+            power = 2 * last - i - j + 1
+            of_each = factorial(last - i) * factorial(last - j)
+            q[..., i, j] = bend * step_s**power / (power * of_each)
     for i, (rate, variance) in enumerate(zip(RATES_PER_S, OU_VARIANCES, strict=True)):
-        q[..., 2 + i, 2 + i] = -turbulence * variance * np.expm1(-2 * rate * step_s)
+        q[..., TREND_STATES + i, TREND_STATES + i] = -turbulence * variance * np.expm1(-2 * rate * step_s)
     return q
 
 
-def spectra(frequency_hz: Array, period_s: float) -> tuple[Array, Array]:
+def spectra(frequency_hz: Array, period_s: float, smooth: bool = False) -> tuple[Array, Array]:
     """One-sided power of sampled turbulence and of the sampled trend at unit strength [1/Hz], shapes of
     `frequency_hz`."""
     z = np.exp(2j * np.pi * frequency_hz * period_s)
@@ -82,6 +97,8 @@ def spectra(frequency_hz: Array, period_s: float) -> tuple[Array, Array]:
         decay = np.exp(-rate * period_s)
         turbulence += variance * (1 - decay**2) / np.abs(z - decay) ** 2
     bend = period_s**3 * (2 + z.real) / 3 / np.abs(z - 1) ** 4
+    if smooth:
+        bend = period_s**5 * (33 + 26 * z.real + (z**2).real) / 60 / np.abs(z - 1) ** 6
     return 2 * period_s * turbulence, 2 * period_s * bend
 
 

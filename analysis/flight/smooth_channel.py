@@ -20,6 +20,8 @@ LONGEST_BRIDGE_S = 60.0  # beyond, a gap parts the flight
 SEGMENT = 250  # samples over which the air's turbulence intensity is taken as one, at least
 SEGMENT_LAGS = 12.0  # and so many of the sensor's time constants, or a slow sensor cannot tell it
 LONGEST_SEGMENT = 500
+SHORTEST_SEGMENT = 60
+LARGEST_SHARE = 0.4  # of a flight: one inversion does not speak for all of it
 PER_LAG = 0.5  # of the sensor's lag: over longer steps the air is not straight, and readings are cut into parts
 MOST_PARTS = 5
 ODD = 8.0  # times the usual
@@ -105,12 +107,15 @@ def estimate(
     # noise under coarse steps does not show: it is what was expected
     spread = NOISE_SPREAD if rounding is None else 0.1 * NOISE_SPREAD
 
-    def priors(values: Array, noise: Array = noise) -> Prior:
+    # segments shorter than the flight tell an inversion from what is around it, where stairs do not hide the air
+    largest = 1.0 if rounding is not None else LARGEST_SHARE
+
+    def priors(values: Array, noise: Array = noise, largest: float = largest) -> Prior:
         # what lies across a break is not the air's doing
         values = values - np.cumsum(np.where(broken, np.diff(values, prepend=values[0]), 0.0))
         values = np.interp(node_time, node_time[ordinary], values[ordinary])
         if rows.size > SPARSE * node_time.size:
-            return _local_priors(values, along, period, noise, through, 1, spread)
+            return _local_priors(values, along, period, noise, through, 1, spread, largest)
         # bridges would pass for calm air: the samples alone, as if they were evenly spaced
         steps = np.diff(node_time[rows])
         long = steps > 5 * np.median(steps)
@@ -119,8 +124,8 @@ def estimate(
         extra = np.where(long, np.diff(values[rows]) * (1.0 - spacing / steps), 0.0)
         seen = values[rows] - np.concatenate([[0.0], np.cumsum(extra)])
         some = None if through is None else replace(through, sigma=through.sigma[rows])
-        own = _local_priors(seen, along.at(rows), spacing, noise[rows], some, parts, spread)
-        return Prior(*(np.interp(node_time, node_time[rows], value) for value in (own.turbulence, own.bend, own.noise)))
+        own = _local_priors(seen, along.at(rows), spacing, noise[rows], some, parts, spread, largest)
+        return own.each(lambda strength: np.interp(node_time, node_time[rows], strength))
 
     local = priors(bridged)
     noise_factor = float(local.noise[0]) / expected if rounding is None else 1.0
@@ -141,10 +146,10 @@ def estimate(
         # a logger with fine steps would have read.
         found = fine(local)
         read = found.clean + own * np.random.default_rng(0).standard_normal(own.size)
-        local = priors(without(track, read, found, jumps), own)
+        local = priors(without(track, read, found, jumps), own, LARGEST_SHARE)
         found = fine(local)
     air, node_variance, clean = (np.interp(time_s, node_time, v) for v in (found.air, found.variance, found.clean))
-    typical = Prior(*np.median([local.turbulence, local.bend, local.noise], axis=1)[:, None])
+    typical = local.each(lambda strength: np.median(strength, keepdims=True))
     rate = _resolved_rate(typical, along.at(slice(len(along.rate) // 2, len(along.rate) // 2 + 1)), period)
     return Estimate(air, node_variance, clean, noise_factor, resolved_rate=rate, jumps_s=when(track, jumps))
 
@@ -178,7 +183,7 @@ def _carried(node_row: NDArray[np.int64]) -> NDArray[np.int64]:
 def _resolved_rate(prior: Prior, response: Response, period: float) -> float:
     """Angular frequency at which the reading's signal sinks into its noise."""
     frequency = np.geomspace(0.01, 0.5 / period, 60)
-    turbulence, bend = spectra(frequency, period)
+    turbulence, bend = spectra(frequency, period, prior.smooth)
     signal = gain_squared(response, frequency, period)[0] * (prior.turbulence**2 * turbulence + prior.bend**2 * bend)
     below = np.flatnonzero(signal < 2 * period * prior.noise**2)
     return float(2 * np.pi * frequency[below[0] if below.size else -1])
@@ -192,17 +197,19 @@ def _local_priors(
     passing: Passing | None,
     parts: int,
     spread: float,
+    largest: float,
 ) -> Prior:
     """Strengths at each node: of segments that overlap by half, each judged by itself, joined in their logarithm.
 
-    `noise` is the standard deviation expected at each node, known within a factor exp(`spread`).
+    `noise` is the standard deviation expected at each node, known within a factor exp(`spread`); `largest` is the share
+    of the flight that a segment may have.
     """
     typical = float(np.sqrt(np.mean(noise**2)))
     size = int(np.clip(SEGMENT_LAGS * along.slowest_s / period, SEGMENT, LONGEST_SEGMENT))
-    size = min(size, bridged.size)
+    size = min(size, max(SHORTEST_SEGMENT, int(largest * bridged.size)), bridged.size)
     if size < 24:
         sigma = max(float(np.std(bridged)), typical)
-        return Prior(*(value * np.ones(bridged.size) for value in (sigma, sigma, typical)))
+        return Prior(*(np.full(bridged.size, value) for value in (sigma, sigma, typical)))
     starts = np.unique(np.append(np.arange(0, bridged.size - size + 1, max(size // 2, 1)), bridged.size - size))
     relative = np.sqrt((noise[starts[:, None] + np.arange(size)] ** 2).mean(axis=1)) / typical
     segments = bridged[starts[:, None] + np.arange(size)]
@@ -226,4 +233,4 @@ def _local_priors(
     local = fit_windows(segments, along.at(middle), period, common, through, relative, parts)
     nodes = np.arange(bridged.size)
     turbulence, bend = (np.exp(np.interp(nodes, middle, np.log(value))) for value in (local.turbulence, local.bend))
-    return Prior(turbulence, bend, common.noise * np.ones(bridged.size))
+    return Prior(turbulence, bend, common.noise * np.ones(bridged.size), smooth=common.smooth)

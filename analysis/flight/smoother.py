@@ -16,6 +16,7 @@ from shockrig.analysis.flight.prior import (
     AIR,
     AIR_STATES,
     OU_VARIANCES,
+    TREND_STATES,
     Passing,
     Prior,
     innovation,
@@ -199,7 +200,7 @@ def _model(
     phi[..., index, index] = lag_step.decay
     if count := len(response.cap):
         phi[..., lags, lags][..., response.within, :count] = lag_step.fed
-    qa = innovation(step, Prior(prior.turbulence.T, prior.bend.T, prior.noise.T))
+    qa = innovation(step, prior.each(np.transpose))
     to_air = qa @ AIR
     q = np.zeros(phi.shape)
     q[..., :AIR_STATES, :AIR_STATES] = qa
@@ -239,7 +240,9 @@ def _start(
     mean[:, 0], mean[:, AIR_STATES : AIR_STATES + modes] = first, lags
     p = np.zeros((windows, size, size))
     p[:, 0, 0] = p[:, 1, 1] = spread**2
-    index = np.arange(2, AIR_STATES)
+    if prior.smooth:
+        p[:, 2, 2] = spread**2
+    index = np.arange(TREND_STATES, AIR_STATES)
     p[:, index, index] = prior.turbulence[:, :1] ** 2 * OU_VARIANCES
     index = np.arange(AIR_STATES, AIR_STATES + modes)
     p[:, index, index] = lag_spread**2

@@ -14,11 +14,14 @@ from shockrig.analysis.flight.response import Response
 Array = NDArray[np.float64]
 SHRINKAGE = 0.25  # ln of how far one segment's strengths lie from the typical one's
 GRID_STEP = 0.3  # of ln strength
+SURELY_SMOOTH = 10.0  # of log-likelihood: what makes the air's course a smooth one (waves) beyond doubt
 TINY = 1e-300
 HANN_DEPENDENCE = 1.5  # a likelihood of tapered ordinates counts each as so much less than one
 
 
-def seen(response: Response, frequency_hz: Array, period_s: float, parts: int = 1) -> tuple[Array, Array]:
+def seen(
+    response: Response, frequency_hz: Array, period_s: float, parts: int = 1, smooth: bool = False
+) -> tuple[Array, Array]:
     """One-sided power (n, f) of the readings of turbulence and of the trend at unit strength, n instants.
 
     The air is straight over each of the `parts` of a period; what is faster than the readings folds back into them.
@@ -27,7 +30,7 @@ def seen(response: Response, frequency_hz: Array, period_s: float, parts: int = 
     for fold in range(parts):
         at = frequency_hz + fold / period_s
         gain = gain_squared(response, at, period_s / parts)
-        one, other = spectra(at, period_s / parts)
+        one, other = spectra(at, period_s / parts, smooth)
         turbulence, bend = turbulence + gain * one, bend + gain * other
     return turbulence, bend
 
@@ -60,35 +63,53 @@ def fit_prior(
     parts : int
         Into how many straight pieces the air between two readings is cut.
     """
-    from scipy.optimize import minimize
-
     frequency, power, weight = _periodograms(reading, period_s)
-    turbulence, bend = seen(response, frequency, period_s, parts)
     white = 2 * period_s
     known = np.zeros((1, frequency.size)) if passing is None else passing_spectrum(passing, frequency, period_s)
     # in units of each segment's noise, so that all have the same
     own = np.broadcast_to(np.square(relative_noise), len(reading))[:, None]
-    power, turbulence, bend, known = (each / own for each in (power, turbulence, bend, known))
-    if len(power) >= 3:
-        # one front does not speak for the whole flight; the median of a mean of squares lies below its mean
-        power = np.median(power, axis=0, keepdims=True) / (1 - 1 / (9 * _independent(weight))) ** 3
-        turbulence, bend, known = (np.median(s, axis=0, keepdims=True) for s in (turbulence, bend, known))
+    # one front does not speak for the whole flight; the median of a mean of squares lies below its mean
+    several = len(power) >= 3
+    power, known = (_usual(each / own, several) for each in (power, known))
+    if several:
+        power = power / (1 - 1 / (9 * _independent(weight))) ** 3
         weight = weight * len(reading) / 2
-    low_t, low_b = _weakest(turbulence, bend, noise**2 * white)
+    found = []
+    for smooth in (False, True):
+        shapes = [_usual(s / own, several) for s in seen(response, frequency, period_s, parts, smooth)]
+        found.append(_most_likely(power, known, np.stack(shapes), white, weight, noise, spread))
+    (rough_cost, rough), (smooth_cost, smooth_strengths) = found
+    smooth = smooth_cost < rough_cost - SURELY_SMOOTH
+    turbulence, bend, own_noise = np.exp(smooth_strengths if smooth else rough)
+    return Prior(turbulence, bend, own_noise, smooth=smooth)
 
-    shapes = np.stack([turbulence, bend, np.full_like(bend, white)])
+
+def _usual(segments: Array, several: bool) -> Array:
+    """The median over segments (s, f), as one of them."""
+    return np.median(segments, axis=0, keepdims=True) if several else segments
+
+
+def _most_likely(
+    power: Array, known: Array, shapes: Array, white: float, weight: Array, noise: float, spread: float
+) -> tuple[float, Array]:
+    """Minus the log-likelihood of the power (s, f), and ln of the strengths of turbulence, trend and noise there."""
+    from scipy.optimize import minimize
+
+    low = _weakest(shapes[0], shapes[1], noise**2 * white)
+    mean_power = np.average(power, axis=1, weights=weight).mean()
+    high = [0.5 * np.log(mean_power / np.median(s)) + 3.0 for s in shapes]
+    every = np.concatenate([shapes, np.full((1, *shapes.shape[1:]), white)])
 
     def cost(p: Array) -> tuple[float, Array]:
-        each = np.exp(2 * p)[:, None, None] * shapes
+        each = np.exp(2 * p)[:, None, None] * every
         model = each.sum(axis=0) + known
         off = (p[2] - np.log(noise)) / spread
         slope = 2 * np.sum(weight * (1 - power / model) / model * each, axis=(1, 2))
         slope[2] += off / spread
         return float(np.sum(weight * (np.log(model) + power / model))) + 0.5 * off**2, slope
 
-    mean_power = np.average(power, axis=1, weights=weight).mean()
-    high_t, high_b = (0.5 * np.log(mean_power / np.median(s)) + 3.0 for s in (turbulence, bend))
-    bounds = [(low_t, max(high_t, low_t + 1)), (low_b, max(high_b, low_b + 1)), np.log(noise) + np.array([-2.0, 2.0])]
+    bounds = [(least, max(most, least + 1)) for least, most in zip(low, high, strict=True)]
+    bounds.append((np.log(noise) - 2.0, np.log(noise) + 2.0))
     lowest, found = np.inf, np.zeros(3)
     for share_t in (0.1, 0.7):
         for share_b in (0.1, 0.5, 0.8):
@@ -96,8 +117,7 @@ def fit_prior(
             end = minimize(cost, x0, method="L-BFGS-B", jac=True, bounds=bounds)
             if end.fun < lowest - 1e-3:
                 lowest, found = float(end.fun), end.x
-    turbulent, bent, noisy = np.exp(found)
-    return Prior(turbulent, bent, noisy)
+    return lowest, found
 
 
 def fit_windows(
@@ -117,7 +137,7 @@ def fit_windows(
     mean of the strength's square over all that they may be: a calm segment alone cannot tell, all of them together can.
     """
     frequency, power, weight = _periodograms(reading, period_s)
-    turbulence, bend = seen(response, frequency, period_s, parts)
+    turbulence, bend = seen(response, frequency, period_s, parts, common.smooth)
     known = 2 * period_s * common.noise**2 * np.broadcast_to(np.square(relative_noise), len(reading))[:, None]
     low = _weakest(turbulence, bend, 2 * period_s * float(common.noise) ** 2)
     if passing is not None:
@@ -142,7 +162,7 @@ def fit_windows(
     share = likely * np.einsum("ai,sab,bj->sij", near[0], others, near[1], optimize=True)
     share /= share.sum(axis=(1, 2), keepdims=True)
     turbulent, bent = np.sqrt(share.sum(axis=2) @ strengths[0]), np.sqrt(share.sum(axis=1) @ strengths[1])
-    return Prior(turbulent, bent, common.noise * np.ones(len(reading)))
+    return Prior(turbulent, bent, common.noise * np.ones(len(reading)), smooth=common.smooth)
 
 
 def _independent(weight: Array) -> Array:

@@ -119,7 +119,7 @@ def _smoothed(
     at, padded = np.maximum(index, 0), index < 0
     step = np.diff(track.time_s[at], axis=1, prepend=track.time_s[at[:, :1]])
     step = np.where(padded, track.period_s, step)
-    prior = Prior(local.turbulence[at], local.bend[at], local.noise[at])
+    prior = local.each(lambda strength: strength[at])
     leap = Jumps(np.where(padded[..., None], 0.0, jumps.variance), jumps.place)
     noise = np.where(padded, np.inf, variance[at]) + CUT_SHORT**2 * leap.variance[..., 0]
     spread = 2.0 * np.std(values[at], axis=1) + 5.0 * prior.noise[:, 0]
