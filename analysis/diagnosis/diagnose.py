@@ -127,15 +127,17 @@ def diagnose_channel(
     describing: bool = True,
     anew: bool = True,
     twice: bool = False,
+    ready: Prepared | None = None,
 ) -> ChannelDiagnosis:
     """Diagnose one channel; `earlier` is what an earlier diagnosis of its runs named, where the search then begins.
-    Where it shall begin from nothing too (`twice`) the likelier outcome counts.
+    Where it shall begin from nothing too (`twice`) the likelier outcome counts. `ready` is the channel prepared, where
+    that has been done.
 
     What no catalogued effect explains is described only where `describing`: that takes longer than all the rest. Where
     a form of the grammar that does well there is the law of a catalogued effect, the search begins again from that
     effect (`anew`), once.
     """
-    ready = prepare(channel)
+    ready = prepare(channel) if ready is None else ready
     progress(f"{channel.name}: searching the catalogue")
     rough = search(ready.problem, ready.structure, thorough=False).final if ready.rounds_coarsely else None
     ready = with_rounding(ready, rough)

@@ -241,6 +241,7 @@ def estimate_noise(
         return Noise(1e-4, 0.0, 0.0, 1, 0.0, count, np.zeros(MAX_AVERAGED), rounding if coarse else 0.0)
 
     extra = max(rounding**2 / 12.0, 1e-3 * scale)
+    apart = np.abs(np.subtract.outer(np.arange(piece), np.arange(piece)))
 
     def parts(x: Array, averaged: int) -> tuple[float, float, float]:
         total, share, memory = scale * averaged * np.exp(x[0]), _logistic(x[1]), longest * _logistic(x[2])
@@ -252,7 +253,7 @@ def estimate_noise(
             gamma = rounded_autocovariance(gamma, rounding)
         elif averaged > 1:
             gamma[0] += extra
-        factor, failed = linalg.lapack.dpotrf(linalg.toeplitz(gamma), lower=True)
+        factor, failed = linalg.lapack.dpotrf(gamma[apart], lower=True)
         if failed:
             return 1e12
         lower = np.tril(linalg.lapack.dpotri(factor, lower=True)[0])

@@ -84,7 +84,7 @@ def look_at(campaign: Campaign, name: ChannelName, before: Verdict, final: bool 
     if anew and wanted and later and not final:
         now = replace(now, due=True)
     elif anew and wanted:
-        found = diagnose_channel(channel, earlier=now.causes, describing=final, twice=final)
+        found = diagnose_channel(channel, earlier=now.causes, describing=final, twice=final, ready=ready)
         now = _taken(found, now, final)
         ready = replace(ready, problem=found.problem, noise=found.noise)
     rivals = tuple(_fitted(ready.problem, e, base) for e in now.standing) if len(now.standing) > 1 else ()
