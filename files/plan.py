@@ -59,6 +59,20 @@ def read_decisions(campaign: Path, probes: Sequence[str] | None = None) -> list[
     return found
 
 
+def where_it_stands(goal: Mapping[str, Any]) -> tuple[str, str]:
+    """A goal of a decision in words: whether it is met, and what is known now.
+
+    What may be spent is no goal that could be met; ties are decided only once all runs are judged and explained.
+    """
+    now, met = goal["now"], "met" if goal["met"] else "not yet"
+    if goal["goal"].startswith("minutes"):
+        return "budget", f"{now:.2g} spent"
+    if goal["goal"] == "ties decided":
+        untied = "nothing is tied" if goal["met"] else "nothing is tied so far"
+        return met, f"tied in {now} channel{'s' if now > 1 else ''}" if now else untied
+    return met, "not known yet" if now is None else f"{now:.2g} %"
+
+
 def _words(probes: Sequence[object]) -> str:
     return f"probe{'s' if len(probes) > 1 else ''} {' and '.join(map(str, probes))}"
 

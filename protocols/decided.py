@@ -83,15 +83,13 @@ def surroundings_of(bench: Bench) -> Surroundings:
 
 def lines(decision: Decision, document: Mapping[str, Any]) -> list[str]:
     """What a person reads of a decision: goals, ties, what is next and why."""
-    from shockrig.analysis.planning.goals import TIES
+    from shockrig.files.plan import where_it_stands
     from shockrig.protocols.run_progress import words
 
     said = []
     for goal in document["goals"]:
-        now = "not known yet" if goal["now"] is None else f"now {goal['now']:.2g}"
-        if goal["goal"] == TIES:
-            now = f"now {goal['now']} tied" if goal["now"] else "nothing is tied"
-        said.append(f"  {'met    ' if goal['met'] else 'not yet'}  {goal['goal']:28} {now}")
+        met, now = where_it_stands(goal)
+        said.append(f"  {met:7}  {goal['goal']:28} {now}")
     said += [f"  tied, {place}: {' or '.join(tied)}" for place, tied in decision.tied.items()]
     said.append(f"{decision.status}: {decision.reason}")
     for choice in decision.choices:
@@ -111,9 +109,16 @@ def lines(decision: Decision, document: Mapping[str, Any]) -> list[str]:
 
 
 def minutes_left(decision: Decision) -> float | None:
-    """Bench minutes until the goals of precision are met at the rate of the next run; None where that is not known."""
-    from shockrig.analysis.planning.choose import progress
+    """Bench minutes until the goals of precision are met at the rate of the next run; None where that is not known.
 
+    Of a single run nobody can say by how much runs differ, nor whether the model is enough: its uncertainty tells of
+    that, and not of how much is still to be recorded.
+    """
+    from shockrig.analysis.planning.choose import progress
+    from shockrig.analysis.planning.precision import FEWEST_RUNS
+
+    if any(t.runs < FEWEST_RUNS for t in decision.targets if not t.met):
+        return None
     lacking = sum(1.0 - progress(t, t.relative**2, t.runs) for t in decision.targets)
     best = max((c.goals / c.minutes for c in decision.choices), default=0.0)
     return lacking / best if best > 0.0 and lacking > 0.0 else None

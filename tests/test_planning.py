@@ -38,7 +38,7 @@ from shockrig.analysis.planning.varied import variety
 from shockrig.analysis.planning.verdict import Verdict
 from shockrig.files.campaign import Air, Run
 from shockrig.files.errors import InputError
-from shockrig.files.plan import append_decision, read_decisions
+from shockrig.files.plan import append_decision, read_decisions, where_it_stands
 from shockrig.rig.virtual.hide import draw_effect
 from shockrig.rig.virtual.truth import ROUGH, Hidden, Noise, draw_truth
 
@@ -506,3 +506,17 @@ def test_nothing_is_chosen_from_an_empty_menu():
     nothing = Designs((), None, (), (), np.zeros(0), lambda planned: np.zeros((0, 2)))
     assert choose_runs(nothing, learn(None), None, 3, 0) == ([], ())
     assert Decision("", "").tied == {}
+
+
+@pytest.mark.parametrize(
+    ("goal", "said"),
+    [
+        ({"goal": "alpha 0.3 %", "now": None, "met": False}, ("not yet", "not known yet")),
+        ({"goal": "alpha 0.3 %", "now": 0.25, "met": True}, ("met", "0.25 %")),
+        ({"goal": "ties decided", "now": 2, "met": False}, ("not yet", "tied in 2 channels")),
+        ({"goal": "ties decided", "now": 0, "met": False}, ("not yet", "nothing is tied so far")),
+        ({"goal": "minutes 60", "now": 16.2, "met": True}, ("budget", "16 spent")),
+    ],
+)
+def test_a_goal_says_in_words_where_it_stands(goal, said):
+    assert where_it_stands(goal) == said

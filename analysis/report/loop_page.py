@@ -16,6 +16,7 @@ from shockrig.analysis.report.html import Details, Figure, KeyNumber, Report, Se
 from shockrig.analysis.report.numbers import plain
 from shockrig.analysis.report.panels import panels
 from shockrig.analysis.report.style import BLUE, CYCLE, GREY, INK, save_figure, styled
+from shockrig.files.plan import where_it_stands
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MatplotlibFigure
@@ -30,14 +31,15 @@ GOALS_ACROSS, RIVALS_ACROSS = 4, 2  # names in a row of a legend
 def loop_report(name: str, entries: Sequence[Entry], data: str = "") -> Report:
     """The page of a log of decisions, oldest first; `data` says where they were not measured."""
     last = entries[-1]
-    met = sum(bool(goal["met"]) for goal in last["goals"])
+    stands = {goal["goal"]: where_it_stands(goal) for goal in last["goals"]}
+    wanted = [met for met, _ in stands.values() if met != "budget"]
     numbers = (
-        KeyNumber("goals met", f"{met} of {len(last['goals'])}"),
+        KeyNumber("goals met", f"{wanted.count('met')} of {len(wanted)}"),
         KeyNumber("bench time", f"{plain(last['minutes_spent'], 3)} min", f"{len(last['recorded'])} runs"),
         KeyNumber("decisions", str(len(entries))),
     )
     blocks = [Figure(drawing, caption, alt) for drawing, caption, alt in drawings(entries).values()]
-    goals = Table(("goal", "now", "met"), [(g["goal"], g["now"], "yes" if g["met"] else "no") for g in last["goals"]])
+    goals = Table(("goal", "now", ""), [(goal, now, met) for goal, (met, now) in stands.items()])
     verdicts = Table(
         ("channel", "verdict", "named", "tied"),
         [
@@ -89,7 +91,8 @@ def drawings(entries: Sequence[Entry]) -> dict[str, tuple[MatplotlibFigure, str,
 
 PRECISION = (
     "Relative standard uncertainty of each quantity against bench time, and the goal (dashed). Where it rises, runs "
-    "were found to differ by more than before."
+    "were found to differ by more than before; where something is named (dotted) the model has it from then on, and is "
+    "no longer uncertain by what it lacked."
 )
 EVIDENCE = (
     "Evidence against each explanation of a dispute, from runs recorded after it began: ln of an e-value. Above ln 100 "
@@ -113,6 +116,8 @@ def _standing(verdict: Mapping[str, Any]) -> list[str]:
 @styled
 def precision_figure(entries: Sequence[Entry]) -> MatplotlibFigure:
     """Uncertainty of each goal's quantity, in percent, against bench minutes."""
+    from matplotlib.ticker import LogLocator, NullLocator
+
     curves: dict[str, list[tuple[float, float, float]]] = {}
     for entry in entries:
         for target in entry["targets"]:
@@ -120,18 +125,36 @@ def precision_figure(entries: Sequence[Entry]) -> MatplotlibFigure:
                 point = (entry["minutes_spent"], 100 * target["relative"], 100 * target["wanted"])
                 curves.setdefault(target["label"], []).append(point)
     figure, ax = _below_its_legend(len(curves), GOALS_ACROSS)
+    for at, words in _named(entries):
+        ax.axvline(at, color=GREY, linewidth=0.7, linestyle=":")
+        ax.annotate(words, (at, 1.0), xycoords=("data", "axes fraction"), xytext=(3, -3), textcoords="offset points",
+                    rotation=90, va="top", fontsize="small", color=INK)  # fmt: skip
     for (label, points), colour in zip(curves.items(), CYCLE * 4, strict=False):
         minutes, now, wanted = np.array(points).T
         ax.plot(minutes, now, color=colour, marker="o", markersize=2.5, linewidth=1.1, label=label)
         ax.axhline(wanted[-1], color=colour, linewidth=0.7, linestyle="--")
     ax.set_yscale("log")
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     ax.yaxis.set_major_formatter("{x:g}")
-    ax.yaxis.set_minor_formatter("{x:g}")
+    ax.yaxis.set_minor_locator(NullLocator())
     ax.set_xlabel("bench time, min")
     ax.set_ylabel("standard uncertainty, %")
     if curves:
         _above(ax, GOALS_ACROSS)
     return figure
+
+
+def _named(entries: Sequence[Entry]) -> list[tuple[float, str]]:
+    """When what is named in a channel became another: bench minutes, and the names."""
+    then: dict[str, list[str]] = {}
+    found = []
+    for entry in entries:
+        for place, verdict in entry["verdicts"].items():
+            now = sorted(verdict["causes"])
+            if now != then.get(place, []):
+                found.append((entry["minutes_spent"], f"{place}: {', '.join(now) or 'nothing'}"))
+            then[place] = now
+    return found
 
 
 @styled
@@ -166,11 +189,12 @@ def evidence_figure(entries: Sequence[Entry]) -> MatplotlibFigure:
 @styled
 def realised_figure(entries: Sequence[Entry]) -> MatplotlibFigure:
     """Expected against realised: minutes, information, evidence."""
-    figure, axes = panels((1, 3), (9.6, 3.2), across_in=0.9)
     found = [entry["realised"] for entry in entries if entry.get("realised")]
-    for ax, (key, words) in zip(
-        np.ravel(axes), (("minutes", "minutes"), ("information", "nats"), ("evidence", "ln E")), strict=True
-    ):
+    shown = [("minutes", "minutes"), ("information", "nats"), ("evidence", "ln E")]
+    if not any(one["expected_evidence"] or one["evidence"] for one in found):
+        shown.pop()  # nothing was ever tied
+    figure, axes = panels((1, len(shown)), (3.2 * len(shown), 3.2), across_in=0.9)
+    for ax, (key, words) in zip(np.ravel(axes), shown, strict=True):
         both = [one for one in found if one[f"expected_{key}"] is not None and one[key] is not None]
         expected = np.array([one[f"expected_{key}"] for one in both])
         came = np.array([one[key] for one in both])
@@ -233,4 +257,5 @@ def _decision(entry: Entry) -> Details:
             )
         )
     after = f"{len(entry['recorded'])} runs, {plain(entry['minutes_spent'], 3)} min"
-    return Details(f"{entry['number']}: after {after}", blocks)
+    then = " and ".join(run["why"] for run in entry["runs"]) or entry["status"]
+    return Details(f"{entry['number']}: after {after}: {then}", blocks)
