@@ -2,13 +2,13 @@
 name the largest line?
 
     python benchmarks/common_errors.py [--worlds 48] [--first-seed 61000] [--film] [--out FILE]
-    python benchmarks/common_errors.py --diagnose [--worlds 12]
+    python benchmarks/common_errors.py --diagnose [--worlds 24] [--hide EFFECT ...] [--out FILE]
 
 Rough worlds of the virtual bench. In each, what the bench wrote down is made wrong in all runs alike by a draw: airflow
 2 %, airs 0.05 K and 0.5 %RH, trigger 10 ms, pressure 5 hPa, clock 50 millionths; campaign.json states as much. Truth is
 what the sensors are. With --film an air film is hidden as well and carried by the model, so that alpha depends on the
 airflow. Each world appends its lines to --out; the table is made from all lines that are there. With --diagnose the
-plain worlds are diagnosed, as stated and as if nobody had stated anything: nothing may be named.
+worlds are diagnosed: nothing may be named that is not there, and what is hidden in them should be.
 """
 
 from __future__ import annotations
@@ -131,24 +131,46 @@ def world(seed: int, film: bool) -> list[dict[str, object]]:
     return lines
 
 
-def named(seed: int, stated: CommonUncertainty | None) -> dict[str, list[str]]:
-    """Channel -> what a diagnosis of a plain world with its draw of common errors names; nothing is there."""
+def named(seed: int, effect: str | None = None) -> list[dict[str, object]]:
+    """A line for each channel of one world with its draw of common errors, as stated: what its diagnosis names.
+
+    `effect` is hidden plain to see; without one nothing is there to be named.
+    """
     rng = np.random.default_rng(seed)
-    truth = draw_truth(rng, "rough")
+    hidden = [draw_effect(rng, effect)] if effect else []
+    truth = draw_truth(rng, "rough", hidden)
     with tempfile.TemporaryDirectory() as folder:
         campaign = read_campaign(simulate_campaign(truth, standard_plan(), rng, Path(folder) / "c"))
-    found = diagnose(falsified(campaign, drawn(rng), stated))
-    return {channel.name: [cause.effect for cause in channel.causes] for channel in found.channels}
+    errors = drawn(rng)
+    found = diagnose(falsified(campaign, errors, STATED))
+    acting = {channel: one.effect for one in hidden for channel in one.channels}
+    return [
+        {
+            "seed": seed,
+            "hidden": effect,
+            "channel": channel.name,
+            "there": [acting[channel.name]] if channel.name in acting else [],
+            "named": [cause.effect for cause in channel.causes],
+            "sigmas": {name: round(error / getattr(STATED, name), 2) for name, error in errors.items()},
+        }
+        for channel in found.channels
+    ]
 
 
-def diagnosed(seeds: range) -> str:
-    """Wrong names in plain worlds with common errors, stated and not."""
-    rows = []
-    for words, stated in (("stated", STATED), ("not stated", None)):
-        wrong = {seed: {c: n for c, n in named(seed, stated).items() if n} for seed in seeds}
-        wrong = {seed: names for seed, names in wrong.items() if names}
-        rows.append(f"{words}: wrong names in {len(wrong)} of {len(seeds)} plain worlds {wrong or ''}".rstrip())
-        print(rows[-1], file=sys.stderr, flush=True)
+def names(lines: list[dict[str, object]]) -> str:
+    """What diagnoses of worlds with common errors named, by what was there."""
+    rows = [f"{'there':<26}{'worlds':>7}{'named':>8}{'wrong names':>13}  which, in which world"]
+    for effect in sorted({x["hidden"] for x in lines}, key=str):
+        own = [x for x in lines if x["hidden"] == effect]
+        with_it = [x for x in own if x["there"]]
+        right = sum(set(x["there"]) <= set(x["named"]) for x in with_it)
+        wrong = {(x["seed"], x["channel"]): set(x["named"]) - set(x["there"]) for x in own}
+        wrong = {at: sorted(more) for at, more in wrong.items() if more}
+        worlds = len({x["seed"] for x in own})
+        said = "; ".join(f"{seed} {channel}: {', '.join(more)}" for (seed, channel), more in wrong.items())
+        in_worlds = len({seed for seed, _ in wrong})
+        of_it = f"{right}/{len(with_it)}" if with_it else "-"
+        rows.append(f"{effect or 'nothing':<26}{worlds:>7}{of_it:>8}{in_worlds:>13}  {said}".rstrip())
     return "\n".join(rows)
 
 
@@ -181,25 +203,29 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--first-seed", type=int, default=61000)
     parser.add_argument("--film", action="store_true", help="hide an air film, and carry it in the model")
     parser.add_argument("--out", type=Path, help="JSON lines of worlds already run; new ones are appended")
-    parser.add_argument("--diagnose", action="store_true", help="diagnose the plain worlds instead")
+    parser.add_argument("--diagnose", action="store_true", help="diagnose the worlds instead")
+    parser.add_argument("--hide", nargs="+", default=[None], metavar="EFFECT", help="with --diagnose: in turn")
     args = parser.parse_args(argv)
-    if args.diagnose:
-        print(diagnosed(range(args.first_seed, args.first_seed + args.worlds)))
-        return
     lines: list[dict[str, object]] = []
     if args.out is not None and args.out.is_file():
         lines = [json.loads(line) for line in args.out.read_text().splitlines()]
-    there = {(line["seed"], line["film"]) for line in lines}
-    for seed in range(args.first_seed, args.first_seed + args.worlds):
-        if (seed, args.film) in there:
+    seeds = range(args.first_seed, args.first_seed + args.worlds)
+    if args.diagnose:
+        asked = [(seed, effect) for effect in args.hide for seed in seeds]
+        there = {(line["seed"], line["hidden"]) for line in lines}
+    else:
+        asked = [(seed, args.film) for seed in seeds]
+        there = {(line["seed"], line["film"]) for line in lines}
+    for seed, what in asked:
+        if (seed, what) in there:
             continue
-        new = world(seed, args.film)
+        new = named(seed, what) if args.diagnose else world(seed, what)
         lines += new
         if args.out is not None:
             with args.out.open("a") as file:
                 file.writelines(json.dumps(line) + "\n" for line in new)
-        print(f"world {seed}", file=sys.stderr, flush=True)
-    print(table(lines))
+        print(f"world {seed} {what or ''}".rstrip(), file=sys.stderr, flush=True)
+    print(names(lines) if args.diagnose else table(lines))
 
 
 if __name__ == "__main__":

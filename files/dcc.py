@@ -2,7 +2,7 @@
 
     digitalCalibrationCertificate
       administrativeData   dccSoftware coreData items calibrationLaboratory respPersons customer statements
-      measurementResults   measurementResult: usedMethods measuringEquipments influenceConditions results
+      measurementResults   measurementResult: usedMethods usedSoftware measuringEquipments results
 
 Structure: https://ptb.de/dcc/v3.3.0/. A quantity is si:real with an expanded uncertainty, or with a
 coverage interval where distributions were propagated. What nobody stated is said to
@@ -11,6 +11,7 @@ be "not stated", since the schema wants something there.
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
 
 from shockrig.files.certificate import (
@@ -22,6 +23,7 @@ from shockrig.files.certificate import (
 
 DCC, SI = "https://ptb.de/dcc", "https://ptb.de/si"
 SCHEMA_VERSION = "3.3.0"
+RELEASE = re.compile(r"\d{1,3}(\.\d{1,3}){0,3}")
 SCHEMA_LOCATION = f"{DCC} https://ptb.de/dcc/v{SCHEMA_VERSION}/dcc.xsd"
 INSTANCE = "http://www.w3.org/2001/XMLSchema-instance"
 UNITS = {
@@ -60,9 +62,7 @@ def dcc_text(certificate: Certificate) -> str:
 
 def _administrative(root: ET.Element, certificate: Certificate) -> None:
     part = _add(root, "administrativeData")
-    software = _add(_add(part, "dccSoftware"), "software")
-    _said(software, "name", "shockrig")
-    _add(software, "release", certificate.software)
+    _software(_add(part, "dccSoftware"), certificate.software)
     core = _add(part, "coreData")
     _add(core, "countryCodeISO3166_1", certificate.country)
     _add(core, "usedLangCodeISO639_1", "en")
@@ -107,6 +107,7 @@ def _result(parent: ET.Element, certificate: Certificate, channel: str) -> None:
         method = _add(methods, "usedMethod")
         _said(method, "name", name)
         _add(method, "reference", reference)
+    _software(_add(part, "usedSoftware"), certificate.software)
     if certificate.traced:
         equipments = _add(part, "measuringEquipments")
         for traced in certificate.traced:
@@ -166,6 +167,14 @@ def _statement(parent: ET.Element, name: str, text: str, traceable: str | None =
     if traceable is not None:
         _add(statement, "traceable", traceable)
     _add(_add(statement, "declaration"), "content", text, lang="en")
+
+
+def _software(parent: ET.Element, version: str) -> None:
+    """This program: PTB's rules want a release as a letter and up to four numbers."""
+    software = _add(parent, "software")
+    _said(software, "name", "shockrig")
+    numbers = RELEASE.match(version)
+    _add(software, "release", f"v{numbers[0]}" if numbers else _one_line(version))
 
 
 def _contact(contact: ET.Element, name: str, country: str) -> None:

@@ -157,6 +157,25 @@ def test_the_xml_keeps_to_the_structure_of_a_dcc(certificate):
         validated(re.sub(r"(<si:coverageFactor>)[^<]*", r"\g<1>0.2", text))
 
 
+def test_ptbs_own_rules_find_nothing(certificate):
+    """PTB's Schematron rules (methods, software and conditions of each quantity, units, languages, dates, releases)."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what dcclib imports is older than this Python
+        from dcclib.validation import SchematronValidator
+    rules = SchematronValidator.for_dcc()
+
+    def broken(text):
+        found = rules.validate_str(text)
+        reports = [*found.failed_assertions, *found.successful_reports]
+        return [one.text for one in reports if one.role != "information"]
+
+    text = dcc_text(certificate)
+    assert not broken(text)
+    assert not broken(dcc_text(replace(certificate, traced=(), serials={}, kinds={}, software="0.1.0.dev3+g1234")))
+    for was, becomes in (("usedSoftware>", "usedMachines>"), ("\\second<", "\\milli \\second<"), ('"en"', '"de"')):
+        assert broken(text.replace(was, becomes))
+
+
 def test_pydcc_reads_it_back_number_for_number(certificate, monkeypatch):
     # What pydcc checks signatures with does not know every OpenSSL; nothing is signed here.
     absent = ModuleType("certvalidator")
