@@ -265,3 +265,17 @@ def test_a_log_by_a_map_whose_clock_was_set_back_keeps_its_rows(tmp_path, flown)
     assert np.allclose(np.diff(read["time_s"]), np.diff(log["time_s"]), atol=0.006)
     for name in ("temperature_c", "humidity_percent"):
         assert np.allclose(read[name], log[name], atol=0.006, equal_nan=True)
+
+
+def test_result_and_messages_name_the_log_and_no_file_in_between(tmp_path, flown, capsys):
+    write_profile(PROFILE, tmp_path / "profile.json")
+    for name, rows in (("flight.bin", 60), ("short.bin", 1)):
+        write_bin(tmp_path / name, flown.log.iloc[:rows])
+    command = ["--profile", str(tmp_path / "profile.json"), "--out", str(tmp_path / "out.nc")]
+    assert main(["correct", str(tmp_path / "flight.bin"), *command]) == 0
+    with netCDF4.Dataset(tmp_path / "out.nc") as data:
+        assert data.source == "thermo-hygrometer log flight.bin"
+    capsys.readouterr()
+    assert main(["correct", str(tmp_path / "short.bin"), *command]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert str(tmp_path / "short.bin") in line

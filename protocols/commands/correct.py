@@ -90,24 +90,27 @@ def main(args: argparse.Namespace) -> int:
     layers = Layers(args.layers) if args.layers else None
     gather = [one.add for one in (wmo, layers) if one is not None]
     with tempfile.TemporaryDirectory() as folder:
-        source = Path(folder) / f"{args.flight.stem}.csv"
+        source = Path(folder) / args.flight.name  # as CSV, by the name that the result and messages carry
         if not to_csv(args.flight, source, columns=columns, map_path=args.map):
             source = args.flight
         elif args.out.resolve() == args.flight.resolve():
             raise InputError(f"{args.out}: the log itself; name another file for the corrected flight")
-        done = correct_file(
-            source,
-            profile,
-            Path(folder) / "corrected.csv" if wmo else args.out,
-            args.method,
-            columns=columns if source is args.flight else None,
-            cutoff_hz=args.cutoff_hz,
-            temperature_noise_k=args.temperature_noise_k,
-            humidity_noise_percent=args.humidity_noise_percent,
-            history=f"shockrig correct --method {args.method} --profile {args.profile.name}",
-            progress=progress,
-            gather=gather,
-        )
+        try:
+            done = correct_file(
+                source,
+                profile,
+                Path(folder) / "corrected.csv" if wmo else args.out,
+                args.method,
+                columns=columns if source is args.flight else None,
+                cutoff_hz=args.cutoff_hz,
+                temperature_noise_k=args.temperature_noise_k,
+                humidity_noise_percent=args.humidity_noise_percent,
+                history=f"shockrig correct --method {args.method} --profile {args.profile.name}",
+                progress=progress,
+                gather=gather,
+            )
+        except InputError as error:
+            raise type(error)(str(error).replace(str(source), str(args.flight))) from error
     written = wmo.write(args.out, args.flight.name) if wmo else args.out
     if "data" in profile.provenance:
         print(f"note: the profile is not of real sensors: {profile.provenance['data']}", file=sys.stderr)
