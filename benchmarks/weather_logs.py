@@ -24,7 +24,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 # A box around the thermometer; a film that lags the air's temperature, and the dew on it.
-TRUE_NAMES = {"temperature": {"series_lag", "sheath"}, "humidity": {"die_thermal_lag", "condensation"}}
+TRUE_NAMES = {"temperature": {"series_lag", "sheath"}, "humidity": {"uptake_by_activity", "condensation"}}
 SUBSTEPS = 4
 TRANSFERS = 6
 GROWTH = 1.02

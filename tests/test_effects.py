@@ -77,6 +77,7 @@ ENDS = {
     "exchange_temperature": ({}, everywhere, 1e-9),  # without an air film
     # The die's temperature is measured: 0.05 K are 0.3 % of a humidity.
     "die_thermal_lag": ({}, lambda channel: channel.isothermal, 0.5),
+    "uptake_by_activity": ({}, lambda channel: channel.isothermal, 0.5),
     "saturation_clipping": ({"limit_percent": 1e3}, everywhere, 1e-9),
 }
 
@@ -245,10 +246,7 @@ WITHOUT = {
     "exchange_temperature": (airflow_unknown, one_ambient),
     "vapour_boundary_layer": (airflow_unknown,),
     "sheath": (lambda channel: replace(channel, kind="hyt-271"), lambda channel: replace(channel, body="lumped")),
-    "condensation": (
-        airs_unknown,
-        lambda channel: replace(channel, wet_until_s=np.full(channel.runs, np.nan)),
-    ),
+    "condensation": (lambda channel: replace(channel, wet_until_s=np.full(channel.runs, np.nan)),),
     "direction_dependent_diffusivity": (wetting_alone,),
     "concentration_dependent_diffusivity": (lambda channel: channel.select(np.array([0, 0])),),
     "slow_relaxation": (airflow_unknown,),
@@ -261,6 +259,10 @@ WITHOUT = {
     "radiative_heating": (lambda channel: with_conditions(channel, irradiance_w_m2=never),),
     "die_thermal_lag": (
         lambda channel: replace(channel, die_c=np.full(channel.die_c.shape, np.nan)),
+        lambda channel: channel.select(channel.isothermal),
+    ),
+    "uptake_by_activity": (
+        lambda channel: replace(channel, kind="hyt-271"),
         lambda channel: channel.select(channel.isothermal),
     ),
     "hysteresis": (airs_unknown,),
@@ -279,7 +281,7 @@ def test_it_acts_where_it_can_and_says_what_it_needs_elsewhere(channels, effect)
     for name, channel in channels.items():
         if effect == "parallel_lag":
             rich = airflow_unknown(channel)
-        elif effect == "sheath":
+        elif effect in {"sheath", "uptake_by_activity"}:
             rich = of_another_lab(channel)
         elif entry.excludes:
             rich = replace(channel, body=next(shape for shape in BODIES if f"body_{shape}" != effect))
@@ -364,7 +366,7 @@ RECOVERED = {
 }
 # What the air of a room is shows hardly in the bead.
 UNSEEN = {"room_temperature_c", "room_humidity_percent"}
-FOREIGN = {"sheath", "parallel_lag", *(f"body_{shape}" for shape in BODIES)}
+FOREIGN = {"sheath", "parallel_lag", "uptake_by_activity", *(f"body_{shape}" for shape in BODIES)}
 
 
 def test_every_entry_is_recovered_from_an_independent_bench():

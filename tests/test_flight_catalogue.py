@@ -57,6 +57,7 @@ CASES = {
     "wall_radiation": ({"rise_k_at_10_k": 0.5, "wall_temperature_c": 30.0}, COOLER),
     "calibration_temperature": ({"percent_per_k": 0.3}, COOLER),
     "die_thermal_lag": ({}, COOLER),
+    "uptake_by_activity": ({}, COOLER),
     "hysteresis": ({"rh_percent": 1.0}, COOLER),
     "calibration_error": ({"gain": 0.02, "offset": 1.5}, COOLER),
     "saturation_clipping": ({"limit_percent": 70.0}, COOLER),

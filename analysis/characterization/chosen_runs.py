@@ -17,10 +17,8 @@ from shockrig.analysis.inference.noise import Noise
 STEP_IN_NOISE = 10.0
 LEAST_ISOTHERMAL = 2
 THERMAL_SHOCK = "thermal shock: the film's own temperature lags; the isothermal shocks of this ambient are used"
-# Where an ambient has thermal shocks alone, ppmv is turned into RH at the air's temperature or at the die's own.
-THERMAL_MODELS = {"thermal shocks, read at the air's temperature": Extension()} | {
-    effect.thermal_reading: Extension(Structure((effect,))) for effect in CATALOGUE.values() if effect.thermal_reading
-}
+# Where an ambient has thermal shocks alone: else at the die's own, or taken up at it.
+AT_AIR = "thermal shocks, read at the air's temperature"
 
 
 def choose_runs(
@@ -43,6 +41,8 @@ def choose_runs(
                 alone |= here
         keep[list(reasons)] = False
     basis = "isothermal shocks" if plain_film else "all runs"
-    choices = [(keep & ~alone, {basis: extension}), (keep & alone, THERMAL_MODELS)]
+    readings = [e for e in CATALOGUE.values() if e.thermal_reading and e.acts_in(whole)]
+    thermal = {AT_AIR: Extension()} | {e.thermal_reading: Extension(Structure((e,))) for e in readings}
+    choices = [(keep & ~alone, {basis: extension}), (keep & alone, thermal)]
     groups = [(whole.select(mask).without_lost_ambients(), models) for mask, models in choices if mask.any()]
     return groups, [*whole.left_out, *(LeftOut(whole.run_ids[i], whole.name, reasons[i]) for i in sorted(reasons))]

@@ -131,6 +131,7 @@ def _one_step(channel: Channel, ambient: int, time: Array, air: Air) -> Channel:
         value=np.zeros(shape),
         count=np.ones(shape, dtype=np.int64),
         die_c=np.full(shape, np.nan),
+        die_samples=(),
         conditions=replace(one.conditions, **changed),
         interpolation=weights,
         air=(None,),

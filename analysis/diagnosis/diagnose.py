@@ -311,6 +311,11 @@ def _kept(channel: Channel, ready: Prepared, found: Search, adequacy: Adequacy) 
         else:
             final = _reduced(problem, found, final, set(final.structure.ids) - {t.effect for t in dropped})
         choose = False
+    if not choose and final.structure.effects:
+        # Without what unseen runs do not bear out more is left, beside which explanations are told apart less well.
+        beside = judge(problem, final, ready.noise)
+        now = _named(problem, found, beside)
+        named = {e: _no_surer(c, now[e]) if e in now else c for e, c in named.items()}
     final = weighed_alike(problem, final)
     values = widened(problem, final).values()
     causes = [
@@ -322,12 +327,22 @@ def _kept(channel: Channel, ready: Prepared, found: Search, adequacy: Adequacy) 
     if not adequacy.passed and own_temperature_unknown(channel):
         # What a film's own temperature does to its response is not known: no shape is likelier than that.
         causes = _at_most("outdone", causes, lambda c: CATALOGUE[c.effect].shape)
+    if not adequacy.passed and np.isfinite(channel.wet_until_s).any():
+        # Dew that nothing explains bends a response as another body would.
+        bodies = {e for e, effect in CATALOGUE.items() if effect.shape and not effect.thermal_reading}
+        causes = _at_most("outdone", causes, lambda c: c.effect in bodies)
     return _Kept(tuple(causes), final, gain, tuple(tried))
 
 
 def _at_most(name: str, causes: list[Cause], those: Callable[[Cause], bool]) -> list[Cause]:
     """Causes, `those` of them no likelier than a level by its name."""
     return [replace(c, probability=min(c.probability, level(name))) if those(c) else c for c in causes]
+
+
+def _no_surer(cause: Cause, now: Cause) -> Cause:
+    """A cause as it stood, no likelier than it is now and tied to what it is now tied to."""
+    tied = dict.fromkeys((*cause.indistinguishable_from, *now.indistinguishable_from))
+    return replace(cause, probability=min(cause.probability, now.probability), indistinguishable_from=tuple(tied))
 
 
 def _with_shapes(

@@ -137,6 +137,10 @@ def refit(
         moved = scanned_starts(problem, best)
         if moved is not None:
             best = min((best, fit(problem, structure, best.theta, moved, iterations)), key=lambda f: f.deviance)
+    if plainly_wrong(problem, best) and not problem.channel.conditions.start_known.all():
+        # Starts that were found under a model that is wrong need not be those of this one.
+        anew = rough_point(problem, structure, near.choice)
+        best = min((best, fit(problem, structure, anew.theta, anew.deviations, iterations)), key=lambda f: f.deviance)
     mirrored = _mirrored(problem, best)
     best = best if mirrored is None else min((best, mirrored), key=lambda f: f.deviance)
     return min((best, *_nudged(problem, best)), key=lambda f: f.deviance)
@@ -181,13 +185,23 @@ def _begun(problem: Problem, near: Fit, effect: Effect, starts: Starts) -> list[
 
     That one goes on in any case, and from starts far apart all do: the best so far tells little there.
     """
-    structure, rates = near.structure.adding(effect), _rate_shift(effect, problem.channel)
+    channel, structure, far = problem.channel, near.structure.adding(effect), plainly_wrong(problem, near)
+    model, log_rates = Model(channel, structure), near.log_rates + _rate_shift(effect, channel)
     # From the deviations of `near` where these mean anything.
-    deviations = _fresh(problem, near) if plainly_wrong(problem, near) else near.deviations
+    deviations = _fresh(problem, near) if far else near.deviations
     fits = []
     for start in starts:
-        theta = Model(problem.channel, structure).start(near.log_rates + rates, near.choice | _named(effect, start))
-        fits.append(fit(problem, structure, theta, deviations, QUICK_STEPS))
+        choice = near.choice | _named(effect, start)
+        begins = [(log_rates, deviations)]
+        if far and effect.thermal_reading:
+            # What a film's rate is without it says nothing of what it is with it.
+            anew = rough_point(problem, structure, choice)
+            begins.append((anew.theta[: channel.rates], anew.deviations))
+        tried = [fit(problem, structure, model.start(rates, choice), own, QUICK_STEPS) for rates, own in begins]
+        if far and min(f.deviance for f in tried) > near.deviance:
+            # With more to choose from no fit leaves more: its way back from no deviations is too long.
+            tried.append(fit(problem, structure, model.start(log_rates, choice), near.deviations, QUICK_STEPS))
+        fits += tried
     fits.sort(key=lambda f: f.deviance)
     return [_Runner(f, np.inf if i == 0 or _far_apart(effect) else 0.0) for i, f in enumerate(fits)]
 

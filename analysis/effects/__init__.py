@@ -37,6 +37,7 @@ _FILES = (
     "radiative_heating",
     "wall_radiation",
     "die_thermal_lag",
+    "uptake_by_activity",
     "calibration_temperature",
     "hysteresis",
     "calibration_error",

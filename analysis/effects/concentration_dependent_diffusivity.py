@@ -31,5 +31,6 @@ EFFECT = Effect(
     testable=_levels_differ,
     needs="needs runs at different levels of humidity, or both up and down",
     in_flight=InFlight(left=True),
+    excludes=frozenset({"uptake_by_activity"}),
     advice="Take small steps at several levels, up and down, and quote D at half saturation.",
 )

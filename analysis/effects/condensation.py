@@ -28,6 +28,6 @@ EFFECT = Effect(
     source="psychrometry; the die is the coldest part in the destination air",
     advice="Keep the sensor above the destination's dew point before the transfer.",
     in_flight=InFlight(left=True),
-    testable=lambda channel: bool((np.isfinite(channel.wet_until_s) & channel.conditions.airs_known).any()),
+    testable=lambda channel: bool((np.isfinite(channel.wet_until_s)).any()),
     needs="needs runs from cold air into air whose dew point lies above the film's own temperature",
 )

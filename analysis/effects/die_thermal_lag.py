@@ -23,4 +23,5 @@ EFFECT = Effect(
         np.isfinite(channel.die_c).any()
         and (np.abs(channel.conditions.destination_c - channel.conditions.source_c) > 1.0).any()
     ),
+    excludes=frozenset({"uptake_by_activity"}),
 )

@@ -74,14 +74,16 @@ def correct_humidity(
     now, air, error = air, *(_earlier(time_s, values, plain.delay_s) for values in (air, sigma))
     own = air if die is None else die
     # vapour pressure as relative humidity at a fixed temperature: what diffuses, in a unit that reads like %RH
-    to_vapour = saturation_pressure_hpa(own) / saturation_pressure_hpa(REFERENCE_C)
-    from_vapour = saturation_pressure_hpa(REFERENCE_C) / saturation_pressure_hpa(now)
+    by_activity = any(one.meaning.by_activity for one in effects)
+    held_at = own if by_activity else np.full(raw.shape, REFERENCE_C)  # what the film holds is the reading itself
+    to_vapour = saturation_pressure_hpa(own) / saturation_pressure_hpa(held_at)
+    from_vapour = saturation_pressure_hpa(held_at) / saturation_pressure_hpa(now)
     response = film_response(part, air, stream, body)
     vapour = plain.reading * to_vapour
     level = np.interp(time_s, time_s[screened.usable], vapour[screened.usable])
     # what the air's temperature leaves open divides the reading and the result alike; a die of its own parts the two
     passing = None
-    if die is None:
+    if die is None and not by_activity:
         percent_per_k = level * _steepness(air)
         error = np.hypot(error, _misplaced(air))
         coupling = _coupling(time_s, level, air, error, percent_per_k, response)

@@ -43,7 +43,7 @@ FLOWN_EFFECTS = {
     ),
     "humidity": frozenset(
         "vapour_boundary_layer condensation slow_relaxation direction_dependent_diffusivity "
-        "concentration_dependent_diffusivity die_thermal_lag calibration_temperature hysteresis "
+        "concentration_dependent_diffusivity die_thermal_lag uptake_by_activity calibration_temperature hysteresis "
         "saturation_clipping".split()
         + _BOTH
     ),
@@ -180,6 +180,9 @@ def _hygrometer(part: HumidityProfile, body: str, air: dict[str, Array]) -> dict
     if (e := effects.get("condensation")) is not None:
         wet = since(ppmv > ppmv_from_humidity(100.0, die)) <= e.value("drying_time_s")
         ppmv = np.where(wet, ppmv_from_humidity(100.0, temperature), ppmv)
+    by_activity = "uptake_by_activity" in effects
+    if by_activity:  # the film is driven by the relative humidity at its own temperature
+        ppmv = humidity_from_ppmv(ppmv, die)
     biot = np.full(temperature.shape, np.inf)
     if (e := effects.get("vapour_boundary_layer")) is not None:
         biot = e.value("biot_at_5_m_s") * np.sqrt(air["airspeed_m_s"] / REFERENCE_AIRSPEED_M_S)
@@ -203,13 +206,14 @@ def _hygrometer(part: HumidityProfile, body: str, air: dict[str, Array]) -> dict
     rate = part.diffusivity_m2_s(temperature)[0] / part.film_thickness_m**2
     depends = slope is not None or ratio is not None
     reading = _with_slow_shares(march(element, rate, biot, seen, follow if depends else None), ppmv, effects)
-    humidity = humidity_from_ppmv(reading, die if "die_thermal_lag" in effects else temperature)
+    at_c = die if "die_thermal_lag" in effects else temperature
+    humidity = reading if by_activity else humidity_from_ppmv(reading, at_c)
     if (e := effects.get("calibration_temperature")) is not None:
         humidity = humidity + e.value("percent_per_k") * (die - 20.0)
     if (e := effects.get("hysteresis")) is not None:
         humidity = humidity + held_back(humidity, e.value("rh_percent"), HYSTERESIS_SPAN_PERCENT)
     fine = {"humidity_percent": humidity}
-    if effects.keys() & {"die_thermal_lag", "calibration_temperature"}:
+    if effects.keys() & {"die_thermal_lag", "uptake_by_activity", "calibration_temperature"}:
         fine["humidity_sensor_temperature_c"] = die
     return fine
 

@@ -25,6 +25,8 @@ Values = Mapping[str, float]
 Arrays = Mapping[str, NDArray[np.float64]]  # of candidates, each (B, 1)
 RARE = 8.0  # added to the penalty of what real benches hardly ever have: odds of one in fifty
 
+WITHIN_ENDS = 2.0  # a start's ratio to the ends of its range, at least
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -68,7 +70,8 @@ class Parameter:
         """Values to begin from with a sensor so much slower than the ordinary ones: its time constants are as well."""
         if not self.log or self.unit != "s":
             return self.starts
-        return tuple(float(np.clip(start * tempo, self.low, self.high)) for start in self.starts)
+        inside = WITHIN_ENDS * self.low, self.high / WITHIN_ENDS  # a fit that begins at an end stays there
+        return tuple(dict.fromkeys(float(np.clip(start * tempo, *inside)) for start in self.starts))
 
 
 @dataclass(frozen=True)
@@ -122,6 +125,8 @@ class InFlight:
         Whether vapour is turned into humidity at the sensor's own temperature.
     die_share : values -> float
         How far from the air's temperature to its own, where not all the way.
+    by_activity : bool
+        Whether the film takes up by the humidity at that temperature, and not by the vapour in the air.
     left : bool
         Whether it is left in the reading, and said to be.
     """
@@ -141,6 +146,7 @@ class InFlight:
     uncertainty: Callable[[Values], float] | None = None
     at_die: bool = False
     die_share: Callable[[Values], float] | None = None
+    by_activity: bool = False
     left: bool = False
 
 

@@ -54,11 +54,11 @@ def late_starts_s(problem: Problem) -> Array:
     return LATE_S * float(conditions.start_scatter_s[~conditions.start_known].max()) / USUAL_SCATTER_S
 
 
-def rough_point(problem: Problem, structure: Structure) -> Point:
-    """Rough rates, and each unrecorded start where the model at them leaves least."""
+def rough_point(problem: Problem, structure: Structure, choice: Mapping[str, float] | None = None) -> Point:
+    """Rough rates, and each unrecorded start where the model at them leaves least; `choice` as in `Model.start`."""
     channel, model = problem.channel, Model(problem.channel, structure)
     deviations = channel.at_rest()
-    theta = model.start(rough_rates(problem, structure))
+    theta = model.start(rough_rates(problem, structure, choice=choice), choice)
     if channel.conditions.start_known.all():
         return Point(theta, deviations)
     late_s = late_starts_s(problem)

@@ -26,6 +26,9 @@ Array = NDArray[np.float64]
 
 SHORT_RAMP_S = 0.2  # a change of the air within a sample or two is a jump to whoever samples it
 JUMP_K = 0.3  # change of the air's temperature from which RH jumps with it
+KNOTS = 160  # of the humidity that a film sees at its own temperature
+TINY_S = 1e-9
+SATURATED_PERCENT = 100.0
 DRIVEN_MODES = 20  # a measured trace has no step that would need more
 GAUSS_NODES = 5  # for the mean of readings that all lie well after the transfer
 NODES_FROM = 2.0  # lengths of the averaging after which they do
@@ -62,6 +65,10 @@ class Recorded(Protocol):
     def wet_until_s(self) -> Array: ...
     @property
     def air(self) -> tuple[MeasuredAir | None, ...]: ...
+    @property
+    def samples(self) -> tuple[tuple[Array, Array], ...]: ...
+    @property
+    def die_samples(self) -> tuple[Array, ...]: ...
     @property
     def reading_period_s(self) -> float: ...
     @property
@@ -130,6 +137,8 @@ class Chain:
         Until when a film with dew on it sees saturated air [s]; 0 or less for runs without dew.
     at_die_temperature : bool
         Whether ppmv is turned into RH at the die's temperature.
+    by_activity : bool
+        Whether the film takes up by the relative humidity at its own temperature, and not by the vapour in the air.
     percent_per_k : ndarray (B, 1) or None
         By how much the calibration of RH moves with the sensor's temperature, from 20 degC on.
     readouts : tuple of functions (reading (B, R, n), time_s (B, R, n), die_c (R, n)) -> reading
@@ -158,6 +167,7 @@ class Chain:
     loaded: tuple[Array, Array] | None = None
     wet_until_s: Array | None = None
     at_die_temperature: bool = False
+    by_activity: bool = False
     percent_per_k: Array | None = None
     readouts: tuple[Callable[[Array, Array, Array], Array], ...] = ()
     averaged: int = 1
@@ -170,7 +180,7 @@ def relative_ventilation(channel: Recorded) -> Array:
 
 def evaluate(chain: Chain, reading_of: Callable[[Chain], Array]) -> Array:
     """Readings of the chain, shape (B, R, n) [degC or %RH]; `reading_of` is `temperature_reading` or its like."""
-    if chain.averaged > 1 and chain.channel.jumps_with_air:
+    if chain.averaged > 1 and chain.channel.jumps_with_air and not chain.by_activity:
         return _running_mean(chain, reading_of)
     reading, period = reading_of(chain), chain.channel.reading_period_s
     for readout in chain.readouts:
@@ -238,7 +248,8 @@ def at_jump(chain: Chain) -> NDArray[np.bool_]:
     time = chain.time_s[0]
     stepped = np.abs(chain.destination_c[0] - chain.source_c[0]) > JUMP_K
     ramp = np.zeros(()) if chain.ramp_s is None else chain.ramp_s[0]
-    if not chain.channel.jumps_with_air or chain.at_die_temperature or np.max(ramp) > SHORT_RAMP_S:
+    reads_as_air = chain.channel.jumps_with_air and not (chain.at_die_temperature or chain.by_activity)
+    if not reads_as_air or np.max(ramp) > SHORT_RAMP_S:
         return np.zeros(time.shape, dtype=bool)
     # A logger that averages spreads the jump over the readings that it averages.
     shifts = chain.channel.reading_period_s * np.arange(chain.averaged)
@@ -263,8 +274,16 @@ def temperature_reading(chain: Chain) -> Array:
 
 def humidity_reading(chain: Chain) -> Array:
     """Relative humidity that the film shows, before the readout (B, R, n) [%RH]."""
-    source_hpa = chain.source_percent * saturation_pressure_hpa(chain.source_c)
-    destination_hpa = chain.destination_percent * saturation_pressure_hpa(chain.destination_c)
+    reading = _taken_up_by_activity(chain) if chain.by_activity else _taken_up(chain) / _saturation_at_reading(chain)
+    if chain.percent_per_k is not None:
+        own = np.where(np.isfinite(chain.die_c), chain.die_c, _conversion_temperature(chain))
+        reading = reading + chain.percent_per_k[..., None] * (own - REFERENCE_C)
+    return reading
+
+
+def _taken_up(chain: Chain) -> Array:
+    """What the film holds of the air's vapour, 100 times its pressure (B, R, n) [hPa]."""
+    source_hpa, destination_hpa = _vapour_hpa(chain)
     rate, time, ramp_s = chain.rate, chain.time_s, chain.ramp_s
     if chain.activity_slope is not None:
         rate, time, ramp_s = _concentration_dependent(chain, chain.activity_slope, source_hpa)
@@ -278,14 +297,84 @@ def humidity_reading(chain: Chain) -> Array:
         excess = room.fraction * (room.humidity_percent * saturation_pressure_hpa(room.temperature_c) - destination_hpa)
         held = held + excess[..., None] * _let_in(chain, response, room)
     for run, air in _measured(chain):
-        saturated = saturation_pressure_hpa(_known_temperature(chain, air, run))
-        trace = (air.humidity_percent + chain.air_offset[:, run, None]) * saturated
-        _drive_by(chain, held, run, response, air, trace, time)
-    reading = held / _saturation_at_reading(chain)
-    if chain.percent_per_k is not None:
-        own = np.where(np.isfinite(chain.die_c), chain.die_c, _conversion_temperature(chain))
-        reading = reading + chain.percent_per_k[..., None] * (own - REFERENCE_C)
+        _drive_by(chain, held, run, response, air, _measured_vapour(chain, run, air), time)
+    return held
+
+
+def _vapour_hpa(chain: Chain) -> tuple[Array, Array]:
+    """100 times the vapour pressure of the two airs, each (B, R) [hPa]."""
+    return (
+        chain.source_percent * saturation_pressure_hpa(chain.source_c),
+        chain.destination_percent * saturation_pressure_hpa(chain.destination_c),
+    )
+
+
+def _measured_vapour(chain: Chain, run: int, air: MeasuredAir) -> Array:
+    """100 times the vapour pressure of a measured air (B, m) [hPa]."""
+    saturated = saturation_pressure_hpa(_known_temperature(chain, air, run))
+    return np.asarray((air.humidity_percent + chain.air_offset[:, run, None]) * saturated)
+
+
+def _taken_up_by_activity(chain: Chain) -> Array:
+    """What the film holds where it takes up by the relative humidity at its own temperature (B, R, n) [%RH].
+
+    That drives the film as a measured trace does: straight lines between knots that lie the denser the nearer to the
+    transfer, where the air jumps and the sensor's temperature begins to follow.
+    """
+    response, shape = _response(chain, chain.rate), np.broadcast_shapes(chain.time_s.shape, (*chain.rate.shape, 1))
+    since = max(float(chain.time_s.max()), JUMP_S) * np.linspace(0.0, 1.0, KNOTS) ** 2
+    since[0] = TINY_S  # the transfer has begun
+    knots = np.concatenate([[-1.0, 0.0, 0.0], since[1:]])
+    at_knots = replace(chain, time_s=np.broadcast_to(since, (*chain.time_s.shape[:2], KNOTS)))
+    source_hpa, destination_hpa = _vapour_hpa(chain)
+    begun = _begun(at_knots)
+    vapour = source_hpa[..., None] + (destination_hpa - source_hpa)[..., None] * begun
+    for room in chain.rooms:
+        excess = room.humidity_percent * saturation_pressure_hpa(room.temperature_c) - destination_hpa
+        vapour = vapour + begun * _left_of(at_knots, room) * excess[..., None]
+    # The sensor's own temperature was recorded by the run's clock; the knots count from each candidate's transfer.
+    late = (chain.channel.time_s - chain.time_s)[..., :1]
+    # What is above saturation condenses, and the film beside it sees saturated air.
+    seen = np.minimum(vapour / saturation_pressure_hpa(_own_temperature(at_knots, since + late)), SATURATED_PERCENT)
+    if chain.wet_until_s is not None:
+        wet = np.clip((chain.wet_until_s[..., None] - since) / np.gradient(since) + 0.5, 0.0, 1.0)
+        seen = seen + wet * (SATURATED_PERCENT - seen)
+    still = replace(chain, time_s=np.full((*chain.time_s.shape[:2], 1), -1.0))
+    before = source_hpa[..., None] / saturation_pressure_hpa(_own_temperature(still, late - TINY_S))
+    trace = np.concatenate([np.broadcast_to(before, (*seen.shape[:2], 2)), seen], axis=-1)
+    own = modes.slowest(response, DRIVEN_MODES)
+    period_s = chain.channel.reading_period_s
+    reading = respond(own, knots, trace, chain.time_s, samples=chain.averaged, period_s=period_s)
+    reading = np.array(np.broadcast_to(reading, shape))
+    for run, air in _measured(chain):
+        recorded, die = _dies(chain)[run]
+        own_c = _known_temperature(chain, air, run) if die is None else np.interp(air.time_s, recorded, die)
+        seen = np.minimum(_measured_vapour(chain, run, air) / saturation_pressure_hpa(own_c), SATURATED_PERCENT)
+        _drive_by(chain, reading, run, response, air, seen, chain.time_s)
     return reading
+
+
+def _own_temperature(chain: Chain, recorded_s: Array) -> Array:
+    """The sensor's own temperature at the chain's times (B, R, n) [degC], the air's where it was not recorded;
+    `recorded_s` are those times by the clocks of the runs.
+    """
+    air = _conversion_temperature(chain)
+    own = np.array(np.broadcast_to(air, np.broadcast_shapes(air.shape, recorded_s.shape)))
+    for run, (recorded, die) in enumerate(_dies(chain)):
+        if die is not None:
+            own[:, run] = np.interp(recorded_s[:, run], recorded, die)
+    return own
+
+
+def _dies(chain: Chain) -> list[tuple[Array, Array | None]]:
+    """Each run's sample times and the sensor's own temperature at them (m,), None where it was not recorded."""
+    times, dies = (
+        [time for time, _ in chain.channel.samples],
+        chain.channel.die_samples or [None] * len(chain.channel.samples),
+    )
+    return [
+        (t, die if die is not None and np.isfinite(die).all() else None) for t, die in zip(times, dies, strict=True)
+    ]
 
 
 def _response(chain: Chain, rate: Array) -> modes.Modes:
@@ -413,16 +502,24 @@ def _saturation_at_reading(chain: Chain) -> Array:
     return saturation_pressure_hpa(_conversion_temperature(chain))
 
 
-def _conversion_temperature(chain: Chain) -> Array:
-    time = chain.time_s
+def _begun(chain: Chain) -> Array:
+    """How far the air has come from the source to the destination (B, R, n), 0 to 1."""
     if chain.ramp_s is None:
-        progress = (time > 0).astype(float)
-    else:
-        progress = np.clip(time / np.maximum(chain.ramp_s[..., None], 1e-6), 0.0, 1.0)
-    air = chain.source_c[..., None] + (chain.destination_c - chain.source_c)[..., None] * progress
+        return (chain.time_s > 0).astype(float)
+    return np.clip(chain.time_s / np.maximum(chain.ramp_s[..., None], 1e-6), 0.0, 1.0)
+
+
+def _left_of(chain: Chain, room: RoomAir) -> Array:
+    """Share of a room's air that is still there (B, R, n)."""
+    return np.asarray(room.fraction[..., None] * np.exp(-np.maximum(chain.time_s, 0) / room.time_constant_s[..., None]))
+
+
+def _conversion_temperature(chain: Chain) -> Array:
+    """Temperature of the air (B, R, n) [degC], or of the die where the film is read at that."""
+    time, begun = chain.time_s, _begun(chain)
+    air = chain.source_c[..., None] + (chain.destination_c - chain.source_c)[..., None] * begun
     for room in chain.rooms:
-        share = room.fraction[..., None] * np.exp(-np.maximum(time, 0) / room.time_constant_s[..., None])
-        air = air + progress * share * (room.temperature_c - chain.destination_c)[..., None]
+        air = air + begun * _left_of(chain, room) * (room.temperature_c - chain.destination_c)[..., None]
     for run, measured in _measured(chain):
         if np.isfinite(measured.temperature_c).all():
             air = np.array(np.broadcast_to(air, np.broadcast_shapes(air.shape, time.shape)))

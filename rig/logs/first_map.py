@@ -123,8 +123,11 @@ def _sensors(guess: Guess, times: dict[str, dict[str, float]], by_name: str | No
             lines.append(_line(f"{key}_unit = {_text(unit)}", how))
         lines += [_line(f"{key} = {value}") for key, value in sensor.extra.items()]
         if {"temperature", "humidity"} <= set(sensor.columns) and "die_temperature" not in sensor.columns:
-            column = _text(sensor.columns["temperature"][0])
-            lines.append(_line(f"# die_temperature = {column}", "if one chip measures both"))
+            column, unit, _ = sensor.columns["temperature"]
+            lines.append(
+                _line(f"die_temperature = {_text(column)}", "one chip measures both: delete this where it does not")
+            )
+            lines.append(_line(f"die_temperature_unit = {_text(unit)}"))
         lines += [
             _line(f"# reference = {_text(name)}", f"if it measured the air beside this one: {why}")
             for name, why in _references(sensor.name, times, by_name).items()
