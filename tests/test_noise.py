@@ -1,5 +1,7 @@
 """Noise from the plateaus: known noises are found, and whitening makes their bins white."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -46,6 +48,24 @@ def test_known_noise_is_found(white, correlated, memory_s):
 
 def test_an_average_over_readings_is_found():
     assert estimate_noise(noisy_channel(4, 0.03, averaged=5)).averaged == 5
+
+
+@pytest.mark.parametrize(("averaged", "white", "wandering"), [(5, 0.03, 0.0), (1, 0.001, 0.03)])
+def test_an_air_that_wanders_is_no_average_where_nobody_recorded_it(averaged, white, wandering):
+    """A lag makes the wandering smooth from reading to reading, as a mean of readings would."""
+    channel = noisy_channel(7, white, averaged=averaged)
+    random, slow, passed = np.random.default_rng(1), 0.0, 0.0
+    samples = []
+    for time, value in channel.samples:
+        shown = []
+        for push in random.normal(0.0, 1.0, time.size):
+            slow += -0.02 * slow + 0.2 * push
+            passed += 0.3 * (slow - passed)
+            shown.append(passed)
+        samples.append((time, value + wandering * np.array(shown)))
+    shown = rebin(channel, tuple(samples), list(channel.bin_of), (), 1)
+    unknown = replace(shown.conditions, airs_known=np.zeros(shown.runs, dtype=bool))
+    assert estimate_noise(replace(shown, conditions=unknown), lengths=(5,)).averaged == averaged
 
 
 def test_a_mean_is_as_long_as_it_is_where_two_readings_in_three_are_not_shown():

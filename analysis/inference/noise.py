@@ -293,7 +293,7 @@ def estimate_noise(
     if averaged not in found:
         averaged = int(np.argmax(best)) + 1
         # One more parameter has to pay for itself: plain noise unless an average is clearly better.
-        if best[averaged - 1] - best[0] < 8.0:
+        if best[averaged - 1] - best[0] < 8.0 or (_open(channel) and _of_wandering(*parts(found[averaged], averaged))):
             averaged = 1
     white, correlated, memory = parts(found[averaged], averaged)
     # A plateau that creeps looks like noise without a white part, and such noise would trust every difference.
@@ -311,6 +311,17 @@ def estimate_noise(
     )
 
 
+def _open(channel: Channel) -> bool:
+    """Whether nobody recorded the airs of any run."""
+    return not (channel.conditions.airs_known.all() or channel.measured.any())
+
+
+def _of_wandering(white: float, correlated: float, memory: float) -> bool:
+    """Whether readings differ more by what wanders than by what is new in each (variances): an air that moves by
+    itself comes through a sensor's lag without corners, as a mean of readings would."""
+    return white < (1.0 - memory) * correlated
+
+
 def _logistic(x: float) -> float:
     return float(1.0 / (1.0 + np.exp(-np.clip(x, -30, 30))))
 
@@ -321,7 +332,7 @@ def longest_average(channel: Channel) -> int:
     An air that nobody recorded moves by itself, and what a sensor shows of it hangs together over the sensor's own
     time: a mean that is nearly as long cannot be told from that.
     """
-    if channel.conditions.airs_known.all() or channel.measured.any():
+    if not _open(channel):
         return MAX_AVERAGED
     halves_s = np.array([half_way_s(time, value) for time, value in channel.samples])
     if not np.isfinite(halves_s).any():

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 SHORT_RAMP_S = 0.2  # a change of the air within a sample or two is a jump to whoever samples it
 JUMP_K = 0.3  # change of the air's temperature from which RH jumps with it
-KNOTS = 160  # of the humidity that a film sees at its own temperature
+KNOTS = 256  # of the humidity that a film sees at its own temperature
 TINY_S = 1e-9
 SATURATED_PERCENT = 100.0
 DRIVEN_MODES = 20  # a measured trace has no step that would need more
