@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from shockrig.protocols.background import Background
-from shockrig.protocols.decided import as_protocol, feasible_on, lines, minutes_left, surroundings_of
+from shockrig.protocols.decided import as_protocol, feasible_on, in_words, lines, minutes_left, surroundings_of
 from shockrig.protocols.probes import seen_by, wanted_probes
 from shockrig.rig.clock import VirtualClock
 from shockrig.rig.protocol import PlannedRun, Protocol
@@ -170,14 +170,19 @@ class Loop:
 
     def _agreed(self, shock: Shock) -> bool:
         """Whether the operator lets a choice pass. Raises what the person wants instead, but for a veto."""
-        from shockrig.rig.errors import RunSkipped
+        from shockrig.rig.errors import RunRepeated, RunSkipped
 
         assert self._bench.operator is not None
-        try:
-            self._bench.operator.ask(f"Next: {shock.why}. Enter records it, s vetoes it, p pauses, a aborts.")
-        except RunSkipped:
-            return False
-        return True
+        question = f"Next: {in_words(shock)} ({shock.why}). Enter records it, s vetoes it, p pauses, a aborts."
+        while True:
+            try:
+                self._bench.operator.ask(question)
+            except RunSkipped:
+                return False
+            except RunRepeated:
+                self._say("this run is not recorded yet; --add records runs of your own, more of one as well")
+            else:
+                return True
 
     def _next(self, shock: Shock, state: Any) -> Protocol:
         return as_protocol([shock], self._behind(state), NAME, str(self._goals), self._bench.pressures_hpa)

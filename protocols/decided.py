@@ -81,10 +81,19 @@ def surroundings_of(bench: Bench) -> Surroundings:
     return Surroundings(bench.pressures_hpa, bench.irradiances_w_m2)
 
 
+def in_words(shock: Shock) -> str:
+    """A run in words: its airs, airflow, how long it is recorded, and in how long it is carried where that is set."""
+    from shockrig.protocols.run_progress import words
+
+    source = words(Air(shock.source_c, shock.source_percent))
+    destination = words(Air(shock.destination_c, shock.destination_percent))
+    more = f", the transfer in {shock.transfer_s:g} s" if shock.transfer_s is not None else ""
+    return f"{source} -> {destination}, {shock.airflow_m_s:g} m/s, {shock.dwell_s:g} s{more}"
+
+
 def lines(decision: Decision, document: Mapping[str, Any]) -> list[str]:
     """What a person reads of a decision: goals, ties, what is next and why."""
     from shockrig.files.plan import where_it_stands
-    from shockrig.protocols.run_progress import words
 
     said = []
     for goal in document["goals"]:
@@ -94,16 +103,11 @@ def lines(decision: Decision, document: Mapping[str, Any]) -> list[str]:
     said.append(f"{decision.status}: {decision.reason}")
     for choice in decision.choices:
         shock = choice.shock
-        source, destination = (
-            Air(shock.source_c, shock.source_percent),
-            Air(shock.destination_c, shock.destination_percent),
-        )
-        more = f", the transfer in {shock.transfer_s:g} s" if shock.transfer_s is not None else ""
         brings = [f"{choice.goals:.2f} of a goal"] if choice.goals > 0.005 else []
         brings += [f"ln E {choice.evidence:.1f} between what is tied"] if choice.evidence > 0.05 else []
         said.append(
-            f"  {words(source)} -> {words(destination)}, {shock.airflow_m_s:g} m/s, {shock.dwell_s:g} s{more}: "
-            f"{shock.why}; about {choice.minutes:.1f} min" + (f", brings {' and '.join(brings)}" if brings else "")
+            f"  {in_words(shock)}: {shock.why}; about {choice.minutes:.1f} min"
+            + (f", brings {' and '.join(brings)}" if brings else "")
         )
     return said
 

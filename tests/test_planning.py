@@ -23,7 +23,7 @@ from shockrig.analysis.inference.model import PLAIN, Model
 from shockrig.analysis.planning import judged
 from shockrig.analysis.planning.choose import choose_runs, progress
 from shockrig.analysis.planning.decide import decide
-from shockrig.analysis.planning.decision import DONE, INCONCLUSIVE, Decision
+from shockrig.analysis.planning.decision import CONTINUE, DONE, INCONCLUSIVE, Decision
 from shockrig.analysis.planning.designs import Designs
 from shockrig.analysis.planning.evidence import REJECTED, Dispute, against, student
 from shockrig.analysis.planning.export import chosen, log_entry, plan_document, remembered
@@ -36,6 +36,7 @@ from shockrig.analysis.planning.precision import Target, gained_by, measured, ta
 from shockrig.analysis.planning.shock import Shock, Surroundings, Usual, deciding_menu, opening, precision_menu
 from shockrig.analysis.planning.varied import variety
 from shockrig.analysis.planning.verdict import Verdict
+from shockrig.analysis.report.loop_page import chosen_section
 from shockrig.files.campaign import Air, Run
 from shockrig.files.errors import InputError
 from shockrig.files.plan import append_decision, read_decisions, where_it_stands
@@ -459,6 +460,19 @@ def test_an_empty_campaign_begins_with_both_quantities_and_a_veto_is_kept(finish
     assert all(c.shock.isothermal for c in dry.choices)
 
 
+def test_where_the_first_runs_cannot_be_another_of_the_menu_begins():
+    """A chamber that cannot dry below 30 %RH, say, or an operator who wants none of them."""
+    goals = parse_goals("D 1 % at 20")
+    damp = decide(None, goals, feasible=lambda shock: min(shock.source_percent, shock.destination_percent) >= 30.0)
+    assert damp.choices and min(damp.choices[0].shock.source_percent, damp.choices[0].shock.destination_percent) >= 30.0
+    assert damp.choices[0].shock.isothermal
+    first = decide(None, goals, count=4).choices
+    assert len(first) == 2  # up and down
+    others = decide(None, goals, count=4, vetoed=[c.shock for c in first]).choices
+    assert others and not {c.shock for c in others} & {c.shock for c in first}
+    assert decide(None, goals, feasible=lambda shock: False).status == INCONCLUSIVE
+
+
 def test_one_run_in_another_direction_or_airflow_is_not_enough(tmp_path):
     """Runs differ, so one says nothing; a small step says less."""
     small = Shock(20.0, 35.0, 20.0, 20.0)
@@ -520,3 +534,18 @@ def test_nothing_is_chosen_from_an_empty_menu():
 )
 def test_a_goal_says_in_words_where_it_stands(goal, said):
     assert where_it_stands(goal) == said
+
+
+def test_ties_are_not_decided_while_a_channel_has_too_few_runs_to_be_judged(tmp_path):
+    """One run of each says nothing of ties, though nothing is tied; then come those of the other direction."""
+    bench = recorded(tmp_path, LIVELY, [UP])
+    goals = parse_goals("ties decided, minutes 60")
+    one = decide(bench.campaign(), goals)
+    assert one.status == CONTINUE and not one.choices[0].shock.isothermal
+    bench.record_run(COOL.as_run())
+    both = decide(bench.campaign(), goals, one)
+    assert both.status == CONTINUE and set(both.few) == {"temperature", "humidity"}
+    assert "too few runs to judge by" in both.reason
+    way = both.choices[0].shock
+    assert way.isothermal and way.destination_percent < way.source_percent
+    assert chosen_section([log_entry(both, goals, None, [])], tmp_path)  # a page without goals of precision

@@ -31,12 +31,14 @@ from shockrig.analysis.planning.judged import Look, diagnosed, look_at
 from shockrig.analysis.planning.minutes import learn, spent_minutes
 from shockrig.analysis.planning.places import Place, place_of, places
 from shockrig.analysis.planning.precision import Target, gained_by, measured, targets
-from shockrig.analysis.planning.shock import ORDINARY, USUAL_C, Shock, Surroundings, Usual, opening
-from shockrig.analysis.planning.varied import usual_of, variety
+from shockrig.analysis.planning.shock import ORDINARY, USUAL_C, Shock, Surroundings, Usual, deciding_menu, opening
+from shockrig.analysis.planning.varied import shock_of, usual_of, variety
 from shockrig.analysis.planning.verdict import Verdict, extended
 from shockrig.files.campaign import Campaign
 
 USUAL_BUDGET_MINUTES = 240.0  # where none is given
+MOST_BEFORE_JUDGED = 24  # runs: a channel of which fewer than can be judged were usable by then is given up
+FEW = "too few to judge by"
 Progress = Callable[[str], None]
 Found = Mapping[str, Characterization | None]  # of each probe
 Due = Callable[[Place], Verdict | None]
@@ -108,23 +110,27 @@ def decide(
     met = all(t.met for t in wanted) and not any(v.tied for v in verdicts.values())
     # What depends on a direction or an airflow that no run has had can be no finding.
     unvaried = goals.ties and bool(variety(looks, menu_of(found, looks, goals, usual, allowed)).any())
-    if met and recorded and not unvaried:
+    first = _first(campaigns, goals, found, usual, allowed)
+    short = {place: look for place, look in looks.items() if look.short and goals.ties}
+    if met and short and not first:
+        first = _more_of_them(campaigns, goals, usual, allowed, short)
+    if met and recorded and not unvaried and not first:
         looks, verdicts = _look(campaigns, verdicts, True, later, progress)
         found = _measured(campaigns, verdicts)
         wanted = _wanted(goals, campaigns, found)
     chased = before.chased if before is not None else 0
     new = set(recorded) - set(before.recorded if before is not None else ())
     gained = _gained(new, found, wanted)
-    state = Decision("", "", recorded, spent, tuple(wanted), verdicts, chased=chased, unvaried=unvaried, gained=gained)
-    first = _first(campaigns, goals, found, usual)
+    few = tuple(short) if met else ()
+    state = Decision("", "", recorded, spent, tuple(wanted), verdicts, (), (), chased, unvaried, gained, few)
     anchor = None if campaign is None or not campaign.runs else campaign.runs[0]
     designs = Designs.of(found, looks, wanted, goals, usual, allowed, anchor)
-    if not unvaried and (ended := ended_by(state, goals, looks)):
+    if not unvaried and not (goals.ties and first) and (ended := ended_by(state, goals, looks)):
         return _with(state, *ended)
     minutes = learn(campaign)
     last = None if campaign is None or not campaign.runs else campaign.runs[-1]
     if first:
-        chosen = [Choice(s, minutes.of(None, s), 0.0, UNTOLD, UNTOLD, UNTOLD) for s in first if allowed(s)][:count]
+        chosen = [Choice(s, minutes.of(None, s), 0.0, UNTOLD, UNTOLD, UNTOLD) for s in first][:count]
         considered = tuple(chosen)
     else:
         chosen, considered = choose_runs(designs, minutes, last, count, len(recorded))
@@ -216,8 +222,13 @@ def _gained(new: Collection[str], found: Found, wanted: Sequence[Target]) -> flo
     return sum(gained_by(new, own, [t for t in wanted if t.probe == probe]) for probe, own in found.items())
 
 
-def _first(campaigns: Sequence[Campaign], goals: Goals, found: Found, usual: Usual) -> list[Shock]:
-    """The runs that a campaign begins with, as far as it lacks them: those that show a channel which none has shown."""
+def _first(
+    campaigns: Sequence[Campaign], goals: Goals, found: Found, usual: Usual, allowed: Callable[[Shock], bool]
+) -> list[Shock]:
+    """The runs that a campaign begins with, as far as it lacks them: those that show a channel which none has shown.
+
+    Any other of the menu will do where the bench can make none of these, or the operator wants none.
+    """
     middle = sorted(goals.ambients_c, key=lambda t: abs(t - USUAL_C))[0]
     begin = {shock: _shown_by(shock) for shock in opening(middle, usual) if usual.allows(shock)}
     if campaigns and len(campaigns[0].runs) >= 2 * len(begin):
@@ -228,7 +239,33 @@ def _first(campaigns: Sequence[Campaign], goals: Goals, found: Found, usual: Usu
         own = found[one.probe]
         known = {} if own is None else own.channels()
         lacking |= {n for n in wanted if QUANTITIES[n].sensor in one.sensors and n not in known}
-    return [shock for shock, channel in begin.items() if channel in lacking]
+    fitting = [shock for shock, channel in begin.items() if channel in lacking]
+    others = [shock for shock in deciding_menu([middle], usual) if _shown_by(shock) in lacking]
+    return [shock for shock in fitting if allowed(shock)] or [s for s in others if allowed(s)][: len(fitting)]
+
+
+def _more_of_them(
+    campaigns: Sequence[Campaign],
+    goals: Goals,
+    usual: Usual,
+    allowed: Callable[[Shock], bool],
+    short: Mapping[Place, Look],
+) -> list[Shock]:
+    """Runs that show channels of which too few are there to judge by, those of rarer directions first."""
+    middle = sorted(goals.ambients_c, key=lambda t: abs(t - USUAL_C))[0]
+    names = {name for place, (_, name) in places(campaigns).items() if place in short}
+    begin = [s for s in opening(middle, usual) if usual.allows(s) and allowed(s) and _shown_by(s) in names]
+    runs = campaigns[0].runs
+    if len(runs) >= MOST_BEFORE_JUDGED:
+        return []
+    there = [_way(shock) for run in runs if (shock := shock_of(run)) is not None]
+    return [replace(s, why=FEW) for s in sorted(begin, key=lambda s: there.count(_way(s)))]
+
+
+def _way(shock: Shock) -> tuple[bool, bool]:
+    """Which channel a run is for, and its direction."""
+    rises = shock.destination_percent > shock.source_percent
+    return shock.isothermal, rises if shock.isothermal else shock.destination_c > shock.source_c
 
 
 def _shown_by(shock: Shock) -> ChannelName:

@@ -42,6 +42,8 @@ class Decision:
         Whether ties are to be decided, and fewer than two runs have had a direction or an airflow that is possible.
     gained : float or None
         What the runs since the last decision brought to the rates that goals want [nats]; None where there are none.
+    few : tuple of places
+        Where ties are to be decided and all else is met, those of which too few runs are there to judge by.
     """
 
     status: str
@@ -55,6 +57,7 @@ class Decision:
     chased: int = 0
     unvaried: bool = False
     gained: float | None = None
+    few: tuple[Place, ...] = ()
 
     @property
     def tied(self) -> dict[Place, list[str]]:
@@ -69,11 +72,12 @@ def ended_by(state: Decision, goals: Goals, looks: Mapping[Place, Look]) -> tupl
     met = all(target.met for target in state.targets)
     tied, verdicts = state.tied, state.verdicts.values()
     unexplained = [name for name, verdict in state.verdicts.items() if verdict.left]
-    decided = not tied and all(v.runs or looks[n].problem is None for n, v in state.verdicts.items())
+    decided = not tied and not state.few and all(v.runs or looks[n].problem is None for n, v in state.verdicts.items())
     if met and (not goals.ties or (decided and not unexplained)):
         named = dict.fromkeys(e for v in verdicts for e in v.named)
         enough = "the plain model is enough" if any(v.runs for v in verdicts) else "nothing was diagnosed"
-        return DONE, f"all goals are met; {'named: ' + ', '.join(named) if named else enough}"
+        stands = f"named: {', '.join(named)}" if named else "" if tied else enough
+        return DONE, "; ".join(filter(None, ("all goals are met", stands, *_said(tied))))
     if met and goals.ties and unexplained and not tied and state.chased >= MOST_UNEXPLAINED:
         others = [label_of(v.causes, [v.causes, {}]) for v in verdicts if v.verdict == "described"]
         how = f"; it behaves like {' and '.join(others)}" if others else ""
@@ -88,10 +92,16 @@ def missing(state: Decision) -> str:
     """What is not reached yet, in one phrase."""
     short = [f"{t.label} {_how_well(t)}" for t in state.targets if not t.met]
     parts = [", ".join(short)] if short else []
-    parts += [f"{place}: {' and '.join(tied)} are tied" for place, tied in state.tied.items()]
+    parts += _said(state.tied)
     parts += [f"{name}: something is left" for name, v in state.verdicts.items() if v.left]
+    parts += [f"{place}: too few runs to judge by" for place in state.few]
     parts += ["a direction or an airflow has had fewer than two runs"] if state.unvaried else []
     return "; ".join(parts) or "a verdict on all runs is missing"
+
+
+def _said(tied: Mapping[Place, list[str]]) -> list[str]:
+    """What is tied, a phrase for each place."""
+    return [f"{place}: {' and '.join(explanations)} are tied" for place, explanations in tied.items()]
 
 
 def _how_well(target: Target) -> str:

@@ -14,7 +14,6 @@ from shockrig.analysis.diagnosis.prepare import prepare
 from shockrig.analysis.diagnosis.search import candidates_of, evidence, finish, penalised, refused, says_nothing
 from shockrig.analysis.diagnosis.thresholds import FALSE_ALARMS, penalty
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.fit import Fit, fit
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.model import Model, Structure
@@ -32,13 +31,17 @@ MORE_RUNS = 1.2  # times as many as at the last diagnosis, from which on one tha
 
 @dataclass(frozen=True)
 class Look:
-    """A channel at one look: its verdict, and the fits that a design needs (None where it cannot be diagnosed)."""
+    """A channel at one look: its verdict, and the fits that a design needs (None where it cannot be diagnosed).
+
+    `short` is True where a few runs more would do for that.
+    """
 
     verdict: Verdict
     problem: Problem | None = None
     noise: Noise | None = None
     rivals: tuple[Fit, ...] = ()
     left_over: str = ""  # the run that is explained worst, where something is left
+    short: bool = False
 
 
 def spending(look: int) -> float:
@@ -68,9 +71,9 @@ def look_at(campaign: Campaign, name: ChannelName, before: Verdict, final: bool 
     later : bool
         Whether a diagnosis is left for later, and only said to be due; not one that is wanted come what may.
     """
-    channel = _looked_at(campaign, name)
-    if channel is None:
-        return Look(before)
+    channel = build_channel(campaign, name)
+    if channel is None or not enough(channel) or channel.runs < FEWEST_RUNS:
+        return Look(before, short=channel is not None and enough(channel))
     ready = prepare(channel)
     now, base = before, ready.structure
     if before.dispute is not None:
@@ -98,16 +101,9 @@ def look_at(campaign: Campaign, name: ChannelName, before: Verdict, final: bool 
 
 def diagnosed(campaign: Campaign, name: ChannelName, due: Verdict) -> Verdict:
     """The verdict of a diagnosis that was left for later; `campaign` has been checked and holds the runs of then."""
-    channel = _looked_at(campaign, name)
-    if channel is None:
-        return replace(due, due=False)
-    return _taken(diagnose_channel(channel, earlier=due.causes, describing=False), due, False)
-
-
-def _looked_at(campaign: Campaign, name: ChannelName) -> Channel | None:
-    """A channel that has enough to be diagnosed."""
     channel = build_channel(campaign, name)
-    return channel if channel is not None and enough(channel) and channel.runs >= FEWEST_RUNS else None
+    assert channel is not None  # or nothing was due
+    return _taken(diagnose_channel(channel, earlier=due.causes, describing=False), due, False)
 
 
 def _fitted(problem: Problem, explanation: Explanation, base: Structure) -> Fit:

@@ -81,7 +81,9 @@ def chosen_section(entries: Sequence[Entry], folder: Path) -> list[Section]:
 
 def drawings(entries: Sequence[Entry]) -> dict[str, tuple[MatplotlibFigure, str, str]]:
     """What a log of decisions has to show, by name: figure, caption, alternative text."""
-    drawn = {"precision": (precision_figure(entries), PRECISION, "uncertainty of each goal against bench minutes")}
+    drawn = {}
+    if any(target["runs"] for e in entries for target in e["targets"]):
+        drawn["precision"] = precision_figure(entries), PRECISION, "uncertainty of each goal against bench minutes"
     if any(v.get("dispute") or v["settled"] for e in entries for v in e["verdicts"].values()):
         drawn["evidence"] = (evidence_figure(entries), EVIDENCE, "evidence against each rival against runs")
     if any(e.get("realised") for e in entries):
@@ -139,8 +141,7 @@ def precision_figure(entries: Sequence[Entry]) -> MatplotlibFigure:
     ax.yaxis.set_minor_locator(NullLocator())
     ax.set_xlabel("bench time, min")
     ax.set_ylabel("standard uncertainty, %")
-    if curves:
-        _above(ax, GOALS_ACROSS)
+    _above(ax, GOALS_ACROSS)
     return figure
 
 
@@ -175,6 +176,8 @@ def evidence_figure(entries: Sequence[Entry]) -> MatplotlibFigure:
         runs, against = np.array(points).T
         ax.plot(runs, against, color=colour, marker="o", markersize=3, linewidth=1.1, label=label)
     ax.axhline(OUT_LN, color=INK, linewidth=0.7, linestyle="--")
+    ax.annotate("ruled out above", (0.0, OUT_LN), xycoords=("axes fraction", "data"), xytext=(4, 3),
+                textcoords="offset points", fontsize="small", color=INK)  # fmt: skip
     ax.set_ylim(bottom=min(-1.0, ax.get_ylim()[0]), top=max(10.0, ax.get_ylim()[1]))
     if np.ptp(ax.get_ylim()) > MOST_LINEAR:
         ax.set_yscale("symlog", linthresh=10.0)
@@ -190,9 +193,9 @@ def evidence_figure(entries: Sequence[Entry]) -> MatplotlibFigure:
 def realised_figure(entries: Sequence[Entry]) -> MatplotlibFigure:
     """Expected against realised: minutes, information, evidence."""
     found = [entry["realised"] for entry in entries if entry.get("realised")]
-    shown = [("minutes", "minutes"), ("information", "nats"), ("evidence", "ln E")]
-    if not any(one["expected_evidence"] or one["evidence"] for one in found):
-        shown.pop()  # nothing was ever tied
+    every = (("minutes", "minutes"), ("information", "nats"), ("evidence", "ln E"))
+    # Without goals of precision, or without a tie, there is nothing to be expected.
+    shown = [(key, words) for key, words in every if any(one[f"expected_{key}"] or one[key] for one in found)]
     figure, axes = panels((1, len(shown)), (3.2 * len(shown), 3.2), across_in=0.9)
     for ax, (key, words) in zip(np.ravel(axes), shown, strict=True):
         both = [one for one in found if one[f"expected_{key}"] is not None and one[key] is not None]
