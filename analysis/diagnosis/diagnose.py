@@ -19,7 +19,7 @@ from shockrig.analysis.diagnosis.adequacy import Adequacy, describe, judge
 from shockrig.analysis.diagnosis.describing import MOST_FITS, Description, alternatives, describe_rest
 from shockrig.analysis.diagnosis.experiments import propose, unseen
 from shockrig.analysis.diagnosis.gain import Gain, measure_gain, plainly, run_errors, worse_without
-from shockrig.analysis.diagnosis.limits import cannot_tell, ended, own_temperature_unknown
+from shockrig.analysis.diagnosis.limits import air_of_a_film_unknown, cannot_tell, ended, own_temperature_unknown
 from shockrig.analysis.diagnosis.naming import Doubt, doubts, from_rivals
 from shockrig.analysis.diagnosis.placing import weighed_alike
 from shockrig.analysis.diagnosis.prepare import Prepared, likelier_average, prepare, with_rounding
@@ -327,8 +327,8 @@ def _kept(channel: Channel, ready: Prepared, found: Search, adequacy: Adequacy) 
     if not adequacy.passed and own_temperature_unknown(channel):
         # What a film's own temperature does to its response is not known: no shape is likelier than that.
         causes = _at_most("outdone", causes, lambda c: CATALOGUE[c.effect].shape)
-    if not adequacy.passed and np.isfinite(channel.wet_until_s).any():
-        # Dew that nothing explains bends a response as another body would.
+    if not adequacy.passed and air_of_a_film_unknown(channel):
+        # Dew that nothing explains, and an air that warms and cools, bend a response as another body would.
         bodies = {e for e, effect in CATALOGUE.items() if effect.shape and not effect.thermal_reading}
         causes = _at_most("outdone", causes, lambda c: c.effect in bodies)
     return _Kept(tuple(causes), final, gain, tuple(tried))

@@ -119,12 +119,15 @@ def is_used(one: LogStep, map_: LogMap) -> bool:
 def _when(sensors: SensorLog, one: LogStep) -> str:
     import math
 
+    from shockrig.rig.logs.clocks import NUMBERS
     from shockrig.rig.logs.stamps import to_map
 
     unsure_s = one.step.uncertainty_s
     digits = min(max(math.ceil(-math.log10(max(unsure_s, 1e-3))), 0), 3)
     at = to_map(sensors.log.clock, sensors.log.origin_s, one.step.at_s, digits).strip('"')
-    return f"{at} ± {unsure_s:.2g} s"
+    clock = sensors.log.clock
+    unit = f" {clock.unit}" if clock.format == NUMBERS and clock.unit != "s" else ""
+    return f"{at}{unit} ± {unsure_s:.2g} s"
 
 
 def _say_log(sensors: SensorLog, steps: Sequence[LogStep], map_: LogMap) -> None:
