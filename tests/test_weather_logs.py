@@ -11,7 +11,7 @@ def test_a_weather_sensors_log_gives_its_response_and_no_false_name():
     t63_s, uncertainty_s = one["t63"]
     assert abs(t63_s - one["t63_s"]) < 2.0 * uncertainty_s < 0.1 * one["t63_s"]
     assert one["wrong"] == [] and "series_lag" in one["named"]["temperature"]
-    plain, extended = one["fresh"]
+    plain, extended = one["fresh"]["temperature"]
     assert extended <= trials.GROWTH * plain
     assert one["failed"] == {}
 

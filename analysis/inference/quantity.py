@@ -13,9 +13,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.physics.chain import Airs, Chain, MeasuredAir, humidity_reading, temperature_reading
+from shockrig.analysis.physics.chain import Airs, Chain, MeasuredAir
 from shockrig.analysis.physics.conditions import Conditions
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
+from shockrig.analysis.physics.readings import humidity_reading, temperature_reading
 from shockrig.files.campaign import Run, Trace
 
 Array = NDArray[np.float64]

@@ -119,8 +119,7 @@ def is_used(one: LogStep, map_: LogMap) -> bool:
 def _when(sensors: SensorLog, one: LogStep) -> str:
     import math
 
-    from shockrig.rig.logs.clocks import NUMBERS
-    from shockrig.rig.logs.stamps import to_map
+    from shockrig.rig.logs.stamps import NUMBERS, to_map
 
     unsure_s = one.step.uncertainty_s
     digits = min(max(math.ceil(-math.log10(max(unsure_s, 1e-3))), 0), 3)

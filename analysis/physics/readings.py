@@ -1,0 +1,297 @@
+"""What the two bodies show at the end of the chain's first three links: the bead's temperature, the film's humidity.
+
+A film takes up vapour and is read at some temperature, or takes up by the relative humidity at its own temperature.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.physics import concentration, modes
+from shockrig.analysis.physics.chain import Chain, MeasuredAir, RoomAir
+from shockrig.analysis.physics.driven import beside_lagging_reference, respond
+from shockrig.analysis.physics.exchange import REFERENCE_C
+from shockrig.analysis.physics.humidity import saturation_pressure_hpa
+
+Array = NDArray[np.float64]
+
+DRIVEN_MODES = 20  # a measured trace has no step that would need more
+KNOTS = 256  # of the humidity that a film sees at its own temperature
+TINY_S, SHORTEST_S = 1e-9, 0.1
+SATURATED_PERCENT = 100.0
+
+
+def temperature_reading(chain: Chain) -> Array:
+    """Temperature that the body shows, before the readout (B, R, n) [degC]."""
+    response = _response(chain, chain.rate)
+    step = (chain.destination_c - chain.source_c)[..., None]
+    reading = chain.source_c[..., None] + step * _driven(chain, response, chain.time_s, chain.ramp_s)
+    for room in chain.rooms:
+        excess = room.fraction * (room.temperature_c - chain.destination_c)
+        reading = reading + excess[..., None] * _let_in(chain, response, room)
+    for run, air in _measured(chain):
+        trace = air.temperature_c + chain.air_offset[:, run, None]
+        _drive_by(chain, reading, run, response, air, trace, chain.time_s)
+    return reading
+
+
+def humidity_reading(chain: Chain) -> Array:
+    """Relative humidity that the film shows, before the readout (B, R, n) [%RH]."""
+    reading = _taken_up_by_activity(chain) if chain.by_activity else _taken_up(chain) / _saturation_at_reading(chain)
+    if chain.percent_per_k is not None:
+        own = np.where(np.isfinite(chain.die_c), chain.die_c, _conversion_temperature(chain))
+        reading = reading + chain.percent_per_k[..., None] * (own - REFERENCE_C)
+    return reading
+
+
+def _taken_up(chain: Chain) -> Array:
+    """What the film holds of the air's vapour, 100 times its pressure (B, R, n) [hPa]."""
+    source_hpa, destination_hpa = _vapour_hpa(chain)
+    rate, time, ramp_s = chain.rate, chain.time_s, chain.ramp_s
+    if chain.activity_slope is not None:
+        rate, time, ramp_s = _concentration_dependent(chain, chain.activity_slope, source_hpa)
+    response = _response(chain, rate)
+    held = source_hpa[..., None] + (destination_hpa - source_hpa)[..., None] * _driven(chain, response, time, ramp_s)
+    if chain.wet_until_s is not None:
+        wet = np.maximum(chain.wet_until_s, 0.0)[..., None]
+        excess = 100.0 * saturation_pressure_hpa(chain.destination_c) - destination_hpa
+        held = held + excess[..., None] * (response.step(time) - response.step(time - wet))
+    for room in chain.rooms:
+        excess = room.fraction * (room.humidity_percent * saturation_pressure_hpa(room.temperature_c) - destination_hpa)
+        held = held + excess[..., None] * _let_in(chain, response, room)
+    for run, air in _measured(chain):
+        _drive_by(chain, held, run, response, air, _measured_vapour(chain, run, air), time)
+    return held
+
+
+def _vapour_hpa(chain: Chain) -> tuple[Array, Array]:
+    """100 times the vapour pressure of the two airs, each (B, R) [hPa]."""
+    return (
+        chain.source_percent * saturation_pressure_hpa(chain.source_c),
+        chain.destination_percent * saturation_pressure_hpa(chain.destination_c),
+    )
+
+
+def _measured_vapour(chain: Chain, run: int, air: MeasuredAir) -> Array:
+    """100 times the vapour pressure of a measured air (B, m) [hPa]."""
+    saturated = saturation_pressure_hpa(_known_temperature(chain, air, run))
+    return np.asarray((air.humidity_percent + chain.air_offset[:, run, None]) * saturated)
+
+
+def _taken_up_by_activity(chain: Chain) -> Array:
+    """What the film holds where it takes up by the relative humidity at its own temperature (B, R, n) [%RH].
+
+    That drives the film as a measured trace does: straight lines between knots that lie the denser the nearer to the
+    transfer, where the air jumps and the sensor's temperature begins to follow.
+    """
+    response, shape = _response(chain, chain.rate), np.broadcast_shapes(chain.time_s.shape, (*chain.rate.shape, 1))
+    since = max(float(chain.time_s.max()), SHORTEST_S) * np.linspace(0.0, 1.0, KNOTS) ** 2
+    since[0] = TINY_S  # the transfer has begun
+    knots = np.concatenate([[-1.0, 0.0, 0.0], since[1:]])
+    at_knots = replace(chain, time_s=np.broadcast_to(since, (*chain.time_s.shape[:2], KNOTS)))
+    source_hpa, destination_hpa = _vapour_hpa(chain)
+    begun = _begun(at_knots)
+    vapour = source_hpa[..., None] + (destination_hpa - source_hpa)[..., None] * begun
+    for room in chain.rooms:
+        excess = room.humidity_percent * saturation_pressure_hpa(room.temperature_c) - destination_hpa
+        vapour = vapour + begun * _left_of(at_knots, room) * excess[..., None]
+    # The sensor's own temperature was recorded by the run's clock; the knots count from each candidate's transfer.
+    late = (chain.channel.time_s - chain.time_s)[..., :1]
+    # What is above saturation condenses, and the film beside it sees saturated air.
+    seen = np.minimum(vapour / saturation_pressure_hpa(_own_temperature(at_knots, since + late)), SATURATED_PERCENT)
+    if chain.wet_until_s is not None:
+        wet = np.clip((chain.wet_until_s[..., None] - since) / np.gradient(since) + 0.5, 0.0, 1.0)
+        seen = seen + wet * (SATURATED_PERCENT - seen)
+    still = replace(chain, time_s=np.full((*chain.time_s.shape[:2], 1), -1.0))
+    before = source_hpa[..., None] / saturation_pressure_hpa(_own_temperature(still, late - TINY_S))
+    trace = np.concatenate([np.broadcast_to(before, (*seen.shape[:2], 2)), seen], axis=-1)
+    own = modes.slowest(response, DRIVEN_MODES)
+    period_s = chain.channel.reading_period_s
+    reading = respond(own, knots, trace, chain.time_s, samples=chain.averaged, period_s=period_s)
+    reading = np.array(np.broadcast_to(reading, shape))
+    for run, air in _measured(chain):
+        recorded, die = _dies(chain)[run]
+        own_c = _known_temperature(chain, air, run) if die is None else np.interp(air.time_s, recorded, die)
+        seen = np.minimum(_measured_vapour(chain, run, air) / saturation_pressure_hpa(own_c), SATURATED_PERCENT)
+        _drive_by(chain, reading, run, response, air, seen, chain.time_s)
+    return reading
+
+
+def _own_temperature(chain: Chain, recorded_s: Array) -> Array:
+    """The sensor's own temperature at the chain's times (B, R, n) [degC], the air's where it was not recorded;
+    `recorded_s` are those times by the clocks of the runs.
+    """
+    air = _conversion_temperature(chain)
+    own = np.array(np.broadcast_to(air, np.broadcast_shapes(air.shape, recorded_s.shape)))
+    for run, (recorded, die) in enumerate(_dies(chain)):
+        if die is not None:
+            own[:, run] = np.interp(recorded_s[:, run], recorded, die)
+    return own
+
+
+def _dies(chain: Chain) -> list[tuple[Array, Array | None]]:
+    """Each run's sample times and the sensor's own temperature at them (m,), None where it was not recorded."""
+    times, dies = (
+        [time for time, _ in chain.channel.samples],
+        chain.channel.die_samples or [None] * len(chain.channel.samples),
+    )
+    return [
+        (t, die if die is not None and np.isfinite(die).all() else None) for t, die in zip(times, dies, strict=True)
+    ]
+
+
+def _response(chain: Chain, rate: Array) -> modes.Modes:
+    """Response of body, lags in parallel and lags in series to the air."""
+    lags = [x for pair in (*chain.lags, *chain.echoes) for x in pair]
+    films = [x for x in (chain.biot, *(chain.loaded or ())) if x is not None]
+    if not (lags or films or chain.series):
+        return chain.body.held().scaled(rate)
+    count, pick, place = _different((rate, *films, *lags, *chain.series))
+
+    def own(x: Array) -> Array:
+        return x[pick] if x.shape[0] == count else x
+
+    if chain.loaded is not None:
+        time_constant_s, capacity = (own(x) for x in chain.loaded)
+        biot = None if chain.biot is None else own(chain.biot)
+        time_constant = chain.body.sheath_time(time_constant_s * own(rate), capacity, biot)
+        body = chain.body.sheathed(time_constant, capacity)
+    else:
+        body = chain.body.held() if chain.biot is None else chain.body.behind(own(chain.biot))
+    response = body.scaled(own(rate))
+    for time_constant_s in chain.series:
+        response = modes.in_series(response, own(time_constant_s))
+    for share, time_constant_s in chain.lags:
+        response = modes.mix(response, modes.first_order(own(time_constant_s)), own(share))
+    for share, time_constant_s in chain.echoes:
+        response = modes.mix(response, modes.in_series(response, own(time_constant_s)), own(share))
+    each = ((x[place] if x.ndim > 2 and x.shape[0] == pick.size else x) for x in (response.amplitude, response.rate))
+    return modes.Modes(*each)
+
+
+def _measured(chain: Chain) -> list[tuple[int, MeasuredAir]]:
+    return [(run, air) for run, air in enumerate(chain.channel.air) if air is not None]
+
+
+def _known_temperature(chain: Chain, air: MeasuredAir, run: int) -> Array:
+    """Temperature of a measured air (m,); the destination's where nobody measured it."""
+    return np.where(np.isfinite(air.temperature_c), air.temperature_c, chain.channel.conditions.destination_c[run])
+
+
+def _drive_by(
+    chain: Chain, out: Array, run: int, response: modes.Modes, air: MeasuredAir, trace: Array, at_s: Array
+) -> None:
+    """Put a run's response to its measured air (B, m) in its place in `out` (B, R, n)."""
+    amplitude, rate = (
+        x[..., min(run, x.shape[-2] - 1), :] if x.ndim > 1 else x for x in (response.amplitude, response.rate)
+    )
+    own = modes.slowest(modes.Modes(amplitude, rate), DRIVEN_MODES)
+    if air.lag_s > 0:
+        own = beside_lagging_reference(own, air.lag_s)
+    period_s = chain.channel.reading_period_s
+    out[:, run] = respond(own, air.time_s, trace, at_s[:, run], samples=chain.averaged, period_s=period_s)
+
+
+def _concentration_dependent(chain: Chain, slope: Array, source_hpa: Array) -> tuple[Array, Array, Array | None]:
+    """Rate at the destination's concentration; time, and the ramp's duration, warped so that the linear film gives the
+    nonlinear film's mean.
+    """
+    saturated = saturation_pressure_hpa(chain.destination_c)
+    at_source = 1.0 + slope * (source_hpa / saturated / 100.0 - 0.5)
+    at_destination = np.maximum(1.0 + slope * (chain.destination_percent / 100.0 - 0.5), 0.05)
+    rate = chain.rate * at_destination
+    ratio = np.maximum(at_source, 0.05) / at_destination
+    if chain.ramp_s is None:
+        return rate, chain.time_s * concentration.time_warp(chain.time_s * rate[..., None], ratio[..., None]), None
+    # A ramp is a step at its middle; while it lasts the film takes up as fast as it does at first.
+    early = concentration.time_warp(np.zeros(()), ratio[..., None])
+    middle = 0.5 * chain.ramp_s[..., None]
+    late = np.maximum(chain.time_s - middle, 0.0)
+    warp = concentration.time_warp(late * rate[..., None], ratio[..., None])
+    return rate, np.minimum(chain.time_s, middle) * early + late * warp, chain.ramp_s * early[..., 0]
+
+
+def _driven(chain: Chain, response: modes.Modes, time: Array, ramp_s: Array | None) -> Array:
+    """Response to the unit transfer."""
+    if ramp_s is None:
+        return _shared(_averaged(chain, modes.Modes.step), response, time)
+    return _shared(_averaged(chain, modes.Modes.ramp), response, time, ramp_s)
+
+
+def _let_in(chain: Chain, response: modes.Modes, room: RoomAir) -> Array:
+    """Response to a room's air that comes in with the transfer and decays from its start."""
+    let_in = () if chain.ramp_s is None else (chain.ramp_s,)
+    return _shared(_averaged(chain, modes.Modes.exponential), response, chain.time_s, room.time_constant_s, *let_in)
+
+
+def _averaged(chain: Chain, form: Callable[..., Array]) -> Callable[..., Array]:
+    """A closed form in the mean of the readings that the logger averages."""
+    return partial(form, samples=chain.averaged, period_s=chain.channel.reading_period_s)
+
+
+def _shared(form: Callable[..., Array], response: modes.Modes, time: Array, *arguments: Array) -> Array:
+    """A closed form for all candidates; those that differ only in what it is multiplied with share one evaluation."""
+    keys = (response.amplitude, response.rate, time, *arguments)
+    count, pick, place = _different(keys)
+    if count < 3:
+        return form(response, time, *arguments)
+    amplitude, rate, *rest = (key[pick] if key.ndim > 1 and key.shape[0] == count else key for key in keys)
+    return np.asarray(form(modes.Modes(amplitude, rate), *rest)[place])
+
+
+def _different(keys: Sequence[Array]) -> tuple[int, NDArray[np.int64], NDArray[np.int64]]:
+    """How many candidates there are, which of them differ from the first in anything (with the first), and the place of
+    each among those."""
+    count = max(key.shape[0] if key.ndim > 1 else 1 for key in keys)
+    same = np.ones(count, dtype=bool)
+    for key in keys:
+        if key.ndim > 1 and key.shape[0] == count:
+            same &= (key == key[:1]).reshape(count, -1).all(axis=1)
+    own = np.flatnonzero(~same)
+    place = np.zeros(count, dtype=int)
+    place[own] = np.arange(1, own.size + 1)
+    return count, np.concatenate([[0], own]), place
+
+
+def _saturation_at_reading(chain: Chain) -> Array:
+    """Saturation pressure [hPa] (B, R, n) at the temperature to which the film's vapour is related."""
+    if chain.at_die_temperature and np.isfinite(chain.die_c).all():
+        return saturation_pressure_hpa(chain.die_c)
+    time, known_air = chain.time_s, any(np.isfinite(air.temperature_c).all() for _, air in _measured(chain))
+    if chain.ramp_s is None and not chain.rooms and not known_air and not chain.at_die_temperature:
+        # Two temperatures are all that there are.
+        before, after = saturation_pressure_hpa(chain.source_c), saturation_pressure_hpa(chain.destination_c)
+        return np.where(time > 0, after[..., None], before[..., None])
+    return saturation_pressure_hpa(_conversion_temperature(chain))
+
+
+def _begun(chain: Chain) -> Array:
+    """How far the air has come from the source to the destination (B, R, n), 0 to 1."""
+    if chain.ramp_s is None:
+        return (chain.time_s > 0).astype(float)
+    return np.clip(chain.time_s / np.maximum(chain.ramp_s[..., None], 1e-6), 0.0, 1.0)
+
+
+def _left_of(chain: Chain, room: RoomAir) -> Array:
+    """Share of a room's air that is still there (B, R, n)."""
+    return np.asarray(room.fraction[..., None] * np.exp(-np.maximum(chain.time_s, 0) / room.time_constant_s[..., None]))
+
+
+def _conversion_temperature(chain: Chain) -> Array:
+    """Temperature of the air (B, R, n) [degC], or of the die where the film is read at that."""
+    time, begun = chain.time_s, _begun(chain)
+    air = chain.source_c[..., None] + (chain.destination_c - chain.source_c)[..., None] * begun
+    for room in chain.rooms:
+        air = air + begun * _left_of(chain, room) * (room.temperature_c - chain.destination_c)[..., None]
+    for run, measured in _measured(chain):
+        if np.isfinite(measured.temperature_c).all():
+            air = np.array(np.broadcast_to(air, np.broadcast_shapes(air.shape, time.shape)))
+            air[:, run] = np.interp(time[:, run], measured.time_s, measured.temperature_c)
+    if chain.at_die_temperature:
+        air = np.where(np.isfinite(chain.die_c), chain.die_c, air)
+    return air
