@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from small_worlds import record, small_plan
 
+from shockrig.analysis.characterization.extension import extension_of
 from shockrig.analysis.diagnosis.adequacy import LINE, Check, judge
 from shockrig.analysis.diagnosis.beside import alone, without_idle
 from shockrig.analysis.diagnosis.diagnose import diagnose_channel
@@ -23,16 +24,18 @@ from shockrig.analysis.discovery.likeness import Alike, alike, closest, price_of
 from shockrig.analysis.discovery.race import NUMBER, Candidate
 from shockrig.analysis.discovery.stating import nearest_of
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.effects.behaviours import Form
+from shockrig.analysis.effects.behaviours import MEAN, Form
 from shockrig.analysis.effects.described import described, discovered_of, entry_of
 from shockrig.analysis.effects.described_in_flight import as_listed
 from shockrig.analysis.effects.laws import LAWS
 from shockrig.analysis.flight.profile_effects import not_undone
+from shockrig.analysis.inference.effect import Readings
 from shockrig.analysis.inference.fit import fit
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.model import Held, Model, Point, Structure
+from shockrig.analysis.inference.readings import mostly_repeats
 from shockrig.analysis.inference.work import Work
-from shockrig.analysis.report.described_words import flies, sentence
+from shockrig.analysis.report.described_words import behaves, flies, sentence
 from shockrig.rig.seams import Air
 from shockrig.rig.virtual.plans import Shock, standard_plan
 from shockrig.rig.virtual.truth import ROUGH, Hidden
@@ -217,6 +220,38 @@ def test_a_form_whose_size_is_not_known_to_half_says_nothing(late):
     assert says_something(one)
     wide = final.covariance * 1e6
     assert not says_something(replace(one, fit=replace(final, covariance=wide)))
+
+
+def test_a_mean_that_no_entry_accounts_for_is_described(tmp_path, monkeypatch):
+    """The noise hangs together over seven readings, and the response is late by half of them; nothing else is said."""
+    late = [Hidden("moving_average", {"samples": 7.0}, T)]
+    channel = build_channel(record(tmp_path / "c", 8, late, ROUGH, standard_plan()), "temperature")
+    monkeypatch.delitem(CATALOGUE, "moving_average")
+    found = diagnose_channel(channel, tolerance=Tolerance(0.0, 0.0))
+    assert (found.verdict, found.causes) == ("described", ())
+    (one,) = found.discovered
+    assert (one.behaves_as, one.driver, [on.factor for on in one.depends_on]) == (*MEAN.key.split("|")[:2], ["history"])
+    assert one.time_constant_s.value == pytest.approx(0.7, abs=1e-6) and behaves(one).startswith("a mean")
+    extended = extension_of((), (one,), "temperature")
+    assert extended.structure.held_values(MEAN.key) == {"time_constant_s": one.time_constant_s.value}
+    values = {"time_constant_s": one.time_constant_s.value}
+    assert described(MEAN.key, False).in_flight.delay_s(values, 0.1) == pytest.approx(0.3)
+
+
+def test_readings_over_again_are_no_mean(late):
+    """Rows that repeat the one before hang together as a mean's do; rounding makes rows alike, and by one step."""
+    channel = late[0].problem.channel
+
+    def logged(of):
+        return replace(channel, samples=tuple((time, of(value)) for time, value in channel.samples))
+
+    held = logged(lambda value: np.repeat(value[::4], 4)[: value.size])
+    assert mostly_repeats(held, 0.001) and not mostly_repeats(channel, 0.001)
+    rounded = logged(lambda value: np.round(value / 0.5) * 0.5)
+    assert not mostly_repeats(rounded, 0.5)
+    noise = replace(late[0].noise, averaged=4)
+    seen = CATALOGUE["moving_average"].in_noise
+    assert seen(Readings(channel, 0.001, noise)) is not None and seen(Readings(held, 0.001, noise)) is None
 
 
 def test_a_cause_that_a_description_makes_idle_is_not_named_beside_it(late):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.effects.behaviours import MEAN
 from shockrig.analysis.effects.described import entry_of, stated_values
 from shockrig.analysis.inference.model import PLAIN, Held, Structure
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
@@ -72,7 +73,11 @@ def extension_of(
         values = stated_values(one)
         for parameter in described.parameters:
             value = values[parameter.name].value if parameter.name in values else parameter.starts[0]
-            starts[f"{described.id}.{parameter.name}"] = float(min(max(value, parameter.low), parameter.high))
+            value = float(min(max(value, parameter.low), parameter.high))
+            if described.id == MEAN.key:
+                held.append(Held(described.id, parameter.name, value))
+            else:
+                starts[f"{described.id}.{parameter.name}"] = value
         entries.append(described)
         carried.append(one)
     return Extension(Structure(tuple(entries), tuple(held)), starts, causes, tuple(carried))

@@ -196,6 +196,8 @@ def diagnose_channel(
     # What only single readings show is no part of the response, and is told with that.
     if nothing_else(adequacy, humming) and not predicted_badly(kept.gain):
         verdict = "described"
+    if ready.shown and verdict in ("adequate", "explained"):
+        verdict = "described"
     return ChannelDiagnosis(
         name=channel.name,
         verdict=verdict,
@@ -218,7 +220,7 @@ def diagnose_channel(
         tried=kept.tried,
         discrepancy=describe(ready.problem, kept.final, ready.noise, adequacy) if left else None,
         described=described,
-        humming=humming,
+        humming=(*ready.shown, *humming),
         work=work,
     )
 
@@ -321,6 +323,7 @@ def _kept(channel: Channel, ready: Prepared, found: Search, adequacy: Adequacy) 
     causes = [
         replace(from_readings.get(e) or named[e], parameters=from_readings[e].parameters if e in from_readings else v)
         for e, v in values.items()
+        if e in CATALOGUE
     ]
     if not gain.measured:
         causes = _at_most("shape_in_doubt", causes, lambda c: c.effect not in from_readings)
@@ -378,7 +381,7 @@ def _dropped(
     """Effects of a model that may not be named, and why; one that unseen runs speak against goes alone."""
     values = final.values()
     # What leaves the mean response alone is told by the readings and has no part in a prediction.
-    tested = [e for e in final.structure.ids if CATALOGUE[e].apply is not unchanged]
+    tested = [e for e in final.structure.ids if e in CATALOGUE and CATALOGUE[e].apply is not unchanged]
     if not tested:
         return []
     for effect in tested:
@@ -402,7 +405,7 @@ def _dropped(
 def _unproven(channel: Channel, problem: Problem, plain: Fit, final: Fit) -> list[Tried]:
     """What may not stay in a model that could be tried on no other run: of a single one only the shape of its response
     can be told, where that is plain."""
-    tested = [e for e in final.structure.ids if CATALOGUE[e].apply is not unchanged]
+    tested = [e for e in final.structure.ids if e in CATALOGUE and CATALOGUE[e].apply is not unchanged]
     claims = [e for e in tested if not _plain_shape(e, channel)]
     if claims:
         return [Tried(e, "it could not be tried on a run that was not fitted") for e in claims]

@@ -8,7 +8,11 @@ import numpy as np
 
 from shockrig.analysis.diagnosis.search import Search, refit
 from shockrig.analysis.diagnosis.thresholds import level, penalty
+from shockrig.analysis.discovery.discover import MOST_CERTAIN
+from shockrig.analysis.discovery.stating import seen_over
 from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.effects.behaviours import MEAN
+from shockrig.analysis.effects.described import described, discovered_of
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.effect import Effect, Finding, Readings
 from shockrig.analysis.inference.fit import Fit, run_misfit
@@ -19,12 +23,15 @@ from shockrig.analysis.inference.readings import rounding_step
 from shockrig.analysis.inference.reference_noise import with_reference_noise
 from shockrig.analysis.inference.rounding import COARSE_IN_NOISE
 from shockrig.analysis.inference.samples import model_at_samples
+from shockrig.files.diagnosis_data import Discovered
+
+A_TENTH = 0.1  # of a reading, to which a whole number of them is known
 
 
 @dataclass(frozen=True)
 class Prepared:
     """A channel ready to be searched. `step` is what its readings are rounded to, and `rounds_coarsely` whether that is
-    coarse beside the noise."""
+    coarse beside the noise; `shown` is what single readings show and no cause of the catalogue accounts for."""
 
     problem: Problem
     noise: Noise
@@ -32,6 +39,7 @@ class Prepared:
     findings: tuple[Finding, ...]
     step: float
     rounds_coarsely: bool
+    shown: tuple[Discovered, ...] = ()
 
 
 def prepare(channel: Channel, averaged: int | None = None) -> Prepared:
@@ -58,7 +66,15 @@ def prepare(channel: Channel, averaged: int | None = None) -> Prepared:
         problem = make_problem(known.channel, whiteners(known.channel, noise), rounding=known.step if coarsely else 0.0)
     held = tuple(Held(f.effect, name, value) for f in findings for name, (value, _) in f.parameters.items())
     structure = Structure(tuple(CATALOGUE[f.effect] for f in findings), held)
-    return Prepared(problem, noise, structure, tuple(findings), known.step, coarsely)
+    if noise.averaged == 1 or any(CATALOGUE[f.effect].averages for f in findings):
+        return Prepared(problem, noise, structure, tuple(findings), known.step, coarsely)
+    # Readings that hang together as those of a mean do, and come of none that the catalogue has.
+    mean, period_s = described(MEAN.key, known.channel.jumps_with_air), known.channel.reading_period_s
+    over_s = noise.averaged * period_s
+    structure = structure.adding(mean, Held(mean.id, mean.parameters[0].name, over_s))
+    one = discovered_of(mean, {mean.parameters[0].name: (over_s, A_TENTH * period_s)})
+    one = replace(one, probability=MOST_CERTAIN, seen_over=seen_over(problem))
+    return Prepared(problem, noise, structure, tuple(findings), known.step, coarsely, (one,))
 
 
 def with_rounding(ready: Prepared, rough: Fit | None) -> Prepared:
@@ -96,7 +112,7 @@ def likelier_average(before: Prepared, found: Search, adequate: bool) -> int | N
         return None
     lengths, alike = set(), set()
     for id_, parameters in found.final.values().items():
-        if (looks := CATALOGUE[id_].like_average) is not None:
+        if id_ in CATALOGUE and (looks := CATALOGUE[id_].like_average) is not None:
             lengths |= looks({name: value for name, (value, _) in parameters.items()}, channel.reading_period_s)
             alike.add(id_)
     if not lengths and adequate:

@@ -133,10 +133,7 @@ def refit(
     lost = len(structure.effects) < len(near.structure.effects) and plainly_wrong(problem, best)
     if not lost and not plainly_wrong(problem, near):
         best = min((best, fit(problem, structure, theta, near.deviations, iterations)), key=lambda f: f.deviance)
-    if best.converged and not plainly_wrong(problem, best):
-        moved = scanned_starts(problem, best)
-        if moved is not None:
-            best = min((best, fit(problem, structure, best.theta, moved, iterations)), key=lambda f: f.deviance)
+    best = _unstuck(problem, best, iterations)
     if plainly_wrong(problem, best) and not problem.channel.conditions.start_known.all():
         # Starts that were found under a model that is wrong need not be those of this one.
         anew = rough_point(problem, structure, near.choice)
@@ -317,7 +314,17 @@ def drop(problem: Problem, current: Fit, effect: str) -> Fit:
 def plain_fit(problem: Problem, structure: Structure = PLAIN) -> Fit:
     """Fit of the plain model (with the effects of the readings that `structure` holds fixed)."""
     start = rough_point(problem, structure)
-    return fit(problem, structure, start.theta, start.deviations, iterations=40)
+    return _unstuck(problem, fit(problem, structure, start.theta, start.deviations, iterations=40))
+
+
+def _unstuck(problem: Problem, found: Fit, iterations: int = 40) -> Fit:
+    """The fit with the runs moved that are stuck on one side of a step: one of them may pass for an effect."""
+    if not found.converged or plainly_wrong(problem, found):
+        return found
+    moved = scanned_starts(problem, found)
+    if moved is None:
+        return found
+    return min((found, fit(problem, found.structure, found.theta, moved, iterations)), key=lambda f: f.deviance)
 
 
 def _fresh(problem: Problem, near: Fit) -> Array:

@@ -54,6 +54,10 @@ class Form:
         return replace(self, depends_on=tuple(sorted((*self.depends_on, (factor, how)))))
 
 
+# A mean of the last readings, as the noise shows it: a whole number of them, which no fit moves.
+MEAN = Form("lag_in_series", "own_response", (("history", "linear"),))
+
+
 def form_of(key: str) -> Form:
     """The form that a key stands for.
 
@@ -138,6 +142,9 @@ def _readout(chain: Chain, added: Callable[[Array, Array], Array]) -> Chain:
 def _lag_in_series(form: Form, chain: Chain, p: Arrays) -> Chain:
     if form.driver == "airflow":  # the exchange with the air holds it back: size is its resistance over the body's own
         return replace(chain, biot=1.0 / (p["size"] * _scale(form, chain, p)))
+    if form == MEAN:
+        over_s = float(p["time_constant_s"].flat[0])  # the same for every candidate
+        return replace(chain, averaged=max(round(over_s / chain.channel.reading_period_s), 1))
     if ("history", "linear") in form.depends_on:  # evenly, and over after that time
         air = chain.channel.conditions
         ramp_s = np.where(np.isfinite(air.ramp_own_s), air.ramp_own_s, p["time_constant_s"] * air.ramp_ratio)

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import cache
 
-from shockrig.analysis.effects.behaviours import Form, acting, form_of
+from shockrig.analysis.effects.behaviours import MEAN, Form, acting, form_of
 from shockrig.analysis.effects.described_in_flight import flown
 from shockrig.analysis.effects.jumps import when_it_jumps_s
 from shockrig.analysis.inference.channel import Channel
@@ -69,7 +69,7 @@ def described(key: str, jumps: bool) -> Effect:
     late = form.behaves_as == "delay" and jumps
     return Effect(
         id=key,
-        link=LINKS.get(form.behaves_as, "readout"),
+        link="logger" if form == MEAN else LINKS.get(form.behaves_as, "readout"),
         channels=("humidity",) if jumps else ("temperature",),
         parameters=tuple(_parameters(form, jumps)),
         apply=acting(form),
@@ -181,6 +181,8 @@ def equation(form: Form) -> str:
     if form.behaves_as == "lag_in_series" and form.driver == "airflow":
         words = "".join(f" {_in_words(factor, how)}" for factor, how in form.depends_on)
         return f"flux into the body = (air - surface) / (size{words}), size in units of the body's own resistance"
+    if form == MEAN:
+        return "reading = mean of the readings over the last time_constant"
     if form.behaves_as == "lag_in_series" and ("history", "linear") in form.depends_on:
         return "air(t) = source + (destination - source) min(t / time_constant, 1)"
     if ("humidity", "above") in form.depends_on:

@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.effects.behaviours import USUAL_C, Form
+from shockrig.analysis.effects.behaviours import MEAN, USUAL_C, Form
 from shockrig.analysis.effects.laws import laws_of
 from shockrig.analysis.inference.effect import InFlight, Values
 from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S
@@ -62,6 +62,8 @@ def flown(form: Form) -> InFlight | None:
         return None
     if form.behaves_as == "added_rate" and form.driver == "none" and "humidity" not in form.factors:
         return None
+    if form == MEAN:
+        return InFlight(delay_s=lambda p, period_s: 0.5 * max(p["time_constant_s"] - period_s, 0.0))
     if any(pair not in KNOWN for pair in form.depends_on):
         return InFlight(left=True)
     scale: Callable[[Values, Array, Array], Array] = partial(along, form)

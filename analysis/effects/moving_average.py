@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from shockrig.analysis.inference.effect import Arrays, Effect, Finding, InFlight, Parameter, Readings
+from shockrig.analysis.inference.readings import mostly_repeats
 from shockrig.analysis.physics.chain import Chain
 
 
@@ -14,8 +15,8 @@ def _apply(chain: Chain, p: Arrays) -> Chain:
 def seen_in_noise(known: Readings) -> Finding | None:
     """A running mean in the logger, from the correlation of the noise."""
     noise = known.noise
-    if noise is None or noise.averaged == 1:
-        return None
+    if noise is None or noise.averaged == 1 or mostly_repeats(known.channel, known.step):
+        return None  # old readings over again hang together as a mean's do
     likelihood = noise.log_likelihood_by_average
     gain = float(likelihood[noise.averaged - 1] - likelihood[0])
     return Finding(

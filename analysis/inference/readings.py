@@ -7,12 +7,24 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.inference.channel import Channel
 
+SAME = 1e-9  # of a unit
+LEAST_CHANGES = 50
+STEPS_APART = 3.0  # rounding steps by which readings of which most repeat differ, where it is not rounding
 ROBUST = 1.4826  # standard deviations in the median of a normal variable's absolute value
 
 
 def white_noise(value: NDArray[np.float64]) -> float:
     """Standard deviation of independent noise, from the differences of readings in a row; a few jumps do not count."""
     return ROBUST * float(np.median(np.abs(np.diff(value)))) / float(np.sqrt(2.0))
+
+
+def mostly_repeats(channel: Channel, step: float) -> bool:
+    """Whether most readings are the one before over again, by more than rounding to `step` makes them."""
+    moved = np.abs(np.concatenate([np.diff(value) for _, value in channel.samples]))
+    changed = moved[moved > SAME]
+    if changed.size < LEAST_CHANGES or changed.size > 0.5 * moved.size:
+        return False
+    return float(np.median(changed)) > STEPS_APART * step
 
 
 def rounding_step(channel: Channel) -> float:

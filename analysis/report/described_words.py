@@ -44,6 +44,8 @@ def behaves(one: Discovered) -> str:
     if one.behaves_as == "added_rate" and one.driver == "none":
         return "a pulse that the transfer itself brings, and that dies away"
     if one.behaves_as == "lag_in_series" and any(on.factor == "history" for on in one.depends_on):
+        if one.driver == "own_response":
+            return "a mean of the last readings over a time"
         return "air that comes in evenly over a time"
     if one.behaves_as == "periodic" and of_readings(one):
         return "a hum that goes on all along"
