@@ -3,12 +3,14 @@
     python benchmarks/discovery.py --kind one_out --seeds 2 --first-seed 100 [--effects stem_conduction,...]
     python benchmarks/discovery.py --kind none --seeds 10
     python benchmarks/discovery.py --kind two --seeds 4
+    python benchmarks/discovery.py --kind both --seeds 1 --first-seed 100 --effects condensation
     python benchmarks/discovery.py --tables
 
 Each trial appends one line to benchmarks/results/discovery.jsonl (one that is there already is not made again), with
 the commit of the code that made it; `--tables` says what all lines there show. Kinds:
 one_out (an entry taken away and hidden, or an effect from outside of the catalogue), none (plain worlds), two (two
-catalogued effects, nothing taken away). Tolerances are 0: every significant remainder is material.
+catalogued effects, nothing taken away), both (the campaigns of one_out, both channels, for their time). Tolerances are
+0: every significant remainder is material.
 """
 
 from __future__ import annotations
@@ -20,6 +22,8 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -64,11 +68,41 @@ def world(kind: str, effect: str, channel: str, seed: int, tier: str) -> tuple[T
         return truth, read_campaign(simulate_campaign(truth, plan_for(effect), rng, Path(folder) / "campaign"))
 
 
+def both(effect: str, channel: str, seed: int, tier: str) -> dict:
+    """Diagnose both channels of a world without the hidden effect's entry: how long each takes."""
+    from shockrig.analysis.diagnosis.diagnose import diagnose_channel
+    from shockrig.analysis.diagnosis.remainder import Tolerance
+    from shockrig.analysis.inference.gather import build_channel
+
+    _, campaign = world("one_out", effect, channel, seed, tier)
+    seconds, verdicts = {}, {}
+    with without(effect):
+        for name in (T, RH):
+            began = time.process_time()
+            verdicts[name] = diagnose_channel(build_channel(campaign, name), tolerance=Tolerance(0.0, 0.0)).verdict
+            seconds[name] = round(time.process_time() - began, 1)
+    known = {"kind": "both", "effect": effect, "channel": channel, "seed": seed, "tier": tier}
+    return {"commit": commit(), **known, "verdicts": verdicts, "seconds": seconds}
+
+
+@contextmanager
+def without(effect: str) -> Iterator[None]:
+    """The catalogue without an entry, where it has it."""
+    from shockrig.analysis.effects import CATALOGUE
+
+    order = dict(CATALOGUE)
+    try:
+        CATALOGUE.pop(effect, None)
+        yield
+    finally:
+        CATALOGUE.clear()
+        CATALOGUE.update(order)
+
+
 def run(kind: str, effect: str, channel: str, seed: int, tier: str) -> dict:
     """Record a world, diagnose a channel of it without the hidden effect's entry, and score the description."""
     from shockrig.analysis.diagnosis.diagnose import diagnose_channel
     from shockrig.analysis.diagnosis.remainder import Tolerance
-    from shockrig.analysis.effects import CATALOGUE
     from shockrig.analysis.inference.gather import build_channel
     from shockrig.files.campaign import read_campaign
     from shockrig.files.discovered import plain
@@ -77,15 +111,9 @@ def run(kind: str, effect: str, channel: str, seed: int, tier: str) -> dict:
     truth, campaign = world(kind, effect, channel if kind == "one_out" else "", seed, tier)
     data, plan = build_channel(campaign, channel), plan_for(effect)
     with tempfile.TemporaryDirectory() as folder:
-        taken, order = CATALOGUE.get(effect) if kind == "one_out" else None, dict(CATALOGUE)
         began = time.process_time()
-        try:
-            if taken is not None:
-                del CATALOGUE[effect]
+        with without(effect if kind == "one_out" else ""):
             found = diagnose_channel(data, tolerance=Tolerance(0.0, 0.0))
-        finally:
-            CATALOGUE.clear()
-            CATALOGUE.update(order)
         seconds = time.process_time() - began
         fresh, elsewhere = None, []
         if kind == "one_out" and found.described is not None:
@@ -145,7 +173,7 @@ def errors(channel: Channel | None, found: ChannelDiagnosis) -> tuple[float, flo
 
 def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--kind", choices=("one_out", "none", "two"), default="one_out")
+    parser.add_argument("--kind", choices=("one_out", "none", "two", "both"), default="one_out")
     parser.add_argument("--effects", default="", help="ids, comma separated; all that can be scored if left out")
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--first-seed", type=int, default=100)
@@ -161,7 +189,7 @@ def main(argv: list[str] | None = None) -> int:
         os.environ.setdefault(name, "1")
     wanted = [e for e in args.effects.split(",") if e]
     pairs = [pair for pair in RIGHT if not wanted or pair[0] in wanted]
-    if args.kind != "one_out":
+    if args.kind in ("none", "two"):
         pairs = [("", T), ("", RH)]
     done = set()
     if args.results.exists():
@@ -172,9 +200,15 @@ def main(argv: list[str] | None = None) -> int:
         for effect, channel in pairs:
             if (args.kind, effect, channel, seed, args.tier) in done:
                 continue
-            result = run(args.kind, effect, channel, seed, args.tier)
+            if args.kind == "both":
+                result = both(effect, channel, seed, args.tier)
+            else:
+                result = run(args.kind, effect, channel, seed, args.tier)
             with args.results.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(result) + "\n")
+            if args.kind == "both":
+                print(seed, effect, channel, result["verdicts"], result["seconds"], flush=True)
+                continue
             said = [
                 (d["behaves_as"], d["driver"], [on["factor"] for on in d["depends_on"]]) for d in result["discovered"]
             ]

@@ -112,6 +112,18 @@ def is_right(stated: dict, effect: str, channel: str) -> bool:
     )
 
 
+def states_it(name: str, effect: str, channel: str) -> bool:
+    """Whether a catalogued effect's own equation has the behaviour and the dependence of what was hidden."""
+    from shockrig.analysis.effects.laws import LAWS
+
+    own = [key for key, laws in LAWS.items() if name in [law for law, _ in laws]]
+    stated = [
+        {"behaves_as": behaviour, "driver": driver, "depends_on": [{"factor": factor} for factor, _ in depends_on]}
+        for behaviour, driver, depends_on in own
+    ]
+    return any(is_right(one, effect, channel) for one in stated)
+
+
 def plan_for(effect: str) -> list:
     """The standard campaign, and what else is needed for an effect to act."""
     from dataclasses import replace

@@ -6,15 +6,16 @@ from collections import defaultdict
 from collections.abc import Sequence
 
 import numpy as np
-from discovery_right import NUMBERS, RIGHT, is_right
+from discovery_right import NUMBERS, RIGHT, is_right, states_it
 
 CONFIDENT = 0.5  # probability from which on a name that stands alone is a wrong answer
 WORSE = 1.02  # ratio of errors elsewhere from which on a description does harm there
-KEYS = ("flagged", "described", "right", "in the set", "single wrong", "look-alike")
+KEYS = ("flagged", "described", "right", "in the set", "single wrong", "look-alike", "same law")
 MEANING = """  flagged: any verdict but adequate; described: anything at all; right: behaviour and dependence are those
   of the truth (where nothing behaves so: nothing is described or named); in the set: or one of the alternatives is;
   single wrong: one description with more than even odds and without alternatives that is not right; look-alike: a
-  catalogued effect that is not there is named with more than even odds, and nothing is described"""
+  catalogued effect that is not there is named with more than even odds, and nothing is described; same law: its
+  equation is the behaviour of the truth all the same, as a delay is that of a clock that runs fast"""
 
 
 def scored(result: dict) -> dict[str, object]:
@@ -33,6 +34,7 @@ def scored(result: dict) -> dict[str, object]:
         "in the set": right or bool(listed),
         "single wrong": single and not named,
         "look-alike": bool(wrong) and not told,
+        "same law": bool(wrong) and not told and all(states_it(name, effect, channel) for name in wrong),
         "beside": bool(wrong) and bool(told),
         "numbers": _off(named[0], result) if named and effect in result["hidden"] else [],
         "elsewhere": [after / before for before, after in filter(None, result.get("elsewhere", []))],
@@ -81,9 +83,22 @@ def counts(lines: Sequence[dict]) -> list[str]:
     return out
 
 
+def times(lines: Sequence[dict]) -> list[str]:
+    """How long whole campaigns take whose diagnosis has to discover, the longest first."""
+    some = sorted((r for r in lines if r["kind"] == "both"), key=lambda r: -sum(r["seconds"].values()))
+    if not some:
+        return []
+    out = ["processor time of both channels of a campaign together, and of the longer, with the entry taken away:"]
+    for r in some:
+        seconds = r["seconds"].values()
+        world = f"{r['effect']}, {r['channel']}, seed {r['seed']}"
+        out.append(f"  {world:56}{sum(seconds):6.0f} s {max(seconds):6.0f} s   {', '.join(r['verdicts'].values())}")
+    return out
+
+
 def tables(lines: Sequence[dict]) -> str:
     """What all trials show together."""
-    out = counts(lines)
+    out = [*counts(lines), *times(lines)]
     rows: dict[tuple[str, str], list[dict]] = defaultdict(list)
     for r in lines:
         if r["kind"] == "one_out":
@@ -116,6 +131,11 @@ def tables(lines: Sequence[dict]) -> str:
         )
     count = len(every)
     out.append(f"  {'all':44}{count:7}" + "".join(f"{total[k]:13}" for k in KEYS))
+    reached, same = total["in the set"], total["same law"]
+    out.append(
+        f"  behaviour and dependence right or in the set: {reached} of {count} ({100 * reached / count:.0f} %), with "
+        f"names of the same law {reached + same} ({100 * (reached + same) / count:.0f} %)"
+    )
     out.append(
         "  fresh: least share of the explainable error of a fresh campaign that the description removes; number:\n"
         "  largest relative error of its numbers; elsewhere: largest ratio of errors with it to without at conditions\n"
