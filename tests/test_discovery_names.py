@@ -15,7 +15,7 @@ from shockrig.analysis.diagnosis.naming import Doubt, doubts, from_description, 
 from shockrig.analysis.diagnosis.prepare import likelier_average, prepare
 from shockrig.analysis.diagnosis.remainder import Tolerance
 from shockrig.analysis.diagnosis.restless import nothing_else, restless
-from shockrig.analysis.diagnosis.search import Search, plain_fit
+from shockrig.analysis.diagnosis.search import Search, plain_fit, search
 from shockrig.analysis.diagnosis.thresholds import TIE
 from shockrig.analysis.discovery.conditions import Judged
 from shockrig.analysis.discovery.discover import Described, Discovery, says_something
@@ -29,6 +29,7 @@ from shockrig.analysis.effects.described import described, discovered_of, entry_
 from shockrig.analysis.effects.described_in_flight import as_listed
 from shockrig.analysis.effects.laws import LAWS
 from shockrig.analysis.flight.profile_effects import not_undone
+from shockrig.analysis.inference.bins import rebin
 from shockrig.analysis.inference.effect import Readings
 from shockrig.analysis.inference.fit import fit
 from shockrig.analysis.inference.gather import build_channel
@@ -236,6 +237,17 @@ def test_a_mean_that_no_entry_accounts_for_is_described(tmp_path, monkeypatch):
     assert extended.structure.held_values(MEAN.key) == {"time_constant_s": one.time_constant_s.value}
     values = {"time_constant_s": one.time_constant_s.value}
     assert described(MEAN.key, False).in_flight.delay_s(values, 0.1) == pytest.approx(0.3)
+
+
+def test_the_response_says_how_long_a_mean_is_of_which_every_sixth_reading_is_shown(tmp_path):
+    """Two such means in a row share four readings of ten; how many of how many the noise hardly tells."""
+    late = [Hidden("moving_average", {"samples": 10.0}, T)]
+    channel = build_channel(record(tmp_path / "c", 9, late, ROUGH, standard_plan()), "temperature")
+    shown = [(time[::6], value[::6]) for time, value in channel.samples]
+    thinned = rebin(channel, shown, [at[::6] for at in channel.bin_of], tuple(d[::6] for d in channel.die_samples), 6)
+    ready = prepare(thinned, 13)
+    found = search(ready.problem, ready.structure, thorough=False)
+    assert likelier_average(ready, found, judge(ready.problem, found.final, ready.noise).passed) == 10
 
 
 def test_readings_over_again_are_no_mean(late):
