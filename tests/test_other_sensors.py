@@ -1,5 +1,7 @@
 """Sensors of other makes: a second time constant beside the body, responses faster than the bins, long slow ones."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -72,3 +74,33 @@ def test_the_even_table_of_the_warp_is_as_good_as_the_spline_that_it_is_made_of(
     ratio, fourier = np.exp(rng.uniform(-2.4, 2.4, (40, 1))), np.exp(rng.uniform(-10.5, 1.7, (40, 50)))
     spline = concentration._table()(*np.broadcast_arrays(np.log(ratio), np.log(fourier)), grid=False)
     assert concentration.time_warp(fourier, ratio) == pytest.approx(np.exp(spline), rel=5e-5)
+
+
+def test_two_lags_and_a_slow_share_are_found_from_starts_that_nobody_marked(tmp_path):
+    """Seven steps of a gas sensor, once a second, in a log that says nothing else: 9 s twice, 5 % of it 90 s more."""
+    random, order = np.random.default_rng(3), np.arange(1, 8)
+    for run in order:
+        time = np.arange(0.0, 500.0)
+        began = 150.0 + random.uniform(0.0, 1.0)
+        since = np.maximum(time - began, 0.0)
+        two = 1.0 - (1.0 + since / 9.0) * np.exp(-since / 9.0)
+        # The slow share: the same two lags before one of 90 s, by partial fractions.
+        a, b = 1.0 / 9.0, 1.0 / 90.0
+        slow = 1.0 - (a / (a - b)) ** 2 * np.exp(-b * since)
+        slow += (b * (2.0 * a - b) / (a - b) ** 2 + a * b / (a - b) * since) * np.exp(-a * since)
+        share = 0.95 * two + 0.05 * np.where(since > 0.0, slow, 0.0)
+        before, after = (83.6, 0.4) if run % 2 else (0.4, 83.6)
+        shown = np.round(before + (after - before) * share + random.normal(0.0, 0.08, time.size), 2)
+        home = tmp_path / "runs" / f"{run:04d}"
+        home.mkdir(parents=True)
+        table = np.column_stack([time, shown])
+        np.savetxt(home / "hyt.csv", table, "%.2f", ",", header="time_s,humidity_percent", comments="")
+        (home / "run.json").write_text(json.dumps({"format": "shock-run/1", "id": home.name}))
+    head = {"format": "shock-campaign/1", "name": "gas", "sensors": {"hyt": {"kind": "as logged", "body": "lumped"}}}
+    (tmp_path / "campaign.json").write_text(json.dumps(head))
+    found = diagnose_channel(build_channel(read_campaign(tmp_path), "humidity"))
+    assert {cause.effect for cause in found.causes} == {"series_lag", "parallel_lag"}
+    values = found.final.values()
+    assert values["series_lag"]["time_constant_s"][0] == pytest.approx(9.0, rel=0.15)
+    assert values["parallel_lag"]["time_constant_s"][0] == pytest.approx(90.0, rel=0.1)
+    assert found.gain.after < 0.1 < found.gain.before
