@@ -135,7 +135,7 @@ def _taken(found: ChannelDiagnosis, before: Verdict, final: bool) -> Verdict:
     over = () if before.dispute is None else ((before.dispute, before.against),)
     settled = (*before.settled, *over)
     kept: dict[tuple[str, ...], Explanation] = {}
-    for one in _possible(found, look):
+    for one in _possible(found, look, final):
         ids = tuple(sorted(one))
         if ids not in out:
             kept.setdefault(ids, one)
@@ -167,7 +167,7 @@ def _enough(found: ChannelDiagnosis, explanations: Sequence[Explanation]) -> Exp
     return None
 
 
-def _possible(found: ChannelDiagnosis, look: int) -> list[Explanation]:
+def _possible(found: ChannelDiagnosis, look: int, final: bool) -> list[Explanation]:
     """The explanation that a diagnosis ends with, and those that it is tied with at this look."""
     own, level = _explained_by(found.final), tie_level(look)
     explanations = [own]
@@ -187,16 +187,18 @@ def _possible(found: ChannelDiagnosis, look: int) -> list[Explanation]:
         if needed < penalty(CATALOGUE[effect], found.problem.channel) + level - tie_level(1):
             explanations.append({e: v for e, v in own.items() if e != effect})
     # Where a search from another start ended elsewhere.
-    elsewhere, final = found.search.otherwise, found.search.final
+    elsewhere, searched = found.search.otherwise, found.search.final
     if elsewhere is not None:
-        behind = penalised(found.problem, elsewhere) - penalised(found.problem, final)
+        behind = penalised(found.problem, elsewhere) - penalised(found.problem, searched)
         if evidence(found.problem, behind) < level:
             explanations.append(_explained_by(elsewhere))
-    if found.described is None and not judge(found.problem, final, found.noise).passed:
-        # Where the search leaves something for sure, what would all but pay for itself: a few more runs tell.
+    if final and found.verdict == "adequate" and not judge(found.problem, searched, found.noise).passed:
+        # The loop would end, and something is left for sure, if too small to matter: tied is what would all but pay for
+        # itself and leaves nothing. Before directions and airflows were varied that could be anything.
         for effect, more in found.search.almost.items():
-            gained = evidence(found.problem, final.deviance - more.deviance)
-            if gained > max(penalty(CATALOGUE[effect], found.problem.channel) - level, 0.0):
+            gained = evidence(found.problem, searched.deviance - more.deviance)
+            pays = gained > max(penalty(CATALOGUE[effect], found.problem.channel) - level, 0.0)
+            if pays and judge(found.problem, more, found.noise).passed:
                 explanations.append(_explained_by(more))
     # What the search found and unseen runs of this look do not bear out, where the model without it is not enough.
     wider = _explained_by(found.search.final)
