@@ -153,8 +153,8 @@ def summary(found: list[dict]) -> str:
     looks = [c for r in found for c in r["realised"] if c["expected_information"] is not None]
     return "\n".join(
         [
-            f"{len(found)} rough worlds, {len(met)} met all goals: share of the standard campaign's minutes "
-            f"median {np.median(shares):.2f}, worst {max(shares):.2f}",
+            f"{len(found)} rough worlds, {len(met)} met all goals: share of the standard campaign's minutes at equal "
+            f"stated uncertainty median {np.median(shares):.2f}, worst {max(shares):.2f}",
             "the same at equal scatter of rates (share times the square of what the standard campaign found over what "
             f"this one did; {len(scatters)} worlds): median {np.median(equal):.2f}, worst {max(equal):.2f}",
             f"within 2 standard uncertainties after the stop: {within.mean():.3f} of {within.size}",

@@ -76,14 +76,14 @@ PROMPTS = (SET, PUT, SOURCE_C, SOURCE_RH, DESTINATION_C, DESTINATION_RH, MOVE)
 class Terminal:
     """A recording on a pseudo-terminal of its own, which is its controlling terminal: what it says, and a keyboard."""
 
-    def __init__(self, folder, *more, answer_s=60, move_s=60, soak_s=60, repeat=0, bench=BENCH, source_c=20):
+    def __init__(self, folder, *more, answer_s=60, move_s=60, soak_s=60, repeat=0, bench=BENCH, source_c=20, plan=None):
         (folder / "bench.toml").write_text(bench.format(answer_s=answer_s, move_s=move_s))
         protocol = PROTOCOL.format(soak_s=soak_s, repeat=repeat)
         (folder / "protocol.toml").write_text(
             protocol.replace("{ temperature_c = 20", f"{{ temperature_c = {source_c}", 1)
         )
         self.out = folder / "c"
-        words = ["run", folder / "protocol.toml", "--bench", folder / "bench.toml", "--out", self.out, *more]
+        words = ["run", plan or folder / "protocol.toml", "--bench", folder / "bench.toml", "--out", self.out, *more]
         self._master, slave = os.openpty()
         termios.tcsetwinsize(slave, (40, 120))
         self.process = subprocess.Popen(
@@ -537,3 +537,28 @@ def test_a_hostile_prompt_in_the_status_is_text(tmp_path):
         view = Follower(folder, lambda: 0.0).look()
         assert view.prompt.left_s is None and view.prompt.text.isprintable() and len(view.prompt.text) <= 500
         assert main(["watch", str(folder), "--once"]) == 0
+
+
+def test_the_loop_by_hand_asks_is_vetoed_pauses_and_goes_on_with_the_same_decision(start):
+    """`run adaptive --confirm` in real time: a veto at its own question and at the bench's, and a pause between."""
+    words = ("--until", "D 1 % at 20, minutes 30", "--confirm")
+    up, down = "Next: 20 degC 20 %RH -> 20 degC 80 %RH, 6 m/s", "Next: 20 degC 80 %RH -> 20 degC 20 %RH, 6 m/s"
+    one = start(*words, plan="adaptive")
+    one.answer([up], "r")
+    one.wait_for("this run is not recorded yet")
+    one.answer([up], "s")
+    one.answer([down], "n no draught")
+    one.wait_for("note: no draught")
+    one.type("")
+    one.answer([SET], "p")
+    assert one.end() != 0 and "the same command goes on" in one.said
+    log = (one.out / "decisions.jsonl").read_bytes()
+    again = start(*words, plan="adaptive")
+    again.wait_for("going on with the decision before")
+    again.wait_for(SET)
+    assert (again.out / "decisions.jsonl").read_bytes() == log
+    again.type("s")
+    again.answer(["Next: "], "a")
+    assert again.end() != 0
+    vetoed = json.loads((again.out / "decisions.jsonl").read_text().splitlines()[-1])["vetoed"]
+    assert [run["destination"]["humidity_percent"] for run in vetoed] == [20.0, 80.0]
