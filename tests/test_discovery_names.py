@@ -35,7 +35,7 @@ from shockrig.analysis.inference.fit import fit
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.model import Held, Model, Point, Structure
 from shockrig.analysis.inference.readings import mostly_repeats
-from shockrig.analysis.inference.work import Work
+from shockrig.analysis.inference.work import Work, cost_of_a_fit
 from shockrig.analysis.report.described_words import behaves, flies, sentence
 from shockrig.rig.seams import Air
 from shockrig.rig.virtual.plans import Shock, standard_plan
@@ -237,6 +237,18 @@ def test_a_mean_that_no_entry_accounts_for_is_described(tmp_path, monkeypatch):
     assert extended.structure.held_values(MEAN.key) == {"time_constant_s": one.time_constant_s.value}
     values = {"time_constant_s": one.time_constant_s.value}
     assert described(MEAN.key, False).in_flight.delay_s(values, 0.1) == pytest.approx(0.3)
+
+
+def test_a_fit_costs_more_the_longer_a_mean_is_by_whatever_name(both):
+    """Each of twelve readings is evaluated: three times the work of the four that cost nothing more."""
+    ready = prepare(both["humidity"])
+    for effect, name, value in (
+        (CATALOGUE["moving_average"], "samples", 12.0),
+        (described(MEAN.key, True), "time_constant_s", 1.2),
+    ):
+        structure = ready.structure.adding(effect, Held(effect.id, name, value))
+        assert cost_of_a_fit(ready.problem, structure) == pytest.approx(3.0)
+    assert cost_of_a_fit(ready.problem, ready.structure) == 1.0
 
 
 def test_the_response_says_how_long_a_mean_is_of_which_every_sixth_reading_is_shown(tmp_path):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from shockrig.analysis.inference.model import Structure
+import numpy as np
+
+from shockrig.analysis.inference.model import Model, Point, Structure
 from shockrig.analysis.inference.problem import Problem
 
 DRIVEN_COST = 6.0  # a record that is driven all along, beside one that jumps
@@ -35,5 +37,8 @@ def cost_of_a_fit(problem: Problem, base: Structure) -> float:
 
 def _averaged(problem: Problem, base: Structure) -> float:
     """Length of a running mean that has to be summed reading by reading."""
-    held = [value for e in base.effects if e.averages for value in base.held_values(e.id).values()]
-    return max(held, default=1.0) if problem.channel.jumps_with_air else 1.0
+    if not problem.channel.jumps_with_air:
+        return 1.0
+    model, at_rest = Model(problem.channel, base), problem.channel.at_rest()
+    start = model.start(np.zeros(problem.channel.rates))
+    return float(model.chain(Point(start[None], at_rest[None])).averaged)
