@@ -220,6 +220,25 @@ def test_weak_turbulence_that_no_segment_shows_alone_is_found_by_all_together():
     assert np.std(ratios) < 0.5
 
 
+def test_behind_a_gap_over_which_nothing_moved_the_sensor_is_taken_to_have_settled():
+    """At rest at 60 before a gap of 100 s and for a second after it, then falling by 1.5 a second for 15 s."""
+    period, rates, weights, noise = 0.1, np.array([0.15, 1.4, 4.0]), np.array([0.8, 0.1, 0.1]), 0.06
+    errors = []
+    for seed in range(3):
+        rng = np.random.default_rng([seed, 3])
+        since = period * np.arange(1200)
+        air = np.concatenate([np.full(900, 60.0), 60.0 - 1.5 * np.clip(since - 1.0, 0.0, 15.0)])
+        air += _air(0.02, period, 2100, rng)
+        reading = noise * rng.standard_normal(2100)
+        for weight, decay in zip(weights, np.exp(-rates * period), strict=True):
+            reading += weight * lfilter([1.0 - decay], [1.0, -decay], air, zi=[decay * air[0]])[0]
+        time_s = np.concatenate([period * np.arange(900), 190.0 + since])
+        response = Response(np.tile(weights, (2100, 1)), np.tile(rates, (2100, 1)), np.zeros(2100))
+        found = estimate(time_s, reading, np.ones(2100, dtype=bool), response, np.full(2100, noise**2))
+        errors.append(np.abs(found.air - air)[900:910].max())
+    assert max(errors) < 1.5
+
+
 @pytest.mark.parametrize("course", ["waves", "turbulence", "walk of the slope"])
 def test_only_waves_make_a_smooth_course(course):
     period, size = 0.1, 250

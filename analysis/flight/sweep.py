@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 CORE = 250  # samples of a window that are kept
 CUT_SHORT = 0.1  # of a jump: what modes that are left out do to the first reading after it
 SIDE_BY_SIDE = 64  # windows at once
+REACH = 2.0  # times how far the lags were behind at a gap's start
 
 
 @dataclass(frozen=True)
@@ -122,10 +123,14 @@ def _smoothed(
     prior = local.each(lambda strength: strength[at])
     leap = Jumps(np.where(padded[..., None], 0.0, jumps.variance), jumps.place)
     noise = np.where(padded, np.inf, variance[at]) + CUT_SHORT**2 * leap.variance[..., 0]
-    spread = 2.0 * np.std(values[at], axis=1) + 5.0 * prior.noise[:, 0]
-    here = None if track.passing is None else replace(track.passing, sigma=track.passing.sigma[at])
     lags, apart = guess
     first = at[:, 0]
+    spread = 2.0 * np.std(values[at], axis=1)
+    # over a gap the air went from where it was to about where the reading is, and what lags is in between
+    before = np.maximum(first - 1, 0)
+    gone = np.abs(values[first] - values[before]) + REACH * apart[before].max(axis=1) + np.sqrt(np.mean(apart**2))
+    spread = np.where(track.broken[first] & (first > 0), np.minimum(gone, spread), spread) + 5.0 * prior.noise[:, 0]
+    here = None if track.passing is None else replace(track.passing, sigma=track.passing.sigma[at])
     # what came before a flight is not known; later the readings tell how far the lags may be from their guess
     lag_spread = np.where(track.broken[first][:, None], spread[:, None], apart[first] + 5.0 * prior.noise[:, :1])
     return smooth(step, values[at], noise, track.along.at(at), lags[first], prior, spread, here, lag_spread, leap)
