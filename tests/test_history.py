@@ -1,6 +1,7 @@
 """Control charts: what has not changed is left alone, what has is dated, a bench's own error is no change."""
 
 import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -125,6 +126,17 @@ def test_the_command_says_what_changed_and_since_when(shelf, tmp_path, capsys):
     (change,) = mean["changes"]
     assert change["since"] == "c3"
     assert abs(change["relative"] - 0.1) < 4 * change["standard_uncertainty"]
+
+
+def test_a_copy_of_a_campaign_is_no_second_one(shelf, tmp_path, capsys):
+    folder, _ = shelf
+    for name in ("c0", "c1"):
+        shutil.copytree(folder / name, tmp_path / name)
+    shutil.copytree(folder / "c0", tmp_path / "safe")
+    assert main(["history", str(tmp_path)]) == 0
+    said = capsys.readouterr()
+    assert f"{tmp_path / 'safe'}: the same readings as {tmp_path / 'c0'}; left out" in said.err
+    assert "in 2 campaigns; nothing has changed" in said.out
 
 
 @pytest.mark.parametrize(

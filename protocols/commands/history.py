@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,7 +44,7 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.protocols.commands.characterize import say
     from shockrig.protocols.folder import software_version, whole_folder
 
-    campaigns = _campaigns(args.folders)
+    campaigns = _campaigns(args.folders, say)
     charts = _charts(campaigns, args, say)
     if not charts:
         wanted = f" with the serial number {args.serial}" if args.serial else ""
@@ -77,14 +78,15 @@ def _row(chart: Chart, one: Observation) -> str:
     return measured(one.value, one.value * one.random, chart.unit)
 
 
-def _campaigns(folders: Sequence[Path]) -> list[Campaign]:
-    """The campaigns in some folders, in the order in which they began; each once."""
+def _campaigns(folders: Sequence[Path], say: Callable[[str], None]) -> list[Campaign]:
+    """The campaigns in some folders, in the order in which they began; each once, its copies left out."""
     from shockrig.files.campaign import read_campaign
     from shockrig.files.disk import shown
     from shockrig.files.errors import InputError
     from shockrig.protocols.catalogue import catalogue
 
-    found: dict[Path, Campaign] = {}
+    seen: set[Path] = set()
+    found: dict[str, Campaign] = {}
     for folder in folders:
         if not folder.is_dir():
             raise InputError(f"{shown(folder)}: is no folder; name campaigns, or the folder that they are in")
@@ -92,8 +94,24 @@ def _campaigns(folders: Sequence[Path]) -> list[Campaign]:
         if not paths:
             raise InputError(f"{shown(folder)}: holds no campaign (no campaign.json); name another folder")
         for path in paths:
-            found.setdefault(path.resolve(), read_campaign(path))
+            if path.resolve() in seen:
+                continue
+            seen.add(path.resolve())
+            campaign = read_campaign(path)
+            first = found.setdefault(_readings(campaign), campaign)
+            if first is not campaign:
+                say(f"{path}: the same readings as {first.path}; left out")
     return sorted(found.values(), key=_began_at)
+
+
+def _readings(campaign: Campaign) -> str:
+    """What two campaigns have in common that are copies of one: every reading and its time."""
+    digest = sha256()
+    for run in campaign.runs:
+        for trace in (run.imet, run.hyt):
+            for values in () if trace is None else (trace.time_s, *trace.values.values()):
+                digest.update(values.tobytes())
+    return digest.hexdigest()
 
 
 def _began_at(campaign: Campaign) -> str:
