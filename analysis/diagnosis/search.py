@@ -40,6 +40,7 @@ SHARE_OF_RANGE = 0.98  # from which a share stands at the end of its range
 PLAINLY_WRONG = 3.0  # objective per bin from which a fit's deviations mean nothing
 MOST_FITS = 200  # of a search that adds effects: what it has reached by then is judged, the rest called unexplained
 IN_ALL = 2  # times as many, until every effect found was held against the others; one that was not is not kept
+LEAST_OF_RANGE, SPREAD = 1e-3, 60  # where a rival with steps is looked for: its range, in so many values a side
 NUDGED_FITS = 3  # from beside where one ended
 FINISHED = 3  # candidates that are carried to the end of their fits
 
@@ -332,6 +333,23 @@ def _fresh(problem: Problem, near: Fit) -> Array:
     return np.where(open_starts(problem), near.deviations, 0.0)
 
 
+def _open_to(structure: Structure, effect: Effect) -> bool:
+    """Whether an effect may be added to a model."""
+    taken = set(structure.ids)
+    return effect.id not in taken and not effect.excludes & taken and (not effect.beside or bool(effect.beside & taken))
+
+
+def _anywhere(effect: Effect) -> list[dict[str, float]]:
+    """Values all over the range of an effect of one parameter, equally far apart in ratio on either side of nothing."""
+    if len(effect.parameters) != 1:
+        return []
+    (parameter,) = effect.parameters
+    most = max(abs(parameter.low), abs(parameter.high))
+    sizes = np.geomspace(LEAST_OF_RANGE * most, most, SPREAD)
+    values = [x for x in (*-sizes, *sizes) if parameter.low < x < parameter.high]
+    return [{parameter.name: float(x)} for x in values]
+
+
 class Stepwise:
     """A search under way: its problem, what may be added, and the moves so far."""
 
@@ -359,10 +377,9 @@ class Stepwise:
         out.
         """
         channel, base = self.problem.channel, current.model.predict(current.point)[0]
-        taken = set(current.structure.ids)
         columns, owners = [], []
         for effect in self.candidates:
-            if effect.id in taken or effect.excludes & taken or (effect.beside and not effect.beside & taken):
+            if not _open_to(current.structure, effect):
                 continue
             model = Model(channel, current.structure.adding(effect))
             rates = current.log_rates + _rate_shift(effect, channel)
@@ -413,9 +430,14 @@ class Stepwise:
             if effect.nudges and says_nothing(effect, trial.values()[id_]):
                 trial = finish(self.problem, trial)  # it may lie on the other side of a ridge
             # A parameter at its bound, or that may be anything, is no finding.
-            if not says_nothing(effect, trial.values()[id_]) and not refused(trial, effect):
+            if self._says_something(trial, id_):
                 found[id_] = trial
         return found
+
+    @staticmethod
+    def _says_something(trial: Fit, effect: str) -> bool:
+        """Whether an effect of a fit is a finding where it ended."""
+        return not says_nothing(CATALOGUE[effect], trial.values()[effect]) and not refused(trial, CATALOGUE[effect])
 
     def forward(self, current: Fit, keep: int) -> tuple[Fit, bool]:
         """With the best candidate, if one is worth its penalty."""
@@ -515,6 +537,20 @@ class Stepwise:
             self.moves.append(Move("remove", worst, current.deviance - trials[worst].deviance, ()))
             current = trials[worst]
 
+    def _in_place(self, current: Fit, without: Fit, other: Effect) -> Fit:
+        """`other` in the place of an effect of `current`, fitted from its rates and deviations, and from the value that
+        leaves least at these."""
+        structure = without.structure.adding(other)
+        model, problem = Model(self.problem.channel, structure), self.problem
+        kept = {name: value for name, value in current.choice.items() if name in without.structure.names}
+        begun = []
+        for start in [*other.starts(problem.channel), *_anywhere(other)]:
+            theta = model.start(current.log_rates, kept | _named(other, start))
+            begun.append((objective_at(problem, model, Point(theta, current.deviations)), theta))
+        _, theta = min(begun, key=lambda one: one[0])
+        self.fits += 2
+        return fit(problem, structure, theta, current.deviations)
+
     def exchange(self, current: Fit, swap: bool = True) -> tuple[Fit, dict[str, Standing], bool]:
         """Each effect found against every other in its place: how it stands, and whether another does better.
 
@@ -530,13 +566,19 @@ class Stepwise:
             promising = self.promising(without, 5)
             promising.pop(effect, None)
             others = self.trials(without, {e: s for e, s in promising.items() if e not in current.structure.ids})
+            for other in self.candidates:
+                # No gradient leads over steps: such a rival begins from where the one found has led.
+                if _open_to(without.structure, other) and other.id != effect and other.nudges:
+                    begun = self._in_place(current, without, other)
+                    if other.id not in others or begun.deviance < others[other.id].deviance:
+                        others[other.id] = begun
             for e, f in others.items():
                 # Before a step of its objective a rival may be behind by anything.
                 stepped = _has_steps(self.problem, f.structure)
                 if stepped or f.deviance - current.deviance < max(0.1 * necessity, 30.0):
                     others[e] = finish(self.problem, f)
                     self.fits += 1
-            rises = {e: f.deviance - current.deviance for e, f in others.items()}
+            rises = {e: f.deviance - current.deviance for e, f in others.items() if self._says_something(f, e)}
             own = CATALOGUE[effect].rarity(channel)
             likely = {e: r + CATALOGUE[e].rarity(channel) - own for e, r in rises.items()}
             rivals = {e: r for e, r in likely.items() if r < max(0.5 * necessity, 2 * TIE)}
