@@ -15,7 +15,7 @@ from small_worlds import QUIET
 from shockrig.analysis.diagnosis import search as searching
 from shockrig.analysis.diagnosis.diagnose import diagnose_channel
 from shockrig.analysis.diagnosis.prepare import prepare
-from shockrig.analysis.diagnosis.search import finish, plain_fit, search
+from shockrig.analysis.diagnosis.search import finish, plain_fit
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.fit import fit
 from shockrig.analysis.inference.gather import build_channel
@@ -336,15 +336,19 @@ def test_a_delay_is_not_named_a_clock_by_four_equal_runs(tmp_path):
 
 def test_the_likelier_of_two_searches_counts_and_the_other_stands_beside_it(tmp_path, monkeypatch):
     """One from an earlier look, made to end with a clock that runs fast; one from nothing."""
-    ready = prepare(late_film(tmp_path, 205, 14)[0])
-    both = {e: search(ready.problem, PLAIN, [CATALOGUE[e]]) for e in ("clock_drift", "dead_time")}
-    assert all(s.final.structure.ids == (e,) for e, s in both.items())
+    problem = prepare(late_film(tmp_path, 205, 14)[0]).problem
+    plain, both = plain_fit(problem), {}
+    for effect, start in (("clock_drift", {"ppm": 58000.0}), ("dead_time", {"delay_s": 0.404})):
+        structure = PLAIN.adding(CATALOGUE[effect])
+        named = {f"{effect}.{name}": value for name, value in start.items()}
+        theta = Model(problem.channel, structure).start(plain.log_rates, named)
+        both[effect] = searching.Search(plain, finish(problem, fit(problem, structure, theta)), (), {})
     monkeypatch.setattr(
         searching, "search", lambda *a, earlier=None, **k: both["clock_drift" if earlier else "dead_time"]
     )
-    found = searching.search_twice(ready.problem, PLAIN, {"clock_drift": {"ppm": 63000.0}})
+    found = searching.search_twice(problem, PLAIN, {"clock_drift": {"ppm": 63000.0}})
     assert found.final is both["dead_time"].final and found.otherwise is both["clock_drift"].final
-    assert searching.search_twice(ready.problem, PLAIN, {}).otherwise is None
+    assert searching.search_twice(problem, PLAIN, {}).otherwise is None
 
 
 def test_a_longer_plateau_before_the_transfer_tells_a_dead_time_from_a_clock_that_runs_fast(tmp_path):
