@@ -5,7 +5,8 @@ import pytest
 from small_worlds import record
 
 from shockrig.analysis.diagnosis.prepare import prepare
-from shockrig.analysis.diagnosis.search import plain_fit, refused, search
+from shockrig.analysis.diagnosis.refitting import plain_fit
+from shockrig.analysis.diagnosis.search import refused, search
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.fit import fit
 from shockrig.analysis.inference.gather import build_channel

@@ -12,7 +12,7 @@ from benchmark_scripts import benchmark
 from small_worlds import record
 
 from shockrig.analysis.diagnosis.adequacy import judge
-from shockrig.analysis.diagnosis.search import plain_fit
+from shockrig.analysis.diagnosis.refitting import plain_fit
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.noise import estimate_noise, whiteners
 from shockrig.analysis.inference.problem import make_problem

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from shockrig.analysis.diagnosis.prepare import prepare
-from shockrig.analysis.diagnosis.search import plain_fit, refit
+from shockrig.analysis.diagnosis.refitting import plain_fit, refit
 from shockrig.analysis.discovery.grammar import forms
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.described import described

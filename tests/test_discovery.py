@@ -16,7 +16,7 @@ import shockrig.analysis.discovery.discover as searching
 from shockrig.analysis.characterization.extension import extension_of
 from shockrig.analysis.diagnosis.adequacy import judge
 from shockrig.analysis.diagnosis.prepare import prepare
-from shockrig.analysis.diagnosis.search import plain_fit
+from shockrig.analysis.diagnosis.refitting import plain_fit
 from shockrig.analysis.discovery import race
 from shockrig.analysis.discovery.conditions import Condition, Judged, held_out
 from shockrig.analysis.discovery.discover import discover

@@ -13,9 +13,10 @@ from shockrig.analysis.diagnosis.beside import alone, without_idle
 from shockrig.analysis.diagnosis.diagnose import diagnose_channel
 from shockrig.analysis.diagnosis.naming import Doubt, doubts, from_description, from_rivals
 from shockrig.analysis.diagnosis.prepare import likelier_average, prepare
+from shockrig.analysis.diagnosis.refitting import plain_fit
 from shockrig.analysis.diagnosis.remainder import Tolerance
 from shockrig.analysis.diagnosis.restless import nothing_else, restless
-from shockrig.analysis.diagnosis.search import Search, plain_fit, search
+from shockrig.analysis.diagnosis.search import Search, search
 from shockrig.analysis.diagnosis.thresholds import TIE
 from shockrig.analysis.discovery.conditions import Judged
 from shockrig.analysis.discovery.discover import Described, Discovery, says_something

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from shockrig.analysis.diagnosis import refitting
 from shockrig.analysis.diagnosis import search as searching
 from shockrig.analysis.diagnosis.limits import ended
 from shockrig.analysis.diagnosis.prepare import prepare
@@ -59,7 +60,8 @@ def test_a_search_has_an_end(ready, cold, monkeypatch, limit):
     """With fewer fits than it needs it says so, and keeps no effect that was not held against the others."""
     made = []
     counted = searching.fit
-    monkeypatch.setattr(searching, "fit", lambda *a, **k: made.append(1) or counted(*a, **k))
+    for module in (searching, refitting):
+        monkeypatch.setattr(module, "fit", lambda *a, **k: made.append(1) or counted(*a, **k))
     monkeypatch.setattr(searching, "MOST_FITS", limit)
     found = searching.search(ready.problem, ready.structure)
     assert set(found.final.structure.ids) - set(ready.structure.ids) == set(found.standing)
@@ -83,7 +85,8 @@ def test_a_diagnosis_says_which_of_its_searches_has_ended_early(cold):
 def test_a_search_told_the_answer_fits_less(ready, cold, monkeypatch):
     fits = []
     counted = searching.fit
-    monkeypatch.setattr(searching, "fit", lambda *a, **k: fits.append(1) or counted(*a, **k))
+    for module in (searching, refitting):
+        monkeypatch.setattr(module, "fit", lambda *a, **k: fits.append(1) or counted(*a, **k))
     searching.search(ready.problem, ready.structure)
     from_nothing = len(fits)
     fits.clear()

@@ -14,7 +14,8 @@ from small_worlds import record
 
 from shockrig.analysis.diagnosis.diagnose import diagnose_channel
 from shockrig.analysis.diagnosis.extended import extended_result
-from shockrig.analysis.diagnosis.search import plain_fit, search
+from shockrig.analysis.diagnosis.refitting import plain_fit
+from shockrig.analysis.diagnosis.search import search
 from shockrig.analysis.effects import CATALOGUE, structure_of
 from shockrig.analysis.inference.effect import Readings, unchanged
 from shockrig.analysis.inference.fit import fit, run_misfit

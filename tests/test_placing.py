@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import minimize
 
 from shockrig.analysis.diagnosis.placing import PLACED_WITHIN, placed, weighed_alike
-from shockrig.analysis.diagnosis.search import plain_fit
+from shockrig.analysis.diagnosis.refitting import plain_fit
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.model import Point
 from shockrig.analysis.inference.noise import estimate_noise, whiteners

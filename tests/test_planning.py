@@ -15,7 +15,7 @@ from small_worlds import QUIET
 from shockrig.analysis.diagnosis import search as searching
 from shockrig.analysis.diagnosis.diagnose import diagnose_channel
 from shockrig.analysis.diagnosis.prepare import prepare
-from shockrig.analysis.diagnosis.search import finish, plain_fit
+from shockrig.analysis.diagnosis.refitting import finish, plain_fit
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.fit import fit
 from shockrig.analysis.inference.gather import build_channel

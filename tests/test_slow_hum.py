@@ -6,7 +6,7 @@ import pytest
 from shockrig.analysis.diagnosis.adequacy import judge
 from shockrig.analysis.diagnosis.diagnose import diagnose_channel
 from shockrig.analysis.diagnosis.prepare import prepare
-from shockrig.analysis.diagnosis.search import plain_fit
+from shockrig.analysis.diagnosis.refitting import plain_fit
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.virtual.batch import simulate_campaign

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from shockrig.analysis.diagnosis.search import refit
+from shockrig.analysis.diagnosis.refitting import refit
 from shockrig.analysis.diagnosis.thresholds import penalty
 from shockrig.analysis.discovery.discover import Discovery
 from shockrig.analysis.discovery.race import NUMBER

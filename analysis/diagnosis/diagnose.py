@@ -23,6 +23,7 @@ from shockrig.analysis.diagnosis.limits import air_of_a_film_unknown, cannot_tel
 from shockrig.analysis.diagnosis.naming import Doubt, doubts, from_rivals
 from shockrig.analysis.diagnosis.placing import weighed_alike
 from shockrig.analysis.diagnosis.prepare import Prepared, likelier_average, prepare, with_rounding
+from shockrig.analysis.diagnosis.refitting import refit
 from shockrig.analysis.diagnosis.remainder import Remainder, Tolerance, measure_remainder, predicted_badly
 from shockrig.analysis.diagnosis.restless import nothing_else, restless
 from shockrig.analysis.diagnosis.search import (
@@ -30,7 +31,6 @@ from shockrig.analysis.diagnosis.search import (
     Search,
     at_bound,
     evidence,
-    refit,
     refused,
     says_nothing,
     search,

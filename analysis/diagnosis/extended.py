@@ -19,7 +19,7 @@ from shockrig.analysis.characterization.result import ChannelResult, Characteriz
 from shockrig.analysis.characterization.to_profile import to_profile
 from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis
 from shockrig.analysis.diagnosis.export import stated_cause
-from shockrig.analysis.diagnosis.search import drop, finish, plain_fit, race
+from shockrig.analysis.diagnosis.refitting import drop, finish, plain_fit, race
 from shockrig.analysis.diagnosis.thresholds import TIE
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.channel import Channel

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from shockrig.analysis.diagnosis.placing import placed
-from shockrig.analysis.diagnosis.search import reconsider, refit
+from shockrig.analysis.diagnosis.refitting import refit
+from shockrig.analysis.diagnosis.search import reconsider
 from shockrig.analysis.inference.bins import as_single_samples
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.effect import unchanged

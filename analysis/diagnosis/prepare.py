@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from shockrig.analysis.diagnosis.search import Search, refit
+from shockrig.analysis.diagnosis.refitting import refit
+from shockrig.analysis.diagnosis.search import Search
 from shockrig.analysis.diagnosis.thresholds import level, penalty
 from shockrig.analysis.discovery.discover import MOST_CERTAIN
 from shockrig.analysis.discovery.stating import seen_over

@@ -11,7 +11,8 @@ from shockrig.analysis.diagnosis.adequacy import judge
 from shockrig.analysis.diagnosis.describing import alternatives
 from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis, diagnose_channel, enough
 from shockrig.analysis.diagnosis.prepare import prepare
-from shockrig.analysis.diagnosis.search import candidates_of, evidence, finish, penalised, refused, says_nothing
+from shockrig.analysis.diagnosis.refitting import finish
+from shockrig.analysis.diagnosis.search import candidates_of, evidence, penalised, refused, says_nothing
 from shockrig.analysis.diagnosis.thresholds import FALSE_ALARMS, penalty
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.fit import Fit, fit
