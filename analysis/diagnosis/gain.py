@@ -32,6 +32,7 @@ USUAL_SPREAD, USUAL_DEGREES = 0.5, 3  # of gains from run to run, relative, befo
 USUAL_LOSS = 5.0  # by how much fewer runs tell less than all
 UNTOLD = 0.2  # standard uncertainty of ln rate from which a training part predicts nothing
 CONFIDENCE = 0.975  # one-sided, of what is called a gain
+SLIGHT = 1e-4  # share of the mean square error of unseen runs below which nothing is gained, however surely
 LIKELY = 0.7  # likewise, of what unseen runs do not speak against
 
 
@@ -193,7 +194,7 @@ def summarise(
         explained_fraction=share,
         interval_95=interval,
         real=gained > 0 and better > float(stdtrit(of, CONFIDENCE)) * unsure,
-        likely=gained > 0 and better > float(stdtrit(of, LIKELY)) * unsure,
+        likely=gained > SLIGHT * float(run_before.mean()) and better > float(stdtrit(of, LIKELY)) * unsure,
         run_before=before,
         run_after=after,
         run_kept=kept,
