@@ -21,8 +21,8 @@ from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 Array = NDArray[np.float64]
 
 DRIVEN_MODES = 20  # a measured trace has no step that would need more
-KNOTS = 256  # of the humidity that a film sees at its own temperature
-TINY_S, SHORTEST_S = 1e-9, 0.1
+FIRST_KNOT_S, KNOTS_APART = 0.01, 0.02  # of the humidity that a film sees: the first, and shares of the time since
+TINY_S = 1e-9
 SATURATED_PERCENT = 100.0
 
 
@@ -90,10 +90,9 @@ def _taken_up_by_activity(chain: Chain) -> Array:
     transfer, where the air jumps and the sensor's temperature begins to follow.
     """
     response, shape = _response(chain, chain.rate), np.broadcast_shapes(chain.time_s.shape, (*chain.rate.shape, 1))
-    since = max(float(chain.time_s.max()), SHORTEST_S) * np.linspace(0.0, 1.0, KNOTS) ** 2
-    since[0] = TINY_S  # the transfer has begun
+    since = _knots_s(float(chain.time_s.max()))
     knots = np.concatenate([[-1.0, 0.0, 0.0], since[1:]])
-    at_knots = replace(chain, time_s=np.broadcast_to(since, (*chain.time_s.shape[:2], KNOTS)))
+    at_knots = replace(chain, time_s=np.broadcast_to(since, (*chain.time_s.shape[:2], since.size)))
     source_hpa, destination_hpa = _vapour_hpa(chain)
     begun = _begun(at_knots)
     vapour = source_hpa[..., None] + (destination_hpa - source_hpa)[..., None] * begun
@@ -120,6 +119,14 @@ def _taken_up_by_activity(chain: Chain) -> Array:
         seen = np.minimum(_measured_vapour(chain, run, air) / saturation_pressure_hpa(own_c), SATURATED_PERCENT)
         _drive_by(chain, reading, run, response, air, seen, chain.time_s)
     return reading
+
+
+def _knots_s(until_s: float) -> Array:
+    """Times since the transfer [s], up to the first that is not before `until_s`; the same whatever else is asked."""
+    last = np.log1p(max(until_s, FIRST_KNOT_S) * KNOTS_APART / FIRST_KNOT_S) / np.log1p(KNOTS_APART)
+    since = FIRST_KNOT_S * np.expm1(np.arange(int(np.ceil(last)) + 1) * np.log1p(KNOTS_APART)) / KNOTS_APART
+    since[0] = TINY_S  # the transfer has begun
+    return np.asarray(since)
 
 
 def _own_temperature(chain: Chain, recorded_s: Array) -> Array:
