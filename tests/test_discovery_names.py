@@ -46,6 +46,15 @@ T = ("temperature",)
 HUM_HZ, AMPLITUDE_K = 0.37, 0.05
 
 
+@pytest.fixture(autouse=True)
+def catalogue_as_it_was():
+    """An entry that is taken away and given back stands last, and effects act in the order of the catalogue."""
+    kept = dict(CATALOGUE)
+    yield
+    CATALOGUE.clear()
+    CATALOGUE.update(kept)
+
+
 def ready_of(folder, seed, hidden):
     channel = build_channel(record(folder / "campaign", seed, hidden, ROUGH, standard_plan()), "temperature")
     return prepare(channel)
