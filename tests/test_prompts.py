@@ -52,7 +52,7 @@ kind = "operator"
 PROTOCOL = """
 format = "shock-protocol/1"
 name = "by hand"
-faults = {{ repeat_at_most = {repeat}, largest_gap_s = 5, missing_percent_at_most = 90 }} # a busy machine is none
+faults = {{ repeat_at_most = {repeat}, largest_gap_s = {gap_s}, missing_percent_at_most = 90 }} # a busy machine is none
 [steps]
 usual = [
   {{ do = "soak", over_s = 1, at_most_s = {soak_s}, probes_within_k = 1, probes_within_percent = 2 }},
@@ -76,9 +76,11 @@ PROMPTS = (SET, PUT, SOURCE_C, SOURCE_RH, DESTINATION_C, DESTINATION_RH, MOVE)
 class Terminal:
     """A recording on a pseudo-terminal of its own, which is its controlling terminal: what it says, and a keyboard."""
 
-    def __init__(self, folder, *more, answer_s=60, move_s=60, soak_s=60, repeat=0, bench=BENCH, source_c=20, plan=None):
+    def __init__(
+        self, folder, *more, answer_s=60, move_s=60, soak_s=60, repeat=0, bench=BENCH, source_c=20, gap_s=5, plan=None
+    ):
         (folder / "bench.toml").write_text(bench.format(answer_s=answer_s, move_s=move_s))
-        protocol = PROTOCOL.format(soak_s=soak_s, repeat=repeat)
+        protocol = PROTOCOL.format(soak_s=soak_s, repeat=repeat, gap_s=gap_s)
         (folder / "protocol.toml").write_text(
             protocol.replace("{ temperature_c = 20", f"{{ temperature_c = {source_c}", 1)
         )
@@ -260,7 +262,7 @@ def test_a_hang_up_is_filed_as_such(start, place):
 
 def test_absence_pauses(start, place):
     before, prompt = place
-    one = start(**{"move_s" if prompt is MOVE else "answer_s": 4})
+    one = start(gap_s=60, **{"move_s" if prompt is MOVE else "answer_s": 4})
     one.answer(before)
     one.wait_for(prompt)
     assert one.end() == 2
