@@ -29,6 +29,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from discovery_film import EFFECT as FILM
+from discovery_film import FilmTruth, draw_film, record_film
 from discovery_right import BESIDE, RH, RIGHT, T, plan_for, unrecorded_plan
 from discovery_tables import tables
 
@@ -51,21 +53,31 @@ def commit() -> str:
 
 
 @lru_cache(maxsize=1)
-def world(kind: str, effect: str, channel: str, seed: int, tier: str) -> tuple[Truth, Campaign]:
+def world(kind: str, effect: str, channel: str, seed: int, tier: str) -> tuple[Truth | FilmTruth, Campaign]:
     """A world with its hidden effects, and a campaign in it."""
-    from shockrig.files.campaign import read_campaign
-    from shockrig.rig.virtual.batch import simulate_campaign
     from shockrig.rig.virtual.hide import draw_effect, draw_hidden
     from shockrig.rig.virtual.truth import draw_truth
 
     rng = np.random.default_rng(seed)
+    if effect == FILM:
+        film = draw_film(rng)
+        return film, recorded(film, plan_for(effect), rng)
     hidden = [draw_effect(rng, effect, "comfortable", channel)] if kind == "one_out" else []
     hidden += [draw_effect(rng, other, "comfortable") for other in BESIDE.get(effect, ())]
     if kind == "two":
         hidden = draw_hidden(rng, 2)
     truth = draw_truth(rng, tier, hidden)
+    return truth, recorded(truth, plan_for(effect), rng)
+
+
+def recorded(truth: Truth | FilmTruth, plan: list, rng_or_seed: np.random.Generator | int) -> Campaign:
+    """A campaign by a plan in a world."""
+    from shockrig.files.campaign import read_campaign
+    from shockrig.rig.virtual.batch import simulate_campaign
+
     with tempfile.TemporaryDirectory() as folder:
-        return truth, read_campaign(simulate_campaign(truth, plan_for(effect), rng, Path(folder) / "campaign"))
+        record = record_film if isinstance(truth, FilmTruth) else simulate_campaign
+        return read_campaign(record(truth, plan, rng_or_seed, Path(folder) / "campaign"))
 
 
 def both(effect: str, channel: str, seed: int, tier: str) -> dict:
@@ -104,29 +116,24 @@ def run(kind: str, effect: str, channel: str, seed: int, tier: str) -> dict:
     from shockrig.analysis.diagnosis.diagnose import diagnose_channel
     from shockrig.analysis.diagnosis.remainder import Tolerance
     from shockrig.analysis.inference.gather import build_channel
-    from shockrig.files.campaign import read_campaign
     from shockrig.files.discovered import plain
-    from shockrig.rig.virtual.batch import simulate_campaign
 
     truth, campaign = world(kind, effect, channel if kind == "one_out" else "", seed, tier)
     data, plan = build_channel(campaign, channel), plan_for(effect)
-    with tempfile.TemporaryDirectory() as folder:
-        began = time.process_time()
-        with without(effect if kind == "one_out" else ""):
-            found = diagnose_channel(data, tolerance=Tolerance(0.0, 0.0))
-        seconds = time.process_time() - began
-        fresh, elsewhere = None, []
-        if kind == "one_out" and found.described is not None:
+    began = time.process_time()
+    with without(effect if kind == "one_out" else ""):
+        found = diagnose_channel(data, tolerance=Tolerance(0.0, 0.0))
+    seconds = time.process_time() - began
+    fresh, elsewhere = None, []
+    if kind == "one_out" and found.described is not None:
 
-            def recorded(name: str, plan: list, place: int) -> Channel | None:
-                at = seed + place * FRESH
-                return build_channel(read_campaign(simulate_campaign(truth, plan, at, Path(folder) / name)), channel)
+        def again(plan: list, place: int) -> Channel | None:
+            return build_channel(recorded(truth, plan, seed + place * FRESH), channel)
 
-            fresh = fresh_gain(recorded("again", plan, 1), found)
-            for place, (airflows, more) in enumerate((BETWEEN, BEYOND), 2):
-                # A rate of the film is known at the ambients recorded, that of the bead at all.
-                plan = unrecorded_plan(airflows, more if channel == T else ())
-                elsewhere.append(errors(recorded(f"elsewhere {place}", plan, place), found))
+        fresh = fresh_gain(again(plan, 1), found)
+        for place, (airflows, more) in enumerate((BETWEEN, BEYOND), 2):
+            # A rate of the film is known at the ambients recorded, that of the bead at all.
+            elsewhere.append(errors(again(unrecorded_plan(airflows, more if channel == T else ()), place), found))
     return {
         "commit": commit(),
         "kind": kind,

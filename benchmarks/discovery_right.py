@@ -17,6 +17,7 @@ NONE: frozenset[str] = frozenset()
 AIRFLOW, AMBIENT, DIRECTION, HUMIDITY = (frozenset({name}) for name in ("airflow", "ambient", "direction", "humidity"))
 LATE: Rights = (("lag_in_series", "", (NONE, frozenset({"history"}))), ("delay", "", (NONE,)))
 DELAY: Rights = (("delay", "", (NONE,)),)
+GROWING: Rights = (("delay", "", (frozenset({"history"}),)),)
 SHARE: Rights = (("parallel_lag", "", (NONE,)), ("added_rate", "own_response", (NONE,)))
 CYCLING: Rights = (("periodic", "none", (NONE,)),)
 CREEP = (frozenset({"history"}), NONE)
@@ -45,6 +46,8 @@ RIGHT: dict[tuple[str, str], Rights] = {
     ("radiative_heating", T): (),  # it goes with the light, on which nothing in the grammar depends
     ("wall_radiation", T): (("gain", "own_response", (AIRFLOW | AMBIENT,)),),
     ("die_thermal_lag", RH): (("gain", "die_temperature", (NONE,)), ("added_rate", "air_temperature", (NONE,))),
+    # A gain that goes with the chip's temperature, from where the air's is: the same for a film that is fast beside it.
+    ("uptake_by_activity", RH): (("gain", "die_temperature", (NONE,)),),
     ("calibration_temperature", RH): (
         ("added_response", "die_temperature", (NONE,)),
         ("added_response", "air_temperature", (NONE,)),
@@ -55,8 +58,8 @@ RIGHT: dict[tuple[str, str], Rights] = {
     ("saturation_clipping", RH): (("gain", "own_response", (HUMIDITY,)), ("offset", "none", (HUMIDITY,))),
     ("dead_time", T): DELAY,
     ("dead_time", RH): DELAY,
-    ("clock_drift", T): DELAY,  # counted from a run's first reading, it is late by the plateau's share, and slower
-    ("clock_drift", RH): DELAY,
+    ("clock_drift", T): GROWING,  # counted from a run's first reading, it is late by the plateau's share
+    ("clock_drift", RH): GROWING,
     ("moving_average", T): LATE,
     ("moving_average", RH): LATE,
     ("stale_samples", RH): LATE,
@@ -89,6 +92,7 @@ NUMBERS = {
     ("unknown_log_creep", "onset_s"): "time_constant_s",
     ("unknown_log_creep", "fraction"): "size",
     ("dead_time", "delay_s"): "size",
+    ("clock_drift", "ppm"): "size",
     ("self_heating", "rise_k_at_5_m_s"): "size",
     ("hysteresis", "rh_percent"): "size",
     ("calibration_temperature", "percent_per_k"): "size",

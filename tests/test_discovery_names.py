@@ -39,7 +39,7 @@ from shockrig.analysis.inference.readings import mostly_repeats
 from shockrig.analysis.inference.work import Work, cost_of_a_fit
 from shockrig.analysis.report.described_words import behaves, flies, sentence
 from shockrig.rig.seams import Air
-from shockrig.rig.virtual.plans import Shock, standard_plan
+from shockrig.rig.virtual.plans import Shock, standard_plan, wide_plan
 from shockrig.rig.virtual.truth import ROUGH, Hidden
 
 T = ("temperature",)
@@ -55,15 +55,15 @@ def catalogue_as_it_was():
     CATALOGUE.update(kept)
 
 
-def ready_of(folder, seed, hidden):
-    channel = build_channel(record(folder / "campaign", seed, hidden, ROUGH, standard_plan()), "temperature")
+def ready_of(folder, seed, hidden, plan=None):
+    channel = build_channel(record(folder / "campaign", seed, hidden, ROUGH, plan or standard_plan()), "temperature")
     return prepare(channel)
 
 
 @pytest.fixture(scope="module")
 def late(tmp_path_factory):
-    """A channel that is logged late by 0.5 s, and its plain fit."""
-    ready = ready_of(tmp_path_factory.mktemp("late"), 5, [Hidden("dead_time", {"delay_s": 0.5}, T)])
+    """A channel that is logged late by 0.5 s, after plateaus that are all alike, and its plain fit."""
+    ready = ready_of(tmp_path_factory.mktemp("late"), 5, [Hidden("dead_time", {"delay_s": 0.5}, T)], wide_plan())
     return ready, plain_fit(ready.problem, ready.structure)
 
 
@@ -165,7 +165,8 @@ def test_a_form_and_the_effect_whose_law_it_is_read_the_same(both, key, law):
     channel = both[entry.channels[-1]]
     own = ("air_humidity" if channel.jumps_with_air else "air_temperature") if driver == "air" else driver
     effect = described(Form(behaviour, own, factors).key, channel.jumps_with_air)
-    values = {"size": 0.02, "time_constant_s": 3.0, "humidity": 0.4}
+    parts_per_million = [p.unit for p in effect.parameters if p.name == "size"] == ["1e-6"]
+    values = {"size": 2e4 if parts_per_million else 0.02, "time_constant_s": 3.0, "humidity": 0.4}
     read = []
     for one, numbers in ((effect, values), (entry, {name: values[its] for name, its in of.items()})):
         model = Model(channel, Structure((one,)))

@@ -309,8 +309,11 @@ def test_the_standard_plan_is_the_shipped_protocol():
     assert len(plan) == 35 and {run.destination.temperature_c for run in plan} == {0.0, 10.0, 20.0, 30.0, 40.0}
     assert (plan[3].source, plan[3].destination, plan[3].airflow_m_s) == (Air(20.0, 14.0), Air(0.0, 55.0), 6.0)
     assert {run.airflow_m_s for run in plan} == {2.5, 6.0, 12.0}
-    # 10 s on the plateau and less than another until the transfer; 150 s after it in the cold, 70 s at 40 degC
-    assert all(10.0 <= run.lead_s < 11.0 for run in plan)
+    # 10 s on the plateau, 30 s before three thermal shocks, and less than another until the transfer; 150 s after it
+    # in the cold, 70 s at 40 degC
+    assert all(10.0 <= run.lead_s % 20.0 < 11.0 for run in plan)
+    longer = [run for run in plan if run.lead_s > 30.0]
+    assert len(longer) == 3 and all(run.source.temperature_c != run.destination.temperature_c for run in longer)
     assert plan[0].duration_s - plan[0].lead_s == pytest.approx(150.0)
     assert plan[-1].duration_s - plan[-1].lead_s == pytest.approx(70.0)
     phases = np.sort([run.lead_s % 0.1 for run in plan])

@@ -166,7 +166,8 @@ def finish(problem: Problem, found: Fit) -> Fit:
         return found
     # From the scatter of rates that is usual: one that has grown may hide what the model now explains.
     again = fit(problem, found.structure, found.theta, found.deviations)
-    return min((found, again, *_nudged(problem, found)), key=lambda f: f.deviance)
+    best = min((found, again, *_nudged(problem, found)), key=lambda f: f.deviance)
+    return _unstuck(problem, best) if stepped else best
 
 
 def has_steps(problem: Problem, structure: Structure) -> bool:

@@ -68,7 +68,7 @@ def scaling_factors(form: Form, channel: Channel) -> list[Factor]:
         there -= {"ambient"}  # each ambient has its own rate
     if form.behaves_as == "periodic" or {"zero_at", "above"} & set(dict(form.depends_on).values()):
         return []
-    if form.behaves_as == "lag_in_series" and "history" in form.factors:
+    if form.behaves_as in ("lag_in_series", "delay") and "linear" in dict(form.depends_on).values():
         return []
     if {"run_order", "time_of_campaign"} & set(form.factors) or form.driver == "die_temperature":
         there -= {"run_order"}
@@ -134,6 +134,9 @@ def _bases(channel: Channel) -> Iterator[Form]:
         yield Form("rate_change", "own_response", (("humidity", "linear"),))
     if c.start_known.any():
         yield Form("delay", "none")
+        yield Form("delay", "none", (("history", "linear"),))
+        for along in sorted({"run_order", "time_of_campaign"} & varied(channel)):
+            yield Form("delay", "none", ((along, "linear"),))
         yield Form("lag_in_series", own, (("history", "linear"),))
     if not c.airs_known.all():
         return

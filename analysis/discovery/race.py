@@ -79,12 +79,12 @@ def candidates(problem: Problem, near: Fit, work: Work | None = None) -> tuple[l
 
 
 def _entered(scored: Sequence[Scored], null: float) -> list[Scored]:
-    """Of each behaviour with its driver, the forms that score best and the one that depends on nothing."""
+    """Of each behaviour with its driver, the forms that score best and all whose strength nothing scales."""
     taken: dict[tuple[str, str], list[Scored]] = {}
     for entry in scored:
         form = form_of(entry.effect.id)
         group = taken.setdefault((form.behaves_as, form.driver), [])
-        if entry.gain > null and (len(group) < EACH or not form.depends_on):
+        if entry.gain > null and (len(group) < EACH or not set(form.depends_on) & set(SCALING)):
             group.append(entry)
     return sorted((entry for group in taken.values() for entry in group), key=lambda entry: -entry.gain)
 

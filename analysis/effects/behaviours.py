@@ -29,6 +29,7 @@ USUAL_STEP = {True: 40.0, False: 20.0}  # of a channel that jumps with the air (
 A_MINUTE_S = 60.0
 USUAL_MARGIN_K = 10.0  # of dew
 LEAST_STEP = 0.1  # share of a usual step
+MILLIONTH = 1e-6  # of the time that a run has lasted, by which a delay grows
 
 
 @dataclass(frozen=True)
@@ -164,8 +165,21 @@ def _rate_change(form: Form, chain: Chain, p: Arrays) -> Chain:
     return replace(chain, rate=chain.rate * _scale(form, chain, p))
 
 
+def late_by(form: Form, conditions: Conditions) -> Array:
+    """By what the size of a delay is multiplied at the transfer of each run (R,)."""
+    if ("history", "linear") in form.depends_on:
+        return MILLIONTH * conditions.start_s
+    if ("time_of_campaign", "linear") in form.depends_on:
+        return np.nan_to_num(conditions.hours)
+    return conditions.order if ("run_order", "linear") in form.depends_on else np.ones(conditions.start_s.shape)
+
+
 def _delay(form: Form, chain: Chain, p: Arrays) -> Chain:
-    return replace(chain, time_s=chain.time_s - (p["size"] * _scale(form, chain, p))[..., None])
+    if ("history", "linear") in form.depends_on:  # counted from a run's first reading
+        since_s = np.maximum(chain.time_s + chain.channel.conditions.start_s[:, None], 0.0)
+        return replace(chain, time_s=chain.time_s - MILLIONTH * p["size"][..., None] * since_s)
+    late_s = p["size"] * late_by(form, chain.channel.conditions) * _scale(form, chain, p)
+    return replace(chain, time_s=chain.time_s - late_s[..., None])
 
 
 def _added_response(form: Form, chain: Chain, p: Arrays) -> Chain:

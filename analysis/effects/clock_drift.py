@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.analysis.effects.jumps import NUDGES_S
+from shockrig.analysis.effects.jumps import NUDGES_S, when_it_jumps_s
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.effect import RARE, Arrays, Effect, Parameter, Values
 from shockrig.analysis.physics.chain import Chain
@@ -20,6 +20,15 @@ LEAST = 3.5  # standard uncertainties of a clock that is off alike in all runs
 
 def _no_more_than_the_clock(channel: Channel, values: Values) -> bool:
     return channel.common is not None and abs(values["ppm"]) < LEAST * channel.common.clock_ppm
+
+
+def _from_the_jumps(channel: Channel) -> dict[str, float]:
+    """The share by which the jumps of a film's reading are late, where they are late by more than readings tell."""
+    lead_s = channel.conditions.start_s
+    share = when_it_jumps_s(channel, lead_s)
+    if share is None or abs(share) * np.nanmean(lead_s) < 0.5 * channel.sampling_period_s:
+        return {}
+    return {"ppm": 1e6 * share}
 
 
 def _nudges(channel: Channel) -> list[dict[str, float]]:
@@ -40,6 +49,7 @@ EFFECT = Effect(
     source="a logger with its own oscillator; a crystal is good to 100 ppm, what acts on a transient needs far more",
     of_sensor=False,
     rare=RARE,
+    start_from=_from_the_jumps,
     nudges=_nudges,
     needs="needs runs whose start was recorded on the clock of the readings",
     refused=lambda channel, values, bare: _no_more_than_the_clock(channel, values),

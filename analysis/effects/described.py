@@ -9,9 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
-from shockrig.analysis.effects.behaviours import MEAN, Form, acting, form_of
+import numpy as np
+
+from shockrig.analysis.effects.behaviours import MEAN, Form, acting, form_of, late_by
 from shockrig.analysis.effects.described_in_flight import flown
 from shockrig.analysis.effects.jumps import when_it_jumps_s
 from shockrig.analysis.inference.channel import Channel
@@ -30,7 +32,7 @@ LINKS: dict[str, Link] = {
     "delay": "logger",
     "periodic": "air",
 }
-NUDGES_S = (-0.02, -0.01, 0.01, 0.02)  # of a delay: each is fitted to its end
+NUDGES_S = (-0.02, -0.01, 0.01, 0.02)  # by which a transfer is later: each is fitted to its end
 LAST = 1000  # in the order of the chain: after all of the catalogue
 TIMES_S = (0.3, 1.0, 3.0, 10.0, 30.0)
 NUMBERS: dict[tuple[str, str], tuple[float, float, tuple[float, ...], str, bool]] = {
@@ -80,14 +82,21 @@ def described(key: str, jumps: bool) -> Effect:
         of_sensor=of_sensor(form),
         in_flight=flown(form),
         order=LAST,
-        start_from=_from_the_jumps if late else None,
-        nudges=(lambda channel: [{"size": s} for s in NUDGES_S]) if late else None,
+        start_from=partial(_from_the_jumps, form) if late else None,
+        nudges=partial(_nudges, form) if late else None,
     )
 
 
-def _from_the_jumps(channel: Channel) -> dict[str, float]:
+def _from_the_jumps(form: Form, channel: Channel) -> dict[str, float]:
     """Where the fit of a delay begins in a channel that jumps."""
-    return {} if (late := when_it_jumps_s(channel)) is None else {"size": late}
+    late = when_it_jumps_s(channel, late_by(form, channel.conditions))
+    return {} if late is None else {"size": late}
+
+
+def _nudges(form: Form, channel: Channel) -> list[dict[str, float]]:
+    """By how much more the size of a delay is where transfers are a little later."""
+    usual = float(np.nanmean(late_by(form, channel.conditions)))
+    return [{"size": late_s / usual} for late_s in NUDGES_S] if usual > 0 else []
 
 
 def of_sensor(form: Form) -> bool:
@@ -95,8 +104,9 @@ def of_sensor(form: Form) -> bool:
     room = form.behaves_as == "added_response" and ("ambient", "zero_at") in form.depends_on
     dew = ("humidity", "dew_margin") in form.depends_on
     pulse = form.behaves_as == "added_rate" and form.driver == "none" and not dew
+    clock = form.behaves_as == "delay" and "history" in form.factors
     drifts = {"run_order", "time_of_campaign"} & set(form.factors)
-    return not (room or pulse or form.behaves_as == "periodic" or drifts)
+    return not (room or pulse or form.behaves_as == "periodic" or clock or drifts)
 
 
 def _parameters(form: Form, jumps: bool) -> Iterable[Parameter]:
@@ -105,7 +115,11 @@ def _parameters(form: Form, jumps: bool) -> Iterable[Parameter]:
     kind = form.behaves_as
     room = kind == "added_response" and ("ambient", "zero_at") in form.depends_on
     each = "/h" if "time_of_campaign" in form.factors else ""
-    if kind == "delay":
+    if kind == "delay" and "history" in form.factors:
+        yield Parameter("size", "1e-6", -200000.0, 200000.0, (3000.0, 12000.0, -6000.0))
+    elif kind == "delay" and "linear" in dict(form.depends_on).values():
+        yield Parameter("size", f"s{each}", -10.0, 10.0, (0.003, 0.01, -0.005))
+    elif kind == "delay":
         yield Parameter("size", "s", -0.5, 10.0, (0.05, 0.3))
     elif kind == "parallel_lag":
         yield Parameter("size", "1", -0.9, 0.9, (0.03,), percent=True)

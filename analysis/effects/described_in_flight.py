@@ -57,6 +57,7 @@ def flown(form: Form) -> InFlight | None:
     if (
         {"run_order", "time_of_campaign"} & set(form.factors)
         or form.behaves_as == "periodic"
+        or (form.behaves_as == "delay" and "history" in form.factors)
         or "zero_at" in dict(form.depends_on).values()
     ):
         return None

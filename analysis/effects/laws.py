@@ -11,6 +11,7 @@ from shockrig.analysis.effects.behaviours import Factor, Form
 Law = tuple[str, Mapping[str, str]]
 LAWS: dict[tuple[str, str, tuple[Factor, ...]], tuple[Law, ...]] = {
     ("delay", "none", ()): (("dead_time", {"delay_s": "size"}),),
+    ("delay", "none", (("history", "linear"),)): (("clock_drift", {"ppm": "size"}),),
     ("lag_in_series", "air", ()): (("series_lag", {"time_constant_s": "time_constant_s"}),),
     ("lag_in_series", "air", (("history", "linear"),)): (("finite_transfer", {"duration_s": "time_constant_s"}),),
     ("parallel_lag", "air", ()): tuple(

@@ -99,7 +99,7 @@ def _short(one: Discovered) -> str:
 def _numbers(one: Discovered, unit: str) -> str:
     said = []
     if one.size is not None:
-        of = "" if one.size.unit == "1" else f" {one.size.unit}"
+        of = {"1": "", "1e-6": " parts per million"}.get(one.size.unit, f" {one.size.unit}")
         said.append(f"size {_value(Uncertain(one.size.value, one.size.standard_uncertainty))}{of}")
     if one.time_constant_s is not None:
         said.append(f"time constant {_value(one.time_constant_s)} s")
