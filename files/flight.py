@@ -91,7 +91,7 @@ class Corrected:
     `cutoff_hz`: low-pass of each corrected channel, None where the method has none. `common`: of each channel, the part
     of its uncertainty that is common to the flight, which no mean takes out; the rest is independent after
     `independent_after_s`. `widened`: by how much a channel's time scale turned out to be less certain than the profile
-    says, relative.
+    says, relative; `slower`: by how much a channel's sensor turned out to be slower than that, and was corrected with.
     """
 
     temperature_c: Array
@@ -104,6 +104,7 @@ class Corrected:
     common: dict[str, Array] = field(default_factory=dict)
     independent_after_s: dict[str, float] = field(default_factory=dict)
     widened: dict[str, float] = field(default_factory=dict)
+    slower: dict[str, float] = field(default_factory=dict)
 
     def flag_texts(self) -> list[str]:
         """For each row its flags joined by "|", empty where there is none."""

@@ -172,6 +172,8 @@ class NetcdfWriter:
             data[f"{channel}_uncertainty_common_{SUFFIX[unit]}"][part] = common
             if channel in corrected.widened:
                 data.setncattr(f"{channel}_time_scale_uncertainty_added", corrected.widened[channel])
+            if channel in corrected.slower:
+                data.setncattr(f"{channel}_time_scale_longer_by", corrected.slower[channel])
         data["flags"][part] = sum(
             (corrected.flags[name].astype("i1") << i for i, name in enumerate(FLAGS)), np.zeros(len(rows), "i1")
         )

@@ -191,6 +191,47 @@ def test_ascent_against_descent_says_how_wrong_the_time_scale_is(slower):
     assert up_and_down(level, channel) is None
 
 
+def up_and_down_through_an_inversion(stated, risen_m, seed):
+    """A flight whose film is slower by `stated` than its profile says, an inversion that rises on the way down."""
+    rng, time_s = np.random.default_rng(seed), np.arange(24000) * 0.01
+    height = 4.0 * np.minimum(time_s, 240.0 - time_s)
+    above = height - 240.0 - risen_m * (time_s > 120.0)
+    share = np.clip(above / 30.0 + 0.5, 0.0, 1.0)
+    calm = convective(rng, temperature_std_k=0.02, humidity_std_percent=0.1, duration_s=240.0)
+    temperature = 16.0 - 0.0098 * height + 4.0 * share + (calm.temperature_c - calm.temperature_c.mean())[: time_s.size]
+    humidity = 65.0 - 35.0 * share + (calm.humidity_percent - calm.humidity_percent.mean())[: time_s.size]
+    steady = np.ones(time_s.size)
+    weather = Weather("inversion", time_s, temperature, humidity, 5.0 * steady, 1000.0 * steady, height)
+    flown, film = fly(weather, PROFILE, seed), PROFILE.humidity
+    rows = [
+        dataclasses.replace(
+            row, diffusivity_m2_s=stated * row.diffusivity_m2_s, standard_uncertainty=0.01 * row.diffusivity_m2_s
+        )
+        for row in film.diffusivity_table
+    ]
+    profile = dataclasses.replace(PROFILE, humidity=dataclasses.replace(film, diffusivity_table=tuple(rows)))
+    return flown, correct(to_flight(flown.log), profile)
+
+
+def test_a_time_scale_that_ascent_and_descent_contradict_is_corrected_with_their_own():
+    slower, gain, covered = [], [], []
+    for seed in range(2):
+        flown, done = up_and_down_through_an_inversion(1.25, 0.0, seed)
+        truth = flown.truth["humidity_percent"].to_numpy()
+        slower.append(done.slower["humidity"])
+        error = done.humidity_percent - truth
+        gain.append(rms(error) / rms(flown.log["humidity_percent"] - truth))
+        covered.append(np.mean(np.abs(error) < 1.96 * done.humidity_uncertainty_percent))
+    np.testing.assert_allclose(slower, 0.25, atol=0.08)
+    assert max(gain) < 0.08
+    assert np.mean(covered) > 0.85
+
+
+@pytest.mark.parametrize(("risen_m", "seed"), [(0.0, 0), (6.0, 0), (6.0, 1)])
+def test_an_inversion_that_rose_between_the_two_ways_is_not_a_slow_sensor(risen_m, seed):
+    assert not up_and_down_through_an_inversion(1.0, risen_m, seed)[1].slower
+
+
 def _air(prior, period, count, rng):
     """Air whose turbulence has a known strength, sampled from the model itself, shape (count,)."""
     total = np.zeros(count)

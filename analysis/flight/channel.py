@@ -87,6 +87,8 @@ class Channel:
         Low-pass of the method, where it has one.
     jumps_s : ndarray (j,) or None
         Times at which the air jumped.
+    response : Response or None
+        With a row for each of them.
     """
 
     name: str
@@ -101,6 +103,7 @@ class Channel:
     resolved_rate: float = 30.0
     cutoff_hz: float | None = None
     jumps_s: Array | None = None
+    response: Response | None = None
 
     @property
     def total_uncertainty(self) -> Array:
@@ -180,6 +183,7 @@ def judged(
         found.resolved_rate,
         found.cutoff_hz,
         found.jumps_s,
+        readings.response,
     )
 
 

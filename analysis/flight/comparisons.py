@@ -2,12 +2,13 @@
 
 Air that was passed upwards and downwards is the same air. A sensor whose time scale is 1 + e of what the profile says
 leaves -e times the lag in the corrected value, of opposite sign on the two ways: the difference between them, against
-the difference of the lags, is e.
+the difference of the lags, is e. An inversion that rose between the two ways looks the same, in temperature as well: what
+the fast sensor's difference goes with the lag that the slow one would have behind it is the air's own doing.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from scipy.ndimage import uniform_filter1d
 
 from shockrig.analysis.flight.channel import Channel, bridged
 from shockrig.analysis.flight.smooth_channel import typical_period
+from shockrig.analysis.flight.sweep import lags_behind
 from shockrig.files.flight import Flight
 
 Array = NDArray[np.float64]
@@ -25,9 +27,12 @@ LAYERS = 60
 EDGE = 20  # one in so many layers is left out at either end
 BLOCKS = 20  # of layers, left out in turn (jackknife): none holds a whole front
 SURE = 4.0  # standard errors from which a time scale counts as wrong
+WHITE = 0.05  # variance of a layer's mean beside it, in units of turbulence between neighbouring layers
 BEYOND = 3.0  # times what the profile states
-EXPLAINED = 0.4  # of the difference's variance; less is the air's own, which changes between the two ways
+EXPLAINED = 0.2  # of the difference's variance; less is the air's own, which changes between the two ways
 MOST = 1.0
+LARGEST_STEP = 0.5
+SURE_BESIDE_AIR = 3.0  # the same where all that the air may have moved counts as error
 UNITS = {"temperature": "K", "humidity": "%RH"}
 
 
@@ -44,6 +49,14 @@ class UpAndDown:
     slower: float
     slower_error: float
     explained: float
+
+
+@dataclass(frozen=True)
+class Told:
+    """How much slower a sensor is than its profile says, relative, and that number's standard error."""
+
+    slower: float
+    error: float
 
 
 def up_and_down(flight: Flight, channel: Channel) -> UpAndDown | None:
@@ -77,11 +90,17 @@ def up_and_down(flight: Flight, channel: Channel) -> UpAndDown | None:
 
 
 def compared(
-    flight: Flight, bead: Channel, film: Channel, notes: list[str]
+    flight: Flight, bead: Channel, film: Channel, notes: list[str], known: Told | None = None
 ) -> tuple[Channel, Channel, dict[str, float]]:
     """The channels, their uncertainty widened where the flight contradicts the profile's time scale; what was compared
-    goes into `notes`."""
+    goes into `notes`, with what of the film's is `known` and was corrected with."""
     found, widened = [], {}
+    if known is not None:
+        notes.append(
+            f"humidity: ascent and descent agree if the sensor is {_way(known.slower)} than the profile says, to within "
+            f"{100 * known.error:.1g} %, and temperature shows that the air stayed as it was: corrected with that; "
+            "characterize the sensor again"
+        )
     for channel in (bead, film):
         both = up_and_down(flight, channel)
         if both is not None:
@@ -94,9 +113,8 @@ def compared(
             wrong = min(abs(both.slower), MOST)
             sure = wrong > SURE * both.slower_error and both.explained > EXPLAINED
             if sure and wrong > BEYOND * stated:
-                way = "slower" if both.slower > 0 else "faster"
                 notes.append(
-                    f"{channel.name}: they agree best if the sensor is {100 * wrong:.0f} % {way} than the profile "
+                    f"{channel.name}: they agree best if the sensor is {_way(both.slower)} than the profile "
                     f"says (which states {100 * stated:.1g} %): uncertainties are widened by as much of the lag; "
                     "characterize the sensor again"
                 )
@@ -105,6 +123,33 @@ def compared(
         found.append(channel)
     _slow_against_fast(flight, bead, notes)
     return found[0], found[1], widened
+
+
+def _way(slower: float) -> str:
+    return f"{100 * min(abs(slower), MOST):.0f} % {'slower' if slower > 0 else 'faster'}"
+
+
+def told(flight: Flight, bead: Channel, film: Channel, before: Told | None = None) -> Told | None:
+    """What ascent and descent say of the film's time scale, beside what they said `before`; None where they say nothing.
+
+    Where temperature does not show whether the air stayed as it was between the two ways, nothing is said.
+    """
+    both, air = up_and_down(flight, film), bridged(flight.time_s, bead.value)
+    if both is None or air is None or film.response is None:
+        return before
+    lags, _ = lags_behind(air, film.response, typical_period(flight.time_s))
+    shown = (lags * film.response.weight).sum(axis=1)
+    moved = up_and_down(flight, replace(bead, lag=air - shown))
+    if moved is None:
+        return before
+    # as far as the air itself may have moved
+    slower, error = both.slower, float(np.linalg.norm([both.slower_error, moved.slower_error, moved.slower]))
+    if before is not None:
+        return Told((1.0 + before.slower) * (1.0 + slower) - 1.0, error)
+    sure = abs(slower) > SURE_BESIDE_AIR * error and both.explained > EXPLAINED
+    # at first order: more than this is left to the next round
+    slower = float(np.clip(slower, -LARGEST_STEP, LARGEST_STEP))
+    return Told(slower, error) if sure and abs(slower) > BEYOND * _stated(film) else None
 
 
 def _stated(channel: Channel) -> float:
@@ -138,11 +183,17 @@ def _layers(height: Array, values: Array, edges: Array) -> Array:
 
 
 def _slope(x: Array, y: Array) -> tuple[float, float]:
-    """Slope of y against x beside a constant, and its standard error from leaving out blocks in turn."""
+    """Slope of y against x beside a constant, and its standard error from leaving out blocks in turn.
+
+    What else is in y is turbulence, whose structure function grows as the distance to 2/3 (generalised least squares).
+    """
+    place = np.arange(x.size)
+    shared = x.size ** (2 / 3) - np.abs(place[:, None] - place) ** (2 / 3) + WHITE * np.eye(x.size)
 
     def slope(keep: NDArray[np.bool_]) -> float:
-        a = x[keep] - x[keep].mean()
-        return float(a @ y[keep] / max(a @ a, 1e-300))
+        columns = np.stack([np.ones(x.size), x, y], axis=1)[keep]
+        white = np.linalg.solve(np.linalg.cholesky(shared[np.ix_(keep, keep)]), columns)
+        return float(np.linalg.lstsq(white[:, :2], white[:, 2], rcond=None)[0][1])
 
     block = np.arange(x.size) * BLOCKS // x.size
     each = np.array([slope(block != i) for i in range(BLOCKS)])

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.flight.channel import Channel, Readings, coarse, judged, lacking, too_few, untouched
-from shockrig.analysis.flight.comparisons import compared
+from shockrig.analysis.flight.comparisons import Told, compared, told
 from shockrig.analysis.flight.humidity import correct_humidity
 from shockrig.analysis.flight.inverse import exact_inverse, paper
 from shockrig.analysis.flight.profile_effects import Acting, acting, not_undone, of_airspeed, of_pressure, unseen
@@ -107,11 +107,22 @@ def correct(
     stream = _stream(part, profile, notes)
     solve, bodies = METHODS[method], profile.bodies
     bead = _temperature(part, profile.temperature, bodies["imet"], stream, solve, cutoff_hz, temperature_noise_k, notes)
-    film = correct_humidity(
-        part, profile.humidity, bodies["hyt"], stream, bead, solve, cutoff_hz, humidity_noise_percent, notes
-    )
-    bead, film, widened = compared(part, bead, film, notes)
-    return _gather(flight.time_s.size, rows, bead, film, notes, widened)
+
+    def film_with(known: Told | None) -> tuple[Channel, list[str]]:
+        said: list[str] = []
+        given = humidity_noise_percent
+        return correct_humidity(
+            part, profile.humidity, bodies["hyt"], stream, bead, solve, cutoff_hz, given, said, known
+        ), said
+
+    film, said = film_with(None)
+    if (known := told(part, bead, film)) is not None:
+        known = told(part, bead, film_with(known)[0], known)
+        film, said = film_with(known)
+    notes.extend(said)
+    bead, film, widened = compared(part, bead, film, notes, known)
+    slower = {} if known is None else {film.name: known.slower}
+    return _gather(flight.time_s.size, rows, bead, film, notes, widened, slower)
 
 
 def _stream(flight: Flight, profile: Profile, notes: list[str]) -> Stream:
@@ -184,6 +195,7 @@ def _gather(
     film: Channel,
     notes: list[str],
     widened: dict[str, float],
+    slower: dict[str, float],
 ) -> Corrected:
     def spread(values: Array) -> Array:
         out = np.full(count, np.nan)
@@ -219,4 +231,5 @@ def _gather(
         {channel.name: spread(channel.common_uncertainty) for channel in (bead, film)},
         {channel.name: float(np.pi / channel.resolved_rate) for channel in (bead, film)},
         widened,
+        slower,
     )

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from shockrig.analysis.flight.channel import Channel, Readings, bridged, coarse, judged, lacking, too_few, untouched
+from shockrig.analysis.flight.comparisons import Told
 from shockrig.analysis.flight.prior import Passing
 from shockrig.analysis.flight.profile_effects import Acting, acting, not_undone, unseen
 from shockrig.analysis.flight.readout import ceiling, noise_floor, not_known, stale, undone
@@ -46,8 +47,10 @@ def correct_humidity(
     cutoff_hz: float | None,
     given: float | None,
     notes: list[str],
+    told: Told | None = None,
 ) -> Channel:
-    """The humidity channel; `bead` is the temperature's, corrected, and `given` a noise floor other than the part's."""
+    """The humidity channel; `bead` is the temperature's, corrected, `given` a noise floor other than the part's, `told`
+    what the flight says of the film's time scale."""
     raw, time_s = flight.humidity_percent, flight.time_s
     effects = acting(part.effects, "humidity", part.discovered) if part else ()
     noise = given or NOISE_PERCENT
@@ -79,6 +82,8 @@ def correct_humidity(
     to_vapour = saturation_pressure_hpa(own) / saturation_pressure_hpa(held_at)
     from_vapour = saturation_pressure_hpa(held_at) / saturation_pressure_hpa(now)
     response = film_response(part, air, stream, body)
+    if told is not None:
+        response = response.slower(told.slower, told.error)
     vapour = plain.reading * to_vapour
     level = np.interp(time_s, time_s[screened.usable], vapour[screened.usable])
     # what the air's temperature leaves open divides the reading and the result alike; a die of its own parts the two

@@ -65,6 +65,13 @@ class Response:
             relative_uncertainty=self.relative_uncertainty[rows],
         )
 
+    def slower(self, by: float, uncertainty: float) -> Response:
+        """The same with a time scale longer by the share `by`, which a flight itself told within `uncertainty`; slow
+        shares beside it stay."""
+        rate, own = self.rate.copy(), self.rate.shape[-1] - self.slow_uncertainty.size
+        rate[..., :own] /= 1.0 + by
+        return replace(self, rate=rate, relative_uncertainty=np.hypot(self.relative_uncertainty, uncertainty))
+
     @property
     def within(self) -> slice:
         """Columns of the lags that follow the inside of the cap."""
