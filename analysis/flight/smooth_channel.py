@@ -16,6 +16,7 @@ from shockrig.analysis.flight.strengths import fit_prior, fit_windows
 from shockrig.analysis.flight.sweep import Sweep, Track, swept, windows
 
 Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
 LONGEST_BRIDGE_S = 60.0  # beyond, a gap parts the flight
 SEGMENT = 250  # samples over which the air's turbulence intensity is taken as one, at least
 SEGMENT_LAGS = 12.0  # and so many of the sensor's time constants, or a slow sensor cannot tell it
@@ -25,6 +26,7 @@ LARGEST_SHARE = 0.4  # of a flight: one inversion does not speak for all of it
 PER_LAG = 0.5  # of the sensor's lag: over longer steps the air is not straight, and readings are cut into parts
 MOST_PARTS = 5
 ODD = 8.0  # times the usual
+BRIEF = 0.3  # of the sensor's slowest lag
 NOISE_SPREAD = 0.3  # ln of how far the noise may be from what is expected
 SPARSE = 0.97  # share of nodes with a sample, below which the bridges are left out of the judgement
 
@@ -110,7 +112,7 @@ def estimate(
     # segments shorter than the flight tell an inversion from what is around it, where stairs do not hide the air
     largest = 1.0 if rounding is not None else LARGEST_SHARE
 
-    def priors(values: Array, noise: Array = noise, largest: float = largest) -> Prior:
+    def priors(values: Array, noise: Array = noise, largest: float = largest, rows: Rows = rows) -> Prior:
         # what lies across a break is not the air's doing
         values = values - np.cumsum(np.where(broken, np.diff(values, prepend=values[0]), 0.0))
         values = np.interp(node_time, node_time[ordinary], values[ordinary])
@@ -132,6 +134,14 @@ def estimate(
     variance = np.where(measured, noise_variance[nearest] * noise_factor**2, np.inf)
     known_s = np.zeros(0) if jumps_s is None else jumps_s
     found, local, jumps = with_jumps(track, bridged, variance, local, priors, known_s)
+    brief = _brief(node_time, measured, BRIEF * response.slowest_s)
+    if rounding is None and parts == 1 and brief.any():
+        # single samples put together over those that lack between them are not evenly spaced: strengths are judged
+        # again with what the sensor would have read there
+        read = found.clean + noise * noise_factor * np.random.default_rng(0).standard_normal(noise.size)
+        read = without(track, np.where(brief, read, bridged), found, jumps)
+        local = priors(read, rows=np.flatnonzero(measured | brief))
+        found = swept(track, bridged, variance, local, jumps)
     if rounding is not None:
         steps = rounding[nearest]
         own = np.sqrt(np.maximum(noise_variance[nearest] - steps**2 / 12.0, 0.0))
@@ -173,6 +183,14 @@ def _nodes(time_s: Array, period: float, delay_s: float) -> tuple[Array, NDArray
     place = np.arange(start.size) - np.repeat(np.cumsum(fill + 1) - (fill + 1), fill + 1)
     node_time = time_s[start] + place * (ahead / (fill + 1))[start]
     return node_time, np.where(place == 0, start, -1)
+
+
+def _brief(time_s: Array, measured: NDArray[np.bool_], longest_s: float) -> NDArray[np.bool_]:
+    """Nodes (n,) in gaps of at most `longest_s`, over which the sensor hardly moves."""
+    nodes, known = np.arange(time_s.size), np.flatnonzero(measured)
+    after = known[np.minimum(np.searchsorted(known, nodes), known.size - 1)]
+    before = known[np.maximum(np.searchsorted(known, nodes, side="right") - 1, 0)]
+    return (before < nodes) & (nodes < after) & (time_s[after] - time_s[before] <= longest_s)
 
 
 def _carried(node_row: NDArray[np.int64]) -> NDArray[np.int64]:
