@@ -111,6 +111,28 @@ def test_a_model_that_misfits_has_a_line_for_it(behind_a_film):
     assert alpha.standard_uncertainty == pytest.approx(found.rows[0].standard_uncertainty, rel=1e-6)
 
 
+def test_what_all_runs_share_is_held_where_runs_are_looked_at_alone(behind_a_film):
+    """How far runs are apart, that a model misses, is the same whether common errors are fitted along or not."""
+    plain = bead(replace(behind_a_film, common=None))
+    along = bead(replace(behind_a_film, common=STATED))
+    assert not plain.explained and not along.explained
+    relative = [found.rows[0].standard_uncertainty / found.rows[0].diffusivity_m2_s for found in (plain, along)]
+    assert relative[0] <= relative[1] < 1.2 * relative[0]
+    several = with_common(read_campaign(Path(__file__).parents[1] / "data" / "examples" / "ordinary-bench"))
+    film = characterize_channel(several, "humidity", 0, Extension(), lambda said: None)
+    assert not film.explained and len(film.rows) >= 5
+
+
+def test_a_figure_whose_interval_reaches_0_is_not_certified(behind_a_film):
+    (alpha, *_) = budgets(bead(behind_a_film))
+    assert alpha.determined
+    lines = (Line("one run", "A", "normal", 0.2, "1", alpha.value, 1.0),)
+    once = replace(alpha, lines=lines, interval=None)
+    assert once.standard_uncertainty == pytest.approx(0.2 * alpha.value)
+    assert once.coverage_factor == pytest.approx(13.97, abs=0.01)  # JCGM 100, table G.2
+    assert not once.determined
+
+
 def test_times_are_those_of_the_air_that_is_asked_for(behind_a_film):
     """Behind an air film a bead is slower in a slower airflow, and what dominates is the anemometer."""
     found = bead(behind_a_film, "convective_film")

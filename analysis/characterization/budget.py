@@ -85,8 +85,9 @@ class Budget:
 
     @property
     def determined(self) -> bool:
-        """Whether it is known better than to a half."""
-        return self.standard_uncertainty < WORST_RELATIVE * self.value
+        """Whether it is known better than to a half, and its interval does not reach 0."""
+        known = self.standard_uncertainty < WORST_RELATIVE * self.value
+        return known and (self.interval is not None or self.expanded_uncertainty < self.value)
 
     @property
     def random(self) -> float:

@@ -136,8 +136,12 @@ def _figure(budget: Budget) -> CertifiedFigure:
 
 def _not_determined(budget: Budget) -> str:
     """Why a figure is not among those certified."""
-    relative = 100.0 * budget.standard_uncertainty / budget.value
-    return f"No {budget.figure} of the {budget.channel} sensor: its standard uncertainty would be {relative:.0f} %."
+    standard, expanded = (100.0 * u / budget.value for u in (budget.standard_uncertainty, budget.expanded_uncertainty))
+    at = "" if budget.air.temperature_c is None else f" at {budget.air.temperature_c:.1f} °C"
+    said = f"No {budget.figure} of the {budget.channel} sensor{at}: its standard uncertainty would be {standard:.0f} %"
+    if budget.interval is not None:
+        return f"{said}."
+    return f"{said}, expanded for {budget.degrees:.1f} degrees of freedom {expanded:.0f} %."
 
 
 def _dates(campaign: Campaign, otherwise: str) -> tuple[str, str]:

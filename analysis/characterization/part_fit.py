@@ -139,10 +139,11 @@ def _apart(part: Part) -> Array:
     found, problem = part.fit, part.problem
     held = tuple(Held(e, name, value) for e, p in found.values().items() for name, (value, _) in p.items())
     rates_alone = Structure(found.structure.effects, held)
+    start = np.concatenate([found.log_rates, found.theta[Model(problem.channel, found.structure).behind]])
     own = np.empty(problem.channel.runs)
     for run, ambient in enumerate(problem.channel.ambient):
         one = problem.select(np.array([run]))
-        own[run] = fit(one, rates_alone, found.log_rates, found.deviations[[run]]).log_rates[ambient]
+        own[run] = fit(one, rates_alone, start, found.deviations[[run]]).log_rates[ambient]
     return np.array([own[problem.channel.ambient == g].std() for g in range(problem.channel.ambients_c.size)])
 
 

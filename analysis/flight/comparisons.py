@@ -2,8 +2,8 @@
 
 Air that was passed upwards and downwards is the same air. A sensor whose time scale is 1 + e of what the profile says
 leaves -e times the lag in the corrected value, of opposite sign on the two ways: the difference between them, against
-the difference of the lags, is e. An inversion that rose between the two ways looks the same, in temperature as well: what
-the fast sensor's difference goes with the lag that the slow one would have behind it is the air's own doing.
+the difference of the lags, is e. An inversion that rose between the two ways looks the same, in temperature as well:
+where the fast sensor's difference goes with the lag that the slow one would have behind it, the air moved.
 """
 
 from __future__ import annotations
@@ -97,9 +97,9 @@ def compared(
     found, widened = [], {}
     if known is not None:
         notes.append(
-            f"humidity: ascent and descent agree if the sensor is {_way(known.slower)} than the profile says, to within "
-            f"{100 * known.error:.1g} %, and temperature shows that the air stayed as it was: corrected with that; "
-            "characterize the sensor again"
+            f"humidity: ascent and descent agree if the sensor is {_way(known.slower)} than the profile says, to "
+            f"within {100 * known.error:.1g} %, and temperature shows that the air stayed as it was: corrected with "
+            "that; characterize the sensor again"
         )
     for channel in (bead, film):
         both = up_and_down(flight, channel)
@@ -130,7 +130,7 @@ def _way(slower: float) -> str:
 
 
 def told(flight: Flight, bead: Channel, film: Channel, before: Told | None = None) -> Told | None:
-    """What ascent and descent say of the film's time scale, beside what they said `before`; None where they say nothing.
+    """What ascent and descent say of the film's time scale, beside what they said `before`; None where nothing.
 
     Where temperature does not show whether the air stayed as it was between the two ways, nothing is said.
     """
