@@ -104,6 +104,8 @@ def test_an_effect_of_no_strength_is_the_plain_chain(channels, effect, name):
 def test_at_its_first_start_it_changes_the_readings(channels, effect, name):
     """Or, for what leaves the mean response alone, nothing at all."""
     entry, channel = CATALOGUE[effect], channels[name]
+    if effect == "other_medium":
+        channel = with_conditions(channel, elsewhere=two)
     values = entry.starts(channel)[0]
     if effect == "calibration_error":  # begins from nothing
         values = {"gain": 0.01, "offset": 0.1}
@@ -204,6 +206,14 @@ def airflow_unknown(channel):
     return with_conditions(channel, airflow_known=never)
 
 
+def airflow_known(channel):
+    return with_conditions(channel, airflow_known=lambda known: ~never(known))
+
+
+def two(marks):
+    return np.arange(marks.size) < 2
+
+
 def start_unknown(channel):
     return with_conditions(channel, start_known=never)
 
@@ -216,6 +226,11 @@ def all_measured(channel):
 def wetting_alone(channel):
     c = channel.conditions
     return channel.select(c.destination_percent > c.source_percent).select(np.array([0, 1]))
+
+
+def warming_alone(channel):
+    c = channel.conditions
+    return channel.select(c.destination_c >= c.source_c)
 
 
 def one_ambient(channel):
@@ -243,6 +258,8 @@ def of_another_lab(channel):
 WITHOUT = {
     "finite_transfer": (start_unknown, all_measured),
     "air_relaxation": (airs_unknown, all_measured),
+    "direction_dependent_exchange": (airflow_known, warming_alone),
+    "other_medium": (lambda channel: with_conditions(channel, elsewhere=never),),
     "convective_film": (airflow_unknown,),
     "exchange_temperature": (airflow_unknown, one_ambient),
     "vapour_boundary_layer": (airflow_unknown,),
@@ -280,8 +297,10 @@ def test_it_acts_where_it_can_and_says_what_it_needs_elsewhere(channels, effect)
     entry = CATALOGUE[effect]
     assert (entry.testable is None) == (effect in ANYWHERE) == (effect not in WITHOUT) == (not entry.needs)
     for name, channel in channels.items():
-        if effect == "parallel_lag":
+        if effect in {"parallel_lag", "direction_dependent_exchange"}:
             rich = airflow_unknown(channel)
+        elif effect == "other_medium":
+            rich = with_conditions(channel, elsewhere=two)
         elif effect in {"sheath", "uptake_by_activity"}:
             rich = of_another_lab(channel)
         elif entry.excludes:
@@ -290,7 +309,7 @@ def test_it_acts_where_it_can_and_says_what_it_needs_elsewhere(channels, effect)
             rich = channel
         assert entry.acts_in(rich) == (name in entry.channels)
         for take_away in WITHOUT.get(effect, ()):
-            assert not entry.acts_in(take_away(rich if effect != "parallel_lag" else channel))
+            assert not entry.acts_in(take_away(channel if effect == "parallel_lag" else rich))
     assert effect in ANYWHERE or entry.needs.startswith(("needs ", "is "))
 
 
@@ -367,7 +386,8 @@ RECOVERED = {
 }
 # What the air of a room is shows hardly in the bead.
 UNSEEN = {"room_temperature_c", "room_humidity_percent"}
-FOREIGN = {"sheath", "parallel_lag", "uptake_by_activity", *(f"body_{shape}" for shape in BODIES)}
+FOREIGN = {"sheath", "parallel_lag", "uptake_by_activity", "direction_dependent_exchange", "other_medium"}
+FOREIGN |= {f"body_{shape}" for shape in BODIES}
 
 
 def test_every_entry_is_recovered_from_an_independent_bench():

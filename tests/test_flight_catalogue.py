@@ -40,6 +40,8 @@ CASES = {
     "finite_transfer": ({"duration_s": 0.5}, COOLER),
     "air_relaxation": ({"fraction": 0.1, "time_constant_s": 9.0}, COOLER),
     "clock_drift": ({"ppm": 1e4}, COOLER),
+    "direction_dependent_exchange": ({"ratio": 2.0}, COOLER),
+    "other_medium": ({"ratio": 2.0}, COOLER),
     "convective_film": ({"biot_at_5_m_s": 0.4}, COOLER),
     "exchange_temperature": ({}, COOLER),
     "vapour_boundary_layer": ({"biot_at_5_m_s": 3.0}, COOLER),

@@ -113,6 +113,7 @@ def _one_step(channel: Channel, ambient: int, time: Array, air: Air) -> Channel:
         "airflow_m_s": np.array([airflow]),
         "pressure_hpa": np.array([pressure]),
         "irradiance_w_m2": np.zeros(1),
+        "elsewhere": np.zeros(1, dtype=bool),
         "source_c": here,
         "destination_c": here,
         "source_percent": np.array([USUAL["humidity_percent"]]),

@@ -30,7 +30,6 @@ from shockrig.analysis.diagnosis.search import (
     Earlier,
     Search,
     at_bound,
-    evidence,
     refused,
     says_nothing,
     search,
@@ -440,8 +439,7 @@ def _named(problem: Problem, found: Search, adequacy: Adequacy) -> dict[str, Cau
     for effect, standing in found.standing.items():
         weights = np.exp(-0.5 * np.clip(np.array([0.0, *standing.rivals.values()]) * TIE / alike, 0, 200))
         most = level("shape_in_doubt") if CATALOGUE[effect].shape and not adequacy.passed else MOST_CERTAIN
-        worth = evidence(problem, standing.necessity)
-        real = float(special.expit(0.5 * (worth - penalty(CATALOGUE[effect], channel)) + 2.0))
+        real = float(special.expit(0.5 * (standing.worth - penalty(CATALOGUE[effect], channel)) + 2.0))
         causes[effect] = Cause(
             effect=effect,
             parameters=values[effect],

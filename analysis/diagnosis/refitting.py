@@ -17,6 +17,7 @@ from shockrig.analysis.inference.effect import Effect
 from shockrig.analysis.inference.fit import Fit, fit, go_on, objective_at
 from shockrig.analysis.inference.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.inference.problem import Problem
+from shockrig.analysis.inference.rate_scatter import RATE_SCATTER_LIMIT
 from shockrig.analysis.inference.scan import open_starts, rough_point, scanned_starts
 from shockrig.analysis.physics.bodies import BODIES
 
@@ -112,8 +113,8 @@ def _begun(problem: Problem, near: Fit, effect: Effect, starts: Starts) -> list[
     for start in starts:
         choice = near.choice | by_name(effect, start)
         begins = [(log_rates, deviations)]
-        if far and effect.thermal_reading:
-            # What a film's rate is without it says nothing of what it is with it.
+        # Rates that runs have of their own may hide it as well.
+        if effect.own_rates and (far or near.rate_scatter > RATE_SCATTER_LIMIT):
             anew = rough_point(problem, structure, choice)
             begins.append((anew.theta[: channel.rates], anew.deviations))
         tried = [fit(problem, structure, model.start(rates, choice), own, QUICK_STEPS) for rates, own in begins]

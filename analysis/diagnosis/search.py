@@ -35,6 +35,7 @@ from shockrig.analysis.inference.effect import Effect
 from shockrig.analysis.inference.fit import Fit, fit, objective_at
 from shockrig.analysis.inference.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.inference.problem import Problem
+from shockrig.analysis.inference.rate_scatter import RATE_SCATTER_LIMIT
 from shockrig.analysis.inference.scan import rough_rates
 from shockrig.analysis.inference.work import cost_of_a_fit
 
@@ -47,6 +48,7 @@ QUICK_STARTS = 2  # of a candidate that are fitted: those that score best to fir
 MOST_FITS = 200  # of a search that adds effects: what it has reached by then is judged, the rest called unexplained
 IN_ALL = 2  # times as many, until every effect found was held against the others; one that was not is not kept
 LEAST_OF_RANGE, SPREAD = 1e-3, 60  # where a rival with steps is looked for: its range, in so many values a side
+LESS_SCATTER = 2.0  # of runs' own rates, as a ratio, where an effect has taken the place of these
 FINISHED = 3  # candidates that are carried to the end of their fits
 
 
@@ -68,6 +70,8 @@ class Standing:
     ----------
     necessity : float
         How much the deviance rises without it, all else refitted.
+    worth : float
+        The same as evidence.
     rivals : dict
         {other effect: rise in deviance when it stands in its place} for the close ones.
     instead : dict
@@ -75,6 +79,7 @@ class Standing:
     """
 
     necessity: float
+    worth: float
     rivals: dict[str, float]
     instead: dict[str, Fit]
 
@@ -110,6 +115,20 @@ def evidence(problem: Problem, gain: float) -> float:
     """
     degrees = max(problem.channel.runs - problem.channel.rates, 4)
     return float((degrees + 1) * np.log1p(gain / degrees)) if gain > 0 else float(gain)
+
+
+def borne_out(problem: Problem, without: Fit, found: Fit) -> float:
+    """Evidence for what `found` has and `without` lacks.
+
+    Where rates that runs have of their own had taken its place, and no longer do, the drop in deviance is already the
+    logarithm of how much less runs scatter: Student's t of that ratio, with a degree less, and not again of the drop.
+    """
+    gain, channel = without.deviance - found.deviance, problem.channel
+    worth = evidence(problem, gain)
+    if gain > 0 and without.rate_scatter > max(RATE_SCATTER_LIMIT, LESS_SCATTER * found.rate_scatter):
+        left = max(channel.runs - channel.rates - 1, 1)
+        worth = max(worth, gain * left / (left + 1))
+    return worth
 
 
 def candidates_of(channel: Channel) -> tuple[Effect, ...]:
@@ -186,9 +205,9 @@ class Stepwise:
         self.almost: dict[str, Fit] = {}  # where nothing was added: the trials that were carried to their ends
         self._drops: tuple[Fit | None, dict[str, Fit]] = (None, {})
 
-    def worth(self, gain: float, effect: str) -> float:
-        """By how much a drop in deviance is more than an effect's penalty."""
-        return evidence(self.problem, gain) - penalty(CATALOGUE[effect], self.problem.channel)
+    def worth(self, without: Fit, found: Fit, effect: str) -> float:
+        """By how much the evidence for an effect is more than its penalty."""
+        return borne_out(self.problem, without, found) - penalty(CATALOGUE[effect], self.problem.channel)
 
     def added(self, current: Fit) -> list[str]:
         """Effects of a model that the search itself has added."""
@@ -284,7 +303,7 @@ class Stepwise:
             self.fits += FINISHED * QUICK_STARTS
             trials |= {e: min((trials[e], f), key=lambda f: f.deviance) for e, f in anew.items()}
         best, gains = self._likeliest(current, trials)
-        if self.worth(gains[best], best) <= 0:
+        if self.worth(current, trials[best], best) <= 0:
             # An effect can hide in the runs' own deviations: before the end, the nearest are fitted from none as well.
             for effect in self._ahead(trials):
                 if gains[effect] > WORTH_A_FIT * penalty(CATALOGUE[effect], self.problem.channel):
@@ -293,7 +312,7 @@ class Stepwise:
                     trials[effect] = min((trials[effect], fresh), key=lambda f: f.deviance)
             best, gains = self._likeliest(current, trials)
         ranked = tuple(sorted(gains.items(), key=lambda item: -item[1]))
-        if self.worth(gains[best], best) > 0:
+        if self.worth(current, trials[best], best) > 0:
             self.moves.append(Move("add", best, gains[best], ranked))
             # An effect can hide in the runs' own deviations: the one that is taken is fitted from none as well.
             self.fits += 2
@@ -342,7 +361,7 @@ class Stepwise:
         theta = Model(self.problem.channel, structure).start(rates, choice)
         current = self.backward(fit(self.problem, structure, theta, begun_anew(self.problem, plain), iterations=30))
         added = self.added(current)
-        if len(added) == 1 and self.worth(plain.deviance - current.deviance, added[0]) <= 0:
+        if len(added) == 1 and self.worth(plain, current, added[0]) <= 0:
             return plain
         self.moves.append(Move("resume", ", ".join(added), plain.deviance - current.deviance, ()))
         return current
@@ -354,7 +373,7 @@ class Stepwise:
             if len(removable) < 2:
                 return current
             trials = {e: self.dropped(current, e) for e in removable}
-            excess = {e: self.worth(f.deviance - current.deviance, e) for e, f in trials.items()}
+            excess = {e: self.worth(f, current, e) for e, f in trials.items()}
             worst = min(excess, key=excess.__getitem__)
             if excess[worst] > 0:
                 return current
@@ -406,7 +425,8 @@ class Stepwise:
             own = CATALOGUE[effect].rarity(channel)
             likely = {e: r + CATALOGUE[e].rarity(channel) - own for e, r in rises.items()}
             rivals = {e: r for e, r in likely.items() if r < max(0.5 * necessity, 2 * TIE)}
-            standing[effect] = Standing(necessity, rivals, {e: others[e] for e in rivals})
+            worth = borne_out(self.problem, without, current)
+            standing[effect] = Standing(necessity, worth, rivals, {e: others[e] for e in rivals})
             if swap and rises:
                 best = min(rises, key=lambda e: rises[e] + penalty(CATALOGUE[e], self.problem.channel))
                 better = penalty(CATALOGUE[effect], channel) - penalty(CATALOGUE[best], channel) - rises[best]
@@ -426,7 +446,7 @@ def reconsider(problem: Problem, base: Structure, found: Fit) -> tuple[Fit, dict
     current = found
     if len(without) == 1:  # a search takes no step back from a single effect, a judge does
         ((effect, one_less),) = without.items()
-        current = found if looking.worth(one_less.deviance - found.deviance, effect) > 0 else one_less
+        current = found if looking.worth(one_less, found, effect) > 0 else one_less
     current = looking.backward(current)
     return looking.forward(current, 3)[0], without
 

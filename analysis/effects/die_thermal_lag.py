@@ -17,6 +17,7 @@ EFFECT = Effect(
     source="sorption follows activity at the film's own temperature",
     advice="Use isothermal shocks for D(T); in flight convert with the die's temperature, which the sensor reports.",
     in_flight=InFlight(at_die=True),
+    own_rates=True,
     thermal_reading="thermal shocks, read at the die's temperature",
     needs="needs runs whose temperature changes, and the die's own temperature in hyt.csv",
     testable=lambda channel: bool(

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.inference.effect import Effect, InFlight, Parameter
+from shockrig.analysis.inference.media import as_fast_as_seen
 from shockrig.analysis.physics.chain import Recorded
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 
@@ -18,6 +19,7 @@ def dries(channel: Recorded) -> NDArray[np.bool_]:
     ) < air.source_percent * saturation_pressure_hpa(air.source_c)
 
 
+_seen = as_fast_as_seen("ratio_drying_to_wetting", dries, 0.25, 4.0)
 EFFECT = Effect(
     id="direction_dependent_diffusivity",
     link="body",
@@ -30,6 +32,8 @@ EFFECT = Effect(
     equation="D(drying) = ratio D(wetting)",
     source="sorption hysteresis of polymers; Crank 1975, chapter 9",
     in_flight=InFlight(left=True),
+    own_rates=True,
+    start_from=lambda channel: {} if channel.known_sensor else _seen(channel),
     needs="needs runs that wet the film and runs that dry it",
     advice="Report rising and falling response times apart.",
     testable=lambda channel: bool(dries(channel).any() and (~dries(channel)).any()),

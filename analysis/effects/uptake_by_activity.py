@@ -18,6 +18,7 @@ EFFECT = Effect(
     source="a polymer's sorption isotherm: the activity of water sets what it takes up, and not its pressure",
     advice="Use isothermal shocks for D(T), and log the sensor's own temperature: a thermometer on its chip has it.",
     in_flight=InFlight(at_die=True, by_activity=True),
+    own_rates=True,
     thermal_reading="thermal shocks, the film driven by the humidity at its own temperature",
     needs="is looked for in sensors whose films are not known, in runs whose temperature changes",
     testable=lambda channel: not channel.known_sensor and bool((~channel.isothermal).any()),

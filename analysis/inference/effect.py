@@ -196,6 +196,8 @@ class Effect:
         What is added to the penalty of an effect that real benches hardly ever have.
     rate_factor : channel -> float
         By how much the rate is larger with the effect than without, for a fit to begin there.
+    own_rates : bool
+        Whether the rate without it says nothing of that with it: a fit begins from rates and starts of its own.
     shape : bool
         Whether it only says how the response behaves, and not what makes it behave so.
     rare_in_known : bool
@@ -240,6 +242,7 @@ class Effect:
     steady: bool = False
     rare: float = 0.0
     rate_factor: Callable[[Channel], float] | None = None
+    own_rates: bool = False
     shape: bool = False
     rare_in_known: bool = False
     excludes: frozenset[str] = frozenset()

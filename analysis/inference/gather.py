@@ -20,6 +20,7 @@ from shockrig.analysis.inference.driven_air import (
     follow,
     follow_step,
 )
+from shockrig.analysis.inference.media import runs_elsewhere
 from shockrig.analysis.inference.quantity import HUMIDITY, QUANTITIES, TEMPERATURE, ChannelName, Quantity
 from shockrig.analysis.inference.starts import estimate_start, half_way_s
 from shockrig.analysis.inference.stated_airs import scatter_of_stated
@@ -373,6 +374,12 @@ def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_
     all_timed = bool((timed | driven).all())
     usual_s = float(np.median(duration[timed])) if timed.any() else np.nan
     # Slowed on purpose: that a run took as long as it did is part of what was done, and no fault of the bench.
+    halves = [
+        half_way_s(one.trace.time_s - one.start_s, one.trace.values[quantity.column]) if one.air is None else np.nan
+        for one in usable
+    ]
+    airflow = np.array([np.nan if run.airflow_m_s is None else run.airflow_m_s for run in runs])
+    elsewhere = runs_elsewhere(np.array(halves), [destination_c < source_c, airflow]) & quantity.pooled
     own = timed & ((duration > max(SLOWED_TIMES * usual_s, SLOWED_FROM_S)) | (not all_timed))
     return Conditions(
         source_c=source_c,
@@ -394,6 +401,7 @@ def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_
         duration_s=duration,
         ramp_ratio=np.where(timed & ~own, duration / usual_s, 1.0) if all_timed else np.ones(len(runs)),
         ramp_own_s=np.where(own, duration, np.nan),
+        elsewhere=elsewhere,
         order=np.arange(len(runs), dtype=float),
         hours=_hours(runs),
     )

@@ -17,6 +17,7 @@ class Conditions:
     `duration_s` is NaN where the transfer was not timed. Where all runs state it, `ramp_ratio` is each run's in units
     of the typical one. `ramp_own_s` is the duration of those that alone state one, or state a far longer one (slowed on
     purpose), and NaN elsewhere: the plain model has these ramps.
+    `elsewhere` marks runs that respond so much faster or slower than the rest that they end in another medium.
     `order` is each run's place in the campaign, from 0; `hours` is when it began, NaN where nobody wrote that down.
     """
 
@@ -39,6 +40,7 @@ class Conditions:
     duration_s: Array
     ramp_ratio: Array
     ramp_own_s: Array
+    elsewhere: NDArray[np.bool_]
     order: Array
     hours: Array
 

@@ -111,6 +111,7 @@ def _conditions(like: Conditions, shocks: Sequence[Shock]) -> Conditions:
         duration_s=slowed,
         ramp_ratio=many,
         ramp_own_s=slowed,
+        elsewhere=~many.astype(bool),
         order=(float(like.order.max()) + 1.0) * many,
         hours=float(like.hours.max()) * many,
     )

@@ -184,8 +184,7 @@ def _possible(found: ChannelDiagnosis, look: int, final: bool) -> list[Explanati
             if evidence(found.problem, rise) < level:
                 explanations.append(_explained_by(rare))
         # What is barely needed, at one look of many, is tied with nothing.
-        needed = evidence(found.problem, standing.necessity)
-        if needed < penalty(CATALOGUE[effect], found.problem.channel) + level - tie_level(1):
+        if standing.worth < penalty(CATALOGUE[effect], found.problem.channel) + level - tie_level(1):
             explanations.append({e: v for e, v in own.items() if e != effect})
     # Where a search from another start ended elsewhere.
     elsewhere, searched = found.search.otherwise, found.search.final

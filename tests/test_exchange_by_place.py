@@ -1,0 +1,92 @@
+"""Sensors carried between two places, or two media: exponentials in closed form, at a time constant of each place."""
+
+import json
+
+import numpy as np
+import pytest
+
+from shockrig.analysis.diagnosis.diagnose import diagnose
+from shockrig.analysis.inference.gather import build_channel
+from shockrig.analysis.inference.media import runs_elsewhere
+from shockrig.files.campaign import read_campaign
+
+NOISE_K = 0.02
+
+
+def write(folder, runs, period_s, seed=1):
+    """A campaign that states nothing but readings; `runs` are (from, to [degC], time constant [s])."""
+    random = np.random.default_rng(seed)
+    for i, (before_c, after_c, tau_s) in enumerate(runs, start=1):
+        run = folder / "runs" / f"{i:04d}"
+        run.mkdir(parents=True)
+        start_s = 30.0 * period_s + random.uniform(0.0, period_s)
+        time = np.arange(0.0, start_s + 9.0 * tau_s + 60.0 * period_s, period_s)
+        shown = after_c + (before_c - after_c) * np.exp(-np.maximum(time - start_s, 0.0) / tau_s)
+        shown = shown + NOISE_K * random.standard_normal(time.size)
+        rows = "".join(f"{t:.6g},{y:.4f}\n" for t, y in zip(time, shown, strict=True))
+        (run / "imet.csv").write_text("time_s,temperature_c\n" + rows)
+        (run / "run.json").write_text(json.dumps({"format": "shock-run/1", "id": run.name}))
+    head = {"format": "shock-campaign/1", "name": "carried", "sensors": {"imet": {"kind": "probe", "body": "lumped"}}}
+    (folder / "campaign.json").write_text(json.dumps(head))
+    return read_campaign(folder)
+
+
+def told(campaign):
+    (channel,) = diagnose(campaign).channels
+    values = {cause.effect: channel.final.values()[cause.effect] for cause in channel.causes}
+    return channel, {effect: found for effect, found in values.items() if effect != "quantization"}
+
+
+def test_a_box_with_a_fan_and_a_room_without(tmp_path):
+    runs = [(21.0, 5.0, 50.0), (5.0, 21.0, 90.0)] * 4
+    channel, found = told(write(tmp_path / "c", runs, 2.0))
+    assert set(found) == {"direction_dependent_exchange"}
+    ratio, spread = found["direction_dependent_exchange"]["ratio"]
+    assert ratio == pytest.approx(90.0 / 50.0, abs=3.0 * spread) and spread < 0.02
+    assert channel.verdict == "explained"
+    assert channel.gain.before > 5.0 * NOISE_K and channel.gain.after == pytest.approx(NOISE_K, rel=0.05)
+    assert np.exp(-channel.final.log_rates) == pytest.approx(90.0, rel=0.01)  # the rate is that of warming
+
+
+def test_the_same_in_both_places_is_nothing(tmp_path):
+    channel, found = told(write(tmp_path / "c", [(21.0, 5.0, 70.0), (5.0, 21.0, 70.0)] * 4, 2.0))
+    assert not found and channel.verdict == "adequate"
+
+
+def test_water_and_air(tmp_path):
+    runs = [(22.0, 8.0, 1.4), (8.0, 22.0, 40.0), (22.0, 45.0, 1.4), (45.0, 22.0, 40.0)]
+    runs += [(22.0, 15.0, 1.4), (15.0, 22.0, 40.0), (22.0, 60.0, 1.4), (60.0, 22.0, 40.0)]
+    channel, found = told(write(tmp_path / "c", runs, 0.5))
+    assert set(found) == {"other_medium"}
+    ratio, spread = found["other_medium"]["ratio"]
+    assert ratio == pytest.approx(40.0 / 1.4, abs=3.0 * spread)
+    assert channel.gain.before > 1.0 and channel.gain.after < 3.0 * NOISE_K
+    assert np.exp(-channel.final.log_rates) == pytest.approx(40.0, rel=0.01)
+
+
+def test_labels_belong_to_the_runs(tmp_path):
+    runs = [(22.0, 8.0, 1.4), (8.0, 22.0, 40.0), (22.0, 45.0, 1.4), (45.0, 22.0, 40.0), (10.0, 22.0, 40.0)]
+    channel = build_channel(write(tmp_path / "c", runs, 0.5), "temperature")
+    assert channel.conditions.elsewhere.tolist() == [True, False, True, False, False]
+    assert channel.select(np.array([2, 3])).conditions.elsewhere.tolist() == [True, False]
+
+
+NOT_RECORDED = np.full(6, np.nan)
+
+
+@pytest.mark.parametrize(
+    ("half_s", "condition", "marked"),
+    [
+        ([1.0, 1.2, 40.0, 1.1, 50.0, 45.0], NOT_RECORDED, [1, 1, 0, 1, 0, 0]),  # as many of either: the fast ones
+        ([1.0, 40.0, 41.0, 1.1, 50.0, 45.0], NOT_RECORDED, [1, 0, 0, 1, 0, 0]),
+        ([1.0, 1.2, 40.0, 1.1, 1.0, 45.0], NOT_RECORDED, [0, 0, 1, 0, 0, 1]),
+        ([1.0, 1.2, 40.0, 1.1, 1.0, np.nan], NOT_RECORDED, []),  # one alone is no kind
+        ([1.0, 1.2, 2.5, 1.1, 1.0, 2.6], NOT_RECORDED, []),  # as airflows make it
+        ([1.0, 3.0, 12.0, 40.0, 1.1, 50.0], NOT_RECORDED, []),  # from one to the other by degrees
+        ([1.0, 1.2, 40.0, 1.1, 50.0, 45.0], [9.0, 8.0, 0.1, 9.0, 0.2, 0.1], []),  # the airflow explains it
+        ([1.0, 1.2, 40.0, 1.1, 50.0, 45.0], [1.0, 1.0, 0.0, 1.0, 0.0, 0.0], []),  # so does the direction
+    ],
+)
+def test_two_kinds_of_runs(half_s, condition, marked):
+    found = runs_elsewhere(np.array(half_s), [np.array(condition)])
+    assert found.astype(int).tolist() == (marked or [0] * 6)
