@@ -22,6 +22,7 @@ CLASSES = (
     *("hz_1", "hz_100", "lags"),
     *("bodies_right", "bodies_wrong", "sheath", "slow_share"),
     *("chamber_air", "chamber_60", "steps_60"),
+    *("two_places", "two_media"),
 )
 PAIRED = {"steps_60": "chamber_60"}  # the same sensors, loggers and seeds, with ideal steps of known airs
 
@@ -63,14 +64,14 @@ def draw(name: str, seed: int) -> World:
         )
         return replace(slow, name=name, bench=bench, fresh=fresh, words=slow.words.split(", air ")[0] + ", steps")
     rng = np.random.default_rng([zlib.crc32(name.encode()), seed])
-    channel = "temperature" if seed % 2 == 0 else "humidity"
+    channel = "temperature" if seed % 2 == 0 or name == "two_media" else "humidity"
     default = DEFAULT_BODY[channel]
     plain = (seed // 2) % 2 == 0
     kind = default if plain else str(rng.choice(KINDS))
     declared: str | None = None if plain else kind
     t63 = _log_uniform(rng, 0.5, 60.0)
     period = float(np.clip(t63 / rng.uniform(8.0, 60.0), 0.01, 1.0))
-    runs, known, sheath, slow = 6, Written(), None, None
+    runs, known, sheath, slow, pace = 6, Written(), None, None, 1.0
     approach, allowed, reference = Approach(), (), None
     if name in ("no_trigger", "no_airs", "no_airflow"):
         known = replace(known, **{{"no_trigger": "start", "no_airs": "airs", "no_airflow": "airflow"}[name]: False})
@@ -106,12 +107,26 @@ def draw(name: str, seed: int) -> World:
         how = "one" if name == "chamber_60" else str(rng.choice(["one", "ramp", "two"]))
         approach = Approach(how, tau, tau * float(rng.uniform(3.0, 8.0)), float(rng.uniform(0.1, 0.4)))
         reference = _reference(rng, channel, min(t63, tau))
+    elif name == "two_places":
+        known, pace = BARE, float(rng.uniform(1.2, 2.5)) ** float(rng.choice([-1.0, 1.0]))
+        allowed = ("direction_dependent",)
+    elif name == "two_media":
+        known, runs, pace = BARE, 8, _log_uniform(rng, 5.0, 50.0)
+        allowed = ("other_medium",)
     body = make_body(kind, t63, sheath=sheath, slow=slow)
     slowest = max(body.time_to_s(0.98), 4.0 * approach.first_s, 4.0 * approach.second_s * (approach.kind == "two"))
     if approach.kind != "step":
         period = max(period, slowest / 1500.0)  # nobody logs an hour's approach at the pace of a fast sensor
     logger = _logger(rng, channel, period, t63)
     plan = _plan(rng, channel, runs + FRESH_RUNS, slowest, logger.period_s)
+    if name == "two_places":  # cooling, or drying, is in the other place
+        plan = tuple(replace(t, pace=pace) if t.destination < t.source else t for t in plan)
+        words_of_pace = f", {pace:.2f} times as fast down"
+    elif name == "two_media":  # two of four transfers end in water, one up and one down
+        plan = tuple(replace(t, pace=pace) if i % 4 in (0, 3) else t for i, t in enumerate(plan))
+        words_of_pace = f", {pace:.1f} times as fast in water"
+    else:
+        words_of_pace = ""
     bench = Bench(channel, body, approach, logger, plan[:runs], replace(known, body=declared), reference, name=name)
     wrong = "" if declared in (None, kind) else f" called {declared}"
     extra = (" in a sheath" if sheath else "") + (" with a slow share" if slow else "")
@@ -122,6 +137,7 @@ def draw(name: str, seed: int) -> World:
     )
     if approach.kind != "step":
         words += f", air {approach.kind} {approach.first_s:.3g} s"
+    words += words_of_pace
     deviates = bool(allowed)
     return World(name, seed, bench, replace(bench, plan=plan[runs:]), allowed, deviates, words)
 

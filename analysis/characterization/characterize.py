@@ -83,7 +83,9 @@ def _with_shared_scatter(found: dict[ChannelName, ChannelResult]) -> dict[Channe
     good = {name: result for name, result in found.items() if result.explained}
     if not good:
         return found
-    scatter = posterior_scatter([part.fit.own_rates() for result in good.values() for part in result.parts])
+    parts = [part for result in good.values() for part in result.parts]
+    limit = max(part.problem.rate_scatter_limit for part in parts)
+    scatter = posterior_scatter([part.fit.own_rates() for part in parts], limit)
     return found | {name: _with_scatter(result, scatter) for name, result in good.items()}
 
 

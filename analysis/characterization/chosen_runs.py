@@ -17,6 +17,10 @@ from shockrig.analysis.inference.noise import Noise
 STEP_IN_NOISE = 10.0
 LEAST_ISOTHERMAL = 2
 THERMAL_SHOCK = "thermal shock: the film's own temperature lags; the isothermal shocks of this ambient are used"
+OTHER_KIND = (
+    "so much faster or slower than most runs that it ends in another medium, or is of another sensor: make a campaign "
+    "of each, or run shockrig diagnose"
+)
 # Where an ambient has thermal shocks alone: else at the die's own, or taken up at it.
 AT_AIR = "thermal shocks, read at the air's temperature"
 
@@ -29,6 +33,8 @@ def choose_runs(
     step = np.abs(quantity.step(whole.conditions))
     keep = (step >= max(quantity.least_step, STEP_IN_NOISE * noise.standard_deviation)) | whole.measured
     reasons = {int(i): f"no {quantity.name} step ({step[i]:.2g} {quantity.unit})" for i in np.flatnonzero(~keep)}
+    if not extension.structure.effects:
+        reasons |= {int(i): OTHER_KIND for i in np.flatnonzero(keep & whole.conditions.elsewhere)}
     alone = np.zeros(whole.runs, dtype=bool)
     plain_film = whole.jumps_with_air and not extension.structure.effects and not whole.measured.any()
     if plain_film:
@@ -39,7 +45,7 @@ def choose_runs(
                 reasons |= dict.fromkeys((int(i) for i in np.flatnonzero(here & ~isothermal)), THERMAL_SHOCK)
             elif (here & ~isothermal).any():
                 alone |= here
-        keep[list(reasons)] = False
+    keep[list(reasons)] = False
     basis = "isothermal shocks" if plain_film else "all runs"
     readings = [e for e in CATALOGUE.values() if e.thermal_reading and e.acts_in(whole)]
     thermal = {AT_AIR: Extension()} | {e.thermal_reading: Extension(Structure((e,))) for e in readings}

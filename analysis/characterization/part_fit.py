@@ -20,6 +20,7 @@ from shockrig.analysis.inference.model import Held, Model, Structure
 from shockrig.analysis.inference.noise import Noise, whiteners
 from shockrig.analysis.inference.problem import Problem, make_problem
 from shockrig.analysis.inference.quantity import RunEffect
+from shockrig.analysis.inference.rate_scatter import UNVENTILATED_LIMIT
 from shockrig.analysis.inference.samples import rmse_over_samples
 from shockrig.analysis.inference.scan import RATE_BOUNDS_PER_S, rough_point
 from shockrig.files.diagnosis_data import Discovered
@@ -98,7 +99,8 @@ def joint_rows(
     """
     channel, found = part.channel, part.fit
     enlarged = part.enlarged(noise)
-    scattered = found.deviations[:, RunEffect.RATE].std() > FAR_DEVIATED * part.problem.rate_scatter_limit
+    most = min(FAR_DEVIATED * part.problem.rate_scatter_limit, UNVENTILATED_LIMIT)
+    scattered = found.deviations[:, RunEffect.RATE].std() > most
     apart = _apart(part) if enlarged > 1.0 or scattered else np.zeros(channel.ambients_c.size)
     rows: list[Row] = []
     undetermined: list[LeftOut] = []

@@ -438,7 +438,8 @@ def _named(problem: Problem, found: Search, adequacy: Adequacy) -> dict[str, Cau
     alike = TIE if adequacy.passed else max(TIE * adequacy.inflation, adequacy.excess)
     for effect, standing in found.standing.items():
         weights = np.exp(-0.5 * np.clip(np.array([0.0, *standing.rivals.values()]) * TIE / alike, 0, 200))
-        most = level("shape_in_doubt") if CATALOGUE[effect].shape and not adequacy.passed else MOST_CERTAIN
+        in_doubt = not adequacy.passed and (CATALOGUE[effect].shape or _one_of_two_readings(effect, channel))
+        most = level("shape_in_doubt") if in_doubt else MOST_CERTAIN
         real = float(special.expit(0.5 * (standing.worth - penalty(CATALOGUE[effect], channel)) + 2.0))
         causes[effect] = Cause(
             effect=effect,
@@ -449,6 +450,11 @@ def _named(problem: Problem, found: Search, adequacy: Adequacy) -> dict[str, Cau
             at_bound=at_bound(CATALOGUE[effect], {name: value for name, (value, _) in values[effect].items()}),
         )
     return causes
+
+
+def _one_of_two_readings(effect: str, channel: Channel) -> bool:
+    """Whether an effect says how a film that is not known reads while its temperature changes: there are other ways."""
+    return bool(CATALOGUE[effect].thermal_reading) and not channel.known_sensor
 
 
 def _plain_shape(effect: str, channel: Channel) -> bool:

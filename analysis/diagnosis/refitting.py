@@ -18,7 +18,7 @@ from shockrig.analysis.inference.fit import Fit, fit, go_on, objective_at
 from shockrig.analysis.inference.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.inference.rate_scatter import RATE_SCATTER_LIMIT
-from shockrig.analysis.inference.scan import open_starts, rough_point, scanned_starts
+from shockrig.analysis.inference.scan import open_starts, rough_point, rough_rates, scanned_starts
 from shockrig.analysis.physics.bodies import BODIES
 
 Array = NDArray[np.float64]
@@ -117,6 +117,8 @@ def _begun(problem: Problem, near: Fit, effect: Effect, starts: Starts) -> list[
         if effect.own_rates and (far or near.rate_scatter > RATE_SCATTER_LIMIT):
             anew = rough_point(problem, structure, choice)
             begins.append((anew.theta[: channel.rates], anew.deviations))
+            placed = begun_anew(problem, near)
+            begins.append((rough_rates(problem, structure, placed, choice), placed))
         tried = [fit(problem, structure, model.start(rates, choice), own, QUICK_STEPS) for rates, own in begins]
         if far and min(f.deviance for f in tried) > near.deviance:
             # With more to choose from no fit leaves more: its way back from no deviations is too long.

@@ -158,6 +158,13 @@ def _half_way_s(timed: list[UsableRun], quantity: Quantity) -> float:
     return max(float(np.median(told)), 1e-3) if told else float("nan")
 
 
+def _resolved_half_way_s(one: UsableRun, quantity: Quantity) -> float:
+    """A run's time to half of its step [s], at least half of the time between its readings."""
+    time = one.trace.time_s
+    half = half_way_s(time - one.start_s, one.trace.values[quantity.column])
+    return float(np.maximum(half, 0.5 * np.median(np.diff(time))))
+
+
 def _tempo(half: float) -> float:
     """How much slower or faster a sensor is than the ordinary ones; 1 for these."""
     fast, slow = ORDINARY_HALF_WAY_S
@@ -373,13 +380,10 @@ def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_
     timed = (np.nan_to_num(duration) > 0) & ~driven
     all_timed = bool((timed | driven).all())
     usual_s = float(np.median(duration[timed])) if timed.any() else np.nan
-    # Slowed on purpose: that a run took as long as it did is part of what was done, and no fault of the bench.
-    halves = [
-        half_way_s(one.trace.time_s - one.start_s, one.trace.values[quantity.column]) if one.air is None else np.nan
-        for one in usable
-    ]
+    halves = [np.nan if one.air is not None else _resolved_half_way_s(one, quantity) for one in usable]
     airflow = np.array([np.nan if run.airflow_m_s is None else run.airflow_m_s for run in runs])
     elsewhere = runs_elsewhere(np.array(halves), [destination_c < source_c, airflow]) & quantity.pooled
+    # Slowed on purpose: that a run took as long as it did is part of what was done, and no fault of the bench.
     own = timed & ((duration > max(SLOWED_TIMES * usual_s, SLOWED_FROM_S)) | (not all_timed))
     return Conditions(
         source_c=source_c,

@@ -56,8 +56,9 @@ def as_fast_as_seen(
     to half of their steps}, within bounds; empty where these tell nothing."""
 
     def start(channel: Channel) -> dict[str, float]:
-        half = np.array([half_way_s(time, value) for time, value in channel.samples])
-        told, apart = np.isfinite(half) & (half > 0.0), those(channel)
+        least = 0.5 * channel.sampling_period_s
+        half = np.array([np.maximum(half_way_s(time, value), least) for time, value in channel.samples])
+        told, apart = np.isfinite(half), those(channel)
         if not (told & apart).any() or not (told & ~apart).any():
             return {}
         ratio = np.median(half[told & ~apart]) / np.median(half[told & apart])

@@ -55,12 +55,12 @@ def likeliest(part: OwnRates, limit: float = RATE_SCATTER_LIMIT) -> float:
     return float(trials[np.argmin(cost(trials, [part]))])
 
 
-def posterior_scatter(parts: Iterable[OwnRates]) -> float:
-    """Root of the posterior mean of sigma^2 over all parts together.
+def posterior_scatter(parts: Iterable[OwnRates], limit: float = RATE_SCATTER_LIMIT) -> float:
+    """Root of the posterior mean of sigma^2, up to a limit, over all parts together.
 
     The mean and not the mode, so that a scatter known from a dozen runs does not make the uncertainties too small.
     """
-    trials = np.geomspace(0.1 * RATE_SCATTER, RATE_SCATTER_LIMIT, 80)
+    trials = np.geomspace(0.1 * RATE_SCATTER, limit, 80)
     total = cost(trials, parts)
     posterior = np.exp(-0.5 * (total - total.min()))
     return float(np.sqrt((posterior * trials**2).sum() / posterior.sum()))

@@ -57,12 +57,16 @@ class Reference:
 
 @dataclass(frozen=True)
 class Transfer:
-    """One run of the plan: from one air to another (degC or %RH), at `start_s` in a record of `length_s`."""
+    """One run of the plan: from one air to another (degC or %RH), at `start_s` in a record of `length_s`.
+
+    `pace`: how many times as fast the sensor is where it ends up: the air moves otherwise there, or is water.
+    """
 
     source: float
     destination: float
     start_s: float
     length_s: float
+    pace: float = 1.0
 
 
 @dataclass(frozen=True)

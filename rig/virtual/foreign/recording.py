@@ -41,7 +41,7 @@ class Truth:
     diffusivity_m2_s : float
         The same times the square of the length that the campaign quotes.
     t63_s, t90_s, t98_s : float
-        Of the whole sensor, to an ideal step.
+        Of the whole sensor, to an ideal step, where its pace is 1.
     start_s : tuple of float
         When the air at the probes begins to change, run by run, on the run's clock.
     """
@@ -107,7 +107,7 @@ def course_of(bench: Bench, transfer: Transfer) -> Course:
 
 def _record_run(bench: Bench, transfer: Transfer, calibration: float, rng: np.random.Generator, folder: Path) -> None:
     stated, sensor_rng, air_rng, die_rng, hand_rng = rng.spawn(5)
-    body = bench.body.faster(float(np.exp(bench.rate_scatter * hand_rng.standard_normal())))
+    body = bench.body.faster(transfer.pace * float(np.exp(bench.rate_scatter * hand_rng.standard_normal())))
     course = course_of(bench, transfer)
     time = _stamps(bench.logger, transfer.length_s, sensor_rng)
     shown = _logged(bench.logger, time, course.shown_by(body, time), sensor_rng)
