@@ -71,10 +71,11 @@ class CertifiedFigure:
 
     @property
     def name(self) -> str:
-        """What it is called on paper: "D at 20.0 °C"."""
-        if self.figure == "alpha":
-            return self.figure
-        return f"{self.figure}{f' at {self.air_c} °C' if self.channel == 'humidity' else ''}"
+        """What it is called on paper: "D at 20.0 °C", "t63 of the bead"."""
+        said = self.figure
+        if said.startswith("t"):
+            said += f" of the {'film' if self.channel == 'humidity' else 'bead'}"
+        return said + (f" at {self.air_c} °C" if self.channel == "humidity" else "")
 
     @property
     def air_c(self) -> str:
@@ -117,6 +118,8 @@ class Certificate:
     traced : tuple of Traced
     notes : tuple of str
         What a reader must know besides: an effective number, emulated instruments.
+    undescribed : tuple of str
+        "bead", "film": whose readings the model does not describe down to the noise.
     laboratory, person, customer, country : str
         As the user names them.
     software : str
@@ -133,6 +136,7 @@ class Certificate:
     common: CommonUncertainty
     traced: tuple[Traced, ...] = ()
     notes: tuple[str, ...] = ()
+    undescribed: tuple[str, ...] = ()
     laboratory: str = "not stated"
     person: str = "not stated"
     customer: str = "not stated"

@@ -24,7 +24,26 @@ STANDARD_NAMES = {
     "longitude": "longitude",
     "platform_speed_wrt_air": "airspeed",
 }
-FACTORS = {"pa": 0.01, "pascal": 0.01, "pascals": 0.01, "kpa": 10.0, "km": 1000.0, "cm/s": 0.01}
+# What a value is multiplied by, and what is added then, by unit; nothing said is taken as the first.
+_CELSIUS = dict.fromkeys(("degc", "c", "celsius", "degreec", "degreecelsius", "degreescelsius"), (1.0, 0.0))
+_KELVIN = dict.fromkeys(("k", "kelvin", "degk"), (1.0, -273.15))
+_FAHRENHEIT = dict.fromkeys(("degf", "f", "fahrenheit", "degreefahrenheit", "degreesfahrenheit"), (5 / 9, -160 / 9))
+_PERCENT = {"%": (1.0, 0.0), "percent": (1.0, 0.0), "%rh": (1.0, 0.0), "1": (100.0, 0.0)}
+_METRES = dict.fromkeys(("m", "meter", "meters", "metre", "metres"), (1.0, 0.0))
+_SECONDS = dict.fromkeys(("s", "sec", "second", "seconds"), (1.0, 0.0))
+UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = {
+    "time": _SECONDS
+    | {"ms": (1e-3, 0.0), "us": (1e-6, 0.0), "ns": (1e-9, 0.0), "min": (60.0, 0.0), "h": (3600.0, 0.0)},
+    "temperature": _CELSIUS | _KELVIN | _FAHRENHEIT,
+    "die": _CELSIUS | _KELVIN | _FAHRENHEIT,
+    "humidity": _PERCENT,
+    "pressure": dict.fromkeys(("hpa", "mbar", "mb", "millibar"), (1.0, 0.0))
+    | dict.fromkeys(("pa", "pascal", "pascals"), (0.01, 0.0))
+    | {"kpa": (10.0, 0.0), "bar": (1000.0, 0.0)},
+    "airspeed": dict.fromkeys(("m/s", "ms-1", "m s-1", "m.s-1"), (1.0, 0.0))
+    | {"cm/s": (0.01, 0.0), "km/h": (1 / 3.6, 0.0), "knot": (0.514444, 0.0), "knots": (0.514444, 0.0)},
+    "altitude": _METRES | {"km": (1000.0, 0.0), "ft": (0.3048, 0.0), "feet": (0.3048, 0.0)},
+}
 
 
 def read_netcdf(path: Path, chosen: Mapping[str, str]) -> dict[str, tuple[Array, Array]]:
@@ -55,7 +74,7 @@ def read_netcdf(path: Path, chosen: Mapping[str, str]) -> dict[str, tuple[Array,
         for quantity in NAMES:
             place = chosen.get(quantity) or _named(lines, quantity)
             if quantity != "time" and place is not None and lines[place].shape == time_s.shape:
-                found[quantity] = (time_s, _values(lines[place]))
+                found[quantity] = (time_s, _values(lines[place], quantity, path))
     return found
 
 
@@ -80,7 +99,7 @@ def _seconds(variable: Any, path: Path) -> Array:
 
     units = str(getattr(variable, "units", "s"))
     if " since " not in units:
-        return _values(variable)
+        return _values(variable, "time", path)
     values: Array = np.ma.filled(np.ma.asarray(variable[:], dtype=float), np.nan)
     try:
         ends = netCDF4.num2date(np.array([0.0, 1.0]), units, only_use_cftime_datetimes=True)
@@ -90,11 +109,15 @@ def _seconds(variable: Any, path: Path) -> Array:
     return np.asarray(origin + values * (one - origin), dtype=float)
 
 
-def _values(variable: Any) -> Array:
+def _values(variable: Any, quantity: str, path: Path) -> Array:
     values: Array = np.ma.filled(np.ma.asarray(variable[:], dtype=float), np.nan)
-    unit = str(getattr(variable, "units", "")).strip()
-    if unit.lower() in ("k", "kelvin"):
-        return values - 273.15
-    if unit == "1" and getattr(variable, "standard_name", "") == "relative_humidity":
-        return 100.0 * values
-    return values * FACTORS.get(unit.lower(), 1.0)
+    known, unit = UNITS.get(quantity, {}), str(getattr(variable, "units", "")).strip()
+    if not known or not unit:
+        return values
+    plain = unit.lower().replace("°", "deg").replace("_", "")
+    if plain not in known:
+        one_of_each = {scale: name for name, scale in reversed(known.items())}
+        said = f"{variable.name} is in {unit!r}, which is not known; give one of"
+        raise InputError(f"{shown(path)}: {said} {', '.join(name for name in known if name in one_of_each.values())}")
+    factor, added = known[plain]
+    return factor * values + added

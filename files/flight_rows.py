@@ -135,9 +135,7 @@ def to_flight(rows: list[list[str]], layout: FlightColumns) -> Flight:
             for values in block:
                 values[nothing] = np.nan
     pressure = _in_hpa(pressure, layout)
-    time_s = _times(columns, layout)
-    if layout.zero_is_missing:
-        time_s = _apart(time_s, np.stack([temperature, humidity, die]))
+    time_s = _apart(_times(columns, layout), np.stack([temperature, humidity, die]))
     return Flight(time_s, temperature, humidity, numbers("airspeed"), die, pressure, altitude, latitude, longitude)
 
 

@@ -23,6 +23,7 @@ from shockrig.analysis.characterization.extension import Extension
 from shockrig.analysis.characterization.response_times import Air
 from shockrig.analysis.characterization.sources import Line
 from shockrig.analysis.effects import structure_of
+from shockrig.analysis.report.certificate_page import write_certificate_page
 from shockrig.files.campaign import read_campaign
 from shockrig.files.certificate import NOT_TRACEABLE, Traced
 from shockrig.files.common_uncertainty import NOTHING_COMMON, ORDINARY_LABORATORY, CommonUncertainty
@@ -131,6 +132,17 @@ def test_a_figure_whose_interval_reaches_0_is_not_certified(behind_a_film):
     assert once.standard_uncertainty == pytest.approx(0.2 * alpha.value)
     assert once.coverage_factor == pytest.approx(13.97, abs=0.01)  # JCGM 100, table G.2
     assert not once.determined
+
+
+def test_the_page_says_at_its_top_that_figures_are_effective(certificate, tmp_path):
+    names = {one.figure + one.channel: one.name for one in certificate.figures}
+    assert names["t63temperature"] == "t63 of the bead" and names["t63humidity"].startswith("t63 of the film at ")
+    pages = [
+        write_certificate_page(replace(certificate, undescribed=missed), tmp_path).read_text()
+        for missed in ((), ("bead", "film"))
+    ]
+    assert "effective numbers of this campaign" not in pages[0]
+    assert "does not describe the readings of the bead and the film: effective numbers" in pages[1]
 
 
 def test_times_are_those_of_the_air_that_is_asked_for(behind_a_film):

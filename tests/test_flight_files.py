@@ -95,6 +95,19 @@ def test_netcdf_says_the_same_with_its_units(folder):
         assert repeated.any()
 
 
+def test_rows_of_one_whole_second_are_spread_over_it(folder):
+    """A logger of 10 Hz whose clock writes seconds: nine readings in ten are not repeats."""
+    log = pd.read_csv(folder / "flight.csv")
+    log["time_s"] = np.floor(log["time_s"])
+    log.to_csv(folder / "seconds.csv", index=False)
+    sigma = []
+    for name in ("flight.csv", "seconds.csv"):
+        command = ["correct", str(folder / name), "--profile", str(folder / "profile.json")]
+        assert main([*command, "--out", str(folder / "out.csv")]) == 0
+        sigma.append(float(np.nanmedian(pd.read_csv(folder / "out.csv")["temperature_uncertainty_k"])))
+    assert sigma[1] == pytest.approx(sigma[0], rel=0.1)
+
+
 @pytest.mark.parametrize("method", ["smoother", "inverse", "paper"])
 def test_every_method_runs_from_the_command_line(folder, flown, method, capsys):
     assert run(folder, "--method", method) == 0

@@ -8,12 +8,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.layers import Layers
+from shockrig.analysis.flight.scenes import to_flight as frame_to_flight
 from shockrig.analysis.flight.sensor import fly
 from shockrig.analysis.flight.typical import typical_profile
 from shockrig.analysis.flight.weather import inversion
 from shockrig.files.errors import InputError
 from shockrig.files.flight import Corrected, Flight, read_layout
+from shockrig.files.flight_from_netcdf import read_netcdf
 from shockrig.files.flight_rows import to_flight
 from shockrig.files.flight_wmo import file_name
 from shockrig.files.profile import write_profile
@@ -166,6 +169,39 @@ def test_intermets_application_with_zeros_and_stamps_that_repeat(tmp_path):
     steps = np.diff(flight.time_s[4:])
     assert steps[7] == pytest.approx(0.0, abs=1e-6)  # a row that was written twice
     assert np.delete(steps, 7) == pytest.approx(0.25, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("unit", "written", "read"),
+    [
+        ("K", 293.15, 20.0),
+        ("degF", 68.0, 20.0),
+        ("degrees_Celsius", 20.0, 20.0),
+        ("", 20.0, 20.0),
+        ("rankine", 1.0, None),
+    ],
+)
+def test_units_of_netcdf_are_read_or_refused(tmp_path, unit, written, read):
+    with netCDF4.Dataset(tmp_path / "in.nc", "w") as data:
+        data.createDimension("obs", 3)
+        for name, values, own in (("time", [0.0, 1.0, 2.0], "ms"), ("air_temperature", [written] * 3, unit)):
+            variable = data.createVariable(name, "f8", ("obs",))
+            variable[:], variable.units, variable.standard_name = values, own, name
+    if read is None:
+        with pytest.raises(InputError, match="'rankine', which is not known; give one of degc, k, degf$"):
+            read_netcdf(tmp_path / "in.nc", {})
+        return
+    time_s, values = read_netcdf(tmp_path / "in.nc", {})["temperature"]
+    np.testing.assert_allclose(time_s, [0.0, 1e-3, 2e-3])
+    np.testing.assert_allclose(values, read, atol=1e-9)
+
+
+def test_readings_in_another_unit_are_said_to_be(flown):
+    log = flown.log.iloc[:300].assign(humidity_percent=lambda log: log["humidity_percent"] / 100)
+    assert any("if they are fractions of 1" in note for note in correct(frame_to_flight(log), PROFILE).notes)
+    log = flown.log.iloc[:300].assign(temperature_c=lambda log: log["temperature_c"] + 273.15)
+    assert any("is it in kelvin" in note for note in correct(frame_to_flight(log), PROFILE).notes)
+    assert not any("fractions" in note for note in correct(frame_to_flight(flown.log.iloc[:300]), PROFILE).notes)
 
 
 def test_netcdf_goes_in_and_comes_out(tmp_path, flown):

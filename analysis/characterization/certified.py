@@ -81,6 +81,7 @@ def certified(
         figures=figures,
         common=campaign.common,
         traced=tuple(traced),
+        undescribed=tuple(QUANTITIES[name].noun for name, one in result.channels().items() if not one.explained),
         notes=(*_notes(result), *map(_not_determined, (one for one in figured if not one.determined))),
         provenance=provenance or {},
         **named,

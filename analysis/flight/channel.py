@@ -19,6 +19,7 @@ from shockrig.analysis.flight.screen import Screened
 from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
 from shockrig.analysis.flight.sweep import lags_behind
 from shockrig.files.profile import HumidityProfile, TemperatureProfile
+from shockrig.files.ranges import Range
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -197,9 +198,13 @@ def too_few(screened: Screened) -> bool:
     return int(np.count_nonzero(screened.usable)) < LEAST_SAMPLES
 
 
-def lacking(part: TemperatureProfile | HumidityProfile | None, name: str) -> str:
+def lacking(part: TemperatureProfile | HumidityProfile | None, name: str, raw: Array, possible: Range) -> str:
     """Why a channel is given as it came."""
-    return f"the profile has no {name} part" if part is None else "too few usable samples"
+    if part is None:
+        return f"the profile has no {name} part"
+    usual = float(np.nanmedian(raw)) if np.isfinite(raw).any() else float("nan")
+    slip = np.isfinite(usual) and not possible.holds(usual)
+    return "too few usable samples" + (f": {possible.refusal(usual)}; a map states units (--map)" if slip else "")
 
 
 def untouched(name: str, raw: Array, screened: Screened, why: str, notes: list[str]) -> Channel:

@@ -171,7 +171,8 @@ def _temperature(
     old = stale(effects, time_s, raw, period)
     screened = screen(time_s, raw, RANGES["temperature_c"], noise, limit=ceiling(effects), stale=old)
     if part is None or too_few(screened):
-        return untouched("temperature", raw, screened, lacking(part, "temperature"), notes)
+        why = lacking(part, "temperature", raw, RANGES["temperature_c"])
+        return untouched("temperature", raw, screened, why, notes)
     notes.extend(not_undone(part.effects, "temperature", part.discovered))
     plain = undone(effects, raw, stream, part.bead_radius_m, period)
     variance = (np.hypot(noise, screened.resolution / np.sqrt(12)) / plain.gain) ** 2

@@ -33,6 +33,7 @@ REFERENCE_C = 20.0  # vapour is carried as relative humidity at this temperature
 MOST_COUPLING = 5.0  # vapour and temperature are not told to go together more steeply than this
 LEAST_SHARE = 0.2  # of the uncertainty that stays, however vapour and temperature go together
 SATURATED_PERCENT = 100.0
+HIGHEST_FRACTION = 1.2
 APART_S = 3.0  # over which vapour and temperature are compared
 SMOOTHED_S = 1.0
 
@@ -61,7 +62,13 @@ def correct_humidity(
     old = stale(effects, time_s, raw, period)
     screened = screen(time_s, raw, RANGES["humidity_reading_percent"], noise, limit=ceiling(effects), stale=old)
     if part is None or too_few(screened):
-        return untouched("humidity", raw, screened, lacking(part, "humidity"), notes)
+        why = lacking(part, "humidity", raw, RANGES["humidity_reading_percent"])
+        return untouched("humidity", raw, screened, why, notes)
+    if (seen := raw[screened.usable]).max() <= HIGHEST_FRACTION and seen.max() > 0.0:
+        notes.append(
+            f"humidity: readings lie between {seen.min():.2g} and {seen.max():.2g}: if they are fractions of 1 and not "
+            '%RH, multiply by 100, or read the log by a map with humidity_unit = "fraction"'
+        )
     notes.extend(not_undone(part.effects, "humidity", part.discovered))
     air, sigma = bridged(time_s, bead.value), bridged(time_s, bead.uncertainty)
     if air is None:

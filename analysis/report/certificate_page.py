@@ -110,7 +110,13 @@ def _verdict(certificate: Certificate) -> str:
     rates.sort(key=lambda one: abs(one.temperature_c - USUAL_C))
     first = {one.channel: one for one in reversed(rates)}
     said = "; ".join(f"{one.name} = {stated(one)}" for one in sorted(first.values(), key=lambda one: one.figure == "D"))
-    return f"{said} ({PERCENT} of the distribution lie within). Not accredited."
+    wrong = ""
+    if certificate.undescribed:
+        wrong = (
+            f" The model does not describe the readings of the {' and the '.join(certificate.undescribed)}: "
+            "effective numbers of this campaign, and no property of the material."
+        )
+    return f"{said} ({PERCENT} of the distribution lie within).{wrong} Not accredited."
 
 
 def _results(certificate: Certificate) -> Table:

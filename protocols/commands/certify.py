@@ -158,11 +158,11 @@ def summary(certificate: Certificate) -> str:
     """What the command prints: each figure with U, what dominates it, what was taken by default."""
     from shockrig.analysis.report.certificate_page import stated
 
-    lines = [f"{'figure':<16}{'value ± U (95.45 %)':<34}{'k':>6}   largest part"]
+    lines = [f"{'figure':<24}{'value ± U (95.45 %)':<34}{'k':>6}   largest part"]
     for one in certificate.figures:
         first = one.lines[0]
         largest = f"{first.component} ({100 * first.share:.0f} %)"
-        lines.append(f"{one.name:<16}{stated(one):<34}{one.coverage_factor:>6.2f}   {largest}")
+        lines.append(f"{one.name:<24}{stated(one):<34}{one.coverage_factor:>6.2f}   {largest}")
     common = certificate.common
     if common.by_default:
         values = ", ".join(f"{key} {getattr(common, key):g}" for key in common.document() if key in common.by_default)
