@@ -31,7 +31,7 @@ _FAHRENHEIT = dict.fromkeys(("degf", "f", "fahrenheit", "degreefahrenheit", "deg
 _PERCENT = {"%": (1.0, 0.0), "percent": (1.0, 0.0), "%rh": (1.0, 0.0), "1": (100.0, 0.0)}
 _METRES = dict.fromkeys(("m", "meter", "meters", "metre", "metres"), (1.0, 0.0))
 _SECONDS = dict.fromkeys(("s", "sec", "second", "seconds"), (1.0, 0.0))
-UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = {
+UNITS: Mapping[str, dict[str, tuple[float, float]]] = {
     "time": _SECONDS
     | {"ms": (1e-3, 0.0), "us": (1e-6, 0.0), "ns": (1e-9, 0.0), "min": (60.0, 0.0), "h": (3600.0, 0.0)},
     "temperature": _CELSIUS | _KELVIN | _FAHRENHEIT,
