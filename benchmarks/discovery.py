@@ -35,7 +35,7 @@ from discovery_right import BESIDE, RH, RIGHT, T, plan_for, unrecorded_plan
 from discovery_tables import tables
 
 if TYPE_CHECKING:
-    from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis
+    from shockrig.analysis.diagnosis.diagnosed import ChannelDiagnosis
     from shockrig.analysis.inference.channel import Channel
     from shockrig.files.campaign import Campaign
     from shockrig.rig.virtual.truth import Truth

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from shockrig.analysis.characterization.result import Characterization
-from shockrig.analysis.diagnosis.diagnose import Diagnosis
+from shockrig.analysis.diagnosis.diagnosed import Diagnosis
 from shockrig.files import result_views as views
 from shockrig.files.flight import Corrected, Flight
 from shockrig.files.profile import Profile, write_profile

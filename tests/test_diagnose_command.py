@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from shockrig.analysis.characterization.extension import read_extension
-from shockrig.analysis.diagnosis.diagnose import NO_STEP
+from shockrig.analysis.diagnosis.diagnosed import NO_STEP
 from shockrig.analysis.report.numbers import measured
 from shockrig.files.campaign import read_campaign
 from shockrig.files.profile import read_profile

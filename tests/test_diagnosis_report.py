@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from shockrig.analysis.diagnosis.diagnose import Cause
+from shockrig.analysis.diagnosis.diagnosed import Cause
 from shockrig.analysis.diagnosis.gain import Gain
 from shockrig.analysis.diagnosis.held_out import HeldOut, autocorrelation, drifts, size
 from shockrig.analysis.diagnosis.remainder import Remainder

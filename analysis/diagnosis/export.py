@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.diagnosis.diagnose import Cause, ChannelDiagnosis, Diagnosis
+from shockrig.analysis.diagnosis.diagnosed import Cause, ChannelDiagnosis, Diagnosis
 from shockrig.files.diagnosis import (
     StatedCause,
     StatedChannel,

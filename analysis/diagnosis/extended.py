@@ -17,7 +17,7 @@ from shockrig.analysis.characterization.part_fit import joint_rows, make_part
 from shockrig.analysis.characterization.response_times import response_time
 from shockrig.analysis.characterization.result import ChannelResult, Characterization, Part, Row, channel_result
 from shockrig.analysis.characterization.to_profile import to_profile
-from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis
+from shockrig.analysis.diagnosis.diagnosed import ChannelDiagnosis
 from shockrig.analysis.diagnosis.export import stated_cause
 from shockrig.analysis.diagnosis.refitting import drop, finish, plain_fit, race
 from shockrig.analysis.diagnosis.thresholds import TIE

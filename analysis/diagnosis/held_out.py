@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.characterization.result import ChannelResult
-from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis
+from shockrig.analysis.diagnosis.diagnosed import ChannelDiagnosis
 from shockrig.analysis.diagnosis.gain import folds, plainly
 from shockrig.analysis.diagnosis.placing import placed
 from shockrig.analysis.inference.bins import log_bins

@@ -9,7 +9,8 @@ import numpy as np
 
 from shockrig.analysis.diagnosis.adequacy import judge
 from shockrig.analysis.diagnosis.describing import alternatives
-from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis, diagnose_channel, enough
+from shockrig.analysis.diagnosis.diagnose import diagnose_channel, enough
+from shockrig.analysis.diagnosis.diagnosed import ChannelDiagnosis
 from shockrig.analysis.diagnosis.prepare import prepare
 from shockrig.analysis.diagnosis.refitting import finish
 from shockrig.analysis.diagnosis.search import candidates_of, evidence, penalised, refused, says_nothing

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.characterization.result import Row
-from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis, Diagnosis
+from shockrig.analysis.diagnosis.diagnosed import ChannelDiagnosis, Diagnosis
 from shockrig.analysis.diagnosis.export import correlations
 from shockrig.analysis.diagnosis.held_out import autocorrelation, drifts, size
 from shockrig.analysis.diagnosis.thresholds import TIE, penalty

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from shockrig.analysis.characterization.result import ChannelResult
-from shockrig.analysis.diagnosis.diagnose import ChannelDiagnosis
+from shockrig.analysis.diagnosis.diagnosed import ChannelDiagnosis
 from shockrig.analysis.diagnosis.extended import extended_result, plain_result
 from shockrig.analysis.diagnosis.held_out import HeldOut, autocorrelation, held_out
 from shockrig.analysis.diagnosis.thresholds import penalty

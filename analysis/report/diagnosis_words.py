@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from shockrig.analysis.diagnosis.diagnose import NO_STEP, Cause, ChannelDiagnosis, Diagnosis
+from shockrig.analysis.diagnosis.diagnosed import NO_STEP, Cause, ChannelDiagnosis, Diagnosis
 from shockrig.analysis.diagnosis.thresholds import TIE
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.effect import Parameter

@@ -16,7 +16,7 @@ from shockrig.protocols.branch import Send, branch, received
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
-    from shockrig.analysis.diagnosis.diagnose import Diagnosis
+    from shockrig.analysis.diagnosis.diagnosed import Diagnosis
     from shockrig.analysis.diagnosis.remainder import Tolerance
     from shockrig.analysis.diagnosis.search import Earlier
     from shockrig.analysis.inference.channel import Channel
@@ -199,7 +199,7 @@ def _flown(
     folder: Path,
 ) -> tuple[list[Crossing], list[str]]:
     """Write the extended profile and fly it; the crossings, and what has to be said of them."""
-    from shockrig.analysis.diagnosis.diagnose import NO_STEP
+    from shockrig.analysis.diagnosis.diagnosed import NO_STEP
     from shockrig.analysis.diagnosis.extended import extended_profile
     from shockrig.analysis.report.crossing import cross_inversion
     from shockrig.files.profile import write_profile
