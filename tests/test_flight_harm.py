@@ -299,6 +299,23 @@ def test_only_waves_make_a_smooth_course(course):
         assert found.smooth == (course == "waves")
 
 
+def test_turbulence_beside_a_wave_is_not_taken_for_a_part_of_it():
+    """Behind a lag of 3 s, a wave whose overtone is stronger than the turbulence."""
+    period, rate, noise, strength = 0.1, 0.33, 0.02, 0.03
+    covered = []
+    for seed in range(4):
+        rng = np.random.default_rng([seed, 21])
+        time_s, phase = period * np.arange(2400), 2 * np.pi / rng.uniform(15, 35)
+        wave = 1.0 * np.sin(phase * time_s) + 0.05 * np.sin(2 * phase * time_s + 1.0)
+        air, decay = _air(strength, period, 2400, rng) + wave, np.exp(-rate * period)
+        lagged = lfilter([1.0 - decay], [1.0, -decay], air, zi=[decay * air[0]])[0]
+        response = Response(np.ones((2400, 1)), np.full((2400, 1), rate), np.zeros(2400))
+        reading = lagged + noise * rng.standard_normal(2400)
+        found = estimate(time_s, reading, np.ones(2400, dtype=bool), response, np.full(2400, noise**2))
+        covered.append(np.mean(np.abs(found.air - air) < 1.96 * np.sqrt(found.variance)))
+    assert 0.91 < np.mean(covered) < 0.98
+
+
 def test_where_another_sensor_saw_the_air_jump_a_small_jump_is_believed():
     time_s, at_s, size = 0.1 * np.arange(600), 30.03, 0.15
     rng = np.random.default_rng(3)

@@ -12,7 +12,7 @@ from shockrig.analysis.flight.coarse import propagated
 from shockrig.analysis.flight.jumps import when, with_jumps, without
 from shockrig.analysis.flight.prior import Passing, Prior, gain_squared, spectra
 from shockrig.analysis.flight.response import Response
-from shockrig.analysis.flight.strengths import fit_prior, fit_windows
+from shockrig.analysis.flight.strengths import fit_prior, fit_windows, without_wave
 from shockrig.analysis.flight.sweep import Sweep, Track, swept, windows
 
 Array = NDArray[np.float64]
@@ -238,17 +238,17 @@ def _local_priors(
         # the median: where the air jumped, single samples know nothing
         usual = np.asarray(np.median(passing.sigma[starts[:, None] + np.arange(size)], axis=1))
         through, few = Passing(usual, passing.rate), Passing(usual[some], passing.rate)
-    common = fit_prior(
-        segments[some],
-        along.at(middle[some]),
-        period,
-        typical,
-        few,
-        spread=spread,
-        relative_noise=relative[some],
-        parts=parts,
-    )
-    local = fit_windows(segments, along.at(middle), period, common, through, relative, parts)
+
+    def judged(segments: Array) -> tuple[Prior, Prior]:
+        rows, own = along.at(middle[some]), relative[some]
+        common = fit_prior(segments[some], rows, period, typical, few, spread=spread, relative_noise=own, parts=parts)
+        return common, fit_windows(segments, along.at(middle), period, common, through, relative, parts)
+
+    common, local = judged(segments)
+    strongest = local.turbulence
+    if common.smooth:
+        # a wave is one frequency, and a spectrum that falls from it would take turbulence's part beside it
+        strongest = np.maximum(strongest, judged(without_wave(segments))[1].turbulence)
     nodes = np.arange(bridged.size)
-    turbulence, bend = (np.exp(np.interp(nodes, middle, np.log(value))) for value in (local.turbulence, local.bend))
+    turbulence, bend = (np.exp(np.interp(nodes, middle, np.log(value))) for value in (strongest, local.bend))
     return Prior(turbulence, bend, common.noise * np.ones(bridged.size), smooth=common.smooth)

@@ -16,6 +16,7 @@ SHRINKAGE = 0.25  # ln of how far one segment's strengths lie from the typical o
 GRID_STEP = 0.3  # of ln strength
 SURELY_SMOOTH = 10.0  # of log-likelihood: what makes the air's course a smooth one (waves) beyond doubt
 TINY = 1e-300
+WAVES = np.arange(0.5, 6.1, 0.125)  # cycles in a segment that a wave is looked for at
 HANN_DEPENDENCE = 1.5  # a likelihood of tapered ordinates counts each as so much less than one
 
 
@@ -163,6 +164,22 @@ def fit_windows(
     share /= share.sum(axis=(1, 2), keepdims=True)
     turbulent, bent = np.sqrt(share.sum(axis=2) @ strengths[0]), np.sqrt(share.sum(axis=1) @ strengths[1])
     return Prior(turbulent, bent, common.noise * np.ones(len(reading)), smooth=common.smooth)
+
+
+def without_wave(reading: Array) -> Array:
+    """Segments of readings (s, n) without their line and, beside it, the one sine with its overtone that explains most
+    of each (vapour is humidity times what goes with temperature, and both swing)."""
+    place = np.linspace(-1.0, 1.0, reading.shape[1])
+    left, least = reading, np.full(len(reading), np.inf)
+    for cycles in WAVES:
+        wave = np.exp(1j * np.pi * cycles * place)
+        twice = wave**2
+        columns = np.stack([np.ones(place.size), place, wave.real, wave.imag, twice.real, twice.imag], axis=1)
+        rest = reading - reading @ np.linalg.pinv(columns).T @ columns.T
+        power = (rest**2).sum(axis=1)
+        left = np.where((power < least)[:, None], rest, left)
+        least = np.minimum(power, least)
+    return left
 
 
 def _independent(weight: Array) -> Array:
