@@ -32,7 +32,7 @@ FILM = ("D", "mean D")
 BEAD = ("alpha",)
 DRAWS = 500
 LONG, BEFORE = 12, 6
-REPLICATES, EACH = 50, 100
+REPLICATES, EACH = 40, 800  # histories of each: with 100, one alarm by chance would be an upper end of 1 %
 
 
 def recorded(seed: int, number: int, factor: float) -> dict[str, object]:
