@@ -51,7 +51,7 @@ def draw(chart: Chart) -> Drawing:
     values = np.array([one.value for one in chart.observations])
     spread = np.array([one.random for one in chart.observations])
     place = np.arange(values.size)
-    drawing = Figure(figsize=(7.4, 2.9))
+    drawing = Figure(figsize=(7.4, 3.2))
     axes = drawing.subplots()
 
     def percent(x: np.ndarray) -> np.ndarray:
@@ -83,11 +83,9 @@ def draw(chart: Chart) -> Drawing:
         axes.axvline(change.first - 0.5, color=RED, linestyle="--", linewidth=1.0)
     names = [f"{literal(one.campaign)}\n{one.began_at[:10]}".strip() for one in chart.observations]
     axes.set_xticks(place, names, rotation=30 if values.size > 6 else 0, ha="right" if values.size > 6 else "center")
-    axes.set_title(
-        f"{literal(chart.figure)} of {literal(chart.serial)}: {plain(float(first))} {chart.unit} and changes"
-    )
+    axes.set_title(f"{literal(chart.figure)} of {literal(chart.serial)} against {plain(float(first))} {chart.unit}")
     axes.set_ylabel("difference, %")
-    axes.legend(loc="best", ncols=2)
+    drawing.legend(loc="outside lower center", ncols=4)
     return drawing
 
 

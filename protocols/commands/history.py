@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections import Counter
 from collections.abc import Callable, Sequence
 from hashlib import sha256
 from pathlib import Path
@@ -104,6 +105,18 @@ def _campaigns(folders: Sequence[Path], say: Callable[[str], None]) -> list[Camp
     return sorted(found.values(), key=_began_at)
 
 
+def _names(campaigns: Sequence[Campaign]) -> dict[Path, str]:
+    """What each is called: its name, where another has the same its folder's, where that does not tell them apart its
+    path."""
+    taken = Counter(campaign.name for campaign in campaigns)
+    folders = Counter(campaign.path.resolve().name for campaign in campaigns)
+    names = {}
+    for one in campaigns:
+        folder = one.path.resolve().name
+        names[one.path] = one.name if taken[one.name] == 1 else folder if folders[folder] == 1 else str(one.path)
+    return names
+
+
 def _readings(campaign: Campaign) -> str:
     """What two campaigns have in common that are copies of one: every reading and its time."""
     digest = sha256()
@@ -137,6 +150,7 @@ def _charts(campaigns: Sequence[Campaign], args: argparse.Namespace, say: Any) -
     from shockrig.files.errors import InputError
 
     extensions = None if args.extend is None else read_extension(args.extend)
+    names = _names(campaigns)
     series: dict[tuple[str, str, str], list[Observation]] = {}
     for campaign in campaigns:
         serials = {
@@ -147,7 +161,7 @@ def _charts(campaigns: Sequence[Campaign], args: argparse.Namespace, say: Any) -
         wanted = {name for name, serial in serials.items() if args.serial in (None, serial)}
         if not wanted:
             why = "no serial number" if not serials else "another sensor"
-            say(f"{campaign.name}: {why}; left out")
+            say(f"{names[campaign.path]}: {why}; left out")
             continue
         say(f"{campaign.path}: characterizing")
         try:
@@ -166,7 +180,7 @@ def _charts(campaigns: Sequence[Campaign], args: argparse.Namespace, say: Any) -
             over = ", ".join(f"{t + 0.0:g}" for t in mean[1])
             found.append((f"D, mean of {over} °C", serials["hyt"], mean[0]))
         for figure, serial, budget in found:
-            one = observed(budget, campaign.name, _began_at(campaign), _bench(campaign))
+            one = observed(budget, names[campaign.path], _began_at(campaign), _bench(campaign))
             series.setdefault((figure, serial, budget.unit), []).append(one)
     return [chart(*key, observations) for key, observations in series.items()]
 
