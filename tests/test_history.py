@@ -14,7 +14,7 @@ from shockrig.analysis.characterization.characterize import characterize
 from shockrig.analysis.characterization.history import FALSE_ALARMS, Observation, chart
 from shockrig.files.campaign import read_campaign
 from shockrig.protocols.cli import main
-from shockrig.protocols.commands.history import _names
+from shockrig.protocols.commands.history import called
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.truth import draw_truth
 
@@ -133,10 +133,10 @@ def test_the_command_says_what_changed_and_since_when(shelf, tmp_path, capsys):
 def test_campaigns_of_one_name_are_called_by_their_folders(shelf):
     campaigns = [read_campaign(shelf[0] / name) for name in ("c0", "c1", "c2")]
     alike = [replace(one, name="virtual") for one in campaigns[:2]] + campaigns[2:]
-    assert list(_names(alike).values()) == ["c0", "c1", "c2"]
+    assert list(called(alike).values()) == ["c0", "c1", "c2"]
     places = [Path("a/x"), Path("b/x"), Path("y")]
     moved = [replace(one, name="virtual", path=place) for one, place in zip(campaigns, places, strict=True)]
-    assert list(_names(moved).values()) == ["a/x", "b/x", "y"]
+    assert list(called(moved).values()) == ["a/x", "b/x", "y"]
 
 
 def test_a_copy_of_a_campaign_is_no_second_one(shelf, tmp_path, capsys):

@@ -105,7 +105,7 @@ def _campaigns(folders: Sequence[Path], say: Callable[[str], None]) -> list[Camp
     return sorted(found.values(), key=_began_at)
 
 
-def _names(campaigns: Sequence[Campaign]) -> dict[Path, str]:
+def called(campaigns: Sequence[Campaign]) -> dict[Path, str]:
     """What each is called: its name, where another has the same its folder's, where that does not tell them apart its
     path."""
     taken = Counter(campaign.name for campaign in campaigns)
@@ -150,7 +150,7 @@ def _charts(campaigns: Sequence[Campaign], args: argparse.Namespace, say: Any) -
     from shockrig.files.errors import InputError
 
     extensions = None if args.extend is None else read_extension(args.extend)
-    names = _names(campaigns)
+    names = called(campaigns)
     series: dict[tuple[str, str, str], list[Observation]] = {}
     for campaign in campaigns:
         serials = {
