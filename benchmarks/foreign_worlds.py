@@ -114,7 +114,8 @@ def draw(name: str, seed: int) -> World:
         known, runs, pace = BARE, 8, _log_uniform(rng, 5.0, 50.0)
         allowed = ("other_medium",)
     body = make_body(kind, t63, sheath=sheath, slow=slow)
-    slowest = max(body.time_to_s(0.98), 4.0 * approach.first_s, 4.0 * approach.second_s * (approach.kind == "two"))
+    late_s = max(approach.first_s, approach.second_s * (approach.kind == "two"))
+    slowest = max(body.time_to_s(0.98) / min(pace, 1.0), 4.0 * late_s)
     if approach.kind != "step":
         period = max(period, slowest / 1500.0)  # nobody logs an hour's approach at the pace of a fast sensor
     logger = _logger(rng, channel, period, t63)

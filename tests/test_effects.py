@@ -70,6 +70,8 @@ def everywhere(channel):
 BESIDE = {"exchange_temperature": ("convective_film", {"biot_at_5_m_s": 0.12})}
 TABULATED = {"concentration_dependent_diffusivity"}  # the film's warped time
 ENDS = {
+    "slow_air_in_cooling": ({"time_constant_s": 1e-5}, everywhere, 1e-3),
+    "slow_air_in_warming": ({"time_constant_s": 1e-5}, everywhere, 1e-3),
     "convective_film": ({"biot_at_5_m_s": 1e6}, everywhere, 1e-4),
     "vapour_boundary_layer": ({"biot_at_5_m_s": 1e7}, everywhere, 1e-4),
     "series_lag": ({"time_constant_s": 1e-5}, everywhere, 1e-3),
@@ -258,7 +260,9 @@ def of_another_lab(channel):
 WITHOUT = {
     "finite_transfer": (start_unknown, all_measured),
     "air_relaxation": (airs_unknown, all_measured),
-    "direction_dependent_exchange": (airflow_known, warming_alone),
+    "direction_dependent_exchange": (airflow_known, warming_alone, all_measured),
+    "slow_air_in_cooling": (airflow_known, warming_alone, all_measured),
+    "slow_air_in_warming": (airflow_known, warming_alone, all_measured),
     "other_medium": (lambda channel: with_conditions(channel, elsewhere=never),),
     "convective_film": (airflow_unknown,),
     "exchange_temperature": (airflow_unknown, one_ambient),
@@ -289,6 +293,7 @@ WITHOUT = {
     "dead_time": (start_unknown,),
     "clock_drift": (start_unknown,),
 } | {f"body_{shape}": (stated_so(f"body_{shape}"),) for shape in BODIES}
+TWO_PLACES = {"direction_dependent_exchange", "slow_air_in_cooling", "slow_air_in_warming"}
 ANYWHERE = {"series_lag", "moving_average", "stale_samples", "quantization"}
 
 
@@ -297,7 +302,7 @@ def test_it_acts_where_it_can_and_says_what_it_needs_elsewhere(channels, effect)
     entry = CATALOGUE[effect]
     assert (entry.testable is None) == (effect in ANYWHERE) == (effect not in WITHOUT) == (not entry.needs)
     for name, channel in channels.items():
-        if effect in {"parallel_lag", "direction_dependent_exchange"}:
+        if effect == "parallel_lag" or effect in TWO_PLACES:
             rich = airflow_unknown(channel)
         elif effect == "other_medium":
             rich = with_conditions(channel, elsewhere=two)
@@ -386,7 +391,7 @@ RECOVERED = {
 }
 # What the air of a room is shows hardly in the bead.
 UNSEEN = {"room_temperature_c", "room_humidity_percent"}
-FOREIGN = {"sheath", "parallel_lag", "uptake_by_activity", "direction_dependent_exchange", "other_medium"}
+FOREIGN = {"sheath", "parallel_lag", "uptake_by_activity", "other_medium", *TWO_PLACES}
 FOREIGN |= {f"body_{shape}" for shape in BODIES}
 
 

@@ -42,6 +42,8 @@ CASES = {
     "clock_drift": ({"ppm": 1e4}, COOLER),
     "direction_dependent_exchange": ({"ratio": 2.0}, COOLER),
     "other_medium": ({"ratio": 2.0}, COOLER),
+    "slow_air_in_cooling": ({"time_constant_s": 9.0}, COOLER),
+    "slow_air_in_warming": ({"time_constant_s": 9.0}, COOLER),
     "convective_film": ({"biot_at_5_m_s": 0.4}, COOLER),
     "exchange_temperature": ({}, COOLER),
     "vapour_boundary_layer": ({"biot_at_5_m_s": 3.0}, COOLER),

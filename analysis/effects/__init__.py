@@ -20,7 +20,7 @@ __all__ = ["CATALOGUE", "Effect", "Parameter", "by_id", "structure_of"]
 _FILES = (
     "finite_transfer",
     "air_relaxation",
-    "exchange_by_place",
+    "two_places",
     "convective_film",
     "exchange_temperature",
     "vapour_boundary_layer",

@@ -13,15 +13,22 @@ from shockrig.files.campaign import read_campaign
 NOISE_K = 0.02
 
 
+def left_of_step(since_s, tau_s, air_s):
+    """What of a step a lump lacks, in air that comes to its new state with `air_s`, or at once: two lags in series."""
+    own = np.exp(-since_s / tau_s)
+    return own if not air_s else (tau_s * own - air_s * np.exp(-since_s / air_s)) / (tau_s - air_s)
+
+
 def write(folder, runs, period_s, seed=1):
-    """A campaign that states nothing but readings; `runs` are (from, to [degC], time constant [s])."""
+    """A campaign that states nothing but readings; `runs` are (from, to [degC], time constants of sensor and air)."""
     random = np.random.default_rng(seed)
-    for i, (before_c, after_c, tau_s) in enumerate(runs, start=1):
+    for i, (before_c, after_c, tau_s, *air) in enumerate(runs, start=1):
         run = folder / "runs" / f"{i:04d}"
         run.mkdir(parents=True)
         start_s = 30.0 * period_s + random.uniform(0.0, period_s)
         time = np.arange(0.0, start_s + 9.0 * tau_s + 60.0 * period_s, period_s)
-        shown = after_c + (before_c - after_c) * np.exp(-np.maximum(time - start_s, 0.0) / tau_s)
+        left = left_of_step(np.maximum(time - start_s, 0.0), tau_s, *(air or [0.0]))
+        shown = after_c + (before_c - after_c) * left
         shown = shown + NOISE_K * random.standard_normal(time.size)
         rows = "".join(f"{t:.6g},{y:.4f}\n" for t, y in zip(time, shown, strict=True))
         (run / "imet.csv").write_text("time_s,temperature_c\n" + rows)
@@ -46,6 +53,22 @@ def test_a_box_with_a_fan_and_a_room_without(tmp_path):
     assert channel.verdict == "explained"
     assert channel.gain.before > 5.0 * NOISE_K and channel.gain.after == pytest.approx(NOISE_K, rel=0.05)
     assert np.exp(-channel.final.log_rates) == pytest.approx(90.0, rel=0.01)  # the rate is that of warming
+
+
+@pytest.mark.parametrize(
+    ("runs", "effect"),
+    [
+        ([(21.0, 5.0, 60.0, 30.0), (5.0, 21.0, 60.0, 0.0)], "slow_air_in_cooling"),
+        ([(21.0, 5.0, 30.0, 0.0), (5.0, 21.0, 30.0, 70.0)], "slow_air_in_warming"),
+    ],
+)
+def test_a_box_whose_air_recovers(tmp_path, runs, effect):
+    channel, found = told(write(tmp_path / "c", runs * 4, 2.0))
+    assert set(found) == {effect}
+    value, spread = found[effect]["time_constant_s"]
+    assert value == pytest.approx(max(air_s for *_, air_s in runs), abs=3.0 * spread)
+    assert channel.verdict == "explained" and channel.gain.after == pytest.approx(NOISE_K, rel=0.05)
+    assert np.exp(-channel.final.log_rates) == pytest.approx(runs[0][2], rel=0.01)
 
 
 def test_the_same_in_both_places_is_nothing(tmp_path):

@@ -1,21 +1,24 @@
-"""Some runs follow at another rate than the rest: where they end the air moves otherwise, or is no air.
+"""A sensor that goes back and forth between two places: in one of them it follows at another rate, or the air is late.
 
-A sensor that is carried between a room and a cold box meets two airs that nobody measured; one that is plunged and
-taken out again meets water and air. What is told is the ratio alone: which runs are which is their direction, or shows
-in the response times themselves (`Conditions.elsewhere`).
+One that is carried between a room and a cold box meets two airs that nobody measured; one that is plunged and taken out
+again meets water and air. Which runs are which is their direction, or shows in the response times themselves
+(`Conditions.elsewhere`).
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.effect import Effect, Parameter
 from shockrig.analysis.inference.media import as_fast_as_seen
 from shockrig.analysis.physics.chain import Recorded
 
 Mask = NDArray[np.bool_]
 FEWEST = 2  # runs of either kind
+AT_ONCE = 1e-4  # of the time constant: a lag that is none
 
 
 def cools(channel: Recorded) -> Mask:
@@ -28,10 +31,47 @@ def elsewhere(channel: Recorded) -> Mask:
     return channel.conditions.elsewhere
 
 
+def warms(channel: Recorded) -> Mask:
+    """True for the runs (R,) in which the air gets warmer."""
+    return ~cools(channel)
+
+
 def _both(those: Mask) -> bool:
     return bool(min(those.sum(), (~those).sum()) >= FEWEST)
 
 
+def _unmeasured_both_ways(channel: Channel) -> bool:
+    """Whether two runs cool and two warm, in airs whose motion and course nobody recorded."""
+    unknown = not channel.conditions.airflow_known.any() and not channel.measured.any()
+    return unknown and _both(cools(channel))
+
+
+def _late_air(id_: str, when: str, those: Callable[[Recorded], Mask]) -> Effect:
+    return Effect(
+        id=id_,
+        link="air",
+        channels=("temperature",),
+        parameters=(Parameter("time_constant_s", "s", 0.02, 1000.0, (0.3, 3.0, 30.0), log=True, none=None),),
+        apply=lambda chain, p: replace(
+            chain,
+            series=(*chain.series, p["time_constant_s"] * np.where(those(chain.channel), 1.0, AT_ONCE)),
+        ),
+        sentence=(
+            f"In the runs that {when} the air takes its time: it comes to its new state with {{time_constant_s}} s (a "
+            "box that recovers from its open door, a chamber that mixes slowly)."
+        ),
+        equation=f"air(t) = destination + (source - destination) exp(-t / time_constant) in the runs that {when}",
+        source="well-mixed chamber",
+        advice="Put a fast sensor beside this one, so that the air is measured, or let the box come to rest first.",
+        of_sensor=False,
+        testable=_unmeasured_both_ways,
+        needs=BOTH_WAYS,
+        own_rates=True,
+        shape=True,
+    )
+
+
+BOTH_WAYS = "needs two runs that cool and two that warm, in airs that nobody measured"
 SLOWER_OR_FASTER = Parameter("ratio", "1", 0.005, 200.0, (0.7, 1.4), log=True, none=1.0)
 EFFECTS = (
     Effect(
@@ -49,8 +89,8 @@ EFFECTS = (
         advice="Measure the airflow in both places, and state the response time of each.",
         of_sensor=False,
         start_from=as_fast_as_seen("ratio", cools, 0.02, 50.0),
-        testable=lambda channel: not channel.conditions.airflow_known.any() and _both(cools(channel)),
-        needs="needs two runs that cool and two that warm, in airs whose motion nobody recorded",
+        testable=_unmeasured_both_ways,
+        needs=BOTH_WAYS,
         own_rates=True,
         shape=True,
     ),
@@ -74,4 +114,6 @@ EFFECTS = (
         own_rates=True,
         shape=True,
     ),
+    _late_air("slow_air_in_cooling", "cool", cools),
+    _late_air("slow_air_in_warming", "warm", warms),
 )
