@@ -15,7 +15,7 @@ from shockrig.analysis.diagnosis.adequacy import describe, judge
 from shockrig.analysis.diagnosis.describing import MOST_FITS, alternatives, describe_rest
 from shockrig.analysis.diagnosis.diagnosed import NO_STEP, ChannelDiagnosis, Diagnosis
 from shockrig.analysis.diagnosis.experiments import propose, unseen
-from shockrig.analysis.diagnosis.kept import Kept, beside_described, kept_of, tied, without_doubted
+from shockrig.analysis.diagnosis.kept import Kept, beside_described, in_doubt, kept_of, tied, without_doubted
 from shockrig.analysis.diagnosis.limits import cannot_tell, ended
 from shockrig.analysis.diagnosis.naming import Doubt, doubts, from_rivals
 from shockrig.analysis.diagnosis.prepare import Prepared, likelier_average, prepare, with_rounding
@@ -77,7 +77,7 @@ def diagnose_channel(
         adequacy = judge(ready.problem, kept.final, ready.noise)
     remainder = measure_remainder(ready.problem, kept.final, ready.noise, adequacy, kept.gain, tolerance or Tolerance())
     spoilt = remainder.significant and remainder.material
-    left = spoilt or not adequacy.passed
+    left, kept = spoilt or not adequacy.passed, in_doubt(kept) if spoilt else kept
     # What no other run has borne out tells of a shape and does not explain.
     untried = any(CATALOGUE[c.effect].shape for c in kept.causes) and not kept.gain.measured
     verdict = "unexplained" if spoilt or untried else "explained" if kept.causes else "adequate"

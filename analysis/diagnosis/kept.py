@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -41,6 +41,11 @@ def without_doubted(channel: Channel, ready: Prepared, found: Search, kept: Kept
     gain = measure_gain(channel, ready.problem, ready.structure, found.plain, final, ready.noise, choose=False)
     tried = (*kept.tried, *(Tried(e, "a behaviour that nobody listed does better in its place") for e in doubted))
     return Kept(tuple(c for c in kept.causes if c.effect not in doubted), final, gain, tried)
+
+
+def in_doubt(kept: Kept) -> Kept:
+    """What is kept beside a remainder that matters: what only says how the response behaves is certain no longer."""
+    return replace(kept, causes=tuple(_at_most("shape_in_doubt", kept.causes, lambda c: CATALOGUE[c.effect].shape)))
 
 
 def tied(kept: Kept, told: list[Doubt]) -> Kept:
@@ -131,7 +136,7 @@ def kept_of(channel: Channel, ready: Prepared, found: Search, adequacy: Adequacy
     return Kept(tuple(causes), final, gain, tuple(tried))
 
 
-def _at_most(name: str, causes: list[Cause], those: Callable[[Cause], bool]) -> list[Cause]:
+def _at_most(name: str, causes: Sequence[Cause], those: Callable[[Cause], bool]) -> list[Cause]:
     """Causes, `those` of them no likelier than a level by its name."""
     return [replace(c, probability=min(c.probability, level(name))) if those(c) else c for c in causes]
 
