@@ -28,6 +28,7 @@ from shockrig.files.common_uncertainty import CommonUncertainty, read_common
 from shockrig.files.disk import is_there, shown
 from shockrig.files.errors import InputError
 from shockrig.files.json_files import JsonObject, read_json
+from shockrig.files.misspelt import CAMPAIGN_KEYS, RUN_KEYS, misspelt
 from shockrig.files.ranges import RANGES
 from shockrig.files.traces import Trace, read_air, read_sensor
 
@@ -84,7 +85,8 @@ class Run:
 
     `air` is the air beside the probes where it was measured (air.csv): then it is the input, not a step. `set_aside`
     maps a channel to the sentence of the check that keeps its readings from being fitted. `started_at` is the time of
-    day at time_s = 0 as the file has it (ISO 8601).
+    day at time_s = 0 as the file has it (ISO 8601). `misspelt` are keys that mean nothing, with the ones that they are
+    nearly.
     """
 
     id: str
@@ -101,6 +103,7 @@ class Run:
     reference: Reference = Reference()
     set_aside: Mapping[str, str] = field(default_factory=dict)
     started_at: str | None = None
+    misspelt: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -110,7 +113,8 @@ class Campaign:
     `sensors` and the runs hold that pair as "imet" and "hyt"; `name` names the probe where it is not the first.
     `bodies` maps "imet" and "hyt" to the shape that the plain model has, one of `BODIES`. `emulated` says that nothing
     of it was measured: it comes from emulated instruments. `common` is what it states of errors that all runs share;
-    None where it states nothing. `sessions` are those of its recording, as campaign.json has them.
+    None where it states nothing. `sessions` are those of its recording, as campaign.json has them; `misspelt` are its
+    keys that mean nothing, with the ones that they are nearly.
     """
 
     name: str
@@ -124,6 +128,7 @@ class Campaign:
     probe: str = FIRST_PROBE
     common: CommonUncertainty | None = None
     sessions: tuple[Mapping[str, Any], ...] = ()
+    misspelt: tuple[str, ...] = ()
 
     def to_frame(self) -> pd.DataFrame:
         """One row a run: the two airs, airflow, pressure, transfer, whether the air was measured, samples."""
@@ -237,6 +242,7 @@ def read_campaign(path: str | Path, probe: str = FIRST_PROBE) -> Campaign:
         probe=probe,
         common=read_common(head),
         sessions=tuple(one for one in _listed(head.get("sessions")) if isinstance(one, dict)),
+        misspelt=tuple(misspelt(head.content, CAMPAIGN_KEYS)),
     )
 
 
@@ -261,9 +267,7 @@ def _run_folders(runs: Path) -> list[Path]:
     return folders
 
 
-_KNOWN_RUN_KEYS = {
-    *("format", "id", "started_at", "source", "destination", "airflow_m_s", "pressure_hpa", "transfer", "reference")
-}
+_KNOWN_RUN_KEYS = RUN_KEYS[""] - {"irradiance_w_m2"}
 
 
 def _read_run(folder: Path, probe: str) -> Run:
@@ -284,6 +288,7 @@ def _read_run(folder: Path, probe: str) -> Run:
         air=read_air(folder),
         reference=_read_reference(head.mapping("reference")),
         started_at=began if isinstance(began := head.get("started_at"), str) else None,
+        misspelt=tuple(misspelt(head.content, RUN_KEYS)),
     )
 
 

@@ -3,6 +3,8 @@
 A fixed sample of benchmarks/input_checks.py; the full table is kept in benchmarks/results/input_checks.txt.
 """
 
+import json
+import shutil
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -61,6 +63,25 @@ def test_every_slip_is_named_and_nothing_beside_it(slip, pairs):
     word, beside = trials.outcome(slip, *pairs, SEED)
     assert word == ("refused" if slip.refused else "caught")
     assert beside == []
+
+
+def test_a_key_that_is_nearly_another_is_said_with_the_runs_that_have_it(pairs, tmp_path):
+    folder = tmp_path / "c"
+    shutil.copytree(pairs[0], folder)
+    head = json.loads((folder / "campaign.json").read_text())
+    head["sensorz"] = head.pop("sensors")
+    head["sensors_seen_by"] = "somebody"  # a key of one's own
+    (folder / "campaign.json").write_text(json.dumps(head))
+    names = sorted(p.name for p in (folder / "runs").iterdir())
+    for name in names[2:4]:
+        run = json.loads((folder / "runs" / name / "run.json").read_text())
+        run["airflow"] = run.pop("airflow_m_s")
+        run["source"]["temperature"] = 20.0  # beside the right one
+        (folder / "runs" / name / "run.json").write_text(json.dumps(run))
+    of_keys = [f for f in check_campaign(read_campaign(folder)) if f.kind == "misspelt_key"]
+    assert [(f.runs, f.severity) for f in of_keys] == [((), "warn"), (tuple(names[2:4]), "warn")]
+    assert "key sensorz: is sensors meant?" in of_keys[0].sentence
+    assert "key airflow: is airflow_m_s meant?" in of_keys[1].sentence
 
 
 def test_what_is_right_is_left_alone(pairs):

@@ -8,6 +8,7 @@ from shockrig.analysis.checks.airs import airs_disagree
 from shockrig.analysis.checks.clocks import clocks_without_starts, starts_and_clocks
 from shockrig.analysis.checks.copies import copied_runs
 from shockrig.analysis.checks.finding import InputFinding
+from shockrig.analysis.checks.keys import misspelt_keys
 from shockrig.analysis.checks.milliseconds import starts_in_milliseconds, times_in_milliseconds
 from shockrig.analysis.checks.rates import response_times
 from shockrig.analysis.checks.sensors import dead_sensors, impossible_readings, saturated_sensors
@@ -23,6 +24,7 @@ from shockrig.files.campaign import Campaign
 
 # In this order: what one of them stops, the later ones no longer look at, so that one fault is said once.
 CHECKS: tuple[Callable[[View], Iterable[InputFinding]], ...] = (
+    misspelt_keys,
     everything_in_kelvin,
     impossible_readings,
     everything_a_fraction,

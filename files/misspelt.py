@@ -1,0 +1,49 @@
+"""Keys that mean nothing to a reader and are nearly the name of one that does: unknown keys are allowed, slips are not
+meant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from difflib import get_close_matches
+
+ALIKE = 0.72  # of difflib's ratio: "airflow" and "airflow_m_s" are, "note" and "name" are not
+
+_AIR = frozenset({"temperature_c", "humidity_percent"})
+RUN_KEYS = {
+    "": frozenset(
+        "format id started_at source destination airflow_m_s pressure_hpa irradiance_w_m2 transfer reference".split()
+    ),
+    "source.": _AIR,
+    "destination.": _AIR,
+    "transfer.": frozenset({"start_s", "duration_s"}),
+    "reference.": frozenset(
+        "temperature_time_constant_s humidity_time_constant_s temperature_standard_uncertainty_k "
+        "humidity_standard_uncertainty_percent".split()
+    ),
+}
+_SENSOR = frozenset({"kind", "serial", "body"})
+CAMPAIGN_KEYS = {
+    "": frozenset("format name sensors bench protocol operator emulated common_uncertainty plan sessions".split()),
+    "sensors.imet.": _SENSOR | {"bead_radius_m"},
+    "sensors.hyt.": _SENSOR | {"film_thickness_m"},
+    "common_uncertainty.": frozenset(
+        "air_temperature_k air_humidity_percent airflow_percent pressure_hpa trigger_offset_s clock_ppm".split()
+    ),
+}
+
+
+def misspelt(content: Mapping[str, object], known: Mapping[str, frozenset[str]], path: str = "") -> Iterator[str]:
+    """Each slip in the words of a remedy, such as "key airflow: is airflow_m_s meant?".
+
+    `known` maps the path of an object in the file ("", "transfer.") to the keys that it may have; an object that is not
+    in it may have any.
+    """
+    names = known.get(path, frozenset())
+    for key, value in content.items():
+        if names and key not in names:
+            near = get_close_matches(key, names - set(content), 1, ALIKE)
+            if near:
+                yield f"key {path}{key}: is {near[0]} meant?"
+        if isinstance(value, Mapping):
+            yield from misspelt(value, known, f"{path}{key}.")
