@@ -22,9 +22,9 @@ from shockrig.analysis.characterization.budget import Budget
 Array = NDArray[np.float64]
 
 # Of histories looked at once, in which anything may be said to have changed that has not. One that is looked at after
-# each of a dozen campaigns has about three times as many chances, and 1 in 100 of those is what is promised
+# each of a dozen campaigns has about five times as many chances, and 1 in 100 of those is what is promised
 # (benchmarks/history_rates.py).
-FALSE_ALARMS = 0.003
+FALSE_ALARMS = 0.001
 FIGURES = 4  # that are looked at together: alpha, D(20 degC), D over all ambients, t63
 LIMIT = 3.0  # standard uncertainties of a control chart's limits (Shewhart)
 LEAST_DEGREES = 4.0
