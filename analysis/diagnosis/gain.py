@@ -31,6 +31,7 @@ FOLDS = 3
 USUAL_SPREAD, USUAL_DEGREES = 0.5, 3  # of gains from run to run, relative, before any run has told
 USUAL_LOSS = 5.0  # by how much fewer runs tell less than all
 UNTOLD = 0.2  # standard uncertainty of ln rate from which a training part predicts nothing
+TRACE = 0.01  # share of the mean square error of unseen runs that is hardly a gain
 CONFIDENCE = 0.975  # one-sided, of what is called a gain
 SLIGHT = 1e-4  # share of the mean square error of unseen runs below which nothing is gained, however surely
 LIKELY = 0.7  # likewise, of what unseen runs do not speak against
@@ -68,6 +69,11 @@ class Gain:
     run_after: Array
     run_kept: Array
     without: dict[str, Array] = field(default_factory=dict)
+
+    @property
+    def slight(self) -> bool:
+        """Whether what is gained is no more than a trace of the error."""
+        return self.before**2 - self.after**2 < TRACE * self.before**2
 
     @property
     def measured(self) -> bool:

@@ -101,7 +101,7 @@ def kept_of(channel: Channel, ready: Prepared, found: Search, adequacy: Adequacy
     plain_case = adequacy.passed and problem.channel.runs >= level("many_runs")
     while True:
         gain = measure_gain(channel, problem, base, found.plain, final, ready.noise, choose)
-        dropped = _dropped(problem, final, gain, from_readings, plain_case)
+        dropped = _dropped(problem, final, gain, from_readings, plain_case, adequacy.passed)
         unproven = [] if dropped or gain.measured else _unproven(channel, problem, found.plain, final)
         if not (dropped or unproven):
             break
@@ -175,7 +175,7 @@ def _reduced(problem: Problem, found: Search, now: Fit, ids: set[str]) -> Fit:
 
 
 def _dropped(
-    problem: Problem, final: Fit, gain: Gain, from_readings: dict[str, Cause], plain_case: bool
+    problem: Problem, final: Fit, gain: Gain, from_readings: dict[str, Cause], plain_case: bool, passed: bool
 ) -> list[Tried]:
     """Effects of a model that may not be named, and why; one that unseen runs speak against goes alone."""
     values = final.values()
@@ -195,8 +195,9 @@ def _dropped(
         least = min(worst, key=lambda e: float(np.nanmean(gain.without[e] - gain.run_kept)))
         return [Tried(least, "without it unseen runs are predicted no worse")]
     # Runs that were not fitted are half as sensitive as the fit. Where many were recorded and nothing is left, the
-    # fit's evidence holds as long as they do not speak against it.
-    if not (gain.real or (plain_case and gain.likely)):
+    # fit's evidence holds as long as they do not speak against it. Beside a misfit that nothing explains, what it takes
+    # off that misfit has to be more than a trace of it.
+    if not (gain.real or (plain_case and gain.likely)) or (not passed and gain.slight):
         return [Tried(e, "unseen runs are not predicted better by more than runs differ") for e in tested]
     return []
 
