@@ -15,7 +15,7 @@ MEANING = """  flagged: any verdict but adequate; described: anything at all; ri
   of the truth (where nothing behaves so: nothing is described or named); in the set: or one of the alternatives is;
   single wrong: one description with more than even odds and without alternatives that is not right; look-alike: a
   catalogued effect that is not there is named with more than even odds, and nothing is described; same law: its
-  equation is the behaviour of the truth all the same, as a delay is that of a clock that runs fast"""
+  equation is the behaviour of the truth all the same"""
 
 
 def scored(result: dict) -> dict[str, object]:
