@@ -316,7 +316,8 @@ class Stepwise:
             self.moves.append(Move("add", best, gains[best], ranked))
             # An effect can hide in the runs' own deviations: the one that is taken is fitted from none as well.
             self.fits += 2
-            taken = refit(self.problem, trials[best].structure, trials[best])
+            fresh = refit(self.problem, trials[best].structure, trials[best])
+            taken = min((trials[best], fresh), key=lambda f: f.deviance)
             self._drops = (taken, {best: current})
             return taken, True
         self.moves.append(Move("stop", "", 0.0, ranked))
@@ -483,11 +484,18 @@ def search(
     current = looking.resumed(plain, earlier or {})
     standing: dict[str, Standing] = {}
     seen: set[frozenset[str]] = set()
+    been = {frozenset(current.structure.ids)}
     while len(looking.added(current)) < most and looking.fits < looking.most_fits:
+        before = current
         current, added = looking.forward(current, 7 if thorough else 4)
         if added:
             current = looking.backward(current)
-            continue
+            state = frozenset(current.structure.ids)
+            if state not in been:
+                been.add(state)
+                continue
+            # What was added has been taken away again, and would be for ever.
+            current = min((before, current), key=lambda f: penalised(problem, f))
         if not thorough:
             break
         current, standing, swapped = looking.exchange(current)
