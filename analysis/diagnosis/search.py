@@ -316,8 +316,7 @@ class Stepwise:
             self.moves.append(Move("add", best, gains[best], ranked))
             # An effect can hide in the runs' own deviations: the one that is taken is fitted from none as well.
             self.fits += 2
-            fresh = refit(self.problem, trials[best].structure, trials[best])
-            taken = min((trials[best], fresh), key=lambda f: f.deviance)
+            taken = refit(self.problem, trials[best].structure, trials[best])
             self._drops = (taken, {best: current})
             return taken, True
         self.moves.append(Move("stop", "", 0.0, ranked))
@@ -484,15 +483,15 @@ def search(
     current = looking.resumed(plain, earlier or {})
     standing: dict[str, Standing] = {}
     seen: set[frozenset[str]] = set()
-    been = {frozenset(current.structure.ids)}
+    been = {frozenset(current.structure.ids): current.deviance}
     while len(looking.added(current)) < most and looking.fits < looking.most_fits:
         before = current
         current, added = looking.forward(current, 7 if thorough else 4)
         if added:
             current = looking.backward(current)
             state = frozenset(current.structure.ids)
-            if state not in been:
-                been.add(state)
+            if current.deviance < been.get(state, np.inf) - 1.0:
+                been[state] = current.deviance
                 continue
             # What was added has been taken away again, and would be for ever.
             current = min((before, current), key=lambda f: penalised(problem, f))
