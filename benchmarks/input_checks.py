@@ -214,7 +214,7 @@ def foreign_campaigns() -> Iterator[tuple[str, str, Campaign]]:
 
     from shockrig.rig.virtual.foreign import record
 
-    for name in CLASSES:
+    for name in (name for name in CLASSES if name != "two_media"):  # where the check is right to speak
         for seed in range(FOREIGN_SEEDS):
             world = draw(name, seed)
             with tempfile.TemporaryDirectory() as scratch:
