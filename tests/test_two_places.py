@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from shockrig.analysis.diagnosis.diagnose import diagnose
+from shockrig.analysis.diagnosis.gain import folds
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.media import runs_elsewhere
 from shockrig.files.campaign import read_campaign
@@ -92,6 +93,17 @@ def test_labels_belong_to_the_runs(tmp_path):
     channel = build_channel(write(tmp_path / "c", runs, 0.5), "temperature")
     assert channel.conditions.elsewhere.tolist() == [True, False, True, False, False]
     assert channel.select(np.array([2, 3])).conditions.elsewhere.tolist() == [True, False]
+
+
+def test_no_fold_takes_all_runs_of_a_kind(tmp_path):
+    """Plunges that come every third run, as folds do: what their ratio is must be told without those held out."""
+    runs = [(22.0, 60.0, 1.4), (60.0, 16.0, 40.0), (16.0, 22.0, 40.0)] * 3
+    channel = build_channel(write(tmp_path / "c", runs, 0.5), "temperature")
+    plunges = np.arange(9) % 3 == 0
+    assert channel.conditions.elsewhere.tolist() == plunges.tolist()
+    fold = folds(channel)
+    assert np.bincount(fold).tolist() == [3, 3, 3]
+    assert sorted(fold[plunges]) == [0, 1, 2]
 
 
 NOT_RECORDED = np.full(6, np.nan)

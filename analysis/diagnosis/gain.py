@@ -82,12 +82,16 @@ class Gain:
 
 
 def folds(channel: Channel, count: int = FOLDS) -> NDArray[np.int64]:
-    """Fold of each run (R,): runs of one ambient are spread over the folds, so that each training part knows its D."""
+    """Fold of each run (R,): runs of one ambient are spread over the folds, so that each training part knows its D.
+
+    So are those of either medium, and, where nobody recorded the airflow, of either direction: places may differ.
+    """
     count = max(min(count, channel.runs), 1)
-    fold = np.zeros(channel.runs, dtype=int)
-    place = 0
-    for ambient in np.unique(channel.ambient):
-        for i in np.flatnonzero(channel.ambient == ambient):
+    air, fold, place = channel.conditions, np.zeros(channel.runs, dtype=int), 0
+    up = (channel.quantity.step(air) > 0) & ~air.airflow_known.any()
+    kind = np.stack([channel.ambient, air.elsewhere, up], axis=1)
+    for one in np.unique(kind, axis=0):
+        for i in np.flatnonzero((kind == one).all(axis=1)):
             fold[i] = place % count
             place += 1
     return fold
