@@ -73,10 +73,13 @@ def doubts(problem: Problem, final: Fit, causes: Iterable[str], work: Work) -> l
 
 def _doubt(problem: Problem, final: Fit, cause: str, work: Work) -> Doubt:
     rare = CATALOGUE[cause].rarity(problem.channel)
-    level = final.deviance + price_of(final, cause) + rare
+    candidates = list(in_place_of(problem, final, cause, work))
+    # A fit may have ended before a step of its objective: the name is worth what its own law reaches.
+    own = [one.fit.deviance for one in candidates if any(effect == cause for effect, _ in same_law(one))]
+    level = min([final.deviance, *own]) + price_of(final, cause) + rare
     others = {effect.id for effect in available(problem.channel, final.structure.dropping(cause))}
     form, placed = None, list[Placed]()
-    for one in in_place_of(problem, final, cause, work):
+    for one in candidates:
         laws = [(effect, values) for effect, values in same_law(one) if effect in others]
         if laws:
             if one.cost < level + 2.0 * TIE:
