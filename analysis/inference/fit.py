@@ -97,9 +97,17 @@ class Fit:
         return _own_rates(self.arrow, self.deviations, self.model)
 
     def scores(self, problem: Problem, columns: Array) -> tuple[Array, Array]:
-        """Scores (C,) of whitened columns (R, n, C) and their covariance, see `Arrow.scores`."""
+        """Scores (C,) of whitened columns (R, n, C) and their covariance, see `Arrow.scores`.
+
+        What of theta stands at a bound takes nothing from a column: it cannot follow.
+        """
         mean, weight = self.model.priors()
-        return self.arrow.scores(columns, problem.whiten(self.residual), self.deviations, weight * (mean - self.theta))
+        low, high = self.model.bounds()
+        free = (self.theta > low) & (self.theta < high)
+        arrow, pull = self.arrow, weight * (mean - self.theta)
+        if not free.all():
+            arrow = Arrow(arrow.jacobian[..., free], arrow.run_jacobian, arrow.weight, arrow.prior_weight[free])
+        return arrow.scores(columns, problem.whiten(self.residual), self.deviations, pull[free])
 
 
 @dataclass(frozen=True)
