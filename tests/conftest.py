@@ -5,6 +5,7 @@ And no test depends on how busy the machine is: examples may take as long as the
 
 import os
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -12,3 +13,14 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("busy")
+
+
+@pytest.fixture
+def catalogue_as_it_was():
+    """For tests that take an entry away: given back it would stand last, and effects act in the catalogue's order."""
+    from shockrig.analysis.effects import CATALOGUE
+
+    kept = dict(CATALOGUE)
+    yield
+    CATALOGUE.clear()
+    CATALOGUE.update(kept)

@@ -17,6 +17,7 @@ from shockrig.rig.virtual.plans import standard_plan
 from shockrig.rig.virtual.truth import ROUGH, Hidden
 
 PPM = 9000.0
+pytestmark = pytest.mark.usefixtures("catalogue_as_it_was")
 
 
 @pytest.fixture(scope="module")

@@ -46,13 +46,7 @@ T = ("temperature",)
 HUM_HZ, AMPLITUDE_K = 0.37, 0.05
 
 
-@pytest.fixture(autouse=True)
-def catalogue_as_it_was():
-    """An entry that is taken away and given back stands last, and effects act in the order of the catalogue."""
-    kept = dict(CATALOGUE)
-    yield
-    CATALOGUE.clear()
-    CATALOGUE.update(kept)
+pytestmark = pytest.mark.usefixtures("catalogue_as_it_was")
 
 
 def ready_of(folder, seed, hidden, plan=None):
