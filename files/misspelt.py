@@ -5,7 +5,11 @@ meant.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import fields
 from difflib import get_close_matches
+
+from shockrig.files.campaign_names import Reference
+from shockrig.files.common_uncertainty import INPUTS
 
 ALIKE = 0.72  # of difflib's ratio: "airflow" and "airflow_m_s" are, "note" and "name" are not
 
@@ -17,19 +21,14 @@ RUN_KEYS = {
     "source.": _AIR,
     "destination.": _AIR,
     "transfer.": frozenset({"start_s", "duration_s"}),
-    "reference.": frozenset(
-        "temperature_time_constant_s humidity_time_constant_s temperature_standard_uncertainty_k "
-        "humidity_standard_uncertainty_percent".split()
-    ),
+    "reference.": frozenset(one.name for one in fields(Reference)),
 }
 _SENSOR = frozenset({"kind", "serial", "body"})
 CAMPAIGN_KEYS = {
     "": frozenset("format name sensors bench protocol operator emulated common_uncertainty plan sessions".split()),
     "sensors.imet.": _SENSOR | {"bead_radius_m"},
     "sensors.hyt.": _SENSOR | {"film_thickness_m"},
-    "common_uncertainty.": frozenset(
-        "air_temperature_k air_humidity_percent airflow_percent pressure_hpa trigger_offset_s clock_ppm".split()
-    ),
+    "common_uncertainty.": frozenset(INPUTS),
 }
 
 

@@ -71,7 +71,7 @@ class Gain:
     without: dict[str, Array] = field(default_factory=dict)
 
     @property
-    def slight(self) -> bool:
+    def trace(self) -> bool:
         """Whether what is gained is no more than a trace of the error."""
         return self.before**2 - self.after**2 < TRACE * self.before**2
 

@@ -197,7 +197,7 @@ def _dropped(
     # Runs that were not fitted are half as sensitive as the fit. Where many were recorded and nothing is left, the
     # fit's evidence holds as long as they do not speak against it. Beside a misfit that nothing explains, what it takes
     # off that misfit has to be more than a trace of it.
-    if not (gain.real or (plain_case and gain.likely)) or (not passed and gain.slight):
+    if not (gain.real or (plain_case and gain.likely)) or (not passed and gain.trace):
         return [Tried(e, "unseen runs are not predicted better by more than runs differ") for e in tested]
     return []
 

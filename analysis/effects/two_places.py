@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.effect import Effect, Parameter
-from shockrig.analysis.inference.media import as_fast_as_seen
+from shockrig.analysis.inference.media import FEWEST, as_fast_as_seen
 from shockrig.analysis.physics.chain import Recorded
 
 Mask = NDArray[np.bool_]
-FEWEST = 2  # runs of either kind
 AT_ONCE = 1e-4  # of the time constant: a lag that is none
 
 

@@ -22,7 +22,7 @@ from shockrig.analysis.inference.driven_air import (
 )
 from shockrig.analysis.inference.media import runs_elsewhere
 from shockrig.analysis.inference.quantity import HUMIDITY, QUANTITIES, TEMPERATURE, ChannelName, Quantity
-from shockrig.analysis.inference.starts import estimate_start, half_way_s
+from shockrig.analysis.inference.starts import estimate_start, half_way_s, resolved_half_way_s
 from shockrig.analysis.inference.stated_airs import scatter_of_stated
 from shockrig.analysis.physics.chain import MeasuredAir
 from shockrig.analysis.physics.conditions import Conditions
@@ -156,13 +156,6 @@ def _half_way_s(timed: list[UsableRun], quantity: Quantity) -> float:
     ]
     told = [half for half in halves if np.isfinite(half)]
     return max(float(np.median(told)), 1e-3) if told else float("nan")
-
-
-def _resolved_half_way_s(one: UsableRun, quantity: Quantity) -> float:
-    """A run's time to half of its step [s], at least half of the time between its readings."""
-    time = one.trace.time_s
-    half = half_way_s(time - one.start_s, one.trace.values[quantity.column])
-    return float(np.maximum(half, 0.5 * np.median(np.diff(time))))
 
 
 def _tempo(half: float) -> float:
@@ -380,9 +373,14 @@ def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_
     timed = (np.nan_to_num(duration) > 0) & ~driven
     all_timed = bool((timed | driven).all())
     usual_s = float(np.median(duration[timed])) if timed.any() else np.nan
-    halves = [np.nan if one.air is not None else _resolved_half_way_s(one, quantity) for one in usable]
+    halves = [
+        resolved_half_way_s(one.trace.time_s - one.start_s, one.trace.values[quantity.column])
+        if quantity.pooled and one.air is None
+        else np.nan
+        for one in usable
+    ]
     airflow = np.array([np.nan if run.airflow_m_s is None else run.airflow_m_s for run in runs])
-    elsewhere = runs_elsewhere(np.array(halves), [destination_c < source_c, airflow]) & quantity.pooled
+    elsewhere = runs_elsewhere(np.array(halves), [destination_c < source_c, airflow])
     # Slowed on purpose: that a run took as long as it did is part of what was done, and no fault of the bench.
     own = timed & ((duration > max(SLOWED_TIMES * usual_s, SLOWED_FROM_S)) | (not all_timed))
     return Conditions(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.starts import half_way_s
+from shockrig.analysis.inference.starts import resolved_half_way_s
 
 Array = NDArray[np.float64]
 
@@ -56,8 +56,7 @@ def as_fast_as_seen(
     to half of their steps}, within bounds; empty where these tell nothing."""
 
     def start(channel: Channel) -> dict[str, float]:
-        least = 0.5 * channel.sampling_period_s
-        half = np.array([np.maximum(half_way_s(time, value), least) for time, value in channel.samples])
+        half = np.array([resolved_half_way_s(time, value) for time, value in channel.samples])
         told, apart = np.isfinite(half), those(channel)
         if not (told & apart).any() or not (told & ~apart).any():
             return {}

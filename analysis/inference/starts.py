@@ -84,3 +84,8 @@ def half_way_s(time_s: Array, value: Array) -> float:
     smooth = np.concatenate([[share[:2].mean()], np.median(sliding_window_view(share, 3), axis=1), [share[-2:].mean()]])
     beyond = smooth > 0.5 * abs(end - level)
     return float(time_s[after][np.argmax(beyond)]) if beyond.any() else float("nan")
+
+
+def resolved_half_way_s(time_s: Array, value: Array) -> float:
+    """The same, and at least half of the time between readings."""
+    return float(np.maximum(half_way_s(time_s, value), 0.5 * np.median(np.diff(time_s))))
