@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from shockrig.analysis.flight.channel import Channel
-from shockrig.analysis.flight.coarse import within
+from shockrig.analysis.flight.coarse import within, within_a_step
 from shockrig.analysis.flight.comparisons import up_and_down
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.prior import OU_VARIANCES, RATES_PER_S, Prior, spectra
@@ -47,6 +47,40 @@ def test_what_a_coarse_reading_leaves_of_a_gaussian():
         found = within(*(np.array([v]) for v in (reading, step, noise, mean, variance)))
         assert found[0][0] == pytest.approx(right, abs=2e-3 * variance**0.5)
         assert found[1][0] == pytest.approx(spread, rel=0.02)
+
+
+def test_a_reading_that_stays_leaves_its_step_open_where_no_change_is_near():
+    """A reading of 1 %RH steps that changed once: minutes later the air may lie anywhere between two noise widths off
+    the edges, evenly, whose variance is a third of the half width's square."""
+    time_s, level = np.arange(200.0), np.where(np.arange(200) < 20, 41.0, 42.0)
+    level[100] = np.nan
+    least = within_a_step(time_s, level, np.ones(200), np.full(200, 0.06), 30.0)
+    assert np.all(least[:49] == 0.0)  # the change lies between 19 and 20 s
+    assert least[60:] == pytest.approx((0.5 - 2 * 0.06) ** 2 / 3)
+    assert np.all(within_a_step(time_s, level, np.ones(200), np.full(200, 0.3), 30.0) == 0.0)  # noise tells more
+    never = within_a_step(time_s, np.full(200, 41.0), np.ones(200), np.zeros(200), 30.0)
+    assert never == pytest.approx(1 / 12)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"time_s": 1000.0}, "if these are milliseconds"),
+        ({"temperature_c": 1.8}, "be in degF or K"),
+        ({"swapped": True}, "or be the humidity"),
+    ],
+)
+def test_a_log_in_other_units_is_doubted_in_a_sentence(wrong, said):
+    flight = to_flight(fly(convective(np.random.default_rng(3)), PROFILE, 3).log)
+    assert not any("if these are" in note or "be in degF" in note for note in correct(flight, PROFILE).notes)
+    if wrong.pop("swapped", False):
+        flight = dataclasses.replace(
+            flight, temperature_c=flight.humidity_percent, humidity_percent=flight.temperature_c
+        )
+    for name, factor in wrong.items():
+        offset = 32.0 if name == "temperature_c" else 0.0
+        flight = dataclasses.replace(flight, **{name: getattr(flight, name) * factor + offset})
+    assert sum(said in note for note in correct(flight, PROFILE).notes) == 1
 
 
 def test_variance_of_the_clean_reading_is_its_answer_to_the_reading():

@@ -53,6 +53,20 @@ def propagated(
     return np.where(seen, site, found.clean), site_variance
 
 
+def within_a_step(time_s: Array, level: Array, step: Array, noise: Array, memory_s: float) -> Array:
+    """Variance (m,) that the air keeps at least, where no change of level is nearer than `memory_s`.
+
+    Steady air may lie anywhere within a step where no noise would carry the reading over its edge, and many readings
+    alike say no more of it than one. Levels are NaN where nothing was read.
+    """
+    rows = np.flatnonzero(np.isfinite(level))
+    changed = time_s[rows[np.flatnonzero(np.diff(level[rows]))]]
+    bounds = np.concatenate([[-np.inf], changed, [np.inf]])
+    after = np.searchsorted(bounds, time_s)
+    apart = np.minimum(bounds[after] - time_s, time_s - bounds[after - 1])
+    return np.where(apart > memory_s, np.maximum(0.5 * step - REACH * noise, 0.0) ** 2 / 3.0, 0.0)
+
+
 def within(reading: Array, step: Array, noise: Array, mean: Array, variance: Array) -> tuple[Array, Array]:
     """Mean and variance of z ~ N(mean, variance), given that z + noise was rounded to `reading`; shapes kept."""
     wide = np.sqrt(variance + noise**2)

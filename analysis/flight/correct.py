@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.flight.channel import Channel, Readings, coarse, judged, lacking, too_few, untouched
 from shockrig.analysis.flight.comparisons import Told, compared, told
+from shockrig.analysis.flight.doubts import doubts
 from shockrig.analysis.flight.humidity import correct_humidity
 from shockrig.analysis.flight.inverse import exact_inverse, paper
 from shockrig.analysis.flight.profile_effects import Acting, acting, not_undone, of_airspeed, of_pressure, unseen
@@ -98,7 +99,7 @@ def correct(
         raise InputError("time_s: fewer than two rows with times that run forward; give a log with a clock in seconds")
     rows = np.flatnonzero(clock.good)
     part = replace(flight.at(rows), time_s=clock.time_s)
-    notes: list[str] = []
+    notes = doubts(part)
     for step in clock.steps:
         notes.append(
             f"the clock steps by {step.by_s:+.4g} s to {flight.time_s[step.row]:.10g} s: "

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.flight.coarse import propagated
+from shockrig.analysis.flight.coarse import propagated, within_a_step
 from shockrig.analysis.flight.jumps import when, with_jumps, without
 from shockrig.analysis.flight.prior import Passing, Prior, gain_squared, spectra
 from shockrig.analysis.flight.response import Response
@@ -28,6 +28,7 @@ MOST_PARTS = 5
 ODD = 8.0  # times the usual
 BRIEF = 0.3  # of the sensor's slowest lag
 NOISE_SPREAD = 0.3  # ln of how far the noise may be from what is expected
+STILL_LAGS = 3.0  # of the sensor: so long after a rounded reading last changed, nothing is left of what that told
 SPARSE = 0.97  # share of nodes with a sample, below which the bridges are left out of the judgement
 
 
@@ -158,6 +159,9 @@ def estimate(
         read = found.clean + own * np.random.default_rng(0).standard_normal(own.size)
         local = priors(without(track, read, found, jumps), own, LARGEST_SHARE)
         found = fine(local)
+        level = np.where(measured, np.round(reading[node_row] / rounding[node_row]), np.nan)
+        least = within_a_step(node_time, level, steps, own, STILL_LAGS * response.slowest_s)
+        found = replace(found, variance=np.maximum(found.variance, least))
     air, node_variance, clean = (np.interp(time_s, node_time, v) for v in (found.air, found.variance, found.clean))
     typical = local.each(lambda strength: np.median(strength, keepdims=True))
     rate = _resolved_rate(typical, along.at(slice(len(along.rate) // 2, len(along.rate) // 2 + 1)), period)
