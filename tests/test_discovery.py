@@ -141,7 +141,7 @@ def test_a_second_form_is_looked_for_only_where_the_first_took_most_of_it(warm_r
     seen, told = [], iter([1000.0])
     best = race.Candidate(whole.effects[0].effect, whole.fit)
 
-    def candidates(problem, current, work):
+    def candidates(problem, current, work, known=()):
         seen.append(current.structure.ids)
         return ([best], 20.0) if len(seen) == 1 else ([], 20.0)
 

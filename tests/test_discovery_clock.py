@@ -49,6 +49,19 @@ def test_a_clock_that_the_catalogue_has_not_is_described_as_a_delay_that_grows(f
     assert "no part in a flight" in flies(one, "temperature")
 
 
+def test_a_delay_is_not_sold_as_a_clock_where_the_catalogue_has_no_delay(tmp_path, monkeypatch):
+    """Beside the plain model, whose runs have all moved their starts, no delay scores: it is the form that does better
+    in the clock's place that is described."""
+    hidden = [Hidden("dead_time", {"delay_s": 0.15}, ("temperature",))]
+    channel = build_channel(record(tmp_path / "late", 900, hidden, ROUGH, standard_plan()), "temperature")
+    monkeypatch.delitem(CATALOGUE, "dead_time")
+    found = diagnose_channel(channel, tolerance=Tolerance(0.0, 0.0))
+    (one,) = found.discovered
+    assert (one.behaves_as, one.depends_on) == ("delay", ())
+    assert abs(one.size.value - 0.15) < 3.0 * one.size.standard_uncertainty
+    assert found.verdict == "described" and not found.causes
+
+
 def test_jumps_tell_the_share_by_which_each_is_late(fast):
     """Transfers come 10 and 30 s after a run's first reading: jumps are late by 0.09 and 0.27 s."""
     channel = fast["humidity"]

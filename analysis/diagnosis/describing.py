@@ -3,6 +3,7 @@ leaves."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from shockrig.analysis.diagnosis.adequacy import Adequacy, judge
@@ -12,6 +13,7 @@ from shockrig.analysis.diagnosis.naming import from_description
 from shockrig.analysis.diagnosis.remainder import Remainder, Tolerance, measure_remainder
 from shockrig.analysis.diagnosis.search import Earlier
 from shockrig.analysis.discovery.discover import TIE, Discovery, discover
+from shockrig.analysis.discovery.race import Candidate
 from shockrig.analysis.discovery.stating import nearest_of, stated
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.fit import Fit
@@ -54,20 +56,22 @@ def describe_rest(
     gain: Gain,
     tolerance: Tolerance,
     work: Work | None = None,
+    known: Sequence[Candidate] = (),
 ) -> Description | None:
     """Describe what the model `named` leaves, or what the plain one does where that takes less; None where nothing
     holds on conditions and runs that it was not fitted to.
 
-    `channel` is the channel as recorded, `gain` that of `named`; `work` says how many fits may be made.
+    `channel` is the channel as recorded, `gain` that of `named`; `work` says how many fits may be made; `known` are
+    forms that did better than a name which `named` has no more.
     """
 
     def left(found: Fit) -> Adequacy:
         return judge(problem, found, noise)
 
-    found = discover(problem, named, left, work)
+    found = discover(problem, named, left, work, known)
     if named.structure.ids != plain.structure.ids:
         if found is None or not found.passed or len(found.effects) > 1 or alone(problem, plain, found):
-            other = discover(problem, plain, left, work)
+            other = discover(problem, plain, left, work, known)
             found = other if other is not None and _plainer(problem, plain, found, other) else found
         found = None if found is None else without_idle(problem, plain, found)
     if found is None:

@@ -101,8 +101,17 @@ def diagnose_channel(
     if (spoilt or doubted) and describing:
         progress(f"{channel.name}: describing what no catalogued effect explains")
         less = without_doubted(channel, ready, found, kept, doubted)
+        known = [one.form for one in told if one.outdone and one.form is not None]
         described = describe_rest(
-            channel, ready.problem, ready.noise, found.plain, less.final, less.gain, tolerance or Tolerance(), work
+            channel,
+            ready.problem,
+            ready.noise,
+            found.plain,
+            less.final,
+            less.gain,
+            tolerance or Tolerance(),
+            work,
+            known,
         )
         if described is not None:
             again = from_the_law(described.listed, described.fit, len(described.discovered))

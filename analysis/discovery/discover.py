@@ -6,7 +6,7 @@ at the end of its range, and conditions that were held out whole are predicted b
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -86,7 +86,13 @@ class Discovery:
     null: float
 
 
-def discover(problem: Problem, near: Fit, judge: Callable[[Fit], Left], work: Work | None = None) -> Discovery | None:
+def discover(
+    problem: Problem,
+    near: Fit,
+    judge: Callable[[Fit], Left],
+    work: Work | None = None,
+    known: Iterable[Candidate] = (),
+) -> Discovery | None:
     """Describe what the fit `near` leaves; None where nothing that can be described is left.
 
     Parameters
@@ -99,13 +105,15 @@ def discover(problem: Problem, near: Fit, judge: Callable[[Fit], Left], work: Wo
     work : Work, optional
         How many fits it may make. What it has reached by then is held against its rivals and against conditions that
         it was not fitted to all the same, some hundred fits more at most.
+    known : iterable of Candidate, optional
+        Forms that did well in the place of a name which `near` has no more: where a fit is far off, none may score.
     """
     work = Work() if work is None else work
     stages: list[tuple[Candidate, list[Candidate]]] = []
     current, left, null = near, judge(near), np.inf
     there = left.excess
     while not left.passed and len(stages) < MOST and not (stages and (work.ended or left.excess > HARDLY * there)):
-        found, chance = candidates(problem, current, work)
+        found, chance = candidates(problem, current, work, known)
         found = [one for one in found if says_something(one)]
         null = min(null, chance)
         if not found or _worth(current, found[0], chance) <= 0:

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.discovery.grammar import SCALING, forms, plain_forms
 from shockrig.analysis.discovery.race import NUMBER, WHOLE, Candidate, to_its_end
+from shockrig.analysis.effects.behaviours import form_of
 from shockrig.analysis.effects.described import described
+from shockrig.analysis.effects.laws import kin
 from shockrig.analysis.inference.arrow import Arrow
 from shockrig.analysis.inference.effect import Effect, Parameter
 from shockrig.analysis.inference.fit import Fit, fit, go_on, linearise
@@ -145,7 +147,8 @@ def in_its_place(problem: Problem, final: Fit, id_: str, one: Alike, most: float
 
 
 def in_place_of(problem: Problem, final: Fit, id_: str, work: Work) -> list[Candidate]:
-    """Plain forms fitted in the place of a cause, the best first: those whose signature is like its own.
+    """Plain forms fitted in the place of a cause, the best first: those whose signature is like its own, and those that
+    behave as it does.
 
     A catalogue names what comes nearest, and with nothing left to see. Where what is really there has no entry, a plain
     behaviour fits better than the name.
@@ -158,9 +161,9 @@ def in_place_of(problem: Problem, final: Fit, id_: str, work: Work) -> list[Cand
     level = final.deviance + price_of(final, id_)
     found: list[Candidate] = []
     own = signature(problem, final, id_)
-    for one in alike(own, others)[:TRIED]:
-        if one.likeness < ALIKE:
-            break
+    for place, one in enumerate(alike(own, others)):
+        if not (place < TRIED and one.likeness >= ALIKE) and not kin(id_, form_of(one.effect.id)):
+            continue
         work.count(2)
         reached = in_its_place(problem, final, id_, closest(own, one), level)
         if reached is not None:

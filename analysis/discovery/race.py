@@ -24,6 +24,7 @@ FACTOR = 14.0  # of a number that says what a form depends on: the best of seven
 QUICK, FURTHER, WHOLE = 3, 4, 25  # steps of Gauss and Newton
 EACH, LEADERS, REFINED = 3, 10, 4  # forms of a behaviour, forms that are fitted to the end, forms that get a factor
 ROUNDS, STAY = 2, 18  # rounds of further steps, and forms that take part in them
+ANY_RUN = 0.0  # misfit from which on a run's start is looked for anew: one alone may part two rules of a delay
 WRONG = 3.0  # objective per bin from which the runs' deviations mean nothing
 
 
@@ -50,17 +51,19 @@ class Candidate:
         return self.fit.deviance + price(self.form, len(self.effect.parameters))
 
 
-def candidates(problem: Problem, near: Fit, work: Work | None = None) -> tuple[list[Candidate], float]:
+def candidates(
+    problem: Problem, near: Fit, work: Work | None = None, known: Iterable[Candidate] = ()
+) -> tuple[list[Candidate], float]:
     """Forms fitted on top of `near`, the best first, and the drop in deviance that the best of all reaches by chance.
 
-    None where no form scores more than that. At the limit of `work` no further form is begun: those that score best
-    were begun first, and the one ahead is fitted to its end in any case.
+    None but those `known` to do well in the same place where no form scores more than that. At the limit of `work` no
+    further form is begun: those that score best were begun first, and the one ahead is fitted to its end in any case.
     """
     work = Work() if work is None else work
     scored, null = first_order(problem, near, forms(problem.channel))
-    if not scored or scored[0].gain <= null:
+    running = [one for one in known if set(one.fit.structure.ids) == {*near.structure.ids, one.effect.id}]
+    if not running and (not scored or scored[0].gain <= null):
         return [], null
-    running: list[Candidate] = []
     for entry in _entered(scored, null):
         if running and work.ended:
             break
@@ -142,7 +145,7 @@ def to_its_end(problem: Problem, one: Candidate, work: Work) -> Candidate:
         work.count(2)
         ends += [fit(problem, structure, theta, start, WHOLE) for start in (best.deviations, at_rest)]
     best = min(ends, key=lambda f: f.deviance)
-    if one.effect.nudges and (moved := scanned_starts(problem, best)) is not None:
+    if one.effect.nudges and (moved := scanned_starts(problem, best, ANY_RUN)) is not None:
         work.count()
         best = min((best, fit(problem, structure, best.theta, moved, WHOLE)), key=lambda f: f.deviance)
     return Candidate(one.effect, best)

@@ -27,7 +27,19 @@ LAWS: dict[tuple[str, str, tuple[Factor, ...]], tuple[Law, ...]] = {
 }
 
 
+def _driver(form: Form) -> str:
+    return "air" if form.driver in ("air_temperature", "air_humidity") else form.driver
+
+
 def laws_of(form: Form) -> tuple[Law, ...]:
     """The effects whose law a form is, whether the catalogue at hand holds them or not."""
-    driver = "air" if form.driver in ("air_temperature", "air_humidity") else form.driver
-    return LAWS.get((form.behaves_as, driver, form.depends_on), ())
+    return LAWS.get((form.behaves_as, _driver(form), form.depends_on), ())
+
+
+def kin(effect: str, form: Form) -> bool:
+    """Whether a form is the behaviour of an effect's law, by another rule or by the same."""
+    return any(
+        (form.behaves_as, _driver(form)) == key[:2]
+        for key, laws in LAWS.items()
+        if any(name == effect for name, _ in laws)
+    )

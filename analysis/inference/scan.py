@@ -73,13 +73,14 @@ def rough_point(problem: Problem, structure: Structure, choice: Mapping[str, flo
     return Point(theta, deviations)
 
 
-def scanned_starts(problem: Problem, found: Fit) -> Array | None:
-    """Deviations with the start of each misfitting run where it fits best, looked for on a grid; None where all fit.
+def scanned_starts(problem: Problem, found: Fit, stuck: float = STUCK) -> Array | None:
+    """Deviations with the start of each run whose misfit is beyond `stuck` where it fits best, looked for on a grid;
+    None where all fit.
 
     A film's response begins like sqrt(t): no gradient leads a start across a sample that lies at the very transfer.
     """
     channel = problem.channel
-    misfits = run_misfit(problem, found) > STUCK
+    misfits = run_misfit(problem, found) > stuck
     if channel.jumps_with_air:
         misfits &= np.abs(channel.conditions.thermal_step_k) <= JUMP_K  # elsewhere samples at the jump are muted
     if not misfits.any():
