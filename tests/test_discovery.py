@@ -18,7 +18,7 @@ from shockrig.analysis.diagnosis.adequacy import judge
 from shockrig.analysis.diagnosis.prepare import prepare
 from shockrig.analysis.diagnosis.refitting import plain_fit
 from shockrig.analysis.discovery import race
-from shockrig.analysis.discovery.conditions import Condition, Judged, held_out
+from shockrig.analysis.discovery.conditions import Condition, Judged, held_out, judged_by_condition
 from shockrig.analysis.discovery.discover import discover
 from shockrig.analysis.discovery.grammar import forms
 from shockrig.analysis.discovery.remaining import spectrum
@@ -216,6 +216,36 @@ def test_a_description_that_harms_a_condition_does_not_hold():
     assert not Judged((good[0],), 2).holds  # one condition is none to judge by
     chance = [Condition(f"{i}", 0.5, 300.5, 300.0, 300) for i in range(4)]
     assert not Judged(tuple(chance), 2).holds
+
+
+def test_what_is_wrong_with_the_rates_leaves_no_squares_and_is_told_by_the_deviance():
+    """The runs' own rates take it up: 30 of deviance on one number, at 300 squares of 300 bins."""
+    told = [Condition(f"{i}", 10.0, 300.0, 300.0, 300) for i in range(3)]
+    assert Judged(tuple(told), 1).p == pytest.approx(chi2.sf(30.0, 1), rel=0.5)
+    assert Judged(tuple(told), 1).holds
+
+
+def test_a_condition_without_which_a_factor_does_not_vary_is_not_held_out(warm_rates):
+    """Airflows differ at 20 degC alone."""
+    ready, near, found = warm_rates
+    named = {c.name for c in judged_by_condition(ready.problem, near, found.fit, {"airflow"}).conditions}
+    assert "ambient 20 degC" not in named and "ambient 30 degC" in named
+    free = {c.name for c in judged_by_condition(ready.problem, near, found.fit, set()).conditions}
+    assert "ambient 20 degC" in free
+
+
+def test_rates_that_scatter_hide_what_explains_them_from_the_scores(tmp_path, monkeypatch):
+    """A film that dries by a tenth more slowly than it wets: where rates may scatter by 3 % its score is chance."""
+    hidden = [Hidden("direction_dependent_diffusivity", {"ratio_drying_to_wetting": 0.88}, ("humidity",))]
+    channel = build_channel(record(tmp_path / "campaign", 2, hidden, ROUGH, standard_plan()), "humidity")
+    monkeypatch.delitem(CATALOGUE, "direction_dependent_diffusivity")
+    ready = prepare(channel)
+    near = plain_fit(ready.problem, ready.structure)
+    found = discover(ready.problem, near, lambda fit: judge(ready.problem, fit, ready.noise))
+    (one,) = found.effects
+    assert form_of(one.effect.id) == Form("rate_change", "none", (("direction", "ratio"),))
+    value, uncertainty = one.values["direction"]
+    assert abs(value - 0.88) < 3.5 * uncertainty < 0.07
 
 
 def test_where_there_is_nothing_no_form_passes(tmp_path):

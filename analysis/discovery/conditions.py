@@ -52,12 +52,13 @@ class Judged:
 
     @property
     def p(self) -> float:
-        """Probability of an F-ratio as large by accident."""
+        """Probability of an F-ratio as large by accident: of the squares saved, or of the deviance where that is more:
+        what is wrong with the rates the runs' own deviations take up, which leave no squares."""
         before, after = sum(c.before for c in self.conditions), sum(c.after for c in self.conditions)
         degrees = sum(c.bins for c in self.conditions) - self.numbers
         if degrees < 1 or after <= 0:
             return 1.0
-        ratio = (before - after) / max(self.numbers, 1) / (after / degrees)
+        ratio = max(before - after, self.saved) / max(self.numbers, 1) / (after / degrees)
         return float(special.fdtrc(max(self.numbers, 1), degrees, ratio)) if ratio > 0 else 1.0
 
     @property
@@ -74,9 +75,10 @@ class Judged:
 def judged_by_condition(problem: Problem, without: Fit, found: Fit, factors: set[str]) -> Judged:
     """Hold out each condition in turn; `factors` are those that the description depends on.
 
-    A factor with two values is not held out where the description depends on it: one value says nothing of the other.
+    A factor with two values is not held out where the description depends on it: one value says nothing of the other;
+    nor is a condition without which a factor that the description depends on does not vary.
     """
-    conditions = []
+    conditions, needed = [], factors & varied(problem.channel)
     told = problem.channel.quantity.step(problem.channel.conditions) ** 2
     for name, test in held_out(problem.channel, factors):
         train = ~test
@@ -84,6 +86,8 @@ def judged_by_condition(problem: Problem, without: Fit, found: Fit, factors: set
         test = test & known
         # Runs that hardly step do not tell the rates that the others are to be predicted with.
         if train.sum() < LEAST_TRAINED or not test.any() or told[train].sum() < LEAST_TOLD * told.sum():
+            continue
+        if not needed <= varied(problem.channel.select(train)):
             continue
         scored = [_scored(problem, f, train, test) for f in (without, found)]
         (deviance, before), (lower, after) = scored

@@ -185,7 +185,7 @@ def says_something(one: Candidate) -> bool:
             return False
         if parameter.log and spread > ANYTHING * abs(value):
             return False
-        if parameter.name == "size" and spread > CANCELS * abs(value):
+        if parameter.name == "size" and not parameter.log and spread > CANCELS * abs(value):
             return False
     return True
 

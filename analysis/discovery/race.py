@@ -16,7 +16,8 @@ from shockrig.analysis.inference.effect import Effect
 from shockrig.analysis.inference.fit import Fit, fit, go_on
 from shockrig.analysis.inference.model import Model
 from shockrig.analysis.inference.problem import Problem
-from shockrig.analysis.inference.scan import scanned_starts
+from shockrig.analysis.inference.rate_scatter import RATE_SCATTER
+from shockrig.analysis.inference.scan import rough_rates, scanned_starts
 from shockrig.analysis.inference.work import Work
 
 NUMBER = 6.0  # of deviance that each further number of a form must bring: odds of twenty
@@ -24,6 +25,7 @@ FACTOR = 14.0  # of a number that says what a form depends on: the best of seven
 QUICK, FURTHER, WHOLE = 3, 4, 25  # steps of Gauss and Newton
 EACH, LEADERS, REFINED = 3, 10, 4  # forms of a behaviour, forms that are fitted to the end, forms that get a factor
 ROUNDS, STAY = 2, 18  # rounds of further steps, and forms that take part in them
+SCATTERED = 3.0  # times what runs usually differ by in their rates
 ANY_RUN = 0.0  # misfit from which on a run's start is looked for anew: one alone may part two rules of a delay
 WRONG = 3.0  # objective per bin from which the runs' deviations mean nothing
 
@@ -62,9 +64,10 @@ def candidates(
     work = Work() if work is None else work
     scored, null = first_order(problem, near, forms(problem.channel))
     running = [one for one in known if set(one.fit.structure.ids) == {*near.structure.ids, one.effect.id}]
-    if not running and (not scored or scored[0].gain <= null):
+    entered = _entered(scored, null, near.rate_scatter > SCATTERED * RATE_SCATTER)
+    if not running and not entered:
         return [], null
-    for entry in _entered(scored, null):
+    for entry in entered:
         if running and work.ended:
             break
         running += _begun(problem, near, entry)
@@ -81,13 +84,17 @@ def candidates(
     return _distinct([*ended, *fewer, *refined]), null
 
 
-def _entered(scored: Sequence[Scored], null: float) -> list[Scored]:
-    """Of each behaviour with its driver, the forms that score best and all whose strength nothing scales."""
+def _entered(scored: Sequence[Scored], null: float, scattered: bool) -> list[Scored]:
+    """Of each behaviour with its driver, the forms that score best and all whose strength nothing scales.
+
+    Where rates are `scattered` from run to run, what would explain them scores little: they are taken for chance.
+    """
     taken: dict[tuple[str, str], list[Scored]] = {}
     for entry in scored:
         form = form_of(entry.effect.id)
         group = taken.setdefault((form.behaves_as, form.driver), [])
-        if entry.gain > null and (len(group) < EACH or not set(form.depends_on) & set(SCALING)):
+        scores = entry.gain > (NUMBER if scattered and form.behaves_as == "rate_change" else null)
+        if scores and (len(group) < EACH or not set(form.depends_on) & set(SCALING)):
             group.append(entry)
     return sorted((entry for group in taken.values() for entry in group), key=lambda entry: -entry.gain)
 
@@ -120,14 +127,18 @@ def _further(problem: Problem, one: Candidate, work: Work) -> Candidate:
 
 def _begun(problem: Problem, near: Fit, entry: Scored) -> list[Candidate]:
     structure = near.structure.adding(entry.effect)
-    model = Model(problem.channel, structure)
+    model, far = Model(problem.channel, structure), plainly_wrong(problem, near)
     # From the deviations of `near` where these mean anything.
-    deviations = problem.channel.at_rest() if plainly_wrong(problem, near) else near.deviations
+    deviations = problem.channel.at_rest() if far else near.deviations
     found = []
     for start in entry.starts:
-        named = {f"{entry.effect.id}.{name}": value for name, value in start.items()}
-        theta = model.start(near.log_rates, near.choice | named)
-        found.append(Candidate(entry.effect, fit(problem, structure, theta, deviations, QUICK)))
+        choice = near.choice | {f"{entry.effect.id}.{name}": value for name, value in start.items()}
+        begins = [near.log_rates]
+        if far and form_of(entry.effect.id).behaves_as == "lag_in_series":
+            # Behind what takes most of the time the body itself is faster than it was alone.
+            begins.append(rough_rates(problem, structure, choice=choice))
+        tried = [fit(problem, structure, model.start(rates, choice), deviations, QUICK) for rates in begins]
+        found.append(Candidate(entry.effect, min(tried, key=lambda f: f.deviance)))
     return found
 
 
