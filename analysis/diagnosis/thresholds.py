@@ -49,6 +49,7 @@ THRESHOLDS = {
         ("many_runs", 20.0, "runs whose fit tells a small effect by itself", f"{_TRIALS} one --strength limit"),
         ("held_out_excess", 2.0, "multiple of the noise that is no accident on unseen runs", "benchmarks/real_data.py"),
         ("shape_in_doubt", 0.8, "most that a shape is given beside what is left", "benchmarks/real_data.py"),
+        ("shape_beside_most", 0.5, "the same where most of the error is left", "benchmarks/discovery.py"),
         (
             "plain_to_see",
             1.5,

@@ -134,8 +134,8 @@ def _begun(problem: Problem, near: Fit, entry: Scored) -> list[Candidate]:
     for start in entry.starts:
         choice = near.choice | {f"{entry.effect.id}.{name}": value for name, value in start.items()}
         begins = [near.log_rates]
-        if far and form_of(entry.effect.id).behaves_as == "lag_in_series":
-            # Behind what takes most of the time the body itself is faster than it was alone.
+        if far and form_of(entry.effect.id).driver == "airflow":
+            # Behind an exchange that takes most of the time the body itself is faster than it was alone.
             begins.append(rough_rates(problem, structure, choice=choice))
         tried = [fit(problem, structure, model.start(rates, choice), deviations, QUICK) for rates in begins]
         found.append(Candidate(entry.effect, min(tried, key=lambda f: f.deviance)))

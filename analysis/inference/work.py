@@ -8,7 +8,6 @@ from shockrig.analysis.inference.model import Model, Point, Structure
 from shockrig.analysis.inference.problem import Problem
 
 DRIVEN_COST = 6.0  # a record that is driven all along, beside one that jumps
-AVERAGED_COST = 4.0  # readings in a mean from which on a fit costs the more the longer it is
 
 
 class Work:
@@ -32,7 +31,7 @@ def cost_of_a_fit(problem: Problem, base: Structure) -> float:
     """What a fit costs beside one of a record that jumps and is not averaged."""
     if problem.channel.measured.any():
         return DRIVEN_COST
-    return max(_averaged(problem, base) / AVERAGED_COST, 1.0)
+    return _averaged(problem, base)
 
 
 def _averaged(problem: Problem, base: Structure) -> float:
