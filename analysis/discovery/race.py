@@ -3,7 +3,7 @@ factor more where that is worth its number."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -130,16 +130,26 @@ def _begun(problem: Problem, near: Fit, entry: Scored) -> list[Candidate]:
     model, far = Model(problem.channel, structure), plainly_wrong(problem, near)
     # From the deviations of `near` where these mean anything.
     deviations = problem.channel.at_rest() if far else near.deviations
-    found = []
-    for start in entry.starts:
-        choice = near.choice | {f"{entry.effect.id}.{name}": value for name, value in start.items()}
-        begins = [near.log_rates]
-        if far and form_of(entry.effect.id).driver == "airflow":
-            # Behind an exchange that takes most of the time the body itself is faster than it was alone.
-            begins.append(rough_rates(problem, structure, choice=choice))
-        tried = [fit(problem, structure, model.start(rates, choice), deviations, QUICK) for rates in begins]
-        found.append(Candidate(entry.effect, min(tried, key=lambda f: f.deviance)))
+    found, form = [], form_of(entry.effect.id)
+    begins = [(near.log_rates, start) for start in entry.starts]
+    if far and form.behaves_as == "lag_in_series":
+        # What takes most of the time may be the lag, and the body itself faster than it was alone.
+        slow = list(entry.starts) if form.driver == "airflow" else [_all_of_it(near, entry.starts[0])]
+        scanned = [rough_rates(problem, structure, choice=near.choice | _named(entry, start)) for start in slow]
+        begins += zip(scanned, slow, strict=True)
+    for rates, start in begins:
+        theta = model.start(rates, near.choice | _named(entry, start))
+        found.append(Candidate(entry.effect, fit(problem, structure, theta, deviations, QUICK)))
     return found
+
+
+def _named(entry: Scored, start: Mapping[str, float]) -> dict[str, float]:
+    return {f"{entry.effect.id}.{name}": value for name, value in start.items()}
+
+
+def _all_of_it(near: Fit, start: Mapping[str, float]) -> dict[str, float]:
+    """A form's start with the time that the body alone was given."""
+    return dict(start) | {"time_constant_s": float(np.exp(-near.log_rates.mean())) / 3.0}  # a film's mean lag
 
 
 def to_its_end(problem: Problem, one: Candidate, work: Work) -> Candidate:
