@@ -234,6 +234,7 @@ def test_a_condition_without_which_a_factor_does_not_vary_is_not_held_out(warm_r
     assert "ambient 20 degC" in free
 
 
+@pytest.mark.usefixtures("catalogue_as_it_was")
 def test_rates_that_scatter_hide_what_explains_them_from_the_scores(tmp_path, monkeypatch):
     """A film that dries by a tenth more slowly than it wets: where rates may scatter by 3 % its score is chance."""
     hidden = [Hidden("direction_dependent_diffusivity", {"ratio_drying_to_wetting": 0.88}, ("humidity",))]
