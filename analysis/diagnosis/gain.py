@@ -76,12 +76,6 @@ class Gain:
         return self.before**2 - self.after**2 < TRACE * self.before**2
 
     @property
-    def most_left(self) -> bool:
-        """Whether more than half of what could be explained of the mean square error is left."""
-        before, after, floor = self.before**2, self.after**2, self.noise_floor**2
-        return after - floor > 0.5 * (before - floor)
-
-    @property
     def measured(self) -> bool:
         """Whether any run could be held out."""
         return bool(np.isfinite(self.run_before).any())

@@ -45,7 +45,8 @@ def without_doubted(channel: Channel, ready: Prepared, found: Search, kept: Kept
 
 def in_doubt(kept: Kept) -> Kept:
     """What is kept beside a remainder that matters: what only says how the response behaves is certain no longer."""
-    name = "shape_beside_most" if kept.gain.most_left else "shape_in_doubt"
+    most_left = kept.gain.measured and kept.gain.explained_fraction < 0.5
+    name = "shape_beside_most" if most_left else "shape_in_doubt"
     return replace(kept, causes=tuple(_at_most(name, kept.causes, lambda c: CATALOGUE[c.effect].shape)))
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.effect import Effect
+from shockrig.analysis.inference.effect import Effect, by_name
 from shockrig.analysis.inference.fit import Fit, fit, go_on, objective_at
 from shockrig.analysis.inference.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.inference.problem import Problem
@@ -126,10 +126,6 @@ def _begun(problem: Problem, near: Fit, effect: Effect, starts: Starts) -> list[
         fits += tried
     fits.sort(key=lambda f: f.deviance)
     return [_Runner(f, np.inf if i == 0 or far_apart(effect) else 0.0) for i, f in enumerate(fits)]
-
-
-def by_name(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
-    return {f"{effect.id}.{name}": value for name, value in values.items()}
 
 
 def rate_shift(effect: Effect, channel: Channel) -> float:

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from shockrig.analysis.diagnosis.refitting import (
     Starts,
     begun_anew,
-    by_name,
     drop,
     far_apart,
     finish,
@@ -31,7 +30,7 @@ from shockrig.analysis.diagnosis.refitting import (
 from shockrig.analysis.diagnosis.thresholds import TIE, level, penalty
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.effect import Effect
+from shockrig.analysis.inference.effect import Effect, by_name
 from shockrig.analysis.inference.fit import Fit, fit, objective_at
 from shockrig.analysis.inference.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.inference.problem import Problem

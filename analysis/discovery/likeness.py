@@ -15,7 +15,7 @@ from shockrig.analysis.effects.behaviours import form_of
 from shockrig.analysis.effects.described import described
 from shockrig.analysis.effects.laws import kin
 from shockrig.analysis.inference.arrow import Arrow
-from shockrig.analysis.inference.effect import Effect, Parameter
+from shockrig.analysis.inference.effect import Effect, Parameter, by_name
 from shockrig.analysis.inference.fit import Fit, fit, go_on, linearise
 from shockrig.analysis.inference.model import Model, Point, Structure
 from shockrig.analysis.inference.problem import Problem
@@ -65,8 +65,7 @@ class Signature:
         for effect, start in others:
             model = Model(channel, self.less.adding(effect))
             shift = float(np.log(effect.rate_factor(channel))) if effect.rate_factor else 0.0
-            named = {f"{effect.id}.{name}": value for name, value in start.items()}
-            at = model.start(final.log_rates + shift, final.choice | named)
+            at = model.start(final.log_rates + shift, final.choice | by_name(effect, start))
             at[model.behind] = self.theta[bare.behind]
             columns.append(self.problem.whiten(model.predict(Point(at, final.deviations))[0] - self.base))
         stacked = np.stack(columns, axis=-1)
@@ -138,8 +137,7 @@ def in_its_place(problem: Problem, final: Fit, id_: str, one: Alike, most: float
     """The model with another effect in the place of one, fitted from both starts of the deviations; None where both
     stay far above a deviance of `most`."""
     structure = final.structure.dropping(id_).adding(one.effect)
-    named = {f"{one.effect.id}.{name}": value for name, value in one.start.items()}
-    theta = Model(problem.channel, structure).start(final.log_rates, final.choice | named)
+    theta = Model(problem.channel, structure).start(final.log_rates, final.choice | by_name(one.effect, one.start))
     begun = [fit(problem, structure, theta, at, GLANCE) for at in (final.deviations, problem.channel.at_rest())]
     # Where the objective has steps, a fit that is still may be on the wrong side of one.
     hopeful = [f for f in begun if one.effect.nudges or f.deviance < most + FAR_BEHIND]
@@ -162,7 +160,8 @@ def in_place_of(problem: Problem, final: Fit, id_: str, work: Work) -> list[Cand
     found: list[Candidate] = []
     own = signature(problem, final, id_)
     for place, one in enumerate(alike(own, others)):
-        if not (place < TRIED and one.likeness >= ALIKE) and not kin(id_, form_of(one.effect.id)):
+        like_it = place < TRIED and one.likeness >= ALIKE
+        if not (like_it or kin(id_, form_of(one.effect.id))):
             continue
         work.count(2)
         reached = in_its_place(problem, final, id_, closest(own, one), level)

@@ -12,7 +12,7 @@ from shockrig.analysis.discovery.grammar import SCALING, forms, scaling_factors
 from shockrig.analysis.discovery.scores import Scored, first_order
 from shockrig.analysis.effects.behaviours import Form, form_of
 from shockrig.analysis.effects.described import described
-from shockrig.analysis.inference.effect import Effect
+from shockrig.analysis.inference.effect import Effect, by_name
 from shockrig.analysis.inference.fit import Fit, fit, go_on
 from shockrig.analysis.inference.model import Model
 from shockrig.analysis.inference.problem import Problem
@@ -70,8 +70,9 @@ def candidates(
     for entry in entered:
         if running and work.ended:
             break
-        running += _begun(problem, near, entry)
-        work.count(len(entry.starts))
+        begun = _begun(problem, near, entry)
+        work.count(len(begun))
+        running += begun
     if plainly_wrong(problem, near):
         # The way is long: whoever is ahead after a few steps need not be at its end.
         running = [_further(problem, one, work) for one in _ahead(running, 2)]
@@ -135,16 +136,12 @@ def _begun(problem: Problem, near: Fit, entry: Scored) -> list[Candidate]:
     if far and form.behaves_as == "lag_in_series":
         # What takes most of the time may be the lag, and the body itself faster than it was alone.
         slow = list(entry.starts) if form.driver == "airflow" else [_all_of_it(near, entry.starts[0])]
-        scanned = [rough_rates(problem, structure, choice=near.choice | _named(entry, start)) for start in slow]
+        scanned = [rough_rates(problem, structure, choice=near.choice | by_name(entry.effect, start)) for start in slow]
         begins += zip(scanned, slow, strict=True)
     for rates, start in begins:
-        theta = model.start(rates, near.choice | _named(entry, start))
+        theta = model.start(rates, near.choice | by_name(entry.effect, start))
         found.append(Candidate(entry.effect, fit(problem, structure, theta, deviations, QUICK)))
     return found
-
-
-def _named(entry: Scored, start: Mapping[str, float]) -> dict[str, float]:
-    return {f"{entry.effect.id}.{name}": value for name, value in start.items()}
 
 
 def _all_of_it(near: Fit, start: Mapping[str, float]) -> dict[str, float]:

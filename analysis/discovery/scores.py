@@ -15,7 +15,7 @@ from shockrig.analysis.discovery.grammar import periods_s
 from shockrig.analysis.effects.behaviours import Form
 from shockrig.analysis.effects.described import described
 from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.effect import Effect
+from shockrig.analysis.inference.effect import Effect, by_name
 from shockrig.analysis.inference.fit import Fit
 from shockrig.analysis.inference.model import Model, Point
 from shockrig.analysis.inference.problem import Problem
@@ -57,9 +57,7 @@ def first_order(problem: Problem, near: Fit, forms: Iterable[Form]) -> tuple[lis
             continue
         model = Model(channel, near.structure.adding(effect))
         tried = starts(effect, form, channel)
-        thetas = np.stack(
-            [model.start(near.log_rates, near.choice | {f"{effect.id}.{k}": v for k, v in s.items()}) for s in tried]
-        )
+        thetas = np.stack([model.start(near.log_rates, near.choice | by_name(effect, s)) for s in tried])
         predicted = model.predict(Point(thetas, near.deviations)) - base
         columns.append(np.matmul(whitener, np.moveaxis(predicted, 0, -1).astype(np.float32)))
         owners += [(effect, start) for start in tried]

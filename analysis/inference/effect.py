@@ -278,6 +278,11 @@ class Effect:
         return next(p for p in self.parameters if p.name == name)
 
 
+def by_name(effect: Effect, values: Values) -> dict[str, float]:
+    """An effect's values under the names that a model of several effects has for them."""
+    return {f"{effect.id}.{name}": value for name, value in values.items()}
+
+
 def unchanged(chain: Chain, values: Arrays) -> Chain:
     """The chain as it is, for effects of the single readings that leave the mean response alone."""
     return chain

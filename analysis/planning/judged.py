@@ -16,6 +16,7 @@ from shockrig.analysis.diagnosis.refitting import finish
 from shockrig.analysis.diagnosis.search import candidates_of, evidence, penalised, refused, says_nothing
 from shockrig.analysis.diagnosis.thresholds import FALSE_ALARMS, penalty
 from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.inference.effect import by_name
 from shockrig.analysis.inference.fit import Fit, fit
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.model import Model, Structure
@@ -218,7 +219,7 @@ def _passed_over(found: ChannelDiagnosis, effect: str) -> list[tuple[Fit, float]
     for rare in candidates_of(problem.channel):
         if rare.rare and rare.id not in final.structure.ids:
             structure = final.structure.dropping(effect).adding(rare)
-            starts = [{f"{rare.id}.{name}": value for name, value in s.items()} for s in rare.starts(problem.channel)]
+            starts = [by_name(rare, s) for s in rare.starts(problem.channel)]
             thetas = (Model(problem.channel, structure).start(final.log_rates, final.choice | own) for own in starts)
             best = finish(problem, min((fit(problem, structure, t) for t in thetas), key=lambda one: one.deviance))
             if not says_nothing(rare, best.values()[rare.id]) and not refused(best, rare):
