@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 SHORT_RAMP_S = 0.2  # a change of the air within a sample or two is a jump to whoever samples it
 JUMP_K = 0.3  # change of the air's temperature from which RH jumps with it
 GAUSS_NODES = 5  # for the mean of readings that all lie well after the transfer
-NODES_FROM = 2.0  # lengths of the averaging after which they do
+NODES_FROM = {GAUSS_NODES: 2.0, 3: 2.5, 2: 6.0, 1: 100.0}  # lengths of the averaging after which so many do
 WARPED = 3.0  # ramps after which one is over on the time axis of a film whose diffusivity depends on its uptake
 JUMP_S = 0.05  # this near a jump, five times the trigger's uncertainty, nobody knows on which side of it a sample is
 
@@ -184,25 +184,44 @@ def evaluate(chain: Chain, reading_of: Callable[[Chain], Array]) -> Array:
 
 
 def _running_mean(chain: Chain, reading_of: Callable[[Chain], Array]) -> Array:
-    """Mean of the last n readings: all of them where a corner lies among them, Gauss nodes for them elsewhere."""
+    """Mean of the last n readings, from one evaluation at the nodes of all columns."""
     n, period = chain.averaged, chain.channel.reading_period_s
-    single = replace(chain, averaged=1)
+    taken = _nodes_taken(chain)
+    rules = {int(k): _mean_of(n, int(k)) for k in np.unique(taken)}
+    columns = np.repeat(np.arange(taken.size), taken)
+    earlier = period * np.concatenate([rules[k][0] for k in taken])
+    weight = np.concatenate([rules[k][1] for k in taken])
+    die = chain.die_c[:, columns]
+    if chain.at_die_temperature:
+        for shift_s in np.unique(earlier):
+            at = earlier == shift_s
+            die[:, at] = chain.channel.die_earlier_c(float(shift_s))[:, columns[at]]
+    each = replace(chain, averaged=1, time_s=chain.time_s[..., columns] - earlier, die_c=die)
+    begins = np.cumsum(taken) - taken
+    return np.asarray(np.add.reduceat(weight * evaluate(each, reading_of), begins, axis=-1))
 
-    def at(shift_s: float, columns: NDArray[np.int64]) -> Array:
-        die = chain.channel.die_earlier_c(shift_s) if chain.at_die_temperature else chain.die_c
-        moved = replace(single, time_s=chain.time_s[..., columns] - shift_s, die_c=die[:, columns])
-        return evaluate(moved, reading_of)
 
-    smooth = ~_near_corners(chain, NODES_FROM * n * period)
-    smooth &= n > GAUSS_NODES and all(air is None for air in chain.channel.air)
-    whole, few = np.flatnonzero(~smooth), np.flatnonzero(smooth)
-    out = np.zeros(np.broadcast_shapes(chain.time_s.shape, (*chain.rate.shape, 1)))
-    if whole.size:
-        out[..., whole] = sum(at(j * period, whole) for j in range(n)) / n
-    if few.size:
-        nodes, weights = discrete_gauss(n, GAUSS_NODES)
-        out[..., few] = sum(w * at(float(j) * period, few) for j, w in zip(nodes, weights, strict=True))
-    return out
+def _mean_of(count: int, nodes: int) -> tuple[Array, Array]:
+    """Nodes and weights of a mean over 0, 1, ..., count-1: all of them, or Gauss's."""
+    if nodes < count:
+        return discrete_gauss(count, nodes)
+    return np.arange(count, dtype=float), np.full(count, 1.0 / count)
+
+
+def _nodes_taken(chain: Chain) -> NDArray[np.int64]:
+    """How many nodes the mean at each column takes (n,): all readings where a corner lies among them, the fewer the
+    later after it. An exponential that began there is then given to 2e-6 of its size at the corner.
+    """
+    n, span_s = chain.averaged, chain.averaged * chain.channel.reading_period_s
+    taken = np.full(chain.time_s.shape[-1], n)
+    if any(air is not None for air in chain.channel.air):
+        return taken
+    # What is added to the reading may swing at any time, and a die's trace has a corner at each of its samples.
+    fewest = GAUSS_NODES if chain.readouts else 2 if chain.at_die_temperature else 1
+    for nodes, spans in NODES_FROM.items():
+        if fewest <= nodes < n:
+            taken[~_near_corners(chain, spans * span_s)] = nodes
+    return taken
 
 
 def _near_corners(chain: Chain, span_s: float) -> NDArray[np.bool_]:
