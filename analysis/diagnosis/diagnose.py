@@ -6,14 +6,15 @@ better with it: what is tried and does not help there is dropped, and said to ha
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
 from shockrig.analysis.checks.checked import Checked, checked
 from shockrig.analysis.diagnosis.adequacy import describe, judge
 from shockrig.analysis.diagnosis.describing import MOST_FITS, alternatives, describe_rest
-from shockrig.analysis.diagnosis.diagnosed import NO_STEP, ChannelDiagnosis, Diagnosis
+from shockrig.analysis.diagnosis.diagnosed import NO_STEP, Cause, ChannelDiagnosis, Diagnosis
 from shockrig.analysis.diagnosis.experiments import propose, unseen
 from shockrig.analysis.diagnosis.kept import Kept, beside_described, in_doubt, kept_of, tied, without_doubted
 from shockrig.analysis.diagnosis.limits import cannot_tell, ended
@@ -31,6 +32,7 @@ from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.fit import Fit
 from shockrig.analysis.inference.gather import build_channel, usable_runs, why_none
+from shockrig.analysis.inference.noise import Noise
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
 from shockrig.analysis.inference.work import Work, cost_of_a_fit
 from shockrig.files.campaign import Campaign
@@ -40,13 +42,28 @@ from shockrig.files.errors import InputError
 Progress = Callable[[str], None]
 
 
+@dataclass(frozen=True)
+class Missed:
+    """Effects that a search had missed, the deviance that their law had reached, and the readings that a mean had."""
+
+    effects: frozenset[str]
+    deviance: float
+    averaged: int
+
+    def found(self, causes: Iterable[Cause], final: Fit, noise: Noise) -> bool:
+        """Whether a search that began with them names them, with nothing more left than that left."""
+        named = {cause.effect for cause in causes}
+        as_well = final.deviance < self.deviance + TIE
+        return noise.averaged == self.averaged and self.effects <= named and as_well
+
+
 def diagnose_channel(
     channel: Channel,
     progress: Progress = lambda _: None,
     tolerance: Tolerance | None = None,
     earlier: Earlier | None = None,
     describing: bool = True,
-    anew: bool = True,
+    seeking: Missed | None = None,
     twice: bool = False,
     ready: Prepared | None = None,
 ) -> ChannelDiagnosis:
@@ -56,7 +73,7 @@ def diagnose_channel(
 
     What no catalogued effect explains is described only where `describing`: that takes longer than all the rest. Where
     a form of the grammar that does well there is the law of a catalogued effect, the search begins again from that
-    effect (`anew`), once.
+    effect, once (`seeking`; nothing is described there unless that effect is named).
     """
     ready = prepare(channel) if ready is None else ready
     progress(f"{channel.name}: searching the catalogue")
@@ -84,16 +101,18 @@ def diagnose_channel(
     described, work = None, Work(MOST_FITS / cost_of_a_fit(ready.problem, ready.structure))
     told = _doubts(ready, kept, work) if describing else []
     doubted = [one.cause for one in told if one.outdone]
+    if seeking is not None:  # what does not find that counts for nothing, whatever else it would describe
+        describing &= seeking.found((c for c in kept.causes if c.effect not in doubted), kept.final, ready.noise)
 
     def from_the_law(missed: Earlier | None, reached: Fit, descriptions: int) -> ChannelDiagnosis | None:
-        if missed is None or not anew:
+        if missed is None or seeking is not None:
             return None
+        new = Missed(frozenset(missed) - set(kept.final.structure.ids), reached.deviance, ready.noise.averaged)
         progress(f"{channel.name}: searching the catalogue again, from the law of an effect that it had missed")
-        again = diagnose_channel(channel, progress, tolerance, missed, describing, anew=False)
+        again = diagnose_channel(channel, progress, tolerance, missed, describing, seeking=new)
         more = 0 if again.described is None else len(again.described.discovered)
         fewer = more < descriptions or not descriptions
-        new = set(missed) - set(kept.final.structure.ids)
-        return again if fewer and _does_as_well(again, ready, new, reached) else None
+        return again if fewer and new.found(again.causes, again.final, again.noise) else None
 
     if (again := from_the_law(from_rivals(told), kept.final, 0)) is not None:
         return again
@@ -160,13 +179,6 @@ def _doubts(ready: Prepared, kept: Kept, work: Work) -> list[Doubt]:
     shown = {finding.effect for finding in ready.findings}
     claims = (c.effect for c in kept.causes if c.effect not in shown and not CATALOGUE[c.effect].shape)
     return doubts(ready.problem, kept.final, claims, work)
-
-
-def _does_as_well(again: ChannelDiagnosis, ready: Prepared, missed: set[str], reached: Fit) -> bool:
-    """Whether a search that began with what the first had missed names it, with nothing more left than that left."""
-    same = again.noise.averaged == ready.noise.averaged
-    named = {cause.effect for cause in again.causes}
-    return same and missed <= named and again.final.deviance < reached.deviance + TIE
 
 
 def enough(channel: Channel) -> bool:

@@ -14,7 +14,7 @@ import numpy as np
 from shockrig.analysis.diagnosis.search import Earlier, refused, says_nothing
 from shockrig.analysis.diagnosis.thresholds import TIE
 from shockrig.analysis.discovery.discover import Discovery, says_something
-from shockrig.analysis.discovery.likeness import Alike, in_its_place, in_place_of, price_of
+from shockrig.analysis.discovery.likeness import FAR_BEHIND, Alike, in_its_place, in_place_of, price_of
 from shockrig.analysis.discovery.listed import Placed, available, same_law
 from shockrig.analysis.discovery.race import Candidate, price
 from shockrig.analysis.effects import CATALOGUE
@@ -23,6 +23,7 @@ from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.inference.work import Work
 
 PLAINLY = 12.0  # of deviance by which a form has to do better than a name: odds of four hundred
+LARGEST = 700.0  # exponent
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ class Doubt:
 
     def share(self, of: Iterable[str]) -> float:
         """The cause's odds beside some of its rivals, as the share that is left of its probability."""
-        return float(1.0 / (1.0 + sum(np.exp(-0.5 * self.rivals[rival]) for rival in of)))
+        return float(1.0 / (1.0 + sum(np.exp(min(-0.5 * self.rivals[rival], LARGEST)) for rival in of)))
 
     @property
     def sentence(self) -> str:
@@ -90,6 +91,8 @@ def _doubt(problem: Problem, final: Fit, cause: str, work: Work) -> Doubt:
     if form is not None and best is not None and form.cost > best.cost - TIE:
         form = None  # one more number beside a catalogued law is no behaviour that nobody listed
     margin = -np.inf if form is None else level - form.cost
+    if form is not None and best is not None and form.cost < best.cost - FAR_BEHIND:
+        best = None  # nor is it the rival that the search had missed
     return Doubt(
         cause,
         form if margin > TIE else None,
