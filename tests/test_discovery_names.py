@@ -38,9 +38,12 @@ from shockrig.analysis.inference.model import Held, Model, Point, Structure
 from shockrig.analysis.inference.readings import mostly_repeats
 from shockrig.analysis.inference.work import Work, cost_of_a_fit
 from shockrig.analysis.report.described_words import behaves, flies, sentence
+from shockrig.files.campaign import read_campaign
 from shockrig.rig.seams import Air
+from shockrig.rig.virtual.batch import simulate_campaign
+from shockrig.rig.virtual.hide import draw_effect
 from shockrig.rig.virtual.plans import Shock, standard_plan, wide_plan
-from shockrig.rig.virtual.truth import ROUGH, Hidden
+from shockrig.rig.virtual.truth import ROUGH, Hidden, draw_truth
 
 T = ("temperature",)
 HUM_HZ, AMPLITUDE_K = 0.37, 0.05
@@ -242,6 +245,47 @@ def test_a_mean_that_no_entry_accounts_for_is_described(tmp_path, monkeypatch):
     assert extended.structure.held_values(MEAN.key) == {"time_constant_s": one.time_constant_s.value}
     values = {"time_constant_s": one.time_constant_s.value}
     assert described(MEAN.key, False).in_flight.delay_s(values, 0.1) == pytest.approx(0.3)
+
+
+@pytest.fixture(scope="module")
+def mean_in_slow_noise(tmp_path_factory):
+    """A logger that averages ten readings of a channel whose noise hangs together over seconds and hides it."""
+    rng = np.random.default_rng(905)
+    hidden = draw_effect(rng, "moving_average", "comfortable", "temperature")
+    assert hidden.parameters == {"samples": 10.0}
+    truth = draw_truth(rng, "rough", [hidden])
+    folder = simulate_campaign(truth, standard_plan(), rng, tmp_path_factory.mktemp("slow") / "campaign")
+    channel = build_channel(read_campaign(folder), "temperature")
+    assert prepare(channel).noise.averaged == 1
+    return channel
+
+
+def test_a_mean_that_the_noise_hides_is_told_by_the_response(mean_in_slow_noise):
+    """Not by a ramp of the air with a lag and a delay beside it, which together do nearly as well."""
+    found = diagnose_channel(mean_in_slow_noise, tolerance=Tolerance(0.0, 0.0))
+    assert [(cause.effect, cause.parameters["samples"][0]) for cause in found.causes] == [("moving_average", 10.0)]
+
+
+def test_nor_does_it_need_the_entry_for_that(mean_in_slow_noise, monkeypatch):
+    monkeypatch.delitem(CATALOGUE, "moving_average")
+    found = diagnose_channel(mean_in_slow_noise, tolerance=Tolerance(0.0, 0.0))
+    assert (found.verdict, found.causes) == ("described", ())
+    (one,) = found.discovered
+    assert behaves(one).startswith("a mean") and one.time_constant_s.value == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(("name", "step"), [("temperature", 0.1), ("humidity", 1.0)])
+def test_a_rounding_that_no_entry_accounts_for_is_described(tmp_path, monkeypatch, name, step):
+    """It is seen in single readings; no part of the response, nor of a flight."""
+    coarse = [Hidden("quantization", {"step": step}, (name,))]
+    channel = build_channel(record(tmp_path / "c", 8, coarse, ROUGH, small_plan()), name)
+    monkeypatch.delitem(CATALOGUE, "quantization")
+    found = diagnose_channel(channel, tolerance=Tolerance(0.0, 0.0))
+    assert (found.verdict, found.causes) == ("described", ())
+    (one,) = found.discovered
+    assert one.size.value == pytest.approx(step, rel=1e-6)
+    assert behaves(one) == "a rounding of the readings" and "no part in a flight" in flies(one, name)
+    assert entry_of(one, name) is None
 
 
 def test_a_fit_costs_more_the_longer_a_mean_is_by_whatever_name(both):

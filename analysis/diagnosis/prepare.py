@@ -20,11 +20,11 @@ from shockrig.analysis.inference.fit import Fit, run_misfit
 from shockrig.analysis.inference.model import Held, Structure
 from shockrig.analysis.inference.noise import MAX_AVERAGED, Noise, estimate_noise, longest_average, whiteners
 from shockrig.analysis.inference.problem import Problem, make_problem
-from shockrig.analysis.inference.readings import rounding_step
+from shockrig.analysis.inference.readings import coarser_than_the_sensor, known_to, rounding_step
 from shockrig.analysis.inference.reference_noise import with_reference_noise
 from shockrig.analysis.inference.rounding import COARSE_IN_NOISE
 from shockrig.analysis.inference.samples import model_at_samples
-from shockrig.files.diagnosis_data import Discovered
+from shockrig.files.diagnosis_data import Discovered, Size
 
 A_TENTH = 0.1  # of a reading, to which a whole number of them is known
 
@@ -67,15 +67,18 @@ def prepare(channel: Channel, averaged: int | None = None) -> Prepared:
         problem = make_problem(known.channel, whiteners(known.channel, noise), rounding=known.step if coarsely else 0.0)
     held = tuple(Held(f.effect, name, value) for f in findings for name, (value, _) in f.parameters.items())
     structure = Structure(tuple(CATALOGUE[f.effect] for f in findings), held)
-    if noise.averaged == 1 or any(CATALOGUE[f.effect].averages for f in findings):
-        return Prepared(problem, noise, structure, tuple(findings), known.step, coarsely)
-    # Readings that hang together as those of a mean do, and come of none that the catalogue has.
-    mean, period_s = described(MEAN.key, known.channel.jumps_with_air), known.channel.reading_period_s
-    over_s = noise.averaged * period_s
-    structure = structure.adding(mean, Held(mean.id, mean.parameters[0].name, over_s))
-    one = discovered_of(mean, {mean.parameters[0].name: (over_s, A_TENTH * period_s)})
-    one = replace(one, probability=MOST_CERTAIN, seen_over=seen_over(problem))
-    return Prepared(problem, noise, structure, tuple(findings), known.step, coarsely, (one,))
+    # Readings that hang together as those of a mean do, or are rounded, and come of nothing that the catalogue has.
+    shown, entries = [], [CATALOGUE[f.effect] for f in findings]
+    if noise.averaged > 1 and not any(entry.averages for entry in entries):
+        mean, period_s = described(MEAN.key, known.channel.jumps_with_air), known.channel.reading_period_s
+        over_s = noise.averaged * period_s
+        structure = structure.adding(mean, Held(mean.id, mean.parameters[0].name, over_s))
+        shown.append(discovered_of(mean, {mean.parameters[0].name: (over_s, A_TENTH * period_s)}))
+    if coarser_than_the_sensor(known.channel, known.step) and not any(entry.rounded_to for entry in entries):
+        size = Size(known.step, known_to(known.step), known.channel.quantity.unit)
+        shown.append(Discovered("offset", "own_response", size=size))
+    stated = tuple(replace(one, probability=MOST_CERTAIN, seen_over=seen_over(problem)) for one in shown)
+    return Prepared(problem, noise, structure, tuple(findings), known.step, coarsely, stated)
 
 
 def with_rounding(ready: Prepared, rough: Fit | None) -> Prepared:
@@ -96,9 +99,13 @@ def with_rounding(ready: Prepared, rough: Fit | None) -> Prepared:
     return replace(ready, problem=replace(problem, whitener=whitener))
 
 
-def _averaging() -> Effect | None:
-    """The entry of the catalogue that is a running mean; None where it holds none."""
-    return next((e for e in CATALOGUE.values() if e.averages), None)
+def _averaging(channel: Channel) -> tuple[Effect, float]:
+    """The entry of the catalogue that is a running mean, a plain one where it holds none; and the size of its number
+    for one reading."""
+    entry = next((e for e in CATALOGUE.values() if e.averages), None)
+    return (
+        (entry, 1.0) if entry is not None else (described(MEAN.key, channel.jumps_with_air), channel.reading_period_s)
+    )
 
 
 def likelier_average(before: Prepared, found: Search, adequate: bool) -> int | None:
@@ -108,9 +115,9 @@ def likelier_average(before: Prepared, found: Search, adequate: bool) -> int | N
     Nor does the noise tell how long a mean is where few of its readings are shown.
     """
     problem, channel, now = before.problem, before.problem.channel, before.noise.averaged
-    average = _averaging()
-    if average is None or channel.measured.any() or (now > 1 and channel.readings_per_sample == 1):
+    if channel.measured.any() or (now > 1 and channel.readings_per_sample == 1):
         return None
+    average, of_one = _averaging(channel)
     lengths, alike = set(), set()
     for id_, parameters in found.final.values().items():
         if id_ in CATALOGUE and (looks := CATALOGUE[id_].like_average) is not None:
@@ -137,19 +144,22 @@ def likelier_average(before: Prepared, found: Search, adequate: bool) -> int | N
         return None
     whole = found.final.structure
     without = whole.keeping(set(whole.ids) - alike - {average.id})
-    models = [without]
+    own = set(before.structure.ids)
+    # What stands beside that may itself be there for want of a mean.
+    models = list({kept.ids: kept for kept in (without, whole.keeping(own - {average.id}))}.values())
     if not adequate:
         # Where nothing explains the channel, what looks alike and a mean may both be there, with the rest or alone.
-        own = set(before.structure.ids)
         models += [whole.keeping(ids - {average.id}) for ids in (set(whole.ids), *(own | {e} for e in sorted(alike)))]
     cost = found.final.deviance + sum(penalty(CATALOGUE[e], channel) for e in found.standing)
     best = None
     for kept in models:
-        start = refit(problem, kept, found.final, iterations=4)
+        nearest = found.plain if set(kept.ids) == own - {average.id} else found.final
+        start = refit(problem, kept, nearest, iterations=4)
         paid = sum(penalty(CATALOGUE[e], channel) for e in kept.ids if e in found.standing)
         paid += penalty(average, channel) if now == 1 else 0.0
         for n in sorted(lengths):
-            trial = refit(problem, kept.adding(average, Held(average.id, average.parameters[0].name, float(n))), start)
+            held = Held(average.id, average.parameters[0].name, n * of_one)
+            trial = refit(problem, kept.adding(average, held), start)
             total = trial.deviance + 2 * (likely[now - 1] - likely[n - 1]) + paid
             if total < cost - level("average_gain"):
                 cost, best = total, n

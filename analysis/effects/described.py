@@ -232,8 +232,15 @@ def form_of_discovered(stated: Discovered) -> Form:
 
 
 def of_readings(stated: Discovered) -> bool:
-    """Whether it is what single readings do all along, a hum or bursts: no part of the response, nor of a flight."""
-    return stated.behaves_as == "bursts" or (stated.behaves_as == "periodic" and stated.phase_rad is None)
+    """Whether it is what single readings do all along, a hum, bursts or a rounding: no part of the response, nor of a
+    flight."""
+    hum = stated.behaves_as == "periodic" and stated.phase_rad is None
+    return stated.behaves_as == "bursts" or hum or rounded(stated)
+
+
+def rounded(stated: Discovered) -> bool:
+    """Whether it is a rounding of the readings: an offset that the reading itself makes, within a step of its size."""
+    return (stated.behaves_as, stated.driver) == ("offset", "own_response")
 
 
 def entry_of(stated: Discovered, channel: str) -> Effect | None:

@@ -3,19 +3,18 @@
 import numpy as np
 
 from shockrig.analysis.inference.effect import Effect, Finding, InFlight, Parameter, Readings, unchanged
-
-COARSE = 1.5  # rounding is named from this many times the sensor's own step on
+from shockrig.analysis.inference.readings import coarser_than_the_sensor, known_to
 
 
 def coarse_step(known: Readings) -> tuple[Readings, Finding | None]:
     """The step to which all readings are rounded, where it is coarser than the sensor's own, where that is known."""
     step, normal = known.step, known.channel.quantity.resolution
-    if step < COARSE * normal or not known.channel.known_sensor:
+    if not coarser_than_the_sensor(known.channel, step):
         return known, None
     unit = known.channel.quantity.unit
     return known, Finding(
         "quantization",
-        {"step": (step, max(0.002 * step, 1e-5))},
+        {"step": (step, known_to(step))},
         f"all readings are multiples of {step:.4g} {unit}, the sensor resolves {normal:.3g} {unit}",
     )
 

@@ -10,6 +10,7 @@ from shockrig.analysis.inference.channel import Channel
 SAME = 1e-9  # of a unit
 LEAST_CHANGES = 50
 STEPS_APART = 3.0  # rounding steps by which readings of which most repeat differ, where it is not rounding
+COARSE = 1.5  # times the sensor's own step, from which on rounding says something
 ROBUST = 1.4826  # standard deviations in the median of a normal variable's absolute value
 
 
@@ -46,3 +47,13 @@ def rounding_step(channel: Channel) -> float:
         if np.quantile(off, 0.97) < max(0.04 * step, 1.2e-4) and step > 3e-4:
             return step
     return 0.0
+
+
+def coarser_than_the_sensor(channel: Channel, step: float) -> bool:
+    """Whether readings rounded to `step` are coarser than what the sensor resolves, where that is known."""
+    return channel.known_sensor and step >= COARSE * channel.quantity.resolution
+
+
+def known_to(step: float) -> float:
+    """Standard uncertainty of a rounding step that all readings share."""
+    return max(0.002 * step, 1e-5)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from shockrig.analysis.effects.described import entry_of, of_readings
+from shockrig.analysis.effects.described import entry_of, of_readings, rounded
 from shockrig.analysis.report.numbers import measured, plain
 from shockrig.files.causes import Uncertain
 from shockrig.files.diagnosis_data import Dependence, Discovered
@@ -47,6 +47,8 @@ def behaves(one: Discovered) -> str:
         if one.driver == "own_response":
             return "a mean of the last readings over a time"
         return "air that comes in evenly over a time"
+    if rounded(one):
+        return "a rounding of the readings"
     if one.behaves_as == "periodic" and of_readings(one):
         return "a hum that goes on all along"
     return text
