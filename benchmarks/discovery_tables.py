@@ -47,7 +47,7 @@ def _off(one: dict, result: dict) -> list[tuple[str, float]]:
     for name, true in result["hidden"][result["effect"]].items():
         key = NUMBERS.get((result["effect"], name))
         value = _number(one, key) if key else None
-        if value is None or one["behaves_as"] == "added_rate":
+        if value is None or one["behaves_as"] in ("added_rate", "bursts"):
             continue
         # A swing of the other sign is the same half a turn on; a loop is as wide whichever branch is called the lower.
         either = one["behaves_as"] == "periodic" or any(on["form"] == "sign" for on in one["depends_on"])

@@ -374,6 +374,30 @@ def test_a_hum_is_told_by_its_period_and_its_amplitude(humming):
     assert sentence(one, "K").startswith("It behaves as a hum that goes on all along (size 0.0")
 
 
+def test_the_bursts_of_a_hum_are_not_its_amplitude(tmp_path):
+    """Eight seconds of a hundred are ten times as strong; the amplitude is that of the others."""
+    numbers = {"amplitude": AMPLITUDE_K, "hum_hz": 1.2, "burst_share": 0.08}
+    ready = ready_of(tmp_path, 6, [Hidden("unknown_interference", numbers, T)], small_plan())
+    plain = plain_fit(ready.problem, ready.structure)
+    hum = restless(ready.problem.channel, judge(ready.problem, plain, ready.noise))[0]
+    assert hum.behaves_as == "periodic" and hum.size.value == pytest.approx(AMPLITUDE_K, rel=0.05)
+
+
+def test_a_delay_that_grows_is_found_far_from_the_name_in_whose_place_it_is_tried(tmp_path, monkeypatch):
+    """Beside a constant delay its signature points the other way, and its fit has far to go."""
+    rng = np.random.default_rng(907)
+    truth = draw_truth(rng, "rough", [draw_effect(rng, "clock_drift", "comfortable", "temperature")])
+    folder = simulate_campaign(truth, standard_plan(), rng, tmp_path / "campaign")
+    ready = prepare(build_channel(read_campaign(folder), "temperature"))
+    monkeypatch.delitem(CATALOGUE, "clock_drift")
+    found = search(ready.problem, ready.structure)
+    assert found.final.structure.ids == ("dead_time",)
+    (one,) = doubts(ready.problem, found.final, ["dead_time"], Work())
+    assert one.outdone and one.form.effect.id == "delay|none|history:linear"
+    true_ppm = truth.effects[0].parameters["ppm"]
+    assert one.form.fit.choice["delay|none|history:linear.size"] == pytest.approx(true_ppm, rel=0.03)
+
+
 def test_a_line_that_no_condition_bears_out_is_no_hum(late):
     """Told that a line is there where none is, the plateaus answer that they have none."""
     ready, plain = late

@@ -68,8 +68,10 @@ def ask(server, body=SKIP, *, token=TOKEN, path="/control", method="POST", to="1
 def asked_for(campaign):
     """What lies there for the recorder, taken away."""
     file = campaign / FILE
-    content = json.loads(file.read_text()) if file.exists() else None
-    file.unlink(missing_ok=True)
+    if not file.exists():
+        return None  # and what is written from here on stays for the next look
+    content = json.loads(file.read_text())
+    file.unlink()
     return content
 
 

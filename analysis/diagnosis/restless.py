@@ -27,7 +27,8 @@ PER_WIDTH = 4  # frequencies in the width of a line
 FINE = 12  # times as many around the one that stands out
 BESIDE = 3  # widths of a line, which are not taken for the noise beside it
 AROUND = 40  # widths of a line, which are
-CLIPPED = 2.0  # robust standard deviations: no sine goes there, and a burst of it is not its size
+CLIPPED = 2.0  # robust standard deviations: no sine goes there, and a burst is not to hide where it is
+LOUD, AROUND_S = 3.0, 0.5  # robust standard deviations of a burst, and what else is left out beside it
 SHARP, SIGMAS = 0.15, 3.0  # relative uncertainty of a slope over a factor, and its size, from which it says nothing
 EXPECTED = 3e-4  # share of readings that are absurd in real logs
 FEWEST = 4  # plateaus of a condition that is held out
@@ -98,17 +99,16 @@ def _hum(channel: Channel, pieces: list[_Plateau]) -> Discovered | None:
     fine = grid[coarse] + np.arange(-PER_WIDTH * FINE, PER_WIDTH * FINE + 1) * width / (PER_WIDTH * FINE)
     own, variance = _amplitudes(pieces, fine)
     at = int(np.argmax((own / variance[:, None]).sum(axis=0)))
-    count = np.array([p.value.size for p in pieces])
-    lasts = np.array([p.time_s[-1] - p.time_s[0] for p in pieces])
-    noise = np.maximum(variance - 0.5 * own[:, at], 0.0)
-    square = np.maximum(own[:, at] - 4.0 * noise / count, 0.0)
-    size = float(np.sqrt(np.median(square)))  # bursts of it are not its size
+    frequency = float(fine[at])
+    quiet = [_without_bursts(piece) for piece in pieces]
+    count = np.array([p.value.size for p in quiet])
+    lasts = np.array([p.time_s[-1] - p.time_s[0] for p in quiet])
+    amplitude, noise = np.array([_sinusoid(piece, frequency) for piece in quiet]).T
+    size = float(np.sqrt(np.median(np.maximum(amplitude**2 - 4.0 * noise / count, 0.0))))
     if size == 0.0:
         return None
-    amplitude = np.sqrt(own[:, at])
     # Cramer and Rao, of a sinusoid's frequency in white noise (Rife and Boorstyn 1974, doi 10.1109/TIT.1974.1055282).
     known = (np.pi**2 * size**2 * count * lasts**2 / (6.0 * np.maximum(noise, 1e-300))).sum()
-    frequency = float(fine[at])
     return Discovered(
         behaves_as="periodic",
         driver="none",
@@ -117,6 +117,22 @@ def _hum(channel: Channel, pieces: list[_Plateau]) -> Discovered | None:
         does_not_depend_on=_independent(channel, run, amplitude),
         probability=MOST_CERTAIN,
     )
+
+
+def _without_bursts(piece: _Plateau) -> _Plateau:
+    """A plateau without what lies half a second around readings that are far off: a hum's bursts are not its size."""
+    far = np.abs(piece.value) > LOUD * _spread(piece.value)
+    apart = np.abs(piece.time_s[:, None] - piece.time_s[far]).min(axis=1, initial=np.inf)
+    keep = apart > AROUND_S
+    return _Plateau(piece.run, piece.time_s[keep], piece.value[keep]) if keep.sum() > 0.5 * keep.size else piece
+
+
+def _sinusoid(piece: _Plateau, frequency_hz: float) -> tuple[float, float]:
+    """Amplitude of a sinusoid fitted to a plateau by least squares, and the variance of what it leaves."""
+    turn = 2.0 * np.pi * frequency_hz * piece.time_s
+    columns = np.stack([np.sin(turn), np.cos(turn)], axis=1)
+    both, *_ = np.linalg.lstsq(columns, piece.value, rcond=None)
+    return float(np.hypot(*both)), float((piece.value - columns @ both).var())
 
 
 def _beside(power: Array) -> Array:

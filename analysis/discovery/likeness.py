@@ -160,11 +160,12 @@ def in_place_of(problem: Problem, final: Fit, id_: str, work: Work) -> list[Cand
     found: list[Candidate] = []
     own = signature(problem, final, id_)
     for place, one in enumerate(alike(own, others)):
-        like_it = place < TRIED and one.likeness >= ALIKE
-        if not (like_it or kin(id_, form_of(one.effect.id))):
+        rule = kin(id_, form_of(one.effect.id))
+        if not (rule or (place < TRIED and one.likeness >= ALIKE)):
             continue
         work.count(2)
-        reached = in_its_place(problem, final, id_, closest(own, one), level)
+        # Another rule of the same behaviour may have far to go: a delay of the other sign.
+        reached = in_its_place(problem, final, id_, closest(own, one), np.inf if rule else level)
         if reached is not None:
             found.append(to_its_end(problem, Candidate(one.effect, reached), work))
     found.sort(key=lambda c: c.cost)
