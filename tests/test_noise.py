@@ -102,6 +102,16 @@ def test_no_noise_at_all_is_a_very_small_one():
     assert 0 < noise.standard_deviation <= 1e-3
 
 
+def test_one_run_that_mostly_repeats_its_readings_is_not_without_noise():
+    """Steps of 1/16, most readings alike: their median change is none, and no plateau is long enough for more."""
+    channel = noisy_channel(3, 0.02, runs=1)
+    (time, value), *_ = channel.samples
+    few = slice(280, 340)
+    coarse = replace(channel, samples=((time[few], np.round(value[few] * 16.0) / 16.0),))
+    assert np.median(np.abs(np.diff(coarse.samples[0][1]))) == 0.0
+    assert 0.005 < estimate_noise(coarse).standard_deviation < 0.05
+
+
 @pytest.mark.parametrize("period_s", [0.16, 1.0])
 @pytest.mark.parametrize("lag_s", [0.6, 8.0])
 def test_a_slow_chamber_is_no_noise_with_a_memory(lag_s, period_s):

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from shockrig.analysis.characterization.characterize import characterize
 from shockrig.analysis.diagnosis.diagnose import diagnose
 from shockrig.analysis.diagnosis.extended import extended_result
 from shockrig.files.campaign import read_campaign
@@ -15,16 +16,18 @@ from shockrig.files.campaign import read_campaign
 FAST_S, SLOW_S, SHARE = 20.0, 200.0, 0.45
 
 
-def recorded(folder, until_s, body="lumped"):
-    """One run at 1 Hz of 1 - share exp(-t/slow) - (1 - share) exp(-t/fast); start, airs and airflow not stated."""
+def recorded(folder, until_s, body="lumped", times=((FAST_S, SLOW_S),)):
+    """Runs at 1 Hz of 1 - share exp(-t/slow) - (1 - share) exp(-t/fast); start, airs and airflow not stated."""
+    rng = np.random.default_rng(2)
     time = np.arange(0.0, 60.0 + until_s)
     since = np.maximum(time - 60.0, 0.0)
-    shown = 1.0 - SHARE * np.exp(-since / SLOW_S) - (1.0 - SHARE) * np.exp(-since / FAST_S)
-    reading = 15.0 + 12.0 * shown + 0.01 * np.random.default_rng(2).standard_normal(time.size)
-    run = folder / "runs" / "0001"
-    run.mkdir(parents=True)
-    pd.DataFrame({"time_s": time, "temperature_c": reading}).to_csv(run / "imet.csv", index=False)
-    (run / "run.json").write_text(json.dumps({"format": "shock-run/1", "id": "0001"}))
+    for number, (fast_s, slow_s) in enumerate(times, 1):
+        shown = 1.0 - SHARE * np.exp(-since / slow_s) - (1.0 - SHARE) * np.exp(-since / fast_s)
+        reading = 15.0 + 12.0 * shown + 0.01 * rng.standard_normal(time.size)
+        run = folder / "runs" / f"{number:04d}"
+        run.mkdir(parents=True)
+        pd.DataFrame({"time_s": time, "temperature_c": reading}).to_csv(run / "imet.csv", index=False)
+        (run / "run.json").write_text(json.dumps({"format": "shock-run/1", "id": f"{number:04d}"}))
     sensors = {"imet": {"kind": "as logged", "body": body}}
     (folder / "campaign.json").write_text(json.dumps({"format": "shock-campaign/1", "name": "one", "sensors": sensors}))
     (found,) = diagnose(read_campaign(folder)).channels
@@ -46,6 +49,21 @@ def test_a_run_that_settles_tells_its_shape_and_no_cause(tmp_path):
     off = row.response.t63_s - t63_s()
     assert abs(off) < 2.0 * row.response.standard_uncertainties_s[0]
     assert abs(off) < 0.05 * t63_s()
+
+
+def test_a_plain_model_is_as_unsure_as_it_is_off_its_only_run(tmp_path):
+    """Its time to 63 % is no better known than the run itself shows it."""
+    recorded(tmp_path, 1500.0)
+    row = characterize(read_campaign(tmp_path)).temperature.rows[0]
+    off = row.response.t63_s - t63_s()
+    assert 0.05 * t63_s() < abs(off) < 2.0 * row.response.standard_uncertainties_s[0]
+
+
+def test_three_sensors_taken_for_one_are_not_explained(tmp_path):
+    """Their curves have one shape, at times that are twice as long from each to the next."""
+    found = recorded(tmp_path, 1500.0, times=[(10.0, 100.0), (20.0, 200.0), (40.0, 400.0)])
+    assert found.verdict == "unexplained" and all(cause.probability <= 0.8 for cause in found.causes)
+    assert any("see that all are of one sensor" in said for said in found.cannot_tell)
 
 
 @pytest.mark.parametrize("body", ["lumped", "sphere"])

@@ -69,3 +69,18 @@ def test_a_step_between_two_readings_has_no_time_but_a_bound(whole):
         assert one.at_most and one.times_s[0] >= TAU_S
     assert "within" in seen_sentence(unknown(slow))
     assert "Log every" in " ".join(next_time([unknown(slow)]))
+
+
+def test_noise_that_takes_a_reading_over_and_back_moves_no_time(whole):
+    """The first crossing alone would be early."""
+    part, rng = lagging(whole, 24), np.random.default_rng(4)
+    noisy = replace(part, samples=tuple((t, v + rng.normal(0.0, 0.5, t.size)) for t, v in part.samples))
+    t63 = np.array([one.times_s[0] for one in seen(noisy)])
+    assert t63.mean() == pytest.approx(-TAU_S * np.log(1.0 - 0.632), rel=0.02)
+
+
+def test_a_period_that_reads_the_same_is_not_asked_for(whole):
+    """Eight readings in the 12 s to 63 % are asked for, one every 1.5 s; 1.53 s is as good."""
+    slow = replace(unknown(lagging(whole)), sampling_period_s=1.53)
+    assert not any("Log every" in said for said in next_time([slow]))
+    assert any("Log every 1.5 s" in said for said in next_time([replace(slow, sampling_period_s=2.0)]))

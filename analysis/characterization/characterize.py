@@ -12,6 +12,7 @@ from dataclasses import replace
 from shockrig.analysis.characterization.chosen_runs import choose_runs
 from shockrig.analysis.characterization.extension import Extension
 from shockrig.analysis.characterization.part_fit import (
+    as_far_off,
     fit_part,
     fitted_discovered,
     fitted_effects,
@@ -27,6 +28,7 @@ from shockrig.analysis.inference.gather import build_channel, usable_runs, why_n
 from shockrig.analysis.inference.noise import estimate_noise
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
 from shockrig.analysis.inference.rate_scatter import posterior_scatter
+from shockrig.analysis.inference.seen import by_itself
 from shockrig.files.campaign import Campaign
 from shockrig.files.errors import InputError
 
@@ -147,5 +149,7 @@ def characterize_channel(
             parts.append(part)
     if not rows:
         raise _Unusable(why_none(set_aside))
+    if whole.runs == 1 and parts[0].enlarged(noise) > 1.0 and (shown := by_itself(whole)) is not None:
+        rows = [as_far_off(row, shown[0]) for row in rows]
     effects, described = fitted_effects(extension, parts[0]), fitted_discovered(extension, parts[0])
     return channel_result(rows, noise, effects, parts, set_aside, described)

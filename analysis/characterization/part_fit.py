@@ -160,6 +160,14 @@ def _wider(response: ResponseTime, relative: float) -> ResponseTime:
     return replace(response, standard_uncertainties_s=(first, second, third))
 
 
+def as_far_off(row: Row, t63_s: float) -> Row:
+    """A row of a model that misses its only run, as uncertain as its time to 63 % is away from the run's own [s]:
+    with no other run nothing else tells how wrong the model is."""
+    away = abs(float(np.log(row.response.t63_s / t63_s)))
+    uncertainty = float(np.hypot(row.standard_uncertainty, away * row.diffusivity_m2_s))
+    return replace(row, standard_uncertainty=uncertainty, response=_wider(row.response, away))
+
+
 def _relative(response: ResponseTime) -> float:
     """Relative standard uncertainty of a time to 63 %."""
     return response.standard_uncertainties_s[0] / response.t63_s if response.standard_uncertainties_s else np.inf

@@ -189,6 +189,11 @@ def describe(problem: Problem, found: Fit, noise: Noise, adequacy: Adequacy) -> 
     }
 
 
+def most_scatter(channel: Channel) -> float:
+    """By how much the rates of runs may scatter (ln): as the airflow, where nobody recorded that."""
+    return level("rate_scatter" if channel.conditions.airflow_known.all() else "open_rate_scatter")
+
+
 def _deviations(problem: Problem, found: Fit) -> list[Check]:
     channel = problem.channel
     variance, prior = found.arrow.run_variances(), 1.0 / found.arrow.weight
@@ -197,7 +202,7 @@ def _deviations(problem: Problem, found: Fit) -> list[Check]:
     design = np.column_stack([f["run order"], np.sign(f["step"]), f["ambient"], f["airflow"], f["amplitude"]])
     design = design - design.mean(axis=0)
     # Runs that differ a little are no effect; rates that differ by several percent are.
-    wide = found.rate_scatter > level("rate_scatter") and bool(channel.conditions.airflow_known.all())
+    wide = found.rate_scatter > most_scatter(channel)
     checks = [Check("scatter of the runs' rate", found.rate_scatter, 1.0, 0.0 if wide else 1.0)]
     for k, name in enumerate(RUN_EFFECT_NAMES[: prior.shape[1]]):
         spread = np.maximum(prior[:, k] - variance[:, k], 0.0)

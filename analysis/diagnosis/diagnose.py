@@ -17,7 +17,7 @@ from shockrig.analysis.diagnosis.describing import MOST_FITS, alternatives, desc
 from shockrig.analysis.diagnosis.diagnosed import NO_STEP, Cause, ChannelDiagnosis, Diagnosis
 from shockrig.analysis.diagnosis.experiments import propose, unseen
 from shockrig.analysis.diagnosis.kept import Kept, beside_described, in_doubt, kept_of, tied, without_doubted
-from shockrig.analysis.diagnosis.limits import cannot_tell, ended
+from shockrig.analysis.diagnosis.limits import cannot_tell, ended, rates_apart
 from shockrig.analysis.diagnosis.naming import Doubt, doubts, from_rivals
 from shockrig.analysis.diagnosis.prepare import Prepared, likelier_average, prepare, with_rounding
 from shockrig.analysis.diagnosis.remainder import Tolerance, measure_remainder, predicted_badly
@@ -164,6 +164,7 @@ def diagnose_channel(
             id_ for id_, effect in CATALOGUE.items() if channel.name in effect.channels and not effect.acts_in(channel)
         ),
         cannot_tell=cannot_tell(channel)
+        + rates_apart(kept.final)
         + ended(found, work)
         + tuple(d.sentence for d in told if d.form is not None and d.cause in {c.effect for c in kept.causes}),
         tried=kept.tried,

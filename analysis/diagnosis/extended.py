@@ -22,16 +22,13 @@ from shockrig.analysis.diagnosis.export import stated_cause
 from shockrig.analysis.diagnosis.refitting import drop, finish, plain_fit, race
 from shockrig.analysis.diagnosis.thresholds import TIE
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.fit import Fit
 from shockrig.analysis.inference.noise import whiteners
 from shockrig.analysis.inference.problem import make_problem
 from shockrig.analysis.inference.quantity import ChannelName
-from shockrig.analysis.inference.seen import seen
+from shockrig.analysis.inference.seen import by_itself
 from shockrig.files.campaign import Campaign
 from shockrig.files.profile import Profile
-
-LAG_TO_90 = float(np.log(10.0))  # time constants of a first-order lag
 
 
 def plain_result(found: ChannelDiagnosis) -> ChannelResult | None:
@@ -61,7 +58,7 @@ def extended_result(found: ChannelDiagnosis) -> ChannelResult | None:
     if not rows:
         return None
     wider = _wider(found)
-    shown = _by_itself(found.problem.channel) if found.verdict == "unexplained" and not found.gain.measured else None
+    shown = by_itself(found.problem.channel) if found.verdict == "unexplained" and not found.gain.measured else None
     rows = [_in_doubt(found, row, wider, shown) for row in rows]
     effects = tuple(stated_cause(cause).as_effect() for cause in found.causes)
     left_out = [*found.problem.channel.left_out, *undetermined]
@@ -102,16 +99,6 @@ def _in_doubt(found: ChannelDiagnosis, row: Row, wider: Sequence[Fit], shown: tu
         standard_uncertainty=float(np.hypot(row.standard_uncertainty, row.diffusivity_m2_s * away[0])),
         response=replace(stated, standard_uncertainties_s=(first, second, third)),
     )
-
-
-def _by_itself(channel: Channel) -> tuple[float, float] | None:
-    """Times [s] to 63 and 90 % that a single run shows by no model; None where it shows none."""
-    for one in seen(channel):
-        if one.times_s is not None and not one.at_most:
-            return one.times_s
-        if one.behind_s:
-            return one.behind_s, LAG_TO_90 * one.behind_s
-    return None
 
 
 def _wider(found: ChannelDiagnosis) -> list[Fit]:

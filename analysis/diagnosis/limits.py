@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from shockrig.analysis.diagnosis.adequacy import most_scatter
 from shockrig.analysis.diagnosis.search import Search
 from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.fit import Fit
 from shockrig.analysis.inference.seen import FEW_RUNS
 from shockrig.analysis.inference.work import Work
 
@@ -29,13 +31,24 @@ def ended(found: Search, work: Work) -> tuple[str, ...]:
     return tuple(said)
 
 
+def rates_apart(final: Fit) -> tuple[str, ...]:
+    """A sentence where the runs' own rates lie far apart and nothing in the model says why."""
+    if final.rate_scatter <= most_scatter(final.model.channel):
+        return ()
+    return (
+        f"The runs differ in how fast they are by some {final.rate_scatter:.0%}, and nothing that was named says why: "
+        "see that all are of one sensor, in one airflow.",
+    )
+
+
 def cannot_tell(channel: Channel) -> tuple[str, ...]:
     """Sentences, each on one thing that the campaign leaves open and what it would have needed."""
     c, sensor = channel.conditions, channel.quantity.noun
     said = []
     if channel.runs == 1:
         said.append(
-            "One run: nothing can be tried on a run that was not fitted; the response's shape can be told, no cause."
+            "One run: nothing can be tried on a run that was not fitted. What is named says how the response goes; "
+            "what makes it go so is not borne out by one run."
         )
     elif channel.runs <= FEW_RUNS:
         said.append(f"{channel.runs} runs: only what is plain in each of them can be told, and uncertainties are wide.")

@@ -39,6 +39,7 @@ THRESHOLDS = {
     for name, value, meaning, source in (
         ("adequacy", 1e-6, "probability below which what is left is no accident", f"{_TRIALS} none"),
         ("rate_scatter", 0.022, "scatter of the runs' rates that is an effect", f"{_TRIALS} none"),
+        ("open_rate_scatter", 0.25, "the same where nobody recorded the airflow", "benchmarks/foreign_benches.py"),
         ("stated_scatter", 1.7, "by how much stated uncertainties may be exceeded", f"{_TRIALS} none"),
         ("certain_excess", 20.0, "multiple of what is left that a cause must dwarf", f"{_TRIALS} outside"),
         ("certain_least", 200.0, "drop in deviance that it must bring besides", f"{_TRIALS} outside"),

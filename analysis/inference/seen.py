@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 FEW_RUNS = 6
 SHARES = (0.632, 0.90)
 STEP_IN_NOISE = 20.0  # a smaller step has no times worth saying
+LAG_TO_90 = float(np.log(10.0))  # time constants of a first-order lag
 MOST_BETWEEN = 0.3  # of the way between two readings: from here on a line between them is invented
 
 
@@ -61,18 +62,32 @@ def seen(channel: Channel) -> tuple[Seen, ...]:
     return tuple(found)
 
 
+def by_itself(channel: Channel) -> tuple[float, float] | None:
+    """Times [s] to 63 and 90 % that a single run shows by no model; None where it shows none."""
+    for one in seen(channel):
+        if one.times_s is not None and not one.at_most:
+            return one.times_s
+        if one.behind_s:
+            return one.behind_s, LAG_TO_90 * one.behind_s
+    return None
+
+
 def _crossings(time: Array, share: Array) -> tuple[tuple[float, float], bool]:
-    """Times at which a share of the way is passed for good [s]: straight between the two readings around it, or that
-    of the later where the first of them lies too far back.
+    """Times at which a share of the way is passed [s]: straight between the two readings around it, or that of the
+    later where the first of them lies too far back; where noise takes a reading over it and back, midway between the
+    first time and the last.
     """
     times, later, apart = [], [], []
     for wanted in SHARES:
-        after = int(np.argmax(share >= max(wanted, 0.5)))
-        below = np.flatnonzero(share[: after + 1] < wanted)
-        i = int(below[-1]) if below.size else after - 1
-        part = (wanted - share[i]) / (share[i + 1] - share[i])
-        times.append(float(time[i] + part * (time[i + 1] - time[i])))
-        later.append(float(time[i + 1]))
-        apart.append(float(share[i + 1] - share[i]))
+        first = int(np.argmax(share >= wanted))
+        far = share >= 0.5 * (1.0 + wanted)
+        short = np.flatnonzero(share[: int(np.argmax(far)) if far.any() else share.size] < wanted)
+        last = int(short[-1]) + 1 if short.size else first
+        around = np.array([max(first, 1), max(min(last, share.size - 1), 1)])
+        before = around - 1
+        part = np.clip((wanted - share[before]) / (share[around] - share[before]), 0.0, 1.0)
+        times.append(float((time[before] + part * (time[around] - time[before])).mean()))
+        later.append(float(time[around[-1]]))
+        apart.append(float((share[around] - share[before]).max()))
     at_most = max(apart) > MOST_BETWEEN
     return ((later[0], later[1]) if at_most else (times[0], times[1])), at_most

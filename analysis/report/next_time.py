@@ -78,6 +78,8 @@ def _sampling(channels: Sequence[Channel]) -> str:
         t63_s = _t63_s(channel)
         if t63_s is not None and t63_s < ENOUGH_READINGS * channel.sampling_period_s:
             wanted, now = _about(t63_s / ENOUGH_READINGS), _about(channel.sampling_period_s)
+            if wanted == now:
+                continue
             within = f"63 % of the way takes {_about(t63_s)} s or less"
             return f"Log every {wanted} s or faster, not every {now} s: {within}."
     return ""
