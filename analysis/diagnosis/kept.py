@@ -128,6 +128,9 @@ def kept_of(channel: Channel, ready: Prepared, found: Search, adequacy: Adequacy
     ]
     if not gain.measured:
         causes = _at_most("shape_in_doubt", causes, lambda c: c.effect not in from_readings)
+        # What brings less than all of them leave may be there to make up for that, and no other run says it is not.
+        least = 0.0 if adequacy.passed else adequacy.excess
+        causes = _at_most("shape_beside_most", causes, lambda c: c.effect not in from_readings and c.evidence < least)
     if not adequacy.passed and own_temperature_unknown(channel):
         # What a film's own temperature does to its response is not known: no shape is likelier than that.
         causes = _at_most("outdone", causes, lambda c: CATALOGUE[c.effect].shape)
