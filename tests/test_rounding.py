@@ -1,9 +1,12 @@
 """Rounded readings against a Monte Carlo: random places between two codes, noise, and what rounding makes of it."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from shockrig.analysis.inference.noise import Noise
+from shockrig.analysis.inference.readings import rounding_step
 from shockrig.analysis.inference.rounding import noise_before_rounding, rounded_autocovariance, rounding_covariance
 
 STEP = 0.5
@@ -52,3 +55,38 @@ def test_covariance_of_a_rounded_transient():
     own = rounding_covariance(signal, lag, gamma, STEP) + gamma[lag]
     assert own == pytest.approx(errors.T @ errors / 40_000, abs=1e-3)
     assert np.linalg.eigvalsh(own).min() > 0.0
+
+
+def plunge(noise, low=2.4, high=25.1):
+    """Readings every second of a sensor put into ice water."""
+    time = np.arange(400.0)
+    clean = low + (high - low) * np.exp(-np.clip(time - 200.0, 0.0, None) / 9.0)
+    return clean + noise * np.random.default_rng(5).standard_normal(time.size)
+
+
+def step_of(values):
+    return rounding_step(SimpleNamespace(samples=((np.arange(len(values)), np.asarray(values)),)))
+
+
+@pytest.mark.parametrize("ends", [(2.4, 25.1), (-10.0, 24.0), (38.0, 41.0)])
+@pytest.mark.parametrize(("step", "digits"), [(1 / 16, 2), (1 / 8, 2), (1 / 128, 3)])
+def test_a_step_printed_with_fewer_digits_than_it_has(step, digits, ends):
+    shown = np.round(step * np.rint(plunge(step, *ends) / step), digits)
+    assert step_of(shown) == pytest.approx(step, rel=2e-3)
+
+
+def test_a_ds18b20_that_was_plunged():
+    """Readings of TSENSOR_KiS.LOG, https://github.com/QuentinRauschenbach/Temperature_Logger, each once."""
+    shown = """
+    25.00 24.88 24.94 25.06 25.13 24.81 24.75 24.69 24.63 24.56 24.50 24.44 24.38 24.31 24.25 24.19 24.13 24.06
+    24.00 23.94 23.88 23.81 23.75 22.88 20.38 18.13 16.31 14.88 13.69 12.69 11.81 11.00 10.25 9.63 9.06 8.63 8.19
+    7.81 7.44 7.06 6.69 6.38 6.13 5.88 5.63 5.44 5.19 5.06 4.81 4.69 4.50 4.38 4.25 4.13 4.00 3.88 3.75 3.69 3.63
+    3.56 3.50 3.44 3.38 3.31 3.25 3.19 3.13 3.06 3.00 2.94 2.88 2.81 2.69 2.63 2.56 2.50 2.44
+    """
+    assert step_of([float(value) for value in shown.split()]) == pytest.approx(1 / 16, rel=2e-3)
+
+
+@pytest.mark.parametrize("noise", [0.001, 0.02, 0.3])
+def test_no_step_is_seen_in_readings_with_few_digits(noise):
+    assert step_of(np.round(plunge(noise), 2)) in (0.0, pytest.approx(0.01))
+    assert step_of(plunge(noise)) == 0.0

@@ -11,6 +11,8 @@ SAME = 1e-9  # of a unit
 LEAST_CHANGES = 50
 STEPS_APART = 3.0  # rounding steps by which readings of which most repeat differ, where it is not rounding
 COARSE = 1.5  # times the sensor's own step, from which on rounding says something
+LEAST_PRINTED = 16  # distinct readings, from which on a step with fewer digits than it has is told from chance
+LEAST_DIGITS = 3.0  # last digits in such a step
 ROBUST = 1.4826  # standard deviations in the median of a normal variable's absolute value
 
 
@@ -46,7 +48,34 @@ def rounding_step(channel: Channel) -> float:
         off = np.abs(values - step * np.rint(values / step))
         if np.quantile(off, 0.97) < max(0.04 * step, 1.2e-4) and step > 3e-4:
             return step
-    return 0.0
+    return _step_in_few_digits(values)
+
+
+def _step_in_few_digits(values: NDArray[np.float64]) -> float:
+    """Step of readings printed with fewer digits than it has, sixteenths of a degree as 25.06, 25.13; 0 where none is.
+
+    `values` (n,) are distinct and sorted [unit]. Readings that are no multiples of anything all lie within half of the
+    last digit of one with a probability of (digit / step)^n.
+    """
+    digit = next((d for d in (0.1, 0.01, 0.001) if np.allclose(values, d * np.rint(values / d), 0.0, 1e-6)), 0.0)
+    if not digit or values.size < LEAST_PRINTED:
+        return 0.0
+    gaps = np.diff(values)
+    # One step is printed as two lengths, a digit apart. The more steps have been counted the longer a gap can be told.
+    step = float(gaps[gaps < gaps.min() + 1.5 * digit].mean())
+    if step < LEAST_DIGITS * digit:
+        return 0.0
+    steps = span = 0.0
+    for gap in np.sort(gaps):
+        steps, span = steps + np.rint(gap / step), span + gap
+        step = span / steps
+    whole = np.cumsum(np.rint(np.append(values[0], gaps) / step))
+    unsure = int(abs(values[0]) * digit / (span * step)) + 1
+    found = (0.6 * digit, 0.0)  # half a digit, and what the fit lacks
+    for codes in (whole + shift for shift in range(-unsure, unsure + 1)):
+        step = float(values @ codes / (codes @ codes))
+        found = min(found, (float(np.abs(values - step * codes).max()), step))
+    return found[1]
 
 
 def coarser_than_the_sensor(channel: Channel, step: float) -> bool:
