@@ -25,6 +25,7 @@ from shockrig.files.campaign import read_campaign
 from shockrig.protocols.cli import main
 from shockrig.rig.logs.first_map import look_at
 from shockrig.rig.logs.map_file import parse_map
+from shockrig.rig.logs.order import in_order
 
 
 def run(*arguments):
@@ -159,6 +160,37 @@ def test_coarse_stamps_are_spread(tmp_path, capsys):
     assert "680 rows share coarse stamps and are spread evenly" in capsys.readouterr().out
     for one in read_campaign(tmp_path / "c").runs:
         assert np.diff(one.imet.time_s) == pytest.approx(0.5, abs=1e-6)
+
+
+@pytest.mark.parametrize("period_s", [1.141, 2.6, 0.85])
+def test_stamps_too_coarse_for_even_rows_are_taken_evenly(tmp_path, capsys, period_s):
+    """Whole seconds of rows that come every 1.141 s (0, 1, 2, 3, 5): times on a line, if not told otherwise."""
+    header = "time_s,temperature_c,humidity_percent"
+    log = written(tmp_path / "log.csv", text(plain(header, time=lambda t: f"{int(t / 0.5 * period_s)}")))
+    assert run(log, "--map", written(tmp_path / "m.toml", MAP), "--out", tmp_path / "c") == 0
+    said = capsys.readouterr().out
+    assert f"one every {period_s:.4g} s" in said and "bear stamps in steps of 1 s" in said
+    for one in read_campaign(tmp_path / "c").runs:
+        assert np.diff(one.imet.time_s) == pytest.approx(period_s, rel=1e-3)
+    kept = written(tmp_path / "k.toml", '[log]\nrepeated_stamps = "first"\n' + MAP)
+    assert run(log, "--map", kept, "--out", tmp_path / "d") == 0
+    assert "bear stamps in steps of" not in capsys.readouterr().out
+    for one in read_campaign(tmp_path / "d").runs:
+        assert (np.diff(one.imet.time_s) % 1.0 == 0.0).all()
+
+
+def test_rows_that_were_lost_do_not_make_stamps_coarse():
+    """A row every second, one in twenty lost by chance, and each stretch between holes for itself."""
+    stamps = np.flatnonzero(np.random.default_rng(3).random(2000) > 0.05).astype(float)
+    ordered = in_order(stamps, {}, range(stamps.size), "auto")
+    assert (ordered.time_s == stamps).all() and not ordered.remarks
+    true = 1.2 * np.arange(400.0)
+    stamps = np.concatenate([np.floor(true), 520.0 + np.floor(true), 1040.0 + np.arange(50.0)])
+    ordered = in_order(stamps, {}, range(stamps.size), "auto")
+    assert np.diff(ordered.time_s[:400]) == pytest.approx(1.2, rel=1e-3)
+    assert np.diff(ordered.time_s[400:800]) == pytest.approx(1.2, rel=1e-3)
+    assert (ordered.time_s[800:] == stamps[800:]).all() and (np.diff(ordered.time_s) > 0.0).all()
+    assert "800 rows bear stamps in steps of 1 s and come every 1.2 s" in ordered.remarks[0]
 
 
 def test_held_readings_are_thinned(tmp_path, capsys):

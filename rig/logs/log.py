@@ -92,7 +92,8 @@ def read_log(
         The log's lines, where they have been read already.
     stamps : str
         What is done with readings that differ and bear the same stamp: "spread" over the time to the next stamp,
-        "first" (keep the first), or "auto": spread where the stamps are coarser than the readings.
+        "first" (keep the first), or "auto": spread where the stamps are coarser than the readings. Where they are
+        merely too coarse for how evenly rows come, "auto" takes times on a line, and the others the stamps.
 
     Raises
     ------

@@ -18,6 +18,9 @@ Index = NDArray[np.intp]
 
 GAP_PERIODS = 60.0  # a hole of so many sampling periods may hide a step and what followed
 FEW_ROWS = 5  # of which one or two may bear an absurd stamp
+HOLE_PERIODS = 1.5  # and one unit of the stamps: beyond are rows that are missing, not stamps that are rounded
+COARSE_STAMPS = 0.2  # of the time between rows: stamps as coarse as that are worth a line
+LEAST_UNEVEN = 20  # steps between rows that are longer or shorter than most: fewer may be rows that were lost
 LOCAL = 100  # a row that belongs so many rows away arrived late; farther away the clock was set
 
 
@@ -29,6 +32,15 @@ class Ordered:
     values: Mapping[str, Array]
     pieces: tuple[slice, ...]
     remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Even:
+    """A stretch of rows that come evenly and bear rounded stamps."""
+
+    rows: int
+    period_s: float
+    unit_s: float
 
 
 def in_order(time_s: Array, values: Mapping[str, Array], lines: Sequence[int], stamps: str) -> Ordered:
@@ -52,12 +64,15 @@ def in_order(time_s: Array, values: Mapping[str, Array], lines: Sequence[int], s
     parts: list[Index] = []
     spread: list[Array] = []
     late = same = differing = spread_rows = 0
+    even: list[Even] = []
     for session in sessions:
         order = session[np.argsort(time_s[session], kind="stable")]
         late += int((np.diff(time_s[session]) < 0).sum())
         part, again = _without_repeats(time_s, values, order)
         same += again
-        moments, n_spread, part, n_differing = _spread(time_s[part], part, stamps)
+        moments, found = _evenly(time_s[part]) if stamps == "auto" else (time_s[part], [])
+        even += found
+        moments, n_spread, part, n_differing = _spread(moments, part, stamps)
         spread_rows += n_spread
         differing += n_differing
         parts.append(part)
@@ -71,6 +86,12 @@ def in_order(time_s: Array, values: Mapping[str, Array], lines: Sequence[int], s
     if spread_rows:
         remarks.append(
             f"{spread_rows} rows share coarse stamps and are spread evenly between them: times are good to half a stamp"
+        )
+    if even:
+        longest = max(even, key=lambda one: one.rows)
+        remarks.append(
+            f"{sum(one.rows for one in even)} rows bear stamps in steps of {longest.unit_s:.4g} s and come every "
+            f'{longest.period_s:.4g} s: times are taken evenly (repeated_stamps = "first" keeps the stamps)'
         )
     pieces: list[slice] = []
     begin = 0
@@ -127,6 +148,34 @@ def _without_repeats(time_s: Array, values: Mapping[str, Array], order: Index) -
         ordered = column[order]
         same &= (ordered[1:] == ordered[:-1]) | (np.isnan(ordered[1:]) & np.isnan(ordered[:-1]))
     return order[np.concatenate([[True], ~same])], int(same.sum())
+
+
+def _evenly(moments: Array) -> tuple[Array, list[Even]]:
+    """Times of rows whose stamps are too coarse for how evenly they come: 0, 1, 2, 3, 5 s of rows every 1.14 s.
+
+    In each stretch without a hole a straight line through (row, stamp) is taken where no stamp is farther from it than
+    its unit, and where so many steps differ that rows lost by chance would not follow one.
+    """
+    steps = np.round(np.diff(moments), 6)
+    lengths = np.unique(steps)
+    if lengths.size < 2 or np.median(steps) <= 0.0:
+        return moments, []
+    unit, usual = float(np.diff(lengths).min()), float(np.median(steps))
+    whole = np.abs(steps - unit * np.rint(steps / unit)).max() < 1e-6
+    if unit < COARSE_STAMPS * usual or not whole:
+        return moments, []
+    cuts = np.flatnonzero(steps > HOLE_PERIODS * usual + unit) + 1
+    times, found = moments.copy(), []
+    for begin, end in zip([0, *cuts], [*cuts, moments.size], strict=True):
+        if (steps[begin : end - 1] != usual).sum() < LEAST_UNEVEN:
+            continue
+        row = np.arange(end - begin)
+        slope, first = np.polyfit(row, moments[begin:end] - moments[begin], 1)
+        line = moments[begin] + first + slope * row
+        if np.abs(line - moments[begin:end]).max() <= unit:
+            times[begin:end] = line
+            found.append(Even(end - begin, float(slope), unit))
+    return times, found
 
 
 def _spread(moments: Array, rows: Index, stamps: str) -> tuple[Array, int, Index, int]:
