@@ -193,6 +193,15 @@ def test_rows_that_were_lost_do_not_make_stamps_coarse():
     assert "800 rows bear stamps in steps of 1 s and come every 1.2 s" in ordered.remarks[0]
 
 
+def test_a_log_without_names_says_how_it_is_read(tmp_path, capsys):
+    log = written(tmp_path / "log.csv", text(plain("time_s,temperature_c,humidity_percent")[1:]))
+    assert run(log, "--look", "--out", tmp_path / "look") == 2
+    said = capsys.readouterr().err
+    assert 'header_line = 0, time = "1" and [sensor.NAME] temperature = "N"' in said and "numbers from 1 to 3" in said
+    map_ = '[log]\nheader_line = 0\ntime = "1"\n[sensor.bead]\ntemperature = "2"\nhumidity = "3"\n'
+    assert run(log, "--map", written(tmp_path / "m.toml", map_), "--out", tmp_path / "c") == 0
+
+
 def test_held_readings_are_thinned(tmp_path, capsys):
     """A log of 8 Hz of a sensor that is read every half second: the repeats go, what is left is what was read."""
     rows = zip(LOG.time_s, LOG.temperature_c, LOG.humidity_percent, strict=True)

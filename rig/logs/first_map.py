@@ -53,6 +53,14 @@ def look_at(paths: Sequence[Path], map_path: Path) -> Look:
     if guess.clock is None or not guess.sensors:
         what = "times" if guess.clock is None else "temperatures or humidities"
         has = ", ".join(scans[0].names)
+        if not scans[0].header_line:
+            first, width = scans[0].numbers[0], len(scans[0].names)
+            when = guess.clock.columns[0] if guess.clock is not None else "1"
+            raise BenchError(
+                f"{shown(paths[0])}: no line of names is found above its first row, line {first}; write a map by hand, "
+                f'[log] header_line = 0, time = "{when}" and [sensor.NAME] temperature = "N", where columns are '
+                f"numbers from 1 to {width}, as docs/importing.md shows"
+            )
         raise BenchError(
             f"{shown(paths[0])}: no column of {what} is recognised (it has: {has}); write a map by hand, [log] time = "
             '"..." and [sensor.NAME] temperature = "...", as docs/importing.md shows'
