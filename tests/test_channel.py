@@ -69,7 +69,8 @@ def test_destinations_within_a_kelvin_are_one_ambient():
 @pytest.mark.parametrize(
     ("run", "words"),
     [
-        (run_of(lag(TIME)[95:], TIME[95:]), "plateau before the transfer is missing"),
+        (run_of(lag(TIME)[95:], TIME[95:]), "plateau before the transfer is missing (5 samples); it alone shows"),
+        (run_of(lag(TIME)[95:], TIME[95:]), "record 8 samples and 0.86 s before it, or more"),
         (run_of(lag(TIME)[:130], TIME[:130]), "too short: 2.9 s"),
         (
             run_of(np.delete(lag(TIME), slice(99, 112)), np.delete(TIME, slice(99, 112))),

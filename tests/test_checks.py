@@ -176,6 +176,14 @@ def test_a_start_between_two_readings_is_not_blamed_for_a_gap():
     assert kinds(thermometer(replace(run, imet=gap, start_s=6.0))) == ["start_disagrees"]
 
 
+def test_a_start_before_the_record_says_where_the_record_begins():
+    """A log that begins at its trigger has its first row up to one period later: that is no contradiction."""
+    run = replace(lag(5.0, start=0.0, noise=0.01), start_s=-0.05)  # rows at 0.03 s and every 0.1 s
+    assert "start_disagrees" not in kinds(thermometer(run))
+    (finding,) = (f for f in check_campaign(thermometer(replace(run, start_s=-0.5))) if f.kind == "start_disagrees")
+    assert "run r goes from 0.03 to 59.93 s, its start is -0.5 s" in finding.sentence
+
+
 def test_a_measured_air_silences_what_needs_a_step():
     air = Trace(np.arange(0.0, 60.0, 0.5), {"temperature_c": np.full(120, 20.0)})
     assert kinds(thermometer(replace(lag(1.0, start=10.0), start_s=40.0))) == ["start_disagrees"]

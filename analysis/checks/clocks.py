@@ -157,12 +157,22 @@ def _onset(view: View, run: Run, sensor: str, start_s: float) -> Onset | None:
     return Onset(seen, offset - (expected if offset > 0 else 0.0), tolerance, verdict)
 
 
+def _record(view: View, run: Run) -> tuple[float, float, float] | None:
+    """From when to when a run was recorded [s on the clock of its files], and the time between its first two rows."""
+    times = [seen.time_s for column in FILES if (seen := view.get(run, column)) is not None]
+    if not times:
+        return None
+    earliest = min(times, key=lambda time: float(time[0]))
+    return float(earliest[0]), float(max(time[-1] for time in times)), float(earliest[1] - earliest[0])
+
+
 def _outside(view: View, run: Run) -> bool:
-    """Whether the stated start lies outside of everything that was recorded."""
-    columns = [seen for column in FILES if (seen := view.get(run, column)) is not None]
-    if run.start_s is None or run.air is not None or not columns:
+    """Whether the stated start lies outside of everything that was recorded, by more than the time to the next row."""
+    record = _record(view, run)
+    if run.start_s is None or run.air is not None or record is None:
         return False
-    return not min(s.time_s[0] for s in columns) <= run.start_s <= max(s.time_s[-1] for s in columns)
+    first_s, last_s, period_s = record
+    return not first_s - period_s <= run.start_s <= last_s
 
 
 def _clock(view: View, sensor: str, off: list[Onset], everywhere: bool) -> InputFinding:
@@ -186,7 +196,10 @@ def _wrong_starts(view: View, wrong: dict[str, float]) -> InputFinding:
     offsets = np.array(list(wrong.values()))
     known = offsets[np.isfinite(offsets)]
     if not known.size:
+        run = next(run for run in view.campaign.runs if run.id in wrong)
         what = "lies outside of the record"
+        if (record := _record(view, run)) is not None:
+            what += f" (run {run.id} goes from {record[0]:.6g} to {record[1]:.6g} s, its start is {run.start_s:.6g} s)"
     elif known.size == offsets.size and np.ptp(known) < 1.0:
         middle = float(np.median(known))
         what = f"is {abs(middle):.1f} s {'before' if middle > 0 else 'after'} the readings begin to move"

@@ -176,8 +176,12 @@ def _unfit(one: UsableRun, quantity: Quantity, tempo: float, half_s: float) -> s
     before = time < start - min(0.05, 0.5 * period)
     fewest = 8 if period < 0.5 else 4
     half = half_s if np.isfinite(half_s) else np.inf
-    if before.sum() < fewest or start - time[0] < min(SHORTEST_BEFORE * half, 1.0):
-        return f"the plateau before the transfer is missing ({int(before.sum())} samples)"
+    least_s = min(SHORTEST_BEFORE * half, 1.0)
+    if before.sum() < fewest or start - time[0] < least_s:
+        return (
+            f"the plateau before the transfer is missing ({int(before.sum())} samples); it alone shows that the sensor "
+            f"had settled, a stated air does not: record {fewest} samples and {least_s:.2g} s before it, or more"
+        )
     if time[-1] - start < min(SHORTEST_AFTER * half, 5.0) or (time > start).sum() < 20:
         return f"too short: {max(time[-1] - start, 0):.1f} s after the transfer"
     near = time[(time > start - 2 * period - 0.5 * tempo) & (time < start + 3.0 * tempo + 6 * period)]
