@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import special
 
 from shockrig.analysis.diagnosis.search import Earlier, refused, says_nothing
 from shockrig.analysis.diagnosis.thresholds import TIE
@@ -23,7 +24,6 @@ from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.inference.work import Work
 
 PLAINLY = 12.0  # of deviance by which a form has to do better than a name: odds of four hundred
-LARGEST = 700.0  # exponent
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Doubt:
 
     def share(self, of: Iterable[str]) -> float:
         """The cause's odds beside some of its rivals, as the share that is left of its probability."""
-        return float(1.0 / (1.0 + sum(np.exp(min(-0.5 * self.rivals[rival], LARGEST)) for rival in of)))
+        return float(special.softmax([0.0, *(-0.5 * self.rivals[rival] for rival in of)])[0])
 
     @property
     def sentence(self) -> str:

@@ -102,10 +102,10 @@ def with_rounding(ready: Prepared, rough: Fit | None) -> Prepared:
 def _averaging(channel: Channel) -> tuple[Effect, float]:
     """The entry of the catalogue that is a running mean, a plain one where it holds none; and the size of its number
     for one reading."""
-    entry = next((e for e in CATALOGUE.values() if e.averages), None)
-    return (
-        (entry, 1.0) if entry is not None else (described(MEAN.key, channel.jumps_with_air), channel.reading_period_s)
-    )
+    for entry in CATALOGUE.values():
+        if entry.averages:
+            return entry, 1.0
+    return described(MEAN.key, channel.jumps_with_air), channel.reading_period_s
 
 
 def likelier_average(before: Prepared, found: Search, adequate: bool) -> int | None:

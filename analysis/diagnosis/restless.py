@@ -28,7 +28,7 @@ FINE = 12  # times as many around the one that stands out
 BESIDE = 3  # widths of a line, which are not taken for the noise beside it
 AROUND = 40  # widths of a line, which are
 CLIPPED = 2.0  # robust standard deviations: no sine goes there, and a burst is not to hide where it is
-LOUD, AROUND_S = 3.0, 0.5  # robust standard deviations of a burst, and what else is left out beside it
+LOUD, NEAR_BURST_S = 3.0, 0.5  # robust standard deviations of a burst, and what else is left out beside it
 SHARP, SIGMAS = 0.15, 3.0  # relative uncertainty of a slope over a factor, and its size, from which it says nothing
 EXPECTED = 3e-4  # share of readings that are absurd in real logs
 FEWEST = 4  # plateaus of a condition that is held out
@@ -123,7 +123,7 @@ def _without_bursts(piece: _Plateau) -> _Plateau:
     """A plateau without what lies half a second around readings that are far off: a hum's bursts are not its size."""
     far = np.abs(piece.value) > LOUD * _spread(piece.value)
     apart = np.abs(piece.time_s[:, None] - piece.time_s[far]).min(axis=1, initial=np.inf)
-    keep = apart > AROUND_S
+    keep = apart > NEAR_BURST_S
     return _Plateau(piece.run, piece.time_s[keep], piece.value[keep]) if keep.sum() > 0.5 * keep.size else piece
 
 

@@ -343,8 +343,10 @@ def longest_average(channel: Channel) -> int:
 def _crude(channel: Channel, step: float) -> Noise:
     """White noise from differences where no plateau is long enough for more."""
     rests = [y[t > 0.6 * t[-1]] for t, y in channel.samples]
-    # Where most readings are the one before over again, as those of a coarse step are, their median change is none.
-    spread = [white_noise(y) or (0.0 if step else float(np.sqrt(np.mean(np.diff(y) ** 2) / 2.0))) for y in rests]
+    spread = [white_noise(y) for y in rests]
+    if not step:
+        # Where most readings are the one before over again, as those of a coarse step are, their median change is none.
+        spread = [s or float(np.sqrt(np.mean(np.diff(y) ** 2) / 2.0)) for s, y in zip(spread, rests, strict=True)]
     return Noise(max(float(np.median(spread)), 1e-4), 0.0, 0.0, 1, 0.0, 0, np.zeros(MAX_AVERAGED), step)
 
 
