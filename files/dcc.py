@@ -23,6 +23,7 @@ from shockrig.files.certificate import (
 
 DCC, SI = "https://ptb.de/dcc", "https://ptb.de/si"
 SCHEMA_VERSION = "3.3.0"
+NOT_STATED = "not stated"
 RELEASE = re.compile(r"\d{1,3}(\.\d{1,3}){0,3}")
 SCHEMA_LOCATION = f"{DCC} https://ptb.de/dcc/v{SCHEMA_VERSION}/dcc.xsd"
 INSTANCE = "http://www.w3.org/2001/XMLSchema-instance"
@@ -77,10 +78,10 @@ def _administrative(root: ET.Element, certificate: Certificate) -> None:
         sensor, noun = ITEMS[channel]
         item = _add(items, "item")
         _said(item, "name", noun)
-        _add(item, "model", _one_line(certificate.kinds.get(sensor)))
+        _add(item, "model", certificate.kinds.get(sensor, NOT_STATED))
         number = _add(_add(item, "identifications"), "identification")
         _add(number, "issuer", "manufacturer")
-        _add(number, "value", _one_line(certificate.serials.get(sensor)))
+        _add(number, "value", certificate.serials.get(sensor, NOT_STATED))
         _said(number, "name", "serial number")
     _contact(_add(_add(part, "calibrationLaboratory"), "contact"), certificate.laboratory, certificate.country)
     person = _add(_add(part, "respPersons"), "respPerson")
@@ -115,7 +116,7 @@ def _result(parent: ET.Element, certificate: Certificate, channel: str) -> None:
             _said(equipment, "name", traced.instrument)
             number = _add(_add(equipment, "identifications"), "identification")
             _add(number, "issuer", "other")
-            _add(number, "value", _one_line(traced.certificate))
+            _add(number, "value", traced.certificate)
             _said(number, "name", "calibration certificate, as the user states")
     results = _add(part, "results")
     result = _add(results, "result")
@@ -174,7 +175,7 @@ def _software(parent: ET.Element, version: str) -> None:
     software = _add(parent, "software")
     _said(software, "name", "shockrig")
     numbers = RELEASE.match(version)
-    _add(software, "release", f"v{numbers[0]}" if numbers else _one_line(version))
+    _add(software, "release", f"v{numbers[0]}" if numbers else version)
 
 
 def _contact(contact: ET.Element, name: str, country: str) -> None:
@@ -196,7 +197,7 @@ def _si(parent: ET.Element, tag: str, text: str | None = None) -> ET.Element:
 
 def _under(parent: ET.Element, space: str, tag: str, text: str | None, attributes: dict[str, str]) -> ET.Element:
     element = ET.SubElement(parent, f"{{{space}}}{tag}", attributes)
-    element.text = None if text is None else "".join(c for c in text if c.isprintable() or c == " ")
+    element.text = None if text is None else _one_line(text)
     return element
 
 
@@ -205,6 +206,6 @@ def _number(value: float) -> str:
     return repr(float(value))
 
 
-def _one_line(text: str | None) -> str:
-    """Text of at least one character, without blanks at its ends."""
-    return " ".join((text or "").split()) or "not stated"
+def _one_line(text: str) -> str:
+    """Printable text of at least one character, without blanks at its ends."""
+    return " ".join("".join(c for c in text if c.isprintable() or c.isspace()).split()) or NOT_STATED

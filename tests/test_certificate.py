@@ -180,8 +180,11 @@ def validated(text):
 def test_the_xml_keeps_to_the_structure_of_a_dcc(certificate):
     text = dcc_text(certificate)
     validated(text)
-    bare = dcc_text(replace(certificate, traced=(), serials={}, kinds={}, notes=(), person="  a\x00b "))
+    bare = dcc_text(replace(certificate, traced=(), serials={}, kinds={}, notes=(), person="  a\x00b\nc "))
     validated(bare)
+    assert ">ab c</dcc:content>" in bare
+    unseen = {"serials": {"imet": "\u200b"}, "kinds": {"hyt": "\xad "}, "traced": (Traced("reference", "K-1 \x00"),)}
+    validated(dcc_text(replace(certificate, **unseen)))
     assert "<dcc:traceable>false</dcc:traceable>" in bare
     assert "traceable" not in text
     wrong = text.replace("dcc:uniqueIdentifier>", "dcc:uniqueName>")
@@ -281,6 +284,16 @@ def test_the_command_writes_every_form_and_says_what_was_taken_by_default(campai
     assert "Not issued by an accredited laboratory" in page
     assert "an ordinary laboratory" in page
     assert (out / "budget.png").stat().st_size > 10_000
+
+
+def test_a_campaign_without_a_figure_to_certify_ends_with_one_line(campaign, result, tmp_path, capsys, monkeypatch):
+    """A DCC is of one measurement result at least."""
+    monkeypatch.setattr("shockrig.analysis.characterization.characterize.characterize", lambda *rest: result)
+    monkeypatch.setattr("shockrig.analysis.characterization.budget.WORST_RELATIVE", 0.0)
+    assert main(["certify", str(campaign.path), "--out", str(tmp_path / "out")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "no figure to certify. No alpha of the temperature sensor" in line
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(

@@ -81,6 +81,7 @@ def write(args: argparse.Namespace, out: Path, extend: Path | None, made_at: str
     from shockrig.files.certificate import write_certificate
     from shockrig.files.dcc import dcc_text
     from shockrig.files.disk import write_whole
+    from shockrig.files.errors import InputError
     from shockrig.protocols.commands.characterize import say
     from shockrig.protocols.folder import said_of_data, software_version, whole_folder
 
@@ -110,6 +111,10 @@ def write(args: argparse.Namespace, out: Path, extend: Path | None, made_at: str
             software=software_version(),
             **named,
         )
+        if not certificate.figures:
+            why = "; ".join(note.rstrip(".") for note in certificate.notes if note.startswith("No "))
+            remedy = "record more runs, or run shockrig diagnose and certify with --extend"
+            raise InputError(f"{args.campaign}: no figure to certify. {why}; {remedy}")
         say("certificate")
         write_certificate(certificate, folder)
         write_whole(folder / "certificate.xml", dcc_text(certificate).encode("utf-8"))
