@@ -12,6 +12,7 @@ from shockrig.analysis.characterization.characterize import characterize
 from shockrig.analysis.diagnosis.diagnose import diagnose
 from shockrig.analysis.diagnosis.extended import extended_result
 from shockrig.files.campaign import read_campaign
+from shockrig.protocols.cli import main
 
 FAST_S, SLOW_S, SHARE = 20.0, 200.0, 0.45
 
@@ -58,6 +59,14 @@ def test_a_plain_model_is_as_unsure_as_it_is_off_its_only_run(tmp_path):
     row = characterize(read_campaign(tmp_path)).temperature.rows[0]
     off = row.response.t63_s - t63_s()
     assert 0.05 * t63_s() < abs(off) < 2.0 * row.response.standard_uncertainties_s[0]
+
+
+def test_figures_that_are_all_too_unsure_are_no_certificate(tmp_path, capsys):
+    campaign, out = tmp_path / "campaign", tmp_path / "certificate"
+    recorded(campaign, 1500.0)
+    assert main(["certify", str(campaign), "--out", str(out)]) == 2
+    assert "nothing to certify: No alpha, t63, t90 of the temperature sensor" in capsys.readouterr().err
+    assert not out.exists()
 
 
 def test_what_brings_less_than_is_left_has_even_odds(tmp_path):

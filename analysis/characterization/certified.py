@@ -25,6 +25,7 @@ from shockrig.files.certificate import (
     rounded,
 )
 from shockrig.files.common_uncertainty import NOTHING_COMMON, ORDINARY_LABORATORY
+from shockrig.files.errors import InputError
 
 NAMESPACE = uuid.UUID("6f1c2f0e-6b3e-4c2b-9a52-6c1a0d9a7f11")  # of certificates' identifiers
 SENSORS = tuple(quantity.sensor for quantity in QUANTITIES.values())
@@ -63,11 +64,19 @@ def certified(
     provenance : mapping, optional
     **named
         `laboratory`, `person`, `customer`, `country`, `software`.
+
+    Raises
+    ------
+    InputError
+        No figure is known well enough.
     """
     campaign = result.campaign
     assert campaign.common is not None
     figured = [one for found in result.channels().values() for one in budgets(found, air)]
     figures = tuple(_figure(one) for one in figured if one.determined)
+    lacking = _not_determined([one for one in figured if not one.determined])
+    if not figures:
+        raise InputError(f"{campaign.name}: nothing to certify: {' '.join(lacking)[:-1]}; record more runs")
     began_on, ended_on = _dates(campaign, issued_on)
     sensors = {name: campaign.sensors.get(name, {}) for name in SENSORS}
     made = Certificate(
@@ -82,7 +91,7 @@ def certified(
         common=campaign.common,
         traced=tuple(traced),
         undescribed=tuple(QUANTITIES[name].noun for name, one in result.channels().items() if not one.explained),
-        notes=(*_notes(result), *map(_not_determined, (one for one in figured if not one.determined))),
+        notes=(*_notes(result), *lacking),
         provenance=provenance or {},
         **named,
     )
@@ -135,14 +144,18 @@ def _figure(budget: Budget) -> CertifiedFigure:
     )
 
 
-def _not_determined(budget: Budget) -> str:
-    """Why a figure is not among those certified."""
-    standard, expanded = (100.0 * u / budget.value for u in (budget.standard_uncertainty, budget.expanded_uncertainty))
-    at = "" if budget.air.temperature_c is None else f" at {budget.air.temperature_c:.1f} °C"
-    said = f"No {budget.figure} of the {budget.channel} sensor{at}: its standard uncertainty would be {standard:.0f} %"
-    if budget.interval is not None:
-        return f"{said}."
-    return f"{said}, expanded for {budget.degrees:.1f} degrees of freedom {expanded:.0f} %."
+def _not_determined(budgets: Sequence[Budget]) -> list[str]:
+    """Why figures are not among those certified: a sentence for those of one sensor that lack the same."""
+    lacking: dict[str, list[str]] = {}
+    for budget in budgets:
+        standard = 100.0 * budget.standard_uncertainty / budget.value
+        at = "" if budget.air.temperature_c is None else f" at {budget.air.temperature_c:.1f} °C"
+        why = f"the {budget.channel} sensor{at}: the standard uncertainty would be {standard:.0f} %"
+        if budget.interval is None:
+            expanded = 100.0 * budget.expanded_uncertainty / budget.value
+            why += f", expanded for {budget.degrees:.1f} degrees of freedom {expanded:.0f} %"
+        lacking.setdefault(why, []).append(budget.figure)
+    return [f"No {', '.join(figures)} of {why}." for why, figures in lacking.items()]
 
 
 def _dates(campaign: Campaign, otherwise: str) -> tuple[str, str]:

@@ -163,11 +163,12 @@ def summary(certificate: Certificate) -> str:
     """What the command prints: each figure with U, what dominates it, what was taken by default."""
     from shockrig.analysis.report.certificate_page import stated
 
-    lines = [f"{'figure':<24}{'value ± U (95.45 %)':<34}{'k':>6}   largest part"]
+    width = 2 + max(len(one.name) for one in certificate.figures)
+    lines = [f"{'figure':<{width}}{'value ± U (95.45 %)':<34}{'k':>6}   largest part"]
     for one in certificate.figures:
         first = one.lines[0]
         largest = f"{first.component} ({100 * first.share:.0f} %)"
-        lines.append(f"{one.name:<24}{stated(one):<34}{one.coverage_factor:>6.2f}   {largest}")
+        lines.append(f"{one.name:<{width}}{stated(one):<34}{one.coverage_factor:>6.2f}   {largest}")
     common = certificate.common
     if common.by_default:
         values = ", ".join(f"{key} {getattr(common, key):g}" for key in common.document() if key in common.by_default)
