@@ -19,7 +19,9 @@ from shockrig.files.ranges import Range
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 MEDIAN_WIDTH = 11  # a burst of up to 5 absurd samples in a row is seen
-LONE_SIGMAS = 10.0
+LONE_SIGMAS = 10.0  # of what is usual over the flight
+AROUND_WIDTH = 31
+AROUND_SIGMAS = 6.0  # of what is usual in so many rows before, or behind
 LONGEST_GAP_S = 10.0  # without any row: more may be a step of the clock
 GAP_PERIODS = 10.0  # or so many periods, in a slow log
 SIDE_ROWS = 12  # on either side of a step of the clock that lines are laid through
@@ -180,12 +182,12 @@ def screen(
     if rows.size >= 3:
         around = reading[rows]
         off = around - median_filter(around, min(MEDIAN_WIDTH, rows.size), mode="nearest")
-        usual = 1.4826 * float(np.median(np.abs(off)))
-        lone = np.abs(off) > LONE_SIGMAS * np.hypot(max(noise, usual), resolution)
         # the turning point of a fast change is off the median too, but its neighbours share it
         step = np.abs(np.diff(around, prepend=around[0]))
         jump = np.maximum(step, np.append(step[1:], 0.0))
-        lone &= jump > 0.5 * np.abs(off)
+        lone = jump > 0.5 * np.abs(off)
+        for size in (np.abs(off), jump):
+            lone &= size > np.hypot(_limit(size, noise), LONE_SIGMAS * resolution)
         implausible[rows[lone]] = True
     believed &= ~implausible
     repeated = np.zeros(reading.shape, dtype=bool)
@@ -201,6 +203,15 @@ def screen(
     if limit is not None:
         usable &= reading < limit - 0.5 * resolution
     return Screened(usable, missing, repeated, implausible, resolution)
+
+
+def _limit(size: Array, noise: float) -> Array:
+    """Beyond which sizes (n,) are not usual: over the flight, or among the rows before or behind where that is more (in
+    a plume, at a cloud's edge)."""
+    width = min(AROUND_WIDTH, size.size)
+    beside = [median_filter(size, width, mode="nearest", origin=side) for side in (width // 2, -((width - 1) // 2))]
+    over_all = LONE_SIGMAS * max(1.4826 * float(np.median(size)), noise)
+    return np.asarray(np.maximum(over_all, AROUND_SIGMAS * 1.4826 * np.max(beside, axis=0)))
 
 
 def _by_chance(reading: Array, rows: NDArray[np.int64], same_time: Mask, same_value: Mask, resolution: float) -> Mask:
