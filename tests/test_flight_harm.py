@@ -225,6 +225,22 @@ def test_ascent_against_descent_says_how_wrong_the_time_scale_is(slower):
     assert up_and_down(level, channel) is None
 
 
+@pytest.mark.parametrize("by_pressure", [False, True])
+def test_ascent_and_descent_of_a_slow_log_are_compared_and_tell_no_time_scale(by_pressure):
+    """A row every 4 s, 25 on either way; without an altitude the pressure says how high."""
+    flight, channel = climbing(0.1)
+    rows = np.arange(0, flight.time_s.size, 40)
+    arrays = ("value", "uncertainty", "common", "lag", "variance", "outside", "raw")
+    slow = {name: getattr(channel, name)[rows] for name in arrays if hasattr(channel, name)}
+    thin, pressure = flight.at(rows), 1013.25 * (1.0 - flight.altitude_m[rows] / 44330.8) ** 5.25588
+    if by_pressure:
+        thin = dataclasses.replace(thin, altitude_m=np.full(rows.size, np.nan), pressure_hpa=pressure)
+    found = up_and_down(thin, dataclasses.replace(channel, **slow))
+    assert found.layers >= 8 and found.low_m < 30.0 and found.high_m > 270.0
+    assert found.corrected < 0.3 * found.read
+    assert found.slower == 0.0 and found.slower_error == np.inf
+
+
 def up_and_down_through_an_inversion(stated, risen_m, seed):
     """A flight whose film is slower by `stated` than its profile says, an inversion that rises on the way down."""
     rng, time_s = np.random.default_rng(seed), np.arange(24000) * 0.01

@@ -12,18 +12,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import median_filter, uniform_filter1d
 
 from shockrig.analysis.flight.channel import Channel, bridged
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.flight.sweep import lags_behind
+from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA
 from shockrig.files.flight import Flight
 
 Array = NDArray[np.float64]
 LEAST_CLIMB_M = 40.0  # that both ways have in common
 LEAST_SPEED_M_S = 0.3
 SPEED_OVER_S = 5.0
-LAYERS = 60
+LAYERS = 60  # at most
+FEWEST_LAYERS = 10
+ROWS_A_LAYER = 2  # of either way, at least
+TELLING_LAYERS = 30  # from which a time scale is told
 EDGE = 20  # one in so many layers is left out at either end
 BLOCKS = 20  # of layers, left out in turn (jackknife): none holds a whole front
 SURE = 4.0  # standard errors from which a time scale counts as wrong
@@ -61,29 +65,31 @@ class Told:
 
 def up_and_down(flight: Flight, channel: Channel) -> UpAndDown | None:
     """Compare the longest way up with the longest way down; None where the flight has not both through one layer."""
-    height = None if flight.altitude_m is None else bridged(flight.time_s, flight.altitude_m)
+    height = _height(flight)
     if height is None or channel.raw.all():
         return None
     ways = [_longest(flight.time_s, height, sign) for sign in (1.0, -1.0)]
-    if any(way.stop - way.start < 2 * LAYERS // 3 for way in ways):
+    count = min(LAYERS, *((way.stop - way.start) // ROWS_A_LAYER for way in ways))
+    if count < FEWEST_LAYERS:
         return None
     low = max(float(height[way].min()) for way in ways)
     high = min(float(height[way].max()) for way in ways)
     if high - low < LEAST_CLIMB_M:
         return None
-    edges = np.linspace(low, high, LAYERS + 1)
+    edges = np.linspace(low, high, count + 1)
     reading = channel.value - channel.lag
     columns = (height, channel.value, reading, channel.lag)
     means = np.array([[_layers(height[way], v[way], edges) for v in columns] for way in ways])
     known = np.isfinite(means).all(axis=(0, 1))
-    known[: LAYERS // EDGE] = known[-LAYERS // EDGE :] = False  # where the flight begins, and where it turns
-    if np.count_nonzero(known) < LAYERS // 2:
+    outer = -(-count // EDGE)
+    known[:outer] = known[-outer:] = False  # where the flight begins, and where it turns
+    if np.count_nonzero(known) < max(count // 2, FEWEST_LAYERS - 2):
         return None
     # samples of the two ways do not lie at the same heights within a layer
     at = means[:, 0, known].mean(axis=0)
     level = [[np.interp(at, way[0, known], values) for values in way[1:, known]] for way in means]
     corrected, read, lag = np.array(level[1]) - np.array(level[0])
-    slower, error = _slope(lag, corrected)
+    slower, error = _slope(lag, corrected) if lag.size >= TELLING_LAYERS else (0.0, np.inf)
     size = [float(np.sqrt(np.mean(v**2))) for v in (read, corrected)]
     explained = float(np.corrcoef(lag, corrected)[0, 1] ** 2) if np.ptp(lag) and np.ptp(corrected) else 0.0
     return UpAndDown(int(known.sum()), low, high, size[0], size[1], -slower, error, explained)
@@ -150,6 +156,16 @@ def told(flight: Flight, bead: Channel, film: Channel, before: Told | None = Non
     # at first order: more than this is left to the next round
     slower = float(np.clip(slower, -LARGEST_STEP, LARGEST_STEP))
     return Told(slower, error) if sure and abs(slower) > BEYOND * _stated(film) else None
+
+
+def _height(flight: Flight) -> Array | None:
+    """Of each row, where the log has no altitude that of its pressure in the standard atmosphere; None without
+    either."""
+    height = None if flight.altitude_m is None else bridged(flight.time_s, flight.altitude_m)
+    pressure = bridged(flight.time_s, flight.pressure_hpa) if height is None else None
+    if pressure is None:
+        return height
+    return np.asarray(44_330.8 * (1.0 - (median_filter(pressure, 3) / STANDARD_PRESSURE_HPA) ** 0.190263))
 
 
 def _stated(channel: Channel) -> float:
