@@ -9,6 +9,7 @@ import csv
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -32,12 +33,13 @@ OUTPUT_COLUMNS = (
 # quantity -> names that logs give it, squeezed to letters and digits; the first that is there is taken
 NAMES: dict[str, tuple[str, ...]] = {
     "time": (
-        "times", "time", "elapsedtimes", "elapsed", "seconds", "timesec", "timeseconds", "timestamp", "unixtime", "t",
-        "timeus", "timems", "timestampms", "datetime", "datetimeutc", "utctime", "timeutc", "xqimetxqtime",
+        "times", "time", "elapsedtimes", "elapsed", "seconds", "timesec", "timeseconds", "timestamp", "unixtime",
+        "timeus", "timems", "timestampms", "datetime", "datetimeutc", "utctime", "timeutc", "xqimetxqtime", "t",
     ),
     "temperature": (
         "temperaturec", "airtemperaturec", "temperature", "airtemperature", "xqimetxqairtemperature", "tdry", "temp",
         "tempc", "airtemp", "beadtemperaturec", "imettemperature", "temperaturedegc", "temperaturek", "tempk", "t1",
+        "t",
     ),
     "humidity": (
         "humiditypercent", "relativehumiditypercent", "humidity", "relativehumidity", "xqimetxqhumidity", "rh",
@@ -51,8 +53,12 @@ NAMES: dict[str, tuple[str, ...]] = {
     "pressure": ("pressurehpa", "pressure", "xqimetxqpressure", "pres", "press", "pressurepa", "p", "airpressure"),
     "latitude": ("latitudedeg", "latitude", "lat", "xqimetxqlatitude", "gpslatitude"),
     "longitude": ("longitudedeg", "longitude", "lon", "lng", "xqimetxqlongitude", "gpslongitude"),
-    "altitude": ("altitudem", "altitude", "xqimetxqaltitude", "alt", "height", "altagl", "altmsl", "z", "gpsaltitude"),
+    "altitude": (
+        "altitudem", "altitude", "xqimetxqaltitude", "alt", "height", "altagl", "altmsl", "altitudeasl", "altitudeagl",
+        "altitudemsl", "z", "gpsaltitude",
+    ),
 }  # fmt: skip
+FURTHEST_HEADER = 60  # lines of metadata above the names
 INTERMET = "COM Elapse"  # a column that only the log of InterMet's application has
 XQ2_FIELDS = (
     "device", "pressure", "temperature", "humidity", "humidity_temp", "date", "time", "longitude", "latitude",
@@ -145,6 +151,19 @@ def _listed(header: list[str]) -> str:
     return f"columns: {names[:200]}{'...' if len(names) > 200 else ''}"
 
 
+def _remedy(path: Path) -> str:
+    """What helps a log whose first line names no time: it may be metadata, or a row already."""
+    with open_text(path, REMEDY, errors="replace") as stream:
+        lines = list(islice(csv.reader(without_nul(stream)), FURTHEST_HEADER))
+    by_map = "read it by a map: shockrig import FILE --look writes one, --map takes it"
+    for number, cells in enumerate(lines, start=1):
+        if len({quantity for quantity, names in NAMES.items() if any(_plain(cell) in names for cell in cells)}) > 2:
+            return f"the names seem to stand in line {number}: {by_map}"
+    if re.search(r"\d", lines[0][0]) and not any(re.search(r"[A-Za-z]{2}", cell) for cell in lines[0]):
+        return f"it seems to have no line of names: {by_map}"
+    return "name it with --column time=NAME"
+
+
 def read_layout(path: Path, chosen: Mapping[str, str] | None = None) -> FlightColumns:
     """Find the columns of a log.
 
@@ -198,21 +217,21 @@ def read_layout(path: Path, chosen: Mapping[str, str] | None = None) -> FlightCo
                 raise InputError(f"{shown(path)}, line 1: {missing}; name one of its own ({_listed(header)})")
             place[quantity] = header.index(chosen[quantity])
             continue
-        squeezed = [_plain(name) for name in header]
+        # "T" is a temperature; "t" is one where another column is the time
+        other = {"time": "T", "temperature": header[place["time"]] if "time" in place else "t"}.get(quantity)
+        squeezed = ["" if name == other else _plain(name) for name in header]
         found = next((squeezed.index(name) for name in names if name in squeezed), None)
         if found is not None:
             place[quantity] = found
     if "time" not in place:
-        raise InputError(
-            f"{shown(path)}, line 1: no column of time recognised ({_listed(header)}); name it with --column time=NAME"
-        )
+        raise InputError(f"{shown(path)}, line 1: no column of time recognised ({_listed(header)}); {_remedy(path)}")
     if "temperature" not in place and "humidity" not in place:
         raise InputError(
             f"{shown(path)}, line 1: neither temperature nor humidity recognised ({_listed(header)}); "
             "name them with --column temperature=NAME --column humidity=NAME"
         )
     squeezed = [squeeze(name) for name in header]
-    date = next((squeezed.index(n) for n in ("xqimetxqdate", "date", "dateutc") if n in squeezed), None)
+    date = next((squeezed.index(n) for n in ("xqimetxqdate", "date", "dateutc", "utcdate") if n in squeezed), None)
     date = date if "time" in squeezed[place["time"]] else None
     return FlightColumns(tuple(header), place, str(path), date, zero_is_missing=INTERMET in header)
 

@@ -22,6 +22,9 @@ from shockrig.files.ranges import RANGES
 Array = NDArray[np.float64]
 BLOCK_ROWS = 20_000
 ESSENTIAL = ("time", "temperature", "humidity")
+DAY_S = 86400.0
+TIME_OF_DAY = r"\d{1,2}:\d\d(:\d\d([.,]\d+)?)?( ?[AaPp][Mm])?"
+SLOWEST_PACKED_S = 20.0  # a step from one reading to the next, or minutes could be passed over
 MISSING = frozenset(("", "na", "n/a", "null", "none", "-", "--", "---"))  # what loggers write for no value
 
 
@@ -215,15 +218,30 @@ def _times(columns: list[tuple[str, ...]], layout: FlightColumns) -> Array:
     if len(cells) and np.isnan(values).mean() > 0.5:
         import pandas as pd
 
-        text = pd.Series(cells, dtype=str)
+        text = pd.Series(cells, dtype=str).str.strip()
+        of_day = bool(text.str.fullmatch(TIME_OF_DAY).mean() > 0.5)
         if layout.date_place is not None and layout.date_place != place:
-            text = pd.Series(columns[layout.date_place], dtype=str).str.strip() + " " + text.str.strip()
+            dates = pd.Series(columns[layout.date_place], dtype=str).str.strip()
+            text, of_day = dates + " " + text, of_day and bool((dates == "").mean() > 0.5)
         try:
             stamps = pd.to_datetime(text, errors="coerce", utc=True, format="mixed")
-            seconds = (stamps - pd.Timestamp(0, tz="UTC")).dt.total_seconds()
-            return np.asarray(seconds, dtype=np.float64)
+            seconds = np.asarray((stamps - pd.Timestamp(0, tz="UTC")).dt.total_seconds(), dtype=np.float64)
+            return seconds % DAY_S if of_day else seconds  # a time of day is none of today
         except (ValueError, OverflowError) as error:  # a year that cannot be is not always made a missing time
             raise InputError(f"{layout.source}: times cannot be read as dates ({error}); fix that row") from error
     name = squeeze(layout.header[place])
     scale = 1e-6 if name.endswith("us") and name != "status" else 1e-3 if name.endswith(("timems", "stampms")) else 1.0
-    return values * scale
+    return _of_packed(values) if scale == 1.0 else values * scale
+
+
+def _of_packed(values: Array) -> Array:
+    """Seconds of the day where numbers are clock times, 235959 for 23:59:59: of seconds a log that goes on by the
+    second has some from 60 to 99 in every hundred."""
+    known = values[np.isfinite(values)]
+    minutes, ahead = known // 100, np.diff(known)
+    if not (known.size and (known >= 0).all() and (known < 240_000).all() and (minutes % 100 < 60).all()):
+        return values
+    forward = ahead[ahead > 0]
+    if (known % 100 >= 60).any() or not np.diff(minutes).any() or np.median(forward) > SLOWEST_PACKED_S:
+        return values
+    return values // 10_000 * 3600 + values // 100 % 100 * 60 + values % 100

@@ -77,6 +77,9 @@ def _by_map(source: Path, map_path: Path) -> dict[str, Series]:
         "die_temperature": "die",
         "pressure": "pressure",
         "airflow": "airspeed",
+        "altitude": "altitude",
+        "latitude": "latitude",
+        "longitude": "longitude",
     }
     found: dict[str, Series] = {}
     for readings in log.readings.values():

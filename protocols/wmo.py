@@ -13,6 +13,7 @@ from shockrig.files.flight import Corrected, Flight
 from shockrig.files.flight_wmo import write_wmo
 
 Array = NDArray[np.float64]
+FURTHEST = {"lat": 90.0, "lon": 360.0}
 EPSILON = 0.62198  # molar masses of water and dry air
 DRIEST_PERCENT = 0.1  # below, a dew point says nothing
 
@@ -34,12 +35,19 @@ class WmoFlight:
         """
         where = {"lat": flight.latitude_deg, "lon": flight.longitude_deg, "altitude": flight.altitude_m}
         lacking = [name for name, values in where.items() if values is None or not np.isfinite(values).any()]
+        names = {"lat": "latitude", "lon": "longitude", "altitude": "altitude"}
         if lacking and not self._blocks:
-            names = {"lat": "latitude", "lon": "longitude", "altitude": "altitude"}
             raise InputError(
                 f"--wmo: the log has no {', '.join(names[n] for n in lacking)}; name the columns "
                 f"(--column {names[lacking[0]]}=NAME)"
             )
+        for name, most in FURTHEST.items():
+            values = where[name]
+            if values is not None and np.isfinite(values).any() and np.nanmedian(np.abs(values)) > most:
+                raise InputError(
+                    f"--wmo: {names[name]} {np.nanmedian(values):.7g}: expected decimal degrees, within {most:g} "
+                    "(as a GPS receiver writes it, 4032.06 is 40 degrees 32.06 minutes)"
+                )
         nothing = np.full(flight.time_s.shape, np.nan)
         pressure = nothing if flight.pressure_hpa is None else _bridged(flight.time_s, flight.pressure_hpa)
         self._blocks.append(

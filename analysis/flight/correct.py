@@ -96,6 +96,9 @@ def correct(
         raise InputError(f"method {method!r}: expected one of {', '.join(METHODS)}")
     clock = put_in_order(flight.time_s, PARTED_S, (flight.temperature_c, flight.humidity_percent))
     if np.count_nonzero(clock.good) < 2 or np.ptp(flight.time_s[clock.good]) == 0:
+        ahead = np.diff(flight.time_s[np.isfinite(flight.time_s)])
+        if ahead.size and np.median(ahead) < 0:
+            raise InputError("time_s: the rows run backwards in time; turn the log round, oldest row first")
         raise InputError("time_s: fewer than two rows with times that run forward; give a log with a clock in seconds")
     rows = np.flatnonzero(clock.good)
     part = replace(flight.at(rows), time_s=clock.time_s)

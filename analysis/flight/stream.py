@@ -79,6 +79,9 @@ def correct_file(
     if damage.damaged:
         how_many = f"{damage.damaged} of {damage.rows} rows could not be read as numbers throughout"
         totals.notes[f"{how_many} and are treated as missing there (first: {damage.first_damaged})"] = None
+    for quantity in ("temperature", "humidity"):
+        if quantity not in layout.place and getattr(profile, quantity) is not None:
+            totals.notes[f"{quantity}: no column of it recognised; if there is one, --column {quantity}=NAME"] = None
     try:
         for rows, before, after, flight in _with_margins(source, layout, block_rows):
             found = correct(

@@ -9,8 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.files.flight import NAMES, squeeze
 from shockrig.rig.logs.clocks import guess_clock
 from shockrig.rig.logs.known import SensorGuess, adjust
+from shockrig.rig.logs.mapping import COLUMNS
 from shockrig.rig.logs.stamps import Clock
 from shockrig.rig.logs.text import NUMBER, Scan, is_value
 from shockrig.rig.logs.units import UNITS, bare_name, known_unit, quantity_of, unit_in_name
@@ -23,6 +25,7 @@ _WORDS = re.compile(
     r"|(baro(metric)?[ _-]*)?(pressure|press|pres|druck)",
     re.I,
 )
+POSITION = ("altitude", "latitude", "longitude")
 REFERENCE_WORDS = ("ctrl", "control", "ref", "standard", "chilled", "mirror")
 
 
@@ -48,17 +51,17 @@ def guess_log(lines: Scan) -> Guess:
         if name in times:
             continue
         values = _numbers([row[k] for row in rows], lines.decimal)
-        named = unit_in_name(name) or known_unit(lines.units[k])
-        quantity = quantity_of(name, named)
+        named = known_unit(lines.units[k]) or unit_in_name(name)
+        quantity = _position(name) or quantity_of(name, named)
         if quantity is None or quantity == "time":
             unused.append((name, "by its name no temperature, humidity, pressure or airflow"))
             continue
         if values.size < 2 or (values == 0.0).all():
             unused.append((name, "holds nothing" if values.size < 2 else "holds nothing but zeros (not connected?)"))
             continue
-        unit, how = guess_unit(quantity, named, values)
+        unit, how = guess_unit(COLUMNS.get(quantity, quantity), named, values)
         key = sensor_key(re.sub(r" #\d+$", "", name))
-        if quantity in ("pressure", "airflow") and not key:
+        if quantity in POSITION or (quantity in ("pressure", "airflow") and not key):
             shared.append((quantity, name, unit, how))
             continue
         sensor = sensors.setdefault(key, SensorGuess(key))
@@ -83,7 +86,7 @@ def guess_log(lines: Scan) -> Guess:
         if sensor not in useful:  # a barometer by itself serves all
             shared += [(key, *column) for key, column in sensor.columns.items()]
     for quantity, name, unit, how in shared:
-        if quantity in UNITS and quantity not in ("temperature", "humidity"):
+        if quantity in COLUMNS and quantity not in ("temperature", "humidity"):
             for sensor in useful:
                 sensor.columns.setdefault(quantity, (name, unit, how))
     for sensor in useful:
@@ -92,6 +95,12 @@ def guess_log(lines: Scan) -> Guess:
             bare = re.sub(r"[^A-Za-z0-9]+", "-", bare_name(main[0])).strip("-")
             sensor.name = (bare if len(main) == 1 and bare else "sensor") + (sensor.name if len(main) > 1 else "")
     return Guess(clock, tuple(useful), known_as, tuple(unused))
+
+
+def _position(name: str) -> str | None:
+    """Which of `POSITION` a column is, by the names that flights' logs give it."""
+    names = (squeeze(name), squeeze(bare_name(name)))
+    return next((place for place in POSITION if any(one in NAMES[place] for one in names)), None)
 
 
 def _one_pair(sensors: dict[str, SensorGuess]) -> dict[str, SensorGuess]:

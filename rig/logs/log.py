@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.files.disk import shown
-from shockrig.files.ranges import RANGES
+from shockrig.files.ranges import RANGES, Range
 from shockrig.rig.errors import BenchError
 from shockrig.rig.keys import nearest
 from shockrig.rig.logs.clocks import guess_clock
@@ -31,6 +31,8 @@ LIMITS = {
     "humidity": RANGES["humidity_reading_percent"],
     "pressure": RANGES["pressure_hpa"],
     "airflow": RANGES["airflow_m_s"],
+    "altitude": Range(-1000.0, 60_000.0, "is it in feet or millimetres"),
+    "position": Range(-180.0, 360.0, "is it in degrees and minutes"),
 }
 
 

@@ -132,7 +132,7 @@ def _sensor(name: str, table: Table) -> SensorMap:
         if not isinstance(column, str | int) or isinstance(column, bool):
             raise table.wrong(key, "the name of a column, or its number from 1")
         said = table.text(f"{key}_unit")
-        unit = None if said is None else known_unit(said)
+        unit = said if said in UNITS[quantity] else None if said is None else known_unit(said)
         if said is not None and unit not in UNITS[quantity]:
             raise table.wrong(f"{key}_unit", f"one of {', '.join(UNITS[quantity])}")
         columns[key] = (str(column), unit)

@@ -21,7 +21,7 @@ from shockrig.rig.logs.units import UNITS
 FORMAT = "shock-map/1"
 COLUMNS = {
     "temperature": "temperature", "humidity": "humidity", "die_temperature": "temperature", "pressure": "pressure",
-    "airflow": "airflow",
+    "airflow": "airflow", "altitude": "altitude", "latitude": "position", "longitude": "position",
 }  # fmt: skip
 
 

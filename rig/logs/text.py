@@ -224,8 +224,10 @@ def _header(
         if len(found) not in (width, width - 1):
             break
         above = i > 0 and len(cells(plain[i - 1][1])) in (width, width - 1)
-        if above and all(cell.strip("[]()").lower() in PROCESSING or is_unit(cell) for cell in found):
-            if any(is_unit(cell) for cell in found):
+        said = sum(is_unit(cell) for cell in found)
+        # "MM/DD/YY" and "deg" are no units here, but stand among such
+        if above and (said > len(found) / 3 or all(cell.strip("[]()").lower() in PROCESSING for cell in found)):
+            if said:
                 units = tuple((found + [""])[:width])
             continue
         return _unique(found, width), units, number

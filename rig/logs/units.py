@@ -20,6 +20,8 @@ UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = MappingProxyType(
             "s": (1.0, 0.0), "ms": (1e-3, 0.0), "us": (1e-6, 0.0), "min": (60.0, 0.0), "h": (3600.0, 0.0),
             "days": (86400.0, 0.0),
         },
+        "altitude": {"m": (1.0, 0.0), "km": (1000.0, 0.0), "ft": (0.3048, 0.0)},
+        "position": {"deg": (1.0, 0.0)},
     }
 )  # fmt: skip
 _ALIASES = {
@@ -45,7 +47,9 @@ _ALIASES = {
     "min": ("min", "mins", "minute", "minutes"),
     "h": ("h", "hr", "hrs", "hour", "hours"),
     "days": ("d", "day", "days"),
-}
+    "km": ("km",),
+    "ft": ("ft", "feet"),
+}  # a letter "m" behind a name is seldom a metre
 _UNIT_OF = {alias: unit for unit, aliases in _ALIASES.items() for alias in (*aliases, unit.lower())}
 _QUANTITY_OF = {unit: quantity for quantity, units in UNITS.items() for unit in units}
 _WORDS = {
@@ -54,7 +58,10 @@ _WORDS = {
     "airflow": ("wind speed", "windspeed", "wind_speed", "airflow", "air_flow", "airspeed", "air speed", "anemom"),
     "temperature": ("temp", "tair", "therm", "rtd", "ntc", "pt100", "pt1000", "bead", "t_air", "celsius"),
 }
-_OTHER = ("dew", "frost", "batt", "volt", "heat index", "wet bulb", "wet-bulb", "potential", "setpoint", "direction")
+_OTHER = (
+    "dew", "frost", "batt", "volt", "heat index", "wet bulb", "wet-bulb", "potential", "setpoint", "direction",
+    "velocity", "ascent", "climb", "over ground",
+)  # fmt: skip
 _BRACKETS = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]")
 
 
