@@ -17,7 +17,7 @@ from shockrig.protocols.cli import main
 FAST_S, SLOW_S, SHARE = 20.0, 200.0, 0.45
 
 
-def recorded(folder, until_s, body="lumped", times=((FAST_S, SLOW_S),), hump_k=0.0):
+def recorded(folder, until_s, body="lumped", times=((FAST_S, SLOW_S),), hump_k=0.0, shown_as=lambda c: c):
     """Runs at 1 Hz of 1 - share exp(-t/slow) - (1 - share) exp(-t/fast); start, airs and airflow not stated."""
     rng = np.random.default_rng(2)
     time = np.arange(0.0, 60.0 + until_s)
@@ -28,7 +28,7 @@ def recorded(folder, until_s, body="lumped", times=((FAST_S, SLOW_S),), hump_k=0
         reading += hump_k * np.exp(-0.5 * ((since - 80.0) / 15.0) ** 2)
         run = folder / "runs" / f"{number:04d}"
         run.mkdir(parents=True)
-        pd.DataFrame({"time_s": time, "temperature_c": reading}).to_csv(run / "imet.csv", index=False)
+        pd.DataFrame({"time_s": time, "temperature_c": shown_as(reading)}).to_csv(run / "imet.csv", index=False)
         (run / "run.json").write_text(json.dumps({"format": "shock-run/1", "id": f"{number:04d}"}))
     sensors = {"imet": {"kind": "as logged", "body": body}}
     (folder / "campaign.json").write_text(json.dumps({"format": "shock-campaign/1", "name": "one", "sensors": sensors}))
@@ -51,6 +51,13 @@ def test_a_run_that_settles_tells_its_shape_and_no_cause(tmp_path):
     off = row.response.t63_s - t63_s()
     assert abs(off) < 2.0 * row.response.standard_uncertainties_s[0]
     assert abs(off) < 0.05 * t63_s()
+
+
+def test_readings_calibrated_after_half_degrees_are_those_of_the_plain_lag(tmp_path):
+    """What rounding makes of them is nothing left unexplained, and no more above the noise in all than at its worst."""
+    found = recorded(tmp_path, 900.0, times=[(100.0, 100.0)], shown_as=lambda c: 0.3 + 1.017 * 0.5 * np.rint(c / 0.5))
+    assert found.verdict == "adequate" and not found.causes
+    assert found.remainder.rms <= found.remainder.peak + 0.01
 
 
 def test_a_plain_model_is_as_unsure_as_it_is_off_its_only_run(tmp_path):

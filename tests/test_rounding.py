@@ -90,3 +90,13 @@ def test_a_ds18b20_that_was_plunged():
 def test_no_step_is_seen_in_readings_with_few_digits(noise):
     assert step_of(np.round(plunge(noise), 2)) in (0.0, pytest.approx(0.01))
     assert step_of(plunge(noise)) == 0.0
+
+
+@pytest.mark.parametrize(("scale", "zero"), [(1.017, -0.37), (500.0 / 1023.0 / 0.5, -50.0)])
+def test_readings_calibrated_after_they_were_rounded(scale, zero):
+    """Half degrees behind a calibration, and codes of a converter behind a sensor whose 0 V are -50 degC, stand
+    evenly, but are no multiples of their step."""
+    codes = 0.5 * np.rint(plunge(0.1) / 0.5)
+    assert step_of(np.round(scale * codes + zero, 4)) == pytest.approx(0.5 * scale, rel=1e-3)
+    assert step_of(scale * plunge(0.1) + zero) == 0.0  # never rounded
+    assert step_of(np.array([20.0, 20.113, 20.29, 21.4, 22.37, 23.01, 24.67])) == 0.0  # few readings, by chance

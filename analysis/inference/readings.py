@@ -11,6 +11,8 @@ SAME = 1e-9  # of a unit
 LEAST_CHANGES = 50
 STEPS_APART = 3.0  # rounding steps by which readings of which most repeat differ, where it is not rounding
 COARSE = 1.5  # times the sensor's own step, from which on rounding says something
+ON_STEP = 0.04  # of a step by which readings may miss it
+LEAST_EVEN = 6  # distinct readings, from which on those that stand evenly, but not on multiples, are told from chance
 LEAST_PRINTED = 16  # distinct readings, from which on a step with fewer digits than it has is told from chance
 LEAST_DIGITS = 3.0  # last digits in such a step
 ROBUST = 1.4826  # standard deviations in the median of a normal variable's absolute value
@@ -31,7 +33,11 @@ def mostly_repeats(channel: Channel, step: float) -> bool:
 
 
 def rounding_step(channel: Channel) -> float:
-    """Step to which all readings are rounded [channel's unit]; 0 where none is found."""
+    """Step to which all readings are rounded [channel's unit]; 0 where none is found.
+
+    They need not be its multiples: a calibration or a converter's zero comes after the rounding. Readings that are no
+    codes at all stand evenly with a probability of (2 `ON_STEP`)^(n - 2).
+    """
     values = np.unique(np.round(np.concatenate([y for _, y in channel.samples]), 6))
     gaps = np.diff(values)
     gaps = gaps[gaps > 2e-4]
@@ -44,9 +50,11 @@ def rounding_step(channel: Channel) -> float:
         whole = np.concatenate([[0.0], np.cumsum(np.rint(np.diff(values) / step))])
         if np.ptp(whole) < 3:
             continue
-        step = float(np.polyfit(whole, values, 1)[0])
-        off = np.abs(values - step * np.rint(values / step))
-        if np.quantile(off, 0.97) < max(0.04 * step, 1.2e-4) and step > 3e-4:
+        step, zero = (float(x) for x in np.polyfit(whole, values, 1))
+        off = np.quantile(np.abs(values - step * np.rint(values / step)), 0.97)
+        if values.size >= LEAST_EVEN:
+            off = min(off, np.quantile(np.abs(values - zero - step * whole), 0.97))
+        if off < max(ON_STEP * step, 1.2e-4) and step > 3e-4:
             return step
     return _step_in_few_digits(values)
 
