@@ -95,7 +95,7 @@ def _menu(channel: Channel) -> list[Planned]:
     shocks = {
         "a thermal shock downwards": (warm, here),
         "a thermal shock upwards": (here, warm),
-        "a larger thermal shock": ((round(middle + 40.0, 1), 8.0), here),
+        "a large thermal shock": ((round(middle + 40.0, 1), 8.0), here),
         "a humidity shock upwards": ((here[0], 20.0), (here[0], 80.0)),
         "a humidity shock downwards": ((here[0], 80.0), (here[0], 20.0)),
         "a small humidity step at high humidity": ((here[0], 65.0), (here[0], 80.0)),

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shockrig.analysis.diagnosis.adequacy import Adequacy, varies_with, when_largest
 from shockrig.analysis.diagnosis.gain import Gain
@@ -15,6 +16,8 @@ from shockrig.analysis.diagnosis.thresholds import level
 from shockrig.analysis.inference.fit import Fit
 from shockrig.analysis.inference.noise import Noise
 from shockrig.analysis.inference.problem import Problem
+
+Array = NDArray[np.float64]
 
 PEAK_TOLERANCES = 5.0  # a peak matters from this many times the tolerance of the rms on
 
@@ -57,6 +60,16 @@ def predicted_badly(gain: Gain) -> bool:
     return gain.measured and gain.after > level("held_out_excess") * gain.noise_floor
 
 
+def _spread(whitener: Array, filled: NDArray[np.bool_]) -> Array:
+    """Standard deviation of the noise in the mean of each bin (runs, bins) [unit], 0 in an empty one: noise that hangs
+    together, and a coarse step's, is thinned out less than white noise."""
+    spread = np.zeros(filled.shape)
+    for run, there in enumerate(filled):
+        inverse = np.linalg.inv(whitener[run][np.ix_(there, there)])
+        spread[run, there] = np.sqrt((inverse**2).sum(axis=1))
+    return spread
+
+
 def measure_remainder(
     problem: Problem, found: Fit, noise: Noise, adequacy: Adequacy, gain: Gain, tolerance: Tolerance
 ) -> Remainder:
@@ -64,15 +77,14 @@ def measure_remainder(
     channel = problem.channel
     unit = channel.quantity.unit
     filled = channel.count > 0
-    spread = noise.standard_deviation / np.sqrt(np.maximum(channel.count, 1))
+    spread = _spread(problem.whitener, filled)
     # Four standard deviations of the bin's own noise are what the largest of a few thousand bins may show by chance.
     beyond = np.where(filled, np.abs(found.residual) - 4.0 * spread, 0.0)
     begins, ends = when_largest(channel, found, noise)
     if gain.measured:
         square = gain.after**2 - gain.noise_floor**2
     else:
-        excess = (channel.count * found.residual**2).sum() - filled.sum() * noise.standard_deviation**2
-        square = float(excess / channel.count.sum())
+        square = float((channel.count * (found.residual**2 - spread**2)).sum() / channel.count.sum())
     left = np.sqrt(max(square, 0.0))
     return Remainder(
         rms=float(np.hypot(left, adequacy.hidden_rms)),

@@ -190,6 +190,9 @@ def remainder_sentence(found: ChannelDiagnosis) -> str:
     size = f"{plain(left.rms, 2)} {left.unit} rms above the noise"
     size += f", at most {plain(left.peak, 2)} {left.unit}" if left.peak > 0.0 else ""
     where = "on unseen runs" if found.gain.measured else "in the readings"
+    if left.rms <= 0.0 and left.peak <= 0.0:
+        seen = ", though statistics sees a pattern in it" if left.significant else ""
+        return f"Left {where}: nothing above the noise{seen}."
     if not left.significant:
         return f"Left {where}: {size}; no more than chance leaves."
     if left.material:
