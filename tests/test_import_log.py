@@ -6,6 +6,7 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 from made_up_logs import (
+    DAY,
     FAHRENHEIT,
     LOG,
     MAP,
@@ -26,6 +27,7 @@ from shockrig.protocols.cli import main
 from shockrig.rig.logs.first_map import look_at
 from shockrig.rig.logs.map_file import parse_map
 from shockrig.rig.logs.order import in_order
+from shockrig.rig.logs.text import Layout, scan
 
 
 def run(*arguments):
@@ -102,6 +104,33 @@ def test_one_sensor_is_the_measured_air_of_another(tmp_path, reference):
     stated = json.loads((tmp_path / "c/runs/0001/run.json").read_text()).get("reference")
     by_table = {"temperature_time_constant_s": 0.5, "humidity_standard_uncertainty_percent": 0.8}
     assert stated == (by_table if "fast" == reference.split('"')[1] else None)
+
+
+def slow_beside_a_chamber():
+    """A log that begins 35 s before a chamber's controller overshoots, and a sensor in it with a lag of three minutes,
+    too slow to show a change of its own so soon."""
+    time_s = 3.3 * np.arange(230)
+    since = np.maximum(time_s - 35.0, 0.0)
+    chamber = 25.0 - 3.5 * np.exp(-((since / 12.0) ** 2)) - 1.1 * np.exp(-(((since - 45.0) / 13.0) ** 2)) * (since > 0)
+    sensor = np.full(time_s.size, chamber[0])
+    for k in range(1, time_s.size):
+        sensor[k] = sensor[k - 1] + (1.0 - np.exp(-3.3 / 180.0)) * (chamber[k - 1] - sensor[k - 1])
+    rows = zip(time_s, chamber, np.round(sensor, 2), strict=True)
+    return "time_s,chamber_temp,probe_temp\n" + "".join(f"{t:.1f},{a:.3f},{b:.2f}\n" for t, a, b in rows)
+
+
+def test_a_sensor_too_slow_for_a_change_of_its_own_follows_the_air_beside_it(tmp_path, capsys):
+    """It moved where its reference did, and the run is not cut at a step that makes none: all that was recorded."""
+    log = written(tmp_path / "log.csv", slow_beside_a_chamber())
+    beside = (
+        '[sensor.air]\ntemperature = "chamber_temp"\n[sensor.probe]\ntemperature = "probe_temp"\nreference = "air"\n'
+    )
+    assert run(log, "--map", written(tmp_path / "m.toml", beside), "--out", tmp_path / "c") == 0
+    (only,) = read_campaign(tmp_path / "c").runs
+    assert only.imet.time_s.size == 230 and only.air is not None
+    alone = written(tmp_path / "alone.toml", beside + '[[step]]\nat = 36.0\nsensors = ["air"]\n')
+    assert run(log, "--map", alone, "--out", tmp_path / "d") == 2
+    assert "the map gives it to air alone: name probe in its sensors too, or delete" in capsys.readouterr().err
 
 
 def test_several_sensors_make_a_campaign_each(tmp_path, capsys):
@@ -200,6 +229,32 @@ def test_a_log_without_names_says_how_it_is_read(tmp_path, capsys):
     assert 'header_line = 0, time = "1" and [sensor.NAME] temperature = "N"' in said and "numbers from 1 to 3" in said
     map_ = '[log]\nheader_line = 0\ntime = "1"\n[sensor.bead]\ntemperature = "2"\nhumidity = "3"\n'
     assert run(log, "--map", written(tmp_path / "m.toml", map_), "--out", tmp_path / "c") == 0
+
+
+def test_a_log_without_times_is_read_by_the_time_from_row_to_row(tmp_path, capsys):
+    rows = [f"{80.0 if t > 80.0 else 0.0},{c}" for t, c in zip(LOG.time_s, LOG.temperature_c, strict=True)]
+    log = written(tmp_path / "log.csv", text(["heater,temperature_c", *rows]))
+    assert run(log, "--look", "--out", tmp_path / "look") == 2
+    assert "every_s = 1.0" in capsys.readouterr().err
+    still = written(tmp_path / "still.toml", '[log]\ntime = "heater"\n[sensor.bead]\ntemperature = "temperature_c"\n')
+    assert run(log, "--map", still, "--out", tmp_path / "c") == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "column heater: holds the same over and over" in said and "every_s = 1.0" in said
+    even = written(tmp_path / "even.toml", '[log]\nevery_s = 0.5\n[sensor.bead]\ntemperature = "temperature_c"\n')
+    assert run(log, "--map", even, "--out", tmp_path / "c") == 0
+    runs = read_campaign(tmp_path / "c").runs
+    assert len(runs) == 3 and np.diff(runs[0].imet.time_s) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(("names", "first"), [("setpoint;temp;rh", "1"), ("time;setpoint;temp", "time")])
+def test_a_line_of_names_that_is_one_short_leaves_the_first_column_without(tmp_path, names, first):
+    """As R writes row names; but where a word for time comes first, the last column has none."""
+    rows = [
+        f"{DAY + timedelta(seconds=t):%d.%m.%Y %H:%M:%S.%f};20;{c:.2f};{h:.2f}"
+        for t, c, h in zip(LOG.time_s, LOG.temperature_c, LOG.humidity_percent, strict=True)
+    ]
+    scanned = scan(written(tmp_path / "log.csv", text([names, *rows])), Layout())
+    assert scanned.names == ("1", "setpoint", "temp", "rh") if first == "1" else ("time", "setpoint", "temp", "4")
 
 
 def test_held_readings_are_thinned(tmp_path, capsys):

@@ -41,12 +41,20 @@ BAD = {
     "until before at": ("[[step]]\nat = 80\nuntil = 70\n", r"step\[1\]: from, at and until must follow"),
     "airflow in km/h": ("[runs]\nairflow_m_s = 1000\n", r"key runs.airflow_m_s: 1000 cannot be"),
     "another log": ("[[step]]\nlog = 'x.csv'\nat = 80\n", r"key step\[1\].log: 'x.csv' is not among the logs"),
-    "all left out": ("[[step]]\nat = 80\nuse = false\n", r"no step of it makes a run: step 1 the map says use = false"),
+    "all left out": (
+        "[[step]]\nat = 80\nuse = false\n",
+        r"no step makes a run: log.csv: step 1 the map says use = false; ",
+    ),
     "steps too small to count": (
         "[steps]\nleast_temperature_k = 50\nleast_humidity_percent = 90\n",
         r"log.csv: no step is seen in it; look at it .* least_temperature_k",
     ),
     "time in another format": ("[log]\ntime = 'time_s'\ntime_format = '%H:%M'\n", r"column time_s: .* time_format"),
+    "time and none": ("[log]\ntime = 'time_s'\nevery_s = 1.0\n", r"key log.every_s: .* log.time is stated"),
+    "left out as it should be": (
+        "[[step]]\nat = 1.0\nuse = false\n",
+        r"use = false: only 2 readings before it: no level",
+    ),
     "no such time": ("[log]\ntime = 'Zeit'\n", r"map.toml: key log.time: no column 'Zeit'"),
     "time unit": ("[log]\ntime_unit = 'hPa'\n", r"key log.time_unit: expected one of s, ms"),
     "not a number": ("[runs]\nbefore_s = 'long'\n", r"key runs.before_s: expected a number, found 'long'"),

@@ -81,16 +81,19 @@ def import_logs(paths: Sequence[Path], map_: LogMap, sensor: str | None = None) 
             left_out += not_made
         campaigns.append(SensorCampaign(name, tuple(runs), tuple(left_out)))
     if not any(campaign.runs for campaign in campaigns):
-        first = next((one for campaign in campaigns for one in campaign.left_out), None)
-        if first is None:
+        reasons: dict[str, str] = {}  # why -> the first step it holds for
+        for out in (out for campaign in campaigns for out in campaign.left_out):
+            reasons.setdefault(out.why, f"{out.log}: step {out.step.number}")
+        if not reasons:
             raise BenchError(
                 f"{', '.join(map(shown, paths))}: no step is seen in it; look at it (--look --map {where}), then state "
                 "[[step]] at = ... or a smaller [steps] least_temperature_k, least_humidity_percent in the map (a step "
                 f"needs {READINGS_BEFORE} readings before it)"
             )
         raise BenchError(
-            f"{first.log}: no step of it makes a run: step {first.step.number} {first.why}; "
-            f"look at it (--look --map {where}) and correct the map"
+            "no step makes a run: "
+            + "; ".join(f"{step} {why}" for why, step in reasons.items())
+            + f"; look at it (--look --map {where}) and correct the map"
         )
     return Imported(map_, logs, steps, tuple(campaigns))
 

@@ -142,6 +142,8 @@ def _reference_columns(map_: LogMap, lines: Scan) -> dict[str, dict[str, Column]
 
 def _clock(map_: LogMap, lines: Scan) -> Clock | None:
     """The clock as far as the map states it; None where it says nothing."""
+    if map_.every_s is not None:
+        return Clock((), NUMBERS, every_s=map_.every_s)
     if not map_.time and map_.time_format is None and map_.time_unit is None:
         return None
     names = []
@@ -155,7 +157,8 @@ def _clock(map_: LogMap, lines: Scan) -> Clock | None:
     guessed = guess_clock(lines.names, rows, lines.units)
     if not names and guessed is None:
         raise BenchError(
-            f"{shown(map_.path)}: key log.time: is missing, and {shown(lines.path)} does not show it; add it"
+            f"{shown(map_.path)}: key log.time: is missing, and {shown(lines.path)} does not show it; add it, or "
+            "where no column tells the time, the seconds from row to row, every_s = 1.0"
         )
     columns = tuple(names) or (guessed.columns if guessed else ())
     cells = [

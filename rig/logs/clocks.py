@@ -11,13 +11,8 @@ import numpy as np
 
 from shockrig.rig.logs.stamps import EPOCH, ISO, NUMBERS, OF_DAY, Clock
 from shockrig.rig.logs.text import NUMBER
-from shockrig.rig.logs.units import UNITS, bare_name, unit_in_name
+from shockrig.rig.logs.units import UNITS, bare_name, is_called_time, unit_in_name
 
-NAMES = (
-    "time", "timestamp", "datetime", "date_time", "date time", "date-time", "t", "date", "datum", "zeit", "uhrzeit",
-    "elapsed", "elapsed time", "seconds", "millis", "epoch", "unixtime", "unix", "ms", "fecha", "hora",
-    "heure", "clock", "tms",
-)  # fmt: skip
 _DATES = (
     "%Y/%m/%d", "%d/%m/%Y", "%m/%d/%Y", "%d.%m.%Y", "%d-%m-%Y", "%m-%d-%Y", "%d/%m/%y", "%m/%d/%y", "%d.%m.%y",
     "%Y.%m.%d", "%d-%b-%Y", "%d %b %Y", "%b %d %Y", "%d-%b-%y", "%Y%m%d", "%Y-%m-%d",
@@ -32,7 +27,7 @@ def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequ
         return None
     columns = {name: [row[k] for row in rows] for k, name in enumerate(names)}
     unit_of = {name: unit_in_name(name) or unit_in_name(f"x [{units[k]}]") for k, name in enumerate(names)}
-    called = [name for name in names if _is_called_time(name)]
+    called = [name for name in names if is_called_time(name)]
     for name in [*called, *names[:3]]:
         format_, doubt = guess_format(columns[name])
         if format_ is None:
@@ -81,15 +76,6 @@ def guess_format(cells: Sequence[str]) -> tuple[str | None, str]:
         first, second = ("month", "day") if american else ("day", "month")
         doubt = f"the {first} is taken to stand before the {second}; nothing in the log tells"
     return best[0], doubt
-
-
-def _is_called_time(name: str) -> bool:
-    low = bare_name(name).lower()
-    return (
-        low in NAMES
-        or re.match(r"(time|date|zeit|datum)(\b|_|stamp)", low) is not None
-        or low.endswith(("time", "_ms"))
-    )
 
 
 def _joined(date_: str, time_: str, columns: Mapping[str, Sequence[str]], doubt: str) -> Clock:

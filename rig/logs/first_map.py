@@ -22,6 +22,7 @@ from shockrig.rig.logs.text import Layout, Scan, scan
 
 WIDTH, LONGEST = 44, 120  # where comments stand, and how long a line may be
 MUCH_FASTER = 1.5  # that a sensor must be to be suggested as another's reference
+EVERY = 'time = "..." (every_s = 1.0, from row to row, where no column tells the time)'
 UNIT_SHOWN = {"temperature": "degC", "humidity": "%RH"}
 
 
@@ -55,15 +56,15 @@ def look_at(paths: Sequence[Path], map_path: Path) -> Look:
         has = ", ".join(scans[0].names)
         if not scans[0].header_line:
             first, width = scans[0].numbers[0], len(scans[0].names)
-            when = guess.clock.columns[0] if guess.clock is not None else "1"
+            when = f'time = "{guess.clock.columns[0]}"' if guess.clock is not None else EVERY
             raise BenchError(
                 f"{shown(paths[0])}: no line of names is found above its first row, line {first}; write a map by hand, "
-                f'[log] header_line = 0, time = "{when}" and [sensor.NAME] temperature = "N", where columns are '
+                f'[log] header_line = 0, {when} and [sensor.NAME] temperature = "N", where columns are '
                 f"numbers from 1 to {width}, as docs/importing.md shows"
             )
         raise BenchError(
-            f"{shown(paths[0])}: no column of {what} is recognised (it has: {has}); write a map by hand, [log] time = "
-            '"..." and [sensor.NAME] temperature = "...", as docs/importing.md shows'
+            f"{shown(paths[0])}: no column of {what} is recognised (it has: {has}); write a map by hand, [log] "
+            f'{EVERY} and [sensor.NAME] temperature = "...", as docs/importing.md shows'
         )
     head = _head(scans, guess, map_path)
     text = head + _sensors(guess, {}, None)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ from shockrig.rig.logs.channels import SensorLog
 from shockrig.rig.logs.mapping import LogMap, StepMap
 from shockrig.rig.logs.onset import Move, fit_onset
 from shockrig.rig.logs.stamps import to_map, to_seconds
-from shockrig.rig.logs.steps import Step, find_steps
+from shockrig.rig.logs.steps import Step, find_steps, judged
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,11 @@ def steps_of(sensors: SensorLog, map_: LogMap, several: bool = False) -> tuple[L
     said = _of_this_log(sensors.log.path, map_, several)
     pieces = [sensors.channels(k, map_.least) for k in range(len(sensors.log.pieces))]
     if not said:
-        found = [step for k, channels in enumerate(pieces) for step in find_steps(channels, k, map_.merge_s)]
+        found = [
+            step
+            for k, channels in enumerate(pieces)
+            for step in _beside(find_steps(channels, k, map_.merge_s), channels, map_)
+        ]
         return tuple(LogStep(n, step) for n, step in enumerate(found, start=1))
     placed = sorted((_place(sensors, map_, step) for step in said), key=lambda item: (item[1], item[2]))
     steps = []
@@ -78,7 +82,30 @@ def steps_of(sensors: SensorLog, map_: LogMap, several: bool = False) -> tuple[L
                 f"{where}: from, at and until must follow one another; fix them or leave from and until out"
             )
         steps.append(LogStep(n + 1, Step(piece, at_s, float(unsure_s), moves), one, *times))
-    return tuple(steps)
+    # What was seen to speak against a step is told where the map does not use it.
+    return tuple(
+        one if one.said is None or one.said.is_used else replace(one, step=_judged(one.step, steps, pieces))
+        for one in steps
+    )
+
+
+def _judged(step: Step, steps: Sequence[LogStep], pieces: Sequence[Sequence[Channel]]) -> Step:
+    here = [one.step for one in steps if one.step.piece == step.piece]
+    return judged(step, here, here.index(step), pieces[step.piece]) if step.moves else step
+
+
+def _beside(steps: Sequence[Step], channels: Sequence[Channel], map_: LogMap) -> list[Step]:
+    """Steps with what each sensor did whose reference moved and that is too slow to show a change of its own."""
+    whole = []
+    for k, step in enumerate(steps):
+        moved = {move.channel.rsplit(".", 1)[0] for move in step.moves}
+        slow = {name for name, one in map_.sensors.items() if moved & set(one.reference)} - moved
+        since_s = steps[k - 1].at_s if k else -np.inf
+        until_s = steps[k + 1].at_s if k + 1 < len(steps) else np.inf
+        theirs = [channel for channel in channels if channel.name.rsplit(".", 1)[0] in slow]
+        moves = _moves(theirs, step.at_s, step.uncertainty_s, since_s, until_s)
+        whole.append(replace(step, moves=(*step.moves, *moves)))
+    return whole
 
 
 def _of_this_log(path: Path, map_: LogMap, several: bool) -> list[StepMap]:

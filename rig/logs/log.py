@@ -107,7 +107,8 @@ def read_log(
     if clock is None:
         has = ", ".join(lines.names)
         raise BenchError(
-            f'{shown(path)}: no column of times found; name it in the map, [log] time = "..." (it has: {has})'
+            f'{shown(path)}: no column of times found (it has: {has}); name it in the map, [log] time = "...", or '
+            "where none tells the time, the seconds from row to row, every_s = 1.0"
         )
     for name in (*clock.columns, *(column.name for column in columns)):
         if name not in lines.names:
@@ -116,7 +117,8 @@ def read_log(
     wanted = list(dict.fromkeys([*clock.columns, *(column.name for column in columns)]))
     cells = _read_cells(lines, layout, wanted, clock)
     remarks = [_sentence(count, f"lines {reason}", where) for reason, (count, where) in lines.odd.items()]
-    time_s, origin_s = read_stamps(clock, cells, f"{shown(path)}, column {', '.join(clock.columns)}")
+    where = f"{shown(path)}, column {', '.join(clock.columns)}"
+    time_s, origin_s = read_stamps(clock, cells, len(lines.rows), where)
     values: dict[str, Array] = {}
     for column in columns:
         values[column.name], said = _numbers(cells[column.name], column, layout, lines)

@@ -71,8 +71,11 @@ def parse_map(text: str, path: Path) -> LogMap:
     log = top.table("log")
     log.know(
         *("separator", "decimal", "header_line", "comment", "missing", "time", "time_format", "time_unit"),
-        "repeated_stamps",
+        *("every_s", "repeated_stamps"),
     )
+    every_s = log.number("every_s", Range(1e-6, 1e6))
+    if every_s is not None and "time" in log.content:
+        raise BenchError(f"{where}: key log.every_s: is for a log without times, and log.time is stated; leave one out")
     header_line = log.whole("header_line", 0, 10**9)
     decimal = log.one_of("decimal", ("point", "comma"))
     layout = Layout(
@@ -103,6 +106,7 @@ def parse_map(text: str, path: Path) -> LogMap:
         time=tuple(str(item) for item in log.several("time")),
         time_format=_time_format(log),
         time_unit=None if time_unit is None else known_unit(time_unit),
+        every_s=every_s,
         stamps=log.one_of("repeated_stamps", STAMPS) or "auto",
         sensors=sensors,
         steps=tuple(_step(number, table, sensors) for number, table in enumerate(top.list("step"), start=1)),

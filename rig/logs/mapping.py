@@ -62,7 +62,8 @@ class StepMap:
 
 @dataclass(frozen=True)
 class LogMap:
-    """A whole map. `time` are columns, `time_format` and `time_unit` None where they are found out."""
+    """A whole map. `time` are columns, `time_format` and `time_unit` None where they are found out; `every_s` is from
+    row to row, where no column tells the time."""
 
     path: Path
     name: str | None
@@ -70,6 +71,7 @@ class LogMap:
     time: tuple[str, ...]
     time_format: str | None
     time_unit: str | None
+    every_s: float | None
     stamps: str
     sensors: Mapping[str, SensorMap]
     steps: tuple[StepMap, ...]

@@ -65,7 +65,13 @@ def runs_of(
         if why:
             left_out.append(LeftOut(log, one, why))
             continue
-        begin_s, end_s = window(sensors, steps, one, map_, name)
+        # Beside a measured air only what makes a run of its own, or what a person set aside, is kept apart.
+        apart = [
+            other
+            for other in steps
+            if not sensor.reference or other.said is not None or not _why_not(other, name, True)
+        ]
+        begin_s, end_s = window(sensors, apart, one, map_, name)
         if one.begin_s is None:
             begin_s = settled_since(sensors, one, name, begin_s)
         inside = inside_run(sensors, name, one.step.piece, begin_s, end_s)
@@ -83,8 +89,14 @@ def runs_of(
 def _why_not(one: LogStep, name: str, is_measured: bool) -> str:
     """Why a step makes no run of a sensor; empty where it does."""
     if one.said is not None and not one.said.is_used:
-        return "the map says use = false"
+        return "the map says use = false" + (f": {one.step.why_not}" if one.step.why_not else "")
     if name not in one.moved():
+        if one.said is not None and one.said.sensors:
+            whose = ", ".join(one.said.sensors)
+            return (
+                f"the map gives it to {whose} alone: name {name} in its sensors too, or delete the map's steps to have "
+                "them found anew"
+            )
         return f"{name} did not move"
     # Stages do no harm where the air was measured: it is then the input as it was.
     return "" if is_measured and one.step.stages > 1 else one.step.why_not

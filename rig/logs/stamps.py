@@ -19,6 +19,7 @@ from shockrig.rig.logs.units import UNITS
 Array = NDArray[np.float64]
 
 ISO, NUMBERS, OF_DAY = "iso", "number", "time of day"
+STILL_ROWS = 10  # that bear one stamp or two are not timed by it
 EPOCH = {"s": (5e8, 5e9), "ms": (5e11, 5e12), "us": (5e14, 5e15)}  # 1985 to 2128, as counted since 1970
 
 
@@ -27,7 +28,8 @@ class Clock:
     """Which columns tell the time and how.
 
     `format` is "iso", "number" (of `unit`), "time of day" or a strptime format for the columns joined by a blank.
-    `since_1970`: the numbers are dates. `doubt` says what was taken for granted, for the user to check.
+    `since_1970`: the numbers are dates. `doubt` says what was taken for granted, for the user to check. `every_s`: no
+    column tells the time, and rows come so many seconds apart.
     """
 
     columns: tuple[str, ...]
@@ -35,13 +37,14 @@ class Clock:
     unit: str = "s"
     since_1970: bool = False
     doubt: str = ""
+    every_s: float | None = None
 
     @property
     def is_dated(self) -> bool:
         return self.since_1970 or self.format not in (NUMBERS, OF_DAY)
 
 
-def read_stamps(clock: Clock, columns: Mapping[str, NDArray[Any]], where: str) -> tuple[Array, float]:
+def read_stamps(clock: Clock, columns: Mapping[str, NDArray[Any]], rows: int, where: str) -> tuple[Array, float]:
     """Seconds of every row, NaN where a stamp cannot be read, and the seconds since 1970 from which they count.
 
     Parameters
@@ -49,16 +52,20 @@ def read_stamps(clock: Clock, columns: Mapping[str, NDArray[Any]], where: str) -
     clock : Clock
     columns : mapping
         Name -> cells (text) or numbers, shape (n,).
+    rows : int
+        n.
     where : str
         File and column for messages.
 
     Raises
     ------
     BenchError
-        Hardly any of the stamps fits the clock.
+        Hardly any of the stamps fits the clock, or they do not go on.
     """
     import pandas as pd
 
+    if clock.every_s is not None:
+        return clock.every_s * np.arange(rows, dtype=np.float64), 0.0
     seconds: Array
     if clock.format == NUMBERS:
         cells = pd.Series(columns[clock.columns[0]])
@@ -91,6 +98,11 @@ def read_stamps(clock: Clock, columns: Mapping[str, NDArray[Any]], where: str) -
         raise BenchError(
             f"{where}: {example!r} does not fit {clock.format!r}; state [log] time_format (a strptime format, "
             f'"{ISO}" or "{OF_DAY}") or time_unit in the map'
+        )
+    if rows >= STILL_ROWS and np.unique(seconds[np.isfinite(seconds)]).size < 3:
+        raise BenchError(
+            f"{where}: holds the same over and over and tells no time; name another in the map, [log] "
+            f'time = "...", or where none does, the seconds from row to row, every_s = 1.0'
         )
     return seconds, origin
 

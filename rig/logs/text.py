@@ -16,7 +16,7 @@ from pathlib import Path
 
 from shockrig.files.disk import decoded, read_bytes, shown
 from shockrig.rig.errors import BenchError
-from shockrig.rig.logs.units import is_unit
+from shockrig.rig.logs.units import is_called_time, is_unit
 
 SEPARATORS = {"tab": "\t", "semicolon": ";", "comma": ",", "bar": "|", "space": " "}
 COMMENTS = ("#", "//", "%", "!", "*")
@@ -212,11 +212,18 @@ def _header(
     def cells(line: str) -> list[str]:
         return [cell.strip() for cell in _split(line, separator)]
 
+    def aligned(names: list[str]) -> list[str]:
+        """One name too few, and no separator at the end of rows: the first column, row names or stamps, has none."""
+        rows = [cells(line) for _, line in plain[first : first + SAMPLE_LINES]]
+        ends = any(len(row) == width and row[-1] for row in rows)
+        short = len(names) == width - 1 and ends and not is_called_time(names[0])
+        return ["", *names] if short else names
+
     if layout.header_line == 0:
         return tuple(str(k + 1) for k in range(width)), nothing, 0
     if layout.header_line is not None:
         line = next((line for n, line in kept if n == layout.header_line), "")
-        return _unique(cells(line), width), nothing, layout.header_line
+        return _unique(aligned(cells(line)), width), nothing, layout.header_line
     units = nothing
     for i in range(first - 1, -1, -1):
         number, line = plain[i]
@@ -230,7 +237,7 @@ def _header(
             if said:
                 units = tuple((found + [""])[:width])
             continue
-        return _unique(found, width), units, number
+        return _unique(aligned(found), width), units, number
     # The names may stand in a comment: "# time temperature humidity".
     for number, line in reversed([(n, line) for n, line in kept if n < plain[first][0]]):
         found = cells(line.lstrip("".join(COMMENTS) + " "))

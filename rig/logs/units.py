@@ -62,6 +62,11 @@ _OTHER = (
     "dew", "frost", "batt", "volt", "heat index", "wet bulb", "wet-bulb", "potential", "setpoint", "direction",
     "velocity", "ascent", "climb", "over ground",
 )  # fmt: skip
+_TIMES = (
+    "time", "timestamp", "datetime", "date_time", "date time", "date-time", "t", "date", "datum", "zeit", "uhrzeit",
+    "elapsed", "elapsed time", "seconds", "millis", "epoch", "unixtime", "unix", "ms", "fecha", "hora",
+    "heure", "clock", "tms",
+)  # fmt: skip
 _BRACKETS = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]")
 
 
@@ -102,6 +107,16 @@ def bare_name(name: str) -> str:
         if len(words) > n and known_unit("_".join(words[-n:])) is not None:
             return "_".join(words[:-n])
     return bare
+
+
+def is_called_time(name: str) -> bool:
+    """Whether a column is called by a word for time or date."""
+    low = bare_name(name).lower()
+    return (
+        low in _TIMES
+        or re.match(r"(time|date|zeit|datum)(\b|_|stamp)", low) is not None
+        or low.endswith(("time", "_ms"))
+    )
 
 
 def quantity_of(name: str, unit: str | None) -> str | None:
