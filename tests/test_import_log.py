@@ -257,6 +257,13 @@ def test_a_line_of_names_that_is_one_short_leaves_the_first_column_without(tmp_p
     assert scanned.names == ("1", "setpoint", "temp", "rh") if first == "1" else ("time", "setpoint", "temp", "4")
 
 
+def test_runs_side_by_side_with_times_of_their_own_are_pointed_out(tmp_path):
+    rows = [f"{t},{c},{1.01 * t:.3f},{c}" for t, c in zip(LOG.time_s, LOG.temperature_c, strict=True)]
+    log = written(tmp_path / "log.csv", text(["Time (s),Temp (°C),Time (s),Temp (°C)", *rows]))
+    said = look_at([log], tmp_path / "log.toml").text
+    assert "# not used, other times than Time (s), by which all readings are timed; state it as time" in said
+
+
 def test_held_readings_are_thinned(tmp_path, capsys):
     """A log of 8 Hz of a sensor that is read every half second: the repeats go, what is left is what was read."""
     rows = zip(LOG.time_s, LOG.temperature_c, LOG.humidity_percent, strict=True)

@@ -54,7 +54,13 @@ def guess_log(lines: Scan) -> Guess:
         named = known_unit(lines.units[k]) or unit_in_name(name)
         quantity = _position(name) or quantity_of(name, named)
         if quantity is None or quantity == "time":
-            unused.append((name, "by its name no temperature, humidity, pressure or airflow"))
+            why = "by its name no temperature, humidity, pressure or airflow"
+            if times and re.sub(r" #\d+$", "", name) == times[0]:
+                k_first = lines.names.index(times[0])
+                why = f"the same as {times[0]}"
+                if any(row[k] and row[k] != row[k_first] for row in rows):
+                    why = f"other times than {times[0]}, by which all readings are timed; state it as time for its own"
+            unused.append((name, why))
             continue
         if values.size < 2 or (values == 0.0).all():
             unused.append((name, "holds nothing" if values.size < 2 else "holds nothing but zeros (not connected?)"))
