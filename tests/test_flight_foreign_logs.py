@@ -171,6 +171,14 @@ def test_readings_in_a_plume_are_not_implausible_and_absurd_ones_are():
     assert wrongly <= 12  # of 1200, at the plume's edges
 
 
+def test_short_logs_are_screened_as_well():
+    for count in range(1, 40):
+        reading = 20.0 + 0.1 * np.sin(np.arange(count))
+        reading[count // 2] = 60.0 if count > 8 else reading[count // 2]
+        found = screen(np.arange(float(count)), reading, RANGES["temperature_c"], 0.02)
+        assert np.flatnonzero(found.implausible).tolist() == ([count // 2] if count > 8 else [])
+
+
 def test_the_turn_of_a_fast_change_is_not_implausible_in_slow_rows():
     rng = np.random.default_rng(1)
     reading = 18.0 + 0.4 * np.sin(np.arange(120) / 17.0) + 0.02 * rng.standard_normal(120)

@@ -208,8 +208,8 @@ def screen(
 def _limit(size: Array, noise: float) -> Array:
     """Beyond which sizes (n,) are not usual: over the flight, or among the rows before or behind where that is more (in
     a plume, at a cloud's edge)."""
-    width = min(AROUND_WIDTH, size.size)
-    beside = [median_filter(size, width, mode="nearest", origin=side) for side in (width // 2, -((width - 1) // 2))]
+    half = (min(AROUND_WIDTH, size.size) - 1) // 2
+    beside = [median_filter(size, 2 * half + 1, mode="nearest", origin=side) for side in (half, -half)]
     over_all = LONE_SIGMAS * max(1.4826 * float(np.median(size)), noise)
     return np.asarray(np.maximum(over_all, AROUND_SIGMAS * 1.4826 * np.max(beside, axis=0)))
 
