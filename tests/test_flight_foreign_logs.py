@@ -8,18 +8,23 @@ import pandas
 import pytest
 from scipy.signal import lfilter
 
+from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.screen import screen
 from shockrig.analysis.flight.typical import typical_profile
 from shockrig.files.errors import InputError
-from shockrig.files.flight import read_layout
+from shockrig.files.flight import Flight, read_layout
 from shockrig.files.flight_rows import to_flight
-from shockrig.files.profile import write_profile
+from shockrig.files.profile import read_profile, write_profile
 from shockrig.files.ranges import RANGES
 from shockrig.protocols.cli import main
 from shockrig.protocols.flight_logs import to_csv
 
 PROFILE = typical_profile()
 PLACE = "latitude,longitude,altitude"
+
+
+def rms(error):
+    return float(np.sqrt(np.nanmean(np.square(error))))
 
 
 def read(tmp_path, header, rows):
@@ -154,6 +159,33 @@ def test_the_stated_profile_of_the_documentation_is_one_and_its_lags_are_what_it
     # a quarter of a lag that is uncertain by a quarter
     assert done["temperature_uncertainty_k"].max() == pytest.approx(0.25 * 8.0 * 4.0 / 40.0, rel=0.3)
     capsys.readouterr()
+
+
+@pytest.mark.parametrize("period_s", [1.0, 2.0, 47.0])
+def test_twenty_rows_have_an_uncertainty_in_proportion(tmp_path, period_s):
+    """A balloon's row every 47 s was stated to 100 K."""
+    (tmp_path / "stated.json").write_text(
+        '{"format": "sensor-profile/1", "sensors": {"imet": {"body": "lumped"}}, "temperature": {"bead_radius_m": 4e-4,'
+        ' "thermal_diffusivity_m2_s": {"value": 8e-9, "standard_uncertainty": 4e-10}, "noise_k": 0.02, "effects": []}}'
+    )
+    profile = read_profile(tmp_path / "stated.json")
+    inside, errors, sizes = [], [], []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        step = period_s / max(round(period_s / 0.05), 20)
+        fine = np.arange(-200.0, 20 * period_s, step)
+        air = 20.0 - 0.005 * fine + 0.15 * np.sqrt(step) * np.cumsum(rng.standard_normal(fine.size))
+        reading = air[0] + lfilter([step / 20.0], [1.0, step / 20.0 - 1.0], air - air[0])
+        time_s, nothing = np.arange(20) * period_s, np.full(20, np.nan)
+        air, reading = (np.interp(time_s, fine, values) for values in (air, reading))
+        reading += 0.02 * rng.standard_normal(20)
+        done = correct(Flight(time_s, reading, nothing, nothing, nothing, nothing), profile)
+        errors.append([rms(done.temperature_c - air), rms(reading - air)])
+        inside.append(np.mean(np.abs(done.temperature_c - air) < 1.96 * done.temperature_uncertainty_k))
+        sizes.append(rms(done.temperature_uncertainty_k))
+    corrected, raw = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert corrected < 0.9 * raw and np.mean(inside) > 0.85
+    assert max(sizes) < 6.0 * raw
 
 
 def test_readings_in_a_plume_are_not_implausible_and_absurd_ones_are():

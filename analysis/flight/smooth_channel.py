@@ -12,7 +12,7 @@ from shockrig.analysis.flight.coarse import propagated, within_a_step
 from shockrig.analysis.flight.jumps import when, with_jumps, without
 from shockrig.analysis.flight.prior import Passing, Prior, gain_squared, spectra
 from shockrig.analysis.flight.response import Response
-from shockrig.analysis.flight.strengths import fit_prior, fit_windows, without_wave
+from shockrig.analysis.flight.strengths import fit_prior, fit_windows, seen, without_wave
 from shockrig.analysis.flight.sweep import Sweep, Track, swept, windows
 
 Array = NDArray[np.float64]
@@ -230,8 +230,16 @@ def _local_priors(
     size = int(np.clip(SEGMENT_LAGS * along.slowest_s / period, SEGMENT, LONGEST_SEGMENT))
     size = min(size, max(SHORTEST_SEGMENT, int(largest * bridged.size)), bridged.size)
     if size < 24:
+        # too few for a spectrum: each between the strengths at which the readings, and the air, would vary as was read
+        frequency = np.arange(1, size // 2 + 1) / (size * period)
+        shown = seen(along.at(slice(size // 2, size // 2 + 1)), frequency, period, parts)
+        of_one = [
+            (np.sum(own) * np.sum(left) / (size * period) ** 2) ** 0.25
+            for own, left in zip(spectra(frequency, period), shown, strict=True)
+        ]
         sigma = max(float(np.std(bridged)), typical)
-        return Prior(*(np.full(bridged.size, value) for value in (sigma, sigma, typical)))
+        strengths = (sigma / of_one[0], sigma / of_one[1], typical)
+        return Prior(*(np.full(bridged.size, value) for value in strengths))
     starts = np.unique(np.append(np.arange(0, bridged.size - size + 1, max(size // 2, 1)), bridged.size - size))
     relative = np.sqrt((noise[starts[:, None] + np.arange(size)] ** 2).mean(axis=1)) / typical
     segments = bridged[starts[:, None] + np.arange(size)]
