@@ -52,6 +52,12 @@ def test_what_no_catalogue_holds_is_called_unexplained(seed):
         assert not scored.wrong, (seed, name, scored.wrong)
 
 
+def test_runs_that_differ_by_chance_are_no_second_effect():
+    """Two or three runs in each ambient and direction say little of how much runs differ in their rate."""
+    result = trials.trial("one", "rough", "limit", 47107)
+    assert result["score"].exact, trials.line(47107, result)
+
+
 def test_a_coarse_resolution_is_no_other_effect():
     """Rounded to 0.6 %RH beside 0.07 %RH of noise: a plateau's error is one code's, not white noise."""
     result = trials.trial("quantization", "rough", "comfortable", 7051)

@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import null_space
+from scipy.stats import multivariate_normal, norm
 from small_worlds import record
 
 from shockrig.analysis.effects import CATALOGUE, structure_of
@@ -12,7 +14,13 @@ from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.model import LOG_RATE_BOUNDS, PLAIN, Held, Model, Point
 from shockrig.analysis.inference.problem import make_problem
 from shockrig.analysis.inference.quantity import QUANTITIES, RunEffect
-from shockrig.analysis.inference.rate_scatter import RATE_SCATTER, OwnRates, likeliest, posterior_scatter
+from shockrig.analysis.inference.rate_scatter import (
+    RATE_SCATTER,
+    OwnRates,
+    likeliest,
+    posterior_scatter,
+    restriction,
+)
 from shockrig.analysis.physics.humidity import ZERO_CELSIUS_K
 
 EVERY = [(name, [e for e, entry in CATALOGUE.items() if name in entry.channels]) for name in QUANTITIES]
@@ -210,6 +218,27 @@ def test_the_scatter_of_many_runs_is_found(true):
     part = OwnRates(own, spread, ambient)
     assert likeliest(part) == pytest.approx(true, rel=0.12)
     assert posterior_scatter([part]) == pytest.approx(true, rel=0.12)
+
+
+@pytest.mark.parametrize("scatter", [0.001, 0.004, 0.015])
+def test_means_that_are_fitted_along_cost_as_much_as_contrasts_do_without_them(scatter):
+    """Against the density of each ambient's contrasts, which know no mean (Patterson and Thompson 1971)."""
+    rng = np.random.default_rng(5)
+    part = OwnRates(0.01 * rng.standard_normal(9), rng.uniform(0.001, 0.01, 9), np.repeat([0, 1, 2], [2, 4, 3]))
+
+    def both(scatter):
+        contrasts = fitted = 0.0
+        for g in range(3):
+            own, variance = (x[part.ambient == g] for x in (part.own, scatter**2 + part.spread**2))
+            basis = null_space(np.ones((1, own.size))).T
+            contrasts -= 2 * multivariate_normal.logpdf(basis @ own, cov=basis @ np.diag(variance) @ basis.T)
+            around = own - np.average(own, weights=1 / variance)
+            fitted -= 2 * norm.logpdf(around, scale=np.sqrt(variance)).sum()
+        return contrasts, fitted
+
+    (contrasts, fitted), (contrasts_before, fitted_before) = both(scatter), both(RATE_SCATTER)
+    lacking = contrasts - contrasts_before - (fitted - fitted_before)
+    assert restriction(scatter, part) == pytest.approx(lacking, abs=1e-9)
 
 
 def test_of_two_runs_that_say_little_the_scatter_stays_what_was_thought():

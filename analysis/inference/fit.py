@@ -16,7 +16,7 @@ from shockrig.analysis.inference.common import LEAST_TRIGGER_OFFSET_S, TRIGGER
 from shockrig.analysis.inference.model import Model, Point, Structure
 from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.inference.quantity import RunEffect
-from shockrig.analysis.inference.rate_scatter import OwnRates, likeliest, prior_cost
+from shockrig.analysis.inference.rate_scatter import OwnRates, likeliest, prior_cost, restriction
 from shockrig.analysis.physics.chain import at_jump, evaluate
 
 Array = NDArray[np.float64]
@@ -314,6 +314,7 @@ def _finished(problem: Problem, model: Model, at: Linearised, arrow: Arrow, obje
         moved = covariance @ arrow.pull(arrow.run_jacobian[..., RunEffect.START]) * LEAST_TRIGGER_OFFSET_S
         covariance = covariance + np.outer(moved, moved)
     complexity = arrow.log_determinant() + 2 * float(np.log(problem.scatter).sum())
+    complexity += restriction(problem.rate_scatter, _own_rates(arrow, at.point.deviations, model))
     return Fit(
         model=model,
         theta=at.point.theta,

@@ -49,6 +49,17 @@ def cost(trials: Array, parts: Iterable[OwnRates]) -> Array:
     return total
 
 
+def restriction(scatter: float, part: OwnRates) -> float:
+    """What -2 log L lacks where the ambients' means are fitted along as if they cost nothing, less that at
+    `RATE_SCATTER`: without it the few runs of each ambient would make a scatter likelier the smaller it is."""
+    total = 0.0
+    for g in np.unique(part.ambient):
+        spread = part.spread[part.ambient == g]
+        now, before = ((1.0 / (s**2 + spread**2)).sum() for s in (scatter, RATE_SCATTER))
+        total += float(np.log(now / before))
+    return total
+
+
 def likeliest(part: OwnRates, limit: float = RATE_SCATTER_LIMIT) -> float:
     """The scatter, up to a limit, that one part's runs make most likely."""
     trials = np.geomspace(0.2 * RATE_SCATTER, limit, 41)
