@@ -286,16 +286,6 @@ def test_the_command_writes_every_form_and_says_what_was_taken_by_default(campai
     assert (out / "budget.png").stat().st_size > 10_000
 
 
-def test_a_campaign_without_a_figure_to_certify_ends_with_one_line(campaign, result, tmp_path, capsys, monkeypatch):
-    """A DCC is of one measurement result at least."""
-    monkeypatch.setattr("shockrig.analysis.characterization.characterize.characterize", lambda *rest: result)
-    monkeypatch.setattr("shockrig.analysis.characterization.budget.WORST_RELATIVE", 0.0)
-    assert main(["certify", str(campaign.path), "--out", str(tmp_path / "out")]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "no figure to certify. No alpha of the temperature sensor" in line
-    assert not (tmp_path / "out").exists()
-
-
 @pytest.mark.parametrize(
     ("words", "said"),
     [

@@ -25,7 +25,6 @@ from shockrig.files.certificate import (
     rounded,
 )
 from shockrig.files.common_uncertainty import NOTHING_COMMON, ORDINARY_LABORATORY
-from shockrig.files.errors import InputError
 
 NAMESPACE = uuid.UUID("6f1c2f0e-6b3e-4c2b-9a52-6c1a0d9a7f11")  # of certificates' identifiers
 SENSORS = tuple(quantity.sensor for quantity in QUANTITIES.values())
@@ -64,19 +63,12 @@ def certified(
     provenance : mapping, optional
     **named
         `laboratory`, `person`, `customer`, `country`, `software`.
-
-    Raises
-    ------
-    InputError
-        No figure is known well enough.
     """
     campaign = result.campaign
     assert campaign.common is not None
     figured = [one for found in result.channels().values() for one in budgets(found, air)]
     figures = tuple(_figure(one) for one in figured if one.determined)
     lacking = _not_determined([one for one in figured if not one.determined])
-    if not figures:
-        raise InputError(f"{campaign.name}: nothing to certify: {' '.join(lacking)[:-1]}; record more runs")
     began_on, ended_on = _dates(campaign, issued_on)
     sensors = {name: campaign.sensors.get(name, {}) for name in SENSORS}
     made = Certificate(
