@@ -44,6 +44,12 @@ def test_the_ordinary_bench_is_untangled():
         assert gain["held_out_rmse_after"] < 1.3 * gain["noise_floor"] < 0.5 * gain["held_out_rmse_before"]
 
 
+def test_a_lag_does_not_stand_in_the_place_of_a_slow_transfer():
+    """The fit without the lag ends at five times the film's Biot number, and no transfer leads back from there."""
+    result = trials.trial("ordinary", "rough", "comfortable", 47706)
+    assert result["score"].exact, trials.line(47706, result)
+
+
 @pytest.mark.parametrize("seed", [7030])
 def test_what_no_catalogue_holds_is_called_unexplained(seed):
     result = trials.trial("outside", "rough", "comfortable", seed)
