@@ -381,7 +381,7 @@ class Stepwise:
 
     def _in_place(self, current: Fit, without: Fit, other: Effect) -> Fit:
         """`other` in the place of an effect of `current`, fitted from its rates and from the value that leaves least at
-        its deviations: from these, and from none, since an effect can hide in them."""
+        its deviations: from these, and where starts were marked from none, since an effect can hide in them."""
         structure = without.structure.adding(other)
         model, problem = Model(self.problem.channel, structure), self.problem
         kept = {name: value for name, value in current.choice.items() if name in without.structure.names}
@@ -390,9 +390,11 @@ class Stepwise:
             theta = model.start(current.log_rates, kept | by_name(other, start))
             begun.append((objective_at(problem, model, Point(theta, current.deviations)), theta))
         _, theta = min(begun, key=lambda one: one[0])
-        self.fits += 3
-        fits = [fit(problem, structure, theta, own) for own in (current.deviations, begun_anew(problem, current))]
-        return min(fits, key=lambda f: f.deviance)
+        begins = [current.deviations]
+        if problem.channel.conditions.start_known.all():
+            begins.append(begun_anew(problem, current))
+        self.fits += 1 + len(begins)
+        return min((fit(problem, structure, theta, own) for own in begins), key=lambda f: f.deviance)
 
     def exchange(self, current: Fit, swap: bool = True) -> tuple[Fit, dict[str, Standing], bool]:
         """Each effect found against every other in its place: how it stands, and whether another does better.
@@ -401,6 +403,7 @@ class Stepwise:
         """
         standing: dict[str, Standing] = {}
         channel = self.problem.channel
+        marked = channel.conditions.start_known.all()
         for effect in self.added(current):
             if self.fits >= IN_ALL * self.most_fits:
                 break
@@ -410,9 +413,10 @@ class Stepwise:
             promising.pop(effect, None)
             others = self.trials(without, {e: s for e, s in promising.items() if e not in current.structure.ids})
             for other in self.candidates:
-                # No gradient leads over steps, nor from where a model ends that lacks the one found: a rival begins
-                # from where that has led as well.
-                if _open_to(without.structure, other) and other.id != effect and (other.nudges or other.id in others):
+                # No gradient leads over steps, nor, where starts were marked, from where a model ends that lacks the
+                # one found: a rival begins from where that has led as well.
+                led = other.nudges or (marked and other.id in others)
+                if led and _open_to(without.structure, other) and other.id != effect:
                     begun = self._in_place(current, without, other)
                     if other.id not in others or begun.deviance < others[other.id].deviance:
                         others[other.id] = begun
