@@ -391,10 +391,16 @@ class Stepwise:
             begun.append((objective_at(problem, model, Point(theta, current.deviations)), theta))
         _, theta = min(begun, key=lambda one: one[0])
         begins = [current.deviations]
-        if problem.channel.conditions.start_known.all():
+        if self._transfers_marked:
             begins.append(begun_anew(problem, current))
         self.fits += 1 + len(begins)
         return min((fit(problem, structure, theta, own) for own in begins), key=lambda f: f.deviance)
+
+    @property
+    def _transfers_marked(self) -> bool:
+        """Whether each run is a transfer that somebody marked."""
+        channel = self.problem.channel
+        return bool(channel.conditions.start_known.all() and not channel.measured.any())
 
     def exchange(self, current: Fit, swap: bool = True) -> tuple[Fit, dict[str, Standing], bool]:
         """Each effect found against every other in its place: how it stands, and whether another does better.
@@ -403,7 +409,6 @@ class Stepwise:
         """
         standing: dict[str, Standing] = {}
         channel = self.problem.channel
-        marked = channel.conditions.start_known.all()
         for effect in self.added(current):
             if self.fits >= IN_ALL * self.most_fits:
                 break
@@ -415,7 +420,7 @@ class Stepwise:
             for other in self.candidates:
                 # No gradient leads over steps, nor, where starts were marked, from where a model ends that lacks the
                 # one found: a rival begins from where that has led as well.
-                led = other.nudges or (marked and other.id in others)
+                led = other.nudges or (self._transfers_marked and other.id in others)
                 if led and _open_to(without.structure, other) and other.id != effect:
                     begun = self._in_place(current, without, other)
                     if other.id not in others or begun.deviance < others[other.id].deviance:
