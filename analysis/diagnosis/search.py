@@ -494,6 +494,7 @@ def search(
     standing: dict[str, Standing] = {}
     seen: set[frozenset[str]] = set()
     been = {frozenset(current.structure.ids): current.deviance}
+    at_limit = False
     while len(looking.added(current)) < most and looking.fits < looking.most_fits:
         before = current
         current, added = looking.forward(current, 7 if thorough else 4)
@@ -512,15 +513,17 @@ def search(
         if not swapped or state in seen:
             break
         seen.add(state)
+    else:
+        at_limit = len(looking.added(current)) < most
     if thorough and set(standing) != set(looking.added(current)):
         current, standing, _ = looking.exchange(current, swap=False)
         # What was not held against the others cannot be named.
         untried = set(looking.added(current)) - set(standing)
         if untried:
+            at_limit = True
             looking.moves.append(Move("stop", ", ".join(sorted(untried)), 0.0, ()))
             structure = current.structure.keeping(set(current.structure.ids) - untried)
             current = plain if structure.ids == base.ids else refit(problem, structure, current)
-    at_limit = looking.fits >= looking.most_fits and len(looking.added(current)) < most
     almost = {} if at_limit else looking.almost
     return Search(plain, current, tuple(looking.moves), standing, looking.fits, at_limit, almost=almost)
 
