@@ -69,7 +69,7 @@ def test_an_air_film_that_follows_the_airs_temperature_is_told_where_rates_do_no
     assert named(found) == ["convective_film", "exchange_temperature"] and found.verdict == "explained"
 
 
-@pytest.mark.parametrize("seed", [31, 32])
+@pytest.mark.parametrize("seed", [31])
 def test_walls_are_told_from_a_calibration_by_airflows_in_warm_and_cold_air(tmp_path, seed):
     walls = Hidden("wall_radiation", {"rise_k_at_10_k": 0.15, "wall_temperature_c": 23.0})
     found = diagnosed(tmp_path, "temperature", seed, ROUGH, extended_plan(), walls)
@@ -79,7 +79,7 @@ def test_walls_are_told_from_a_calibration_by_airflows_in_warm_and_cold_air(tmp_
         assert abs(value - true) < 3.0 * spread
 
 
-@pytest.mark.parametrize("seed", [33, 34])
+@pytest.mark.parametrize("seed", [33])
 def test_a_calibration_that_moves_with_temperature_is_named(tmp_path, seed):
     moved = Hidden("calibration_temperature", {"percent_per_k": -0.05})
     found = diagnosed(tmp_path, "humidity", seed, ROUGH, standard_plan(), moved)
@@ -88,7 +88,7 @@ def test_a_calibration_that_moves_with_temperature_is_named(tmp_path, seed):
     assert abs(value + 0.05) < 3.0 * spread + 1e-3
 
 
-@pytest.mark.parametrize("seed", [35, 36])
+@pytest.mark.parametrize("seed", [35])
 def test_the_lag_of_a_cap_is_told_from_a_boundary_layer_by_the_airflow(tmp_path, seed):
     cap = Hidden("series_lag", {"time_constant_s": 3.0})
     found = diagnosed(tmp_path, "humidity", seed, ROUGH, standard_plan(), cap)
