@@ -303,7 +303,7 @@ def test_a_fit_costs_more_the_longer_a_mean_is_by_whatever_name(both):
 def test_the_response_says_how_long_a_mean_is_of_which_every_sixth_reading_is_shown(tmp_path):
     """Two such means in a row share four readings of ten; how many of how many the noise hardly tells."""
     late = [Hidden("moving_average", {"samples": 10.0}, T)]
-    channel = build_channel(record(tmp_path / "c", 9, late, ROUGH, standard_plan()), "temperature")
+    channel = build_channel(record(tmp_path / "c", 9, late, ROUGH, standard_plan()[:16]), "temperature")
     shown = [(time[::6], value[::6]) for time, value in channel.samples]
     thinned = rebin(channel, shown, [at[::6] for at in channel.bin_of], tuple(d[::6] for d in channel.die_samples), 6)
     ready = prepare(thinned, 13)

@@ -27,7 +27,7 @@ QUIET = Profile(
 )
 COLUMN = {"temperature": "temperature_c", "humidity": "humidity_percent"}
 # A front after which it is colder, and a sharp one into warm and moist air, which wets a sensor.
-COOLER = {"airspeed_m_s": 15.0, "lead_m": 600.0, "width_m": 150.0, "humidity_percent": 45.0, "irradiance_w_m2": 700.0}
+COOLER = {"airspeed_m_s": 15.0, "lead_m": 360.0, "width_m": 150.0, "humidity_percent": 45.0, "irradiance_w_m2": 700.0}
 MOISTER = COOLER | {
     "temperature_c": 12.0,
     "temperature_change_k": 14.0,

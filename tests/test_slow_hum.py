@@ -50,7 +50,7 @@ def test_a_hum_as_large_as_the_tolerance_is_described_and_no_noise(tmp_path):
     assert found.remainder.rms >= found.remainder.tolerance
 
 
-@pytest.mark.parametrize("seed", range(20, 26))
+@pytest.mark.parametrize("seed", range(20, 23))
 def test_wandering_noise_is_no_hum(seed, tmp_path):
     judged, check = line(recorded(tmp_path, seed))
     assert judged.passed and check.p > 1e-4
