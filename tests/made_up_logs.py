@@ -169,9 +169,17 @@ WAYS = {
     "last line cut off": text(plain("time_s,temp,rh")) + "340.2",
     "a separator at the end": text([line + "," if k else line for k, line in enumerate(plain("time_s,temp,rh"))]),
     "unit in every cell": text(lines_of("time,temp,rh", lambda t, a, b, n: f"{t:.2f},{a:.2f} °C,{b:.2f} %")),
+    "unit in every cell, stamps beside": text(
+        lines_of("Time,Temp,RH", lambda t, a, b, n: f"{date('%H:%M:%S.%f')(t)},{a:.2f}*F,{b:.2f}%")
+    ),
+    "silent at first": text(
+        with_lines(
+            plain("TimeElapsed,Temp,RH", date("%H:%M:%S.%f")), 1, *[f"11:59:{s}.25,NAN,NAN" for s in (40, 50)]
+        )
+    ),
 }  # fmt: skip
 MARKED = {"NaN", "-999", "empty cells", "dashes", "6526.9 now and then", "words in cells"}
-FAHRENHEIT = {"American"}
+FAHRENHEIT = {"American", "unit in every cell, stamps beside"}
 
 
 def written(path, content):

@@ -231,6 +231,19 @@ def test_a_log_without_names_says_how_it_is_read(tmp_path, capsys):
     assert run(log, "--map", written(tmp_path / "m.toml", map_), "--out", tmp_path / "c") == 0
 
 
+def test_a_unit_that_only_the_cells_name_is_the_readings_unit(tmp_path):
+    """A map that states no unit reads 71.6 °F as 22 °C; a k behind a number makes no thermometer of a resistor."""
+    readings = zip(LOG.time_s, LOG.temperature_c, strict=True)
+    rows = [f"{t:.2f},{1.8 * c + 32.0:.2f} °F,{10.0 + c:.1f}k" for t, c in readings]
+    log = written(tmp_path / "log.csv", text(["time,temp,resistor", *rows]))
+    map_ = written(tmp_path / "m.toml", '[sensor.bead]\ntemperature = "temp"\n')
+    assert run(log, "--map", map_, "--out", tmp_path / "c") == 0
+    bead = series(tmp_path / "c" / "runs" / "0001", "imet")["temperature_c"]
+    assert np.median(bead[:50]) == pytest.approx(22.0, abs=0.05)
+    first = look_at([log], tmp_path / "log.toml").text
+    assert 'temperature_unit = "degF"' in first and "by its name no temperature" in first.split("resistor")[0]
+
+
 def test_a_log_without_times_is_read_by_the_time_from_row_to_row(tmp_path, capsys):
     rows = [f"{80.0 if t > 80.0 else 0.0},{c}" for t, c in zip(LOG.time_s, LOG.temperature_c, strict=True)]
     log = written(tmp_path / "log.csv", text(["heater,temperature_c", *rows]))

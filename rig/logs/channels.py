@@ -17,7 +17,7 @@ from shockrig.rig.logs.clocks import guess_clock, guess_format
 from shockrig.rig.logs.log import Column, Log, read_log
 from shockrig.rig.logs.mapping import LogMap, SensorMap, columns_of
 from shockrig.rig.logs.stamps import EPOCH, NUMBERS, Clock
-from shockrig.rig.logs.text import Scan, scan
+from shockrig.rig.logs.text import Scan, scan, unit_in_cells
 from shockrig.rig.logs.units import UNITS, quantity_of, unit_in_name
 
 Array = NDArray[np.float64]
@@ -85,11 +85,15 @@ def read_sensors(path: Path, map_: LogMap, scanned: Scan | None = None) -> Senso
     sensors = {name: _by_name(columns_of(sensor), lines) for name, sensor in map_.sensors.items()}
     sensors |= _reference_columns(map_, lines)
     columns: dict[str, Column] = {}
+    sample = lines.sample()
     for name, of_sensor in sensors.items():
         for key, column in of_sensor.items():
-            # A unit that only the header names is taken from there.
+            # A unit that only the header or the cells name is taken from there.
             if name not in map_.sensors or map_.sensors[name].columns[key][1] is None:
                 unit = unit_in_name(column.name)
+                if unit is None and column.name in lines.names:
+                    place = lines.names.index(column.name)
+                    unit = unit_in_cells([row[place] for row in sample])
                 if unit in UNITS[column.quantity]:
                     column = Column(column.name, column.quantity, str(unit))
             of_sensor[key] = column

@@ -39,7 +39,7 @@ def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequ
                 if other != name and guess_format(columns[other])[0] == OF_DAY:
                     return _joined(name, other, columns, doubt)
             return Clock((name,), format_, doubt=doubt)
-    for name in called:
+    for name in [*called, *names[:3]]:  # by its cells too: it may be called "TimeElapsed" or "when"
         if guess_format(columns[name])[0] == OF_DAY:
             return Clock((name,), OF_DAY)
     for name in [*called, *names]:

@@ -14,7 +14,7 @@ from shockrig.rig.logs.clocks import guess_clock
 from shockrig.rig.logs.known import SensorGuess, adjust
 from shockrig.rig.logs.mapping import COLUMNS
 from shockrig.rig.logs.stamps import Clock
-from shockrig.rig.logs.text import NUMBER, Scan, is_value
+from shockrig.rig.logs.text import NUMBER, Scan, is_value, unit_in_cells
 from shockrig.rig.logs.units import UNITS, bare_name, known_unit, quantity_of, unit_in_name
 
 Array = NDArray[np.float64]
@@ -51,7 +51,7 @@ def guess_log(lines: Scan) -> Guess:
         if name in times:
             continue
         values = _numbers([row[k] for row in rows], lines.decimal)
-        named = known_unit(lines.units[k]) or unit_in_name(name)
+        named = known_unit(lines.units[k]) or unit_in_name(name) or unit_in_cells([row[k] for row in rows])
         quantity = _position(name) or quantity_of(name, named)
         if quantity is None or quantity == "time":
             why = "by its name no temperature, humidity, pressure or airflow"

@@ -167,7 +167,7 @@ def _numbers(cells: NDArray[np.object_], column: Column, layout: Layout, lines: 
         texts = pd.Series(cells, dtype="str").str.strip()
         empty = texts.isna() | texts.str.lower().isin(MISSING)
         # Some loggers write the unit into every cell.
-        bare = texts.str.extract(r"^([+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*(?:[°º%a-zA-Z/]{0,6})$")[0]
+        bare = texts.str.extract(r"^([+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*(?:[°º*%a-zA-Z/]{0,6})$")[0]
         if lines.decimal == ",":
             bare = bare.str.replace(",", ".", regex=False)
         numbers = pd.to_numeric(bare, errors="coerce").to_numpy(dtype=float, copy=True)

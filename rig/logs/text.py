@@ -16,7 +16,7 @@ from pathlib import Path
 
 from shockrig.files.disk import decoded, read_bytes, shown
 from shockrig.rig.errors import BenchError
-from shockrig.rig.logs.units import is_called_time, is_unit
+from shockrig.rig.logs.units import is_called_time, is_unit, known_unit
 
 SEPARATORS = {"tab": "\t", "semicolon": ";", "comma": ",", "bar": "|", "space": " "}
 COMMENTS = ("#", "//", "%", "!", "*")
@@ -123,10 +123,24 @@ def scan(path: Path, layout: Layout) -> Scan:
 def is_value(cell: str) -> bool:
     """Whether a cell may hold a value: a number (its unit may follow), a date, a time, or a word for a missing one."""
     text = cell.strip().strip('"')
-    if text.lower() in MISSING or DATE.fullmatch(text) is not None:
-        return True
+    return text.lower() in MISSING or DATE.fullmatch(text) is not None or _is_number(text)
+
+
+def _is_number(text: str) -> bool:
+    """Whether a text is a number, or one with its unit, as some loggers write into every cell."""
     number = NUMBER.match(text)
     return number is not None and (number.end() == len(text) or is_unit(text[number.end() :]))
+
+
+def unit_in_cells(cells: Sequence[str]) -> str | None:
+    """The unit that most of a column's cells carry behind their number; None where they carry none.
+
+    A k behind a number is as often a thousand ohm as a kelvin, and kelvin are told by the readings.
+    """
+    texts = [cell.strip() for cell in cells]
+    found = Counter(known_unit(text[m.end() :]) for text in texts if (m := NUMBER.match(text)) is not None)
+    unit, count = found.most_common(1)[0] if found else (None, 0)
+    return None if unit == "K" or count <= len(texts) / 2 else unit
 
 
 def _lines(path: Path) -> list[str]:
@@ -184,17 +198,28 @@ def _separator(lines: Sequence[str], layout: Layout) -> str:
 
 
 def _first_row(plain: Sequence[tuple[int, str]], whole: Sequence[int], separator: str, layout: Layout) -> int | None:
-    """Index of the first row of data: the columns that hold values nearly everywhere hold values in it."""
+    """Index of the first row of data: the columns that hold values nearly everywhere hold values in it.
+
+    Rows before it that bear a stamp and words for missing values, from a sensor that did not answer yet, are data too:
+    they would be taken for the header.
+    """
     rows = [_split(plain[i][1], separator) for i in whole]
     some = rows[:: max(1, len(rows) // (3 * SAMPLE_LINES))]
     width = len(some[0])
     value_columns = [k for k in range(width) if sum(is_value(row[k]) for row in some) >= 0.8 * len(some) - 1]
+    silent_since: int | None = None
     for i, row in zip(whole, rows, strict=True):
         if layout.header_line is not None and plain[i][0] <= layout.header_line:
             continue
-        has_number = any(NUMBER.fullmatch(row[k].strip()) for k in value_columns)
-        if value_columns and has_number and all(is_value(row[k]) for k in value_columns):
-            return i
+        texts = [row[k].strip().strip('"') for k in value_columns]
+        if not texts or not all(map(is_value, texts)):
+            silent_since = None
+        elif any(map(_is_number, texts)):
+            return i if silent_since is None else silent_since
+        elif all(text.lower() in MISSING for text in texts):
+            silent_since = None
+        elif silent_since is None:
+            silent_since = i
     return None
 
 

@@ -72,7 +72,8 @@ _BRACKETS = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]")
 
 def known_unit(text: str) -> str | None:
     """The unit as maps write it that a text means; None where it means none."""
-    return _UNIT_OF.get(" ".join(text.strip().lower().strip("[]()").split()))
+    # An asterisk stands for the degree sign in what many small loggers print: 23.8*C.
+    return _UNIT_OF.get(" ".join(text.strip().lower().strip("[]()").replace("*", "°").split()))
 
 
 def is_unit(text: str) -> bool:
