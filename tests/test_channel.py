@@ -32,6 +32,7 @@ def lag(time, start_s=10.0, tau_s=0.5):
 
 
 TIME = np.arange(0.03, 60.0, 0.1)
+SPARSE = np.arange(-58.0, 71.0, 4.0)
 
 
 def reason_of(run):
@@ -72,6 +73,7 @@ def test_destinations_within_a_kelvin_are_one_ambient():
         (run_of(lag(TIME)[95:], TIME[95:]), "plateau before the transfer is missing (5 samples); it alone shows"),
         (run_of(lag(TIME)[95:], TIME[95:]), "record 8 samples and 0.86 s before it, or more"),
         (run_of(lag(TIME)[:130], TIME[:130]), "too short: 2.9 s"),
+        (run_of(lag(SPARSE, tau_s=9.0), SPARSE), "60.0 s and 15 samples after the transfer: record 20 samples and 5 s"),
         (
             run_of(np.delete(lag(TIME), slice(99, 112)), np.delete(TIME, slice(99, 112))),
             "a gap of 1.4 s over the transfer",

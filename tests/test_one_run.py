@@ -12,7 +12,9 @@ from shockrig.analysis.characterization.characterize import characterize
 from shockrig.analysis.diagnosis.diagnose import diagnose
 from shockrig.analysis.diagnosis.extended import extended_result
 from shockrig.files.campaign import read_campaign
+from shockrig.files.numbers import measured
 from shockrig.protocols.cli import main
+from shockrig.protocols.commands.characterize import summary
 
 FAST_S, SLOW_S, SHARE = 20.0, 200.0, 0.45
 
@@ -61,11 +63,18 @@ def test_readings_calibrated_after_half_degrees_are_those_of_the_plain_lag(tmp_p
 
 
 def test_a_plain_model_is_as_unsure_as_it_is_off_its_only_run(tmp_path):
-    """Its time to 63 % is no better known than the run itself shows it."""
+    """Its time to 63 % is no better known than the run itself shows it, and what is printed says both."""
     recorded(tmp_path, 1500.0)
-    row = characterize(read_campaign(tmp_path)).temperature.rows[0]
+    result = characterize(read_campaign(tmp_path))
+    row = result.temperature.rows[0]
     off = row.response.t63_s - t63_s()
     assert 0.05 * t63_s() < abs(off) < 2.0 * row.response.standard_uncertainties_s[0]
+    said = summary(result)
+    assert (
+        "(1 run)" in said
+        and f"t63 {measured(row.response.t63_s, row.response.standard_uncertainties_s[0], 's')}" in said
+    )
+    assert "run shockrig diagnose. Seen in the readings, by no model: 63 % of the way after" in said
 
 
 def test_figures_that_are_all_too_unsure_are_no_certificate(tmp_path, capsys):
@@ -95,3 +104,11 @@ def test_three_sensors_taken_for_one_are_not_explained(tmp_path):
 @pytest.mark.parametrize("body", ["lumped", "sphere"])
 def test_a_run_that_ends_on_its_way_tells_no_shape(tmp_path, body):
     assert not recorded(tmp_path, 120.0, body).causes
+
+
+def test_where_no_cause_is_named_the_bench_is_not_said_to_be_as_it_should(tmp_path):
+    campaign, out = tmp_path / "campaign", tmp_path / "out"
+    assert recorded(campaign, 120.0).verdict == "unexplained"
+    assert main(["diagnose", str(campaign), "--out", str(out)]) == 0
+    page = (out / "report.html").read_text()
+    assert "No cause is named that would say what to do" in page and "do what the plain model says" not in page

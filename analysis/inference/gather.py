@@ -41,6 +41,7 @@ UNKNOWN_AIRFLOW_M_S = 5.0
 FEWEST_SAMPLES = 30
 UNKNOWN_AMBIENT_WIDTH_K = 5.0  # of rooms and boxes that nobody measured; how D moves within it is interpolated
 SLIGHT = 0.1  # of the largest step
+FEWEST_AFTER = 20  # samples after a transfer
 SHORTEST_BEFORE, SHORTEST_AFTER = 2.0, 7.0  # records around a transfer, in times to half of the step; else 1 s and 5 s
 
 
@@ -182,8 +183,13 @@ def _unfit(one: UsableRun, quantity: Quantity, tempo: float, half_s: float) -> s
             f"the plateau before the transfer is missing ({int(before.sum())} samples); it alone shows that the sensor "
             f"had settled, a stated air does not: record {fewest} samples and {least_s:.2g} s before it, or more"
         )
-    if time[-1] - start < min(SHORTEST_AFTER * half, 5.0) or (time > start).sum() < 20:
-        return f"too short: {max(time[-1] - start, 0):.1f} s after the transfer"
+    after_s, after = max(time[-1] - start, 0.0), int((time > start).sum())
+    least_s = min(SHORTEST_AFTER * half, 5.0)
+    if after_s < least_s or after < FEWEST_AFTER:
+        return (
+            f"too short: {after_s:.1f} s and {after} samples after the transfer: record {FEWEST_AFTER} samples and "
+            f"{least_s:.2g} s after it, or more"
+        )
     near = time[(time > start - 2 * period - 0.5 * tempo) & (time < start + 3.0 * tempo + 6 * period)]
     gap = float(np.diff(near).max()) if near.size > 1 else np.inf
     if gap > max(0.8 * tempo, 5 * period):

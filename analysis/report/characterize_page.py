@@ -19,6 +19,7 @@ from shockrig.analysis.report.numbers import measured, plain
 from shockrig.analysis.report.parameters import Curve, diffusivity, parameter_by_condition
 from shockrig.analysis.report.residuals import residual_overview
 from shockrig.analysis.report.runs import run_panels
+from shockrig.analysis.report.seen import seen_sentence
 from shockrig.analysis.report.style import save_figure
 
 if TYPE_CHECKING:
@@ -48,13 +49,15 @@ def verdict(result: Characterization) -> str:
 
 
 def hint(name: str, found: ChannelResult) -> str:
-    """What to say, and to do, where the model does not explain the data."""
+    """What to say, and to do, where the model does not explain the data: its times are then none of the readings'."""
     noise, unit = found.noise.standard_deviation, UNIT[name]
     model = "the plain model" if not found.effects else f"the model with {_names(found)}"
     how = f"rms {plain(found.rmse, 2)} {unit}, noise {plain(noise, 2)} {unit}"
     if found.normalised_deviation >= FAR_DEVIATED:
         how += f"; start times and airs bent by {plain(found.normalised_deviation, 2)} times their uncertainty"
-    return f"{SENSOR[name].capitalize()}: {model} does not explain these data ({how}): run shockrig diagnose."
+    shown = seen_sentence(found.channel) if len(found.parts) == 1 else ""
+    said = f"{SENSOR[name].capitalize()}: {model} does not explain these data ({how}): run shockrig diagnose. {shown}"
+    return said.rstrip()
 
 
 def _names(found: ChannelResult) -> str:

@@ -436,9 +436,13 @@ def _advice(views: Sequence[ChannelView]) -> list[Block]:
         for cause in ordered(view.found.causes):
             for effect in (cause.effect, *cause.indistinguishable_from):
                 rows.setdefault(effect, [named(effect), CATALOGUE[effect].advice])
-    if not rows:
-        return [Text("Nothing: the bench and the sensors do what the plain model says.")]
-    return [Table(("because of", "do"), list(rows.values()))]
+    if rows:
+        return [Table(("because of", "do"), list(rows.values()))]
+    if any(view.found.verdict in ("unexplained", "described") for view in views):
+        return [
+            Text("No cause is named that would say what to do: look for what behaves like what is left.", "warning")
+        ]
+    return [Text("Nothing: the bench and the sensors do what the plain model says.")]
 
 
 def _next(diagnosis: Diagnosis) -> list[Block]:

@@ -87,10 +87,12 @@ def summary(result: Characterization) -> str:
     if (t := result.temperature) is not None:
         row = t.rows[0]
         r = row.response
-        lines.append(
-            f"alpha = {measured(row.diffusivity_m2_s, row.standard_uncertainty, 'm²/s')}  ({len(row.runs)} runs)"
-        )
-        lines.append(f"  t63 {plain(r.t63_s, 3)} s, t90 {plain(r.t90_s, 3)} s, t98 {plain(r.t98_s, 3)} s")
+        alpha = measured(row.diffusivity_m2_s, row.standard_uncertainty, "m²/s")
+        lines.append(f"alpha = {alpha}  ({len(row.runs)} run{'' if len(row.runs) == 1 else 's'})")
+        unsure = r.standard_uncertainties_s or (None, None, None)
+        three = zip(("t63", "t90", "t98"), (r.t63_s, r.t90_s, r.t98_s), unsure, strict=True)
+        shown = [f"{k} {measured(v, u, 's') if u else f'{plain(v, 3)} s'}" for k, v, u in three]
+        lines.append(f"  {', '.join(shown)}")
     if (h := result.humidity) is not None:
         lines.append("ambient, °C   D, 1e-12 m²/s       t63, s   t90, s   t98, s   runs")
         for row in h.rows:
@@ -105,7 +107,8 @@ def summary(result: Characterization) -> str:
             lines.append(f"note: {hint(name, found)}")
         left_out = len({entry.run for entry in found.set_aside})
         if left_out:
-            lines.append(f"{name}: {len(found.runs)} runs used, {left_out} left out (the report says why)")
+            used = f"{len(found.runs)} run{'' if len(found.runs) == 1 else 's'} used"
+            lines.append(f"{name}: {used}, {left_out} left out (the report says why)")
     lines += [f"note: {name}: {reason}" for name, reason in result.missing.items()]
     return "\n".join(lines)
 

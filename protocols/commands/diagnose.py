@@ -248,7 +248,8 @@ def summary(diagnosis: Diagnosis) -> str:
         lines += [f"  cannot be told: {sentence}" for sentence in found.cannot_tell]
         left_out = len(found.problem.channel.left_out)
         if left_out:
-            lines.append(f"  {found.problem.channel.runs} runs used, {left_out} left out (the report says why)")
+            used = found.problem.channel.runs
+            lines.append(f"  {used} run{'' if used == 1 else 's'} used, {left_out} left out (the report says why)")
     lines += missing(diagnosis)
     wanted = experiments(diagnosis.next_experiments) + next_time([c.problem.channel for c in diagnosis.channels])
     lines.append("to measure next:" + ("" if wanted else " nothing; no two explanations are tied"))
