@@ -136,9 +136,13 @@ def test_an_altitude_in_feet_comes_by_a_map_in_metres(tmp_path):
     assert pandas.read_csv(tmp_path / "flight.csv")["altitude_m"][0] == pytest.approx(304.8)
 
 
-def test_the_stated_profile_of_the_documentation_is_one_and_its_lags_are_what_it_says(tmp_path, capsys):
+@pytest.mark.parametrize("housed", [False, True])
+def test_the_stated_profile_of_the_documentation_is_one_and_its_lags_are_what_it_says(tmp_path, capsys, housed):
     text = (Path(__file__).parent.parent / "docs" / "flights.md").read_text(encoding="utf-8")
-    (tmp_path / "stated.json").write_text(text.partition("```json\n")[2].partition("```")[0])
+    profile, _, below = text.partition("```json\n")[2].partition("```")
+    if housed:  # the second lag that is stated below it
+        profile = profile.replace('"effects": []', below.partition("`")[2].partition("`")[0], 1)
+    (tmp_path / "stated.json").write_text(profile)
     time_s = np.arange(0.0, 600.0, 1.0)
     air = 15.0 + 4.0 * np.sin(time_s / 40.0)
     rng = np.random.default_rng(1)
@@ -148,7 +152,8 @@ def test_the_stated_profile_of_the_documentation_is_one_and_its_lags_are_what_it
         seen = lfilter([0.01 / lag_s], [1.0, 0.01 / lag_s - 1.0], np.interp(fine, time_s, values) - values[0])
         return values[0] + seen[::100]
 
-    log = pandas.DataFrame({"time_s": time_s, "temperature_c": lagged(air, 8.0) + 0.02 * rng.standard_normal(600)})
+    inside = lagged(air, 2.5) if housed else air
+    log = pandas.DataFrame({"time_s": time_s, "temperature_c": lagged(inside, 8.0) + 0.02 * rng.standard_normal(600)})
     log["humidity_percent"] = 40.0 + 0.1 * rng.standard_normal(600)
     log.to_csv(tmp_path / "flight.csv", index=False)
     files = [str(tmp_path / "flight.csv"), "--profile", str(tmp_path / "stated.json"), "--out", str(tmp_path / "o.csv")]

@@ -68,11 +68,14 @@ def test_a_reading_that_stays_leaves_its_step_open_where_no_change_is_near():
         ({"time_s": 1000.0}, "if these are milliseconds"),
         ({"temperature_c": 1.8}, "be in degF or K"),
         ({"swapped": True}, "or be the humidity"),
+        ({"pressure_hpa": 0.1}, "it may be in kPa"),
     ],
 )
 def test_a_log_in_other_units_is_doubted_in_a_sentence(wrong, said):
     flight = to_flight(fly(convective(np.random.default_rng(3)), PROFILE, 3).log)
-    assert not any("if these are" in note or "be in degF" in note for note in correct(flight, PROFILE).notes)
+    flight = dataclasses.replace(flight, pressure_hpa=np.full(flight.time_s.size, 1000.0))
+    slips = ("if these are", "be in degF", "be in kPa")
+    assert not any(slip in note for note in correct(flight, PROFILE).notes for slip in slips)
     if wrong.pop("swapped", False):
         flight = dataclasses.replace(
             flight, temperature_c=flight.humidity_percent, humidity_percent=flight.temperature_c
