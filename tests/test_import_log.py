@@ -277,6 +277,19 @@ def test_runs_side_by_side_with_times_of_their_own_are_pointed_out(tmp_path):
     assert "# not used, other times than Time (s), by which all readings are timed; state it as time" in said
 
 
+def test_stamps_of_a_sensor_that_is_read_before_the_row_is_written_are_pointed_out(tmp_path):
+    """Each of its own, as the row's time is the last one's; a count of what the loop took is none."""
+    readings = zip(LOG.time_s + 1.6e9, LOG.temperature_c, strict=True)
+    rows = [f"{t:.6f},{c},{t - 0.4:.6f},{c},{t - 1e-5:.6f},0.39{n % 7}" for n, (t, c) in enumerate(readings)]
+    log = written(tmp_path / "log.csv", text(["time,t0,time_t0,t1,time_t1,elapsed", *rows]))
+    said = look_at([log], tmp_path / "log.toml").text
+    assert (
+        "# not used, other times than time, by which all readings are timed; state it as time for its own: time_t0"
+        in said
+    )
+    assert "airflow: time_t1, elapsed\n" in said
+
+
 def test_held_readings_are_thinned(tmp_path, capsys):
     """A log of 8 Hz of a sensor that is read every half second: the repeats go, what is left is what was read."""
     rows = zip(LOG.time_s, LOG.temperature_c, LOG.humidity_percent, strict=True)

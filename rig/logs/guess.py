@@ -13,9 +13,9 @@ from shockrig.files.flight import NAMES, squeeze
 from shockrig.rig.logs.clocks import guess_clock
 from shockrig.rig.logs.known import SensorGuess, adjust
 from shockrig.rig.logs.mapping import COLUMNS
-from shockrig.rig.logs.stamps import Clock
+from shockrig.rig.logs.stamps import NUMBERS, Clock
 from shockrig.rig.logs.text import NUMBER, Scan, is_value, unit_in_cells
-from shockrig.rig.logs.units import UNITS, bare_name, known_unit, quantity_of, unit_in_name
+from shockrig.rig.logs.units import UNITS, bare_name, is_called_time, known_unit, quantity_of, unit_in_name
 
 Array = NDArray[np.float64]
 
@@ -26,6 +26,7 @@ _WORDS = re.compile(
     re.I,
 )
 POSITION = ("altitude", "latitude", "longitude")
+APART = 0.05  # of the time from row to row: stamps that are less off the clock are the clock's
 REFERENCE_WORDS = ("ctrl", "control", "ref", "standard", "chilled", "mirror")
 
 
@@ -55,10 +56,14 @@ def guess_log(lines: Scan) -> Guess:
         quantity = _position(name) or quantity_of(name, named)
         if quantity is None or quantity == "time":
             why = "by its name no temperature, humidity, pressure or airflow"
-            if times and re.sub(r" #\d+$", "", name) == times[0]:
-                k_first = lines.names.index(times[0])
-                why = f"the same as {times[0]}"
-                if any(row[k] and row[k] != row[k_first] for row in rows):
+            if clock is not None:
+                own, all_ = ([row[at] for row in rows] for at in (k, lines.names.index(times[0])))
+                if re.sub(r" #\d+$", "", name) == times[0]:
+                    why = f"the same as {times[0]}"
+                    other = any(a and a != b for a, b in zip(own, all_, strict=True))
+                else:
+                    other = is_called_time(name) and _times_of_others(clock, name, own, all_)
+                if other:
                     why = f"other times than {times[0]}, by which all readings are timed; state it as time for its own"
             unused.append((name, why))
             continue
@@ -101,6 +106,17 @@ def guess_log(lines: Scan) -> Guess:
             bare = re.sub(r"[^A-Za-z0-9]+", "-", bare_name(main[0])).strip("-")
             sensor.name = (bare if len(main) == 1 and bare else "sensor") + (sensor.name if len(main) > 1 else "")
     return Guess(clock, tuple(useful), known_as, tuple(unused))
+
+
+def _times_of_others(clock: Clock, name: str, own: Sequence[str], all_: Sequence[str]) -> bool:
+    """Whether a column counts as the clock does and is off it by what matters: a sensor that is read after another."""
+    kind = guess_clock([name], [[cell] for cell in own], [""])
+    known = clock.format == NUMBERS and len(clock.columns) == 1 and kind is not None
+    if kind is None or not known or (kind.unit, kind.since_1970) != (clock.unit, clock.since_1970):
+        return False
+    rows = [row for row in zip(own, all_, strict=True) if all(map(NUMBER.fullmatch, row))]
+    there, time = np.array([[float(cell.replace(",", ".")) for cell in row] for row in rows]).reshape(-1, 2).T
+    return time.size > 1 and bool(np.median(np.abs(there - time)) > APART * np.median(np.abs(np.diff(time))))
 
 
 def _position(name: str) -> str | None:
