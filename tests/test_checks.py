@@ -184,6 +184,12 @@ def test_a_start_before_the_record_says_where_the_record_begins():
     assert "run r goes from 0.03 to 59.93 s, its start is -0.5 s" in finding.sentence
 
 
+def test_a_record_that_begins_at_its_trigger_is_not_taken_for_a_dead_sensor():
+    """Its first readings are no plateau: a quick sensor has nearly arrived within them."""
+    for start_s in (0.0, 0.2):
+        assert kinds(thermometer(lag(0.3, start=start_s, noise=0.01, length=150.0))) == []
+
+
 def test_a_measured_air_silences_what_needs_a_step():
     air = Trace(np.arange(0.0, 60.0, 0.5), {"temperature_c": np.full(120, 20.0)})
     assert kinds(thermometer(replace(lag(1.0, start=10.0), start_s=40.0))) == ["start_disagrees"]

@@ -140,6 +140,8 @@ def stated(run: Run, column: str) -> tuple[float | None, float | None]:
 
 def _measure(run: Run, column: str, time: Array, value: Array) -> Seen:
     head = max(int(0.02 * value.size), 5)
+    if run.start_s is not None:  # in a record that begins at its trigger a quick sensor has soon arrived
+        head = min(head, max(int(np.searchsorted(time, run.start_s)), 1))
     tail = max(int(0.1 * value.size), 5)
     after = float(np.median(value[-tail:]))
     before = float(np.median(value[:head]))
