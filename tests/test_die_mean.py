@@ -6,12 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from shockrig.analysis.diagnosis.adequacy import judge
 from shockrig.analysis.diagnosis.prepare import prepare
 from shockrig.analysis.diagnosis.refitting import plain_fit, refit
 from shockrig.analysis.discovery.grammar import forms
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.described import described
-from shockrig.analysis.inference.fit import run_misfit
+from shockrig.analysis.inference.die import smooth_dies
+from shockrig.analysis.inference.fit import fit, run_misfit
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.model import Held, Model, Point, Structure
 from shockrig.files.campaign import read_campaign
@@ -35,6 +37,42 @@ def test_the_true_model_leaves_noise_alone(readings, tmp_path):
     structure = ready.structure.adding(CATALOGUE["die_thermal_lag"])
     found = refit(ready.problem, structure, plain_fit(ready.problem, ready.structure))
     assert run_misfit(ready.problem, found).mean() < 1.2
+
+
+@pytest.mark.parametrize(
+    ("ramp_s", "late_s", "share"), [(0.0, 0.0, 0.0), (0.0, 0.4, 0.0), (0.7, 0.3, 0.0), (0.0, 0.0, 8e-3)]
+)
+def test_the_noise_of_a_die_is_taken_off_whenever_it_begins(ramp_s, late_s, share):
+    """Known answer: a first-order lag of 11 s behind a ramp, logged late, or by a clock that runs fast."""
+    rng, tau = np.random.default_rng(1), 11.0
+    times, exact = [], []
+    for run in range(10):
+        time = np.arange(-10.0 - 20.0 * (run % 2), 90.0, 0.1) + rng.uniform(0.0, 0.1)
+        t = np.maximum(time - late_s + share * time[0], 0.0)
+        lag = [np.maximum(u, 0.0) - tau * -np.expm1(-np.maximum(u, 0.0) / tau) for u in (t, t - ramp_s)]
+        rise = (lag[0] - lag[1]) / ramp_s if ramp_s else -np.expm1(-t / tau)
+        times.append(time)
+        exact.append(20.0 + (20.0 if run % 3 else -15.0) * rise)
+    noisy = [np.round(die + 0.02 * rng.standard_normal(die.size), 2) for die in exact]
+    for time, die, smooth in zip(times, exact, smooth_dies(times, noisy, 1.0), strict=True):
+        near = np.abs(time) < 3.0
+        assert np.abs(smooth - die)[near].max() < 0.03  # a shift of 0.02 s
+        assert np.sqrt(np.mean((smooth - die) ** 2)) < 0.006
+
+
+def test_a_delay_beside_a_die_is_adequate(tmp_path):
+    """The die is logged by the same clock as the humidity that is read at its temperature."""
+    rng = np.random.default_rng(50003)
+    late = [Hidden("die_thermal_lag", {}, ("humidity",)), Hidden("dead_time", {"delay_s": 0.4}, ("humidity",))]
+    campaign = simulate_campaign(draw_truth(rng, "rough", late), standard_plan(), rng, tmp_path / "campaign")
+    ready = prepare(build_channel(read_campaign(campaign), "humidity"))
+    channel, plain = ready.problem.channel, plain_fit(ready.problem, ready.structure)
+    structure = ready.structure.adding(CATALOGUE["die_thermal_lag"]).adding(CATALOGUE["dead_time"])
+    begun = Model(channel, structure).start(plain.log_rates, {"dead_time.delay_s": 0.4})
+    found = refit(ready.problem, structure, fit(ready.problem, structure, begun, channel.at_rest()))
+    assert judge(ready.problem, found, ready.noise).passed
+    value, spread = found.values()["dead_time"]["delay_s"]
+    assert abs(value - 0.4) < 2.5 * spread < 0.02
 
 
 def test_the_die_is_taken_from_its_own_trace():
