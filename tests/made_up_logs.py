@@ -143,6 +143,9 @@ WAYS = {
     "time of day, past midnight": text(plain("Time,Temp,RH", date("%H:%M:%S.%f", NIGHT))),
     "tabs and decimal commas": text(plain("t\ttemp\thumidity", separator="\t", decimal=",")),
     "blanks": text(plain("time temp humidity", separator="   ")),
+    "blanks, and a comma behind": text(
+        lines_of("time temp humidity", lambda t, a, b, n: f"{t:.2f} {a:.2f}C, {b:.2f}%,")
+    ),
     "kelvin": text(lines_of("time,temp [K],rh", lambda t, a, b, n: f"{t:.2f},{a + 273.15:.2f},{b:.2f}")),
     "kelvin and a fraction, not named": text(
         lines_of("time,temp,rh", lambda t, a, b, n: f"{t:.2f},{a + 273.15:.2f},{b / 100:.4f}")

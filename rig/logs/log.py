@@ -21,7 +21,7 @@ from shockrig.rig.keys import nearest
 from shockrig.rig.logs.clocks import guess_clock
 from shockrig.rig.logs.order import in_order
 from shockrig.rig.logs.stamps import NUMBERS, Clock, read_stamps
-from shockrig.rig.logs.text import MISSING, Layout, Scan, scan
+from shockrig.rig.logs.text import BEHIND, MISSING, Layout, Scan, scan
 from shockrig.rig.logs.units import UNITS
 
 Array = NDArray[np.float64]
@@ -136,8 +136,9 @@ def _read_cells(lines: Scan, layout: Layout, wanted: Sequence[str], clock: Clock
     places = {lines.names.index(name): name for name in wanted}
     textual = [lines.names.index(name) for name in clock.columns if clock.format != NUMBERS]
     words = [form for word in (*MISSING, *layout.missing) for form in (word, word.upper(), word.title())]
+    text = "\n".join(lines.rows)
     frame = pd.read_csv(
-        io.StringIO("\n".join(lines.rows)),
+        io.StringIO(BEHIND.sub("", text) if lines.separator == " " else text),
         header=None,
         names=list(range(len(lines.names))),
         sep=r"\s+" if lines.separator == " " else lines.separator,

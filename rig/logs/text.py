@@ -21,6 +21,7 @@ from shockrig.rig.logs.units import is_called_time, is_unit, known_unit
 SEPARATORS = {"tab": "\t", "semicolon": ";", "comma": ",", "bar": "|", "space": " "}
 COMMENTS = ("#", "//", "%", "!", "*")
 MISSING = ("", "nan", "na", "n/a", "null", "none", "nil", "inf", "-inf", "+inf", "-", "--", "---", "err", "error", "ol")
+BEHIND = re.compile(r"[,;]+(?=\s|$)")  # "17:58:47 22.4, 50.1": blanks part the cells, and commas stand behind some
 SAMPLE_LINES = 200
 PROCESSING = {"", "ts", "rn", "smp", "avg", "max", "min", "std", "tot", "med"}  # under names, of Campbell's loggers
 
@@ -164,7 +165,7 @@ def _some(lines: Sequence[str]) -> Sequence[str]:
 
 def _split(line: str, separator: str) -> list[str]:
     if separator == " ":
-        return line.split()
+        return BEHIND.sub("", line).split()
     if '"' in line:
         return next(csv.reader([line], delimiter=separator, skipinitialspace=True))
     return line.split(separator)
