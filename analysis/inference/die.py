@@ -58,8 +58,13 @@ def _begun(times: Sequence[Array], rises: Sequence[Array], tempo: float) -> Arra
     bounds = [(0.0, RAMPS_S[-1] * tempo), (0.0, LATE_S[-1] * tempo), (-MOST_SHARE, MOST_SHARE)]
     for _ in range(2):  # a simplex may shrink before it is there
         simplex = begun + np.vstack([np.zeros(3), np.diag([0.1 * tempo, 0.05 * tempo, 0.1 * MOST_SHARE])])
-        options = {"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-4 * left(begun)}
-        begun = optimize.minimize(left, begun, method="Nelder-Mead", bounds=bounds, options=options).x
+        begun = optimize.minimize(
+            left,
+            begun,
+            method="Nelder-Mead",
+            bounds=bounds,
+            options={"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-4 * left(begun)},
+        ).x
     return np.asarray(begun)
 
 
