@@ -24,6 +24,7 @@ from shockrig.analysis.report.diagnosis_words import (
     worse,
 )
 from shockrig.analysis.report.parameters import RunParameter
+from shockrig.analysis.report.remaining import parted_by
 from shockrig.files.profile import HumidityProfile, Profile, StatedEffect, TemperatureProfile, Uncertain
 
 
@@ -125,6 +126,16 @@ def test_what_is_left_is_said_with_whether_it_matters():
     assert Remainder(0.01, 0.2, "K", True, 0.03, 0.6, 2.5, ()).material  # a peak of five tolerances and more
     assert not Remainder(0.0, 0.0, "K", False, 0.0, 0.6, 2.5, ()).material
     assert Remainder(0.0, 0.0, "K", True, 0.0, 0.6, 2.5, ()).material  # where nothing is tolerated
+
+
+def test_what_parts_the_course_does_not_gainsay_the_tests_of_every_reading():
+    """Beside a verdict that what is left varies with the ambient, the figure said that it does not."""
+    left = SimpleNamespace(varies_with=(), does_not_vary_with=("ambient", "direction"))
+    assert parted_by(left, ["the ambient", "the step"]) == (
+        "No condition parts this course. It is not seen to vary with direction."
+    )
+    left = SimpleNamespace(varies_with=("airflow",), does_not_vary_with=("ambient",))
+    assert parted_by(left, ["the step and the ambient"]) == "It varies with airflow."
 
 
 def test_rivals_in_words():

@@ -18,10 +18,10 @@ from shockrig.analysis.discovery.remaining import remaining
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.seen import little_known, seen
 from shockrig.analysis.report import residuals as drawings
-from shockrig.analysis.report.diagnosis_words import SENSOR, listed, named
+from shockrig.analysis.report.diagnosis_words import SENSOR, named
 from shockrig.analysis.report.fitted import UNIT, conditions, relative_runs
 from shockrig.analysis.report.parameters import parameter_by_condition
-from shockrig.analysis.report.remaining import remaining_figure
+from shockrig.analysis.report.remaining import parted_by, remaining_figure
 from shockrig.analysis.report.seen import seen_figure
 from shockrig.analysis.report.style import save_figure
 
@@ -75,12 +75,11 @@ def _draw(
     if found.verdict in ("unexplained", "described"):
         left = remaining(channel, found.final if found.described is None else found.described.discovery.without)
         if left is not None:
-            varies = f"It varies with {listed(left.varies_with)}. " if left.varies_with else "No condition parts it. "
-            still = f"It does not vary with {listed(left.does_not_vary_with, 'or')}." if left.does_not_vary_with else ""
             figures["remaining"] = (
                 remaining_figure(left),
                 "What the model with its named causes leaves, as a share of each run's step, with two standard "
-                f"uncertainties (number of runs in brackets), and its spectrum of relaxation times. {varies}{still}",
+                "uncertainties (number of runs in brackets), and its spectrum of relaxation times. "
+                + parted_by(left, found.remainder.varies_with),
                 f"What is left in the readings of the {sensor}, and its relaxation times",
             )
     if held.run_ids:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from shockrig.analysis.discovery.remaining import Course, Remaining
+from shockrig.analysis.report.diagnosis_words import listed
 from shockrig.analysis.report.panels import log_time, panels
 from shockrig.analysis.report.style import BLUE, CYCLE, GREY, styled
 
@@ -14,6 +16,14 @@ if TYPE_CHECKING:
 
 SIGMAS = 2.0
 SIZE_IN = (8.4, 3.3)
+
+
+def parted_by(left: Remaining, seen_elsewhere: Sequence[str]) -> str:
+    """What parts the course, in words. Conditions that tests of every reading see it vary with are not denied: they
+    see more than the course of a few runs does."""
+    varies = f"It varies with {listed(left.varies_with)}." if left.varies_with else "No condition parts this course."
+    unseen = [name for name in left.does_not_vary_with if not any(name in one for one in seen_elsewhere)]
+    return f"{varies} It is not seen to vary with {listed(unseen, 'or')}." if unseen else varies
 
 
 @styled
