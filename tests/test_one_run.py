@@ -101,6 +101,15 @@ def test_three_sensors_taken_for_one_are_not_explained(tmp_path):
     assert any("see that all are of one sensor" in said for said in found.cannot_tell)
 
 
+def test_what_runs_that_differ_name_is_as_unsure_as_they_are_apart(tmp_path):
+    """Three runs of 180, 200 and 230 s: their mean is known to 14.5 s, however little noise there is in each."""
+    found = recorded(tmp_path, 1500.0, times=[(18.0, 180.0), (20.0, 200.0), (23.0, 230.0)])
+    (cause,) = found.causes
+    assert found.verdict == "unexplained" and cause.effect == "parallel_lag"
+    value, unsure = cause.parameters["time_constant_s"]
+    assert value == pytest.approx(610.0 / 3.0, rel=0.02) and 12.0 < unsure < 18.0
+
+
 @pytest.mark.parametrize("body", ["lumped", "sphere"])
 def test_a_run_that_ends_on_its_way_tells_no_shape(tmp_path, body):
     assert not recorded(tmp_path, 120.0, body).causes

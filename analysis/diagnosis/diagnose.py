@@ -16,7 +16,15 @@ from shockrig.analysis.diagnosis.adequacy import describe, judge
 from shockrig.analysis.diagnosis.describing import MOST_FITS, alternatives, describe_rest
 from shockrig.analysis.diagnosis.diagnosed import NO_STEP, Cause, ChannelDiagnosis, Diagnosis
 from shockrig.analysis.diagnosis.experiments import propose, unseen
-from shockrig.analysis.diagnosis.kept import Kept, beside_described, in_doubt, kept_of, tied, without_doubted
+from shockrig.analysis.diagnosis.kept import (
+    Kept,
+    beside_described,
+    in_doubt,
+    kept_of,
+    no_surer_than_runs,
+    tied,
+    without_doubted,
+)
 from shockrig.analysis.diagnosis.limits import cannot_tell, ended, rates_apart
 from shockrig.analysis.diagnosis.naming import Doubt, doubts, from_rivals
 from shockrig.analysis.diagnosis.prepare import Prepared, likelier_average, prepare, with_rounding
@@ -147,6 +155,8 @@ def diagnose_channel(
         verdict = "described"
     if ready.shown and verdict in ("adequate", "explained"):
         verdict = "described"
+    if verdict == "unexplained":
+        kept = no_surer_than_runs(ready.problem, kept)
     return ChannelDiagnosis(
         name=channel.name,
         verdict=verdict,

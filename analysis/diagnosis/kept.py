@@ -29,8 +29,10 @@ from shockrig.analysis.diagnosis.thresholds import TIE, level, penalty
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.effect import Finding, unchanged
-from shockrig.analysis.inference.fit import Fit
+from shockrig.analysis.inference.fit import Fit, fit
 from shockrig.analysis.inference.problem import Problem
+
+FEWEST_TO_LEAVE_OUT, PARTS_LEFT_OUT = 3, 10  # runs, and parts of them that are left out one after the other
 
 
 def without_doubted(channel: Channel, ready: Prepared, found: Search, kept: Kept, doubted: list[str]) -> Kept:
@@ -71,6 +73,29 @@ def beside_described(kept: Kept, described: Description) -> Kept:
     lost = [c.effect for c in kept.causes if c.effect not in values]
     tried = (*kept.tried, *(Tried(e, "one described behaviour explains what it did, and the rest") for e in lost))
     return Kept(causes, described.fit, described.gain, tried)
+
+
+def no_surer_than_runs(problem: Problem, kept: Kept) -> Kept:
+    """What is kept by a model that misses the runs, its parameters no surer than leaving runs out in turn moves them.
+
+    The fit itself counts the noise alone, as if runs differed by nothing else; of fewer than three runs nothing is left
+    to say by how much they do.
+    """
+    runs, final = problem.channel.runs, kept.final
+    if runs < FEWEST_TO_LEAVE_OUT or not kept.causes:
+        return kept
+    part = np.arange(runs) % min(runs, PARTS_LEFT_OUT)
+    parts = [part != left_out for left_out in np.unique(part)]
+    fits = [fit(problem.select(some), final.structure, final.theta, final.deviations[some]).values() for some in parts]
+    causes = []
+    for cause in kept.causes:
+        unsure = {}
+        for name, (value, u) in cause.parameters.items():
+            moved = np.array([f[cause.effect][name][0] for f in fits if cause.effect in f])
+            jackknife = np.sqrt((moved.size - 1.0) * moved.var()) if moved.size else 0.0
+            unsure[name] = (value, float(max(u, jackknife)))
+        causes.append(replace(cause, parameters=unsure))
+    return replace(kept, causes=tuple(causes))
 
 
 @dataclass(frozen=True)
