@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 from shockrig.analysis.flight.channel import Channel
 from shockrig.analysis.flight.coarse import within, within_a_step
-from shockrig.analysis.flight.comparisons import up_and_down
+from shockrig.analysis.flight.comparisons import compared, up_and_down
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.prior import OU_VARIANCES, RATES_PER_S, Prior, spectra
 from shockrig.analysis.flight.response import Response, bead_response
@@ -226,6 +226,22 @@ def test_ascent_against_descent_says_how_wrong_the_time_scale_is(slower):
     flight, channel = climbing(slower)
     level = dataclasses.replace(flight, altitude_m=np.full(flight.time_s.size, 100.0))
     assert up_and_down(level, channel) is None
+
+
+@pytest.mark.parametrize("slower", [0.0, 0.3])
+def test_air_that_changed_between_the_ways_is_not_a_fast_sensor(slower):
+    """A sensor too slow to show that the air changed: its lag goes with the air, on either way beside a constant."""
+    flight, channel = climbing(0.0)
+    up = np.arange(flight.time_s.size) < flight.time_s.size // 2
+    air = 15.0 - flight.altitude_m / 150.0 + np.where(up, 0.4 * np.sin(flight.altitude_m / 20.0), 0.0)
+    lag = air - np.where(up, 18.0, 11.0) - flight.altitude_m / 300.0
+    noise = channel.value - flight.temperature_c
+    channel = dataclasses.replace(channel, value=air - slower * lag + noise, common=0.02 * np.abs(lag), lag=lag)
+    found, notes = up_and_down(flight, channel), []
+    assert found.slower < -0.6 and found.explained > 0.9  # the difference of the ways goes with that of the lags
+    bead = dataclasses.replace(channel, raw=np.ones(flight.time_s.size, dtype=bool))
+    widened = compared(flight, bead, channel, notes)[2]
+    assert not widened and not any("agree best" in note for note in notes)
 
 
 @pytest.mark.parametrize("by_pressure", [False, True])

@@ -43,7 +43,8 @@ UNITS = {"temperature": "K", "humidity": "%RH"}
 @dataclass(frozen=True)
 class UpAndDown:
     """Ascent against descent: layers in common, rms difference as read and as corrected, the relative error of the time
-    scale that explains it best, that number's standard error, and the share of the difference's variance explained."""
+    scale that explains it best, that number's standard error, the share of the difference's variance explained, and the
+    rms difference that this time scale would leave."""
 
     layers: int
     low_m: float
@@ -53,6 +54,16 @@ class UpAndDown:
     slower: float
     slower_error: float
     explained: float
+    left: float
+
+    @property
+    def agree_better(self) -> bool:
+        """Whether the ways come together by the time scale that explains how their difference goes with the lag's.
+
+        Air that changed between the ways is in the lag as it is in the air, since a slow reading shows little of it:
+        their difference goes with the lag's as if the sensor were instantaneous, beside a constant that undoes it.
+        """
+        return self.left < self.corrected
 
 
 @dataclass(frozen=True)
@@ -92,7 +103,8 @@ def up_and_down(flight: Flight, channel: Channel) -> UpAndDown | None:
     slower, error = _slope(lag, corrected) if lag.size >= TELLING_LAYERS else (0.0, np.inf)
     size = [float(np.sqrt(np.mean(v**2))) for v in (read, corrected)]
     explained = float(np.corrcoef(lag, corrected)[0, 1] ** 2) if np.ptp(lag) and np.ptp(corrected) else 0.0
-    return UpAndDown(int(known.sum()), low, high, size[0], size[1], -slower, error, explained)
+    left = float(np.sqrt(np.mean((corrected - slower * lag) ** 2)))
+    return UpAndDown(int(known.sum()), low, high, size[0], size[1], -slower, error, explained, left)
 
 
 def compared(
@@ -118,7 +130,7 @@ def compared(
             stated = _stated(channel)
             wrong = min(abs(both.slower), MOST)
             sure = wrong > SURE * both.slower_error and both.explained > EXPLAINED
-            if sure and wrong > BEYOND * stated:
+            if sure and wrong > BEYOND * stated and both.agree_better:
                 notes.append(
                     f"{channel.name}: they agree best if the sensor is {_way(both.slower)} than the profile "
                     f"says (which states {100 * stated:.1g} %): uncertainties are widened by as much of the lag; "
@@ -155,7 +167,8 @@ def told(flight: Flight, bead: Channel, film: Channel, before: Told | None = Non
     sure = abs(slower) > SURE_BESIDE_AIR * error and both.explained > EXPLAINED
     # at first order: more than this is left to the next round
     slower = float(np.clip(slower, -LARGEST_STEP, LARGEST_STEP))
-    return Told(slower, error) if sure and abs(slower) > BEYOND * _stated(film) else None
+    sure = sure and both.agree_better and abs(slower) > BEYOND * _stated(film)
+    return Told(slower, error) if sure else None
 
 
 def _height(flight: Flight) -> Array | None:
