@@ -72,3 +72,8 @@ def power_of_ten(value: float) -> tuple[float, str]:
 
 def _number(value: float, decimals: int) -> str:
     return f"{value:.{decimals}f}".replace("-", "−")
+
+
+def counted(count: int, noun: str) -> str:
+    """A count with its noun: "1 run", "35 runs"."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"

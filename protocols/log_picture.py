@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.files.figures import BLUE, CYCLE, GREY, LIGHT, literal, styled
+from shockrig.files.numbers import counted
 from shockrig.rig.logs.channels import SensorLog
 from shockrig.rig.logs.found import LogStep
 from shockrig.rig.logs.stamps import to_map
@@ -54,7 +55,7 @@ def draw_log(sensors: SensorLog, steps: Sequence[LogStep], used: Sequence[bool])
         axes.legend(loc="best", ncols=4)
     if first is not None:
         many = f"; close up the first {CLOSE_UPS} of them" if len(steps) > CLOSE_UPS else ""
-        count = f"{len(steps)} step{'' if len(steps) == 1 else 's'} seen{many}"
+        count = f"{counted(len(steps), 'step')} seen{many}"
         first.set_title(literal(f"{sensors.log.path.name}: {count}"), pad=14)
     for k, (one, is_used) in enumerate(shown):
         axes = figure.add_subplot(grid[len(keys) + k // IN_A_ROW, k % IN_A_ROW])

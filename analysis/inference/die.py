@@ -14,7 +14,9 @@ from shockrig.analysis.physics.humidity import dew_point_c
 Array = NDArray[np.float64]
 RAMPS_S = np.array([0.0, 0.2, 0.4, 0.7, 1.1, 1.8, 3.0])
 LATE_S = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0])
-EARLY_S, MOST_SHARE, SHORTEST_S = 5.0, 0.05, 1e-3
+EARLY_S = 5.0  # after the transfer, in which every reading counts
+MOST_SHARE = 0.05  # of the time that a run has lasted, by which a clock may be late
+SHORTEST_S = 1e-3  # of a ramp: below, it is a step
 LAGS_S = np.geomspace(0.5, 120.0, 12)
 
 
@@ -91,13 +93,13 @@ def _fill(time: Array, die: Array) -> Array:
 def _lags(time: Array, ramp_s: float, tempo: float) -> Array:
     """Responses of first-order lags of 0.5 to 120 s to a ramp from 0 to 1 over `ramp_s`, (..., 12)."""
     tau = LAGS_S * tempo
+    begun, ended = np.maximum(time, 0.0), np.maximum(time - ramp_s, 0.0)
 
-    def behind(late: Array) -> Array:
-        return np.asarray(1.0 - np.exp(-np.maximum(late, 0.0)[..., None] / tau))
+    def behind(since: Array) -> Array:
+        return np.asarray(1.0 - np.exp(-since[..., None] / tau))
 
     if ramp_s < SHORTEST_S:
-        return behind(time)
-    begun, ended = np.maximum(time, 0.0), np.maximum(time - ramp_s, 0.0)
+        return behind(begun)
     return np.asarray(((begun - ended)[..., None] - tau * (behind(begun) - behind(ended))) / ramp_s)
 
 

@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from shockrig.files.numbers import counted
+
 if TYPE_CHECKING:
     from shockrig.analysis.characterization.result import Characterization
 
@@ -88,7 +90,7 @@ def summary(result: Characterization) -> str:
         row = t.rows[0]
         r = row.response
         alpha = measured(row.diffusivity_m2_s, row.standard_uncertainty, "m²/s")
-        lines.append(f"alpha = {alpha}  ({len(row.runs)} run{'' if len(row.runs) == 1 else 's'})")
+        lines.append(f"alpha = {alpha}  ({counted(len(row.runs), 'run')})")
         unsure = r.standard_uncertainties_s or (None, None, None)
         three = zip(("t63", "t90", "t98"), (r.t63_s, r.t90_s, r.t98_s), unsure, strict=True)
         shown = [f"{k} {measured(v, u, 's') if u else f'{plain(v, 3)} s'}" for k, v, u in three]
@@ -107,8 +109,8 @@ def summary(result: Characterization) -> str:
             lines.append(f"note: {hint(name, found)}")
         left_out = len({entry.run for entry in found.set_aside})
         if left_out:
-            used = f"{len(found.runs)} run{'' if len(found.runs) == 1 else 's'} used"
-            lines.append(f"{name}: {used}, {left_out} left out (the report says why)")
+            used = counted(len(found.runs), "run")
+            lines.append(f"{name}: {used} used, {left_out} left out (the report says why)")
     lines += [f"note: {name}: {reason}" for name, reason in result.missing.items()]
     return "\n".join(lines)
 

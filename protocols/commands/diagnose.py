@@ -11,6 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+from shockrig.files.numbers import counted
 from shockrig.protocols.branch import Send, branch, received
 
 if TYPE_CHECKING:
@@ -248,8 +249,8 @@ def summary(diagnosis: Diagnosis) -> str:
         lines += [f"  cannot be told: {sentence}" for sentence in found.cannot_tell]
         left_out = len(found.problem.channel.left_out)
         if left_out:
-            used = found.problem.channel.runs
-            lines.append(f"  {used} run{'' if used == 1 else 's'} used, {left_out} left out (the report says why)")
+            used = counted(found.problem.channel.runs, "run")
+            lines.append(f"  {used} used, {left_out} left out (the report says why)")
     lines += missing(diagnosis)
     wanted = experiments(diagnosis.next_experiments) + next_time([c.problem.channel for c in diagnosis.channels])
     lines.append("to measure next:" + ("" if wanted else " nothing; no two explanations are tied"))

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from shockrig.files.errors import InputError
+from shockrig.files.numbers import counted
 
 if TYPE_CHECKING:
     from shockrig.rig.logs.campaigns import Imported, SensorCampaign
@@ -140,7 +141,7 @@ def _say_log(sensors: SensorLog, steps: Sequence[LogStep], map_: LogMap) -> None
     if log.clock.doubt:
         print(f"  time: {log.clock.doubt}")
     how = "stated by the map" if any(one.said is not None for one in steps) else "seen"
-    print(f"  {len(steps)} step{'' if len(steps) == 1 else 's'} {how}")
+    print(f"  {counted(len(steps), 'step')} {how}")
     for one in steps:
         why = "" if is_used(one, map_) else f"  not used: {one.step.why_not or 'the map says so'}"
         print(f"  {one.number:3d}  {_when(sensors, one)}{why}")
@@ -152,7 +153,7 @@ def _say_log(sensors: SensorLog, steps: Sequence[LogStep], map_: LogMap) -> None
 def _say_campaign(campaign: SensorCampaign, place: Path, first: int) -> None:
     count = len(campaign.runs)
     added = f" added to {first - 1}" if first > 1 else ""
-    print(f"{place}: sensor {campaign.sensor}, {count} run{'' if count == 1 else 's'}{added}")
+    print(f"{place}: sensor {campaign.sensor}, {counted(count, 'run')}{added}")
     for number, run in enumerate(campaign.runs, start=first):
         seen_s = run.step.step.at_s
         readings = ", ".join(f"{name} {size}" for name, size in run.readings.items())

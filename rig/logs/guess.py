@@ -57,12 +57,12 @@ def guess_log(lines: Scan) -> Guess:
         if quantity is None or quantity == "time":
             why = "by its name no temperature, humidity, pressure or airflow"
             if clock is not None:
-                own, all_ = ([row[at] for row in rows] for at in (k, lines.names.index(times[0])))
+                own, shared_by_all = ([row[at] for row in rows] for at in (k, lines.names.index(times[0])))
                 if re.sub(r" #\d+$", "", name) == times[0]:
                     why = f"the same as {times[0]}"
-                    other = any(a and a != b for a, b in zip(own, all_, strict=True))
+                    other = any(a and a != b for a, b in zip(own, shared_by_all, strict=True))
                 else:
-                    other = is_called_time(name) and _times_of_others(clock, name, own, all_)
+                    other = is_called_time(name) and _times_of_others(clock, name, own, shared_by_all)
                 if other:
                     why = f"other times than {times[0]}, by which all readings are timed; state it as time for its own"
             unused.append((name, why))
@@ -108,13 +108,14 @@ def guess_log(lines: Scan) -> Guess:
     return Guess(clock, tuple(useful), known_as, tuple(unused))
 
 
-def _times_of_others(clock: Clock, name: str, own: Sequence[str], all_: Sequence[str]) -> bool:
+def _times_of_others(clock: Clock, name: str, own: Sequence[str], shared: Sequence[str]) -> bool:
     """Whether a column counts as the clock does and is off it by what matters: a sensor that is read after another."""
-    kind = guess_clock([name], [[cell] for cell in own], [""])
-    known = clock.format == NUMBERS and len(clock.columns) == 1 and kind is not None
-    if kind is None or not known or (kind.unit, kind.since_1970) != (clock.unit, clock.since_1970):
+    if clock.format != NUMBERS or len(clock.columns) > 1:
         return False
-    rows = [row for row in zip(own, all_, strict=True) if all(map(NUMBER.fullmatch, row))]
+    kind = guess_clock([name], [[cell] for cell in own], [""])
+    if kind is None or (kind.format, kind.unit, kind.since_1970) != (NUMBERS, clock.unit, clock.since_1970):
+        return False
+    rows = [row for row in zip(own, shared, strict=True) if all(map(NUMBER.fullmatch, row))]
     there, time = np.array([[float(cell.replace(",", ".")) for cell in row] for row in rows]).reshape(-1, 2).T
     return time.size > 1 and bool(np.median(np.abs(there - time)) > APART * np.median(np.abs(np.diff(time))))
 
