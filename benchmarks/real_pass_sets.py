@@ -163,7 +163,8 @@ def bouts(path: Path) -> list[pd.DataFrame]:
 def cormorants(folder: Path) -> RealSet:
     first, other = (bouts(next(folder.glob(CORMORANTS.format(bird)))) for bird in (55, 56))
     groups, step_s = [], 0.2
-    for frame in first[3:5]:
+    estimated = slice(3, 5)  # the first bird's second day; all else of both birds is judged
+    for frame in first[estimated]:
         time, depth, reading = frame.time_s.to_numpy(), -frame.altitude_m.to_numpy(), frame.temperature_c.to_numpy()
         dives = []
         for a, b in runs(depth, 1.0, 4.0):
@@ -172,8 +173,11 @@ def cormorants(folder: Path) -> RealSet:
             grid = np.arange(time[a], time[b - 1], step_s)
             dives.append(Dive(np.interp(grid, time, depth), np.interp(grid, time, reading), start, slope))
         groups.append([[dive for dive in dives if dive.depth_m.size >= 40]])
-    logs = [passes(f, runs(-f.altitude_m.to_numpy(), 1.5, 4.0), 2.5, 1.0) for f in first[5:] + other]
-    what = "up minus down in each metre, 13 bouts of dives to 21 m by two birds, 10 Hz"
+    del first[estimated]
+    judged = first + other
+    logs = [passes(f, runs(-f.altitude_m.to_numpy(), 1.5, 4.0), 2.5, 1.0) for f in judged]
+    deepest = max(-f.altitude_m.min() for f in judged)
+    what = f"up minus down in each metre, {len(logs)} bouts of dives to {deepest:.0f} m by two birds, 10 Hz"
     response = response_of(groups, [3.0, 12.0], step_s, 2.0)
     return RealSet("cormorants, water", what, logs, response, 0.01, 0.1, (11, 21, 31, 41, 51, 61), GRID[1], rms)
 
