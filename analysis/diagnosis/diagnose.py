@@ -1,68 +1,43 @@
-"""The diagnosis of a campaign, channel by channel: search, judge what is left, measure the gain on runs not seen.
+"""The diagnosis of a campaign, channel by channel: search, weigh, judge what is left, measure the gain on unseen runs.
 
-Everything below is a function of the campaign's files alone. A cause is named only where unseen runs are predicted
-better with it: what is tried and does not help there is dropped, and said to have been tried.
+Everything below is a function of the campaign's files alone. What is stated is the model with the largest weight, and
+how probable an effect is, the weight of all models that hold it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 
 import numpy as np
 
+from shockrig.analysis.characterization.shifts import widened
 from shockrig.analysis.checks.checked import Checked, checked
+from shockrig.analysis.checks.finding import InputFinding
 from shockrig.analysis.diagnosis.adequacy import describe, judge
-from shockrig.analysis.diagnosis.describing import MOST_FITS, alternatives, describe_rest
-from shockrig.analysis.diagnosis.diagnosed import NO_STEP, Cause, ChannelDiagnosis, Diagnosis
+from shockrig.analysis.diagnosis.candidates import at_bound
+from shockrig.analysis.diagnosis.diagnosed import NO_STEP, Cause, ChannelDiagnosis, Diagnosis, Tried
 from shockrig.analysis.diagnosis.experiments import propose, unseen
-from shockrig.analysis.diagnosis.kept import (
-    Kept,
-    beside_described,
-    in_doubt,
-    kept_of,
-    no_surer_than_runs,
-    tied,
-    without_doubted,
-)
+from shockrig.analysis.diagnosis.gain import measure_gain
 from shockrig.analysis.diagnosis.limits import cannot_tell, ended, rates_apart
-from shockrig.analysis.diagnosis.naming import Doubt, doubts, from_rivals
 from shockrig.analysis.diagnosis.prepare import Prepared, likelier_average, prepare, with_rounding
 from shockrig.analysis.diagnosis.remainder import Tolerance, measure_remainder, predicted_badly
-from shockrig.analysis.diagnosis.restless import nothing_else, restless
-from shockrig.analysis.diagnosis.search import (
-    Earlier,
-    search,
-    search_twice,
-)
-from shockrig.analysis.diagnosis.thresholds import TIE
+from shockrig.analysis.diagnosis.restless import nothing_else, restless, without_hum
+from shockrig.analysis.diagnosis.search import Earlier, Search, first_look, search
+from shockrig.analysis.diagnosis.stating import stated
+from shockrig.analysis.diagnosis.verdict import Standing, verdict
 from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.fit import Fit
 from shockrig.analysis.inference.gather import build_channel, usable_runs, why_none
-from shockrig.analysis.inference.noise import Noise
+from shockrig.analysis.inference.predictive import bumps, stated_beside
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
-from shockrig.analysis.inference.work import Work, cost_of_a_fit
 from shockrig.files.campaign import Campaign
 from shockrig.files.diagnosis import StatedDiagnosis
 from shockrig.files.errors import InputError
 
 Progress = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class Missed:
-    """Effects that a search had missed, the deviance that their law had reached, and the readings that a mean had."""
-
-    effects: frozenset[str]
-    deviance: float
-    averaged: int
-
-    def found(self, causes: Iterable[Cause], final: Fit, noise: Noise) -> bool:
-        """Whether a search that began with them names them, with nothing more left than that left."""
-        named = {cause.effect for cause in causes}
-        as_well = final.deviance < self.deviance + TIE
-        return noise.averaged == self.averaged and self.effects <= named and as_well
+PARTED = "another_sensor"  # kind of the input's finding that runs fall into groups
 
 
 def diagnose_channel(
@@ -70,126 +45,119 @@ def diagnose_channel(
     progress: Progress = lambda _: None,
     tolerance: Tolerance | None = None,
     earlier: Earlier | None = None,
-    describing: bool = True,
-    seeking: Missed | None = None,
-    twice: bool = False,
     ready: Prepared | None = None,
+    findings: Iterable[InputFinding] = (),
 ) -> ChannelDiagnosis:
-    """Diagnose one channel; `earlier` is what an earlier diagnosis of its runs named, where the search then begins.
-    Where it shall begin from nothing too (`twice`) the likelier outcome counts. `ready` is the channel prepared, where
-    that has been done.
+    """Diagnose one channel.
 
-    What no catalogued effect explains is described only where `describing`: that takes longer than all the rest. Where
-    a form of the grammar that does well there is the law of a catalogued effect, the search begins again from that
-    effect, once (`seeking`; nothing is described there unless that effect is named).
+    Parameters
+    ----------
+    channel : Channel
+    progress : function of a sentence, optional
+    tolerance : Tolerance, optional
+        From which size on something that is left spoils a verdict.
+    earlier : {effect: {parameter: value}}, optional
+        What an earlier diagnosis of its runs named: a place to begin from as well.
+    ready : Prepared, optional
+        The channel prepared, where that has been done.
+    findings : iterable of InputFinding
+        What the checks of the input say: a verdict of `adequate` cannot stand against one that parts the runs.
     """
-    ready = prepare(channel) if ready is None else ready
-    progress(f"{channel.name}: searching the catalogue")
-    rough = search(ready.problem, ready.structure, thorough=False).final if ready.rounds_coarsely else None
+    channel, hum = without_hum(channel)
+    ready = prepare(channel) if ready is None or hum is not None else ready
+    progress(f"{channel.name}: searching for what explains it")
+    rough = first_look(ready.problem, ready.structure) if ready.rounds_coarsely else None
     ready = with_rounding(ready, rough)
-    searched = search_twice if twice else search
-    found = searched(ready.problem, ready.structure, earlier=earlier or {})
-    adequacy = judge(ready.problem, found.final, ready.noise)
-    averaged = likelier_average(ready, found, adequacy.passed)
+    found = search(ready.problem, ready.structure, earlier)
+    averaged = likelier_average(ready, found, judge(ready.problem, found.best.fit, ready.noise).passed)
     if averaged is not None:
         ready = with_rounding(prepare(channel, averaged), rough)
-        found = searched(ready.problem, ready.structure, earlier=earlier or {})
-        adequacy = judge(ready.problem, found.final, ready.noise)
-    plain_adequacy = judge(ready.problem, found.plain, ready.noise)
+        found = search(ready.problem, ready.structure, earlier)
+    problem = ready.problem
     progress(f"{channel.name}: measuring the gain on unseen runs")
-    kept = kept_of(channel, ready, found, adequacy)
-    if kept.final is not found.final:
-        adequacy = judge(ready.problem, kept.final, ready.noise)
-    remainder = measure_remainder(ready.problem, kept.final, ready.noise, adequacy, kept.gain, tolerance or Tolerance())
-    spoilt = remainder.significant and remainder.material
-    left, kept = spoilt or not adequacy.passed, in_doubt(kept) if spoilt else kept
-    # What no other run has borne out tells of a shape and does not explain.
-    untried = any(CATALOGUE[c.effect].shape for c in kept.causes) and not kept.gain.measured
-    verdict = "unexplained" if spoilt or untried else "explained" if kept.causes else "adequate"
-    described, work = None, Work(MOST_FITS / cost_of_a_fit(ready.problem, ready.structure))
-    told = _doubts(ready, kept, work) if describing else []
-    doubted = [one.cause for one in told if one.outdone]
-    if seeking is not None:  # what does not find that counts for nothing, whatever else it would describe
-        describing &= seeking.found((c for c in kept.causes if c.effect not in doubted), kept.final, ready.noise)
-
-    def from_the_law(missed: Earlier | None, reached: Fit, descriptions: int) -> ChannelDiagnosis | None:
-        if missed is None or seeking is not None:
-            return None
-        new = Missed(frozenset(missed) - set(kept.final.structure.ids), reached.deviance, ready.noise.averaged)
-        progress(f"{channel.name}: searching the catalogue again, from the law of an effect that it had missed")
-        again = diagnose_channel(channel, progress, tolerance, missed, describing, seeking=new)
-        more = 0 if again.described is None else len(again.described.discovered)
-        fewer = more < descriptions or not descriptions
-        return again if fewer and new.found(again.causes, again.final, again.noise) else None
-
-    if (again := from_the_law(from_rivals(told), kept.final, 0)) is not None:
-        return again
-    kept = tied(kept, told)
-    if (spoilt or doubted) and describing:
-        progress(f"{channel.name}: describing what no catalogued effect explains")
-        less = without_doubted(channel, ready, found, kept, doubted)
-        known = [one.form for one in told if one.outdone and one.form is not None]
-        described = describe_rest(
-            channel,
-            ready.problem,
-            ready.noise,
-            found.plain,
-            less.final,
-            less.gain,
-            tolerance or Tolerance(),
-            work,
-            known,
-        )
-        if described is not None:
-            again = from_the_law(described.listed, described.fit, len(described.discovered))
-            if again is not None:
-                return again
-        kept = kept if described is None else beside_described(less, described)
-    if described is not None:
-        adequacy, remainder = described.adequacy, described.remainder
-        spoilt = remainder.significant and remainder.material
-        left, verdict = spoilt or not adequacy.passed, "unexplained" if spoilt else "described"
-    humming = restless(ready.problem.channel, adequacy) if spoilt and describing else ()
-    # What only single readings show is no part of the response, and is told with that.
-    if nothing_else(adequacy, humming) and not predicted_badly(kept.gain):
-        verdict = "described"
-    if ready.shown and verdict in ("adequate", "explained"):
-        verdict = "described"
-    if verdict == "unexplained":
-        kept = no_surer_than_runs(ready.problem, kept)
+    gain = measure_gain(channel, problem, ready.structure, found.plain, found.best, ready.noise)
+    sigma = found.best.score.discrepancy
+    final = widened(problem, stated_beside(problem, found.best.fit, bumps(problem), sigma))
+    adequacy, plain_adequacy = (judge(problem, one.fit, ready.noise) for one in (found.best, found.plain))
+    remainder = measure_remainder(problem, found.best.fit, ready.noise, adequacy, gain, tolerance or Tolerance(), sigma)
+    matters = remainder.significant and remainder.material
+    bursts = restless(problem.channel, adequacy) if matters else ()
+    causes = _causes(ready, found, final)
+    forms = stated(problem, found, final)
+    shown = (*ready.shown, *bursts, *(() if hum is None else (hum,)))
+    parted = [f for f in findings if f.kind == PARTED and f.channel in (None, channel.name)]
+    standing = Standing(
+        named=len(causes),
+        forms=len(forms),
+        shown=len(shown),
+        left_over=remainder.significant,
+        matters=remainder.material,
+        only_readings=nothing_else(adequacy, bursts) and not predicted_badly(gain),
+        parted=bool(parted),
+        borne_out=gain.measured,
+        claims=any(not CATALOGUE[c.effect].shape for c in causes),
+    )
+    said = verdict(standing)
     return ChannelDiagnosis(
         name=channel.name,
-        verdict=verdict,
-        causes=kept.causes,
-        gain=kept.gain,
+        verdict=said,
+        causes=causes,
+        discovered=(*forms, *shown),
+        gain=gain,
         search=found,
         adequacy=adequacy,
         plain_adequacy=plain_adequacy,
         remainder=remainder,
-        problem=ready.problem,
+        problem=problem,
         noise=ready.noise,
-        plain=found.plain,
-        final=kept.final,
+        plain=found.plain.fit,
+        final=final,
         untestable=tuple(
             id_ for id_, effect in CATALOGUE.items() if channel.name in effect.channels and not effect.acts_in(channel)
         ),
-        cannot_tell=cannot_tell(channel)
-        + rates_apart(kept.final)
-        + ended(found, work)
-        + tuple(d.sentence for d in told if d.form is not None and d.cause in {c.effect for c in kept.causes}),
-        tried=kept.tried,
-        discrepancy=describe(ready.problem, kept.final, ready.noise, adequacy) if left else None,
-        described=described,
-        humming=(*ready.shown, *humming),
-        work=work,
+        cannot_tell=cannot_tell(channel) + rates_apart(final) + ended(found) + tuple(f.sentence for f in parted),
+        tried=_tried(found),
+        discrepancy=describe(problem, found.best.fit, ready.noise, adequacy) if matters or said == "unexplained" else None,
     )
 
 
-def _doubts(ready: Prepared, kept: Kept, work: Work) -> list[Doubt]:
-    """What plain behaviours, which claim no cause, say against those that are named."""
-    shown = {finding.effect for finding in ready.findings}
-    claims = (c.effect for c in kept.causes if c.effect not in shown and not CATALOGUE[c.effect].shape)
-    return doubts(ready.problem, kept.final, claims, work)
+def _causes(ready: Prepared, found: Search, final: Fit) -> tuple[Cause, ...]:
+    """The effects of the catalogue in the best model: what the readings showed, and what the search found."""
+    shown = {finding.effect: finding for finding in ready.findings}
+    causes, values = [], final.values()
+    tied = [one.ids for one in found.tied()]
+    for effect, own in values.items():
+        if is_described(effect):
+            continue
+        if effect in shown:
+            finding = shown[effect]
+            causes.append(Cause(effect, finding.parameters, 1.0, (), np.inf, (), finding.evidence))
+            continue
+        instead = dict.fromkeys(
+            new
+            for one, _ in found.instead(effect)
+            if one.ids in tied
+            for new in sorted(one.ids - found.best.ids)
+            if not is_described(new)
+        )
+        without = max((one.value for one in found.pool if effect not in one.ids), default=found.plain.value)
+        ends = at_bound(CATALOGUE[effect], {name: value for name, (value, _) in own.items()})
+        causes.append(
+            Cause(effect, own, found.probability(effect), tuple(instead), found.best.value - without, ends)
+        )
+    return tuple(causes)
+
+
+def _tried(found: Search) -> tuple[Tried, ...]:
+    """What comes next to the best model, and is not in it."""
+    said: dict[str, Tried] = {}
+    for one, weight in zip(found.pool, found.weights, strict=True):
+        more = one.ids - found.best.ids
+        if len(more) == 1 and one.ids > found.best.ids and weight > 0.01:
+            (effect,) = more
+            if not is_described(effect):
+                said[effect] = Tried(effect, f"unseen runs bear it out with a probability of {found.probability(effect):.2f}")
+    return tuple(said.values())
 
 
 def enough(channel: Channel) -> bool:
@@ -227,7 +195,8 @@ def diagnose(
     for name in QUANTITIES:
         channel = build_channel(input_.campaign, name)
         if channel is not None and enough(channel):
-            found.append(diagnose_channel(channel, progress, tolerance, named_earlier(earlier, name)))
+            known = named_earlier(earlier, name)
+            found.append(diagnose_channel(channel, progress, tolerance, known, findings=input_.findings))
     return gathered(input_, found)
 
 
@@ -264,13 +233,6 @@ def _why_not(campaign: Campaign, name: ChannelName) -> str:
 
 def next_experiments(channel: ChannelDiagnosis) -> list[dict[str, object]]:
     """Runs that would tell the channel's tied explanations apart; empty where nothing is tied."""
-    named = {cause.effect for cause in channel.causes}
-    pairs = [
-        (channel.final, rival)
-        for effect, standing in channel.search.standing.items()
-        if effect in named
-        for rival in (standing.instead[e] for e in standing.alike(TIE))
-    ]
-    if channel.described is None:
-        return propose(channel.problem, pairs)
-    return [*propose(channel.problem, [*pairs, *alternatives(channel.described)]), *unseen(channel.problem)]
+    pairs = [(channel.search.best.fit, rival.fit) for rival in channel.search.rivals()]
+    described = channel.verdict == "described" and channel.final.structure.effects
+    return [*propose(channel.problem, pairs), *(unseen(channel.problem) if described else [])]

@@ -6,22 +6,20 @@ for every model; errors are over single samples.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from shockrig.analysis.diagnosis.placing import placed
-from shockrig.analysis.diagnosis.refitting import refit
-from shockrig.analysis.diagnosis.search import reconsider
+from shockrig.analysis.diagnosis.search import Rated
 from shockrig.analysis.inference.bins import as_single_samples
 from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.effect import unchanged
 from shockrig.analysis.inference.fit import Fit, fit
 from shockrig.analysis.inference.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.inference.noise import Noise
+from shockrig.analysis.inference.predictive import bumps, score, stated_beside
 from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.physics.chain import at_jump, evaluate
 
@@ -31,7 +29,6 @@ FOLDS = 3
 USUAL_SPREAD, USUAL_DEGREES = 0.5, 3  # of gains from run to run, relative, before any run has told
 USUAL_LOSS = 5.0  # by how much fewer runs tell less than all
 UNTOLD = 0.2  # standard uncertainty of ln rate from which a training part predicts nothing
-TRACE = 0.01  # share of the mean square error of unseen runs that is hardly a gain
 CONFIDENCE = 0.975  # one-sided, of what is called a gain
 SLIGHT = 1e-4  # share of the mean square error of unseen runs below which nothing is gained, however surely
 LIKELY = 0.7  # likewise, of what unseen runs do not speak against
@@ -54,8 +51,6 @@ class Gain:
         Whether it falls by more than half of what runs differ by chance: unseen runs do not speak against the gain.
     run_before, run_after : ndarray (R,)
         Mean squares of single runs; NaN where a run could not be held out.
-    without : dict
-        {effect: mean squares of single runs (R,) when the model does without it}.
     """
 
     before: float
@@ -67,13 +62,6 @@ class Gain:
     likely: bool
     run_before: Array
     run_after: Array
-    run_kept: Array
-    without: dict[str, Array] = field(default_factory=dict)
-
-    @property
-    def trace(self) -> bool:
-        """Whether what is gained is no more than a trace of the error."""
-        return self.before**2 - self.after**2 < TRACE * self.before**2
 
     @property
     def measured(self) -> bool:
@@ -103,19 +91,15 @@ def kinds(channel: Channel) -> NDArray[np.int64]:
     return 2 * channel.isothermal.astype(int) + up.astype(int)
 
 
-def measure_gain(
-    channel: Channel, problem: Problem, base: Structure, plain: Fit, final: Fit, noise: Noise, choose: bool
-) -> Gain:
-    """Held-out gain of the extension `final` over `plain`: in each fold it is judged again without the runs held out.
+def measure_gain(channel: Channel, problem: Problem, base: Structure, plain: Rated, best: Rated, noise: Noise) -> Gain:
+    """Held-out gain of an extended model over the plain one: in each fold it is chosen again without the runs held out,
+    from itself, itself less one effect, and the plain one, by the search's own score.
 
-    `channel` is the channel as recorded, `problem` the one that was searched (repeats taken out). Without `choose` the
-    effects of `final` are only fitted again (where the search ended in none that explain the data).
+    `channel` is the channel as recorded, `problem` the one that was searched (repeats taken out).
     """
     fold = folds(problem.channel)
-    before, after, kept = (np.full(channel.runs, np.nan) for _ in range(3))
-    added = [e for e in final.structure.ids if e not in base.ids]
-    seen = [e.id for e in final.structure.effects if e.id in base.ids and e.apply is not unchanged]
-    without = {effect: np.full(channel.runs, np.nan) for effect in (*added, *seen)}
+    before, after = np.full(channel.runs, np.nan), np.full(channel.runs, np.nan)
+    added = [e for e in best.fit.structure.ids if e not in base.ids]
     for k in range(int(fold.max()) + 1):
         train = fold != k
         # The rate at an ambient that the training part never saw is not the extension's business.
@@ -123,24 +107,34 @@ def measure_gain(
         if not train.any() or not test.size:
             continue
         part = problem.select(train)
-        simple, same = (fit(part, f.structure, f.theta, f.deviations[train]) for f in (plain, final))
+        bump = bumps(part)
+
+        def fitted(whole: Rated, structure: Structure) -> tuple[float, Fit]:
+            near = whole.fit
+            theta = Model(part.channel, structure).start(near.log_rates, near.choice)
+            own = fit(part, structure, theta, near.deviations[train])
+            rated = score(part, own, bump)
+            lost = set(near.structure.ids) - set(structure.ids)
+            prior = whole.log_prior * (1.0 - len(lost) / max(len(added), 1)) if structure is not near.structure else whole.log_prior
+            return rated.total + prior, stated_beside(part, own, bump, rated.discrepancy)
+
+        _, simple = fitted(plain, plain.fit.structure)
         # Nor is one that the training part has runs of and does not tell, while all runs together do.
-        told, known = (np.sqrt(np.diag(f.covariance))[: channel.rates] for f in (simple, plain))
+        told, known = (np.sqrt(np.diag(f.covariance))[: channel.rates] for f in (simple, plain.fit))
         told = told < np.maximum(UNTOLD, USUAL_LOSS * known)
         test = test[told[channel.ambient[test]]]
         if not test.size:
             continue
-        extended, one_less = same, dict[str, Fit]()
-        if added:
-            extended, one_less = reconsider(part, base, same)
-        one_less |= {effect: refit(part, same.structure.dropping(effect), same) for effect in seen}
         held, bins = channel.select(test), problem.select(test)
         before[test] = run_errors(held, bins, plainly(simple))
-        kept[test] = run_errors(held, bins, same) if same.structure.ids else before[test]
-        after[test] = run_errors(held, bins, extended) if choose and extended is not same else kept[test]
-        for effect, fitted in one_less.items():
-            without[effect][test] = run_errors(held, bins, fitted)
-    return summarise(before, after, noise.while_moving, kinds(channel), kept, without)
+        if not best.fit.structure.ids:
+            after[test] = before[test]
+            continue
+        whole = best.fit.structure
+        smaller = [whole.dropping(e) for e in added] if len(added) > 1 else []
+        _, chosen = max((fitted(best, s) for s in (whole, *smaller)), key=lambda one: one[0])
+        after[test] = run_errors(held, bins, chosen)
+    return summarise(before, after, noise.while_moving, kinds(channel))
 
 
 def plainly(found: Fit) -> Fit:
@@ -182,14 +176,11 @@ def summarise(
     after: Array,
     floor: float,
     kind: NDArray[np.int64],
-    kept: Array | None = None,
-    without: Mapping[str, Array] | None = None,
 ) -> Gain:
     """Errors over all held runs and the share explained."""
     told = np.isfinite(before)
-    kept = after if kept is None else kept
     if not told.any():
-        return Gain(floor, floor, floor, 0.0, (0.0, 0.0), False, False, before, after, kept, dict(without or {}))
+        return Gain(floor, floor, floor, 0.0, (0.0, 0.0), False, False, before, after)
     run_before, run_after = before[told], after[told]
     # A model cannot do better than the noise; where it seems to, the noise was stated too high.
     floor = min(floor, float(np.sqrt(min(run_after.mean(), run_before.mean()))))
@@ -207,8 +198,6 @@ def summarise(
         likely=gained > SLIGHT * float(run_before.mean()) and better > float(stdtrit(of, LIKELY)) * unsure,
         run_before=before,
         run_after=after,
-        run_kept=kept,
-        without=dict(without or {}),
     )
 
 
@@ -252,10 +241,3 @@ def _share(
     most = max(float(run_after.mean()) + wide * own - floor**2, least)
     least_left = max(float(run_after.mean()) - wide * own - floor**2, 0.0)
     return min(share, 1.0), (float(min(low / (low + most), share)), float(max(high / (high + least_left), share)))
-
-
-def worse_without(gain: Gain, effect: str) -> bool:
-    """Whether unseen runs are predicted worse without an effect than with it."""
-    without, kept = gain.without[effect], gain.run_kept
-    told = np.isfinite(without) & np.isfinite(kept)
-    return bool(told.any() and without[told].mean() > kept[told].mean())

@@ -5,30 +5,22 @@ from __future__ import annotations
 import numpy as np
 
 from shockrig.analysis.diagnosis.adequacy import most_scatter
-from shockrig.analysis.diagnosis.search import Search
+from shockrig.analysis.diagnosis.search import MOST_FITS, Search
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.fit import Fit
 from shockrig.analysis.inference.seen import FEW_RUNS
-from shockrig.analysis.inference.work import Work
 
 SAME_AIRFLOW = 1.2  # ratio between airflows below which they are one
 
 
-def ended(found: Search, work: Work) -> tuple[str, ...]:
-    """What is said where the search, or that for a description, made as many fits as it may."""
-    said = []
-    if found.at_limit:
-        said.append(
-            f"The search ended at its limit of work, after {len(found.moves)} steps ({found.fits} fits): what it had "
-            "reached by then is judged, and more may be there. Diagnose again with --from this diagnosis to go on from "
-            "there."
-        )
-    if work.ended:
-        said.append(
-            f"The search for a description ended at its limit of work, after {work.fits} fits: what it had reached by "
-            "then is judged, with a probability of one half at most; what it did not reach may do better."
-        )
-    return tuple(said)
+def ended(found: Search) -> tuple[str, ...]:
+    """What is said where the search made as many fits as it may."""
+    if found.fits < MOST_FITS:
+        return ()
+    return (
+        f"The search ended at its limit of work, after {found.fits} fits: what it had reached by then is judged, and more "
+        "may be there. Diagnose again with --from this diagnosis to go on from there.",
+    )
 
 
 def rates_apart(final: Fit) -> tuple[str, ...]:

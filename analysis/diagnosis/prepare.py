@@ -8,9 +8,9 @@ import numpy as np
 
 from shockrig.analysis.diagnosis.refitting import refit
 from shockrig.analysis.diagnosis.search import Search
-from shockrig.analysis.diagnosis.thresholds import level, penalty
-from shockrig.analysis.discovery.discover import MOST_CERTAIN
-from shockrig.analysis.discovery.stating import seen_over
+from shockrig.analysis.diagnosis.thresholds import level
+from shockrig.analysis.diagnosis.priors import log_prior
+from shockrig.analysis.diagnosis.stating import seen_over
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.behaviours import MEAN
 from shockrig.analysis.effects.described import described, discovered_of
@@ -77,7 +77,7 @@ def prepare(channel: Channel, averaged: int | None = None) -> Prepared:
     if coarser_than_the_sensor(known.channel, known.step) and not any(entry.rounded_to for entry in entries):
         size = Size(known.step, known_to(known.step), known.channel.quantity.unit)
         shown.append(Discovered("offset", "own_response", size=size))
-    stated = tuple(replace(one, probability=MOST_CERTAIN, seen_over=seen_over(problem)) for one in shown)
+    stated = tuple(replace(one, probability=1.0, seen_over=seen_over(problem)) for one in shown)
     return Prepared(problem, noise, structure, tuple(findings), known.step, coarsely, stated)
 
 
@@ -119,7 +119,7 @@ def likelier_average(before: Prepared, found: Search, adequate: bool) -> int | N
         return None
     average, of_one = _averaging(channel)
     lengths, alike = set(), set()
-    for id_, parameters in found.final.values().items():
+    for id_, parameters in found.best.fit.values().items():
         if id_ in CATALOGUE and (looks := CATALOGUE[id_].like_average) is not None:
             lengths |= looks({name: value for name, (value, _) in parameters.items()}, channel.reading_period_s)
             alike.add(id_)
@@ -142,7 +142,7 @@ def likelier_average(before: Prepared, found: Search, adequate: bool) -> int | N
     lengths = {n for n in lengths if likely[now - 1] - likely[n - 1] < level("average_unlikely")}
     if not lengths:
         return None
-    whole = found.final.structure
+    whole = found.best.fit.structure
     without = whole.keeping(set(whole.ids) - alike - {average.id})
     own = set(before.structure.ids)
     # What stands beside that may itself be there for want of a mean.
@@ -150,13 +150,14 @@ def likelier_average(before: Prepared, found: Search, adequate: bool) -> int | N
     if not adequate:
         # Where nothing explains the channel, what looks alike and a mean may both be there, with the rest or alone.
         models += [whole.keeping(ids - {average.id}) for ids in (set(whole.ids), *(own | {e} for e in sorted(alike)))]
-    cost = found.final.deviance + sum(penalty(CATALOGUE[e], channel) for e in found.standing)
+    added = {effect.id: effect for effect in whole.effects if effect.id not in own}
+    cost = found.best.fit.deviance + sum(_price(effect, channel) for effect in added.values())
     best = None
     for kept in models:
-        nearest = found.plain if set(kept.ids) == own - {average.id} else found.final
+        nearest = found.plain.fit if set(kept.ids) == own - {average.id} else found.best.fit
         start = refit(problem, kept, nearest, iterations=4)
-        paid = sum(penalty(CATALOGUE[e], channel) for e in kept.ids if e in found.standing)
-        paid += penalty(average, channel) if now == 1 else 0.0
+        paid = sum(_price(added[e], channel) for e in kept.ids if e in added)
+        paid += _price(average, channel) if now == 1 else 0.0
         for n in sorted(lengths):
             held = Held(average.id, average.parameters[0].name, n * of_one)
             trial = refit(problem, kept.adding(average, held), start)
@@ -164,3 +165,8 @@ def likelier_average(before: Prepared, found: Search, adequate: bool) -> int | N
             if total < cost - level("average_gain"):
                 cost, best = total, n
     return best
+
+
+def _price(effect: Effect, channel: Channel) -> float:
+    """What an effect must lower the deviance by, from its log prior."""
+    return -2.0 * log_prior(effect, channel, 1)

@@ -12,11 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from shockrig.analysis.diagnosis.adequacy import BURST, BURSTS, LINE, Adequacy, factors, plateaus
+from shockrig.analysis.diagnosis.adequacy import BURST, BURSTS, Adequacy, factors, plateaus
 from shockrig.analysis.diagnosis.thresholds import level
 from shockrig.analysis.discovery.conditions import CHANCE, held_out
-from shockrig.analysis.discovery.discover import MOST_CERTAIN
+from shockrig.analysis.inference.bins import rebin
 from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.noise import estimate_noise
+from shockrig.analysis.inference.readings import rounding_step
 from shockrig.files.causes import Uncertain
 from shockrig.files.diagnosis_data import Discovered, Size
 
@@ -48,20 +50,64 @@ def _failing(adequacy: Adequacy) -> set[str]:
 
 def nothing_else(adequacy: Adequacy, found: tuple[Discovered, ...]) -> bool:
     """Whether what was described of single readings is all that the tests say is left."""
-    shown = {LINE if one.behaves_as == "periodic" else BURSTS for one in found}
+    shown = {BURSTS for _ in found}
     return bool(shown) and _failing(adequacy) <= shown
 
 
 def restless(channel: Channel, adequacy: Adequacy) -> tuple[Discovered, ...]:
-    """A hum and bursts, where the tests of single readings fail and every condition shows them; none elsewhere."""
-    failing = _failing(adequacy)
-    pieces = [_Plateau(run, t[t - t[0] < LONGEST_S], y[t - t[0] < LONGEST_S]) for run, t, y in plateaus(channel)]
-    found = []
-    if LINE in failing and (hum := _hum(channel, pieces)) is not None:
-        found.append(hum)
-    if BURSTS in failing and (bursts := _bursts(channel, pieces)) is not None:
-        found.append(bursts)
-    return tuple(found)
+    """Bursts, where the test of single readings fails and every condition shows them; none elsewhere."""
+    found = _bursts(channel, _pieces(channel)) if BURSTS in _failing(adequacy) else None
+    return () if found is None else (found,)
+
+
+def without_hum(channel: Channel) -> tuple[Channel, Discovered | None]:
+    """A channel with a hum taken out of its readings, and the hum; the channel as it is where none is certain.
+
+    A hum is looked for from the lowest frequency that a plateau shows: as a line that stands out in every condition, and
+    out of the noise as it is estimated once the line is gone, which cannot then imitate it.
+    """
+    pieces = _pieces(channel)
+    hum = _hum(channel, pieces)
+    if hum is None or hum.period_s is None or hum.size is None:
+        return channel, None
+    frequency = 1.0 / hum.period_s.value
+    samples = [(time, value - _swing(time, value, channel.sampling_period_s, frequency)) for time, value in channel.samples]
+    quiet = rebin(channel, samples, channel.bin_of, channel.die_samples, 1)
+    noise = estimate_noise(quiet, rounding_step(quiet) or channel.quantity.resolution)
+    power, expected = 0.0, 0.0
+    for piece in pieces:
+        squares, _ = _amplitudes([piece], np.array([frequency]))
+        gamma = noise.autocovariance(piece.value.size)
+        lag = np.arange(gamma.size)
+        weight = np.where(lag == 0, 1.0, 2.0) * (gamma.size - lag)
+        usual = float((weight * gamma * np.cos(2.0 * np.pi * frequency * lag * channel.sampling_period_s)).sum())
+        power += float(squares[0, 0])
+        expected += 4.0 * max(usual, 1e-300) / piece.value.size**2
+    looks = sum(piece.value.size for piece in pieces) / len(pieces)
+    chance = float(special.gammaincc(len(pieces), power / expected * len(pieces))) * looks
+    return (channel, None) if chance > CHANCE**2 else (quiet, hum)
+
+
+def _pieces(channel: Channel) -> list[_Plateau]:
+    return [_Plateau(run, t[t - t[0] < LONGEST_S], y[t - t[0] < LONGEST_S]) for run, t, y in plateaus(channel)]
+
+
+def _swing(time: Array, value: Array, period_s: float, frequency_hz: float) -> Array:
+    """The sinusoid of a frequency in a run's readings (n,), of one size and phase, from its two plateaus."""
+    parts = [part for part in (time < -2 * period_s, time > 0.67 * time[-1]) if part.sum() > 8]
+    if not parts:
+        return np.zeros(time.size)
+    turn = 2.0 * np.pi * frequency_hz * time
+    swing = np.stack([np.sin(turn), np.cos(turn)], axis=1)
+    columns, rows = [], []
+    for place, part in enumerate(parts):
+        t = time[part] - time[part].mean()
+        bend = np.zeros((t.size, 3 * len(parts)))
+        bend[:, 3 * place : 3 * place + 3] = np.stack([np.ones(t.size), t, t**2], axis=1)
+        columns.append(np.hstack([swing[part], bend]))
+        rows.append(value[part])
+    both, *_ = np.linalg.lstsq(np.vstack(columns), np.concatenate(rows), rcond=None)
+    return np.asarray(swing @ both[:2])
 
 
 def _spread(values: Array) -> float:
@@ -115,7 +161,7 @@ def _hum(channel: Channel, pieces: list[_Plateau]) -> Discovered | None:
         period_s=Uncertain(1.0 / frequency, float(1.0 / np.sqrt(known)) / frequency**2),
         size=Size(size, float(amplitude.std(ddof=1) / np.sqrt(amplitude.size)), channel.quantity.unit),
         does_not_depend_on=_independent(channel, run, amplitude),
-        probability=MOST_CERTAIN,
+        probability=1.0,
     )
 
 
@@ -192,5 +238,5 @@ def _bursts(channel: Channel, pieces: list[_Plateau]) -> Discovered | None:
         behaves_as="bursts",
         driver="none",
         size=Size(size, size / np.sqrt(2.0 * max(bursts, 1)), channel.quantity.unit),
-        probability=MOST_CERTAIN,
+        probability=1.0,
     )

@@ -1,544 +1,435 @@
-"""Stepwise search for the effects that explain a channel: add, take away, and swap, until nothing in the catalogue
-helps.
+"""The search: all candidates in one race, judged by how well they predict runs that they were not fitted to.
 
-Models are compared by their marginal deviance (each run's deviations integrated out), so that run-to-run scatter
-competes with every named cause on equal terms. A gain must pay for its parameters; see `thresholds.penalty`.
+A model grows by the candidate that gains most on unseen runs beyond what is held against it before any data; what then
+gains no longer is taken away, and each effect is tried against the others in its place. All sound models stand in one
+pool, and the weights of that pool are all that a diagnosis rests on.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.diagnosis.refitting import (
-    Starts,
-    begun_anew,
-    drop,
-    far_apart,
-    finish,
-    has_steps,
-    mirror,
-    plain_fit,
-    plainly_wrong,
-    race,
-    rate_shift,
-    refit,
-)
-from shockrig.analysis.diagnosis.thresholds import TIE, level, penalty
-from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.effect import Effect, by_name
-from shockrig.analysis.inference.fit import Fit, fit, objective_at
+from shockrig.analysis.diagnosis.candidates import Candidate, candidates, sound
+from shockrig.analysis.diagnosis.refitting import begun_anew, plain_fit, rate_shift, refit
+from shockrig.analysis.diagnosis.thresholds import level
+from shockrig.analysis.effects.behaviours import SCALES, STEP, Form, form_of
+from shockrig.analysis.effects.described import is_described
+from shockrig.analysis.inference.arrow import Arrow
+from shockrig.analysis.inference.effect import by_name
+from shockrig.analysis.inference.fit import Fit, fit, go_on
 from shockrig.analysis.inference.model import PLAIN, Model, Point, Structure
+from shockrig.analysis.inference.predictive import Score, bumps, score, weights
 from shockrig.analysis.inference.problem import Problem
-from shockrig.analysis.inference.rate_scatter import RATE_SCATTER_LIMIT
-from shockrig.analysis.inference.scan import rough_rates
-from shockrig.analysis.inference.work import cost_of_a_fit
+from shockrig.analysis.inference.scan import rough_point, rough_rates
 
 Array = NDArray[np.float64]
+Starts = Sequence[Mapping[str, float]]
 Earlier = Mapping[str, Mapping[str, float]]  # effects that an earlier search of the same runs ended with: parameters
 
+# How many candidates are begun, go on, and are fitted to their ends at each step: what a campaign may cost.
+BEGUN, RUNNING, FINISHED = 24, 10, 4
+QUICK, FURTHER, WHOLE = 3, 5, 25  # steps of Gauss and Newton
 MOST_EFFECTS = 6
-WORTH_A_FIT = 0.25  # share of its penalty that a candidate must reach to first order
-QUICK_STARTS = 2  # of a candidate that are fitted: those that score best to first order
-MOST_FITS = 200  # of a search that adds effects: what it has reached by then is judged, the rest called unexplained
-IN_ALL = 2  # times as many, until every effect found was held against the others; one that was not is not kept
-LEAST_OF_RANGE, SPREAD = 1e-3, 60  # where a rival with steps is looked for: its range, in so many values a side
-LESS_SCATTER = 2.0  # of runs' own rates, as a ratio, where an effect has taken the place of these
-FINISHED = 3  # candidates that are carried to the end of their fits
+FAR = 0.005  # discrepancy, as a share of the step, from which the runs' deviations mean little
+WITHIN_REACH = 3.0  # nats that a candidate's promise to first order may lack and that its fit may bring
+MOST_MODELS = 80  # of the pool that are weighed: the best
+MOST_FITS = 900
 
 
 @dataclass(frozen=True)
-class Move:
-    """One step of the search: what was done, and by how much each candidate would have lowered the deviance."""
+class Rated:
+    """A fitted model with its score on unseen runs, and the log prior of its effects [nats]."""
 
-    kind: str
-    effect: str
-    gain: float
-    candidates: tuple[tuple[str, float], ...]
+    fit: Fit
+    score: Score
+    log_prior: float
+
+    @property
+    def ids(self) -> frozenset[str]:
+        """Of its effects."""
+        return frozenset(self.fit.structure.ids)
+
+    @property
+    def laws(self) -> frozenset[str]:
+        """Of its effects: at which run a change begins does not make another law."""
+        return frozenset(law_of(id_) for id_ in self.fit.structure.ids)
+
+    @property
+    def value(self) -> float:
+        """Log predictive density and log prior [nats]."""
+        return self.score.total + self.log_prior
 
 
-@dataclass(frozen=True)
-class Standing:
-    """How an effect that was found stands among the others.
-
-    Attributes
-    ----------
-    necessity : float
-        How much the deviance rises without it, all else refitted.
-    worth : float
-        The same as evidence.
-    rivals : dict
-        {other effect: rise in deviance when it stands in its place} for the close ones.
-    instead : dict
-        {other effect: the fit with it in its place} for the same.
-    """
-
-    necessity: float
-    worth: float
-    rivals: dict[str, float]
-    instead: dict[str, Fit]
-
-    def alike(self, within: float) -> list[str]:
-        """Rivals with which the deviance rises by less, the likeliest first."""
-        return sorted((e for e, rise in self.rivals.items() if rise < within), key=self.rivals.__getitem__)
+def law_of(effect: str) -> str:
+    """An effect's id without the run at which a change begins."""
+    return re.sub(rf"({STEP})\d+", r"\1n", effect)
 
 
 @dataclass(frozen=True)
 class Search:
-    """Outcome of a search: the model that it began from, the one that it ended with, its moves, and how each effect
-    found stands.
+    """Outcome of a search.
 
-    `otherwise` is where a search from another start ended, if with other effects; `almost` are the models with one
-    effect more that came next, each by its effect.
+    Attributes
+    ----------
+    plain, best : Rated
+        The model that it began from, and the one with the largest weight.
+    pool : tuple of Rated
+        All models that were weighed, the heaviest first.
+    weights : ndarray (M,)
+    fits : int
+        How many fits it took.
+    untried : tuple of str
+        Effects that no fit was left for.
     """
 
-    plain: Fit
-    final: Fit
-    moves: tuple[Move, ...]
-    standing: dict[str, Standing]
-    fits: int = 0
-    at_limit: bool = False  # whether it ended because it had made as many fits as it may
-    otherwise: Fit | None = None
-    almost: Mapping[str, Fit] = field(default_factory=dict)
+    plain: Rated
+    best: Rated
+    pool: tuple[Rated, ...]
+    weights: Array
+    fits: int
+    untried: tuple[str, ...] = ()
+
+    def probability(self, effect: str) -> float:
+        """Of an effect's being there: the weight of all models that hold its law."""
+        law = law_of(effect)
+        return float(min(sum(w for one, w in zip(self.pool, self.weights, strict=True) if law in one.laws), 1.0))
+
+    def weight(self, one: Rated) -> float:
+        """Of one model."""
+        return float(sum(w for other, w in zip(self.pool, self.weights, strict=True) if other is one))
+
+    def instead(self, effect: str) -> list[tuple[Rated, float]]:
+        """The models without an effect of the best one that are as large, by what stands in its place, with how many
+        nats they are behind (the closest first)."""
+        found = []
+        for one in self.pool:
+            new = one.laws - self.best.laws
+            if law_of(effect) not in one.laws and new and len(self.best.laws - one.laws) <= len(new):
+                found.append((one, self.best.value - one.value))
+        return sorted(found, key=lambda item: item[1])
+
+    def rivals(self) -> list[Rated]:
+        """Models that hold something the best one has not in the place of something that it has, and are tied with it."""
+        tied = {id(one) for one in self.tied()}
+        return [one for one in self.pool if id(one) in tied and one.laws - self.best.laws and self.best.laws - one.laws]
+
+    def tied(self) -> list[Rated]:
+        """Models whose weight is not small beside the best one's, the best first."""
+        least = level("tie") * self.weights[0]
+        return [one for one, w in zip(self.pool, self.weights, strict=True) if w >= least]
 
 
-def evidence(problem: Problem, gain: float) -> float:
-    """A drop in deviance as Student's log-likelihood ratio, (nu + 1) ln(1 + gain / nu).
+class Race:
+    """A search under way: its problem, the candidates, and the pool of models so far."""
 
-    What limits a weak effect is the scatter of a few dozen runs, known from these runs alone: a drop that would be
-    plain against a known scatter counts for less.
-    """
-    degrees = max(problem.channel.runs - problem.channel.rates, 4)
-    return float((degrees + 1) * np.log1p(gain / degrees)) if gain > 0 else float(gain)
+    def __init__(self, problem: Problem, base: Structure, among: Sequence[Candidate]) -> None:
+        self.problem, self.base, self.fixed = problem, base, frozenset(base.ids)
+        self.among = tuple(among)
+        self.bump = bumps(problem)
+        self.priors = {one.effect.id: one.log_prior for one in self.among}
+        self.pool: dict[frozenset[str], Rated] = {}
+        self.done: dict[tuple[frozenset[str], frozenset[str]], Rated | None] = {}
+        self.fits = 0
 
+    def rated(self, found: Fit) -> Rated:
+        """A fit with its score."""
+        prior = sum(self.priors.get(id_, 0.0) for id_ in found.structure.ids)
+        return Rated(found, score(self.problem, found, self.bump), prior)
 
-def borne_out(problem: Problem, without: Fit, found: Fit) -> float:
-    """Evidence for what `found` has and `without` lacks.
+    def fitted(self, structure: Structure, theta: Array, deviations: Array, steps: int = WHOLE) -> Rated:
+        """A structure fitted from a start."""
+        self.fits += 1
+        return self.rated(fit(self.problem, structure, theta, deviations, steps))
 
-    Where rates that runs have of their own had taken its place, and no longer do, the drop in deviance is already the
-    logarithm of how much less runs scatter: Student's t of that ratio, with a degree less, and not again of the drop.
-    """
-    gain, channel = without.deviance - found.deviance, problem.channel
-    worth = evidence(problem, gain)
-    if gain > 0 and without.rate_scatter > max(RATE_SCATTER_LIMIT, LESS_SCATTER * found.rate_scatter):
-        left = max(channel.runs - channel.rates - 1, 1)
-        worth = max(worth, gain * left / (left + 1))
-    return worth
+    def keep(self, one: Rated) -> Rated:
+        """The best fit so far of a model, which goes into the pool."""
+        known = self.pool.get(one.ids)
+        if known is None or one.value > known.value:
+            self.pool[one.ids] = one
+        return self.pool[one.ids]
 
-
-def candidates_of(channel: Channel) -> tuple[Effect, ...]:
-    """Effects of the mean response that this campaign can show in this channel."""
-    return tuple(e for e in CATALOGUE.values() if e.fitted and e.acts_in(channel))
-
-
-def at_bound(effect: Effect, values: Mapping[str, float]) -> tuple[str, ...]:
-    """Parameters of an effect that stand at a bound of their range."""
-    out = []
-    for parameter in effect.parameters:
-        value = values[parameter.name]
-        width = 1e-3 * (parameter.high - parameter.low)
-        above = 1e-6 if parameter.log else min(width, 0.1 * abs(parameter.low) or width)
-        if value <= parameter.low + above or value >= parameter.high - width:
-            out.append(parameter.name)
-    return tuple(out)
-
-
-def says_nothing(effect: Effect, parameters: Mapping[str, tuple[float, float]]) -> str:
-    """Why a fitted effect says nothing: at the end of its range, or anywhere in it. Empty where it says something."""
-    ends = at_bound(effect, {name: value for name, (value, _) in parameters.items()})
-    if ends:
-        return f"its {ends[0]} stands at the end of its range"
-    for parameter in effect.parameters:
-        value, spread = parameters[parameter.name]
-        if parameter.log and spread > level("anything") * abs(value):
-            return f"its {parameter.name} may be anything"
-    return ""
-
-
-def refused(found: Fit, effect: Effect) -> bool:
-    """Whether an effect of a fit is no finding where it ended, by what its entry says."""
-    if effect.refused is None:
-        return False
-    channel = found.model.channel
-
-    def bare() -> Array:
-        model = Model(channel, found.structure.dropping(effect.id))
-        theta = model.start(found.log_rates, found.choice)
-        theta[model.behind] = found.theta[found.model.behind]
-        return np.asarray(model.predict(Point(theta, channel.at_rest()))[0])
-
-    values = {name: value for name, (value, _) in found.values()[effect.id].items()}
-    return effect.refused(channel, values, bare)
-
-
-def _open_to(structure: Structure, effect: Effect) -> bool:
-    """Whether an effect may be added to a model."""
-    taken = set(structure.ids)
-    return effect.id not in taken and not effect.excludes & taken and (not effect.beside or bool(effect.beside & taken))
-
-
-def _anywhere(effect: Effect) -> list[dict[str, float]]:
-    """Values all over the range of an effect of one parameter, equally far apart in ratio on either side of nothing."""
-    if len(effect.parameters) != 1:
-        return []
-    (parameter,) = effect.parameters
-    most = max(abs(parameter.low), abs(parameter.high))
-    sizes = np.geomspace(LEAST_OF_RANGE * most, most, SPREAD)
-    values = [x for x in (*-sizes, *sizes) if parameter.low < x < parameter.high]
-    return [{parameter.name: float(x)} for x in values]
-
-
-class Stepwise:
-    """A search under way: its problem, what may be added, and the moves so far."""
-
-    def __init__(self, problem: Problem, base: Structure, candidates: Sequence[Effect], most_fits: float = np.inf):
-        self.problem, self.base = problem, frozenset(base.ids)
-        self.candidates = tuple(candidates)
-        self.moves: list[Move] = []
-        self.fits = 0  # about: a start, a fit carried on and a fit from other deviations count as one each
-        self.most_fits = most_fits
-        self.almost: dict[str, Fit] = {}  # where nothing was added: the trials that were carried to their ends
-        self._drops: tuple[Fit | None, dict[str, Fit]] = (None, {})
-
-    def worth(self, without: Fit, found: Fit, effect: str) -> float:
-        """By how much the evidence for an effect is more than its penalty."""
-        return borne_out(self.problem, without, found) - penalty(CATALOGUE[effect], self.problem.channel)
-
-    def added(self, current: Fit) -> list[str]:
-        """Effects of a model that the search itself has added."""
-        return [e for e in current.structure.ids if e not in self.base]
-
-    def promising(self, current: Fit, keep: int) -> dict[str, Starts]:
-        """The candidates that, to first order, lower the objective most, with their best starts: one prediction each.
-
-        Each is added at its weakest start; what the model's own parameters and the runs' deviations could do is taken
-        out.
-        """
-        channel, base = self.problem.channel, current.model.predict(current.point)[0]
+    def screened(self, near: Rated, among: Sequence[Candidate]) -> list[tuple[Candidate, Starts, float]]:
+        """Candidates with their starts and what the best of these promises to first order [nats], best first."""
+        found, channel = near.fit, self.problem.channel
+        base = found.model.predict(found.point)[0]
         columns, owners = [], []
-        for effect in self.candidates:
-            if not _open_to(current.structure, effect):
-                continue
-            model = Model(channel, current.structure.adding(effect))
-            rates = current.log_rates + rate_shift(effect, channel)
-            for start in effect.starts(channel):
-                weak = {k: v if (w := effect.parameter(k).weakest) is None else w for k, v in start.items()}
-                theta = model.start(rates, current.choice | by_name(effect, weak))
-                theta[model.behind] = current.theta[current.model.behind]
-                columns.append(model.predict(Point(theta, current.deviations))[0] - base)
-                owners.append((effect, start))
+        for one in among:
+            model = Model(channel, found.structure.adding(one.effect))
+            rates = found.log_rates + rate_shift(one.effect, channel)
+            thetas = []
+            for start in one.starts:
+                weak = {k: v if (w := one.effect.parameter(k).weakest) is None else w for k, v in start.items()}
+                theta = model.start(rates, found.choice | by_name(one.effect, weak))
+                theta[model.behind] = found.theta[found.model.behind]
+                thetas.append(theta)
+                owners.append((one, start))
+            predicted = model.predict(Point(np.stack(thetas), found.deviations)) - base
+            columns.append(np.matmul(self.problem.whitener, np.moveaxis(predicted, 0, -1)))
         if not columns:
-            return {}
-        right, normal = current.scores(self.problem, self.problem.whiten(np.stack(columns, axis=-1)))
+            return []
+        right, normal = self._first_order(near, np.concatenate(columns, axis=-1))
         size = np.diag(normal)
-        gain = np.where(size > 1e-12, right**2 / np.maximum(size, 1e-12), 0.0)
-        scored: dict[str, list[tuple[float, Mapping[str, float]]]] = {}
-        for (effect, start), value in zip(owners, gain, strict=True):
-            scored.setdefault(effect.id, []).append((float(value), start))
-        reached = {e: max(value for value, _ in values) for e, values in scored.items()}
-        ranked = sorted(scored, key=lambda e: -reached[e])
-        # A start taken from the data may already be the whole answer, whatever its first order says; and another body
-        # is no small change.
-        always = [
-            e
-            for e in ranked
-            if CATALOGUE[e].always_tried
-            or (CATALOGUE[e].rate_factor and not CATALOGUE[e].rarity(channel))
-            or ((told := CATALOGUE[e].start_from) is not None and told(channel))
-        ]
-        worth = [e for e in ranked if reached[e] > WORTH_A_FIT * penalty(CATALOGUE[e], channel)]
-        # The score of another body says little: where bodies are known it takes no other candidate's place.
-        bodies = [e for e in worth if CATALOGUE[e].rate_factor] if plainly_wrong(self.problem, current) else []
-        small = [e for e in worth if not CATALOGUE[e].rate_factor]
-        chosen = dict.fromkeys([*small[:keep], *bodies[:QUICK_STARTS], *always])
-        return {e: self._best_starts(CATALOGUE[e], scored[e]) for e in chosen}
+        gains = np.where(size > 1e-9, 0.5 * right**2 / np.maximum(size, 1e-12), 0.0)
+        by: dict[str, list[tuple[float, Mapping[str, float]]]] = {}
+        for (one, start), gain in zip(owners, gains, strict=True):
+            by.setdefault(one.effect.id, []).append((float(gain), start))
+        out = []
+        for one in among:
+            pairs = sorted(by[one.effect.id], key=lambda pair: -pair[0])
+            out.append((one, [start for _, start in pairs], pairs[0][0]))
+        return sorted(out, key=lambda item: -(item[2] + item[0].log_prior))
 
-    @staticmethod
-    def _best_starts(effect: Effect, scored: list[tuple[float, Mapping[str, float]]]) -> Starts:
-        if far_apart(effect):
-            return [start for _, start in scored]  # scored at one value: the scores do not tell the starts apart
-        return [start for _, start in sorted(scored, key=lambda s: -s[0])[:QUICK_STARTS]]
+    def _first_order(self, near: Rated, columns: Array) -> tuple[Array, Array]:
+        """Scores of columns beside the model's own parameters, the runs' random effects, and its discrepancy."""
+        found, sigma = near.fit, near.score.discrepancy
+        if sigma == 0.0:
+            return found.scores(self.problem, columns)
+        low, high = found.model.bounds()
+        free = (found.theta > low) & (found.theta < high)
+        mean, weight = found.model.priors()
+        runs, width = self.bump.shape[0], self.bump.shape[-1]
+        arrow = Arrow(
+            found.arrow.jacobian[..., free],
+            np.concatenate([found.arrow.run_jacobian, self.bump], axis=-1),
+            np.concatenate([found.arrow.weight, np.full((runs, width), 1.0 / sigma**2)], axis=-1),
+            weight[free],
+        )
+        deviations = np.concatenate([found.deviations, np.zeros((runs, width))], axis=-1)
+        pull = (weight * (mean - found.theta))[free]
+        return arrow.scores(columns, self.problem.whiten(found.residual), deviations, pull)
 
-    def trials(self, current: Fit, promising: Mapping[str, Starts]) -> dict[str, Fit]:
-        """The current model with each other effect added; fits at a bound, or refused by the effect, are left out."""
-        self.fits += sum(len(starts) for starts in promising.values())
-        found = {}
-        for id_, trial in race(self.problem, current, promising).items():
-            trial, effect = mirror(self.problem, trial) or trial, CATALOGUE[id_]
-            if effect.nudges and says_nothing(effect, trial.values()[id_]):
-                trial = finish(self.problem, trial)  # it may lie on the other side of a ridge
-            # A parameter at its bound, or that may be anything, is no finding.
-            if self._says_something(trial, id_):
-                found[id_] = trial
-        return found
-
-    @staticmethod
-    def _says_something(trial: Fit, effect: str) -> bool:
-        """Whether an effect of a fit is a finding where it ended."""
-        return not says_nothing(CATALOGUE[effect], trial.values()[effect]) and not refused(trial, CATALOGUE[effect])
-
-    def forward(self, current: Fit, keep: int) -> tuple[Fit, bool]:
-        """With the best candidate, if one is worth its penalty."""
-        promising = self.promising(current, keep)
-        trials, self.almost = self.trials(current, promising), {}
-        if not trials:
-            return current, False
-        for effect in self._ahead(trials):
-            trials[effect] = finish(self.problem, trials[effect])
-        self.fits += FINISHED + 1
-        # What a better start alone gains is not the candidate's: the current model is fitted again from where it led.
-        ahead = min(trials.values(), key=lambda f: f.deviance)
-        own = ahead.choice
-        theta = current.model.start(ahead.log_rates, {name: own[name] for name in current.structure.names})
-        again = fit(self.problem, current.structure, theta, ahead.deviations, iterations=30)
-        if again.deviance < current.deviance - 1.0:
-            # A better start is worth as much to the candidates.
-            current = again
-            anew = race(self.problem, current, {e: promising[e] for e in self._ahead(trials)})
-            self.fits += FINISHED * QUICK_STARTS
-            trials |= {e: min((trials[e], f), key=lambda f: f.deviance) for e, f in anew.items()}
-        best, gains = self._likeliest(current, trials)
-        if self.worth(current, trials[best], best) <= 0:
-            # An effect can hide in the runs' own deviations: before the end, the nearest are fitted from none as well.
-            for effect in self._ahead(trials):
-                if gains[effect] > WORTH_A_FIT * penalty(CATALOGUE[effect], self.problem.channel):
-                    self.fits += 2
-                    fresh = refit(self.problem, trials[effect].structure, trials[effect])
-                    trials[effect] = min((trials[effect], fresh), key=lambda f: f.deviance)
-            best, gains = self._likeliest(current, trials)
-        ranked = tuple(sorted(gains.items(), key=lambda item: -item[1]))
-        if self.worth(current, trials[best], best) > 0:
-            self.moves.append(Move("add", best, gains[best], ranked))
-            # An effect can hide in the runs' own deviations: the one that is taken is fitted from none as well.
-            self.fits += 2
-            taken = refit(self.problem, trials[best].structure, trials[best])
-            self._drops = (taken, {best: current})
-            return taken, True
-        self.moves.append(Move("stop", "", 0.0, ranked))
-        self.almost = {effect: trials[effect] for effect in self._ahead(trials)}
-        return current, False
-
-    def _likeliest(self, current: Fit, trials: Mapping[str, Fit]) -> tuple[str, dict[str, float]]:
-        """The candidate that does best, and by how much each lowers the deviance."""
-        gains = {e: current.deviance - f.deviance for e, f in trials.items()}
-        # Large drops are all worth nearly the same by Student: candidates are judged by what is between them.
-        most, channel = max(gains.values()), self.problem.channel
-        best = min(gains, key=lambda e: evidence(self.problem, most - gains[e]) + penalty(CATALOGUE[e], channel))
-        return best, gains
-
-    @staticmethod
-    def _ahead(trials: Mapping[str, Fit]) -> list[str]:
-        return sorted(trials, key=lambda e: trials[e].deviance)[:FINISHED]
-
-    def dropped(self, current: Fit, effect: str) -> Fit:
-        """The current model without one of its effects, fitted once."""
-        if self._drops[0] is not current:
-            self._drops = (current, {})
-        known = self._drops[1]
-        if effect not in known:
-            self.fits += 2
-            known[effect] = drop(self.problem, current, effect)
-        return known[effect]
-
-    def resumed(self, plain: Fit, earlier: Earlier) -> Fit:
-        """The plain model with the effects that an earlier search ended with, as far as they earn their place."""
-        structure, choice = plain.structure, dict[str, float]()
-        for effect in self.candidates:
-            values = earlier.get(effect.id)
-            if values is None or effect.id in structure.ids or effect.excludes & set(structure.ids):
+    def _entered(self, screened: Iterable[tuple[Candidate, Starts, float]], far: bool) -> list[tuple[Candidate, Starts]]:
+        """Those whose fits are begun: of each family the best, then by promise."""
+        first, rest, seen = [], [], set()
+        for one, starts, gain in screened:
+            effect = one.effect
+            # A start that the data give may be the whole answer, whatever its first order says; another body, or where
+            # a steady error is tried, is no small change.
+            told = effect.always_tried or (effect.start_from is not None and len(starts) == 1)
+            told |= effect.rate_factor is not None and (far or not effect.rarity(self.problem.channel))
+            reach = -0.7 * one.log_prior if far else WITHIN_REACH
+            if gain + one.log_prior + reach <= 0 and not told:
                 continue
-            structure = structure.adding(effect)
-            known = [p for p in effect.parameters if p.name in values]
-            choice |= by_name(effect, {p.name: float(np.clip(values[p.name], p.low, p.high)) for p in known})
-        if structure.ids == plain.structure.ids:
-            return plain
-        rates = rough_rates(self.problem, structure, begun_anew(self.problem, plain), choice)
-        theta = Model(self.problem.channel, structure).start(rates, choice)
-        current = self.backward(fit(self.problem, structure, theta, begun_anew(self.problem, plain), iterations=30))
-        added = self.added(current)
-        if len(added) == 1 and self.worth(plain, current, added[0]) <= 0:
-            return plain
-        self.moves.append(Move("resume", ", ".join(added), plain.deviance - current.deviance, ()))
+            several = any(p.weakest is not None for p in effect.parameters)
+            (rest if one.family in seen and not told else first).append((one, starts if several else starts[:2]))
+            seen.add(one.family)
+        return [*first[:BEGUN], *rest[: max(BEGUN - len(first), BEGUN // 4)]]
+
+    def _begun(self, near: Rated, one: Candidate, starts: Starts, far: bool) -> list[Rated]:
+        """A few steps of a model with a candidate more, from each of its starts, the best first."""
+        problem, found, channel = self.problem, near.fit, self.problem.channel
+        structure = found.structure.adding(one.effect)
+        model, anew = Model(channel, structure), begun_anew(problem, found)
+        begins = []
+        for start in starts:
+            choice = found.choice | by_name(one.effect, start)
+            rates = found.log_rates + rate_shift(one.effect, channel)
+            begins.append((rates, choice, anew if far else found.deviations))
+        if far or one.effect.own_rates:
+            choice = begins[0][1]
+            begins.append((rough_rates(problem, structure, anew, choice), choice, anew))
+        if one.effect.own_rates and not channel.conditions.start_known.all():
+            point = rough_point(problem, structure, begins[0][1])
+            begins.append((point.theta[: channel.rates], begins[0][1], point.deviations))
+        tried = [self.fitted(structure, model.start(r, choice), own, QUICK) for r, choice, own in begins]
+        return sorted(tried, key=lambda r: -r.value)
+
+    def _further(self, one: Rated, steps: int) -> Rated:
+        if one.fit.converged:
+            return one
+        self.fits += 1
+        return self.rated(go_on(self.problem, one.fit, steps))
+
+    def finished(self, one: Rated) -> Rated:
+        """A model fitted to its end: from its own deviations, and as `refit` does from none and over ridges."""
+        ends = [self._further(one, WHOLE)]
+        self.fits += 2
+        ends.append(self.rated(refit(self.problem, one.fit.structure, ends[0].fit)))
+        return max(ends, key=lambda r: r.value)
+
+    def forward(self, near: Rated, among: Sequence[Candidate], barred: frozenset[str] = frozenset()) -> Rated | None:
+        """The best sound model with one candidate more, whether or not it is better than `near`; None without any."""
+        open_to = [c for c in among if c.effect.id not in barred and c.fits(near.fit.structure)]
+        key = (near.ids, frozenset(c.effect.id for c in open_to))
+        if key in self.done:
+            return self.done[key]
+        far = near.score.discrepancy > FAR
+        runners = [
+            self._begun(near, one, starts, far) for one, starts in self._entered(self.screened(near, open_to), far)
+        ]
+        for left in range(3 if far else 2, 0, -1):
+            runners.sort(key=lambda own: -own[0].value)
+            follow = runners[: RUNNING + 2 * (left - 1)]
+            runners = [sorted([self._further(b, FURTHER) for b in own[:left]], key=lambda r: -r.value) for own in follow]
+        runners.sort(key=lambda own: -own[0].value)
+        ends = [self.finished(own[0]) for own in runners[:FINISHED]]
+        ends += [own[0] for own in runners[FINISHED:] if own[0].fit.converged]
+        ends = [self.keep(one) for one in ends if sound(one.fit, one.ids - self.fixed)]
+        self.done[key] = max(ends, key=lambda r: r.value) if ends else None
+        return self.done[key]
+
+    def without(self, current: Rated, effect: str) -> Rated:
+        """A model with one of its effects taken away."""
+        structure = current.fit.structure.dropping(effect)
+        known = self.pool.get(frozenset(structure.ids))
+        if known is not None:
+            return known
+        self.fits += 2
+        return self.keep(self.rated(refit(self.problem, structure, current.fit)))
+
+    def pruned(self, current: Rated) -> Rated:
+        """A model without what, beside the rest, gains nothing on unseen runs."""
+        while len(current.ids - self.fixed) > 1:
+            less = max((self.without(current, e) for e in sorted(current.ids - self.fixed)), key=lambda r: r.value)
+            if less.value <= current.value:
+                break
+            current = less
         return current
 
-    def backward(self, current: Fit) -> Fit:
-        """Without the effects that, now that others are there, no longer earn their place."""
-        while True:
-            removable = self.added(current)
-            if len(removable) < 2:
-                return current
-            trials = {e: self.dropped(current, e) for e in removable}
-            excess = {e: self.worth(f, current, e) for e, f in trials.items()}
-            worst = min(excess, key=excess.__getitem__)
-            if excess[worst] > 0:
-                return current
-            self.moves.append(Move("remove", worst, current.deviance - trials[worst].deviance, ()))
-            current = trials[worst]
+    def grown(self, current: Rated, among: Sequence[Candidate]) -> Rated:
+        """A model with all that gains on unseen runs, one after another."""
+        while len(current.ids - self.fixed) < MOST_EFFECTS and not self.ended:
+            found = self.forward(current, among)
+            if found is None or found.value <= current.value:
+                break
+            current = self.pruned(found)
+        return current
 
-    def _in_place(self, current: Fit, without: Fit, other: Effect) -> Fit:
-        """`other` in the place of an effect of `current`, fitted from its rates and from the value that leaves least at
-        its deviations: from these, and where starts were marked from none, since an effect can hide in them."""
-        structure = without.structure.adding(other)
-        model, problem = Model(self.problem.channel, structure), self.problem
-        kept = {name: value for name, value in current.choice.items() if name in without.structure.names}
-        begun = []
-        for start in [*other.starts(problem.channel), *_anywhere(other)]:
-            theta = model.start(current.log_rates, kept | by_name(other, start))
-            begun.append((objective_at(problem, model, Point(theta, current.deviations)), theta))
-        _, theta = min(begun, key=lambda one: one[0])
-        begins = [current.deviations]
-        if self._transfers_marked:
-            begins.append(begun_anew(problem, current))
-        self.fits += 1 + len(begins)
-        return min((fit(problem, structure, theta, own) for own in begins), key=lambda f: f.deviance)
+    def exchanged(self, current: Rated, among: Sequence[Candidate]) -> Rated:
+        """A model with each of its effects tried against the others in its place, until none is better there."""
+        done: set[frozenset[str]] = set()
+        while current.ids not in done and not self.ended:
+            done.add(current.ids)
+            best = current
+            for effect in sorted(current.ids - self.fixed):
+                other = self.forward(self.without(current, effect), among, frozenset({effect}))
+                if other is not None and other.value > best.value:
+                    best = other
+            if best is not current:
+                current = self.grown(self.pruned(best), among)
+        return current
+
+    def simplest(self, current: Rated) -> Rated:
+        """A model with its forms' dependences taken away, or others put there, where unseen runs are no worse for it."""
+        for effect in current.fit.structure.effects:
+            if effect.id in self.fixed or not is_described(effect.id):
+                continue
+            form, best = form_of(effect.id), current
+            for other in (one for one in self.among if one.form is not None and _kin(one.form, form)):
+                structure = current.fit.structure.dropping(effect.id).adding(other.effect)
+                if frozenset(structure.ids) in self.pool:
+                    trial = self.pool[frozenset(structure.ids)]
+                else:
+                    kept = current.fit.choice
+                    begin = other.starts[0] | {
+                        p.name: kept[f"{effect.id}.{p.name}"] for p in effect.parameters if p.name in other.starts[0]
+                    }
+                    neutral = {p.name: p.none for p in other.effect.parameters if p.name not in {q.name for q in effect.parameters} and p.none is not None}
+                    theta = Model(self.problem.channel, structure).start(
+                        current.fit.log_rates, kept | by_name(other.effect, begin | neutral)
+                    )
+                    trial = self.fitted(structure, theta, current.fit.deviations)
+                    if not sound(trial.fit, trial.ids - self.fixed):
+                        continue
+                    trial = self.keep(trial)
+                best = max(best, trial, key=_value)
+            current = best
+        return current
 
     @property
-    def _transfers_marked(self) -> bool:
-        """Whether each run is a transfer that somebody marked."""
-        channel = self.problem.channel
-        return bool(channel.conditions.start_known.all() and not channel.measured.any())
-
-    def exchange(self, current: Fit, swap: bool = True) -> tuple[Fit, dict[str, Standing], bool]:
-        """Each effect found against every other in its place: how it stands, and whether another does better.
-
-        One that the limit leaves no fits for has no standing.
-        """
-        standing: dict[str, Standing] = {}
-        channel = self.problem.channel
-        for effect in self.added(current):
-            if self.fits >= IN_ALL * self.most_fits:
-                break
-            without = self.dropped(current, effect)
-            necessity = without.deviance - current.deviance
-            promising = self.promising(without, 5)
-            promising.pop(effect, None)
-            others = self.trials(without, {e: s for e, s in promising.items() if e not in current.structure.ids})
-            for other in self.candidates:
-                # No gradient leads over steps, nor, where starts were marked, from where a model ends that lacks the
-                # one found: a rival begins from where that has led as well.
-                led = other.nudges or (self._transfers_marked and other.id in others)
-                if led and _open_to(without.structure, other) and other.id != effect:
-                    begun = self._in_place(current, without, other)
-                    if other.id not in others or begun.deviance < others[other.id].deviance:
-                        others[other.id] = begun
-            for e, f in others.items():
-                # Before a step of its objective a rival may be behind by anything.
-                stepped = has_steps(self.problem, f.structure)
-                if stepped or f.deviance - current.deviance < max(0.1 * necessity, 30.0):
-                    others[e] = finish(self.problem, f)
-                    self.fits += 1
-            rises = {e: f.deviance - current.deviance for e, f in others.items() if self._says_something(f, e)}
-            own = CATALOGUE[effect].rarity(channel)
-            likely = {e: r + CATALOGUE[e].rarity(channel) - own for e, r in rises.items()}
-            rivals = {e: r for e, r in likely.items() if r < max(0.5 * necessity, 2 * TIE)}
-            worth = borne_out(self.problem, without, current)
-            standing[effect] = Standing(necessity, worth, rivals, {e: others[e] for e in rivals})
-            if swap and rises:
-                best = min(rises, key=lambda e: rises[e] + penalty(CATALOGUE[e], self.problem.channel))
-                better = penalty(CATALOGUE[effect], channel) - penalty(CATALOGUE[best], channel) - rises[best]
-                if better > 0.5:
-                    self.moves.append(Move("swap", f"{effect} -> {best}", -rises[best], ()))
-                    return self.backward(finish(self.problem, others[best])), {}, True
-        return current, standing, False
+    def ended(self) -> bool:
+        """Whether no further step may begin."""
+        return self.fits >= MOST_FITS
 
 
-def reconsider(problem: Problem, base: Structure, found: Fit) -> tuple[Fit, dict[str, Fit]]:
-    """A model judged again on other runs: without effects that no longer earn their place, with one that does.
-
-    Returns the model, and the fits without each of the effects that `found` has beyond `base`.
-    """
-    looking = Stepwise(problem, base, candidates_of(problem.channel))
-    without = {e: looking.dropped(found, e) for e in looking.added(found)}
-    current = found
-    if len(without) == 1:  # a search takes no step back from a single effect, a judge does
-        ((effect, one_less),) = without.items()
-        current = found if looking.worth(one_less, found, effect) > 0 else one_less
-    current = looking.backward(current)
-    return looking.forward(current, 3)[0], without
+def first_look(problem: Problem, base: Structure = PLAIN) -> Fit:
+    """The plain model with the one effect of the catalogue that gains most, if one does: about what a channel does."""
+    entries = [one for one in candidates(problem.channel) if one.form is None]
+    race = Race(problem, base, entries)
+    plain = race.keep(race.rated(plain_fit(problem, base)))
+    found = race.forward(plain, entries)
+    return (plain if found is None else max(plain, found, key=_value)).fit
 
 
-def search(
-    problem: Problem,
-    base: Structure = PLAIN,
-    candidates: Sequence[Effect] | None = None,
-    thorough: bool = True,
-    most: int = MOST_EFFECTS,
-    earlier: Earlier | None = None,
-) -> Search:
-    """Search the catalogue for the effects that explain a channel.
+def search(problem: Problem, base: Structure = PLAIN, earlier: Earlier | None = None) -> Search:
+    """Search for what explains a channel.
 
     Parameters
     ----------
     problem : Problem
     base : Structure
         Effects that the readings themselves have shown; they are never taken away.
-    candidates : sequence of Effect, optional
-        All that can be tested if not given.
-    thorough : bool
-        Whether each effect found is tried against others in its place, and more candidates are fitted at each step
-        than the few that score best to first order: needed for a verdict.
-    most : int
-        How many effects may be added.
     earlier : {effect: {parameter: value}}, optional
-        What an earlier search of the same runs, or of some of them, ended with: this one begins there. Each of its
-        effects has to earn its place as any other.
+        What an earlier search of the same runs, or of some of them, ended with: a place to begin from as well.
     """
-    tried = candidates_of(problem.channel) if candidates is None else candidates
-    looking = Stepwise(problem, base, tried, MOST_FITS / cost_of_a_fit(problem, base))
-    plain = plain_fit(problem, base)
-    current = looking.resumed(plain, earlier or {})
-    standing: dict[str, Standing] = {}
-    seen: set[frozenset[str]] = set()
-    been = {frozenset(current.structure.ids): current.deviance}
-    at_limit = False
-    while len(looking.added(current)) < most and looking.fits < looking.most_fits:
-        before = current
-        current, added = looking.forward(current, 7 if thorough else 4)
-        if added:
-            current = looking.backward(current)
-            state = frozenset(current.structure.ids)
-            if current.deviance < been.get(state, np.inf) - 1.0:
-                been[state] = current.deviance
-                continue
-            # What was added has been taken away again, and would be for ever.
-            current = min((before, current), key=lambda f: penalised(problem, f))
-        if not thorough:
-            break
-        current, standing, swapped = looking.exchange(current)
-        state = frozenset(current.structure.ids)
-        if not swapped or state in seen:
-            break
-        seen.add(state)
-    else:
-        at_limit = len(looking.added(current)) < most
-    if thorough and set(standing) != set(looking.added(current)):
-        current, standing, _ = looking.exchange(current, swap=False)
-        # What was not held against the others cannot be named.
-        untried = set(looking.added(current)) - set(standing)
-        if untried:
-            at_limit = True
-            looking.moves.append(Move("stop", ", ".join(sorted(untried)), 0.0, ()))
-            structure = current.structure.keeping(set(current.structure.ids) - untried)
-            current = plain if structure.ids == base.ids else refit(problem, structure, current)
-    almost = {} if at_limit else looking.almost
-    return Search(plain, current, tuple(looking.moves), standing, looking.fits, at_limit, almost=almost)
-
-
-def search_twice(problem: Problem, base: Structure, earlier: Earlier) -> Search:
-    """Search from where an earlier search ended and from nothing; the likelier outcome, with the other beside it."""
-    outcomes = [search(problem, base, earlier=earlier)]
+    among = candidates(problem.channel)
+    race = Race(problem, base, among)
+    plain = race.keep(race.rated(plain_fit(problem, base)))
+    entries = [one for one in among if one.form is None]
+    forms = [one for one in among if one.form is not None]
+    named = race.grown(plain, entries)
     if earlier:
-        outcomes.append(search(problem, base))
-    outcomes.sort(key=lambda one: penalised(problem, one.final))
-    best, *others = outcomes
-    differs = [o.final for o in others if set(o.final.structure.ids) != set(best.final.structure.ids)]
-    return replace(best, fits=sum(o.fits for o in outcomes), otherwise=differs[0] if differs else None)
+        named = max(named, race.grown(_resumed(race, plain, earlier), entries), key=_value)
+    if named.score.discrepancy <= FAR:
+        named = race.exchanged(named, entries)
+    if forms:
+        found = [race.forward(named, forms)]
+        if named is not plain:
+            # What takes several effects may be the law of a single one that nobody listed.
+            found.append(race.forward(plain, forms))
+        best = max((one for one in found if one is not None), key=_value, default=named)
+        if best.value > named.value:
+            grown = race.grown(race.pruned(race.simplest(best)), among)
+            race.exchanged(race.simplest(grown), among)
+        else:
+            for effect in sorted(named.ids - race.fixed) if not race.ended else ():
+                race.forward(race.without(named, effect), forms)
+    return _weighed(race, plain)
 
 
-def penalised(problem: Problem, found: Fit) -> float:
-    """Deviance of a model with the penalties of all its effects."""
-    return found.deviance + sum(penalty(effect, problem.channel) for effect in found.structure.effects)
+def _kin(one: Form, other: Form) -> bool:
+    """Whether two forms differ by one dependence at most that only scales a strength."""
+    if (one.behaves_as, one.driver) != (other.behaves_as, other.driver) or one == other:
+        return False
+    apart = set(one.depends_on) ^ set(other.depends_on)
+    return len(apart) == 1 and all(how in SCALES for _, how in apart)
+
+
+def _value(one: Rated) -> float:
+    return one.value
+
+
+def _resumed(race: Race, plain: Rated, earlier: Earlier) -> Rated:
+    """The plain model with the effects that an earlier search ended with, as far as they gain."""
+    structure, choice = plain.fit.structure, dict[str, float]()
+    for one in race.among:
+        values = earlier.get(one.effect.id)
+        if values is None or not one.fits(structure):
+            continue
+        structure = structure.adding(one.effect)
+        known = {p.name: float(np.clip(values[p.name], p.low, p.high)) for p in one.effect.parameters if p.name in values}
+        choice |= by_name(one.effect, known)
+    if structure.ids == plain.fit.structure.ids:
+        return plain
+    anew = begun_anew(race.problem, plain.fit)
+    rates = rough_rates(race.problem, structure, anew, choice)
+    begun = race.fitted(structure, Model(race.problem.channel, structure).start(rates, choice), anew)
+    if not sound(begun.fit, begun.ids - race.fixed):
+        return plain
+    return max(plain, race.pruned(race.keep(race.finished(begun))), key=_value)
+
+
+def _weighed(race: Race, plain: Rated) -> Search:
+    """The pool weighed by its models' predictive densities."""
+    best = sorted(race.pool.values(), key=lambda r: -r.value)[:MOST_MODELS]
+    weight = weights([one.score.runs for one in best], [one.log_prior for one in best])
+    order = sorted(range(len(best)), key=lambda i: (-weight[i], -best[i].value))
+    pool = tuple(best[i] for i in order)
+    return Search(plain, pool[0], pool, weight[order], race.fits)
+
+

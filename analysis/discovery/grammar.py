@@ -7,8 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.effects.behaviours import Factor, Form, dew_margin_k, own_step
+from shockrig.analysis.effects.behaviours import STEP, Factor, Form, dew_margin_k, own_step
 from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.effect import Effect
 from shockrig.analysis.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
@@ -68,6 +69,8 @@ def scaling_factors(form: Form, channel: Channel) -> list[Factor]:
         there -= {"ambient"}  # each ambient has its own rate
     if form.behaves_as == "periodic" or {"zero_at", "above"} & set(dict(form.depends_on).values()):
         return []
+    if form.behaves_as == "gain" and ("ambient", "linear") in form.depends_on:
+        return []
     if form.behaves_as in ("lag_in_series", "delay") and "linear" in dict(form.depends_on).values():
         return []
     if {"run_order", "time_of_campaign"} & set(form.factors) or form.driver == "die_temperature":
@@ -92,6 +95,8 @@ def forms(channel: Channel) -> Iterator[Form]:
     if not c.airs_known.all():
         return
     there = varied(channel)
+    for first in range(LEAST_RUNS // 4, channel.runs - 1 if "run_order" in there else 0):
+        yield Form("rate_change", "none", (("run_order", f"{STEP}{first}"),))
     for behaviour in ("gain", "offset"):
         driver = "own_response" if behaviour == "gain" else "none"
         for along in sorted({"run_order", "time_of_campaign"} & there):
@@ -101,6 +106,7 @@ def forms(channel: Channel) -> Iterator[Form]:
         own = "air_humidity" if channel.jumps_with_air else "air_temperature"
         room = Form("added_response", own, (("ambient", "zero_at"),))
         if channel.jumps_with_air:
+            yield Form("gain", "own_response", (("ambient", "linear"),))
             yield room.with_factor("humidity", "zero_at")
         else:
             yield zero
@@ -163,3 +169,11 @@ def periods_s(channel: Channel) -> Array:
     # Equally far apart in frequency: a run tells frequencies apart by the inverse of its length.
     frequency = np.linspace(1.0 / longest, 1.0 / shortest, 4 * PERIODS)
     return np.asarray(1.0 / frequency)
+
+
+def starts_of(effect: Effect, form: Form, channel: Channel) -> list[dict[str, float]]:
+    """Values that a form's score is taken at."""
+    found = effect.starts(channel)
+    if form.behaves_as == "periodic":
+        found = [start | {"period_s": float(period)} for start in found for period in periods_s(channel)]
+    return found

@@ -28,6 +28,7 @@ USUAL_HPA = 1013.25
 USUAL_STEP = {True: 40.0, False: 20.0}  # of a channel that jumps with the air (%RH), and of one that does not (K)
 A_MINUTE_S = 60.0
 USUAL_MARGIN_K = 10.0  # of dew
+SCALES = frozenset({"power", "exponential", "ratio"})  # ways in which a condition scales a strength
 LEAST_STEP = 0.1  # share of a usual step
 MILLIONTH = 1e-6  # of the time that a run has lasted, by which a delay grows
 
@@ -76,6 +77,14 @@ def form_of(key: str) -> Form:
     return Form(parts[0], parts[1], tuple((factor, how) for factor, how in pairs))
 
 
+STEP = "from_run_"  # a dependence on run order: from that run on, counted from 0, another value
+
+
+def is_step(how: str) -> bool:
+    """Whether a dependence on run order is a change at one run."""
+    return how.startswith(STEP)
+
+
 def scaling(factor: str, how: str, conditions: Conditions, jumps: bool, value: Array) -> Array:
     """By what a strength is multiplied in each run (B, R) for values (B, 1) of a factor's number."""
     c = conditions
@@ -93,6 +102,8 @@ def scaling(factor: str, how: str, conditions: Conditions, jumps: bool, value: A
             "run_order": c.order,
         }[factor]
         return np.asarray(np.exp(value * exponent))
+    if is_step(how):
+        return np.asarray(np.where(c.order >= int(how.removeprefix(STEP)), value, 1.0))
     if how == "ratio":  # falling to rising
         return np.asarray(np.where(own_step(c, jumps) < 0, value, 1.0))
     raise ValueError(f"a strength that depends on {factor} as {how!r} is no form of behaviour")
@@ -114,7 +125,7 @@ def _scale(form: Form, chain: Chain, p: Arrays) -> Array:
     """Product of all factors that scale, (B, R)."""
     out = np.ones((1, chain.channel.conditions.airflow_m_s.size))
     for factor, how in form.depends_on:
-        if how in ("power", "exponential", "ratio"):
+        if how in SCALES or is_step(how):
             out = out * scaling(factor, how, chain.channel.conditions, chain.channel.jumps_with_air, p[factor])
         elif how == "dew_margin":
             out = out * dew_margin_k(chain.channel.conditions) / USUAL_MARGIN_K
@@ -236,6 +247,14 @@ def _gain(form: Form, chain: Chain, p: Arrays) -> Chain:
             return np.asarray(reading * (saturation_pressure_hpa(die) / saturation_pressure_hpa(air)) ** size)
 
         return replace(chain, readouts=(*chain.readouts, of_die))
+    if ("ambient", "linear") in form.depends_on:  # a gain that moves with the sensor's own temperature
+        slope = p["size"][..., None]
+
+        def with_temperature(reading: Array, time: Array, die_c: Array) -> Array:
+            air = np.where(time > 0, chain.destination_c[..., None], chain.source_c[..., None])
+            return np.asarray(reading * (1.0 + slope * (np.where(np.isfinite(die_c), die_c, air) - USUAL_C)))
+
+        return replace(chain, readouts=(*chain.readouts, with_temperature))
     if ("humidity", "above") in form.depends_on:  # from a level on: minus one is a ceiling, hard, and less a soft one
         share, above = p["size"][..., None], p["humidity"][..., None]
         return _readout(chain, lambda reading, time: share * np.maximum(reading - above, 0.0))

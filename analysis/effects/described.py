@@ -13,7 +13,7 @@ from functools import cache, partial
 
 import numpy as np
 
-from shockrig.analysis.effects.behaviours import MEAN, Form, acting, form_of, late_by
+from shockrig.analysis.effects.behaviours import MEAN, Form, acting, form_of, is_step, late_by
 from shockrig.analysis.effects.described_in_flight import flown
 from shockrig.analysis.effects.jumps import when_it_jumps_s
 from shockrig.analysis.inference.channel import Channel
@@ -128,6 +128,8 @@ def _parameters(form: Form, jumps: bool) -> Iterable[Parameter]:
     elif kind == "gain":
         if ("humidity", "above") in form.depends_on:  # of minus one is a ceiling
             yield Parameter("size", "1", -1.5, 1.5, (-0.5,))
+        elif ("ambient", "linear") in form.depends_on:
+            yield Parameter("size", "1/K", -0.02, 0.02, (0.0005,))
         else:
             most = 3.0 if form.driver == "die_temperature" else 0.3
             yield Parameter("size", f"1{each}", -most, most, (0.02 * most, -0.02 * most))
@@ -163,6 +165,8 @@ def _parameters(form: Form, jumps: bool) -> Iterable[Parameter]:
             prior = ROOM.get(factor) if room else None
             none = None if how == "above" else 1.0 if log else 0.0
             yield Parameter(factor, of, low, high, begin, log=log, none=none, prior=prior)
+        elif is_step(how):  # the value from that run on, beside that before it
+            yield Parameter(factor, "1", 0.2, 5.0, (1.1,), log=True, none=1.0)
         elif (factor, how) == ("step", "sets_in_over"):
             start = 3.0 if jumps else 1.0
             yield Parameter(factor, unit, 0.02 * start, 20.0 * start, (start,), log=True, none=None)
@@ -201,6 +205,8 @@ def equation(form: Form) -> str:
         return "air(t) = source + (destination - source) min(t / time_constant, 1)"
     if ("humidity", "above") in form.depends_on:
         return "reading + size max(reading - humidity, 0)"
+    if form.behaves_as == "gain" and ("ambient", "linear") in form.depends_on:
+        return "reading (1 + size (T - 20 degC))"
     depends = "".join(f" {_in_words(factor, how)}" for factor, how in form.depends_on)
     x = {"air_temperature": "T_air", "air_humidity": "H_air", "die_temperature": "T_die", "own_response": "reading"}
     driver = x.get(form.driver, "1")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from shockrig.analysis.effects.behaviours import STEP, is_step
 from shockrig.analysis.effects.described import entry_of, of_readings, rounded
 from shockrig.analysis.report.numbers import measured, plain
 from shockrig.files.causes import Uncertain
@@ -125,6 +126,8 @@ def _depends(on: Dependence) -> str:
     if on.value is None:
         return f"{factor} ({on.form.replace('_', ' ')})" if on.form not in ("sign", "linear") else factor
     value = measured(on.value, on.standard_uncertainty or 0.0)
+    if is_step(on.form):
+        return f"{factor} ({value} times as much from the {_ordinal(int(on.form.removeprefix(STEP)) + 1)} run on)"
     how = {
         "power": f"as its power {value}",
         "exponential": f"a factor exp({value} {EACH[on.factor]})",
@@ -134,6 +137,11 @@ def _depends(on: Dependence) -> str:
         "sets_in_over": f"setting in over {value}",
     }.get(on.form, f"{on.form.replace('_', ' ')} {value}")
     return f"{factor} ({how})"
+
+
+def _ordinal(number: int) -> str:
+    ending = "th" if 10 <= number % 100 <= 20 else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
+    return f"{number}{ending}"
 
 
 def _listed(words: Sequence[str], last: str = "and") -> str:

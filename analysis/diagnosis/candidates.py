@@ -1,0 +1,128 @@
+"""What may explain a channel: catalogued effects and forms of the grammar, one list of one kind, each with its prior.
+
+A form that is the law of a catalogued effect that the channel can show is that effect, and is not listed twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.diagnosis.priors import log_prior
+from shockrig.analysis.diagnosis.thresholds import level
+from shockrig.analysis.discovery.grammar import forms, starts_of
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.effects.behaviours import Form
+from shockrig.analysis.effects.described import described, form_of, is_described
+from shockrig.analysis.effects.laws import laws_of
+from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.effect import Effect
+from shockrig.analysis.inference.fit import Fit
+from shockrig.analysis.inference.model import Model, Point, Structure
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect that a model may be extended by, the values that its fits begin from, and its log prior [nats]."""
+
+    effect: Effect
+    starts: tuple[dict[str, float], ...]
+    log_prior: float
+
+    @cached_property
+    def form(self) -> Form | None:
+        """What it is in the grammar; None for an effect of the catalogue."""
+        return form_of(self.effect.id) if is_described(self.effect.id) else None
+
+    @property
+    def family(self) -> tuple[str, ...]:
+        """What competes for one place in a race: forms of one behaviour and driver, an effect of the catalogue with
+        itself alone."""
+        return (self.effect.id,) if self.form is None else (self.form.behaves_as, self.form.driver)
+
+    def fits(self, structure: Structure) -> bool:
+        """Whether it may be added to a model."""
+        taken, effect = set(structure.ids), self.effect
+        return (
+            effect.id not in taken
+            and not effect.excludes & taken
+            and not any(effect.id in other.excludes for other in structure.effects)
+            and (not effect.beside or bool(effect.beside & taken))
+        )
+
+
+def listed(channel: Channel) -> tuple[Effect, ...]:
+    """Effects of the catalogue that the mean response of this campaign can show in this channel."""
+    return tuple(e for e in CATALOGUE.values() if e.fitted and e.acts_in(channel))
+
+
+def candidates(channel: Channel) -> tuple[Candidate, ...]:
+    """All that this campaign can show in this channel."""
+    effects = listed(channel)
+    found = [_candidate(e, e.starts(channel), channel) for e in effects]
+    ids = {e.id for e in effects}
+    for form in forms(channel):
+        if not any(name in ids for name, _ in laws_of(form)):
+            effect = described(form.key, channel.jumps_with_air)
+            found.append(_candidate(effect, starts_of(effect, form, channel), channel))
+    return tuple(found)
+
+
+def _candidate(effect: Effect, starts: list[dict[str, float]], channel: Channel) -> Candidate:
+    return Candidate(effect, tuple(starts), log_prior(effect, channel, len(starts)))
+
+
+def at_bound(effect: Effect, values: Mapping[str, float]) -> tuple[str, ...]:
+    """Parameters of an effect that stand at a bound of their range."""
+    out = []
+    for parameter in effect.parameters:
+        value = values[parameter.name]
+        width = 1e-3 * (parameter.high - parameter.low)
+        above = 1e-6 if parameter.log else min(width, 0.1 * abs(parameter.low) or width)
+        if value <= parameter.low + above or value >= parameter.high - width:
+            out.append(parameter.name)
+    return tuple(out)
+
+
+def says_nothing(effect: Effect, parameters: Mapping[str, tuple[float, float]]) -> str:
+    """Why a fitted effect says nothing: at the end of its range, or anywhere in it. Empty where it says something."""
+    ends = at_bound(effect, {name: value for name, (value, _) in parameters.items()})
+    if ends:
+        return f"its {ends[0]} stands at the end of its range"
+    for parameter in effect.parameters:
+        value, spread = parameters[parameter.name]
+        if parameter.log and spread > level("anything") * abs(value):
+            return f"its {parameter.name} may be anything"
+    return ""
+
+
+def refused(found: Fit, effect: Effect) -> bool:
+    """Whether an effect of a fit is no finding where it ended, by what its entry says."""
+    if effect.refused is None:
+        return False
+    channel = found.model.channel
+
+    def bare() -> Array:
+        model = Model(channel, found.structure.dropping(effect.id))
+        theta = model.start(found.log_rates, found.choice)
+        theta[model.behind] = found.theta[found.model.behind]
+        return np.asarray(model.predict(Point(theta, channel.at_rest()))[0])
+
+    values = {name: value for name, (value, _) in found.values()[effect.id].items()}
+    return effect.refused(channel, values, bare)
+
+
+def sound(found: Fit, ids: set[str] | frozenset[str]) -> bool:
+    """Whether the effects `ids` of a fit say something where it ended."""
+    values = found.values()
+    return not any(
+        says_nothing(effect, values[effect.id]) or refused(found, effect)
+        for effect in found.structure.effects
+        if effect.id in ids
+    )

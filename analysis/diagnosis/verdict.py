@@ -1,0 +1,59 @@
+"""The verdict on a channel: one pure function of what the search weighed, what is left, and what single readings show."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Verdict = Literal["adequate", "explained", "described", "unexplained"]
+
+
+@dataclass(frozen=True)
+class Standing:
+    """All that a verdict rests on.
+
+    Attributes
+    ----------
+    named, forms : int
+        Effects of the catalogue, and forms of the grammar, in the model with the largest weight.
+    shown : int
+        What single readings show that no entry of the catalogue accounts for: a hum, bursts, a rounding.
+    left_over, matters : bool
+        Whether that model leaves more than chance does on unseen runs, and whether as much as the tolerance.
+    only_readings : bool
+        Whether all that is left is what single readings were shown to do.
+    parted : bool
+        Whether a check of the input says that the runs fall into groups which the model does not part.
+    borne_out : bool
+        Whether another run than those that were fitted could be tried.
+    claims : bool
+        Whether anything in the model says more than how one response goes.
+    """
+
+    named: int = 0
+    forms: int = 0
+    shown: int = 0
+    left_over: bool = False
+    matters: bool = False
+    only_readings: bool = False
+    parted: bool = False
+    borne_out: bool = True
+    claims: bool = True
+
+
+def verdict(s: Standing) -> Verdict:
+    """The verdict.
+
+    Something that is left and matters is unexplained, unless all of it is what single readings were shown to do. A form
+    or something shown makes a description; effects of the catalogue alone, an explanation. A model with nothing added
+    is adequate, where no candidate predicts unseen runs better (or it would not have the largest weight) and no check
+    of the input speaks against it.
+    """
+    spoilt = s.left_over and s.matters and not s.only_readings
+    if spoilt or (s.parted and not s.forms):
+        return "unexplained"
+    if not s.borne_out and s.named and not s.claims:
+        return "unexplained"  # a shape that no other run has borne out explains nothing
+    if s.forms or s.shown:
+        return "described"
+    return "explained" if s.named else "adequate"
