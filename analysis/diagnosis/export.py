@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.diagnosis.diagnosed import Cause, ChannelDiagnosis, Diagnosis
+from shockrig.analysis.diagnosis.search import MOST_FITS
 from shockrig.files.diagnosis import (
     StatedCause,
     StatedChannel,
@@ -17,6 +18,9 @@ from shockrig.files.diagnosis import (
     Uncertain,
     diagnosis_document,
 )
+
+
+LEAST_WEIGHT = 0.005  # of a model that is told
 
 
 def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -58,19 +62,22 @@ def _channel(channel: ChannelDiagnosis) -> StatedChannel:
             "untestable": channel.untestable,
             "correlations": {"parameters": names, "matrix": np.round(matrix, 4)},
             "cannot_tell": channel.cannot_tell,
-            "work": work_done(channel),
+            "work": {"fits": channel.search.fits, "ended_early": channel.search.fits >= MOST_FITS},
+            "models": weighed(channel),
+            "discrepancy_of_step": channel.search.best.score.discrepancy,
             "tried": [{"effect": tried.effect, "why_not": tried.why} for tried in channel.tried],
         },
     )
 
 
-def work_done(channel: ChannelDiagnosis) -> dict[str, Any]:
-    """Fits of each of the two searches, and whether it ended because it may make no more."""
-    found, work = channel.search, channel.work
-    return {
-        "search": {"fits": found.fits, "ended_early": found.at_limit},
-        "description": {"fits": work.fits, "ended_early": work.ended},
-    }
+def weighed(channel: ChannelDiagnosis) -> list[dict[str, Any]]:
+    """The models with a weight worth telling: their effects, weight, and nats behind the one that is stated."""
+    found = channel.search
+    return [
+        {"effects": sorted(one.ids), "weight": round(float(w), 4), "nats": round(one.value - found.best.value, 2)}
+        for one, w in zip(found.pool, found.weights, strict=True)
+        if w >= LEAST_WEIGHT
+    ]
 
 
 def stated_cause(cause: Cause) -> StatedCause:

@@ -19,8 +19,8 @@ from shockrig.analysis.characterization.result import ChannelResult, Characteriz
 from shockrig.analysis.characterization.to_profile import to_profile
 from shockrig.analysis.diagnosis.diagnosed import ChannelDiagnosis
 from shockrig.analysis.diagnosis.export import stated_cause
-from shockrig.analysis.diagnosis.refitting import drop, finish, plain_fit, race
-from shockrig.analysis.diagnosis.thresholds import TIE
+from shockrig.analysis.diagnosis.refitting import plain_fit
+from shockrig.analysis.diagnosis.thresholds import level
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.fit import Fit
 from shockrig.analysis.inference.noise import whiteners
@@ -69,21 +69,11 @@ def _in_doubt(found: ChannelDiagnosis, row: Row, wider: Sequence[Fit], shown: tu
     """A row as uncertain as its nearest rivals are away from it, and no surer than the models that it is a limit of;
     `shown` are the times to 63 and 90 % that the readings of a single run show by no model.
 
-    What a search ended with lowers the misfit and may not be named, for want of runs or of certainty, and what is tied
-    may be as true; how far their times are from those that are stated is how far these may be off.
+    What is tied may be as true; how far its times are from those that are stated is how far these may be off.
     """
-    channel, standing = found.problem.channel, found.search.standing
+    channel, search = found.problem.channel, found.search
     ambient = int(np.argmin(np.abs(channel.ambients_c - row.ambient_c)))
-    rivals = [
-        standing[c.effect].instead[e]
-        for c in found.causes
-        if c.effect in standing
-        for e in c.indistinguishable_from
-        if e in standing[c.effect].instead
-    ]
-    if found.verdict == "unexplained" or not channel.conditions.start_known.all():
-        # Where nobody marked the start, a lag that no run bears out may be a part of what is taken for a delay.
-        rivals.append(found.search.final)
+    rivals = [one.fit for one in search.rivals()]
     if not (rivals or wider or shown):
         return row
     stated, others = row.response, [response_time(channel, fit, ambient) for fit in (*rivals, *wider)]
@@ -102,17 +92,15 @@ def _in_doubt(found: ChannelDiagnosis, row: Row, wider: Sequence[Fit], shown: tu
 
 
 def _wider(found: ChannelDiagnosis) -> list[Fit]:
-    """The models of which the one that carries the causes is a limit, where the runs could be theirs as well."""
-    fits, problem, final = [], found.problem, found.final
-    for cause in (c for c in found.causes if c.effect in final.structure.ids):
-        whole = CATALOGUE.get(CATALOGUE[cause.effect].limit_of)
-        if whole is None or whole.id in final.structure.ids or not whole.acts_in(problem.channel):
-            continue
-        without = drop(problem, final, cause.effect)
-        fit = finish(problem, race(problem, without, {whole.id: whole.starts(problem.channel)})[whole.id])
-        if fit.deviance < final.deviance + TIE:
-            fits.append(fit)
-    return fits
+    """The models of which the one that is stated is a limit, where the runs could be theirs as well."""
+    wholes = {CATALOGUE[c.effect].limit_of: c.effect for c in found.causes if CATALOGUE[c.effect].limit_of}
+    best = found.search.best
+    return [
+        one.fit
+        for one in found.search.pool
+        if any(one.ids == best.ids - {part} | {whole} for whole, part in wholes.items())
+        and one.score.total > best.score.total - level("effect")
+    ]
 
 
 def extended_profile(

@@ -13,7 +13,6 @@ from shockrig.analysis.characterization.result import Row
 from shockrig.analysis.diagnosis.diagnosed import ChannelDiagnosis, Diagnosis
 from shockrig.analysis.diagnosis.export import correlations
 from shockrig.analysis.diagnosis.held_out import autocorrelation, drifts, size
-from shockrig.analysis.diagnosis.thresholds import TIE, penalty
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.described import entry_of
 from shockrig.analysis.inference.channel import LeftOut
@@ -28,6 +27,7 @@ from shockrig.analysis.report.diagnosis_words import (
     channel_verdict,
     experiments,
     headline,
+    label,
     listed,
     missing,
     named,
@@ -59,6 +59,7 @@ from shockrig.analysis.report.style import save_figure
 # What data sheets of the HYT family promise (IST AHHYTM E2.2.1); a bead is calibrated to about the same.
 ACCURACY = {"temperature": 0.2, "humidity": 1.8}
 STRONG = 0.5  # correlation of two parameters from which on it is worth a word
+MOST_MODELS = 12  # in the table of what was weighed
 
 
 def write_diagnosis(
@@ -303,35 +304,17 @@ def _drift_words(view: ChannelView) -> str:
 
 
 def _rivals(view: ChannelView, figure: list[Figure]) -> list[Block]:
-    found = view.found
-    channel = found.problem.channel
+    search = view.found.search
     rows: list[list[Cell]] = []
-    for cause in ordered(found.causes):
-        standing = found.search.standing.get(cause.effect)
-        rivals = sorted(standing.rivals.items(), key=lambda item: item[1]) if standing else []
-        rows += [
-            [named(rival), f"in place of {named(cause.effect)}", max(rise, 0.0), worse(rise)]
-            for rival, rise in rivals[:4]
-        ]
-        if not rivals and standing:
-            text = "no other effect explains even half of what it does"
-            rows.append(["–", f"in place of {named(cause.effect)}", None, text])
-    last = next((m for m in reversed(found.search.moves) if m.kind == "stop"), None)
-    shown = [(e, g) for e, g in (last.candidates if last else ()) if e not in found.final.structure.ids][:4]
-    rows += [
-        [
-            named(e),
-            "on top of the model found",
-            -max(g, 0.0),
-            f"too little: at least {plain(penalty(CATALOGUE[e], channel), 2)} is asked",
-        ]
-        for e, g in shown
-    ]
-    if not rows:
-        return [*figure]
-    columns = ("runner-up", "tried", "change of deviance", "why it lost")
+    for one, weight in list(zip(search.pool, search.weights, strict=True))[:MOST_MODELS]:
+        effects = " + ".join(label(e) for e in sorted(one.ids - search.plain.ids)) or "the plain model"
+        behind = search.best.value - one.value
+        said = "stated" if one is search.best else worse(behind)
+        rows.append([effects, f"{100 * weight:.1f} %", -behind, f"{100 * one.score.discrepancy:.2g} %", said])
+    columns = ("model", "weight", "nats beside the one stated", "discrepancy of a step", "on unseen runs")
     caption = (
-        f"Deviance: −2 ln of how likely the data are; positive is worse. A difference below {plain(TIE, 2)} is a tie."
+        "Models by their weight: log predictive density of runs that were not fitted, with what is held against each "
+        "effect before the data, averaged over a bootstrap of the runs. The discrepancy is what a model is wrong by."
     )
     return [Table(columns, rows, caption), *figure]
 

@@ -13,12 +13,11 @@ from shockrig.analysis.characterization.result import ChannelResult
 from shockrig.analysis.diagnosis.diagnosed import ChannelDiagnosis
 from shockrig.analysis.diagnosis.extended import extended_result, plain_result
 from shockrig.analysis.diagnosis.held_out import HeldOut, autocorrelation, held_out
-from shockrig.analysis.diagnosis.thresholds import penalty
+from shockrig.analysis.diagnosis.thresholds import level
 from shockrig.analysis.discovery.remaining import remaining
-from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.seen import little_known, seen
 from shockrig.analysis.report import residuals as drawings
-from shockrig.analysis.report.diagnosis_words import SENSOR, named
+from shockrig.analysis.report.diagnosis_words import SENSOR, label
 from shockrig.analysis.report.fitted import UNIT, conditions, relative_runs
 from shockrig.analysis.report.parameters import parameter_by_condition
 from shockrig.analysis.report.remaining import parted_by, remaining_figure
@@ -27,6 +26,9 @@ from shockrig.analysis.report.style import save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
+
+
+MOST_CANDIDATES = 8  # that are drawn beside those of the model
 
 
 @dataclass(frozen=True)
@@ -73,11 +75,11 @@ def _draw(
             f"Readings of the {sensor} as shares of their way, with the times to 63 % and 90 %",
         )
     if found.verdict in ("unexplained", "described"):
-        left = remaining(channel, found.final if found.described is None else found.described.discovery.without)
+        left = remaining(channel, found.plain)
         if left is not None:
             figures["remaining"] = (
                 remaining_figure(left),
-                "What the model with its named causes leaves, as a share of each run's step, with two standard "
+                "What the plain model leaves, as a share of each run's step, with two standard "
                 "uncertainties (number of runs in brackets), and its spectrum of relaxation times. "
                 + parted_by(left, found.remainder.varies_with),
                 f"What is left in the readings of the {sensor}, and its relaxation times",
@@ -135,17 +137,11 @@ def _draw(
     if scores:
         names, values, kept = zip(*scores, strict=True)
         figures["causes"] = (
-            drawings.cause_bars(
-                [named(n) for n in names],
-                values,
-                kept,
-                min(penalty(CATALOGUE[n], channel) for n in names),
-                "drop in deviance",
-            ),
-            "Filled: how much worse the data are explained without the cause, all else refitted. Open: how much better "
-            "they would be explained with the candidate added to the model found. The line is the least that is asked; "
-            "an effect with more parameters has to bring more.",
-            f"Evidence for the causes in the {sensor}, and for the other candidates",
+            drawings.cause_bars(names, values, kept, level("effect"), "nats on unseen runs"),
+            "Filled: by how much unseen runs are predicted worse without the effect, all else refitted. Open: by how "
+            "much better with another one in the model that is stated. The line is what is held against any effect "
+            "before the data.",
+            f"What unseen runs say of the effects in the {sensor}, and of the other candidates",
         )
     return figures
 
@@ -161,8 +157,14 @@ def _overview(found: ChannelDiagnosis, held: HeldOut, residuals: Sequence[np.nda
 
 
 def _evidence(found: ChannelDiagnosis) -> list[tuple[str, float, bool]]:
-    """(effect, drop in deviance, kept) of the causes and of the candidates that the search tried last."""
-    kept = [(e, max(s.necessity, 0.0), True) for e, s in found.search.standing.items()]
-    held = set(found.final.structure.ids)
-    last = next((m for m in reversed(found.search.moves) if m.kind == "stop"), None)
-    return kept + [(e, max(g, 0.0), False) for e, g in (last.candidates if last else ()) if e not in held]
+    """(words, nats, kept) of the effects in the model that is stated and of the candidates that come next."""
+    search, told = found.search, list[tuple[str, float, bool]]()
+    for effect in sorted(search.best.ids - search.plain.ids):
+        less = max((one.score.total for one in search.pool if effect not in one.ids), default=search.plain.score.total)
+        told.append((label(effect), max(search.best.score.total - less, 0.0), True))
+    more = [one for one in search.pool if one.ids > search.best.ids and len(one.ids - search.best.ids) == 1]
+    more = sorted(more, key=lambda one: -one.score.total)[:MOST_CANDIDATES]
+    for one in more:
+        (effect,) = one.ids - search.best.ids
+        told.append((label(effect), max(one.score.total - search.best.score.total, 0.0), False))
+    return told

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from shockrig.analysis.diagnosis.diagnosed import NO_STEP, Cause, ChannelDiagnosis, Diagnosis
-from shockrig.analysis.diagnosis.thresholds import TIE
 from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.effects.described import form_of, is_described
 from shockrig.analysis.inference.effect import Parameter
 from shockrig.analysis.inference.quantity import QUANTITIES
 from shockrig.analysis.inference.seen import seen
@@ -23,6 +23,16 @@ NOT_TOLD = "these runs do not tell how much it is on others"
 def named(effect: str) -> str:
     """An effect's id as words."""
     return effect.replace("_", " ")
+
+
+def label(effect: str) -> str:
+    """An effect's id as words, or what a form of the grammar behaves as."""
+    if not is_described(effect):
+        return named(effect)
+    form = form_of(effect)
+    of = "" if form.driver == "none" else f" of {named(form.driver)}"
+    on = [named(factor) for factor in form.factors]
+    return f"{named(form.behaves_as)}{of}" + (f" by {listed(on)}" if on else "")
 
 
 def listed(words: Sequence[str], last: str = "and") -> str:
@@ -118,7 +128,7 @@ def channel_verdict(found: ChannelDiagnosis, whole: bool = True) -> str:
     if found.verdict == "adequate":
         return (
             f"The plain diffusion model describes the {sensor}: it predicts unseen runs to {plain(gain.before, 2)} "
-            f"{unit} (noise {plain(gain.noise_floor, 2)} {unit}), and nothing in the catalogue makes it better."
+            f"{unit} (noise {plain(gain.noise_floor, 2)} {unit}), and no candidate predicts them better."
         )
     if found.verdict == "described":
         said = [cause_sentence(found.name, c) for c in causes] if whole else []
@@ -213,14 +223,14 @@ def missing(diagnosis: Diagnosis) -> list[str]:
     return [f"The {SENSOR[name]} could not be diagnosed: {NO_STEP}." for name in diagnosis.missing]
 
 
-def worse(rise: float) -> str:
-    """How much worse a rival explains the data, from the rise in deviance when it stands in the cause's place."""
-    if rise < TIE:
-        return "explains these data as well"
-    odds = rise / 2 / math.log(10)
+def worse(nats: float) -> str:
+    """How much worse a model predicts unseen runs, from the nats that it is behind."""
+    odds = nats / math.log(10)
+    if odds < 1:
+        return "predicts unseen runs about as well"
     if odds < 3:
-        return f"explains these data worse: {plain(10**odds, 1)} times less likely"
-    return "explains these data far worse"
+        return f"makes unseen runs {plain(10**odds, 1)} times less likely"
+    return "predicts unseen runs far worse"
 
 
 def experiment(run: dict[str, Any]) -> str:
