@@ -12,6 +12,8 @@ import pytest
 from shockrig.files.errors import InputError
 from shockrig.protocols.branch import branch, received
 
+pytestmark = pytest.mark.elsewhere
+
 
 def numbers(send, count):
     for number in range(count):

@@ -201,6 +201,7 @@ def test_one_sensor_alone_is_diagnosed_and_the_other_is_said_to_be_missing(tmp_p
     assert "humidity" not in load(tmp_path / "out", "profile.json")
 
 
+@pytest.mark.elsewhere
 @pytest.mark.parametrize(
     ("interrupt", "number", "begin", "code"),
     [

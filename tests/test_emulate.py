@@ -22,6 +22,8 @@ from shockrig.protocols.flight_world import flight_world, read_flown_air
 from shockrig.rig.virtual.emulate.i2c_socket import answer
 from shockrig.rig.virtual.emulate.session import FastClock, Session
 
+pytestmark = pytest.mark.elsewhere
+
 needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) to build the preload library with")
 
 

@@ -444,6 +444,7 @@ def test_what_another_command_is_writing_is_left_alone(tmp_path, monkeypatch):
             other.kill()
 
 
+@pytest.mark.elsewhere
 def test_a_command_that_is_told_to_end_leaves_nothing(tmp_path):
     """SIGTERM and a closed terminal, while the command waits for its worker processes."""
     campaign_ = Path(__file__).parents[1] / "data" / "examples" / "plain-rough"

@@ -238,6 +238,7 @@ def test_ctrl_c_keeps_what_there_is(start, place):
     assert one.end() == 130 and aside(one) == [("0001", "interrupted", "stopped by the operator")]
 
 
+@pytest.mark.elsewhere
 def test_a_paused_campaign_goes_on(start):
     one = start()
     one.answer()

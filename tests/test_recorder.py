@@ -197,6 +197,7 @@ def test_a_recording_killed_while_it_made_its_campaign_goes_on(tmp_path):
     assert sorted(p.name for p in path.iterdir() if p.name.endswith(".part")) == []
 
 
+@pytest.mark.elsewhere
 def test_an_interrupted_process_leaves_everything_in_order(tmp_path):
     path = tmp_path / "campaign"
     process = start(path)

@@ -234,6 +234,7 @@ def test_the_largest_seed_can_be_recorded_with_and_gone_on_with(tmp_path, tiny):
     assert open_seal(Path(f"{out}.sealed"))[1] == 2**64 - 1
 
 
+@pytest.mark.elsewhere
 @pytest.mark.parametrize(
     ("number", "begin", "code"),
     [

@@ -121,6 +121,7 @@ def live(tmp_path):
         process.communicate()
 
 
+@pytest.mark.elsewhere
 def test_a_recording_is_seen_and_its_watchers_can_be_killed(live, terminal):
     process, out = live
     shown = shockrig("watch", out, stdout=terminal.slave)

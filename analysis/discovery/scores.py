@@ -83,7 +83,7 @@ def null_of_the_maximum(normal: Array, false_alarms: float = FALSE_ALARMS) -> fl
     """Quantile of the largest score's square over all columns where there is nothing, from their covariance (C, C)."""
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
-    keep = values > 1e-6 * values[-1]
-    factor = vectors[:, keep] * np.sqrt(values[keep])
-    drawn = factor @ np.random.default_rng(SEED).standard_normal((int(keep.sum()), DRAWS))
+    # The symmetric root: it alone does not depend on the eigenvectors' signs, which are the processor's choice.
+    root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+    drawn = root @ np.random.default_rng(SEED).standard_normal((scale.size, DRAWS))
     return float(np.quantile((drawn**2).max(axis=0), 1.0 - false_alarms))
