@@ -136,7 +136,7 @@ def test_a_recording_is_seen_and_its_watchers_can_be_killed(live, terminal):
         assert 0.0 < view.step_left_s <= 600.0 and view.left_s == pytest.approx(view.step_left_s)
         by_name = {health.sensor: health for health in view.health}
         assert 0.0 < by_name["imet"].per_s < 12.0
-        assert 20.0 <= by_name["imet"].values["temperature_c"] <= 30.5
+        assert 19.5 <= by_name["imet"].values["temperature_c"] <= 30.5  # between the airs, and their noise
         before = [value for time_s, value in view.traces[0].points if time_s < view.transfer_s[0]]
         assert sum(before) / len(before) == pytest.approx(20.0, abs=0.05)
         heard(web, web.stdout, "http://127.0.0.1:")
