@@ -22,7 +22,7 @@ from shockrig.analysis.inference.problem import Problem
 
 Array = NDArray[np.float64]
 
-DRAWS = 1000
+DRAWS = 4000  # of the null: its quantile is then good to some 5 %
 FALSE_ALARMS = 0.005  # of channels with nothing in them, in which the best of all forms may pass
 STARTS = 3  # of each form that are kept
 SEED = 10  # of the draws of the null: the same in every run of the program
