@@ -49,7 +49,7 @@ def stuck(x):
 
 def idle(x):
     """A thermometer that was left on the bench beside."""
-    rng = np.random.default_rng(x.view(np.uint64))  # another noise for every run
+    rng = np.random.default_rng(np.rint(1e6 * x).astype(np.int64).view(np.uint64))  # another noise for every run
     return np.round(21.3 + 0.02 * rng.standard_normal(x.size), 2)
 
 

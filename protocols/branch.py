@@ -85,8 +85,10 @@ def _alone() -> bool:
 
 
 def _run(connection: Connection, function: Callable[..., None], arguments: tuple[object, ...]) -> None:
-    # Ctrl-C reaches this process too: it ends without a word, the one that branched says what happened.
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    # Ctrl-C reaches this process too: it ends without a word, the one that branched says what happened. Where that one
+    # ignores it, as in the background of a script, this one has to go on as well.
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
     signal.signal(signal.SIGTERM, _leave)
     ready()
     with suppress(BrokenPipeError):  # nobody waits for it any more

@@ -126,7 +126,7 @@ def main(argv: list[str] | None = None) -> int:
     from shockrig.rig.errors import CampaignAborted, ConnectionFaults, RigError
 
     try:
-        with ended_by_signals():
+        with ended_by_signals(getattr(args, "ends_by_ctrl_c", False)):
             _check_common(arguments, args)
             return args.main(args) or 0
     except ConnectionFaults as error:
@@ -171,11 +171,12 @@ def _tell(text: str) -> None:
 
 
 @contextlib.contextmanager
-def ended_by_signals() -> Iterator[None]:
+def ended_by_signals(by_ctrl_c: bool = False) -> Iterator[None]:
     """SIGTERM and a closed terminal end a command as an exception does, so that it clears away what is half done.
 
     An exception that a signal raises in the middle of a deletion is dropped by Python: the signal is then sent again.
-    What is ignored (nohup) stays so, and a program that calls `main` keeps handlers of its own.
+    What is ignored (nohup) stays so, and a program that calls `main` keeps handlers of its own. `by_ctrl_c`: save
+    for SIGINT, which everything ignores that a script starts in the background, where a command is to be ended by it.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -183,6 +184,9 @@ def ended_by_signals() -> Iterator[None]:
     ours = [number for number in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(number) is signal.SIG_DFL]
     for number in ours:
         signal.signal(number, _end)
+    deaf = by_ctrl_c and signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    if deaf:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     before, sys.unraisablehook = sys.unraisablehook, _sent_again
     try:
         yield
@@ -190,6 +194,8 @@ def ended_by_signals() -> Iterator[None]:
         sys.unraisablehook = before
         for number in ours:
             signal.signal(number, signal.SIG_DFL)
+        if deaf:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _end(number: int, frame: object) -> None:

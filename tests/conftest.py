@@ -1,15 +1,22 @@
 """Every test process computes in one thread: two workers with a thread per core each only wait for one another.
 
-And no test depends on how busy the machine is: examples may take as long as they take.
+And no test depends on how busy the machine is: examples may take as long as they take. Nor on who starts them: what
+is started in the background (nohup, cron, a script's `&`) inherits that SIGINT or SIGHUP is ignored. A signal with a
+handler is at its default again in every process that a test starts.
 """
 
 import os
+import signal
 
 import pytest
 from hypothesis import HealthCheck, settings
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")
+
+for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, lambda *_: None)):
+    if signal.getsignal(number) is signal.SIG_IGN:
+        signal.signal(number, handler)
 
 settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("busy")

@@ -12,6 +12,8 @@ import pytest
 from shockrig.files.errors import InputError
 from shockrig.protocols.branch import branch, received
 
+pytestmark = pytest.mark.elsewhere
+
 
 def numbers(send, count):
     for number in range(count):
@@ -25,6 +27,11 @@ def refuse(send, words):
 
 def die(send):
     os.kill(os.getpid(), signal.SIGKILL)
+
+
+def go_on(send):
+    os.kill(os.getpid(), signal.SIGINT)
+    send("not for me")
 
 
 def sleep(send):
@@ -57,6 +64,21 @@ def test_an_error_is_raised_here_with_where_it_came_from():
         with pytest.raises(InputError, match="line 3: fix it") as caught:
             received(one)
     assert "in refuse" in caught.value.__notes__[0]
+
+
+@pytest.mark.parametrize("threads", [0, 1])
+def test_what_ignores_ctrl_c_has_branches_that_do(threads):
+    """Whatever a script starts in the background; Ctrl-C is for the script."""
+    done = threading.Event()
+    for _ in range(threads):
+        threading.Thread(target=done.wait).start()
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with branch(go_on) as one:
+            assert received(one) == "not for me"
+    finally:
+        signal.signal(signal.SIGINT, before)
+        done.set()
 
 
 def test_a_branch_that_is_killed_is_an_error():

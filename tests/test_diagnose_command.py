@@ -18,6 +18,7 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
+from processes import ended, heard, in_background
 
 from shockrig.analysis.characterization.extension import read_extension
 from shockrig.analysis.diagnosis.diagnosed import NO_STEP
@@ -200,9 +201,17 @@ def test_one_sensor_alone_is_diagnosed_and_the_other_is_said_to_be_missing(tmp_p
     assert "humidity" not in load(tmp_path / "out", "profile.json")
 
 
-@pytest.mark.parametrize("interrupt", [os.killpg, os.kill])
-def test_ctrl_c_ends_all_processes_with_one_line_and_leaves_nothing(interrupt, tmp_path):
-    """As a terminal sends it, to the command and to its branches, and to the command alone: it ends them."""
+@pytest.mark.elsewhere
+@pytest.mark.parametrize(
+    ("interrupt", "number", "begin", "code"),
+    [
+        (os.killpg, signal.SIGINT, None, 130),
+        (os.kill, signal.SIGINT, None, 130),
+        (os.kill, signal.SIGTERM, in_background, 128 + signal.SIGTERM),
+    ],
+)
+def test_a_signal_ends_all_processes_with_one_line_and_leaves_nothing(tmp_path, interrupt, number, begin, code):
+    """As a terminal sends Ctrl-C, to the command and to its branches; and to the command alone, which ends them."""
     shutil.copytree(EXAMPLES / "plain-rough", tmp_path / "bead", ignore=shutil.ignore_patterns("hyt.csv"))
     # The search takes for ever, so that the command is at it however late the signal comes.
     endless = (
@@ -211,17 +220,18 @@ def test_ctrl_c_ends_all_processes_with_one_line_and_leaves_nothing(interrupt, t
     endless += "; diagnose.measure_gain = lambda *_: time.sleep(3600); sys.exit(main())"
     command = [sys.executable, "-c", endless, "diagnose", "bead", "--out", "out"]
     env = os.environ | {"PYTHONPATH": str(ROOT)}
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    with subprocess.Popen(command, cwd=tmp_path, env=env, start_new_session=True, **pipes) as process:
-        while (line := process.stderr.readline()) and "gain" not in line:
-            pass
-        interrupt(process.pid, signal.SIGINT)
+    how = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "preexec_fn": begin}
+    with subprocess.Popen(command, cwd=tmp_path, env=env, start_new_session=True, **how) as process:
         try:
+            heard(process, process.stderr, "gain")
+            if begin is in_background:
+                os.killpg(process.pid, signal.SIGINT)  # which is for the script
+            interrupt(process.pid, number)
             # the pipes are at their end when the last process has closed them
-            printed, errors = process.communicate(timeout=120)
+            printed, errors = ended(process)
         finally:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
-    assert process.returncode == 130 and printed == ""
-    assert "Traceback" not in errors and errors.splitlines()[-1].endswith("stopped by Ctrl-C")
+    assert process.returncode == code and printed == ""
+    assert "Traceback" not in errors and (code != 130 or errors.splitlines()[-1].endswith("stopped by Ctrl-C"))
     assert [path.name for path in tmp_path.iterdir()] == ["bead"]

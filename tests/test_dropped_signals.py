@@ -7,6 +7,8 @@ import pytest
 
 from shockrig.protocols.cli import ended_by_signals
 
+pytestmark = pytest.mark.elsewhere
+
 
 class Deleted:
     """Takes a signal while it is being deleted."""

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_watch import Terminal, wait_for
+from processes import ended, heard, wait_for
+from test_watch import Terminal
 from test_watch_page import CHROMIUM, FLAGS
 
 from shockrig.files.profile import read_profile
@@ -39,12 +40,7 @@ class Shell:
         return process
 
     def end(self, process):
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.communicate(timeout=120)
-        process.kill()
-        process.communicate()
+        ended(process, signal.SIGINT)
 
     def run(self, command):
         done = subprocess.run(
@@ -65,8 +61,7 @@ def test_the_page_as_it_stands(tmp_path):
         for command in COMMANDS[: COMMANDS.index(recording)]:
             if command.endswith(" &"):
                 emulator = shell.begin(command.removesuffix(" &"))
-                while "export" not in emulator.stdout.readline():
-                    assert emulator.poll() is None
+                heard(emulator, emulator.stdout, "export")
             elif command.startswith("export "):
                 words = command.replace("$PWD", str(tmp_path)).split()[1:]
                 shell.env |= dict(word.split("=", 1) for word in words)
@@ -79,7 +74,7 @@ def test_the_page_as_it_stands(tmp_path):
         for attempt in range(ATTEMPTS):
             recorder = shell.begin(recording)
             if not attempt:
-                wait_for(lambda: list(tmp_path.glob("campaign/recording/*/journal.log")))
+                wait_for(lambda: list(tmp_path.glob("campaign/recording/*/journal.log")), recorder)
                 seen_by_both(shell, terminal, tmp_path, *watching)
             said, _ = recorder.communicate(timeout=300)
             if recorder.returncode == 0:
@@ -106,8 +101,7 @@ def seen_by_both(shell, terminal, folder, in_terminal, in_browser):
     """The campaign in progress, in a terminal and, where there is a browser, on the page."""
     shell.begin(in_terminal, stdout=terminal.slave)
     page = shell.begin(in_browser)
-    url = page.stdout.readline().split()[0]
-    assert url.startswith("http://127.0.0.1:")
+    url = heard(page, page.stdout, "http://127.0.0.1:").split()[0]
     if CHROMIUM is not None:
         profile = f"--user-data-dir={folder / 'browser'}"
         plain = {key: value for key, value in os.environ.items() if key != "LD_PRELOAD"}

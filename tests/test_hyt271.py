@@ -12,6 +12,7 @@ import smbus2
 from emulated import hyt_bench, ramp_percent, steady_c, watch
 from hypothesis import given
 from hypothesis import strategies as st
+from processes import ended, heard
 
 from shockrig.protocols.cli import main
 from shockrig.rig.buses.i2c import LEASE_S, SmbusBus
@@ -290,15 +291,15 @@ def test_another_process_with_the_lock_keeps_us_off_the_bus(tmp_path):
             ],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
+            text=True,
         )
         with holder:
-            holder.stdout.readline()
+            heard(holder, holder.stdout, "\n")
             del spy.log[:]
             readings = watch(sensor, clock, 1.0)
             assert readings and {reading.outcome for reading in readings} == {Outcome.TIMED_OUT}
             assert not spy.log
-            holder.stdin.close()
-            holder.wait()
+            ended(holder)
         assert watch(sensor, clock, 1.0)[-1].outcome is Outcome.OK
         sensor.close()
 

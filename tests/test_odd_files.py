@@ -13,11 +13,11 @@ import subprocess
 import sys
 import tempfile
 import zlib
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from processes import ended, heard
 
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.files.campaign import read_campaign
@@ -434,9 +434,9 @@ def test_what_another_command_is_writing_is_left_alone(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     told = "import time; print('ready', flush=True); time.sleep(60)"
     code = KILLED.replace("os.kill(os.getpid(), getattr(signal, sys.argv[1]))", told)
-    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as other:
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as other:
         try:
-            assert other.stdout.readline() == b"ready\n"
+            heard(other, other.stdout, "ready")
             with whole_folder(Path("o")):
                 pass
             assert [name for name in entries(".") if name.endswith("half")]
@@ -444,18 +444,16 @@ def test_what_another_command_is_writing_is_left_alone(tmp_path, monkeypatch):
             other.kill()
 
 
+@pytest.mark.elsewhere
 def test_a_command_that_is_told_to_end_leaves_nothing(tmp_path):
     """SIGTERM and a closed terminal, while the command waits for its worker processes."""
     campaign_ = Path(__file__).parents[1] / "data" / "examples" / "plain-rough"
     command = [sys.executable, "-m", "shockrig.protocols.cli", "characterize", str(campaign_), "--out", "o"]
     for number in (signal.SIGTERM, signal.SIGHUP):
-        # Started as a terminal starts it, also where whoever runs the tests ignores a hang-up (nohup).
-        heeding = partial(signal.signal, number, signal.SIG_DFL)
-        with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, preexec_fn=heeding) as one:
-            assert b"temperature" in one.stderr.readline()
+        with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as one:
+            heard(one, one.stderr, "temperature")
             assert entries(tmp_path)
-            one.send_signal(number)
-            one.stderr.read()
+            ended(one, number)
         assert one.returncode == 128 + number
         assert entries(tmp_path) == []
 

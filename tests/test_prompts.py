@@ -11,12 +11,14 @@ import subprocess
 import sys
 import termios
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
 from fake_bench import STEPS, fake_bench, plan
 from fake_bench import run as record
 from made_recordings import STATUS, made_campaign, reading
+from processes import PATIENCE_S, ended, wait_for
 
 from shockrig.files.campaign import read_campaign
 from shockrig.protocols.cli import main
@@ -101,7 +103,7 @@ class Terminal:
         os.close(slave)
         self.said, self._from = "", 0
 
-    def wait_for(self, text, within_s=200.0):
+    def wait_for(self, text, within_s=PATIENCE_S):
         """Wait until something new is said that has this text."""
         deadline_s = time.monotonic() + within_s
         while text not in self.said[self._from :]:
@@ -122,7 +124,7 @@ class Terminal:
             self.wait_for(prompt)
             self.type(with_)
 
-    def end(self, within_s=200.0):
+    def end(self, within_s=PATIENCE_S):
         """The exit status, with all that was said until then read."""
         deadline_s = time.monotonic() + within_s
         while self.process.poll() is None:
@@ -236,6 +238,7 @@ def test_ctrl_c_keeps_what_there_is(start, place):
     assert one.end() == 130 and aside(one) == [("0001", "interrupted", "stopped by the operator")]
 
 
+@pytest.mark.elsewhere
 def test_a_paused_campaign_goes_on(start):
     one = start()
     one.answer()
@@ -254,7 +257,7 @@ def test_a_hang_up_is_filed_as_such(start, place):
     one.answer(before)
     one.wait_for(prompt)
     one.hang_up()
-    assert one.process.wait(120) in (2, 128 + signal.SIGHUP)
+    assert one.process.wait(PATIENCE_S) in (2, 128 + signal.SIGHUP)
     ((id_, status, reason),) = aside(one)
     assert (id_, status) == ("0001", "interrupted") and "hang-up" in reason and "Errno" not in reason
     assert "hang-up" in json.loads((one.out / "status.json").read_text())["reason"]
@@ -351,22 +354,14 @@ def cable(tmp_path, monkeypatch):
     def plug_in():
         words = ["emulate", "imet-xf", "--folder", tmp_path / "bus", "--link", f"imet-xf={tmp_path / 'bus/imet'}"]
         command = [sys.executable, "-m", "shockrig.protocols.cli", *map(str, words)]
-        plugged.append(subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
-        deadline_s = time.monotonic() + 120.0
-        while not (tmp_path / "bus/imet").exists():
-            assert time.monotonic() < deadline_s and plugged[-1].poll() is None
-            time.sleep(0.05)
-
-        def pull_out():
-            plugged[-1].send_signal(signal.SIGINT)
-            plugged[-1].wait(120)
-
-        return pull_out
+        plugged.append(subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE))
+        wait_for((tmp_path / "bus/imet").exists, plugged[-1])
+        return partial(ended, plugged[-1], signal.SIGINT)
 
     yield plug_in
     for one in plugged:
         one.kill()
-        one.wait()
+        one.communicate()
 
 
 @pytest.mark.parametrize("prompt", [SET, SOURCE_C])

@@ -14,6 +14,7 @@ import pytest
 from fake_bench import csv, fake_bench, plan, run, run_json
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from processes import ended, wait_for
 
 from shockrig.rig.errors import BenchError
 from shockrig.rig.journal import JournalWriter, read_journal
@@ -143,10 +144,7 @@ def start(path: Path, **options) -> subprocess.Popen:
 
 
 def wait_for_recording(path: Path, process: subprocess.Popen) -> None:
-    deadline = time.monotonic() + 120
-    while not list(path.glob("recording/*/journal.log")) and time.monotonic() < deadline:
-        assert process.poll() is None, process.stderr.read()
-        time.sleep(0.005)
+    wait_for(lambda: list(path.glob("recording/*/journal.log")), process)
 
 
 def sound(path: Path, ids: list[str]) -> None:
@@ -199,13 +197,13 @@ def test_a_recording_killed_while_it_made_its_campaign_goes_on(tmp_path):
     assert sorted(p.name for p in path.iterdir() if p.name.endswith(".part")) == []
 
 
+@pytest.mark.elsewhere
 def test_an_interrupted_process_leaves_everything_in_order(tmp_path):
     path = tmp_path / "campaign"
     process = start(path)
     wait_for_recording(path, process)
     time.sleep(0.3)
-    process.send_signal(signal.SIGINT)
-    process.communicate(timeout=120)
+    ended(process, signal.SIGINT)
     state = read_state(path)
     assert process.returncode != 0 and not state.in_progress
     assert len(state.set_aside) <= 1
@@ -217,7 +215,7 @@ def test_a_disk_quota_ends_with_a_clear_message_and_a_readable_journal(tmp_path)
     path = tmp_path / "campaign"
     limit = lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))  # noqa: E731
     process = start(path, preexec_fn=limit)
-    _, errors = process.communicate(timeout=120)
+    _, errors = ended(process)
     assert process.returncode != 0
     assert "RecordingError" in errors and "the disk is full" in errors and "free some space" in errors
     (folder,) = path.glob("recording/*")

@@ -2,7 +2,6 @@
 
 import json
 import math
-import os
 import shutil
 import signal
 import subprocess
@@ -13,6 +12,7 @@ from pathlib import Path
 
 import jsonschema
 import pytest
+from processes import ended, in_background, wait_for
 
 from shockrig.protocols.cli import COMMANDS, main
 from shockrig.rig.errors import BenchError
@@ -234,18 +234,23 @@ def test_the_largest_seed_can_be_recorded_with_and_gone_on_with(tmp_path, tiny):
     assert open_seal(Path(f"{out}.sealed"))[1] == 2**64 - 1
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 128 + signal.SIGTERM)])
-def test_a_signal_leaves_a_campaign_that_goes_on(tmp_path, number, code):
+@pytest.mark.elsewhere
+@pytest.mark.parametrize(
+    ("number", "begin", "code"),
+    [
+        (signal.SIGINT, None, 130),
+        (signal.SIGINT, in_background, 130),
+        (signal.SIGTERM, in_background, 128 + signal.SIGTERM),
+    ],
+)
+def test_a_signal_leaves_a_campaign_that_goes_on(tmp_path, number, begin, code):
     out = tmp_path / "c"
     command = [sys.executable, "-m", "shockrig.protocols.cli", "run", "quick", "--out", str(out)]
     root = Path(__file__).parents[1]
-    process = subprocess.Popen(command, cwd=root, stderr=subprocess.PIPE, text=True, env={**os.environ})
-    deadline = time.monotonic() + 120
-    while not list(out.glob("recording/*/journal.log")) and time.monotonic() < deadline:
-        time.sleep(0.005)
+    process = subprocess.Popen(command, cwd=root, stderr=subprocess.PIPE, text=True, preexec_fn=begin)
+    wait_for(lambda: list(out.glob("recording/*/journal.log")), process)
     time.sleep(0.1)
-    process.send_signal(number)
-    _, errors = process.communicate(timeout=120)
+    _, errors = ended(process, number)
     assert process.returncode == code and "Traceback" not in errors
     assert not list(out.glob("recording/*"))
     finished = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=300)

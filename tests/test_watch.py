@@ -21,6 +21,7 @@ import pytest
 from fake_bench import fake_bench, plan
 from fake_bench import run as record
 from made_recordings import STATUS, made_campaign, reading
+from processes import ended, heard, wait_for
 
 from shockrig.protocols.cli import main
 from shockrig.protocols.watch.terminal import plot, render
@@ -90,15 +91,6 @@ def terminal():
     made.close()
 
 
-def wait_for(what, within_s=60.0):
-    deadline_s = time.monotonic() + within_s
-    while time.monotonic() < deadline_s:
-        if found := what():
-            return found
-        time.sleep(0.05)
-    raise AssertionError("waited in vain")
-
-
 def in_real_time(tmp_path, last_s=4):
     """Arguments of `run` for one run on the emulated bench that ends `last_s` after its transfer, and its folder, of
     hostile names."""
@@ -122,13 +114,14 @@ def live(tmp_path):
     arguments, out = in_real_time(tmp_path, 600)
     process = shockrig(*arguments)
     try:
-        wait_for(lambda: list(out.glob("recording/*/journal.log")))
+        wait_for(lambda: list(out.glob("recording/*/journal.log")), process)
         yield process, out
     finally:
         process.kill()
         process.communicate()
 
 
+@pytest.mark.elsewhere
 def test_a_recording_is_seen_and_its_watchers_can_be_killed(live, terminal):
     process, out = live
     shown = shockrig("watch", out, stdout=terminal.slave)
@@ -136,28 +129,27 @@ def test_a_recording_is_seen_and_its_watchers_can_be_killed(live, terminal):
     follower = Follower(out, time.monotonic)
     try:
         # On a busy machine a sensor may be late for some seconds, and all of them together: that passes.
-        view = wait_for(lambda: in_full_swing(follower.look()))
+        view = wait_for(lambda: in_full_swing(follower.look()), process)
         assert view.run == "0001"
         assert view.bench == "virtual bench (EMULATED: invented, not measured)"
         assert [step.state for step in view.steps] == ["done", "done", "done", "now"]
         assert 0.0 < view.step_left_s <= 600.0 and view.left_s == pytest.approx(view.step_left_s)
         by_name = {health.sensor: health for health in view.health}
         assert 0.0 < by_name["imet"].per_s < 12.0
-        assert 20.0 <= by_name["imet"].values["temperature_c"] <= 30.5
+        assert 19.5 <= by_name["imet"].values["temperature_c"] <= 30.5  # between the airs, and their noise
         before = [value for time_s, value in view.traces[0].points if time_s < view.transfer_s[0]]
         assert sum(before) / len(before) == pytest.approx(20.0, abs=0.05)
-        assert "http://127.0.0.1:" in web.stdout.readline()
+        heard(web, web.stdout, "http://127.0.0.1:")
         wait_for(lambda: "record 600 s" in terminal.text() and "degC" in terminal.text())
         for watcher in (shown, web):
             assert watcher.poll() is None
             watcher.kill()
-        heard = len(follower.look().traces[0].points)
-        wait_for(lambda: len(follower.look().traces[0].points) > heard + 20)  # it goes on as if nothing had been
-        process.send_signal(signal.SIGINT)
-        said, errors = process.communicate(timeout=120)
+        seen = len(follower.look().traces[0].points)
+        wait_for(lambda: len(follower.look().traces[0].points) > seen + 20)  # it goes on as if nothing had been
+        _, errors = ended(process, signal.SIGINT)
         assert process.returncode == 130, errors
         head = json.loads((out / "set_aside/0001-1/run.json").read_text())
-        assert head["reason"] == "stopped by the operator" and head["outcomes"]["imet"]["ok"] > heard
+        assert head["reason"] == "stopped by the operator" and head["outcomes"]["imet"]["ok"] > seen
         assert follower.look().state == "ended" and "stopped by Ctrl-C" in follower.look().summary()
     finally:
         follower.close()
@@ -171,11 +163,11 @@ def test_run_with_the_view_beside_it(tmp_path, terminal, killed):
     arguments, out = in_real_time(tmp_path)
     process = shockrig(*arguments, "--watch", stdout=terminal.slave)
     try:
-        wait_for(lambda: "good/s" in terminal.text())
+        wait_for(lambda: "good/s" in terminal.text(), process)
         if killed:
             (child,) = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
             os.kill(int(child), signal.SIGKILL)
-        _, errors = process.communicate(timeout=100)
+        _, errors = ended(process)
     finally:
         process.kill()
         process.communicate()

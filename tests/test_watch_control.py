@@ -4,6 +4,7 @@ does with it. Real HTTP requests on real sockets."""
 import http.client
 import json
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -15,7 +16,8 @@ import pytest
 from fake_bench import fake_bench, plan
 from fake_bench import run as record
 from made_recordings import STATUS, made_campaign, reading
-from test_watch import ROOT, live, wait_for  # noqa: F401  a fixture
+from processes import ended, heard, wait_for
+from test_watch import ROOT, live  # noqa: F401  a fixture
 from test_watch_page import CHROMIUM, FLAGS
 
 from shockrig.files.campaign import read_campaign
@@ -248,7 +250,7 @@ def test_from_the_address_in_the_terminal_to_the_recorder(live):  # noqa: F811
     command = [sys.executable, "-m", "shockrig.protocols.cli", "watch", str(out), "--web", "--control"]
     with subprocess.Popen(command, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as watching:
         try:
-            url = watching.stdout.readline().split()[0]
+            url = heard(watching, watching.stdout, "http").split()[0]
             port, token = re.fullmatch(r"http://127\.0\.0\.1:(\d+)/#([\w-]{16,})", url).groups()
             connection = http.client.HTTPConnection("127.0.0.1", int(port), timeout=300)
 
@@ -263,7 +265,7 @@ def test_from_the_address_in_the_terminal_to_the_recorder(live):  # noqa: F811
                 assert connection.getresponse().read() == b"asked for\n"
                 connection.close()
                 wait_for(lambda: not (out / FILE).exists())
-            said = recorder.communicate(timeout=120)[1]
+            said = ended(recorder)[1]
             assert recorder.returncode == 2 and "paused from the live page" in said
             late = wait_for(lambda: (seen := view())["state"] == "ended" and seen)
             assert late["alarms"] == ["ended: paused from the live page; the same command goes on from here"]
@@ -280,8 +282,7 @@ def test_from_the_address_in_the_terminal_to_the_recorder(live):  # noqa: F811
                 assert "<title>ALARM - " in seen and '<section id="control" aria-labelledby="h-control">' in seen
                 assert re.search(r"<li>[\d.]+ s: late but here</li>", seen) and token not in seen
         finally:
-            watching.terminate()
-            watching.communicate()
+            ended(watching, signal.SIGTERM)
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine: the page is not worked in a browser")

@@ -184,7 +184,9 @@ def drawn(of: Ridge, log_figures: Sequence[LogFigure]) -> list[Drawn]:
     """
     rng = np.random.default_rng(101)
     runs, size = of.z.shape[1:]
-    noise = rng.standard_normal((DRAWS, runs, size))
+    noise = np.empty((DRAWS, runs, size))
+    for run, basis in enumerate(of.basis):  # drawn for the readings: directions have the sign that the processor gives
+        noise[:, run] = rng.standard_normal((DRAWS, len(basis))) @ basis
     own = rng.standard_normal((DRAWS, runs, of.effects.shape[2]))
     before = np.where(of.known > 0, rng.standard_normal((DRAWS, of.known.size)), 0.0)
     others = rng.standard_normal((DRAWS, len(of.disturbances)))

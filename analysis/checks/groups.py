@@ -157,7 +157,7 @@ def _search(
             gain = float(gains[i])
             labels = labels.copy()
             labels[i] += turn[i]
-        if gain > most:
+        if gain > most * (1.0 + 1e-9):  # the same groups with their labels exchanged explain as much
             best, most = labels, gain
     return best, most
 

@@ -17,6 +17,7 @@ KINDS = ("imet-xf", "imet-xq2", "imet-xq", "hyt-271", "grbl")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
+    parser.set_defaults(ends_by_ctrl_c=True)
     parser.epilog = "Ends at the end of the flight, else by Ctrl-C. What each instrument does: docs/emulators.md."
     parser.add_argument(
         "kinds",

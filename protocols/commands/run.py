@@ -27,6 +27,7 @@ class _Sealed:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     from shockrig.protocols.probes import BY_WHICH
 
+    parser.set_defaults(ends_by_ctrl_c=True)
     parser.epilog = (
         "A campaign that was interrupted goes on when the same command is run again. Ctrl-C makes the bench safe and "
         "keeps what was recorded; a second Ctrl-C ends at once."

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.set_defaults(ends_by_ctrl_c=True)
     parser.epilog = (
         "Reads the campaign folder only, unless --control is given: start it and end it (Ctrl-C) when you like. The "
         "page has no password: give --host only in a network where everybody may see the measurement, and reach a "

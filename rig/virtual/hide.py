@@ -72,7 +72,7 @@ def _whole(name: str, low: int, high: int) -> Draw:
     return lambda rng, channel, weaker: {
         name: float(rng.integers(low, high + 1))
         if weaker == 1.0
-        else float(max(2, round(weaker * rng.integers(low, high + 1))))
+        else float(max(2, round(round(weaker * rng.integers(low, high + 1), 9))))  # a half is one in every last bit
     }
 
 
