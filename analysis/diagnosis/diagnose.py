@@ -45,6 +45,7 @@ def diagnose_channel(
     progress: Progress = lambda _: None,
     tolerance: Tolerance | None = None,
     earlier: Earlier | None = None,
+    describing: bool = True,
     ready: Prepared | None = None,
     findings: Iterable[InputFinding] = (),
 ) -> ChannelDiagnosis:
@@ -58,6 +59,8 @@ def diagnose_channel(
         From which size on something that is left spoils a verdict.
     earlier : {effect: {parameter: value}}, optional
         What an earlier diagnosis of its runs named: a place to begin from as well.
+    describing : bool
+        Whether forms of the grammar are candidates as well: that takes longer than the catalogue alone.
     ready : Prepared, optional
         The channel prepared, where that has been done.
     findings : iterable of InputFinding
@@ -68,11 +71,11 @@ def diagnose_channel(
     progress(f"{channel.name}: searching for what explains it")
     rough = first_look(ready.problem, ready.structure) if ready.rounds_coarsely else None
     ready = with_rounding(ready, rough)
-    found = search(ready.problem, ready.structure, earlier)
+    found = search(ready.problem, ready.structure, earlier, describing)
     averaged = likelier_average(ready, found, judge(ready.problem, found.best.fit, ready.noise).passed)
     if averaged is not None:
         ready = with_rounding(prepare(channel, averaged), rough)
-        found = search(ready.problem, ready.structure, earlier)
+        found = search(ready.problem, ready.structure, earlier, describing)
     problem = ready.problem
     progress(f"{channel.name}: measuring the gain on unseen runs")
     gain = measure_gain(channel, problem, ready.structure, found.plain, found.best, ready.noise)
@@ -98,6 +101,7 @@ def diagnose_channel(
         claims=any(not CATALOGUE[c.effect].shape for c in causes),
     )
     said = verdict(standing)
+    told = matters or said == "unexplained"
     return ChannelDiagnosis(
         name=channel.name,
         verdict=said,
@@ -117,7 +121,7 @@ def diagnose_channel(
         ),
         cannot_tell=cannot_tell(channel) + rates_apart(final) + ended(found) + tuple(f.sentence for f in parted),
         tried=_tried(found),
-        discrepancy=describe(problem, found.best.fit, ready.noise, adequacy) if matters or said == "unexplained" else None,
+        discrepancy=describe(problem, found.best.fit, ready.noise, adequacy) if told else None,
     )
 
 
@@ -142,9 +146,7 @@ def _causes(ready: Prepared, found: Search, final: Fit) -> tuple[Cause, ...]:
         )
         without = max((one.value for one in found.pool if effect not in one.ids), default=found.plain.value)
         ends = at_bound(CATALOGUE[effect], {name: value for name, (value, _) in own.items()})
-        causes.append(
-            Cause(effect, own, found.probability(effect), tuple(instead), found.best.value - without, ends)
-        )
+        causes.append(Cause(effect, own, found.probability(effect), tuple(instead), found.best.value - without, ends))
     return tuple(causes)
 
 
@@ -156,7 +158,9 @@ def _tried(found: Search) -> tuple[Tried, ...]:
         if len(more) == 1 and one.ids > found.best.ids and weight > 0.01:
             (effect,) = more
             if not is_described(effect):
-                said[effect] = Tried(effect, f"unseen runs bear it out with a probability of {found.probability(effect):.2f}")
+                said[effect] = Tried(
+                    effect, f"unseen runs bear it out with a probability of {found.probability(effect):.2f}"
+                )
     return tuple(said.values())
 
 

@@ -19,7 +19,6 @@ from shockrig.files.diagnosis import (
     diagnosis_document,
 )
 
-
 LEAST_WEIGHT = 0.005  # of a model that is told
 
 

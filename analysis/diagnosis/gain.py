@@ -107,18 +107,7 @@ def measure_gain(channel: Channel, problem: Problem, base: Structure, plain: Rat
         if not train.any() or not test.size:
             continue
         part = problem.select(train)
-        bump = bumps(part)
-
-        def fitted(whole: Rated, structure: Structure) -> tuple[float, Fit]:
-            near = whole.fit
-            theta = Model(part.channel, structure).start(near.log_rates, near.choice)
-            own = fit(part, structure, theta, near.deviations[train])
-            rated = score(part, own, bump)
-            lost = set(near.structure.ids) - set(structure.ids)
-            prior = whole.log_prior * (1.0 - len(lost) / max(len(added), 1)) if structure is not near.structure else whole.log_prior
-            return rated.total + prior, stated_beside(part, own, bump, rated.discrepancy)
-
-        _, simple = fitted(plain, plain.fit.structure)
+        _, simple = _fitted(part, plain, plain.fit.structure, train)
         # Nor is one that the training part has runs of and does not tell, while all runs together do.
         told, known = (np.sqrt(np.diag(f.covariance))[: channel.rates] for f in (simple, plain.fit))
         told = told < np.maximum(UNTOLD, USUAL_LOSS * known)
@@ -132,9 +121,21 @@ def measure_gain(channel: Channel, problem: Problem, base: Structure, plain: Rat
             continue
         whole = best.fit.structure
         smaller = [whole.dropping(e) for e in added] if len(added) > 1 else []
-        _, chosen = max((fitted(best, s) for s in (whole, *smaller)), key=lambda one: one[0])
+        tried = [_fitted(part, best, structure, train) for structure in (whole, *smaller)]
+        _, chosen = max(tried, key=lambda one: one[0])
         after[test] = run_errors(held, bins, chosen)
     return summarise(before, after, noise.while_moving, kinds(channel))
+
+
+def _fitted(part: Problem, whole: Rated, structure: Structure, train: NDArray[np.bool_]) -> tuple[float, Fit]:
+    """A structure fitted to the runs `train`, from where it was with all, and its value there [nats]."""
+    near, bump = whole.fit, bumps(part)
+    theta = Model(part.channel, structure).start(near.log_rates, near.choice)
+    own = fit(part, structure, theta, near.deviations[train])
+    rated = score(part, own, bump)
+    # What is held against each effect is about the same for all of them.
+    prior = whole.log_prior * len(structure.ids) / max(len(near.structure.ids), 1)
+    return rated.total + prior, stated_beside(part, own, bump, rated.discrepancy)
 
 
 def plainly(found: Fit) -> Fit:

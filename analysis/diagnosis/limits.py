@@ -18,8 +18,8 @@ def ended(found: Search) -> tuple[str, ...]:
     if found.fits < MOST_FITS:
         return ()
     return (
-        f"The search ended at its limit of work, after {found.fits} fits: what it had reached by then is judged, and more "
-        "may be there. Diagnose again with --from this diagnosis to go on from there.",
+        f"The search ended at its limit of work, after {found.fits} fits: what it had reached by then is judged, and "
+        "more may be there. Diagnose again with --from this diagnosis to go on from there.",
     )
 
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from shockrig.analysis.diagnosis.priors import log_prior
 from shockrig.analysis.diagnosis.refitting import refit
 from shockrig.analysis.diagnosis.search import Search
-from shockrig.analysis.diagnosis.thresholds import level
-from shockrig.analysis.diagnosis.priors import log_prior
 from shockrig.analysis.diagnosis.stating import seen_over
+from shockrig.analysis.diagnosis.thresholds import level
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.behaviours import MEAN
 from shockrig.analysis.effects.described import described, discovered_of

@@ -1,4 +1,4 @@
-"""What is held against an effect before any data [nats]: one false-alarm rate, and how often benches have such a thing."""
+"""What is held against an effect before any data [nats]: one false-alarm rate, and how often benches have it."""
 
 from __future__ import annotations
 

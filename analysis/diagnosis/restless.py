@@ -63,15 +63,17 @@ def restless(channel: Channel, adequacy: Adequacy) -> tuple[Discovered, ...]:
 def without_hum(channel: Channel) -> tuple[Channel, Discovered | None]:
     """A channel with a hum taken out of its readings, and the hum; the channel as it is where none is certain.
 
-    A hum is looked for from the lowest frequency that a plateau shows: as a line that stands out in every condition, and
-    out of the noise as it is estimated once the line is gone, which cannot then imitate it.
+    A hum is looked for from the lowest frequency that a plateau shows: as a line that stands out in every condition,
+    and out of the noise as it is estimated once the line is gone, which cannot then imitate it.
     """
     pieces = _pieces(channel)
     hum = _hum(channel, pieces)
     if hum is None or hum.period_s is None or hum.size is None:
         return channel, None
     frequency = 1.0 / hum.period_s.value
-    samples = [(time, value - _swing(time, value, channel.sampling_period_s, frequency)) for time, value in channel.samples]
+    samples = [
+        (time, value - _swing(time, value, channel.sampling_period_s, frequency)) for time, value in channel.samples
+    ]
     quiet = rebin(channel, samples, channel.bin_of, channel.die_samples, 1)
     noise = estimate_noise(quiet, rounding_step(quiet) or channel.quantity.resolution)
     power, expected = 0.0, 0.0

@@ -20,7 +20,7 @@ from shockrig.analysis.diagnosis.thresholds import level
 from shockrig.analysis.effects.behaviours import SCALES, STEP, Form, form_of
 from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.inference.arrow import Arrow
-from shockrig.analysis.inference.effect import by_name
+from shockrig.analysis.inference.effect import Effect, by_name
 from shockrig.analysis.inference.fit import Fit, fit, go_on
 from shockrig.analysis.inference.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.inference.predictive import Score, bumps, score, weights
@@ -29,10 +29,12 @@ from shockrig.analysis.inference.scan import rough_point, rough_rates
 
 Array = NDArray[np.float64]
 Starts = Sequence[Mapping[str, float]]
+Screened = tuple[Candidate, Starts, float]  # with what the best start promises [nats]
 Earlier = Mapping[str, Mapping[str, float]]  # effects that an earlier search of the same runs ended with: parameters
 
 # How many candidates are begun, go on, and are fitted to their ends at each step: what a campaign may cost.
-BEGUN, RUNNING, FINISHED = 24, 10, 4
+BEGUN, RUNNING, FINISHED = 16, 8, 3
+STARTS = 2  # of a candidate, the best to first order
 QUICK, FURTHER, WHOLE = 3, 5, 25  # steps of Gauss and Newton
 MOST_EFFECTS = 6
 FAR = 0.005  # discrepancy, as a share of the step, from which the runs' deviations mean little
@@ -114,9 +116,9 @@ class Search:
         return sorted(found, key=lambda item: item[1])
 
     def rivals(self) -> list[Rated]:
-        """Models that hold something the best one has not in the place of something that it has, and are tied with it."""
-        tied = {id(one) for one in self.tied()}
-        return [one for one in self.pool if id(one) in tied and one.laws - self.best.laws and self.best.laws - one.laws]
+        """Models tied with the best one that hold something else in the place of something that it has."""
+        own = self.best.laws
+        return [one for one in self.tied() if one.laws - own and own - one.laws]
 
     def tied(self) -> list[Rated]:
         """Models whose weight is not small beside the best one's, the best first."""
@@ -153,7 +155,7 @@ class Race:
             self.pool[one.ids] = one
         return self.pool[one.ids]
 
-    def screened(self, near: Rated, among: Sequence[Candidate]) -> list[tuple[Candidate, Starts, float]]:
+    def screened(self, near: Rated, among: Sequence[Candidate]) -> list[Screened]:
         """Candidates with their starts and what the best of these promises to first order [nats], best first."""
         found, channel = near.fit, self.problem.channel
         base = found.model.predict(found.point)[0]
@@ -203,7 +205,9 @@ class Race:
         pull = (weight * (mean - found.theta))[free]
         return arrow.scores(columns, self.problem.whiten(found.residual), deviations, pull)
 
-    def _entered(self, screened: Iterable[tuple[Candidate, Starts, float]], far: bool) -> list[tuple[Candidate, Starts]]:
+    def _entered(
+        self, screened: Iterable[tuple[Candidate, Starts, float]], far: bool
+    ) -> list[tuple[Candidate, Starts]]:
         """Those whose fits are begun: of each family the best, then by promise."""
         first, rest, seen = [], [], set()
         for one, starts, gain in screened:
@@ -216,7 +220,9 @@ class Race:
             if gain + one.log_prior + reach <= 0 and not told:
                 continue
             several = any(p.weakest is not None for p in effect.parameters)
-            (rest if one.family in seen and not told else first).append((one, starts if several else starts[:2]))
+            (rest if one.family in seen and not told else first).append(
+                (one, starts[: STARTS + 1 if several else STARTS])
+            )
             seen.add(one.family)
         return [*first[:BEGUN], *rest[: max(BEGUN - len(first), BEGUN // 4)]]
 
@@ -230,7 +236,8 @@ class Race:
             choice = found.choice | by_name(one.effect, start)
             rates = found.log_rates + rate_shift(one.effect, channel)
             begins.append((rates, choice, anew if far else found.deviations))
-        if far or one.effect.own_rates:
+        lags = one.form is not None and one.form.behaves_as == "lag_in_series"
+        if one.effect.own_rates or (far and lags):  # the body may be faster than it was taken to be alone
             choice = begins[0][1]
             begins.append((rough_rates(problem, structure, anew, choice), choice, anew))
         if one.effect.own_rates and not channel.conditions.start_known.all():
@@ -265,7 +272,9 @@ class Race:
         for left in range(3 if far else 2, 0, -1):
             runners.sort(key=lambda own: -own[0].value)
             follow = runners[: RUNNING + 2 * (left - 1)]
-            runners = [sorted([self._further(b, FURTHER) for b in own[:left]], key=lambda r: -r.value) for own in follow]
+            runners = [
+                sorted([self._further(b, FURTHER) for b in own[:left]], key=lambda r: -r.value) for own in follow
+            ]
         runners.sort(key=lambda own: -own[0].value)
         ends = [self.finished(own[0]) for own in runners[:FINISHED]]
         ends += [own[0] for own in runners[FINISHED:] if own[0].fit.converged]
@@ -315,7 +324,7 @@ class Race:
         return current
 
     def simplest(self, current: Rated) -> Rated:
-        """A model with its forms' dependences taken away, or others put there, where unseen runs are no worse for it."""
+        """A model with its forms' dependences taken away, or others added, where unseen runs are no worse for it."""
         for effect in current.fit.structure.effects:
             if effect.id in self.fixed or not is_described(effect.id):
                 continue
@@ -325,14 +334,7 @@ class Race:
                 if frozenset(structure.ids) in self.pool:
                     trial = self.pool[frozenset(structure.ids)]
                 else:
-                    kept = current.fit.choice
-                    begin = other.starts[0] | {
-                        p.name: kept[f"{effect.id}.{p.name}"] for p in effect.parameters if p.name in other.starts[0]
-                    }
-                    neutral = {p.name: p.none for p in other.effect.parameters if p.name not in {q.name for q in effect.parameters} and p.none is not None}
-                    theta = Model(self.problem.channel, structure).start(
-                        current.fit.log_rates, kept | by_name(other.effect, begin | neutral)
-                    )
+                    theta = _carried(current.fit, structure, effect, other)
                     trial = self.fitted(structure, theta, current.fit.deviations)
                     if not sound(trial.fit, trial.ids - self.fixed):
                         continue
@@ -356,7 +358,9 @@ def first_look(problem: Problem, base: Structure = PLAIN) -> Fit:
     return (plain if found is None else max(plain, found, key=_value)).fit
 
 
-def search(problem: Problem, base: Structure = PLAIN, earlier: Earlier | None = None) -> Search:
+def search(
+    problem: Problem, base: Structure = PLAIN, earlier: Earlier | None = None, describing: bool = True
+) -> Search:
     """Search for what explains a channel.
 
     Parameters
@@ -366,8 +370,10 @@ def search(problem: Problem, base: Structure = PLAIN, earlier: Earlier | None = 
         Effects that the readings themselves have shown; they are never taken away.
     earlier : {effect: {parameter: value}}, optional
         What an earlier search of the same runs, or of some of them, ended with: a place to begin from as well.
+    describing : bool
+        Whether forms of the grammar are candidates as well.
     """
-    among = candidates(problem.channel)
+    among = [one for one in candidates(problem.channel) if describing or one.form is None]
     race = Race(problem, base, among)
     plain = race.keep(race.rated(plain_fit(problem, base)))
     entries = [one for one in among if one.form is None]
@@ -392,12 +398,25 @@ def search(problem: Problem, base: Structure = PLAIN, earlier: Earlier | None = 
     return _weighed(race, plain)
 
 
+def _carried(found: Fit, structure: Structure, effect: Effect, other: Candidate) -> Array:
+    """theta of a structure with another form in the place of one: its values where both have any."""
+    own = {p.name: found.choice[f"{effect.id}.{p.name}"] for p in effect.parameters}
+    begin = {
+        p.name: own.get(p.name, other.starts[0][p.name] if p.none is None else p.none) for p in other.effect.parameters
+    }
+    return Model(found.model.channel, structure).start(found.log_rates, found.choice | by_name(other.effect, begin))
+
+
 def _kin(one: Form, other: Form) -> bool:
     """Whether two forms differ by one dependence at most that only scales a strength."""
     if (one.behaves_as, one.driver) != (other.behaves_as, other.driver) or one == other:
         return False
     apart = set(one.depends_on) ^ set(other.depends_on)
     return len(apart) == 1 and all(how in SCALES for _, how in apart)
+
+
+def _behind(one: Rated) -> float:
+    return -one.value
 
 
 def _value(one: Rated) -> float:
@@ -412,7 +431,9 @@ def _resumed(race: Race, plain: Rated, earlier: Earlier) -> Rated:
         if values is None or not one.fits(structure):
             continue
         structure = structure.adding(one.effect)
-        known = {p.name: float(np.clip(values[p.name], p.low, p.high)) for p in one.effect.parameters if p.name in values}
+        known = {
+            p.name: float(np.clip(values[p.name], p.low, p.high)) for p in one.effect.parameters if p.name in values
+        }
         choice |= by_name(one.effect, known)
     if structure.ids == plain.fit.structure.ids:
         return plain
@@ -431,5 +452,3 @@ def _weighed(race: Race, plain: Rated) -> Search:
     order = sorted(range(len(best)), key=lambda i: (-weight[i], -best[i].value))
     pool = tuple(best[i] for i in order)
     return Search(plain, pool[0], pool, weight[order], race.fits)
-
-

@@ -18,7 +18,7 @@ class Threshold:
 
 THRESHOLDS = {
     "effect": Threshold(4.5, "nats against any further effect: what the best of the catalogue gains by chance"),
-    "form": Threshold(1.5, "nats against a form of the grammar beside an entry of the catalogue: there are more of them"),
+    "form": Threshold(1.5, "nats against a form of the grammar beside an entry of the catalogue"),
     "factor": Threshold(2.5, "nats against each condition that a form's strength depends on"),
     "tie": Threshold(0.05, "share of the likeliest model's weight from which on another is tied with it"),
     "named": Threshold(0.5, "probability from which on an effect is in the model that is stated"),

@@ -1,4 +1,4 @@
-"""The verdict on a channel: one pure function of what the search weighed, what is left, and what single readings show."""
+"""The verdict on a channel: one pure function of what was weighed, what is left, and what single readings show."""
 
 from __future__ import annotations
 

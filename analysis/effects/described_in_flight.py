@@ -55,9 +55,7 @@ def flown(form: Form) -> InFlight | None:
     if form.depends_on == (("ambient", "zero_at"),) and form.behaves_as == "gain":
         return InFlight(undo=lambda p, y, stream, length: (y + p["size"] * p["ambient"]) / (1 + p["size"]))
     if form.depends_on == (("ambient", "linear"),) and form.behaves_as == "gain":
-        return InFlight(
-            undo=lambda p, y, stream, length: y / (1.0 + p["size"] * (stream.temperature_c - USUAL_C))
-        )
+        return InFlight(undo=lambda p, y, stream, length: y / (1.0 + p["size"] * (stream.temperature_c - USUAL_C)))
     if (
         {"run_order", "time_of_campaign"} & set(form.factors)
         or form.behaves_as == "periodic"

@@ -1,7 +1,7 @@
 """How well a fitted model predicts runs that it was not fitted to: their log predictive density, without a refit.
 
-For runs i with whitened sensitivities J_i to theta and U_i to the run's random effects (variances L_i), r_i the residual
-at zero random effects:
+For runs i with whitened sensitivities J_i to theta and U_i to the run's random effects (variances L_i), r_i the
+residual at zero random effects:
 
     C_i = I + U_i L_i U_i',  N = sum_i J_i' C_i^-1 J_i + prior,  g = sum_i J_i' C_i^-1 r_i + prior (mean - theta)
     d_i = (N - N_i)^-1 (g - g_i),  S_i = C_i + J_i (N - N_i)^-1 J_i'
@@ -61,7 +61,8 @@ def bumps(problem: Problem) -> Array:
         first, last = (np.array([f(t[f_]) for t, f_ in zip(late, filled, strict=True)]) for f in (np.min, np.max))
         place = (late - first[:, None]) / np.maximum(last - first, 1e-9)[:, None] * (BUMPS - 1)
         hats = np.maximum(1.0 - np.abs(place[..., None] - np.arange(BUMPS)), 0.0) * filled[..., None]
-        spread = [s if air is None else channel.trace_of(air).std() for s, air in zip(np.abs(step), channel.air, strict=True)]
+        spread = np.array([0.0 if air is None else float(channel.trace_of(air).std()) for air in channel.air])
+        spread = np.where(channel.measured, spread, np.abs(step))
         return problem.whiten(hats * np.maximum(spread, channel.quantity.least_step)[:, None, None])
     after = (late > 0) & filled
     if not after.any():
@@ -94,15 +95,14 @@ class Gram:
     pull: Array
 
 
-def gram(problem: Problem, found: Fit, bump: Array, extra: Array | None = None) -> Gram:
-    """Inner products of a fit, parameters at a bound left out; `extra` (R, n, X) are further columns of each run."""
+def gram(problem: Problem, found: Fit, bump: Array) -> Gram:
+    """Inner products of a fit, parameters at a bound left out."""
     low, high = found.model.bounds()
     free = (found.theta > low) & (found.theta < high)
     jacobian = found.arrow.jacobian[..., free]
     own = found.arrow.run_jacobian
     residual = problem.whiten(found.residual) + (own @ found.deviations[..., None])[..., 0]
-    columns = [own, bump] if extra is None else [own, bump, extra]
-    both = np.concatenate([jacobian, *columns, residual[..., None]], axis=-1)
+    both = np.concatenate([jacobian, own, bump, residual[..., None]], axis=-1)
     products = both.transpose(0, 2, 1) @ both
     p, last = jacobian.shape[-1], both.shape[-1] - 1
     mean, weight = found.model.priors()
@@ -124,20 +124,12 @@ def gram(problem: Problem, found: Fit, bump: Array, extra: Array | None = None) 
     )
 
 
-def _variances(g: Gram, discrepancy: float, extra: Array | None = None) -> Array:
-    runs, width = g.vv.shape[0], g.vv.shape[-1]
-    known = g.own.shape[-1]
-    variance = np.empty((runs, width))
-    variance[:, :known] = g.own
-    variance[:, known : known + BUMPS] = discrepancy**2
-    if extra is not None:
-        variance[:, known + BUMPS :] = extra
-    return variance
-
-
-def densities(g: Gram, discrepancy: float, blocks: NDArray[np.int64] | None = None, extra: Array | None = None) -> Array:
+def densities(
+    g: Gram, discrepancy: float, blocks: NDArray[np.int64] | None = None, extra: Array | None = None
+) -> Array:
     """Log predictive density of each block of runs (B,) given all the others [nats]; single runs by default."""
-    root = np.sqrt(_variances(g, discrepancy, extra))
+    bumps_of = np.full((g.own.shape[0], g.vv.shape[-1] - g.own.shape[-1]), discrepancy**2)
+    root = np.sqrt(np.concatenate([g.own, bumps_of], axis=-1))
     # With V scaled to unit variance, C^-1 = I - V (I + V'V)^-1 V'.
     scaled = g.vv * root[:, :, None] * root[:, None, :]
     index = np.arange(scaled.shape[-1])

@@ -8,15 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from shockrig.analysis.diagnosis.adequacy import judge
-from shockrig.analysis.diagnosis.describing import alternatives
 from shockrig.analysis.diagnosis.diagnose import diagnose_channel, enough
 from shockrig.analysis.diagnosis.diagnosed import ChannelDiagnosis
 from shockrig.analysis.diagnosis.prepare import prepare
-from shockrig.analysis.diagnosis.refitting import finish
-from shockrig.analysis.diagnosis.search import candidates_of, evidence, penalised, refused, says_nothing
-from shockrig.analysis.diagnosis.thresholds import FALSE_ALARMS, penalty
-from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.inference.effect import by_name
 from shockrig.analysis.inference.fit import Fit, fit
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.model import Model, Structure
@@ -28,6 +22,8 @@ from shockrig.analysis.planning.evidence import REJECTED, Dispute, Explanation, 
 from shockrig.analysis.planning.verdict import Verdict
 from shockrig.files.campaign import Campaign
 
+FALSE_ALARMS = 0.01  # of campaigns in which a look may choose wrongly
+MOST_TIED = 6  # beside the best one
 FEWEST_RUNS = 4  # that are diagnosed
 MORE_RUNS = 1.2  # times as many as at the last diagnosis, from which on one that left something is made again
 
@@ -53,7 +49,7 @@ def spending(look: int) -> float:
 
 
 def tie_level(look: int) -> float:
-    """Drop in deviance, by Student's measure, above which explanations are not tied at a look.
+    """Difference in deviance (twice that in nats) above which explanations are not tied at a look.
 
     The odds of a wrong choice, summed over all looks, stay below the rate of false alarms.
     """
@@ -90,7 +86,7 @@ def look_at(campaign: Campaign, name: ChannelName, before: Verdict, final: bool 
     if anew and wanted and later and not final:
         now = replace(now, due=True)
     elif anew and wanted:
-        found = diagnose_channel(channel, earlier=now.causes, describing=final, twice=final, ready=ready)
+        found = diagnose_channel(channel, earlier=now.causes, describing=final, ready=ready)
         now = _taken(found, now, final)
         ready = replace(ready, problem=found.problem, noise=found.noise)
     rivals = tuple(_fitted(ready.problem, e, base) for e in now.standing) if len(now.standing) > 1 else ()
@@ -138,7 +134,7 @@ def _taken(found: ChannelDiagnosis, before: Verdict, final: bool) -> Verdict:
     over = () if before.dispute is None else ((before.dispute, before.against),)
     settled = (*before.settled, *over)
     kept: dict[tuple[str, ...], Explanation] = {}
-    for one in _possible(found, look, final):
+    for one in _possible(found, look):
         ids = tuple(sorted(one))
         if ids not in out:
             kept.setdefault(ids, one)
@@ -170,58 +166,9 @@ def _enough(found: ChannelDiagnosis, explanations: Sequence[Explanation]) -> Exp
     return None
 
 
-def _possible(found: ChannelDiagnosis, look: int, final: bool) -> list[Explanation]:
-    """The explanation that a diagnosis ends with, and those that it is tied with at this look."""
-    own, level = _explained_by(found.final), tie_level(look)
-    explanations = [own]
-    if found.described is not None:
-        explanations += [_explained_by(other) for _, other in alternatives(found.described)]
-    for effect, standing in found.search.standing.items():
-        if effect not in found.final.structure.ids:
-            continue
-        for rival, other in standing.instead.items():
-            if evidence(found.problem, standing.rivals[rival]) < level:
-                explanations.append(_explained_by(other))
-        for rare, rise in _passed_over(found, effect):
-            if evidence(found.problem, rise) < level:
-                explanations.append(_explained_by(rare))
-        # What is barely needed, at one look of many, is tied with nothing.
-        if standing.worth < penalty(CATALOGUE[effect], found.problem.channel) + level - tie_level(1):
-            explanations.append({e: v for e, v in own.items() if e != effect})
-    # Where a search from another start ended elsewhere.
-    elsewhere, searched = found.search.otherwise, found.search.final
-    if elsewhere is not None:
-        behind = penalised(found.problem, elsewhere) - penalised(found.problem, searched)
-        if evidence(found.problem, behind) < level:
-            explanations.append(_explained_by(elsewhere))
-    if final and found.verdict == "adequate" and not judge(found.problem, searched, found.noise).passed:
-        # The loop would end, and something is left for sure, if too small to matter: tied is what would all but pay for
-        # itself and leaves nothing. Before directions and airflows were varied that could be anything.
-        for effect, more in found.search.almost.items():
-            gained = evidence(found.problem, searched.deviance - more.deviance)
-            pays = gained > max(penalty(CATALOGUE[effect], found.problem.channel) - level, 0.0)
-            if pays and judge(found.problem, more, found.noise).passed:
-                explanations.append(_explained_by(more))
-    # What the search found and unseen runs of this look do not bear out, where the model without it is not enough.
-    wider = _explained_by(found.search.final)
-    if set(wider) - set(own) and not (found.verdict == "adequate" and found.adequacy.passed):
-        explanations.append(wider)
-    return explanations
-
-
-def _passed_over(found: ChannelDiagnosis, effect: str) -> list[tuple[Fit, float]]:
-    """The model with what hardly ever happens in the place of an effect, and by how much the deviance rises then.
-
-    A search follows what is likelier. Runs that can be chosen may as well rule it out.
-    """
-    problem, final = found.problem, found.final
-    out = []
-    for rare in candidates_of(problem.channel):
-        if rare.rare and rare.id not in final.structure.ids:
-            structure = final.structure.dropping(effect).adding(rare)
-            starts = [by_name(rare, s) for s in rare.starts(problem.channel)]
-            thetas = (Model(problem.channel, structure).start(final.log_rates, final.choice | own) for own in starts)
-            best = finish(problem, min((fit(problem, structure, t) for t in thetas), key=lambda one: one.deviance))
-            if not says_nothing(rare, best.values()[rare.id]) and not refused(best, rare):
-                out.append((best, best.deviance - final.deviance + rare.rarity(problem.channel)))
-    return out
+def _possible(found: ChannelDiagnosis, look: int) -> list[Explanation]:
+    """The explanation that a diagnosis ends with, and those that it is tied with at this look: models that lack a part
+    of it, whether or not something else stands there, and predict unseen runs nearly as well."""
+    search, least = found.search, found.search.best.value - 0.5 * tie_level(look)
+    close = [one for one in search.pool if one.value > least and not one.laws >= search.best.laws]
+    return [_explained_by(one) for one in (search.best.fit, *(one.fit for one in close[:MOST_TIED]))]
