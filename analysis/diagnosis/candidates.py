@@ -16,8 +16,8 @@ from shockrig.analysis.diagnosis.priors import log_prior
 from shockrig.analysis.diagnosis.thresholds import level
 from shockrig.analysis.discovery.grammar import forms, starts_of
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.effects.behaviours import Form
-from shockrig.analysis.effects.described import described, form_of, is_described
+from shockrig.analysis.effects.behaviours import Form, form_of
+from shockrig.analysis.effects.described import described, is_described
 from shockrig.analysis.effects.laws import laws_of
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.effect import Effect

@@ -5,8 +5,8 @@ from __future__ import annotations
 from math import log
 
 from shockrig.analysis.diagnosis.thresholds import level
-from shockrig.analysis.effects.behaviours import SCALES, is_step
-from shockrig.analysis.effects.described import form_of, is_described
+from shockrig.analysis.effects.behaviours import SCALES, form_of, is_step
+from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.effect import Effect
 

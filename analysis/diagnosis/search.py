@@ -209,7 +209,9 @@ class Race:
         self, screened: Iterable[tuple[Candidate, Starts, float]], far: bool
     ) -> list[tuple[Candidate, Starts]]:
         """Those whose fits are begun: of each family the best, then by promise."""
-        first, rest, seen = [], [], set()
+        first: list[tuple[Candidate, Starts]] = []
+        rest: list[tuple[Candidate, Starts]] = []
+        seen: set[tuple[str, ...]] = set()
         for one, starts, gain in screened:
             effect = one.effect
             # A start that the data give may be the whole answer, whatever its first order says; another body, or where

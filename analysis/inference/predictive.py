@@ -67,10 +67,9 @@ def bumps(problem: Problem) -> Array:
     after = (late > 0) & filled
     if not after.any():
         return np.zeros((*late.shape, BUMPS))
-    first = max(float(np.quantile(late[after], 0.01)), 0.5 * channel.sampling_period_s)
-    last = float(late[after].max())
-    knots = np.linspace(np.log(first), np.log(last), BUMPS)
-    place = np.log(np.maximum(late, first))
+    soonest = max(float(np.quantile(late[after], 0.01)), 0.5 * channel.sampling_period_s)
+    knots = np.linspace(np.log(soonest), np.log(float(late[after].max())), BUMPS)
+    place = np.log(np.maximum(late, soonest))
     hats = np.stack([np.where(after, np.interp(place, knots, row), 0.0) for row in np.eye(BUMPS)], axis=-1)
     size = np.maximum(np.abs(step), channel.quantity.least_step)
     return problem.whiten(hats * size[:, None, None])

@@ -8,7 +8,8 @@ from typing import Any
 
 from shockrig.analysis.diagnosis.diagnosed import NO_STEP, Cause, ChannelDiagnosis, Diagnosis
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.effects.described import form_of, is_described
+from shockrig.analysis.effects.behaviours import form_of
+from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.inference.effect import Parameter
 from shockrig.analysis.inference.quantity import QUANTITIES
 from shockrig.analysis.inference.seen import seen
