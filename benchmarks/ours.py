@@ -57,12 +57,17 @@ def _limit(seconds: int) -> Iterator[None]:
         signal.signal(signal.SIGPROF, before)
 
 
-def judge(campaign: str | Path, seed: int = 0, limit_s: int = LIMIT_S, characterized: bool = True) -> Outcome:
-    """Characterize and diagnose a campaign, as the two commands do but for their reports."""
+def judge(
+    campaign: str | Path, seed: int = 0, limit_s: int = LIMIT_S, characterized: bool = True, exact: bool = False
+) -> Outcome:
+    """Characterize and diagnose a campaign, as the two commands do but for their reports.
+
+    With `exact` the tolerances are 0: every significant remainder is material.
+    """
     outcome = Outcome()
     if characterized:
         _try(outcome, "characterize", limit_s, lambda: _characterize(outcome, Path(campaign), seed))
-    _try(outcome, "diagnose", limit_s, lambda: _diagnose(outcome, Path(campaign), seed))
+    _try(outcome, "diagnose", limit_s, lambda: _diagnose(outcome, Path(campaign), seed, exact))
     return outcome
 
 
@@ -90,14 +95,15 @@ def _characterize(outcome: Outcome, campaign: Path, seed: int) -> None:
     outcome.plain = _as_file(to_profile(characterize(read_campaign(campaign), seed)))
 
 
-def _diagnose(outcome: Outcome, campaign: Path, seed: int) -> None:
+def _diagnose(outcome: Outcome, campaign: Path, seed: int, exact: bool) -> None:
     from shockrig.analysis.diagnosis.diagnose import diagnose
     from shockrig.analysis.diagnosis.export import to_json
     from shockrig.analysis.diagnosis.extended import extended_profile, extended_result
+    from shockrig.analysis.diagnosis.remainder import Tolerance
     from shockrig.files.campaign import read_campaign
 
     recorded = read_campaign(campaign)
-    outcome.found = diagnose(recorded)
+    outcome.found = diagnose(recorded, tolerance=Tolerance(0.0, 0.0) if exact else None)
     outcome.diagnosis = to_json(outcome.found)
     results = {found.name: extended_result(found) for found in outcome.found.channels}
     if any(results.values()):
