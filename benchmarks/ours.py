@@ -13,7 +13,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
 
 LIMIT_S = 300
 
@@ -125,8 +131,12 @@ def fresh_errors(outcome: Outcome, campaign: str | Path, channel: str) -> tuple[
 
     None where the diagnosis has nothing to predict with.
     """
-    import numpy as np
+    found = fresh_run_errors(outcome, campaign, channel)
+    return None if found is None else (float(found[0].mean() ** 0.5), float(found[1].mean() ** 0.5))
 
+
+def fresh_run_errors(outcome: Outcome, campaign: str | Path, channel: str) -> tuple[Array, Array] | None:
+    """The same as mean squares of each run (R,)."""
     from shockrig.analysis.diagnosis.gain import plainly, run_errors
     from shockrig.analysis.diagnosis.prepare import prepare
     from shockrig.analysis.inference.gather import build_channel
@@ -140,8 +150,7 @@ def fresh_errors(outcome: Outcome, campaign: str | Path, channel: str) -> tuple[
         return None
     problem = prepare(fresh, found.noise.averaged).problem
     before = run_errors(fresh, problem, plainly(found.plain))
-    after = run_errors(fresh, problem, found.final) if found.final.structure.effects else before
-    return float(np.sqrt(before.mean())), float(np.sqrt(after.mean()))
+    return before, run_errors(fresh, problem, found.final) if found.final.structure.effects else before
 
 
 def t63(profile: dict[str, Any] | None, channel: str) -> tuple[float, float | None] | None:
