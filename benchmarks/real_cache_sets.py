@@ -12,7 +12,8 @@ DIR/OWNER/NAME/PATH of its repository on github.
 - ellenrpark/optode_response @eb49a4f, data/test_dunk.csv: oxygen optodes moved between two waters, each second
 - Gustavo053/tclab-esp32 @d3f55ad, Step_Response.csv, Step_Response_Regression.csv: a heater beside a transistor that
   measures temperature, switched on from rest, each second
-- AlekseyLobanov/cooling-down @9f85cd5, temperature.txt: hot water in five vessels, 16 readings each in 75 minutes
+- mpc-physical-science/projects @5165d22, labs-testing/cooling/cooling_trials_1.csv: warm water that cools in a film
+  canister, three fillings of 16 to 26 g, and the air of the room beside it, each second
 
 What is no temperature goes as a humidity, scaled into its range: oxygen in % of saturation, CO2 in units of 20 ppm.
 Nothing here is tuned to; the eight probes may be used for development.
@@ -41,7 +42,6 @@ CO2_OUT = ("2021-09-24 09:13", "2021-09-29 11:14", "2021-09-30 11:25")
 CO2_LASTS_S = 2400.0
 OPTODES = {"AA4330": ("AA3412", "AA3413", "AA3827"), "RBR": ("rbr210619", "rbr210624")}
 INTO_S, LASTS_S = 690.0, 400.0  # of the second move of the optodes
-MUGS = ("3", "4", "5")  # without a cap: iron, ceramic, plastic
 
 Log = pd.DataFrame
 
@@ -167,14 +167,17 @@ def heater(cache: Path, out: Path) -> None:
     _written(out, T, logs)
 
 
-def mugs(cache: Path, out: Path) -> None:
-    """Three vessels that lose heat nearly alike."""
-    lines = (cache / "AlekseyLobanov/cooling-down/temperature.txt").read_text(encoding="utf-8").splitlines()
-    rows = [line.replace(":", " ").split() for line in lines if line.strip()]
-    frame = pd.DataFrame([(3600 * int(h) + 60 * int(m) + int(s), n, float(v)) for h, m, s, n, v in rows])
-    frame.columns = pd.Index(["time_s", "mug", COLUMN[T]])
-    logs = [frame[frame["mug"] == mug][["time_s", COLUMN[T]]] for mug in MUGS]
-    _written(out, T, logs)
+def canister(cache: Path, out: Path) -> None:
+    """Three fillings that cool from the first reading on."""
+    path = cache / "mpc-physical-science/projects/labs-testing/cooling/cooling_trials_1.csv"
+    table = np.genfromtxt(path, delimiter=",", skip_header=2, encoding="utf-8")
+    logs, airs = [], []
+    for first in (0, 5, 10):  # a run's columns: time, water, air, and two that follow from these
+        for column, kept in ((1, logs), (2, airs)):
+            rows = table[np.isfinite(table[:, first]) & np.isfinite(table[:, first + column])]
+            kept.append(pd.DataFrame({"time_s": rows[:, first], COLUMN[T]: rows[:, first + column]}))
+    joined, cuts = _joined(logs)
+    write_campaign(out, T, joined, cuts, _joined(airs)[0])
 
 
 def cached_sets() -> list[RealSet]:
@@ -189,5 +192,5 @@ def cached_sets() -> list[RealSet]:
         RealSet("oxygen optodes AA4330", RH, _optodes("AA4330"), None, dry),
         RealSet("oxygen optodes RBR", RH, _optodes("RBR"), None, dry),
         RealSet("heater switched on", T, heater, None, NO_WATER),
-        RealSet("hot water in mugs", T, mugs, None, NOT_WARMED),
+        RealSet("water that cools in a canister, air beside it", T, canister, None, NOT_WARMED),
     ]
