@@ -228,14 +228,14 @@ def run(work: Path, chosen: list[Case], rules: list[Rule], until: float) -> None
                     diagnosed(case, home, None)
                 result = diagnosed(case, home, None)  # watching takes time
                 keep(NOTHING, case.name, {**result, "mentioned": watch.mentioned(), "fired": sorted(fired)})
-        # The cheap campaigns first, so that every rule is tried on most of them.
-        for case in sorted(chosen, key=lambda one: known[NOTHING, one.name]["seconds"]):
-            for rule in rules:
-                if (rule.name, case.name) in known or not comes_to(known[NOTHING, case.name], rule) or not there(rule):
-                    continue
-                if time.monotonic() > until:
-                    return
-                keep(rule.name, case.name, diagnosed(case, home, rule))
+        # Rules that are known to have done something first, and the cheap campaigns.
+        pairs = [(rule, case) for rule in rules for case in chosen if comes_to(known[NOTHING, case.name], rule)]
+        for rule, case in sorted(pairs, key=lambda p: (not p[0].acts, known[NOTHING, p[1].name]["seconds"])):
+            if (rule.name, case.name) in known or not there(rule):
+                continue
+            if time.monotonic() > until:
+                return
+            keep(rule.name, case.name, diagnosed(case, home, rule))
 
 
 def read(file: Path, commit: str) -> dict[tuple[str, str], dict[str, Any]]:

@@ -41,8 +41,8 @@ def commit() -> str:
 
 
 def better(than: Array, one: Array) -> float:
-    """Student's t of how much less a candidate leaves of each run (R,): of the squares, or as a share of what both leave
-    where that is surer: what is gained in a few runs shows in the one, a little in every run in the other."""
+    """Student's t of how much less a candidate leaves of each run (R,): of the squares, or of their shares in what both
+    leave where that is surer. What is gained in a few runs shows in the one, a little in every run in the other."""
 
     def t(gained: Array) -> float:
         spread = float(gained.std(ddof=1)) / np.sqrt(gained.size)
