@@ -13,7 +13,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
 
 LIMIT_S = 300
 
@@ -57,12 +63,17 @@ def _limit(seconds: int) -> Iterator[None]:
         signal.signal(signal.SIGPROF, before)
 
 
-def judge(campaign: str | Path, seed: int = 0, limit_s: int = LIMIT_S, characterized: bool = True) -> Outcome:
-    """Characterize and diagnose a campaign, as the two commands do but for their reports."""
+def judge(
+    campaign: str | Path, seed: int = 0, limit_s: int = LIMIT_S, characterized: bool = True, exact: bool = False
+) -> Outcome:
+    """Characterize and diagnose a campaign, as the two commands do but for their reports.
+
+    With `exact` the tolerances are 0: every significant remainder is material.
+    """
     outcome = Outcome()
     if characterized:
         _try(outcome, "characterize", limit_s, lambda: _characterize(outcome, Path(campaign), seed))
-    _try(outcome, "diagnose", limit_s, lambda: _diagnose(outcome, Path(campaign), seed))
+    _try(outcome, "diagnose", limit_s, lambda: _diagnose(outcome, Path(campaign), seed, exact))
     return outcome
 
 
@@ -90,14 +101,15 @@ def _characterize(outcome: Outcome, campaign: Path, seed: int) -> None:
     outcome.plain = _as_file(to_profile(characterize(read_campaign(campaign), seed)))
 
 
-def _diagnose(outcome: Outcome, campaign: Path, seed: int) -> None:
+def _diagnose(outcome: Outcome, campaign: Path, seed: int, exact: bool) -> None:
     from shockrig.analysis.diagnosis.diagnose import diagnose
     from shockrig.analysis.diagnosis.export import to_json
     from shockrig.analysis.diagnosis.extended import extended_profile, extended_result
+    from shockrig.analysis.diagnosis.remainder import Tolerance
     from shockrig.files.campaign import read_campaign
 
     recorded = read_campaign(campaign)
-    outcome.found = diagnose(recorded)
+    outcome.found = diagnose(recorded, tolerance=Tolerance(0.0, 0.0) if exact else None)
     outcome.diagnosis = to_json(outcome.found)
     results = {found.name: extended_result(found) for found in outcome.found.channels}
     if any(results.values()):
@@ -119,8 +131,12 @@ def fresh_errors(outcome: Outcome, campaign: str | Path, channel: str) -> tuple[
 
     None where the diagnosis has nothing to predict with.
     """
-    import numpy as np
+    found = fresh_run_errors(outcome, campaign, channel)
+    return None if found is None else (float(found[0].mean() ** 0.5), float(found[1].mean() ** 0.5))
 
+
+def fresh_run_errors(outcome: Outcome, campaign: str | Path, channel: str) -> tuple[Array, Array] | None:
+    """The same as mean squares of each run (R,)."""
     from shockrig.analysis.diagnosis.gain import plainly, run_errors
     from shockrig.analysis.diagnosis.prepare import prepare
     from shockrig.analysis.inference.gather import build_channel
@@ -134,8 +150,7 @@ def fresh_errors(outcome: Outcome, campaign: str | Path, channel: str) -> tuple[
         return None
     problem = prepare(fresh, found.noise.averaged).problem
     before = run_errors(fresh, problem, plainly(found.plain))
-    after = run_errors(fresh, problem, found.final) if found.final.structure.effects else before
-    return float(np.sqrt(before.mean())), float(np.sqrt(after.mean()))
+    return before, run_errors(fresh, problem, found.final) if found.final.structure.effects else before
 
 
 def t63(profile: dict[str, Any] | None, channel: str) -> tuple[float, float | None] | None:

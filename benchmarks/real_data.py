@@ -1,12 +1,14 @@
 """Steps that other people measured: runs predicted that took no part, beside what one would fit without this project.
 
     python benchmarks/real_data.py --logs /path/to/real [--keep DIR] [--only TEXT]
+    python benchmarks/real_data.py --cache DIR [--keep DIR] [--only TEXT]
 
 Per set: the error on held-out runs of the plain and of the extended model and of each rival (`rivals.py`; the same
 runs, the same folds), the ratio to the best rival and to the one that its training runs would have chosen, the verdict,
 what is named, t63. A set of one run has no held-out error: there the rivals' error is that on the run itself.
 
 `--logs` is a folder with the two sets as they were published; `data/real`, taken otherwise, holds thinned parts.
+`--cache` judges other sets in their place, from logs that this project does not hold (`real_cache_sets.py` says which).
 """
 
 from __future__ import annotations
@@ -89,6 +91,7 @@ def judge_set(real, logs: Path, keep: Path | None, limit_s: int) -> dict:
             "told": outcome.tells(real.channel),
             "t63": t63(outcome.extended, real.channel) or t63(outcome.plain, real.channel),
             "failed": outcome.refused | outcome.crashed,
+            "seconds": outcome.seconds.get("diagnose", 0.0),
             "rival_t63": {name: fit_rival(m, runs, real.channel).t63_s for name, m in models(real.channel).items()},
         }
 
@@ -118,7 +121,8 @@ def report(real, r: dict) -> list[str]:
         names += [f"discovered {d['behaves_as']}" for d in told.get("discovered") or []]
         wrong = [c["effect"] for c in told["causes"] if c["effect"] in real.forbidden]
         marked = f"; FORBIDDEN {wrong}" if wrong else ""
-        lines.append(f"  {told['verdict']}: {', '.join(names) or 'nothing named'}{marked}")
+        spent = f"; {r['seconds']:.0f} s of the processor"
+        lines.append(f"  {told['verdict']}: {', '.join(names) or 'nothing named'}{marked}{spent}")
     value, spread = r["t63"] or (None, None)
     shown = "-" if value is None else f"{value:.4g}" + ("" if spread is None else f" +- {spread:.2g}")
     known = "" if real.published_t63_s is None else f"; published or true {real.published_t63_s:.4g}"
@@ -128,10 +132,12 @@ def report(real, r: dict) -> list[str]:
 
 
 def main(argv: list[str] | None = None) -> int:
+    from real_cache_sets import cached_sets
     from real_sets import real_sets
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--logs", type=Path, default=DEFAULT_LOGS, help="folder that holds haar/ and rbr/ as published")
+    parser.add_argument("--cache", type=Path, help="folder of logs as published, OWNER/NAME/PATH: judge these sets")
     parser.add_argument("--keep", type=Path, help="folder to keep the campaigns in")
     parser.add_argument("--only", default="", help="sets whose name contains this text")
     parser.add_argument("--limit", type=int, default=300, help="seconds of the processor for one command (300)")
@@ -139,8 +145,9 @@ def main(argv: list[str] | None = None) -> int:
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     worse = behind = 0
-    for real in (s for s in real_sets() if args.only in s.name):
-        found = judge_set(real, args.logs, args.keep, args.limit)
+    sets, logs = (cached_sets(), args.cache) if args.cache else (real_sets(), args.logs)
+    for real in (s for s in sets if args.only in s.name):
+        found = judge_set(real, logs, args.keep, args.limit)
         print("\n".join(report(real, found)), flush=True)
         if not isinstance(found["ours"], str):
             worse += found["ours"][1] > RATIO * min(e for name, e in found["rivals"].items() if name != CHOSEN)

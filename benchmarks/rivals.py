@@ -6,13 +6,14 @@ held, on held-out runs: the plateaus by linear least squares, the start by searc
 uncertainties of what the campaign states (10 ms; 0.02 K or 0.1 %RH), freely where it states nothing. Where the air was
 measured the trace drives the models; what its lowest and its highest value are off by, within two standard
 uncertainties of the reference, stands for the plateaus, and a run that had not settled when its record began has that
-departure as a third coefficient.
+departure as a third coefficient. A sensor beside a reference need not read what that reads: there each of the lags
+stands once more with a line, a gain and an offset of the air that all runs share.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,9 @@ AIR_KNOWN = {"temperature": 0.02, "humidity": 0.1}
 TINY_S = 1e-9
 CHOSEN = "best in training"
 SMALL = 1e-4  # of a parameter, to see what it does
+LINES = 3  # rounds of a line and a lag in turns
+SETTLED = 3.0  # t63 from the begin of a record on, from which it says what the line is
+LINED = ("one lag", "two lags")
 WIDE = 4.0  # in ln: how far a parameter may go from its first guess
 
 
@@ -146,6 +150,7 @@ class Fitted:
     parameters: Array
     dead_s: float
     train_rmse: float
+    line: tuple[float, float] = (1.0, 0.0)  # gain and offset of a measured air
 
     @property
     def modes(self) -> Modes:
@@ -173,6 +178,30 @@ def fit_rival(model: Model, records: Sequence[Record], channel: str) -> Fitted:
     shared, dead = (best[:-1], float(np.exp(best[-1]))) if datable else (best, 0.0)
     fitted = Fitted(model, channel, shared, dead, 0.0)
     return Fitted(model, channel, shared, dead, _mean_rmse(errors(fitted, records)))
+
+
+def fit_line(model: Model, records: Sequence[Record], channel: str) -> Fitted:
+    """The same where the air was measured, with a gain and an offset of the air: in turns with the lags."""
+    line = (1.0, 0.0)
+    for _ in range(LINES):
+        fitted = fit_rival(model, [_on_line(r, line) for r in records], channel)
+        design, shown = [], []
+        for record in records:
+            reply_to_air = reply(fitted.modes, record, record.onset_s, fitted.dead_s)
+            settled = record.time_s - record.time_s[0] > SETTLED * fitted.t63_s
+            design.append(np.column_stack([reply_to_air, np.ones(reply_to_air.size)])[settled])
+            shown.append(record.value[settled])
+        found = np.linalg.lstsq(np.concatenate(design), np.concatenate(shown), rcond=None)[0]
+        line = float(found[0]), float(found[1])
+    fitted = replace(fit_rival(model, [_on_line(r, line) for r in records], channel), line=line)
+    return replace(fitted, train_rmse=_mean_rmse(errors(fitted, records)))
+
+
+def _on_line(record: Record, line: tuple[float, float]) -> Record:
+    """A run with its measured air on a line."""
+    if record.air is None:
+        return record
+    return replace(record, air=(record.air[0], line[0] * record.air[1] + line[1]))
 
 
 def _descend(
@@ -226,7 +255,7 @@ def _rough_t63(record: Record) -> float:
 def errors(fitted: Fitted, records: Sequence[Record]) -> dict[str, float]:
     """Mean square error of each run over its samples, its start and plateaus placed."""
     found = {}
-    for record in records:
+    for record in (_on_line(r, fitted.line) for r in records):
         missed = place(fitted.modes, record, fitted.dead_s, fitted.channel)[2]
         found[record.id] = float(np.mean(missed**2))
     return found
@@ -241,13 +270,16 @@ def held_out(records: Sequence[Record], channel: str, folds: int) -> dict[str, d
 
     `CHOSEN` is the rival that leaves least of each fold's training runs: what one can choose without the held-out ones.
     """
-    found: dict[str, dict[str, float]] = {name: {} for name in (*models(channel), CHOSEN)}
+    beside = all(r.air is not None for r in records)
+    lined = {f"{name} and a line": models(channel)[name] for name in LINED if beside}
+    found: dict[str, dict[str, float]] = {name: {} for name in (*models(channel), *lined, CHOSEN)}
     for k in range(folds):
         train = [r for i, r in enumerate(records) if i % folds != k]
         test = [r for i, r in enumerate(records) if i % folds == k]
         if not (train and test):
             continue
         fitted = {name: fit_rival(model, train, channel) for name, model in models(channel).items()}
+        fitted |= {name: fit_line(model, train, channel) for name, model in lined.items()}
         fitted[CHOSEN] = min(fitted.values(), key=lambda f: f.train_rmse)
         for name, rival in fitted.items():
             found[name] |= {i: float(np.sqrt(m)) for i, m in errors(rival, test).items()}

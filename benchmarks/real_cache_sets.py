@@ -1,0 +1,196 @@
+"""Campaigns from logs that others published, kept outside of this project: each file lies in a cache as published, at
+DIR/OWNER/NAME/PATH of its repository on github.
+
+- QuentinRauschenbach/Temperature_Logger @aee1916, data/adjusted/time_TSENSOR_*.LOG: eight DS18B20 probes plunged at
+  once from the room into ice water, a reading each 1.15 s
+- linnil1/2017_BIME_sensor @2f0e4c1, lab05/lab05log7.txt to 12: an RTD between cold and hot water, six plunges, a
+  voltage each 10 ms; the temperatures of the waters stand in its README
+- acherrera/arduino_weather_station @4352411, test_data/response_testing/20170414_response_test.txt: a BME280 between a
+  flat and its fridge, each second
+- lata-mas/Monitor_co2_pistas_educativas @1513a33, data/sensores.csv: CO2 sensors in a box into which CO2 is let and
+  that is opened again, each 10 s; the fastest one (SCD30) serves as the measured air
+- ellenrpark/optode_response @eb49a4f, data/test_dunk.csv: oxygen optodes moved between two waters, each second
+- Gustavo053/tclab-esp32 @d3f55ad, Step_Response.csv, Step_Response_Regression.csv: a heater beside a transistor that
+  measures temperature, switched on from rest, each second
+- mpc-physical-science/projects @5165d22, labs-testing/cooling/cooling_trials_1.csv: warm water that cools in a film
+  canister, three fillings of 16 to 26 g, and the air of the room beside it, each second
+
+What is no temperature goes as a humidity, scaled into its range: oxygen in % of saturation, CO2 in units of 20 ppm.
+Nothing here is tuned to; the eight probes may be used for development.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from real_sets import RealSet, write_campaign
+
+T, RH = "temperature", "humidity"
+COLUMN = {T: "temperature_c", RH: "humidity_percent"}
+PPM = 20.0  # of CO2 in a unit of the scale
+APART_S = 1e6  # between logs that are put one after the other
+NOT_WARMED = ("self_heating", "radiative_heating")
+NO_WATER = ("condensation", "evaporative_cooling")
+PROBES = ("DF", "DKB", "KM", "KS", "KiS", "LG", "QR", "SimonS")
+PLUNGE = "2023-03-02 15:51:20", "2023-03-02 15:58:00"
+WATERS_C = ((20.5, 56.0), (55.5, 21.0), (21.0, 76.0), (76.0, 22.0), (21.5, 68.0), (68.0, 22.0))
+CO2_IN = ("2021-09-23 16:36", "2021-09-28 15:10", "2021-09-29 15:38")
+CO2_OUT = ("2021-09-24 09:13", "2021-09-29 11:14", "2021-09-30 11:25")
+CO2_LASTS_S = 2400.0
+OPTODES = {"AA4330": ("AA3412", "AA3413", "AA3827"), "RBR": ("rbr210619", "rbr210624")}
+INTO_S, LASTS_S = 690.0, 400.0  # of the second move of the optodes
+
+Log = pd.DataFrame
+
+
+def _joined(logs: Sequence[Log]) -> tuple[Log, list[tuple[float, float]]]:
+    """Logs one after the other, and where each lies."""
+    parts, cuts = [], []
+    for i, log in enumerate(logs):
+        since = log["time_s"] - log["time_s"].iloc[0] + i * APART_S
+        parts.append(log.assign(time_s=since))
+        cuts.append((i * APART_S, (i + 0.9) * APART_S))
+    return pd.concat(parts, ignore_index=True), cuts
+
+
+def _written(out: Path, channel: str, logs: Sequence[Log]) -> None:
+    joined, cuts = _joined(logs)
+    write_campaign(out, channel, joined, cuts)
+
+
+def _seconds(stamps: pd.Series) -> pd.Series:
+    at = pd.to_datetime(stamps)
+    return (at - at.iloc[0]).dt.total_seconds()
+
+
+def probes(cache: Path, out: Path) -> None:
+    """Each probe a run, as if one had been plunged eight times."""
+    logs = []
+    for name in PROBES:
+        path = cache / "QuentinRauschenbach/Temperature_Logger/data/adjusted" / f"time_TSENSOR_{name}.LOG"
+        log = pd.read_csv(path, header=None, names=["stamp", "ms", "id", "value"], comment="#")
+        log["value"] = pd.to_numeric(log["value"], errors="coerce")
+        log = log[pd.to_datetime(log["stamp"]).between(*PLUNGE)].dropna()
+        ms = pd.to_numeric(log["ms"])  # the logger's own clock, finer than its stamps
+        logs.append(pd.DataFrame({"time_s": (ms - ms.iloc[0]) / 1000.0, COLUMN[T]: log["value"]}))
+    _written(out, T, logs)
+
+
+def rtd(cache: Path, out: Path) -> None:
+    """Volts to degC by one line through all plateaus and the waters' temperatures."""
+    folder, period_s = cache / "linnil1/2017_BIME_sensor/lab05", 0.01
+    volts = [np.loadtxt(folder / f"lab05log{i}.txt")[:, 2] for i in range(7, 13)]
+    ends = [(np.median(v[:100]), np.median(v[-100:])) for v in volts]
+    slope, offset = np.polyfit(np.ravel(ends), np.ravel(WATERS_C), 1)
+    logs = [pd.DataFrame({"time_s": period_s * np.arange(v.size), COLUMN[T]: slope * v + offset}) for v in volts]
+    _written(out, T, logs)
+
+
+def _fridge_log(path: Path) -> Log:
+    lines = path.read_text(encoding="utf-8", errors="ignore").splitlines()
+    rows = [line.split(",")[:2] for line in lines if line.startswith("2017")]
+    log = pd.DataFrame(rows, columns=["stamp", "value"])
+    log["value"] = pd.to_numeric(log["value"], errors="coerce")
+    stamps = pd.to_datetime(log["stamp"], format="%Y%m%d_%H%M%S", errors="coerce")
+    keep = log["value"].notna() & stamps.notna()
+    return pd.DataFrame({"time_s": _seconds(stamps[keep]), COLUMN[T]: log["value"][keep]})
+
+
+def fridge(cache: Path, out: Path) -> None:
+    """Moves of one afternoon, each from some two minutes before it."""
+    path = cache / "acherrera/arduino_weather_station/test_data/response_testing/20170414_response_test.txt"
+    log = _fridge_log(path)
+    begins = _moves(log["time_s"].to_numpy(), log[COLUMN[T]].to_numpy())
+    ends = [*begins[1:], float(log["time_s"].iloc[-1])]
+    cuts = [(a - 60.0, min(b - 90.0, a + 3000.0)) for a, b in zip(begins, ends, strict=True)]
+    write_campaign(out, T, log, [cut for cut in cuts if cut[0] > 0.0 and cut[1] - cut[0] > 900.0])
+
+
+def _moves(time_s: np.ndarray, value: np.ndarray) -> list[float]:
+    """Times at which a log turns by more than 0.5 K in a minute after it was quiet, a quarter of an hour apart."""
+    even = np.arange(time_s[0], time_s[-1], 10.0)
+    smooth = np.interp(even, time_s, value)
+    fast = np.abs(smooth[6:] - smooth[:-6]) > 0.5
+    slow_before = np.abs(smooth[6:-6] - smooth[:-12]) < 0.25
+    found: list[float] = []
+    for k in np.flatnonzero(fast[6:] & slow_before):
+        at = float(even[k + 6])
+        if not found or at - found[-1] > 900.0:
+            found.append(at)
+    return found
+
+
+def _co2(sensor: str, begins: Sequence[str]) -> Callable[[Path, Path], None]:
+    def make(cache: Path, out: Path) -> None:
+        frame = pd.read_csv(cache / "lata-mas/Monitor_co2_pistas_educativas/data/sensores.csv")
+        stamps = pd.to_datetime(frame.iloc[:, 0])
+        frame["time_s"] = _seconds(stamps)
+        log, air = (
+            frame[["time_s", one]].dropna().assign(**{COLUMN[RH]: lambda f, one=one: f[one] / PPM})
+            for one in (sensor, "scd30")
+        )
+        starts = [(pd.Timestamp(b) - stamps.iloc[0]).total_seconds() for b in begins]
+        cuts = [(s, s + CO2_LASTS_S) for s in starts]
+        # Data sheet of the SCD30: 30 ppm and 3 % of the reading.
+        known = {"humidity_standard_uncertainty_percent": 2.0}
+        columns = ["time_s", COLUMN[RH]]
+        write_campaign(out, RH, log[columns], cuts, air[columns], known)
+
+    return make
+
+
+def _optodes(kind: str) -> Callable[[Path, Path], None]:
+    def make(cache: Path, out: Path) -> None:
+        frame = pd.read_csv(cache / "ellenrpark/optode_response/data/test_dunk.csv")
+        time_s = (frame["UNIXTIME"] - frame["UNIXTIME"].iloc[0]) / 1000.0
+        logs = []
+        for name in OPTODES[kind]:
+            value = frame[f"{name}_O2SAT"]
+            keep = value.notna() & time_s.between(INTO_S, INTO_S + LASTS_S)
+            logs.append(pd.DataFrame({"time_s": time_s[keep], COLUMN[RH]: value[keep]}))
+        _written(out, RH, logs)
+
+    return make
+
+
+def heater(cache: Path, out: Path) -> None:
+    """Two powers, each from rest; the second until the power changes."""
+    folder = cache / "Gustavo053/tclab-esp32"
+    logs = []
+    for name, last_s in (("Step_Response.csv", 480.0), ("Step_Response_Regression.csv", 269.0)):
+        frame = pd.read_csv(folder / name)
+        inside = frame[(frame["Time"] >= 1.0) & (frame["Time"] <= last_s)]  # the first row holds no reading
+        logs.append(pd.DataFrame({"time_s": inside["Time"], COLUMN[T]: inside["T1"]}))
+    _written(out, T, logs)
+
+
+def canister(cache: Path, out: Path) -> None:
+    """Three fillings that cool from the first reading on."""
+    path = cache / "mpc-physical-science/projects/labs-testing/cooling/cooling_trials_1.csv"
+    table = np.genfromtxt(path, delimiter=",", skip_header=2, encoding="utf-8")
+    logs, airs = [], []
+    for first in (0, 5, 10):  # a run's columns: time, water, air, and two that follow from these
+        for column, kept in ((1, logs), (2, airs)):
+            rows = table[np.isfinite(table[:, first]) & np.isfinite(table[:, first + column])]
+            kept.append(pd.DataFrame({"time_s": rows[:, first], COLUMN[T]: rows[:, first + column]}))
+    joined, cuts = _joined(logs)
+    write_campaign(out, T, joined, cuts, _joined(airs)[0])
+
+
+def cached_sets() -> list[RealSet]:
+    """All of them, in the order of the table."""
+    dry = (*NOT_WARMED, *NO_WATER)
+    return [
+        RealSet("eight probes plunged at once", T, probes, None, dry),
+        RealSet("RTD between cold and hot water", T, rtd, None, dry),
+        RealSet("BME280 between flat and fridge", T, fridge, None, ("radiative_heating", "evaporative_cooling")),
+        RealSet("CO2 S8LP in a box, air from SCD30", RH, _co2("s8lp", (*CO2_IN, *CO2_OUT)), None, dry),
+        RealSet("CO2 Fluke 975 in a box, air from SCD30", RH, _co2("fluke", CO2_IN), None, dry),
+        RealSet("oxygen optodes AA4330", RH, _optodes("AA4330"), None, dry),
+        RealSet("oxygen optodes RBR", RH, _optodes("RBR"), None, dry),
+        RealSet("heater switched on", T, heater, None, NO_WATER),
+        RealSet("water that cools in a canister, air beside it", T, canister, None, NOT_WARMED),
+    ]
