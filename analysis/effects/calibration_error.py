@@ -23,7 +23,8 @@ def _no_more_than_the_references(channel: Channel, values: Values) -> bool:
     if channel.common is None:
         return False
     source, destination = (getattr(channel.conditions, name) for name in channel.quantity.air_fields)
-    airs = np.concatenate([source, destination])
+    traces = [channel.trace_of(air) for air in channel.air if air is not None]
+    airs = np.concatenate([source[~channel.measured], destination[~channel.measured], *traces])
     off = float(np.abs(values["gain"] * airs + values["offset"]).max())
     return off < LEAST * float(getattr(channel.common, OWN_AIR[channel.name]))
 
@@ -40,7 +41,7 @@ EFFECT = Effect(
     sentence="The calibration is off: gain {gain}, offset {offset}, the same at every airflow and direction.",
     equation="reading = true (1 + gain) + offset",
     source="two-point calibration",
-    testable=lambda channel: bool(channel.conditions.airs_known.all()),
+    testable=lambda channel: bool((channel.conditions.airs_known | channel.measured).all()),
     needs="needs runs whose airs were recorded",
     steady=True,
     always_tried=True,
