@@ -1,0 +1,149 @@
+"""Predictive densities of unseen runs: against conditional densities of the joint Gaussian, written out in full."""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from shockrig.analysis.diagnosis.refitting import plain_fit
+from shockrig.analysis.inference.gather import build_channel
+from shockrig.analysis.inference.noise import estimate_noise, whiteners
+from shockrig.analysis.inference.predictive import (
+    DISCREPANCIES,
+    Gram,
+    allowing,
+    bumps,
+    densities,
+    gram,
+    score,
+    stated_beside,
+    weights,
+)
+from shockrig.analysis.inference.problem import make_problem
+from shockrig.files.campaign import read_campaign
+
+RUNS, READINGS, PARAMETERS, OWN, BUMPS = 5, 9, 3, 2, 4
+
+
+@pytest.fixture(scope="module")
+def linear():
+    """Whitened columns of a linear model (J, U, B), residuals r, variances of random effects, a prior, and their
+    products."""
+    rng = np.random.default_rng(1)
+    j, u, b = (rng.normal(size=(RUNS, READINGS, k)) for k in (PARAMETERS, OWN, BUMPS))
+    r, own = 2.0 * rng.normal(size=(RUNS, READINGS)), rng.uniform(0.1, 3.0, (RUNS, OWN))
+    prior, pull = rng.uniform(0.1, 2.0, PARAMETERS), rng.normal(size=PARAMETERS)
+    both = np.concatenate([j, u, b, r[..., None]], axis=-1)
+    products = both.transpose(0, 2, 1) @ both
+    p = PARAMETERS
+    g = Gram(
+        jj=products[:, :p, :p],
+        jv=products[:, :p, p:-1],
+        jr=products[:, :p, -1],
+        vv=products[:, p:-1, p:-1],
+        vr=products[:, p:-1, -1],
+        rr=products[:, -1, -1],
+        own=own,
+        prior=prior,
+        pull=pull,
+    )
+    return g, (j, u, b, r)
+
+
+def conditional(g, columns, discrepancy, blocks):
+    """Log density of each block of runs given all others, from the joint distribution of all readings; without the
+    Gaussian's constant."""
+    j, u, b, r = columns
+    runs, readings = r.shape
+    joint, mean = np.zeros((r.size, r.size)), j.reshape(r.size, -1) @ (g.pull / g.prior)
+    for i in range(runs):
+        own = slice(i * readings, (i + 1) * readings)
+        joint[own, own] = np.eye(readings) + u[i] * g.own[i] @ u[i].T + discrepancy**2 * b[i] @ b[i].T
+    joint += j.reshape(r.size, -1) / g.prior @ j.reshape(r.size, -1).T
+    said = []
+    for block in np.unique(blocks):
+        here = np.repeat(blocks == block, readings)
+        y, centred = r.ravel()[here], (r.ravel() - mean)[~here]
+        gain = np.linalg.solve(joint[np.ix_(~here, ~here)], joint[np.ix_(~here, here)]).T
+        expected = mean[here] + gain @ centred
+        left = joint[np.ix_(here, here)] - gain @ joint[np.ix_(~here, here)]
+        density = multivariate_normal(expected, 0.5 * (left + left.T)).logpdf(y)
+        said.append(density + 0.5 * y.size * np.log(2.0 * np.pi))
+    return np.array(said)
+
+
+@pytest.mark.parametrize("blocks", [None, [0, 0, 1, 2, 1]])
+@pytest.mark.parametrize("discrepancy", [0.0, 0.7])
+def test_a_density_is_that_of_a_run_given_all_others(linear, discrepancy, blocks):
+    g, columns = linear
+    blocks = None if blocks is None else np.array(blocks)
+    exact = conditional(g, columns, discrepancy, np.arange(RUNS) if blocks is None else blocks)
+    np.testing.assert_allclose(densities(g, discrepancy, blocks), exact, rtol=0.0, atol=1e-8)
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    """Six runs of an example, its plain fit, and what it may be wrong by."""
+    channel = build_channel(read_campaign("data/examples/plain-rough"), "temperature")
+    channel = channel.select(np.arange(channel.runs) < 6)
+    problem = make_problem(channel, whiteners(channel, estimate_noise(channel)))
+    return problem, plain_fit(problem), bumps(problem)
+
+
+def test_the_products_of_a_fit_are_those_of_its_whitened_columns(fitted):
+    """Residuals are taken at random effects of zero; what stands at no bound has a density of its own before data."""
+    problem, found, bump = fitted
+    g, j, u = gram(problem, found, bump), found.arrow.jacobian, found.arrow.run_jacobian
+    r = problem.whiten(found.residual) + np.einsum("rnu,ru->rn", u, found.deviations)
+    np.testing.assert_allclose(g.own, problem.with_rate_scatter(found.rate_scatter).scatter ** 2)
+    for discrepancy in (0.0, 0.003):
+        exact = conditional(g, (j, u, bump, r), discrepancy, np.arange(problem.channel.runs))
+        np.testing.assert_allclose(densities(g, discrepancy), exact, atol=1e-5)
+
+
+def test_a_score_is_the_best_over_what_a_model_may_be_wrong_by(fitted):
+    problem, found, bump = fitted
+    g, rated = gram(problem, found, bump), score(problem, found, bump)
+    tried = [float(densities(g, sigma).sum()) for sigma in DISCREPANCIES]
+    assert rated.total == pytest.approx(max(tried)) and rated.discrepancy == DISCREPANCIES[np.argmax(tried)]
+    assert rated.runs.shape == (6,)
+
+
+def test_a_whitener_that_allows_for_a_discrepancy_is_the_root_of_both(fitted):
+    """|W' e|^2 is e' (K + s^2 H H')^-1 e for any e, with K the noise and H the bumps in the readings' unit."""
+    problem, _, bump = fitted
+    again = allowing(problem, bump, 0.02).whitener
+    for run in range(2):
+        inverse = np.linalg.inv(problem.whitener[run])
+        bumps_in_kelvin = inverse @ bump[run]
+        covariance = inverse @ inverse.T + 0.02**2 * bumps_in_kelvin @ bumps_in_kelvin.T
+        np.testing.assert_allclose(again[run] @ covariance @ again[run].T, np.eye(len(inverse)), atol=1e-8)
+        # In whitened units it is the symmetric root.
+        turned = again[run] @ inverse
+        np.testing.assert_allclose(turned, turned.T, atol=1e-10)
+    assert allowing(problem, bump, 0.0) is problem
+
+
+def test_what_a_model_may_be_wrong_by_makes_its_parameters_less_certain(fitted):
+    problem, found, bump = fitted
+    wrong = stated_beside(problem, found, bump, 0.02)
+    assert stated_beside(problem, found, bump, 0.0) is found
+    assert wrong.covariance[0, 0] > 4.0 * found.covariance[0, 0]
+    assert abs(wrong.theta[0] - found.theta[0]) < 4.0 * np.sqrt(wrong.covariance[0, 0])
+
+
+def test_models_that_predict_alike_share_and_one_far_behind_has_nothing():
+    runs = np.random.default_rng(2).normal(size=30)
+    own = weights([runs, runs, runs - 2.0], [0.0, 0.0, 0.0])
+    assert own == pytest.approx([0.5, 0.5, 0.0], abs=1e-6) and own.sum() == pytest.approx(1.0)
+    odds = weights([runs, runs], [0.0, -np.log(3.0)])
+    assert odds == pytest.approx([0.75, 0.25])
+
+
+def test_what_one_run_says_alone_is_not_certain():
+    """Better by ten in a single run of thirty, by nothing in the others: drawn again, many sets lack it."""
+    runs = np.zeros(30)
+    one = runs.copy()
+    one[7] = 10.0
+    every = runs + 10.0 / 30.0
+    assert weights([one, runs], [0.0, 0.0])[0] < 0.98
+    assert weights([every, runs], [0.0, 0.0])[0] > 0.9999
