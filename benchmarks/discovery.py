@@ -125,7 +125,7 @@ def run(kind: str, effect: str, channel: str, seed: int, tier: str) -> dict:
         found = diagnose_channel(data, tolerance=Tolerance(0.0, 0.0))
     seconds = time.process_time() - began
     fresh, elsewhere = None, []
-    if kind == "one_out" and found.described is not None:
+    if kind == "one_out" and found.discovered and found.final.structure.effects:
 
         def again(plan: list, place: int) -> Channel | None:
             return build_channel(recorded(truth, plan, seed + place * FRESH), channel)
@@ -174,8 +174,7 @@ def errors(channel: Channel | None, found: ChannelDiagnosis) -> tuple[float, flo
     if channel is None or channel.rates != found.problem.channel.rates:
         return None
     problem = prepare(channel, found.noise.averaged).problem
-    without = found.described.discovery.without
-    return tuple(float(np.sqrt(run_errors(channel, problem, one).mean())) for one in (without, found.final))
+    return tuple(float(np.sqrt(run_errors(channel, problem, one).mean())) for one in (found.plain, found.final))
 
 
 def main(argv: list[str] | None = None) -> int:
