@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from small_worlds import record
 
+from shockrig.analysis.diagnosis.candidates import refused
 from shockrig.analysis.diagnosis.prepare import prepare
 from shockrig.analysis.diagnosis.refitting import plain_fit
-from shockrig.analysis.diagnosis.search import refused, search
+from shockrig.analysis.diagnosis.search import search
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.fit import fit
 from shockrig.analysis.inference.gather import build_channel
@@ -36,13 +37,13 @@ def test_a_limit_amid_the_readings_of_a_plateau_is_no_ceiling(tmp_path):
     assert off.deviance - limited.deviance > 25.0  # more than its penalty
     assert 0.3 < np.mean(plateau > limit) < 0.7
     assert refused(limited, CEILING)
-    assert search(problem).final.structure.ids == ("calibration_error",)
+    assert search(problem).best.fit.structure.ids == ("calibration_error",)
 
 
 @pytest.mark.parametrize("depth", [1.0, 3.0])
 def test_a_limit_below_the_air_is_a_ceiling(tmp_path, depth):
     problem = wet_world(tmp_path, Hidden("saturation_clipping", {"limit_percent": 80.0 - depth}))
-    found = search(problem).final
+    found = search(problem).best.fit
     assert found.structure.ids == ("saturation_clipping",)
     (limit, spread) = found.values()["saturation_clipping"]["limit_percent"]
     assert abs(limit - (80.0 - depth)) < 3.5 * spread + 0.01

@@ -29,7 +29,7 @@ from shockrig.files.profile import HumidityProfile, Profile, StatedEffect, Tempe
 
 
 def gain(before, after, floor):
-    runs = [np.full(3, x**2) for x in (before, after, after)]
+    runs = [np.full(3, x**2) for x in (before, after)]
     return Gain(before, after, floor, 0.99, (0.98, 1.0), True, True, *runs)
 
 
@@ -140,7 +140,7 @@ def test_what_parts_the_course_does_not_gainsay_the_tests_of_every_reading():
 
 def test_rivals_in_words():
     assert worse(2.0).endswith("as well")
-    assert "100 times less likely" in worse(2 * np.log(100.0))
+    assert "100 times less likely" in worse(np.log(100.0))
     assert worse(900.0).endswith("far worse")
     assert listed(["a", "b", "c"]) == "a, b and c" and listed([]) == ""
 

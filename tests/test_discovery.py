@@ -1,29 +1,20 @@
-"""Effects that nobody listed: closed forms against closed forms, the null of the maximum against order statistics, a
-spectrum with known relaxation times, hidden behaviours found again, and a description carried as data into a flight."""
+"""Effects that nobody listed: closed forms against closed forms, a spectrum with known relaxation times, hidden
+behaviours found again, and a description carried as data into a flight."""
 
 import json
 import pickle
 from dataclasses import replace
-from functools import partial
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
 from small_worlds import record
 
-import shockrig.analysis.discovery.discover as searching
 from shockrig.analysis.characterization.extension import extension_of
-from shockrig.analysis.diagnosis.adequacy import judge
-from shockrig.analysis.diagnosis.prepare import prepare
-from shockrig.analysis.diagnosis.refitting import plain_fit
-from shockrig.analysis.discovery import race
-from shockrig.analysis.discovery.conditions import Condition, Judged, held_out, judged_by_condition
-from shockrig.analysis.discovery.discover import discover
+from shockrig.analysis.diagnosis.diagnose import diagnose_channel
+from shockrig.analysis.diagnosis.remainder import Tolerance
+from shockrig.analysis.discovery.conditions import held_out
 from shockrig.analysis.discovery.grammar import forms
 from shockrig.analysis.discovery.remaining import spectrum
-from shockrig.analysis.discovery.scores import null_of_the_maximum
-from shockrig.analysis.discovery.stating import nearest_of, stated
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.behaviours import Form, form_of
 from shockrig.analysis.effects.described import described, discovered_of, entry_of, stated_values
@@ -31,7 +22,6 @@ from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.profile_effects import unseen
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.model import Model, Point, Structure
-from shockrig.analysis.inference.work import Work
 from shockrig.files.flight import Flight
 from shockrig.files.profile import Profile, TemperatureProfile, Uncertain, profile_document, profile_from_document
 from shockrig.rig.virtual.plans import standard_plan
@@ -42,23 +32,11 @@ T = ("temperature",)
 
 @pytest.fixture(scope="module")
 def warm_rates(tmp_path_factory):
-    """A bead whose rate moves with the ambient, which no catalogue has; searched, and what was described."""
+    """A bead whose rate moves with the ambient, which no catalogue has, diagnosed."""
     folder = tmp_path_factory.mktemp("world") / "campaign"
     hidden = [Hidden("unknown_rate_with_temperature", {"per_kelvin": 0.008}, T)]
     channel = build_channel(record(folder, 3, hidden, ROUGH, standard_plan()), "temperature")
-    ready = prepare(channel)
-    near = plain_fit(ready.problem, ready.structure)
-    found = discover(ready.problem, near, lambda fit: judge(ready.problem, fit, ready.noise))
-    return ready, near, found
-
-
-def test_the_null_of_the_maximum_is_that_of_order_statistics():
-    """Of C independent scores the largest square has the distribution of a chi-square to the power C."""
-    for count in (1, 30):
-        exact = chi2.ppf(0.95 ** (1.0 / count), 1)
-        assert null_of_the_maximum(np.eye(count), 0.05) == pytest.approx(exact, rel=0.12)
-    together = np.ones((30, 30)) + 1e-9 * np.eye(30)  # thirty times the same look is one look
-    assert null_of_the_maximum(together, 0.05) == pytest.approx(chi2.ppf(0.95, 1), rel=0.12)
+    return diagnose_channel(channel, tolerance=Tolerance(0.0, 0.0))
 
 
 def test_a_spectrum_finds_the_relaxation_times_that_are_there():
@@ -75,7 +53,7 @@ def test_a_spectrum_finds_the_relaxation_times_that_are_there():
 def test_forms_do_what_their_closed_forms_say(warm_rates):
     """Each on a plain sphere: an offset by the airflow, a creep, a swing, a lag that moves a response by its own mean
     lag; equations written anew here."""
-    channel = warm_rates[0].problem.channel
+    channel = warm_rates.problem.channel
     c, rate = channel.conditions, np.array([np.log(0.3)])
 
     def reading(form=None, **values):
@@ -102,7 +80,7 @@ def test_forms_do_what_their_closed_forms_say(warm_rates):
 
 def test_every_form_of_the_grammar_is_data(warm_rates, tmp_path):
     """Its key makes it again, it is pickled, it goes through a file's words and back, and it changes the reading."""
-    channel = warm_rates[0].problem.channel
+    channel = warm_rates.problem.channel
     model = Model(channel, Structure())
     base = model.predict(Point(model.start(np.array([0.0])), channel.at_rest()))[0]
     every = list(forms(channel))
@@ -121,62 +99,23 @@ def test_every_form_of_the_grammar_is_data(warm_rates, tmp_path):
 
 
 def test_a_rate_that_moves_with_the_ambient_is_described(warm_rates):
-    ready, near, found = warm_rates
-    assert found is not None and found.passed and len(found.effects) == 1
-    (one,) = stated(ready.problem, found, nearest_of(ready.problem, found))
+    assert (warm_rates.verdict, warm_rates.causes) == ("described", ()) and warm_rates.gain.real
+    (one,) = warm_rates.discovered
     assert (one.behaves_as, [on.factor for on in one.depends_on]) == ("rate_change", ["ambient"])
     on = one.depends_on[0]
     assert abs(on.value - 0.008) < 4 * on.standard_uncertainty < 0.004
     assert {"airflow", "direction"} <= set(one.does_not_depend_on)
     assert one.nearest_catalogued.effect in CATALOGUE and one.nearest_catalogued.likeness <= 1.0
     assert one.seen_over["airflow_m_s"] == (2.5, 12.0)
-    judged = found.effects[0].judged
-    assert judged.holds and all(c.saved > -6.0 for c in judged.conditions)
-
-
-@pytest.mark.parametrize(("after", "looks"), [(600.0, 1), (400.0, 2)])
-def test_a_second_form_is_looked_for_only_where_the_first_took_most_of_it(warm_rates, monkeypatch, after, looks):
-    """What leaves nearly all that was there is no half of an answer; the forms are not gone through once more."""
-    ready, near, whole = warm_rates
-    seen, told = [], iter([1000.0])
-    best = race.Candidate(whole.effects[0].effect, whole.fit)
-
-    def candidates(problem, current, work, known=()):
-        seen.append(current.structure.ids)
-        return ([best], 20.0) if len(seen) == 1 else ([], 20.0)
-
-    def left(found):
-        return SimpleNamespace(passed=False, inflation=1.0, excess=next(told, after))
-
-    monkeypatch.setattr(searching, "candidates", candidates)
-    discover(ready.problem, near, left)
-    assert len(seen) == looks
-
-
-@pytest.mark.parametrize("limit", [1, 12])
-def test_a_search_for_a_description_has_an_end(warm_rates, monkeypatch, limit):
-    """What it has reached by its limit is judged, and never called certain, since not all others were tried."""
-    ready, near, whole = warm_rates
-    made: list[int] = []
-    for counted in (race.fit, race.go_on):
-        again = partial(lambda own, *a: made.append(1) or own(*a), counted)
-        monkeypatch.setattr(race, counted.__name__, again)
-    work = Work(limit)
-    found = discover(ready.problem, near, lambda fit: judge(ready.problem, fit, ready.noise), work)
-    assert work.ended and len(made) == work.fits
-    # Of what was begun the leader is fitted to its end, without its factor and, at first, from up to three starts.
-    assert work.fits <= limit + 8
-    assert found is None or all(one.probability <= 0.5 for one in found.effects)
-    assert any(one.probability > 0.5 for one in whole.effects)
+    assert 0.9 < one.probability <= 1.0
 
 
 def test_a_described_effect_is_extended_with_and_flown_within_what_was_seen(warm_rates):
     """As data through profile.json: the bead is corrected as it is at the flight's temperature, and outside of the
     conditions seen it is flagged and left."""
-    ready, _, found = warm_rates
-    (one,) = stated(ready.problem, found, nearest_of(ready.problem, found))
+    (one,) = warm_rates.discovered
     extension = extension_of([], [one], "temperature")
-    assert [e.id for e in extension.structure.effects] == [found.effects[0].effect.id]
+    assert extension.structure.ids == warm_rates.final.structure.ids
     part = TemperatureProfile(Uncertain(9e-8, 1e-10), 1.6e-3, noise_k=0.01, discovered=(one,))
     document = json.loads(json.dumps(profile_document(Profile(part, None))))
     profile = profile_from_document(document)
@@ -201,7 +140,7 @@ def test_a_described_effect_is_extended_with_and_flown_within_what_was_seen(warm
 
 
 def test_conditions_are_held_out_whole(warm_rates):
-    channel = warm_rates[0].problem.channel
+    channel = warm_rates.problem.channel
     named = dict(held_out(channel, set()))
     assert {"steps upwards", "steps downwards"} <= set(named) and any(name.startswith("ambient") for name in named)
     for runs in (runs for name, runs in named.items() if name.startswith("ambient")):
@@ -209,52 +148,26 @@ def test_conditions_are_held_out_whole(warm_rates):
     assert "steps upwards" not in dict(held_out(channel, {"direction"}))
 
 
-def test_a_description_that_harms_a_condition_does_not_hold():
-    good = [Condition(f"{i}", 100.0, 400.0, 300.0, 300) for i in range(4)]
-    assert Judged(tuple(good), 2).holds
-    assert not Judged((*good, Condition("bad", -40.0, 300.0, 340.0, 300)), 2).holds
-    assert not Judged((good[0],), 2).holds  # one condition is none to judge by
-    chance = [Condition(f"{i}", 0.5, 300.5, 300.0, 300) for i in range(4)]
-    assert not Judged(tuple(chance), 2).holds
-
-
-def test_what_is_wrong_with_the_rates_leaves_no_squares_and_is_told_by_the_deviance():
-    """The runs' own rates take it up: 30 of deviance on one number, at 300 squares of 300 bins."""
-    told = [Condition(f"{i}", 10.0, 300.0, 300.0, 300) for i in range(3)]
-    assert Judged(tuple(told), 1).p == pytest.approx(chi2.sf(30.0, 1), rel=0.5)
-    assert Judged(tuple(told), 1).holds
-
-
-def test_a_condition_without_which_a_factor_does_not_vary_is_not_held_out(warm_rates):
-    """Airflows differ at 20 degC alone."""
-    ready, near, found = warm_rates
-    named = {c.name for c in judged_by_condition(ready.problem, near, found.fit, {"airflow"}).conditions}
-    assert "ambient 20 degC" not in named and "ambient 30 degC" in named
-    free = {c.name for c in judged_by_condition(ready.problem, near, found.fit, set()).conditions}
-    assert "ambient 20 degC" in free
-
-
 @pytest.mark.usefixtures("catalogue_as_it_was")
-def test_rates_that_scatter_hide_what_explains_them_from_the_scores(tmp_path, monkeypatch):
-    """A film that dries by a tenth more slowly than it wets: where rates may scatter by 3 % its score is chance."""
+def test_what_explains_rates_that_scatter_is_described(tmp_path, monkeypatch):
+    """A film that dries by a tenth more slowly than it wets: where rates may scatter by 3 % it hides in them."""
     hidden = [Hidden("direction_dependent_diffusivity", {"ratio_drying_to_wetting": 0.88}, ("humidity",))]
     channel = build_channel(record(tmp_path / "campaign", 2, hidden, ROUGH, standard_plan()), "humidity")
     monkeypatch.delitem(CATALOGUE, "direction_dependent_diffusivity")
-    ready = prepare(channel)
-    near = plain_fit(ready.problem, ready.structure)
-    found = discover(ready.problem, near, lambda fit: judge(ready.problem, fit, ready.noise))
-    (one,) = found.effects
-    assert form_of(one.effect.id) == Form("rate_change", "none", (("direction", "ratio"),))
-    value, uncertainty = one.values["direction"]
-    assert abs(value - 0.88) < 3.5 * uncertainty < 0.07
+    found = diagnose_channel(channel, tolerance=Tolerance(0.0, 0.0))
+    assert (found.verdict, found.causes) == ("described", ())
+    (one,) = found.discovered
+    assert (one.behaves_as, one.driver) == ("rate_change", "none")
+    (on,) = one.depends_on
+    assert (on.factor, on.form) == ("direction", "ratio")
+    assert abs(on.value - 0.88) < 3.5 * on.standard_uncertainty < 0.07
 
 
-def test_where_there_is_nothing_no_form_passes(tmp_path):
+def test_where_there_is_nothing_nothing_is_said(tmp_path):
+    """Whatever is tried; and what gains most by chance has no half of the weight."""
     channel = build_channel(record(tmp_path / "campaign", 4, (), ROUGH, standard_plan()), "temperature")
-    ready = prepare(channel)
-    near = plain_fit(ready.problem, ready.structure)
-
-    class Suspicious:
-        passed, excess, inflation = False, 0.0, 1.0
-
-    assert discover(ready.problem, near, lambda fit: Suspicious()) is None
+    found = diagnose_channel(channel, tolerance=Tolerance(0.0, 0.0))
+    assert (found.verdict, found.causes, found.discovered) == ("adequate", (), ())
+    ids = {id_ for one in found.search.pool for id_ in one.ids}
+    assert ids and all(found.search.probability(id_) < 0.5 for id_ in ids)
+    assert found.search.weights.sum() == pytest.approx(1.0)

@@ -14,7 +14,6 @@ from small_worlds import record
 from test_curvature import bent_ridge, itself
 
 from shockrig.analysis.characterization import curvature
-from shockrig.analysis.discovery.scores import null_of_the_maximum
 from shockrig.rig.virtual.hide import draw_effect
 
 pytestmark = pytest.mark.elsewhere
@@ -79,26 +78,6 @@ def test_a_campaign_says_the_same_on_every_machine(tmp_path):
         for (value, u), (other, other_u) in zip(pairs, there["numbers"][name], strict=True):
             assert other == pytest.approx(value, abs=TOLD_APART * u, rel=1e-12), name
             assert other_u == pytest.approx(u, rel=TOLD_APART), name
-
-
-def turned(decomposition, *sides):
-    """A decomposition with the sign of every other vector turned: the factors of a matrix leave it open."""
-
-    def other(*arguments, **options):
-        found = list(decomposition(*arguments, **options))
-        sign = (-1.0) ** np.arange(found[1].shape[-1])
-        for side in sides:
-            found[side] = found[side] * (sign if side < 2 else sign[:, None])
-        return found
-
-    return other
-
-
-def test_what_the_best_of_many_forms_reaches_by_chance_hangs_on_no_sign(monkeypatch):
-    columns = np.random.default_rng(2).standard_normal((12, 8)) @ np.diag(0.5 ** np.arange(8))
-    here = null_of_the_maximum(columns @ columns.T)
-    monkeypatch.setattr(np.linalg, "eigh", turned(np.linalg.eigh, 1))
-    assert null_of_the_maximum(columns @ columns.T) == pytest.approx(here, rel=1e-12)
 
 
 def test_draws_along_a_ridge_hang_on_no_sign():

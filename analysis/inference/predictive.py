@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 BUMPS = 10
 # Standard deviations of a bump in units of the run's step that are tried; the first is none.
 DISCREPANCIES = np.concatenate([[0.0], np.geomspace(2e-5, 0.3, 14)])
+HOPELESS = 1e12  # nats a run
 RATE_PRIOR = 3.0  # standard deviation of ln rate before any data: a factor of twenty either way
 RANGE_PRIOR = 0.5  # that of a parameter, as a share of its range on the scale that is fitted
 
@@ -166,8 +167,11 @@ def score(problem: Problem, found: Fit, bump: Array, blocks: NDArray[np.int64] |
     """A fit's score, under the discrepancy that makes it best."""
     g = gram(problem, found, bump)
     tried = [densities(g, sigma, blocks) for sigma in DISCREPANCIES]
-    best = int(np.argmax([one.sum() for one in tried]))
-    return Score(tried[best], float(DISCREPANCIES[best]))
+    # A fit that led to no number predicts nothing.
+    totals = [total if np.isfinite(total := float(one.sum())) else -np.inf for one in tried]
+    best = int(np.argmax(totals))
+    runs = tried[best] if np.isfinite(totals[best]) else np.full(tried[best].shape, -HOPELESS)
+    return Score(runs, float(DISCREPANCIES[best]))
 
 
 def weights(densities_of: Sequence[Array], log_prior: Sequence[float], draws: int = 1000, seed: int = 26) -> Array:
