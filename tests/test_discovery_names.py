@@ -279,8 +279,8 @@ def test_a_hum_is_told_by_its_period_and_its_amplitude(humming):
     assert abs(one.period_s.value - 1.0 / HUM_HZ) < 5 * one.period_s.standard_uncertainty < 0.02
     assert one.size.value == pytest.approx(AMPLITUDE_K, rel=0.15)
     assert "airflow" in one.does_not_depend_on
-    loud, left = (prepare(channel).noise.standard_deviation for channel in (humming, quiet))
-    assert left**2 == pytest.approx(loud**2 - AMPLITUDE_K**2 / 2.0, rel=0.2)
+    true = draw_truth(np.random.default_rng(6), ROUGH, []).temperature_noise
+    assert prepare(quiet).noise.standard_deviation == pytest.approx(np.hypot(true.white, true.correlated), rel=0.15)
     assert entry_of(one, "temperature") is None  # it is no part of a response, and none of a flight
     (said,) = not_undone((), "temperature", (one,))
     assert "no part in a flight" in said and flies(one, "temperature").endswith("no part in a flight")

@@ -8,7 +8,6 @@ import pytest
 
 from shockrig.analysis.diagnosis import limits
 from shockrig.analysis.diagnosis import search as searching
-from shockrig.analysis.diagnosis.limits import ended
 from shockrig.analysis.diagnosis.prepare import prepare
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.files.campaign import read_campaign
