@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 from small_worlds import record
 
+from shockrig.analysis.diagnosis.candidates import Candidate
 from shockrig.analysis.diagnosis.diagnose import diagnose_channel
 from shockrig.analysis.diagnosis.extended import extended_result
+from shockrig.analysis.diagnosis.priors import log_prior
 from shockrig.analysis.diagnosis.refitting import plain_fit
-from shockrig.analysis.diagnosis.search import search
+from shockrig.analysis.diagnosis.search import Race
 from shockrig.analysis.effects import CATALOGUE, structure_of
 from shockrig.analysis.inference.effect import Readings, unchanged
 from shockrig.analysis.inference.fit import fit, run_misfit
@@ -417,9 +419,12 @@ def test_it_is_recovered_from_the_virtual_bench(tmp_path, effect):
         assert found.deviance < plain_fit(problem).deviance - 50.0
 
 
-def searched(problem, *candidates):
-    """The fit with the one of the candidates that a search finds."""
-    found = search(problem, PLAIN, candidates, thorough=False).final
+def searched(problem, *effects):
+    """The fit with the one of the effects that a search among them finds."""
+    starts = {e.id: tuple(e.starts(problem.channel)) for e in effects}
+    among = [Candidate(e, starts[e.id], log_prior(e, problem.channel, len(starts[e.id]))) for e in effects]
+    race = Race(problem, PLAIN, among)
+    found = race.grown(race.keep(race.rated(plain_fit(problem))), among).fit
     assert len(found.structure.ids) == 1
     return found
 

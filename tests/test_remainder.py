@@ -22,7 +22,8 @@ def test_noise_alone_leaves_nothing_above_itself(monkeypatch, memory):
     residual[:, :bins] = np.random.default_rng(1).multivariate_normal(np.zeros(bins), of_means, runs)
     count = np.full((runs, bins + 1), each)
     count[:, bins] = 0
-    channel = SimpleNamespace(count=count, quantity=SimpleNamespace(unit="K"))
+    quantity = SimpleNamespace(unit="K", step=lambda _: np.full(runs, 20.0))
+    channel = SimpleNamespace(count=count, conditions=None, quantity=quantity)
     monkeypatch.setattr(remainder, "when_largest", lambda *_: (0.0, 1.0))
     monkeypatch.setattr(remainder, "varies_with", lambda *_: ())
     left = measure_remainder(

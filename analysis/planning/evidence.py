@@ -101,7 +101,7 @@ def against(problem: Problem, base: Structure, dispute: Dispute) -> list[float]:
 
 
 def student(log_ratio: float, degrees: int) -> float:
-    """A log-likelihood ratio with the scatter of runs known from so many degrees of freedom (see `search.evidence`)."""
+    """A log-likelihood ratio with the scatter of runs known from so many degrees of freedom."""
     return 0.5 * (degrees + 1) * float(np.log1p(2.0 * log_ratio / degrees)) if log_ratio > 0.0 else log_ratio
 
 

@@ -127,7 +127,7 @@ def _depends(on: Dependence) -> str:
         return f"{factor} ({on.form.replace('_', ' ')})" if on.form not in ("sign", "linear") else factor
     value = measured(on.value, on.standard_uncertainty or 0.0)
     if is_step(on.form):
-        return f"{factor} ({value} times as much from the {_ordinal(int(on.form.removeprefix(STEP)) + 1)} run on)"
+        return f"{factor} ({value} times as much from the {nth_run(on.form)} run on)"
     how = {
         "power": f"as its power {value}",
         "exponential": f"a factor exp({value} {EACH[on.factor]})",
@@ -139,7 +139,9 @@ def _depends(on: Dependence) -> str:
     return f"{factor} ({how})"
 
 
-def _ordinal(number: int) -> str:
+def nth_run(step: str) -> str:
+    """At which run a step in their order begins, as an ordinal number."""
+    number = int(step.removeprefix(STEP)) + 1
     ending = "th" if 10 <= number % 100 <= 20 else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
     return f"{number}{ending}"
 

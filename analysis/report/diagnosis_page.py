@@ -59,7 +59,8 @@ from shockrig.analysis.report.style import save_figure
 # What data sheets of the HYT family promise (IST AHHYTM E2.2.1); a bead is calibrated to about the same.
 ACCURACY = {"temperature": 0.2, "humidity": 1.8}
 STRONG = 0.5  # correlation of two parameters from which on it is worth a word
-MOST_MODELS = 12  # in the table of what was weighed
+MOST_MODELS, FEWEST_MODELS = 12, 4  # in the table of what was weighed
+LEAST_WEIGHT = 0.001  # of a model in that table, beyond the fewest
 
 
 def write_diagnosis(
@@ -216,7 +217,7 @@ def _described_table(found: ChannelDiagnosis) -> Table:
                 described_words.flies(one, found.name),
             ]
         )
-    columns = ("behaves as", "equation", "probability beside its alternatives", "seen over", "in flight")
+    columns = ("behaves as", "equation", "probability", "seen over", "in flight")
     return Table(columns, rows, "Effects that nobody listed, described by how they behave")
 
 
@@ -307,14 +308,20 @@ def _rivals(view: ChannelView, figure: list[Figure]) -> list[Block]:
     search = view.found.search
     rows: list[list[Cell]] = []
     for one, weight in list(zip(search.pool, search.weights, strict=True))[:MOST_MODELS]:
+        if weight < LEAST_WEIGHT and len(rows) >= FEWEST_MODELS:
+            break
         effects = " + ".join(label(e) for e in sorted(one.ids - search.plain.ids)) or "the plain model"
-        behind = search.best.value - one.value
+        share = f"{100 * weight:.1f} %" if weight >= LEAST_WEIGHT else f"below {plain(100 * LEAST_WEIGHT, 1)} %"
+        behind = search.best.score.total - one.score.total
         said = "stated" if one is search.best else worse(behind)
-        rows.append([effects, f"{100 * weight:.1f} %", -behind, f"{100 * one.score.discrepancy:.2g} %", said])
-    columns = ("model", "weight", "nats beside the one stated", "discrepancy of a step", "on unseen runs")
+        numbers = [_signed(-behind), _signed(one.log_prior - search.best.log_prior)]
+        rows.append([effects, share, said, *numbers, f"{plain(100 * one.score.discrepancy, 2)} %"])
+    columns = ("model", "weight", "in words", "unseen runs, nats", "beforehand, nats", "wrong by, of a step")
     caption = (
-        "Models by their weight: log predictive density of runs that were not fitted, with what is held against each "
-        "effect before the data, averaged over a bootstrap of the runs. The discrepancy is what a model is wrong by."
+        "Models by their weight. Unseen runs: log predictive density of runs that the model was not fitted to, beside "
+        "the one stated. Beforehand: what is held against its effects before the data, likewise. The weight is of both "
+        "together, averaged over a bootstrap of the runs. Wrong by: what the model itself has to allow for to predict "
+        "best."
     )
     return [Table(columns, rows, caption), *figure]
 

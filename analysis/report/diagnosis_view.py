@@ -94,7 +94,7 @@ def _draw(
                 ),
                 "Each run under models that were fitted without it: the plain one, and the one with the causes found. "
                 "Means in log time; grey: two standard deviations of one reading's noise. The errors in the titles are "
-                "from the nested trial, in which the causes were chosen anew without the runs held out.",
+                "from the nested trial, in which the model, or a part of it, was chosen without the runs held out.",
                 f"Held-out residuals of the {sensor} before and after the model was extended",
             )
         figures["residuals"] = (
@@ -138,9 +138,9 @@ def _draw(
         names, values, kept = zip(*scores, strict=True)
         figures["causes"] = (
             drawings.cause_bars(names, values, kept, level("effect"), "nats on unseen runs"),
-            "Filled: by how much unseen runs are predicted worse without the effect, all else refitted. Open: by how "
+            "Filled: by how much unseen runs are predicted worse by the best model without the effect. Open: by how "
             "much better with another one in the model that is stated. The line is what is held against any effect "
-            "before the data.",
+            "before the data; effects with a range to search, and forms, need more.",
             f"What unseen runs say of the effects in the {sensor}, and of the other candidates",
         )
     return figures
@@ -163,8 +163,8 @@ def _evidence(found: ChannelDiagnosis) -> list[tuple[str, float, bool]]:
         less = max((one.score.total for one in search.pool if effect not in one.ids), default=search.plain.score.total)
         told.append((label(effect), max(search.best.score.total - less, 0.0), True))
     more = [one for one in search.pool if one.ids > search.best.ids and len(one.ids - search.best.ids) == 1]
-    more = sorted(more, key=lambda one: -one.score.total)[:MOST_CANDIDATES]
-    for one in more:
+    for one in sorted(more, key=lambda one: -one.score.total)[:MOST_CANDIDATES]:
         (effect,) = one.ids - search.best.ids
-        told.append((label(effect), max(one.score.total - search.best.score.total, 0.0), False))
+        if (gained := one.score.total - search.best.score.total) > 0.0:
+            told.append((label(effect), gained, False))
     return told

@@ -8,7 +8,7 @@ from typing import Any
 
 from shockrig.analysis.diagnosis.diagnosed import NO_STEP, Cause, ChannelDiagnosis, Diagnosis
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.effects.behaviours import form_of
+from shockrig.analysis.effects.behaviours import form_of, is_step
 from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.inference.effect import Parameter
 from shockrig.analysis.inference.quantity import QUANTITIES
@@ -32,8 +32,9 @@ def label(effect: str) -> str:
         return named(effect)
     form = form_of(effect)
     of = "" if form.driver == "none" else f" of {named(form.driver)}"
-    on = [named(factor) for factor in form.factors]
-    return f"{named(form.behaves_as)}{of}" + (f" by {listed(on)}" if on else "")
+    steps = [f" from the {described_words.nth_run(how)} run on" for _, how in form.depends_on if is_step(how)]
+    on = [named(factor) for factor, how in form.depends_on if not is_step(how)]
+    return f"{named(form.behaves_as)}{of}" + (f" by {listed(on)}" if on else "") + "".join(steps)
 
 
 def listed(words: Sequence[str], last: str = "and") -> str:
@@ -227,11 +228,12 @@ def missing(diagnosis: Diagnosis) -> list[str]:
 def worse(nats: float) -> str:
     """How much worse a model predicts unseen runs, from the nats that it is behind."""
     odds = nats / math.log(10)
-    if odds < 1:
+    if abs(odds) < 1:
         return "predicts unseen runs about as well"
-    if odds < 3:
-        return f"makes unseen runs {plain(10**odds, 1)} times less likely"
-    return "predicts unseen runs far worse"
+    if abs(odds) < 3:
+        times = plain(float(f"{10 ** abs(odds):.0e}"), 1)
+        return f"makes unseen runs some {times} times {'less' if odds > 0 else 'more'} likely"
+    return f"predicts unseen runs far {'worse' if odds > 0 else 'better'}"
 
 
 def experiment(run: dict[str, Any]) -> str:
