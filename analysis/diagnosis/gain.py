@@ -29,9 +29,6 @@ FOLDS = 3
 USUAL_SPREAD, USUAL_DEGREES = 0.5, 3  # of gains from run to run, relative, before any run has told
 USUAL_LOSS = 5.0  # by how much fewer runs tell less than all
 UNTOLD = 0.2  # standard uncertainty of ln rate from which a training part predicts nothing
-CONFIDENCE = 0.975  # one-sided, of what is called a gain
-SLIGHT = 1e-4  # share of the mean square error of unseen runs below which nothing is gained, however surely
-LIKELY = 0.7  # likewise, of what unseen runs do not speak against
 
 
 @dataclass(frozen=True)
@@ -45,10 +42,6 @@ class Gain:
         (before^2 - after^2) / (before^2 - floor^2), from 0 to 1.
     interval_95 : (float, float)
         Of that share in the next campaign of the same plan.
-    real : bool
-        Whether the error falls by more than runs differ; without that nothing is gained.
-    likely : bool
-        Whether it falls by more than half of what runs differ by chance: unseen runs do not speak against the gain.
     run_before, run_after : ndarray (R,)
         Mean squares of single runs; NaN where a run could not be held out.
     """
@@ -58,8 +51,6 @@ class Gain:
     noise_floor: float
     explained_fraction: float
     interval_95: tuple[float, float]
-    real: bool
-    likely: bool
     run_before: Array
     run_after: Array
 
@@ -181,13 +172,11 @@ def summarise(
     """Errors over all held runs and the share explained."""
     told = np.isfinite(before)
     if not told.any():
-        return Gain(floor, floor, floor, 0.0, (0.0, 0.0), False, False, before, after)
+        return Gain(floor, floor, floor, 0.0, (0.0, 0.0), before, after)
     run_before, run_after = before[told], after[told]
     # A model cannot do better than the noise; where it seems to, the noise was stated too high.
     floor = min(floor, float(np.sqrt(min(run_after.mean(), run_before.mean()))))
     gained, spread, degrees = _mean_and_spread(run_before - run_after, kind[told])
-    # Each run counts alike: by what share of its own error is removed or added, from 1 to -1.
-    better, unsure, of = _mean_and_spread((run_before - run_after) / (run_before + run_after), kind[told])
     share, interval = _share(gained, spread, degrees, run_after, floor)
     return Gain(
         before=float(np.sqrt(run_before.mean())),
@@ -195,8 +184,6 @@ def summarise(
         noise_floor=floor,
         explained_fraction=share,
         interval_95=interval,
-        real=gained > 0 and better > float(stdtrit(of, CONFIDENCE)) * unsure,
-        likely=gained > SLIGHT * float(run_before.mean()) and better > float(stdtrit(of, LIKELY)) * unsure,
         run_before=before,
         run_after=after,
     )

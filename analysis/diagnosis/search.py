@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,8 @@ from shockrig.analysis.inference.fit import Fit, fit, go_on
 from shockrig.analysis.inference.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.inference.predictive import Score, bumps, score, weights
 from shockrig.analysis.inference.problem import Problem
+from shockrig.analysis.inference.quantity import RunEffect
+from shockrig.analysis.inference.rate_scatter import RATE_SCATTER
 from shockrig.analysis.inference.scan import rough_point, rough_rates
 
 Array = NDArray[np.float64]
@@ -37,6 +39,7 @@ BEGUN, RUNNING, FINISHED = 16, 8, 3
 STARTS = 2  # of a candidate, the best to first order
 QUICK, FURTHER, WHOLE = 3, 5, 25  # steps of Gauss and Newton
 MOST_EFFECTS = 6
+SMALLEST = 1e-6  # discrepancy that is none
 FAR = 0.005  # discrepancy, as a share of the step, from which the runs' deviations mean little
 WITHIN_REACH = 3.0  # nats that a candidate's promise to first order may lack and that its fit may bring
 MOST_MODELS = 80  # of the pool that are weighed: the best
@@ -79,7 +82,7 @@ class Search:
     Attributes
     ----------
     plain, best : Rated
-        The model that it began from, and the one with the largest weight.
+        The model that it began from, and the heaviest of effects that are each likelier than not.
     pool : tuple of Rated
         All models that were weighed, the heaviest first.
     weights : ndarray (M,)
@@ -122,7 +125,7 @@ class Search:
 
     def tied(self) -> list[Rated]:
         """Models whose weight is not small beside the best one's, the best first."""
-        least = level("tie") * self.weights[0]
+        least = level("tie") * self.weight(self.best)
         return [one for one, w in zip(self.pool, self.weights, strict=True) if w >= least]
 
 
@@ -188,9 +191,11 @@ class Race:
 
     def _first_order(self, near: Rated, columns: Array) -> tuple[Array, Array]:
         """Scores of columns beside the model's own parameters, the runs' random effects, and its discrepancy."""
-        found, sigma = near.fit, near.score.discrepancy
-        if sigma == 0.0:
-            return found.scores(self.problem, columns)
+        # A candidate may end what the model so far is wrong by: that is not to hide what it promises.
+        # Nor is how much runs differ in their rates, where that is more than sensors usually do.
+        found, sigma = near.fit, max(min(near.score.discrepancy, FAR), SMALLEST)
+        own = found.arrow.weight.copy()
+        own[:, RunEffect.RATE] = np.maximum(own[:, RunEffect.RATE], 1.0 / RATE_SCATTER**2)
         low, high = found.model.bounds()
         free = (found.theta > low) & (found.theta < high)
         mean, weight = found.model.priors()
@@ -198,7 +203,7 @@ class Race:
         arrow = Arrow(
             found.arrow.jacobian[..., free],
             np.concatenate([found.arrow.run_jacobian, self.bump], axis=-1),
-            np.concatenate([found.arrow.weight, np.full((runs, width), 1.0 / sigma**2)], axis=-1),
+            np.concatenate([own, np.full((runs, width), 1.0 / sigma**2)], axis=-1),
             weight[free],
         )
         deviations = np.concatenate([found.deviations, np.zeros((runs, width))], axis=-1)
@@ -417,10 +422,6 @@ def _kin(one: Form, other: Form) -> bool:
     return len(apart) == 1 and all(how in SCALES for _, how in apart)
 
 
-def _behind(one: Rated) -> float:
-    return -one.value
-
-
 def _value(one: Rated) -> float:
     return one.value
 
@@ -453,4 +454,9 @@ def _weighed(race: Race, plain: Rated) -> Search:
     weight = weights([one.score.runs for one in best], [one.log_prior for one in best])
     order = sorted(range(len(best)), key=lambda i: (-weight[i], -best[i].value))
     pool = tuple(best[i] for i in order)
-    return Search(plain, pool[0], pool, weight[order], race.fits)
+    found = Search(plain, pool[0], pool, weight[order], race.fits)
+    # The median probability model (Barbieri and Berger 2004, doi 10.1214/009053604000000238): weight that many models
+    # share for something they do not share is no evidence for any of it.
+    likely = {law for one in pool for law in one.laws if found.probability(law) >= level("named")}
+    fixed = {law_of(effect) for effect in race.fixed}
+    return replace(found, best=next((one for one in pool if one.laws <= likely | fixed), plain))

@@ -104,8 +104,8 @@ def _nearest(problem: Problem, found: Search, effect: Effect, instead: list[tupl
             likeness = _alike(problem, without.fit, found.best.fit, one.fit)
             if likeness <= 0.0:
                 return None
-            if behind < 1.0:
-                return Likeness(new[0], round(likeness, 3), "it predicts unseen runs as well")
+            if one in found.tied():
+                return None  # it is told among what the runs do not tell apart
             return Likeness(new[0], round(likeness, 3), f"with it unseen runs are e^{behind:.3g} times less likely")
     return None
 

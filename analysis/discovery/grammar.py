@@ -121,11 +121,6 @@ def forms(channel: Channel) -> Iterator[Form]:
         yield Form("added_rate", "none", (("humidity", "dew_margin"),))
 
 
-def plain_forms(channel: Channel) -> Iterator[Form]:
-    """The forms whose strength nothing scales; none where `forms` has none."""
-    return (form for form in forms(channel) if not set(form.depends_on) & set(SCALING))
-
-
 def _bases(channel: Channel) -> Iterator[Form]:
     """Behaviours with their drivers, depending on nothing yet."""
     c = channel.conditions

@@ -42,7 +42,7 @@ EFFECT = Effect(
     id="clock_drift",
     link="logger",
     channels=("temperature", "humidity"),
-    parameters=(Parameter("ppm", "1e-6", -200000.0, 200000.0, (20000.0, -20000.0)),),
+    parameters=(Parameter("ppm", "1e-6", -200000.0, 200000.0, (20000.0, -20000.0), weakest=1000.0),),
     apply=_apply,
     sentence="This channel's clock runs fast by {ppm} parts per million.",
     equation="t_stamp = t (1 + ppm 1e-6)",

@@ -29,6 +29,9 @@ Array = NDArray[np.float64]
 BUMPS = 10
 # Standard deviations of a bump in units of the run's step that are tried; the first is none.
 DISCREPANCIES = np.concatenate([[0.0], np.geomspace(2e-5, 0.3, 14)])
+NOISE_DEGREES = 8.0  # of freedom, with which the noise of a run is known beside its own readings
+USUAL_SPREAD, USUAL_DEGREES = 0.5, 3  # of what runs say of two models, relative, and how well that is known
+FEWEST_RUNS = 3  # that say how far they agree
 HOPELESS = 1e12  # nats a run
 RATE_PRIOR = 3.0  # standard deviation of ln rate before any data: a factor of twenty either way
 RANGE_PRIOR = 0.5  # that of a parameter, as a share of its range on the scale that is fitted
@@ -71,7 +74,9 @@ def bumps(problem: Problem) -> Array:
     soonest = max(float(np.quantile(late[after], 0.01)), 0.5 * channel.sampling_period_s)
     knots = np.linspace(np.log(soonest), np.log(float(late[after].max())), BUMPS)
     place = np.log(np.maximum(late, soonest))
-    hats = np.stack([np.where(after, np.interp(place, knots, row), 0.0) for row in np.eye(BUMPS)], axis=-1)
+    # Where nobody recorded the start, what is wrong about it shows before it as well.
+    shows = after | (filled & ~channel.conditions.start_known[:, None])
+    hats = np.stack([np.where(shows, np.interp(place, knots, row), 0.0) for row in np.eye(BUMPS)], axis=-1)
     size = np.maximum(np.abs(step), channel.quantity.least_step)
     return problem.whiten(hats * size[:, None, None])
 
@@ -81,7 +86,7 @@ class Gram:
     """Inner products of a fit's whitened columns in each run: all that its score is made of.
 
     `jacobian` (R, P, P) and so on are J'J, J'V, J'r, V'V, V'r and r'r, V the random effects with the discrepancy's
-    bumps behind them; `own` are the random effects' variances (R, U).
+    bumps behind them; `own` are the random effects' variances (R, U), `count` the readings of each run (R,).
     """
 
     jj: Array
@@ -93,6 +98,7 @@ class Gram:
     own: Array
     prior: Array
     pull: Array
+    count: Array
 
 
 def gram(problem: Problem, found: Fit, bump: Array) -> Gram:
@@ -121,13 +127,12 @@ def gram(problem: Problem, found: Fit, bump: Array) -> Gram:
         own=1.0 / found.arrow.weight,
         prior=prior[free],
         pull=pull[free],
+        count=(problem.channel.count > 0).sum(axis=1).astype(float),
     )
 
 
-def densities(
-    g: Gram, discrepancy: float, blocks: NDArray[np.int64] | None = None, extra: Array | None = None
-) -> Array:
-    """Log predictive density of each block of runs (B,) given all the others [nats]; single runs by default."""
+def _reduced(g: Gram, discrepancy: float) -> tuple[Array, Array, Array, Array]:
+    """Each run's N_i (R, P, P), g_i (R, P), r_i' C_i^-1 r_i (R,) and log det C_i (R,)."""
     bumps_of = np.full((g.own.shape[0], g.vv.shape[-1] - g.own.shape[-1]), discrepancy**2)
     root = np.sqrt(np.concatenate([g.own, bumps_of], axis=-1))
     # With V scaled to unit variance, C^-1 = I - V (I + V'V)^-1 V'.
@@ -139,11 +144,17 @@ def densities(
     own = g.jj - jv @ solved[..., :-1]
     right = g.jr - (jv @ solved[..., -1:])[..., 0]
     square = g.rr - (vr * solved[..., -1]).sum(axis=-1)
-    log_det = np.linalg.slogdet(scaled)[1]
+    return own, right, square, np.linalg.slogdet(scaled)[1]
+
+
+def densities(g: Gram, discrepancy: float, blocks: NDArray[np.int64] | None = None) -> Array:
+    """Log predictive density of each block of runs (B,) given all the others [nats]; single runs by default."""
+    own, right, square, log_det = _reduced(g, discrepancy)
+    count = g.count
     if blocks is not None:
         _, place = np.unique(blocks, return_inverse=True)
-        count = int(place.max()) + 1
-        own, right, square, log_det = (_summed(x, place, count) for x in (own, right, square, log_det))
+        size = int(place.max()) + 1
+        own, right, square, log_det, count = (_summed(x, place, size) for x in (own, right, square, log_det, count))
     scale = 1.0 / np.sqrt(own.sum(axis=0).diagonal() + g.prior)
     own, right = own * scale[:, None] * scale, right * scale
     whole = own.sum(axis=0) + np.diag(g.prior * scale**2)
@@ -154,7 +165,10 @@ def densities(
     off = square - 2.0 * (shift[..., 0] * right).sum(axis=-1) + (shift.transpose(0, 2, 1) @ own @ shift)[:, 0, 0]
     off = off - (left * np.linalg.solve(whole, left.T).T).sum(axis=-1)
     log_det = log_det + np.linalg.slogdet(whole)[1] - np.linalg.slogdet(rest)[1]
-    return np.asarray(-0.5 * (off + log_det))
+    # How large the noise is, is known about as well as from so many readings: Student's density in place of Gauss's, so
+    # that a run which no model describes counts by how much less one leaves of it than another, and not for thousands.
+    student = (NOISE_DEGREES + count) * np.log1p((off - count) / (NOISE_DEGREES + count))
+    return np.asarray(-0.5 * (count + student + log_det))
 
 
 def _summed(values: Array, place: NDArray[np.int64], count: int) -> Array:
@@ -179,11 +193,35 @@ def weights(densities_of: Sequence[Array], log_prior: Sequence[float], draws: in
     doi 10.1214/17-BA1091)."""
     each = np.stack(densities_of)  # (M, R)
     runs = each.shape[1]
-    share = np.random.default_rng(seed).dirichlet(np.ones(runs), draws)  # (B, R)
+    rng = np.random.default_rng(seed)
+    share = rng.dirichlet(np.ones(runs), draws)  # (B, R)
+    # What a run says, others may say more or less of: by half, before any has told, known as from three runs.
+    share = share * np.maximum(1.0 + USUAL_SPREAD * rng.standard_t(USUAL_DEGREES, share.shape), 0.0)
     log_weight = runs * share @ each.T + np.asarray(log_prior)  # (B, M)
     log_weight -= log_weight.max(axis=1, keepdims=True)
     weight = np.exp(log_weight)
     return np.asarray((weight / weight.sum(axis=1, keepdims=True)).mean(axis=0))
+
+
+def no_surer_than_runs(problem: Problem, found: Fit, bump: Array, discrepancy: float) -> Fit:
+    """A fit whose parameters are no surer than the runs agree on them: the sandwich of what each run alone would move
+    them by (Huber 1967; White 1982, doi 10.2307/1912526), where that is more than the fit's own covariance.
+    """
+    runs = problem.channel.runs
+    if runs < FEWEST_RUNS:
+        return found
+    g = gram(problem, found, bump)
+    own, right = _reduced(g, discrepancy)[:2]
+    normal = own.sum(axis=0) + np.diag(g.prior)
+    moved = np.linalg.solve(normal, right.T)  # (P, R)
+    moved = moved - moved.mean(axis=1, keepdims=True)
+    between = (moved**2).sum(axis=1) * runs / (runs - 1.0)
+    low, high = found.model.bounds()
+    free = (found.theta > low) & (found.theta < high)
+    stated = np.diag(found.covariance)[free]
+    scale = np.ones(free.size)
+    scale[free] = np.sqrt(np.maximum(between / np.maximum(stated, 1e-300), 1.0))
+    return replace(found, covariance=found.covariance * scale[:, None] * scale)
 
 
 def allowing(problem: Problem, bump: Array, discrepancy: float) -> Problem:

@@ -316,9 +316,9 @@ def _rivals(view: ChannelView, figure: list[Figure]) -> list[Block]:
         said = "stated" if one is search.best else worse(behind)
         numbers = [_signed(-behind), _signed(one.log_prior - search.best.log_prior)]
         rows.append([effects, share, said, *numbers, f"{plain(100 * one.score.discrepancy, 2)} %"])
-    columns = ("model", "weight", "in words", "unseen runs, nats", "beforehand, nats", "wrong by, of a step")
+    columns = ("model", "weight", "on unseen runs", "there, nats", "beforehand, nats", "wrong by, of a step")
     caption = (
-        "Models by their weight. Unseen runs: log predictive density of runs that the model was not fitted to, beside "
+        "Models by their weight. There: log predictive density of runs that the model was not fitted to, beside "
         "the one stated. Beforehand: what is held against its effects before the data, likewise. The weight is of both "
         "together, averaged over a bootstrap of the runs. Wrong by: what the model itself has to allow for to predict "
         "best."
