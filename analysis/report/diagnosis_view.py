@@ -138,9 +138,9 @@ def _draw(
         names, values, kept = zip(*scores, strict=True)
         figures["causes"] = (
             drawings.cause_bars(names, values, kept, level("effect"), "nats on unseen runs"),
-            "Filled: by how much unseen runs are predicted worse by the best model without the effect. Open: by how "
-            "much better with another one in the model that is stated. The line is what is held against any effect "
-            "before the data; effects with a range to search, and forms, need more.",
+            "Filled: by how much unseen runs are predicted worse without the effect and with nothing in its place. Open: "
+            "by how much better with another one in the model that is stated. The line is what is held against any "
+            "effect before the data; effects with a range to search, and forms, need more.",
             f"What unseen runs say of the effects in the {sensor}, and of the other candidates",
         )
     return figures
@@ -160,8 +160,8 @@ def _evidence(found: ChannelDiagnosis) -> list[tuple[str, float, bool]]:
     """(words, nats, kept) of the effects in the model that is stated and of the candidates that come next."""
     search, told = found.search, list[tuple[str, float, bool]]()
     for effect in sorted(search.best.ids - search.plain.ids):
-        less = max((one.score.total for one in search.pool if effect not in one.ids), default=search.plain.score.total)
-        told.append((label(effect), max(search.best.score.total - less, 0.0), True))
+        parts = [one.score.total for one in search.pool if one.ids <= search.best.ids - {effect}]
+        told.append((label(effect), search.best.score.total - max(parts, default=search.plain.score.total), True))
     more = [one for one in search.pool if one.ids > search.best.ids and len(one.ids - search.best.ids) == 1]
     for one in sorted(more, key=lambda one: -one.score.total)[:MOST_CANDIDATES]:
         (effect,) = one.ids - search.best.ids
