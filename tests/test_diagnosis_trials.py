@@ -46,10 +46,16 @@ def test_the_ordinary_bench_is_untangled():
         assert gain["held_out_rmse_after"] < 1.3 * gain["noise_floor"] < 0.5 * gain["held_out_rmse_before"]
 
 
-@pytest.mark.parametrize("seed", [7033, 7034])
-def test_what_no_catalogue_holds_is_called_unexplained(seed):
+@pytest.mark.parametrize(
+    ("seed", "verdict", "described"),
+    [(7033, "unexplained", [("periodic", [])]), (7034, "described", [("rate_change", ["ambient"])])],
+)
+def test_what_no_catalogue_holds_is_described_as_far_as_it_can_be(seed, verdict, described):
+    """A hum whose bursts are left over; a bead whose rate moves with the ambient, which leaves nothing."""
     result = trials.trial("outside", "rough", "comfortable", seed)
-    assert result["diagnosis"]["channels"]["temperature"]["verdict"] == "unexplained"
+    told = result["diagnosis"]["channels"]["temperature"]
+    behaviours = [(one["behaves_as"], [on["factor"] for on in one["depends_on"]]) for one in told["discovered"]]
+    assert (told["verdict"], told["causes"], behaviours) == (verdict, [], described)
     for name, scored in result["score"].channels.items():
         assert scored.verdict_right, (seed, name)
         assert not scored.wrong, (seed, name, scored.wrong)

@@ -46,8 +46,12 @@ def test_a_hum_as_large_as_the_tolerance_is_described_and_no_noise(tmp_path):
     (one,) = found.discovered
     assert one.behaves_as == "periodic"
     assert one.period_s.value == pytest.approx(1.0 / 0.35, rel=0.002)
+    assert abs(one.period_s.value - 1.0 / 0.35) < 5.0 * one.period_s.standard_uncertainty
     assert one.size.value == pytest.approx(0.1, rel=0.05)
-    assert found.remainder.rms >= found.remainder.tolerance
+    # It is out of the readings that are judged: nothing of it is left, nor in the noise.
+    assert found.adequacy.passed and found.remainder.rms < 0.1 * found.remainder.tolerance
+    true = draw_truth(np.random.default_rng(7), "rough", ()).temperature_noise
+    assert found.noise.standard_deviation == pytest.approx(np.hypot(true.white, true.correlated), rel=0.1)
 
 
 @pytest.mark.parametrize("seed", range(20, 23))
