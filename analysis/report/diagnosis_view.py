@@ -138,7 +138,7 @@ def _draw(
         names, values, kept = zip(*scores, strict=True)
         figures["causes"] = (
             drawings.cause_bars(names, values, kept, level("effect"), "nats on unseen runs"),
-            "Filled: by how much unseen runs are predicted worse without the effect and with nothing in its place. Open: "
+            "Filled: by how much unseen runs are predicted worse without the effect, nothing in its place. Open: "
             "by how much better with another one in the model that is stated. The line is what is held against any "
             "effect before the data; effects with a range to search, and forms, need more.",
             f"What unseen runs say of the effects in the {sensor}, and of the other candidates",
