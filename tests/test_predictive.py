@@ -1,14 +1,15 @@
-"""Predictive densities of unseen runs: against conditional densities of the joint Gaussian, written out in full."""
+"""Predictive densities of unseen runs: against conditional densities of the joint distribution, written out in full."""
 
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal
+from scipy.stats import multivariate_t
 
 from shockrig.analysis.diagnosis.refitting import plain_fit
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.noise import estimate_noise, whiteners
 from shockrig.analysis.inference.predictive import (
     DISCREPANCIES,
+    NOISE_DEGREES,
     Gram,
     allowing,
     bumps,
@@ -45,13 +46,14 @@ def linear():
         own=own,
         prior=prior,
         pull=pull,
+        count=np.full(RUNS, float(READINGS)),
     )
     return g, (j, u, b, r)
 
 
 def conditional(g, columns, discrepancy, blocks):
-    """Log density of each block of runs given all others, from the joint distribution of all readings; without the
-    Gaussian's constant."""
+    """Log density of each block of runs given all others, from the joint distribution of all readings: Student's, with
+    the slope of Gauss's where a run is as far off as its noise is large."""
     j, u, b, r = columns
     runs, readings = r.shape
     joint, mean = np.zeros((r.size, r.size)), j.reshape(r.size, -1) @ (g.pull / g.prior)
@@ -66,8 +68,15 @@ def conditional(g, columns, discrepancy, blocks):
         gain = np.linalg.solve(joint[np.ix_(~here, ~here)], joint[np.ix_(~here, here)]).T
         expected = mean[here] + gain @ centred
         left = joint[np.ix_(here, here)] - gain @ joint[np.ix_(~here, here)]
-        density = multivariate_normal(expected, 0.5 * (left + left.T)).logpdf(y)
-        said.append(density + 0.5 * y.size * np.log(2.0 * np.pi))
+        n = int(g.count[blocks == block].sum())  # an empty bin has no reading, and its column is nought
+        student = multivariate_t(expected[:n], np.eye(n), df=NOISE_DEGREES)
+        # The same distance from the centre along one axis, in units of the density's own covariance.
+        away = np.zeros(n)
+        away[0] = np.sqrt((y - expected) @ np.linalg.solve(left, y - expected))
+        typical = np.zeros(n)
+        typical[0] = np.sqrt(n)
+        density = student.logpdf(expected[:n] + away) - student.logpdf(expected[:n] + typical)
+        said.append(density - 0.5 * n - 0.5 * np.linalg.slogdet(left)[1])
     return np.array(said)
 
 

@@ -98,7 +98,7 @@ def measure_gain(channel: Channel, problem: Problem, base: Structure, plain: Rat
         if not train.any() or not test.size:
             continue
         part = problem.select(train)
-        _, simple = _fitted(part, plain, plain.fit.structure, train)
+        value, simple = _fitted(part, plain, plain.fit.structure, train)
         # Nor is one that the training part has runs of and does not tell, while all runs together do.
         told, known = (np.sqrt(np.diag(f.covariance))[: channel.rates] for f in (simple, plain.fit))
         told = told < np.maximum(UNTOLD, USUAL_LOSS * known)
@@ -113,6 +113,7 @@ def measure_gain(channel: Channel, problem: Problem, base: Structure, plain: Rat
         whole = best.fit.structure
         smaller = [whole.dropping(e) for e in added] if len(added) > 1 else []
         tried = [_fitted(part, best, structure, train) for structure in (whole, *smaller)]
+        tried.append((value, simple))
         _, chosen = max(tried, key=lambda one: one[0])
         after[test] = run_errors(held, bins, chosen)
     return summarise(before, after, noise.while_moving, kinds(channel))

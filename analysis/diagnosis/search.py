@@ -7,18 +7,21 @@ pool, and the weights of that pool are all that a diagnosis rests on.
 
 from __future__ import annotations
 
+import itertools
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.diagnosis.candidates import Candidate, candidates, sound
-from shockrig.analysis.diagnosis.refitting import begun_anew, plain_fit, rate_shift, refit
+from shockrig.analysis.diagnosis.refitting import begun_anew, plain_fit, plainly_wrong, rate_shift, refit
 from shockrig.analysis.diagnosis.thresholds import level
 from shockrig.analysis.effects.behaviours import SCALES, STEP, Form, form_of
 from shockrig.analysis.effects.described import is_described
+from shockrig.analysis.effects.laws import laws_of
 from shockrig.analysis.inference.arrow import Arrow
 from shockrig.analysis.inference.effect import Effect, by_name
 from shockrig.analysis.inference.fit import Fit, fit, go_on
@@ -64,6 +67,10 @@ class Rated:
         """Of its effects: at which run a change begins does not make another law."""
         return frozenset(law_of(id_) for id_ in self.fit.structure.ids)
 
+    def holds(self, effect: str) -> bool:
+        """Whether it has an effect, or a form that is the effect's law with a strength that depends on something."""
+        return law_of(effect) in self.laws or any(effect in _scaled_law(id_) for id_ in self.ids if is_described(id_))
+
     @property
     def value(self) -> float:
         """Log predictive density and log prior [nats]."""
@@ -73,6 +80,14 @@ class Rated:
 def law_of(effect: str) -> str:
     """An effect's id without the run at which a change begins."""
     return re.sub(rf"({STEP})\d+", r"\1n", effect)
+
+
+@cache
+def _scaled_law(form_id: str) -> frozenset[str]:
+    """Effects whose law a form is, but for what its strength depends on."""
+    form = form_of(form_id)
+    bare = replace(form, depends_on=tuple(on for on in form.depends_on if on[1] not in SCALES))
+    return frozenset(name for name, _ in laws_of(bare))
 
 
 @dataclass(frozen=True)
@@ -100,9 +115,9 @@ class Search:
     untried: tuple[str, ...] = ()
 
     def probability(self, effect: str) -> float:
-        """Of an effect's being there: the weight of all models that hold its law."""
-        law = law_of(effect)
-        return float(min(sum(w for one, w in zip(self.pool, self.weights, strict=True) if law in one.laws), 1.0))
+        """Of an effect's being there: the weight of all models that hold its law, however that may depend on things."""
+        held = (w for one, w in zip(self.pool, self.weights, strict=True) if one.holds(effect))
+        return float(min(sum(held), 1.0))
 
     def weight(self, one: Rated) -> float:
         """Of one model."""
@@ -231,7 +246,13 @@ class Race:
                 (one, starts[: STARTS + 1 if several else STARTS])
             )
             seen.add(one.family)
-        return [*first[:BEGUN], *rest[: max(BEGUN - len(first), BEGUN // 4)]]
+        entered = [*first[:BEGUN], *rest[: max(BEGUN - len(first), BEGUN // 4)]]
+        # A look-alike that is never fitted can never be tied: places that are left go to the next of the catalogue.
+        ids = {one.effect.id for one, _ in entered}
+        others = (
+            (one, starts[:STARTS]) for one, starts, _ in screened if one.form is None and one.effect.id not in ids
+        )
+        return [*entered, *itertools.islice(others, max(RUNNING - len(entered), 0))]
 
     def _begun(self, near: Rated, one: Candidate, starts: Starts, far: bool) -> list[Rated]:
         """A few steps of a model with a candidate more, from each of its starts, the best first."""
@@ -272,7 +293,7 @@ class Race:
         key = (near.ids, frozenset(c.effect.id for c in open_to))
         if key in self.done:
             return self.done[key]
-        far = near.score.discrepancy > FAR
+        far = near.score.discrepancy > FAR or plainly_wrong(self.problem, near.fit)
         runners = [
             self._begun(near, one, starts, far) for one, starts in self._entered(self.screened(near, open_to), far)
         ]
@@ -450,7 +471,8 @@ def _resumed(race: Race, plain: Rated, earlier: Earlier) -> Rated:
 
 def _weighed(race: Race, plain: Rated) -> Search:
     """The pool weighed by its models' predictive densities."""
-    best = sorted(race.pool.values(), key=lambda r: -r.value)[:MOST_MODELS]
+    among = [one for one in race.pool.values() if one.ids == plain.ids or sound(one.fit, one.ids - race.fixed)]
+    best = sorted(among, key=lambda r: -r.value)[:MOST_MODELS]
     weight = weights([one.score.runs for one in best], [one.log_prior for one in best])
     order = sorted(range(len(best)), key=lambda i: (-weight[i], -best[i].value))
     pool = tuple(best[i] for i in order)
