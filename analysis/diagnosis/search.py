@@ -225,9 +225,7 @@ class Race:
         pull = (weight * (mean - found.theta))[free]
         return arrow.scores(columns, self.problem.whiten(found.residual), deviations, pull)
 
-    def _entered(
-        self, screened: Iterable[tuple[Candidate, Starts, float]], far: bool
-    ) -> list[tuple[Candidate, Starts]]:
+    def _entered(self, screened: Sequence[Screened], far: bool) -> list[tuple[Candidate, Starts]]:
         """Those whose fits are begun: of each family the best, then by promise."""
         first: list[tuple[Candidate, Starts]] = []
         rest: list[tuple[Candidate, Starts]] = []
