@@ -168,7 +168,10 @@ def _enough(found: ChannelDiagnosis, explanations: Sequence[Explanation]) -> Exp
 
 def _possible(found: ChannelDiagnosis, look: int) -> list[Explanation]:
     """The explanation that a diagnosis ends with, and those that it is tied with at this look: models that lack a part
-    of it, whether or not something else stands there, and predict unseen runs nearly as well."""
+    of it, whether or not something else stands there, and predict unseen runs nearly as well, or all but a few of them,
+    which may be the odd ones."""
     search, least = found.search, found.search.best.value - 0.5 * tie_level(look)
-    close = [one for one in search.pool if one.value > least and not one.laws >= search.best.laws]
-    return [_explained_by(one) for one in (search.best.fit, *(one.fit for one in close[:MOST_TIED]))]
+    even = {id(one) for one in search.tied()}
+    close = [one for one in search.pool if one.value > least or id(one) in even]
+    lacking = [one.fit for one in close if not one.laws >= search.best.laws]
+    return [_explained_by(one) for one in (search.best.fit, *lacking[:MOST_TIED])]
