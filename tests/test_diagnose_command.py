@@ -131,7 +131,13 @@ def test_the_report_shows_before_and_after_and_needs_nothing_else(film):
     out = film[0]
     page = (out / "report.html").read_text()
     assert "<script" not in page and "http-equiv" in page
-    for word in ("Ranz and Marshall", "Models by their weight", "crossing an inversion", "State the airflow", "correlated by"):
+    for word in (
+        "Ranz and Marshall",
+        "Models by their weight",
+        "crossing an inversion",
+        "State the airflow",
+        "correlated by",
+    ):
         assert word in page, word
     for name in ("temperature_before_after", "temperature_residuals", "humidity_residuals", "inversion"):
         assert (out / f"{name}.png").stat().st_size > 5000

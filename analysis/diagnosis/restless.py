@@ -6,11 +6,12 @@ runs tell has to stand out of the spectrum of these.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
+from scipy.optimize import minimize_scalar
 
 from shockrig.analysis.diagnosis.adequacy import BURST, BURSTS, Adequacy, factors, plateaus
 from shockrig.analysis.diagnosis.thresholds import level
@@ -33,6 +34,7 @@ CLIPPED = 2.0  # robust standard deviations: no sine goes there, and a burst is 
 LOUD, NEAR_BURST_S = 3.0, 0.5  # robust standard deviations of a burst, and what else is left out beside it
 SHARP, SIGMAS = 0.15, 3.0  # relative uncertainty of a slope over a factor, and its size, from which it says nothing
 EXPECTED = 3e-4  # share of readings that are absurd in real logs
+NEAR_TURN, LEAST_READINGS = 0.3, 8  # of a turn over a run; of a plateau that tells a swing
 FEWEST = 4  # plateaus of a condition that is held out
 NAMES = {"ambient": "ambient", "airflow": "airflow", "step": "direction", "run order": "run_order"}
 
@@ -70,7 +72,8 @@ def without_hum(channel: Channel) -> tuple[Channel, Discovered | None]:
     hum = _hum(channel, pieces)
     if hum is None or hum.period_s is None or hum.size is None:
         return channel, None
-    frequency = 1.0 / hum.period_s.value
+    frequency, u = _whole_runs(channel, 1.0 / hum.period_s.value, hum.size.value)
+    hum = replace(hum, period_s=Uncertain(1.0 / frequency, u / frequency**2))
     samples = [
         (time, value - _swing(time, value, channel.sampling_period_s, frequency)) for time, value in channel.samples
     ]
@@ -94,9 +97,37 @@ def _pieces(channel: Channel) -> list[_Plateau]:
     return [_Plateau(run, t[t - t[0] < LONGEST_S], y[t - t[0] < LONGEST_S]) for run, t, y in plateaus(channel)]
 
 
+def _whole_runs(channel: Channel, frequency_hz: float, size: float) -> tuple[float, float]:
+    """The frequency for which the two plateaus of each run fit one swing best, and its standard uncertainty [Hz]."""
+    period_s, spans = channel.sampling_period_s, [time[-1] - time[0] for time, _ in channel.samples]
+
+    def left(trial_hz: float) -> float:
+        total = 0.0
+        for time, value in channel.samples:
+            quiet = value - _swing(time, value, period_s, trial_hz)
+            for part in _plateaus_of(time, period_s):
+                z = quiet[part]
+                total += float(((z - np.polyval(np.polyfit(time[part], z, 2), time[part])) ** 2).sum())
+        return total
+
+    around = NEAR_TURN / float(np.median(spans))  # where the two plateaus of a run keep step
+    ends = (frequency_hz - around, frequency_hz + around)
+    found = minimize_scalar(left, bounds=ends, method="bounded", options={"xatol": 1e-7})
+    count = sum(int(part.sum()) for time, _ in channel.samples for part in _plateaus_of(time, period_s))
+    noise = found.fun / max(count, 1)
+    # Cramer and Rao over the length of whole runs (Rife and Boorstyn 1974, doi 10.1109/TIT.1974.1055282).
+    known = np.pi**2 * size**2 * count * float(np.median(spans)) ** 2 / (6.0 * max(noise, 1e-300))
+    return float(found.x), float(1.0 / np.sqrt(known))
+
+
+def _plateaus_of(time: Array, period_s: float) -> list[NDArray[np.bool_]]:
+    """The readings of a run (n,) before the transfer and at its end."""
+    return [part for part in (time < -2 * period_s, time > 0.67 * time[-1]) if part.sum() > LEAST_READINGS]
+
+
 def _swing(time: Array, value: Array, period_s: float, frequency_hz: float) -> Array:
     """The sinusoid of a frequency in a run's readings (n,), of one size and phase, from its two plateaus."""
-    parts = [part for part in (time < -2 * period_s, time > 0.67 * time[-1]) if part.sum() > 8]
+    parts = _plateaus_of(time, period_s)
     if not parts:
         return np.zeros(time.size)
     turn = 2.0 * np.pi * frequency_hz * time

@@ -266,6 +266,8 @@ class Race:
         if one.effect.own_rates or (far and lags):  # the body may be faster than it was taken to be alone
             choice = begins[0][1]
             begins.append((rough_rates(problem, structure, anew, choice), choice, anew))
+        if not far:  # what it does may hide in the runs' own deviations
+            begins.append((begins[0][0], begins[0][1], anew))
         if one.effect.own_rates and not channel.conditions.start_known.all():
             point = rough_point(problem, structure, begins[0][1])
             begins.append((point.theta[: channel.rates], begins[0][1], point.deviations))

@@ -33,7 +33,8 @@ MOST_ALTERNATIVES = 5
 
 def stated(problem: Problem, found: Search, final: Fit) -> tuple[Discovered, ...]:
     """The forms of the best model as a diagnosis's file states them, most certain first."""
-    ids = [effect for effect in final.structure.effects if is_described(effect.id)]
+    own = found.plain.fit.structure.ids  # what the readings showed is stated with them
+    ids = [effect for effect in final.structure.effects if is_described(effect.id) and effect.id not in own]
     told = [_stated(problem, found, final, effect) for effect in ids]
     return tuple(sorted(told, key=lambda one: -(one.probability or 0.0)))
 

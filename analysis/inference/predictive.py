@@ -30,7 +30,7 @@ BUMPS = 10
 # Standard deviations of a bump in units of the run's step that are tried; the first is none.
 DISCREPANCIES = np.concatenate([[0.0], np.geomspace(2e-5, 0.3, 14)])
 NOISE_DEGREES = 8.0  # of freedom, with which the noise of a run is known beside its own readings
-USUAL_SPREAD, USUAL_DEGREES = 0.5, 3  # of what runs say of two models, relative, and how well that is known
+USUAL_DEGREES = 3  # of freedom, with which it is known before any run how far runs differ in what they say
 FEWEST_RUNS = 3  # that say how far they agree
 HOPELESS = 1e12  # nats a run
 RATE_PRIOR = 3.0  # standard deviation of ln rate before any data: a factor of twenty either way
@@ -189,14 +189,16 @@ def score(problem: Problem, found: Fit, bump: Array, blocks: NDArray[np.int64] |
 
 
 def weights(densities_of: Sequence[Array], log_prior: Sequence[float], draws: int = 1000, seed: int = 26) -> Array:
-    """Weight of each model (M,): pseudo-BMA+ over a Bayesian bootstrap of the runs (Yao and others 2018,
+    """Weight of each model (M,): pseudo-BMA+ over a bootstrap of the runs (after Yao and others 2018,
     doi 10.1214/17-BA1091)."""
     each = np.stack(densities_of)  # (M, R)
     runs = each.shape[1]
     rng = np.random.default_rng(seed)
-    share = rng.dirichlet(np.ones(runs), draws)  # (B, R)
-    # What a run says, others may say more or less of: by half, before any has told, known as from three runs.
-    share = share * np.maximum(1.0 + USUAL_SPREAD * rng.standard_t(USUAL_DEGREES, share.shape), 0.0)
+    # Runs drawn with replacement: what a single run says is missing in a third of the draws.
+    share = rng.multinomial(runs, np.full(runs, 1.0 / runs), draws) / runs  # (B, R)
+    # What a run says, others may say more or less of: by as much as it says, known as from three runs.
+    says = np.maximum(1.0 + rng.standard_t(USUAL_DEGREES, share.shape), 0.0)
+    share = share * says / says.mean()
     log_weight = runs * share @ each.T + np.asarray(log_prior)  # (B, M)
     log_weight -= log_weight.max(axis=1, keepdims=True)
     weight = np.exp(log_weight)
