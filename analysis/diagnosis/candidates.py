@@ -25,7 +25,7 @@ from shockrig.analysis.inference.fit import Fit
 from shockrig.analysis.inference.model import Model, Point, Structure
 
 Array = NDArray[np.float64]
-LAG_TO_98 = 3.912  # time constants of a first-order lag
+LAST_PART, STILL_MOVES = 0.1, 8.0  # of a record; standard uncertainties of its slope from which on it still moves
 
 
 @dataclass(frozen=True)
@@ -119,21 +119,24 @@ def refused(found: Fit, effect: Effect) -> bool:
     return effect.refused(channel, values, bare)
 
 
-def _unended(found: Fit, effect: Effect) -> bool:
-    """Whether a slow part of a single response is cut off by the end of the record, where nobody recorded the air that
-    it goes to: where it would end, and how slowly, are then one."""
-    channel = found.model.channel
-    if channel.runs > 1 or channel.conditions.airs_known.any() or channel.measured.any():
+def _unended(channel: Channel, effect: Effect) -> bool:
+    """Whether a shape is told from a single response that still moves where the record ends, towards an air that nobody
+    recorded: where it would end, and how slowly, are then one."""
+    if channel.runs > 1 or not effect.shape or channel.conditions.airs_known.any() or channel.measured.any():
         return False
-    slow = max((v for name, (v, _) in found.values()[effect.id].items() if name == "time_constant_s"), default=0.0)
-    return slow * LAG_TO_98 > float(channel.samples[0][0][-1])
+    time, value = channel.samples[0]
+    end = time > time[-1] - LAST_PART * (time[-1] - time[0])
+    t, y = time[end] - time[end].mean(), value[end] - value[end].mean()
+    slope = float(t @ y / (t @ t))
+    left = y - slope * t
+    return abs(slope) > STILL_MOVES * float(np.sqrt(left.var() / (t @ t)))
 
 
 def sound(found: Fit, ids: set[str] | frozenset[str]) -> bool:
     """Whether the effects `ids` of a fit say something where it ended."""
     values = found.values()
     return not any(
-        says_nothing(effect, values[effect.id]) or refused(found, effect) or _unended(found, effect)
+        says_nothing(effect, values[effect.id]) or refused(found, effect) or _unended(found.model.channel, effect)
         for effect in found.structure.effects
         if effect.id in ids
     )
