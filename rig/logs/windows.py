@@ -41,7 +41,9 @@ def window(sensors: SensorLog, steps: Sequence[LogStep], one: LogStep, map_: Log
     begin_s = max(at_s - lead_s, begins_s if last_s is None else last_s + 0.5 * (at_s - last_s))
     end_s = min(at_s + tail_s, ends_s)
     if following is not None:
-        end_s = min(end_s, following.at_s - max(2.0 * following.uncertainty_s, 2.0 * period_s))
+        # A slow change whose start nobody can tell leaves the run before it half of the way at least.
+        near_s = following.at_s - max(2.0 * following.uncertainty_s, 2.0 * period_s)
+        end_s = min(end_s, max(near_s, at_s + 0.5 * (following.at_s - at_s)))
     return (
         one.begin_s if one.begin_s is not None else begin_s,
         one.end_s if one.end_s is not None else end_s,
