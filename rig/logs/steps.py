@@ -36,7 +36,8 @@ class Step:
     """A step of a log: when it was first seen (s on the log's clock, one standard uncertainty) and what moved.
 
     `why_not` says why it makes no run of its own; empty where it does. `stages` is the number of stages it came in,
-    `lasted_s` how long these took.
+    `lasted_s` how long these took. `beside` are the sensors that moved because their reference did, and show no change
+    of their own.
     """
 
     piece: int
@@ -46,6 +47,7 @@ class Step:
     stages: int = 1
     lasted_s: float = 0.0
     why_not: str = ""
+    beside: tuple[str, ...] = ()
 
 
 @dataclass

@@ -15,6 +15,7 @@ LEAD_READINGS, LEAD_T63 = 100, 2.0  # what a run has before its step, where the 
 LEAD_T63_MEASURED = 6.0  # beside a measured air: the sensor has forgotten what was before that
 TAIL_READINGS, TAIL_T63 = 100, 20.0  # and after it
 SETTLED = 0.05  # of the step may pass in the stretch before it ...
+FEWEST_LINE = 5  # readings that tell a rate
 FEWEST_SETTLED = 20  # ... which has so many readings at least
 
 
@@ -78,6 +79,30 @@ def drifts(one: LogStep, sensors: SensorLog, name: str, inside: NDArray[np.bool_
         if abs(drift) > SETTLED * abs(move.size):
             found[key] = drift
     return found
+
+
+def on_the_way(sensors: SensorLog, before: LogStep, one: LogStep, name: str) -> bool:
+    """Whether all that a sensor showed at the step `before` was still under way at the next one: at the rate of its last
+    readings more than `SETTLED` of it would have followed within its time to 63 %."""
+    if before.step.piece != one.step.piece:
+        return False
+    readings = sensors.readings[name]
+    moves = [move for move in before.step.moves if move.channel.rsplit(".", 1)[0] == name]
+    for move in moves:
+        half_s = 0.5 * (before.step.at_s + one.step.at_s)
+        until_s = max(one.step.at_s - 2.0 * one.step.uncertainty_s, half_s)
+        begin_s = max(0.5 * (before.step.at_s + until_s), until_s - move.t63_s)
+        inside = inside_run(sensors, name, one.step.piece, begin_s, until_s)
+        moments = sensors.log.time_s[readings.rows[inside]] - until_s
+        value = readings.values[move.channel.rsplit(".", 1)[1]][inside]
+        there = np.isfinite(value)
+        if there.sum() < FEWEST_LINE:
+            return before.step.at_s + move.t63_s > until_s
+        line, covariance = np.polyfit(moments[there], value[there], 1, cov=True)
+        ahead = line[0] * move.t63_s / move.size
+        if ahead < max(SETTLED, 2.0 * np.sqrt(covariance[0, 0]) * move.t63_s / abs(move.size)):
+            return False
+    return bool(moves)
 
 
 def inside_run(sensors: SensorLog, name: str, piece: int, begin_s: float, end_s: float) -> NDArray[np.bool_]:
