@@ -157,11 +157,11 @@ def test_a_sensor_carried_back_before_it_has_settled():
 def test_a_plunge_into_a_bath_that_warms_up_again():
     """Loggers lifted out of a room, plunged, and read until the bath is nearly as warm as they came (eight DS18B20 of a
     course did so): the plunge is a step, whatever the sensor takes."""
-    for seed in range(12):
+    for seed in range(6):
         random = np.random.default_rng(seed)
         t63_s, at_s = 10.0 ** random.uniform(-0.3, 1.3), 244.0 + random.uniform(0.0, 1.0)
         time_s = np.arange(0.0, 2400.0, 1.15)
-        bath = 2.4 + 20.0 * np.maximum(time_s - 700.0, 0.0) / 1600.0
+        bath = 2.4 + 0.006 * (np.hypot(time_s - 900.0, 300.0) + time_s - 900.0)  # it begins to warm smoothly
         value = np.where(time_s < at_s, 25.0 - 1.3 * lag(time_s - 100.0, 22.0), 0.0)
         value += (time_s >= at_s) * (bath + (23.7 - bath) * (1.0 - lag(time_s - at_s, t63_s)))
         value = np.round((value + random.normal(0.0, 0.03, time_s.size)) / 0.0625) * 0.0625
@@ -169,7 +169,7 @@ def test_a_plunge_into_a_bath_that_warms_up_again():
             step for step in find_steps([channel_of(time_s, value, "temperature")], 0) if abs(step.at_s - at_s) < 5.0
         ]
         assert [step.why_not for step in plunges] == [""], seed
-        assert plunges[0].moves[0].after == pytest.approx(2.4, abs=0.3)
+        assert plunges[0].moves[0].after == pytest.approx(2.6, abs=0.5)
         assert plunges[0].uncertainty_s < 0.3 * t63_s + 1.2
 
 
