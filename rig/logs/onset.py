@@ -74,7 +74,11 @@ def fit_onset(channel: Channel, change: Change, since_s: float, until_s: float) 
         if after is not None:
             before, later = level, flat
     if after is None:
-        after = float(np.median(later[later_s >= change.time_s + 0.9 * (later_s[-1] - change.time_s)])) if later.size else before
+        after = (
+            float(np.median(later[later_s >= change.time_s + 0.9 * (later_s[-1] - change.time_s)]))
+            if later.size
+            else before
+        )
     most_s = _reached(later_s, later, before, after, 0.7, until_s) - change.time_s
     reach_s = min(max(most_s, 0.0) + 2.0 * change.width_s, until_s - change.time_s)
     noise = max(channel.noise, 1e-3 * abs(after - before))

@@ -82,8 +82,8 @@ def drifts(one: LogStep, sensors: SensorLog, name: str, inside: NDArray[np.bool_
 
 
 def on_the_way(sensors: SensorLog, before: LogStep, one: LogStep, name: str) -> bool:
-    """Whether all that a sensor showed at the step `before` was still under way at the next one: at the rate of its last
-    readings more than `SETTLED` of it would have followed within its time to 63 %."""
+    """Whether all that a sensor showed at the step `before` was still under way at the next one: at the rate of its
+    last readings more than `SETTLED` of it would have followed within its time to 63 %."""
     if before.step.piece != one.step.piece:
         return False
     readings = sensors.readings[name]
