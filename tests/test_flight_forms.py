@@ -1,5 +1,6 @@
 """Flights in other forms: ArduPilot logs that pymavlink writes, InterMet's CSV, netCDF, maps; WMO's format; layers."""
 
+import os
 import re
 from datetime import datetime, timedelta
 
@@ -315,3 +316,10 @@ def test_result_and_messages_name_the_log_and_no_file_in_between(tmp_path, flown
     assert main(["correct", str(tmp_path / "short.bin"), *command]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert str(tmp_path / "short.bin") in line
+
+
+def test_a_pipe_called_netcdf_is_refused(tmp_path, capsys):
+    """The library would wait in it for ever, deaf to every signal."""
+    os.mkfifo(tmp_path / "flight.nc")
+    with pytest.raises(InputError, match="flight.nc: is a pipe, expected a file"):
+        read_netcdf(tmp_path / "flight.nc", {})
