@@ -177,6 +177,15 @@ def demand_name(path: str | os.PathLike[str], remedy: str) -> None:
         raise InputError(f"{shown(path)}: is no file name ({error}); {remedy}") from None
 
 
+def demand_text_name(path: str | os.PathLike[str], remedy: str) -> None:
+    """Raise InputError where a file's name, or a folder's above it, is no text in UTF-8, which libraries for other
+    forms cannot write or read."""
+    try:
+        os.path.abspath(path).encode()
+    except UnicodeEncodeError:
+        raise InputError(f"{shown(path)}: its name is no text in UTF-8; {remedy}") from None
+
+
 def sync_folder(path: Path) -> None:
     """Wait until a folder's own entries are on the disk, after a rename in it. Raises OSError."""
     folder = os.open(path, os.O_RDONLY | os.O_DIRECTORY)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from itertools import islice
 from pathlib import Path
@@ -153,13 +154,14 @@ def _listed(header: list[str]) -> str:
 
 def _remedy(path: Path) -> str:
     """What helps a log whose first line names no time: it may be metadata, or a row already."""
-    with open_text(path, REMEDY, errors="replace") as stream:
-        lines = list(islice(csv.reader(without_nul(stream)), FURTHEST_HEADER))
+    lines: list[list[str]] = []
+    with open_text(path, REMEDY, errors="replace") as stream, suppress(csv.Error):  # a cell without an end
+        lines += islice(csv.reader(without_nul(stream)), FURTHEST_HEADER)
     by_map = "read it by a map: shockrig import FILE --look writes one, --map takes it"
     for number, cells in enumerate(lines, start=1):
         if len({quantity for quantity, names in NAMES.items() if any(_plain(cell) in names for cell in cells)}) > 2:
             return f"the names seem to stand in line {number}: {by_map}"
-    if re.search(r"\d", lines[0][0]) and not any(re.search(r"[A-Za-z]{2}", cell) for cell in lines[0]):
+    if lines and re.search(r"\d", lines[0][0]) and not any(re.search(r"[A-Za-z]{2}", cell) for cell in lines[0]):
         return f"it seems to have no line of names: {by_map}"
     return "name it with --column time=NAME"
 

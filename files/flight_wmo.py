@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.files.disk import beside
+from shockrig.files.disk import beside, demand_text_name
 from shockrig.files.errors import InputError
 
 Array = NDArray[np.float64]
@@ -92,6 +92,7 @@ def write_wmo(
         raise InputError("--wmo: the log's clock has no date; give a log with dates, or with a GPS fix")
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / file_name(operator, airframe, start_s)
+    demand_text_name(path, "give another folder")
     temporary = beside(path)
     try:
         with netCDF4.Dataset(temporary, "w", format="NETCDF4") as data:

@@ -147,12 +147,9 @@ def main(argv: list[str] | None = None) -> int:
         sys.stderr.close()
         return 141
     except OSError as error:
-        if error.filename is None:
-            raise
-        where = shown(os.fsdecode(error.filename))
-        print(
-            f"shockrig {args.command}: {where}: {error.strerror}; give another path, or access to it", file=sys.stderr
-        )
+        # Of a disk or a device that fails no file is named.
+        where = f"{shown(os.fsdecode(error.filename))}: " if error.filename is not None else ""
+        _tell(f"shockrig {args.command}: {where}{error.strerror or error}; give another path, or access to it")
         return 2
 
 

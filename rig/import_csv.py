@@ -203,8 +203,8 @@ def _free_id(campaign: Path, id_: str | None, head: Mapping[str, Any]) -> str:
     if PLAN in head:
         if id_ is not None and (id_.isdecimal() or id_ in [run.get("id") for run in _planned(head)]):
             raise BenchError(f"--id {id_}: is the place of a run of this campaign's plan; leave --id out")
-        taken = {p.name for p in runs.iterdir()} if runs.is_dir() else set()
-        id_ = id_ or next(name for n in count(1) if (name := f"imported-{n:04d}") not in taken)
+        names = {p.name for p in runs.iterdir()} if runs.is_dir() else set()
+        id_ = id_ or next(name for n in count(1) if (name := f"imported-{n:04d}") not in names)
     if id_ is None:
         taken = [int(p.name) for p in runs.iterdir() if p.name.isdecimal()] if runs.is_dir() else []
         return f"{max(taken, default=0) + 1:04d}"

@@ -10,7 +10,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.files.disk import decoded, read_bytes, shown
+from shockrig.files.disk import decoded, demand_text_name, read_bytes, shown
 from shockrig.rig.errors import BenchError
 
 Index = NDArray[np.uint32]  # no file of more than 2^30 bytes is read
@@ -69,6 +69,7 @@ def read_lines(path: Path) -> Lines:
     BenchError
         It is no text: names the line and the remedy.
     """
+    demand_text_name(path, "rename it")
     content = read_bytes(path, "name a text file of readings")
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         content = content.decode("utf-16", errors="replace").encode(errors="replace")
