@@ -32,8 +32,8 @@ MARK = "SHOCKRIG_KILLED"
 COMMANDS = {
     "diagnose": (("diagnose", "campaign", "--out", "out"), 5, "report.html"),
     "characterize": (("characterize", "campaign", "--out", "out"), 3, "profile.json"),
-    "look": (("import", "log.csv", "--look", "--out", "out"), 1, "log.toml"),
-    "import": (("import", "log.csv", "--map", "haar", "--sensor", "closed", "--out", "out"), 1, "campaign.json"),
+    "look": (("import", "Temperature.csv", "--look", "--out", "out"), 1, "Temperature.toml"),
+    "import": (("import", LOG.name, "--map", "haar", "--sensor", "closed", "--out", "out"), 1, "campaign.json"),
 }
 
 
@@ -43,7 +43,7 @@ def prepared(folder: Path) -> None:
     shutil.copy(CAMPAIGN / "campaign.json", folder / "campaign")
     for run in sorted((CAMPAIGN / "runs").iterdir())[:RUNS]:
         shutil.copytree(run, folder / "campaign" / "runs" / run.name, ignore=shutil.ignore_patterns("hyt.csv"))
-    shutil.copy(LOG, folder / "log.csv")
+    shutil.copy(LOG, folder)
 
 
 def started(folder: Path, name: str, mark: str) -> subprocess.Popen[bytes]:
@@ -96,6 +96,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--at-most-s", type=float, default=float("inf"), help="stop early, and say how far it went")
     args = parser.parse_args()
     outcomes: Counter[str] = Counter()
     faults = []
@@ -107,10 +108,14 @@ def main() -> int:
         for name in COMMANDS:
             began_s = time.monotonic()
             with started(folder, name, "whole") as process:
-                process.wait(600)
+                if process.wait(600) != 0:
+                    raise RuntimeError(f"{name} does not succeed when nobody kills it")
             takes_s[name] = time.monotonic() - began_s
             shutil.rmtree(folder / "out")
+        began_s = time.monotonic()
         for k in range(args.count):
+            if time.monotonic() - began_s > args.at_most_s:
+                break
             rng = random.Random(args.seed + k)
             name = rng.choices(list(COMMANDS), [share for _, share, _ in COMMANDS.values()])[0]
             after_s = rng.uniform(0.0, takes_s[name])
@@ -125,9 +130,10 @@ def main() -> int:
                 with started(folder, name, "again") as process:
                     resumed += process.wait(600) == 0 and (folder / "out" / COMMANDS[name][2]).is_file()
             for entry in folder.iterdir():
-                if entry.name not in ("campaign", "log.csv"):
+                if entry.name not in ("campaign", "Temperature.csv"):
                     shutil.rmtree(entry)
-    print(f"{args.count} analyses killed, seeds {args.seed} to {args.seed + args.count - 1}")
+    done = outcomes.total()
+    print(f"{done} of {args.count} analyses killed, seeds {args.seed} to {args.seed + done - 1}")
     print("  whole they take " + ", ".join(f"{name} {s:.0f} s" for name, s in takes_s.items()))
     print("  " + ", ".join(f"{what} {count}" for what, count in sorted(outcomes.items())))
     print(f"  with something left behind {len(faults)}; the same command once more: {resumed} of {again} whole")

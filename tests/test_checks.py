@@ -324,3 +324,12 @@ def test_airs_that_bead_and_die_contradict_together_are_said(pairs, by_k):
     (found,) = [f for f in check_campaign(off) if f.kind == "airs_disagree"]
     assert found.severity == "warn" and len(found.runs) == len(campaign.runs)
     assert f"read 2 K {'less' if by_k > 0 else 'more'}" in found.sentence
+
+
+def test_cooling_water_is_not_said_to_be_in_milliseconds():
+    """An hour's rise read every 30 s: where the log names its unit nothing is said, and else both that may be."""
+    slow = lag(4000.0, length=40000.0, period=30.0, noise=0.02)
+    (found,) = [f for f in check_campaign(thermometer(slow)) if f.kind == "milliseconds"]
+    assert found.severity == "warn" and "what was measured changed so slowly itself" in found.sentence
+    named = replace(slow, extra={"imported": {"times": "named"}})
+    assert "milliseconds" not in kinds(thermometer(named))

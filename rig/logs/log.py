@@ -9,7 +9,7 @@ import io
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +23,9 @@ from shockrig.rig.keys import nearest
 from shockrig.rig.logs.clocks import guess_clock
 from shockrig.rig.logs.lines import Lines
 from shockrig.rig.logs.order import in_order
-from shockrig.rig.logs.stamps import NUMBERS, Clock, in_seconds, parsed
+from shockrig.rig.logs.stamps import NUMBERS, OF_DAY, Clock, in_seconds, parsed
 from shockrig.rig.logs.text import BEHIND, MISSING, Layout, Scan, scan
-from shockrig.rig.logs.units import UNITS
+from shockrig.rig.logs.units import UNITS, known_unit, unit_in_name
 
 Array = NDArray[np.float64]
 
@@ -113,6 +113,8 @@ def read_log(
             f'{shown(path)}: no column of times found (it has: {has}); name it in the map, [log] time = "...", or '
             "where none tells the time, the seconds from row to row, every_s = 1.0"
         )
+    if clock.format == OF_DAY or any(_names_unit(lines, name) for name in clock.columns):
+        clock = replace(clock, known="named")
     for name in (*clock.columns, *(column.name for column in columns)):
         if name not in lines.names:
             at = f", line {lines.header_line}" if lines.header_line else ""
@@ -263,6 +265,14 @@ def _checked(read: _Read, column: Column, lines: Scan) -> tuple[Array, list[str]
     if np.isfinite(numbers).sum() < 2:
         raise BenchError(f"{where}: holds no readings; name another column in the map, or leave this one out")
     return numbers, said
+
+
+def _names_unit(lines: Scan, name: str) -> bool:
+    """Whether a log names the unit of a column of times, in its name or under it."""
+    if name not in lines.names:
+        return False
+    unit = known_unit(lines.units[lines.names.index(name)]) or unit_in_name(name)
+    return unit in UNITS["time"]
 
 
 def _sentence(count: int, what: str, line: int) -> str:

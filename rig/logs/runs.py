@@ -176,6 +176,8 @@ def _run(
             "step": one.number,
             "at": to_map(log.clock, log.origin_s, one.step.at_s).strip('"'),
             "sensor": sensor.name,
+            # A check that doubts the unit of times need not, where the log says it.
+            "times": "dates" if log.clock.is_dated else log.clock.known,
         },
     )
     if stated and air:

@@ -29,7 +29,8 @@ class Clock:
 
     `format` is "iso", "number" (of `unit`), "time of day" or a strptime format for the columns joined by a blank.
     `since_1970`: the numbers are dates. `doubt` says what was taken for granted, for the user to check. `every_s`: no
-    column tells the time, and rows come so many seconds apart.
+    column tells the time, and rows come so many seconds apart. `known` is "named" where the log itself names the
+    unit of its times, else "stated": by a map, or taken for granted.
     """
 
     columns: tuple[str, ...]
@@ -38,6 +39,7 @@ class Clock:
     since_1970: bool = False
     doubt: str = ""
     every_s: float | None = None
+    known: str = "stated"
 
     @property
     def is_dated(self) -> bool:
