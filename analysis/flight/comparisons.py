@@ -16,6 +16,7 @@ from scipy.ndimage import median_filter, uniform_filter1d
 
 from shockrig.analysis.flight.channel import Channel, bridged
 from shockrig.analysis.flight.smooth_channel import typical_period
+from shockrig.analysis.flight.smoother import followed
 from shockrig.analysis.flight.sweep import lags_behind
 from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA
 from shockrig.files.flight import Flight
@@ -163,7 +164,9 @@ def told(flight: Flight, bead: Channel, film: Channel, before: Told | None = Non
     # as far as the air itself may have moved
     slower, error = both.slower, float(np.linalg.norm([both.slower_error, moved.slower_error, moved.slower]))
     if before is not None:
-        return Told((1.0 + before.slower) * (1.0 + slower) - 1.0, error)
+        whole = (1.0 + before.slower) * (1.0 + slower) - 1.0
+        # where it does not come to rest, the time scale is not what is wrong
+        return Told(whole, error) if abs(slower) < LARGEST_STEP else None
     sure = abs(slower) > SURE_BESIDE_AIR * error and both.explained > EXPLAINED
     # at first order: more than this is left to the next round
     slower = float(np.clip(slower, -LARGEST_STEP, LARGEST_STEP))
@@ -236,13 +239,11 @@ def _slow_against_fast(flight: Flight, bead: Channel, notes: list[str]) -> None:
     if die is None or air is None or bead.raw.all() or np.ptp(die) == 0.0:
         return
     from scipy.optimize import minimize_scalar
-    from scipy.signal import lfilter
 
     period = typical_period(flight.time_s)
 
     def left(log_s: float) -> Array:
-        decay = np.exp(-period / np.exp(log_s))
-        lagged = lfilter([1 - decay], [1.0, -decay], air - air[0], zi=[0.0])[0]
+        lagged = followed(air - air[0], float(np.exp(-period / np.exp(log_s))), 0.0)
         off = die - lagged
         settled = flight.time_s - flight.time_s[0] > min(3.0 * np.exp(log_s), 0.3 * np.ptp(flight.time_s))
         return off[settled] - np.mean(off[settled])

@@ -11,6 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 
 from shockrig.analysis.flight.prior import Prior
 from shockrig.analysis.flight.smoother import Jumps
@@ -80,10 +81,10 @@ def _places(track: Track, score: Array, known_s: Array) -> NDArray[np.int64]:
     size = np.abs(np.nan_to_num(score)).max(axis=1)
     at = np.unique(np.minimum(np.searchsorted(track.time_s, known_s), size.size - 1))
     places = [int(k) for k in at if size[max(k - 1, 0) : k + 2].max() > KNOWN_SIGMAS]
-    for k in np.flatnonzero(size > JUMP_SIGMAS):
-        alone = all(abs(k - other) > APART for other in places)
-        if alone and size[k] >= size[max(k - APART, 0) : k + APART + 1].max():
-            places.append(int(k))
+    largest = maximum_filter1d(size, 2 * APART + 1, mode="nearest")
+    for k in np.flatnonzero((size > JUMP_SIGMAS) & (size >= largest)).tolist():
+        if all(abs(k - other) > APART for other in places):
+            places.append(k)
     return np.array(places, dtype=np.int64)
 
 

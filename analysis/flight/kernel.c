@@ -405,7 +405,33 @@ done:
     return result;
 }
 
-static PyMethodDef methods[] = {{"smooth", smooth, METH_VARARGS, "Smooth windows of readings."}, {NULL, NULL, 0, NULL}};
+/* follow(values, decay, start, out): out[k] = decay out[k - 1] + (1 - decay) values[k], out[-1] = start. */
+static PyObject *follow(PyObject *module, PyObject *args) {
+    (void)module;
+    PyObject *given, *written;
+    Py_buffer values, out;
+    double decay, state;
+    if (!PyArg_ParseTuple(args, "OddO", &given, &decay, &state, &written)) return NULL;
+    if (PyObject_GetBuffer(given, &values, PyBUF_C_CONTIGUOUS) < 0) return NULL;
+    if (PyObject_GetBuffer(written, &out, PyBUF_C_CONTIGUOUS | PyBUF_WRITABLE) < 0) {
+        PyBuffer_Release(&values);
+        return NULL;
+    }
+    const int fits = values.len == out.len && values.itemsize == sizeof(double) && out.itemsize == sizeof(double);
+    const double *x = values.buf;
+    double *y = out.buf;
+    for (Py_ssize_t k = 0; fits && k < values.len / (Py_ssize_t)sizeof(double); k++)
+        y[k] = state = decay * state + (1.0 - decay) * x[k];
+    PyBuffer_Release(&values);
+    PyBuffer_Release(&out);
+    if (fits) return Py_NewRef(Py_None);
+    PyErr_SetString(PyExc_ValueError, "arrays of doubles of one size are expected");
+    return NULL;
+}
+
+static PyMethodDef methods[] = {{"smooth", smooth, METH_VARARGS, "Smooth windows of readings."},
+                                {"follow", follow, METH_VARARGS, "A lag of first order behind held values."},
+                                {NULL, NULL, 0, NULL}};
 static PyModuleDef_Slot slots[] = {{0, NULL}};
 static struct PyModuleDef kernel = {
     .m_base = PyModuleDef_HEAD_INIT, .m_name = "_kernel", .m_size = 0, .m_methods = methods, .m_slots = slots};

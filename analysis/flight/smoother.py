@@ -157,6 +157,17 @@ def compiled(
     return out
 
 
+def followed(values: Array, decay: float, start: float) -> Array:
+    """A lag of first order behind values (n,) that are held over each step, from `start`."""
+    if _kernel is None:
+        from scipy.signal import lfilter  # takes longer to import than all the rest
+
+        return np.asarray(lfilter([1 - decay], [1.0, -decay], values, zi=[decay * start])[0])
+    out = np.empty(values.size)
+    _kernel.follow(np.ascontiguousarray(values, dtype=float), decay, start, out)
+    return out
+
+
 def plain(
     step_s: Array,
     reading: Array,

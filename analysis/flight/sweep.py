@@ -11,11 +11,10 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from shockrig.analysis.flight.prior import UNSEEN_VARIANCE, Passing, Prior
 from shockrig.analysis.flight.response import Response
-from shockrig.analysis.flight.smoother import Jumps, Smoothed, smooth
+from shockrig.analysis.flight.smoother import Jumps, Smoothed, followed, smooth
 
 Array = NDArray[np.float64]
 JUDGED = 250  # nodes over which surprises are counted together
@@ -151,10 +150,10 @@ def lags_behind(
     decay = np.exp(-np.mean(along.rate, axis=0) * period)
     lags, apart = (np.empty((values.size, decay.size)) for _ in range(2))
     inside = range(decay.size)[along.within]
-    for k, d in enumerate(decay):
+    for k, d in enumerate(decay.tolist()):
         drive = lags[:, : len(along.cap)] @ np.asarray(along.cap) if k in inside else values
-        lags[:, k] = lfilter([1 - d], [1.0, -d], drive, zi=[d * drive[0]])[0]
-        apart[:, k] = np.sqrt(lfilter([1 - d], [1.0, -d], (drive - lags[:, k]) ** 2))
+        lags[:, k] = lag = followed(drive, d, float(drive[0]))
+        apart[:, k] = np.sqrt(followed((drive - lag) ** 2, d, 0.0))
     return lags, apart
 
 
