@@ -52,8 +52,8 @@ def excess(difference: Difference) -> float:
 
 @dataclass(frozen=True)
 class Cause:
-    """What may be wrong: how far it moves a corrected value (n,), whether it comes in any size (and then the other way),
-    and the sentence."""
+    """What may be wrong: how far it moves a corrected value (n,), the sentence, and whether it comes in any size (and
+    then the other way)."""
 
     moves: Array
     any_size: bool
@@ -81,7 +81,7 @@ def causes(flight: Flight, bead: Channel, channel: Channel) -> list[Cause]:
             True,
             f"a second lag of some {LONGER[0] * slowest:.2g} to {LONGER[1] * slowest:.2g} s beside the profile's: "
             "characterize with a longer dwell and diagnose "
-            f" ({_named(channel.name, lambda flown: flown.lag is not None)})",
+            f"({_named(channel.name, lambda flown: flown.lag is not None)})",
         )
         for times in LONGER
     ]
