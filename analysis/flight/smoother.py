@@ -145,14 +145,14 @@ def compiled(
     pairs = (*nodes, 2)
     out = Smoothed(*(np.full(pairs if name.startswith("jump") else nodes, np.nan) for name in Smoothed.__annotations__))
     given = (step_s, reading, noise_variance, response.weight, lag_step.old, lag_step.new, lag_step.decay, lag_step.fed)
-    given += (level, slope, rest, prior.turbulence, prior.bend, through, jumps.variance, mean, p)
+    beside = (level, slope, rest, prior.turbulence, prior.bend, through, jumps.variance, mean, p)
     answer = (out.air, out.variance, out.clean, out.clean_variance, out.surprise, out.jump, out.jump_score, out.cost)
     _kernel.smooth(
         (*nodes, response.rate.shape[-1], len(response.cap), response.inside)
         + (prior.smooth, passing is not None, not only_cost),
         (0.0, 0.0) if passing is None else (passing.rate, passing.coupling),
         np.concatenate([RATES_PER_S, OU_VARIANCES]),
-        (*(np.ascontiguousarray(one, dtype=float) for one in given), *answer),
+        (*(np.ascontiguousarray(one, dtype=float) for one in (*given, *beside)), *answer),
     )
     return out
 
