@@ -23,6 +23,7 @@ TINY = 1e-300
 DAMPING, MOST_STEPS = 1e-3, 100
 LARGEST_MOVE, SETTLED = 2.0, 1e-3  # of ln strength
 LITTLE = 1e-4  # of log-likelihood
+FAINT = 1e-3  # times the noise's power: nobody sees that
 WAVES = np.arange(0.5, 6.1, 0.125)  # cycles in a segment that a wave is looked for at
 HANN_DEPENDENCE = 1.5  # a likelihood of tapered ordinates counts each as so much less than one
 
@@ -102,7 +103,7 @@ def _most_likely(
 ) -> tuple[float, Array]:
     """Minus the log-likelihood of the power (s, f), and ln of the strengths of turbulence, trend and noise there."""
     low = _weakest(shapes[0], shapes[1], noise**2 * white)
-    mean_power = np.average(power, axis=1, weights=weight).mean()
+    mean_power = max(np.average(power, axis=1, weights=weight).mean(), FAINT * noise**2 * white)
     high = [0.5 * np.log(mean_power / np.median(s)) + 3.0 for s in shapes]
     every = np.concatenate([shapes, np.full((1, *shapes.shape[1:]), white)])
     expected = np.log(noise)
@@ -250,7 +251,7 @@ def _independent(weight: Array) -> Array:
 
 def _weakest(turbulence: Array, bend: Array, white: float) -> tuple[float, float]:
     """Logs of strengths so weak that their power stays a thousand times below the noise at every frequency."""
-    first, second = (0.5 * float(np.log(1e-3 * white / s.max())) for s in (turbulence, bend))
+    first, second = (0.5 * float(np.log(FAINT * white / s.max())) for s in (turbulence, bend))
     return first, second
 
 
