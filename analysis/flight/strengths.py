@@ -187,7 +187,7 @@ def fit_windows(
         known = known + passing_spectrum(passing, frequency, period_s)
     grids = []
     for shape, least in zip((turbulence, bend), low, strict=True):
-        most = 0.5 * float(np.log((power / shape).max(axis=1).max())) + GRID_STEP
+        most = 0.5 * float(np.log((np.maximum(power, FAINT * known) / shape).max(axis=1).max())) + GRID_STEP
         grids.append(np.arange(least, max(most, least + 2.0) + GRID_STEP, GRID_STEP))
     strengths = [np.exp(2 * grid) for grid in grids]
     # in units of the noise, single precision has digits to spare
