@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from itertools import islice
+from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
@@ -115,10 +116,12 @@ class Corrected:
 
     def flag_texts(self) -> list[str]:
         """For each row its flags joined by "|", empty where there is none."""
-        names = [name for name in FLAGS if self.flags[name].any()]
-        stacked = zip(*(self.flags[name] for name in names), strict=True) if names else ()
-        texts = ["|".join(n for n, on in zip(names, row, strict=True) if on) for row in stacked]
-        return texts or [""] * self.temperature_c.size
+        code = np.zeros(self.temperature_c.size, dtype=np.int64)
+        for place, name in enumerate(FLAGS):
+            code |= self.flags[name].astype(np.int64) << place
+        said, row = np.unique(code, return_inverse=True)
+        texts = ["|".join(name for place, name in enumerate(FLAGS) if one >> place & 1) for one in said.tolist()]
+        return [texts[one] for one in row.tolist()]
 
 
 @dataclass(frozen=True)
@@ -240,4 +243,4 @@ def read_layout(path: Path, chosen: Mapping[str, str] | None = None) -> FlightCo
 
 def without_nul(stream: Iterable[str]) -> Iterator[str]:
     """Lines without the NUL bytes that loggers leave when power fails."""
-    return (line.replace("\0", "") for line in stream)
+    return map(methodcaller("replace", "\0", ""), stream)

@@ -121,6 +121,11 @@ class Channel:
         more = np.where(self.raw, 0.0, relative * np.abs(self.lag))
         return replace(self, uncertainty=np.hypot(self.uncertainty, more), common=np.hypot(self.common, more))
 
+    def doubted(self, by: float) -> Channel:
+        """The same with an uncertainty `by` of every corrected value beside what is stated, common to the flight."""
+        more = np.where(self.raw, 0.0, by)
+        return replace(self, uncertainty=np.hypot(self.uncertainty, more), common=np.hypot(self.common, more))
+
 
 def judged(
     readings: Readings,

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from shockrig.analysis.flight.correct import correct
+from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.files.errors import InputError
 from shockrig.files.flight import FLAGS, Corrected, Flight, FlightColumns, read_layout
 from shockrig.files.flight_csv import CsvWriter
@@ -18,7 +19,8 @@ from shockrig.files.flight_netcdf import NetcdfWriter
 from shockrig.files.flight_rows import BLOCK_ROWS, look_over, read_blocks, to_flight
 from shockrig.files.profile import Profile
 
-MARGIN_ROWS = 1500  # rows of the neighbours that a block sees: the smoother's longest memory, 60 s, at 20 Hz and more
+MARGIN_S = 150.0  # of the neighbours that a block sees, and at least so many rows: what a sensor remembers
+MARGIN_ROWS, MOST_MARGIN_ROWS = 1500, 15_000
 
 
 @dataclass(frozen=True)
@@ -120,11 +122,15 @@ def _with_margins(
     """Each block's rows, how many rows of margin lie before and after it, and the numbers of all of them."""
     tail: list[list[str]] = []
     current: list[list[str]] | None = None
+    margin = MARGIN_ROWS
     for block in read_blocks(source, layout, block_rows):
-        if current is not None:
-            head = block[:MARGIN_ROWS]
+        if current is None:
+            rows = MARGIN_S / typical_period(to_flight(block[:MARGIN_ROWS], layout).time_s)
+            margin = int(np.clip(rows, MARGIN_ROWS, MOST_MARGIN_ROWS))
+        else:
+            head = block[:margin]
             yield current, len(tail), len(head), to_flight(tail + current + head, layout)
-            tail = (tail + current)[-MARGIN_ROWS:]
+            tail = (tail + current)[-margin:]
         current = block
     if current is not None:
         # a last block too short to stand alone is still seen with its margin
