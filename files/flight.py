@@ -22,7 +22,10 @@ from shockrig.files.errors import InputError
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 REMEDY = "name a flight's CSV file"
-FLAGS = ("gap", "repeated", "implausible", "outside_profile", "not_corrected")
+FLAGS = (
+    "gap", "repeated", "implausible", "outside_profile", "not_corrected", "temperature_not_corrected",
+    "humidity_not_corrected",
+)  # fmt: skip
 OUTPUT_COLUMNS = (
     "temperature_corrected_c",
     "temperature_uncertainty_k",

@@ -42,12 +42,18 @@ RANGES: Mapping[str, Range] = MappingProxyType(
         "temperature_c": Range(-100.0, 150.0, _KELVIN),
         # of an air, as instruments report it: a little below 0, and above 100 where it is supersaturated or they err
         "humidity_percent": Range(-5.0, 130.0, _FRACTION),
+        # how far an air goes and comes back between rows, in doors and plumes
+        "swing_k": Range(0.0, 15.0),
+        "swing_percent": Range(0.0, 50.0),
         # as a polymer film reads it: one that is cold or condensed on reads further out than any air is
         "humidity_reading_percent": Range(-10.0, 130.0, _FRACTION),
         # of an air that somebody asks for: a set point, a simulation
         "humidity_set_percent": Range(0.0, 100.0, _FRACTION),
         "airflow_m_s": Range(0.0, 150.0, "is it in km/h"),
         "pressure_hpa": Range(1.0, 2000.0, "is it in pascal"),
+        "altitude_m": Range(-12e3, 60e3, "is it in feet"),  # of a sensor in the sea, or under a balloon
+        "latitude_deg": Range(-90.0, 90.0, "is it in degrees and minutes"),
+        "longitude_deg": Range(-360.0, 360.0, "is it in degrees and minutes"),
         "irradiance_w_m2": Range(0.0, 3000.0, "is it in lux"),
         "bead_radius_m": Range(1e-6, 0.03, _MILLIMETRES),
         "film_thickness_m": Range(1e-9, 0.003, "is it in millimetres or micrometres"),

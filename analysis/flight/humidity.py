@@ -14,12 +14,14 @@ from scipy.ndimage import uniform_filter1d
 
 from shockrig.analysis.flight.channel import Channel, Readings, bridged, coarse, judged, lacking, too_few, untouched
 from shockrig.analysis.flight.comparisons import Told
+from shockrig.analysis.flight.guard import held
 from shockrig.analysis.flight.prior import Passing
 from shockrig.analysis.flight.profile_effects import Acting, acting, not_undone, unseen
 from shockrig.analysis.flight.readout import ceiling, noise_floor, not_known, stale, undone
 from shockrig.analysis.flight.response import Response, film_response
 from shockrig.analysis.flight.screen import screen
 from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
+from shockrig.analysis.flight.stretches import largest_share
 from shockrig.analysis.flight.sweep import lags_behind
 from shockrig.analysis.flight.typical import NOISE_PERCENT
 from shockrig.analysis.physics.exchange import Stream
@@ -60,9 +62,18 @@ def correct_humidity(
         noise = noise_floor(effects, own_noise if given is None else given)
     period = typical_period(time_s)
     old = stale(effects, time_s, raw, period)
-    screened = screen(time_s, raw, RANGES["humidity_reading_percent"], noise, limit=ceiling(effects), stale=old)
+    air = bridged(time_s, bead.value)
+    if air is not None:
+        # an inversion that failed may give any temperature; near absolute zero there is no vapour to divide by
+        air = np.clip(air, RANGES["temperature_c"].low, RANGES["temperature_c"].high)
+    response = None if part is None or air is None else film_response(part, air, stream, body)
+    share = 1.0 if response is None else largest_share(response, period)
+    possible, swing = RANGES["humidity_reading_percent"], RANGES["swing_percent"].high
+    vapour = None if air is None else raw * saturation_pressure_hpa(air) / saturation_pressure_hpa(REFERENCE_C)
+    limit = ceiling(effects)
+    screened = screen(time_s, raw, possible, noise, limit=limit, stale=old, share=share, swing=swing, lagging=vapour)
     if part is None or too_few(screened):
-        why = lacking(part, "humidity", raw, RANGES["humidity_reading_percent"])
+        why = lacking(part, "humidity", raw, possible)
         return untouched("humidity", raw, screened, why, notes)
     if (seen := raw[screened.usable]).max() <= HIGHEST_FRACTION and seen.max() > 0.0:
         notes.append(
@@ -70,11 +81,9 @@ def correct_humidity(
             '%RH, multiply by 100, or read the log by a map with humidity_unit = "fraction"'
         )
     notes.extend(not_undone(part.effects, "humidity", part.discovered))
-    air, sigma = bridged(time_s, bead.value), bridged(time_s, bead.uncertainty)
-    if air is None:
+    sigma = bridged(time_s, bead.uncertainty)
+    if air is None or response is None:
         return untouched("humidity", raw, screened, "no temperature of the air in the log", notes)
-    # an inversion that failed may give any temperature; near absolute zero there is no vapour to divide by
-    air = np.clip(air, RANGES["temperature_c"].low, RANGES["temperature_c"].high)
     sigma = np.zeros(raw.shape) if sigma is None else sigma
     die = _own_temperature(flight, effects, air, notes)
     own_air = bridged(time_s, flight.die_temperature_c)
@@ -88,7 +97,8 @@ def correct_humidity(
     held_at = own if by_activity else np.full(raw.shape, REFERENCE_C)  # what the film holds is the reading itself
     to_vapour = saturation_pressure_hpa(own) / saturation_pressure_hpa(held_at)
     from_vapour = saturation_pressure_hpa(held_at) / saturation_pressure_hpa(now)
-    response = film_response(part, air, stream, body)
+    if plain.delay_s:
+        response = film_response(part, air, stream, body)
     if told is not None:
         response = response.slower(told.slower, told.error)
     vapour = plain.reading * to_vapour
@@ -100,7 +110,7 @@ def correct_humidity(
         error = np.hypot(error, _misplaced(air))
         coupling = _coupling(time_s, level, air, error, percent_per_k, response)
         passing = Passing(percent_per_k * error, bead.resolved_rate, coupling)
-    variance = (np.hypot(noise, screened.resolution / np.sqrt(12)) / plain.gain * to_vapour) ** 2
+    variance = (np.hypot(noise * screened.louder, screened.resolution / np.sqrt(12)) / plain.gain * to_vapour) ** 2
     steps = coarse(screened.resolution, noise, to_vapour / plain.gain)
     readings = Readings(
         "humidity", time_s, vapour, screened.usable, response, variance, plain.delay_s, passing, steps, bead.jumps_s
@@ -108,6 +118,7 @@ def correct_humidity(
     found = solve(readings, cutoff_hz)
     outside = ~part.covers(now) | unseen(part.discovered, stream.airflow_m_s, now)
     channel = judged(readings, found, plain, screened, outside, raw, from_vapour, notes)
+    channel = held(channel, readings, from_vapour, notes)
     uncertainty = channel.uncertainty
     if die is not None or found.cutoff_hz is not None:
         wrong = channel.value * _steepness(now) * sigma

@@ -1,8 +1,9 @@
 """Which samples of a flight to believe: times that run forward, readings that are new and possible.
 
-A reading is implausible outside what its quantity can be, or where it stands alone against the median around it;
-it is repeated where it equals the one before although the noise is wider than the resolution; a repeat is used all
-the same where the resolution explains it.
+A reading is implausible outside what its quantity can be, where it stands alone against the median around it, or
+between two jumps that the sensor's lag lets nothing make; it is repeated where it equals the one before although the
+noise is wider than the resolution, or where it stays about one level although the sensor is noisier; a repeat is used
+all the same where the resolution explains it.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from shockrig.analysis.flight.stretches import judge
 from shockrig.files.ranges import Range
 
 Array = NDArray[np.float64]
@@ -32,14 +34,15 @@ LATEST_S = 1e13  # since 1970 it is 2e9 s; beyond this a double's steps are no l
 
 @dataclass(frozen=True)
 class Screened:
-    """Masks (n,): readings to use, missing ones, repeats, absurd ones; `resolution` of the log in the channel's
-    unit."""
+    """Masks (n,): readings to use, missing ones, repeats, absurd ones; `resolution` of the log in the channel's unit;
+    `louder` (n,): noise of each reading over the usual, more than 1 in a burst."""
 
     usable: Mask
     missing: Mask
     repeated: Mask
     implausible: Mask
     resolution: float
+    louder: Array | float = 1.0
 
 
 @dataclass(frozen=True)
@@ -168,27 +171,37 @@ def screen(
     *,
     limit: float | None = None,
     stale: Mask | None = None,
+    share: float = 1.0,
+    swing: float = np.inf,
+    lagging: Array | None = None,
 ) -> Screened:
     """Judge one channel's readings, rows in order.
 
     `possible` is what a reading can be; `limit` is a ceiling at which the sensor clips; `stale` marks rows (n,)
-    that are known to repeat the one before.
+    that are known to repeat the one before; `share` is the most of a step of the air that the sensor shows between two
+    rows, `swing` the most that the air goes and comes back within two rows, `lagging` (n,) what lags where it is not
+    the reading itself.
     """
     missing = ~np.isfinite(reading)
     implausible = ~missing & ((reading < possible.low) | (reading > possible.high))
     believed = ~(missing | implausible)
     rows = np.flatnonzero(believed)
     resolution = _resolution(reading[rows])
-    if rows.size >= 3:
-        around = reading[rows]
-        off = around - median_filter(around, min(MEDIAN_WIDTH, rows.size), mode="nearest")
+    # of a value that is written again and again the first stands for all
+    new = np.flatnonzero(np.diff(reading[rows], prepend=np.inf) != 0)
+    if new.size >= 3:
+        around = reading[rows[new]]
+        off = around - median_filter(around, min(MEDIAN_WIDTH, new.size), mode="nearest")
         # the turning point of a fast change is off the median too, but its neighbours share it
         step = np.abs(np.diff(around, prepend=around[0]))
         jump = np.maximum(step, np.append(step[1:], 0.0))
         lone = jump > 0.5 * np.abs(off)
         for size in (np.abs(off), jump):
             lone &= size > np.hypot(_limit(size, noise), LONE_SIGMAS * resolution)
-        implausible[rows[lone]] = True
+        implausible[rows] = np.repeat(lone, np.diff(np.append(new, rows.size)))
+    believed &= ~implausible
+    stretches = judge(reading, believed, resolution, noise, share, swing, lagging)
+    implausible |= stretches.from_elsewhere
     believed &= ~implausible
     repeated = np.zeros(reading.shape, dtype=bool)
     rows = np.flatnonzero(believed)
@@ -196,13 +209,14 @@ def screen(
     same_value = np.diff(reading[rows], prepend=np.inf) == 0
     # where the resolution is coarser than the noise, equal neighbours are the rule and each tells something
     repeated[rows] = same_time | (same_value & (resolution < 1.5 * noise))
-    usable = believed & ~(repeated & ~_by_chance(reading, rows, same_time, same_value, resolution))
+    usable = believed & ~(repeated & ~_by_chance(reading, rows, same_time, same_value, resolution)) & ~stretches.stuck
+    repeated |= stretches.stuck
     if stale is not None:
         repeated |= stale & believed
         usable &= ~stale
     if limit is not None:
         usable &= reading < limit - 0.5 * resolution
-    return Screened(usable, missing, repeated, implausible, resolution)
+    return Screened(usable, missing, repeated, implausible, resolution, stretches.louder)
 
 
 def _limit(size: Array, noise: float) -> Array:

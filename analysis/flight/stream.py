@@ -9,7 +9,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from shockrig.analysis.flight.cleaning import code_notes, without_codes
 from shockrig.analysis.flight.correct import correct
 from shockrig.files.errors import InputError
 from shockrig.files.flight import FLAGS, Corrected, Flight, FlightColumns, read_layout
@@ -83,7 +85,8 @@ def correct_file(
         if quantity not in layout.place and getattr(profile, quantity) is not None:
             totals.notes[f"{quantity}: no column of it recognised; if there is one, --column {quantity}=NAME"] = None
     try:
-        for rows, before, after, flight in _with_margins(source, layout, block_rows):
+        for rows, before, after, logged in _with_margins(source, layout, block_rows):
+            flight, codes = without_codes(logged)
             found = correct(
                 flight,
                 profile,
@@ -93,6 +96,7 @@ def correct_file(
                 humidity_noise_percent=humidity_noise_percent,
             )
             own = slice(before, flight.time_s.size - after)
+            totals.count(codes, own)
             found, flight = _cut(found, own), flight.at(own)
             writer.write(rows, flight, found)
             totals.add(flight, found)
@@ -150,7 +154,12 @@ class _Totals:
         self.rows = 0
         self.flags = dict.fromkeys(FLAGS, 0)
         self.notes: dict[str, None] = {}
+        self.codes: dict[str, int] = {}
         self.sums = np.zeros((4, 2))
+
+    def count(self, codes: Mapping[str, NDArray[np.bool_]], own: slice) -> None:
+        for name, rows in codes.items():
+            self.codes[name] = self.codes.get(name, 0) + int(np.count_nonzero(rows[own]))
 
     def add(self, flight: Flight, found: Corrected) -> None:
         self.rows += flight.time_s.size
@@ -169,4 +178,4 @@ class _Totals:
 
     def summary(self) -> Summary:
         sizes = [float(np.sqrt(total / count)) if count else float("nan") for total, count in self.sums]
-        return Summary(self.rows, self.flags, tuple(self.notes), *sizes)
+        return Summary(self.rows, self.flags, (*code_notes(self.codes), *self.notes), *sizes)
