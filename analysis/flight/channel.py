@@ -168,7 +168,10 @@ def judged(
     shared = np.where(raw_rows, np.hypot(np.sqrt(common) * unit, raw - value), np.sqrt(common) * unit)
     value = np.where(raw_rows, raw, value)
     sigma = np.where(raw_rows, away, sigma)
-    empty = _far(readings.time_s, screened.usable) | (raw_rows & ~(screened.usable | screened.repeated))
+    # a reading that is repeated is a reading, if an old one
+    empty = _far(readings.time_s, screened.usable | screened.repeated) | (
+        raw_rows & ~(screened.usable | screened.repeated)
+    )
     value, sigma = np.where(empty, np.nan, value), np.where(empty, np.nan, sigma)
     of_readout = np.hypot(undone.uncertainty, late)
     return Channel(

@@ -29,6 +29,7 @@ GAP_PERIODS = 10.0  # or so many periods, in a slow log
 SIDE_ROWS = 12  # on either side of a step of the clock that lines are laid through
 USUAL_SHARE = 0.99  # of other rows, that differ by as much
 FEWEST_ROWS = 6  # that go on from a step of the clock; fewer are out of place
+FEWEST_CHANGES = 8  # of a reading, to judge the steps of its log by
 LATEST_S = 1e13  # since 1970 it is 2e9 s; beyond this a double's steps are no longer milliseconds
 
 
@@ -200,6 +201,7 @@ def screen(
             lone &= size > np.hypot(_limit(size, noise), LONE_SIGMAS * resolution)
         implausible[rows] = np.repeat(lone, np.diff(np.append(new, rows.size)))
     believed &= ~implausible
+    stairs = _stairs(reading[np.flatnonzero(believed)], resolution)
     stretches = judge(reading, believed, resolution, noise, share, swing, lagging)
     implausible |= stretches.from_elsewhere
     believed &= ~implausible
@@ -208,9 +210,11 @@ def screen(
     same_time = np.diff(time_s[rows], prepend=-np.inf) <= 0
     same_value = np.diff(reading[rows], prepend=np.inf) == 0
     # where the resolution is coarser than the noise, equal neighbours are the rule and each tells something
-    repeated[rows] = same_time | (same_value & (resolution < 1.5 * noise))
-    usable = believed & ~(repeated & ~_by_chance(reading, rows, same_time, same_value, resolution)) & ~stretches.stuck
-    repeated |= stretches.stuck
+    repeated[rows] = same_time | (same_value & (resolution < 1.5 * noise) & (not stairs))
+    usable = believed & ~(repeated & ~_by_chance(reading, rows, same_time, same_value, resolution))
+    if not stairs:
+        usable &= ~stretches.stuck
+        repeated |= stretches.stuck
     if stale is not None:
         repeated |= stale & believed
         usable &= ~stale
@@ -236,7 +240,7 @@ def _by_chance(reading: Array, rows: NDArray[np.int64], same_time: Mask, same_va
     """
     allowed = np.zeros(reading.shape, dtype=bool)
     changes = np.diff(reading[rows])[~same_value[1:]]
-    if changes.size < 8 or resolution == 0.0:
+    if changes.size < FEWEST_CHANGES or resolution == 0.0:
         return allowed
     width = 1.4826 * float(np.median(np.abs(changes)))
     expected = min(resolution / (np.sqrt(2 * np.pi) * width), 1.0) if width > 0 else 1.0
@@ -244,6 +248,14 @@ def _by_chance(reading: Array, rows: NDArray[np.int64], same_time: Mask, same_va
         again = same_value & np.append(False, same_value[:-1])
         allowed[rows[same_value & ~again & ~same_time]] = True
     return allowed
+
+
+def _stairs(values: Array, resolution: float) -> bool:
+    """Whether readings, where they change, mostly do so by one step of the log: whatever noise is stated, the steps are
+    coarser, and a reading that stays is no repeat."""
+    change = np.abs(np.diff(values))
+    change = change[change > 0.0]
+    return change.size >= FEWEST_CHANGES and float(np.median(change)) < 1.5 * resolution
 
 
 def _resolution(values: Array) -> float:
