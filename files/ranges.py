@@ -66,6 +66,11 @@ RANGES: Mapping[str, Range] = MappingProxyType(
         "rate_hz": Range(0.01, 1000.0),  # at which a sensor is read
         # of a profile: a rate as it was fitted, effective or not, the readings' noise, and how often they come
         "fitted_m2_s": Range(1e-25, 1.0, _FRACTION),
+        # time to 63 %: from a bare wire in a jet to a housing in still air
+        "response_s": Range(0.005, 1800.0, "is it in milliseconds"),
+        # by which D rises with temperature: of water in polymers 10 to 60 kJ/mol (Crank and Park 1968, Diffusion in
+        # Polymers); of IST's capacitive film up to 75 by its response times; behind an air film nearly none
+        "activation_j_mol": Range(-5e3, 1e5),
         "noise_k": Range(0.0, 50.0),
         "noise_percent": Range(0.0, 100.0),
         "sampling_period_s": Range(1e-4, 86400.0, "is it in milliseconds"),

@@ -22,6 +22,7 @@ Mask = NDArray[np.bool_]
 ACROSS = 0.2  # of how far the two columns are apart, that either is from the other's last value where they change place
 SIDE = 3  # rows on either side
 LEAST_APART = 2.0  # K or %RH; columns that are closer cannot be told from one another
+PASCAL = "pressure_hpa: pascal"
 EXCHANGED = "temperature and humidity, each in the other's place"
 # quantity -> field of a flight, and what a reading of it can be
 FIELDS = {
@@ -51,6 +52,8 @@ def without_codes(flight: Flight) -> tuple[Flight, dict[str, Mask]]:
             found |= {f"{quantity} {code:.6g}": rows for code, rows in codes.items()}
             changed[name] = np.where(np.logical_or.reduce(list(codes.values())), np.nan, values)
     flight = replace(flight, **changed)
+    if (pascal := _in_pascal(flight.pressure_hpa)).any():
+        found[PASCAL], flight = pascal, replace(flight, pressure_hpa=flight.pressure_hpa / 100.0)
     exchanged = _exchanged(flight.temperature_c, flight.humidity_percent)
     if exchanged.any():
         found[EXCHANGED] = exchanged
@@ -59,6 +62,13 @@ def without_codes(flight: Flight) -> tuple[Flight, dict[str, Mask]]:
         }
         flight = replace(flight, **blank)
     return flight, found
+
+
+def _in_pascal(pressure: Array) -> Mask:
+    """Rows (n,) with a pressure, where most of them can be none in hPa and all could be in Pa."""
+    possible, known = RANGES["pressure_hpa"], np.isfinite(pressure)
+    usual = float(np.median(pressure[known])) if known.any() else 0.0
+    return known & (usual > possible.high) & possible.holds(usual / 100.0)
 
 
 def _exchanged(temperature: Array, humidity: Array) -> Mask:
@@ -94,6 +104,8 @@ def code_notes(codes: Mapping[str, Mask | int]) -> list[str]:
         count = int(np.count_nonzero(rows)) if isinstance(rows, np.ndarray) else rows
         if count and name == EXCHANGED:
             sentences.append(f"{name} in {counted(count, 'row')}: taken as missing")
+        elif count and name == PASCAL:
+            sentences.append("pressure_hpa: no air has so much; taken as Pa, and divided by 100")
         elif count:
             quantity, code = name.split(" ", 1)
             of_quantity.setdefault(quantity, []).append(f"{code} in {counted(count, 'row')}")

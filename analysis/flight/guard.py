@@ -1,8 +1,8 @@
 """How far the air can be from the readings around it, whatever a method makes of them.
 
 What the air did for as long as the method resolves shows in the readings by at least the share g of its size that the
-sensor shows in that time. So the air is above the least reading around by no more than (spread of the readings) / g,
-and below the largest by no more: around is as long as the sensor remembers, and as far as the nearest readings.
+sensor shows in that time. So the air is farther from the reading by no more than (spread of the readings around) / g:
+around is as long as the sensor remembers, and as far as the nearest readings.
 """
 
 from __future__ import annotations
@@ -19,16 +19,23 @@ from shockrig.analysis.flight.stretches import largest_share
 from shockrig.files.numbers import counted
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 REMEMBERED = 3.0  # of the slowest time constant: what is left of a step is less than its twentieth
 SIGMAS = 4.0  # of a reading's noise at either end
 LOUD = 2.0  # times the usual noise: such readings are no ends
 LEAST_SHARE = 0.05
 
 
-def held(channel: Channel, readings: Readings, unit: Array, notes: list[str]) -> Channel:
-    """The channel no farther from its readings than the air can be; by how much it was counts as uncertainty."""
+def held(channel: Channel, readings: Readings, raw: Array, unit: Array, notes: list[str]) -> Channel:
+    """The channel no farther from its readings than the air can be; by how much it was counts as uncertainty.
+
+    `unit` turns the readings' unit into that of `raw`, the log's.
+    """
     low, high = (bound * unit for bound in reach(readings, channel.resolved_rate))
     value = np.clip(channel.value, low, high)
+    if (capped := channel.screened.capped) is not None and capped.any():
+        value = _above_ceiling(value, raw, capped, channel, notes)
+        channel = replace(channel, value=np.where(capped, value, channel.value))
     away = np.where(channel.raw | ~np.isfinite(channel.value), 0.0, np.abs(value - channel.value))
     if not (moved := away > 0.0).any():
         return channel
@@ -40,8 +47,18 @@ def held(channel: Channel, readings: Readings, unit: Array, notes: list[str]) ->
     return replace(channel, value=value, uncertainty=np.hypot(channel.uncertainty, away))
 
 
+def _above_ceiling(value: Array, raw: Array, capped: Mask, channel: Channel, notes: list[str]) -> Array:
+    """Values where the sensor stopped: it was there or above."""
+    limit = float(np.max(raw[capped]))
+    notes.append(
+        f"{channel.name}: {counted(int(np.count_nonzero(capped)), 'row')} are held at {limit:.6g}, the largest there "
+        "is: they say that the sensor was there or above"
+    )
+    return np.where(capped & np.isfinite(value), np.maximum(value, limit), value)
+
+
 def reach(readings: Readings, resolved_rate: float) -> tuple[Array, Array]:
-    """Least and largest air (n,) that the readings around each row allow, in their own unit."""
+    """Least and largest air (n,) that the readings around each row allow, in the readings' own unit."""
     noise = np.sqrt(readings.noise_variance)
     rows = np.arange(readings.reading.size)
     ends = np.flatnonzero(readings.usable & (noise <= LOUD * np.median(noise[readings.usable])))
@@ -50,11 +67,13 @@ def reach(readings: Readings, resolved_rate: float) -> tuple[Array, Array]:
     # gaps bridged by straight lines: what lies between two readings is no farther than they are
     around = np.interp(rows, ends, readings.reading[ends])
     period = typical_period(readings.time_s)
-    size = min(2 * int(np.ceil(REMEMBERED * readings.response.slowest_s / period)) + 1, 2 * rows.size + 1)
+    response = readings.response
+    slowest_s = float(np.max(np.where(np.abs(response.weight) > LEAST_SHARE, 1.0 / response.rate, 0.0)))
+    lasting = REMEMBERED * max(slowest_s, response.slowest_s) + abs(readings.delay_s)
+    size = min(2 * int(np.ceil(lasting / period)) + 1, 2 * rows.size + 1)
     margin = SIGMAS * float(np.median(noise[ends]))
     low = minimum_filter1d(around, size, mode="nearest") - margin
     high = maximum_filter1d(around, size, mode="nearest") + margin
     resolved = max(np.pi / resolved_rate, period)
-    share = max(largest_share(readings.response, resolved), LEAST_SHARE)
-    spread = (high - low) / share
-    return high - spread, low + spread
+    spread = (high - low) / max(largest_share(response, resolved), LEAST_SHARE)
+    return around - spread, around + spread

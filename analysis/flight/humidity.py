@@ -14,11 +14,12 @@ from scipy.ndimage import uniform_filter1d
 
 from shockrig.analysis.flight.channel import Channel, Readings, bridged, coarse, judged, lacking, too_few, untouched
 from shockrig.analysis.flight.comparisons import Told
+from shockrig.analysis.flight.doubts import airspeed_doubt
 from shockrig.analysis.flight.guard import held
 from shockrig.analysis.flight.prior import Passing
 from shockrig.analysis.flight.profile_effects import Acting, acting, not_undone, unseen
 from shockrig.analysis.flight.readout import ceiling, noise_floor, not_known, stale, undone
-from shockrig.analysis.flight.response import Response, film_response
+from shockrig.analysis.flight.response import Response, film_response, unsure_of_airspeed
 from shockrig.analysis.flight.screen import screen
 from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
 from shockrig.analysis.flight.stretches import largest_share
@@ -66,7 +67,11 @@ def correct_humidity(
     if air is not None:
         # an inversion that failed may give any temperature; near absolute zero there is no vapour to divide by
         air = np.clip(air, RANGES["temperature_c"].low, RANGES["temperature_c"].high)
-    response = None if part is None or air is None else film_response(part, air, stream, body)
+    response, unsure = None, 0.0
+    if part is not None and air is not None:
+        usual = np.median(air, keepdims=True)
+        unsure = unsure_of_airspeed(lambda at: film_response(part, usual, at, body), stream, airspeed_doubt(flight))
+        response = film_response(part, air, stream, body).slower(0.0, unsure)
     share = 1.0 if response is None else largest_share(response, period)
     possible, swing = RANGES["humidity_reading_percent"], RANGES["swing_percent"].high
     vapour = None if air is None else raw * saturation_pressure_hpa(air) / saturation_pressure_hpa(REFERENCE_C)
@@ -98,7 +103,7 @@ def correct_humidity(
     to_vapour = saturation_pressure_hpa(own) / saturation_pressure_hpa(held_at)
     from_vapour = saturation_pressure_hpa(held_at) / saturation_pressure_hpa(now)
     if plain.delay_s:
-        response = film_response(part, air, stream, body)
+        response = film_response(part, air, stream, body).slower(0.0, unsure)
     if told is not None:
         response = response.slower(told.slower, told.error)
     vapour = plain.reading * to_vapour
@@ -118,7 +123,7 @@ def correct_humidity(
     found = solve(readings, cutoff_hz)
     outside = ~part.covers(now) | unseen(part.discovered, stream.airflow_m_s, now)
     channel = judged(readings, found, plain, screened, outside, raw, from_vapour, notes)
-    channel = held(channel, readings, from_vapour, notes)
+    channel = held(channel, readings, raw, from_vapour, notes)
     uncertainty = channel.uncertainty
     if die is not None or found.cutoff_hz is not None:
         wrong = channel.value * _steepness(now) * sigma
@@ -128,6 +133,8 @@ def correct_humidity(
         uncertainty = np.where(channel.raw, uncertainty, np.sqrt(np.maximum(total, least)))
     value = np.where(channel.raw, channel.value, np.clip(channel.value, 0.0, SATURATED_PERCENT))
     left = not_known(effects)
+    # nothing between dry and saturated is farther away than the farther of the two
+    uncertainty = np.minimum(uncertainty, np.maximum(value, SATURATED_PERCENT - value))
     return replace(channel, value=value, uncertainty=np.hypot(uncertainty, left), common=np.hypot(channel.common, left))
 
 

@@ -30,13 +30,16 @@ SIDE_ROWS = 12  # on either side of a step of the clock that lines are laid thro
 USUAL_SHARE = 0.99  # of other rows, that differ by as much
 FEWEST_ROWS = 6  # that go on from a step of the clock; fewer are out of place
 FEWEST_CHANGES = 8  # of a reading, to judge the steps of its log by
+CAPPED = 0.02  # of the rows, that hold the largest reading and the one before it as well
+FEWEST_CAPPED = 10
 LATEST_S = 1e13  # since 1970 it is 2e9 s; beyond this a double's steps are no longer milliseconds
 
 
 @dataclass(frozen=True)
 class Screened:
     """Masks (n,): readings to use, missing ones, repeats, absurd ones; `resolution` of the log in the channel's unit;
-    `louder` (n,): noise of each reading over the usual, more than 1 in a burst."""
+    `louder` (n,): noise of each reading over the usual, more than 1 in a burst; `capped`: readings at the ceiling where
+    the sensor stops, which say no more than that it was there or above."""
 
     usable: Mask
     missing: Mask
@@ -44,6 +47,7 @@ class Screened:
     implausible: Mask
     resolution: float
     louder: Array | float = 1.0
+    capped: Mask | None = None
 
 
 @dataclass(frozen=True)
@@ -195,7 +199,8 @@ def screen(
         off = around - median_filter(around, min(MEDIAN_WIDTH, new.size), mode="nearest")
         # the turning point of a fast change is off the median too, but its neighbours share it
         step = np.abs(np.diff(around, prepend=around[0]))
-        jump = np.maximum(step, np.append(step[1:], 0.0))
+        after, again = np.append(step[1:], 0.0), np.diff(np.append(new, rows.size)) > 1
+        jump = np.where(again, np.minimum(step, after), np.maximum(step, after))
         lone = jump > 0.5 * np.abs(off)
         for size in (np.abs(off), jump):
             lone &= size > np.hypot(_limit(size, noise), LONE_SIGMAS * resolution)
@@ -218,9 +223,13 @@ def screen(
     if stale is not None:
         repeated |= stale & believed
         usable &= ~stale
+    if limit is None and not stairs:
+        limit = _ceiling(reading[believed])
+    capped = np.zeros(reading.shape, dtype=bool)
     if limit is not None:
-        usable &= reading < limit - 0.5 * resolution
-    return Screened(usable, missing, repeated, implausible, resolution, stretches.louder)
+        capped = believed & (reading >= limit - 0.5 * resolution)
+        usable &= ~capped
+    return Screened(usable, missing, repeated, implausible, resolution, stretches.louder, capped)
 
 
 def _limit(size: Array, noise: float) -> Array:
@@ -248,6 +257,16 @@ def _by_chance(reading: Array, rows: NDArray[np.int64], same_time: Mask, same_va
         again = same_value & np.append(False, same_value[:-1])
         allowed[rows[same_value & ~again & ~same_time]] = True
     return allowed
+
+
+def _ceiling(values: Array) -> float | None:
+    """The largest reading, where more rows hold it than any below it could: the sensor stopped there; else None."""
+    if values.size == 0:
+        return None
+    top = float(values.max())
+    held = values == top
+    again = np.flatnonzero(held[1:] & held[:-1])
+    return top if again.size > max(CAPPED * values.size, FEWEST_CAPPED) and np.ptp(values) > 0.0 else None
 
 
 def _stairs(values: Array, resolution: float) -> bool:

@@ -88,7 +88,7 @@ def judge(
     rows, values = rows[~elsewhere], values[~elsewhere]
     if rows.size < 2 * WINDOW:
         return found
-    third, single = _scatter(values, 3) / NORM_3, _scatter(values, 1) / NORM_1
+    third, single = scatter(values), _scatter(values, 1) / NORM_1
     found.stuck[rows] = held = _stuck(values, resolution, noise, third)
     if share <= MOST_SHARE:
         usual = max(float(np.median(third[~held])) if (~held).any() else 0.0, noise, resolution / np.sqrt(12.0))
@@ -97,6 +97,11 @@ def judge(
         loud, wider = maximum_filter1d(loud, 5), maximum_filter1d(third, 5)
         found.louder[rows] = np.where(loud, np.maximum(wider / usual, 1.0), 1.0)
     return found
+
+
+def scatter(values: Array) -> Array:
+    """Noise (n,) of readings, from their third differences in the rows around each."""
+    return _scatter(values, 3) / NORM_3
 
 
 def _scatter(values: Array, order: int) -> Array:
