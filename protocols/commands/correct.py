@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
+from datetime import UTC, datetime
 from pathlib import Path
 
 QUANTITIES = (
@@ -86,7 +87,7 @@ def main(args: argparse.Namespace) -> int:
             shown = rows
             print(f"{rows} rows corrected", file=sys.stderr)
 
-    wmo = of_argument(args.wmo) if args.wmo else None
+    wmo = of_argument(args.wmo, datetime.now(UTC)) if args.wmo else None
     layers = Layers(args.layers) if args.layers else None
     gather = [one.add for one in (wmo, layers) if one is not None]
     with tempfile.TemporaryDirectory() as folder:
