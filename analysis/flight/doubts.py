@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from shockrig.analysis.flight.screen import resolution_of, stairs
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.flight.stretches import scatter
 from shockrig.files.flight import Flight
@@ -83,7 +84,8 @@ def doubts(flight: Flight) -> list[str]:
         ("temperature_c", flight.temperature_c, "degC"), ("humidity_percent", flight.humidity_percent, "%RH")
     ):  # fmt: skip
         first, rows = _stands(values)
-        if rows > HALF_STILL * values.size:
+        known = values[np.isfinite(values)]
+        if rows > HALF_STILL * values.size and not stairs(known, resolution_of(known)):
             lasting = float(flight.time_s[first + rows - 1] - flight.time_s[first])
             found.append(
                 f"{name}: the reading stands at {values[first]:.6g} {unit} for {lasting:.3g} s of {lasts:.3g} s: the "

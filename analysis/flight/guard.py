@@ -24,6 +24,8 @@ REMEMBERED = 3.0  # of the slowest time constant: what is left of a step is less
 SIGMAS = 4.0  # of a reading's noise at either end
 LOUD = 2.0  # times the usual noise: such readings are no ends
 LEAST_SHARE = 0.05
+USUAL_TIMES = 2.0  # the median uncertainty, up to which a method is as certain as usual
+USUAL_NOISES = 3.0  # and up to so many times the reading's noise
 
 
 def held(channel: Channel, readings: Readings, raw: Array, unit: Array, notes: list[str]) -> Channel:
@@ -31,6 +33,7 @@ def held(channel: Channel, readings: Readings, raw: Array, unit: Array, notes: l
 
     `unit` turns the readings' unit into that of `raw`, the log's.
     """
+    channel = _nearer(channel, readings, unit)
     low, high = (bound * unit for bound in reach(readings, channel.resolved_rate))
     value = np.clip(channel.value, low, high)
     if (capped := channel.screened.capped) is not None and capped.any():
@@ -45,6 +48,24 @@ def held(channel: Channel, readings: Readings, raw: Array, unit: Array, notes: l
     )
     value = np.where(moved, value, channel.value)
     return replace(channel, value=value, uncertainty=np.hypot(channel.uncertainty, away))
+
+
+def _nearer(channel: Channel, readings: Readings, unit: Array) -> Channel:
+    """The channel nearer to its readings where it is far less certain than elsewhere in the flight.
+
+    That the reading is right is one of the explanations: of a difference d of which the method knows s, d^2 / (d^2 +
+    s^2) is kept. s is what exceeds the usual uncertainty; the one that is stated stays.
+    """
+    reading, sigma = readings.reading * unit, channel.uncertainty
+    seen = channel.screened.usable | channel.screened.repeated
+    known = seen & np.isfinite(channel.value) & np.isfinite(sigma) & np.isfinite(reading) & ~channel.raw
+    if not known.any():
+        return channel
+    usual = np.maximum(USUAL_TIMES * np.median(sigma[known]), USUAL_NOISES * np.sqrt(readings.noise_variance) * unit)
+    off = np.where(known, channel.value - reading, 0.0)
+    extra = np.where(known, np.maximum(sigma**2 - usual**2, 0.0), 0.0)
+    kept = np.divide(off**2, off**2 + extra, out=np.ones(off.shape), where=extra > 0.0)
+    return replace(channel, value=np.where(known & (extra > 0.0), reading + kept * off, channel.value))
 
 
 def _above_ceiling(value: Array, raw: Array, capped: Mask, channel: Channel, notes: list[str]) -> Array:

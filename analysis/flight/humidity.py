@@ -37,6 +37,8 @@ MOST_COUPLING = 5.0  # vapour and temperature are not told to go together more s
 LEAST_SHARE = 0.2  # of the uncertainty that stays, however vapour and temperature go together
 SATURATED_PERCENT = 100.0
 HIGHEST_FRACTION = 1.2
+VAGUE_TIMES = 8.0  # times the usual, that the air's temperature leaves open of a reading's vapour
+VAGUE_NOISES = 10.0  # and so many times its noise
 APART_S = 3.0  # over which vapour and temperature are compared
 SMOOTHED_S = 1.0
 
@@ -109,16 +111,20 @@ def correct_humidity(
     vapour = plain.reading * to_vapour
     level = np.interp(time_s, time_s[screened.usable], vapour[screened.usable])
     # what the air's temperature leaves open divides the reading and the result alike; a die of its own parts the two
-    passing = None
+    passing, usable = None, screened.usable
     if die is None and not by_activity:
         percent_per_k = level * _steepness(air)
         error = np.hypot(error, _misplaced(air))
         coupling = _coupling(time_s, level, air, error, percent_per_k, response)
-        passing = Passing(percent_per_k * error, bead.resolved_rate, coupling)
+        left_open = percent_per_k * error
+        passing = Passing(left_open, bead.resolved_rate, coupling)
+        # a reading whose temperature is not known is none of vapour
+        vague = left_open > np.maximum(VAGUE_TIMES * np.median(left_open), VAGUE_NOISES * noise * to_vapour)
+        usable = usable & ~vague if np.count_nonzero(usable & ~vague) > 0.5 * np.count_nonzero(usable) else usable
     variance = (np.hypot(noise * screened.louder, screened.resolution / np.sqrt(12)) / plain.gain * to_vapour) ** 2
     steps = coarse(screened.resolution, noise, to_vapour / plain.gain)
     readings = Readings(
-        "humidity", time_s, vapour, screened.usable, response, variance, plain.delay_s, passing, steps, bead.jumps_s
+        "humidity", time_s, vapour, usable, response, variance, plain.delay_s, passing, steps, bead.jumps_s
     )
     found = solve(readings, cutoff_hz)
     outside = ~part.covers(now) | unseen(part.discovered, stream.airflow_m_s, now)

@@ -38,7 +38,7 @@ LATEST_S = 1e13  # since 1970 it is 2e9 s; beyond this a double's steps are no l
 @dataclass(frozen=True)
 class Screened:
     """Masks (n,): readings to use, missing ones, repeats, absurd ones; `resolution` of the log in the channel's unit;
-    `louder` (n,): noise of each reading over the usual, more than 1 in a burst; `capped`: readings at the ceiling where
+    `louder` (n,): noise of each reading over what is stated, more than 1 in a burst; `capped`: readings at the ceiling where
     the sensor stops, which say no more than that it was there or above."""
 
     usable: Mask
@@ -191,7 +191,7 @@ def screen(
     implausible = ~missing & ((reading < possible.low) | (reading > possible.high))
     believed = ~(missing | implausible)
     rows = np.flatnonzero(believed)
-    resolution = _resolution(reading[rows])
+    resolution = resolution_of(reading[rows])
     # of a value that is written again and again the first stands for all
     new = np.flatnonzero(np.diff(reading[rows], prepend=np.inf) != 0)
     if new.size >= 3:
@@ -206,7 +206,7 @@ def screen(
             lone &= size > np.hypot(_limit(size, noise), LONE_SIGMAS * resolution)
         implausible[rows] = np.repeat(lone, np.diff(np.append(new, rows.size)))
     believed &= ~implausible
-    stairs = _stairs(reading[np.flatnonzero(believed)], resolution)
+    by_steps = stairs(reading[np.flatnonzero(believed)], resolution)
     stretches = judge(reading, believed, resolution, noise, share, swing, lagging)
     implausible |= stretches.from_elsewhere
     believed &= ~implausible
@@ -215,15 +215,15 @@ def screen(
     same_time = np.diff(time_s[rows], prepend=-np.inf) <= 0
     same_value = np.diff(reading[rows], prepend=np.inf) == 0
     # where the resolution is coarser than the noise, equal neighbours are the rule and each tells something
-    repeated[rows] = same_time | (same_value & (resolution < 1.5 * noise) & (not stairs))
+    repeated[rows] = same_time | (same_value & (resolution < 1.5 * noise) & (not by_steps))
     usable = believed & ~(repeated & ~_by_chance(reading, rows, same_time, same_value, resolution))
-    if not stairs:
+    if not by_steps:
         usable &= ~stretches.stuck
         repeated |= stretches.stuck
     if stale is not None:
         repeated |= stale & believed
         usable &= ~stale
-    if limit is None and not stairs:
+    if limit is None and not by_steps:
         limit = _ceiling(reading[believed])
     capped = np.zeros(reading.shape, dtype=bool)
     if limit is not None:
@@ -269,7 +269,7 @@ def _ceiling(values: Array) -> float | None:
     return top if again.size > max(CAPPED * values.size, FEWEST_CAPPED) and np.ptp(values) > 0.0 else None
 
 
-def _stairs(values: Array, resolution: float) -> bool:
+def stairs(values: Array, resolution: float) -> bool:
     """Whether readings, where they change, mostly do so by one step of the log: whatever noise is stated, the steps are
     coarser, and a reading that stays is no repeat."""
     change = np.abs(np.diff(values))
@@ -277,7 +277,7 @@ def _stairs(values: Array, resolution: float) -> bool:
     return change.size >= FEWEST_CHANGES and float(np.median(change)) < 1.5 * resolution
 
 
-def _resolution(values: Array) -> float:
+def resolution_of(values: Array) -> float:
     """Smallest step between the values that occur; 0 where there is but one."""
     steps = np.diff(np.unique(np.round(values[:20000], 9)))
     return float(np.quantile(steps, 0.05)) if steps.size else 0.0

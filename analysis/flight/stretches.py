@@ -35,7 +35,7 @@ TO_SIGMA = 1.4826  # of the median of absolute values
 
 @dataclass(frozen=True)
 class Stretches:
-    """Rows (n,) `from_elsewhere` (between two jumps) and `stuck`; `louder` (n,): noise of each row over the usual."""
+    """Rows (n,) `from_elsewhere` (between two jumps) and `stuck`; `louder` (n,): noise of each row over what is stated."""
 
     from_elsewhere: Mask
     stuck: Mask
@@ -95,7 +95,7 @@ def judge(
         loud = (third > LOUDER * usual) & (third > WHITE * single) & ~held
         # a window's median sees a burst from its middle to its middle; its rows at either end are as loud
         loud, wider = maximum_filter1d(loud, 5), maximum_filter1d(third, 5)
-        found.louder[rows] = np.where(loud, np.maximum(wider / usual, 1.0), 1.0)
+        found.louder[rows] = np.where(loud, np.maximum(wider / noise, 1.0), 1.0)
     return found
 
 
