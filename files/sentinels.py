@@ -53,6 +53,7 @@ CODES: Mapping[str, Mapping[float, str]] = MappingProxyType(
 )
 NEAR = 1e-6  # relative, and 1e-4 in the quantity's unit: digits that a column of text has lost
 FARTHER = 2.0  # times what nine of ten readings differ from the next by
+LEAST_JUMP = 1.0  # in the quantity's unit
 JUMP = 20.0  # times what readings usually differ from the next by
 
 
@@ -90,5 +91,5 @@ def _jumped_to(values: Array, others: Mask, rows: Mask, code: float) -> Mask:
     away = np.minimum(np.abs(before - code), np.abs(behind - code))
     step = np.abs(np.diff(values[believed]))
     usual = max(FARTHER * float(np.quantile(step, 0.9)), JUMP * float(np.median(step))) if step.size else 0.0
-    jumped[at] = away > usual
+    jumped[at] = away > max(usual, LEAST_JUMP)
     return jumped

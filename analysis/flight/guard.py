@@ -20,10 +20,11 @@ from shockrig.files.numbers import counted
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-REMEMBERED = 3.0  # of the slowest time constant: what is left of a step is less than its twentieth
+REMEMBERED = 5.0  # of the slowest time constant: what is left of a step is less than its hundredth
 SIGMAS = 4.0  # of a reading's noise at either end
 LOUD = 2.0  # times the usual noise: such readings are no ends
 LEAST_SHARE = 0.05
+MOST_SHARE = 0.8  # readings are noisy, and a sensor is seldom what its profile says to a fifth
 USUAL_TIMES = 2.0  # the median uncertainty, up to which a method is as certain as usual
 USUAL_NOISES = 3.0  # and up to so many times the reading's noise
 
@@ -53,8 +54,9 @@ def held(channel: Channel, readings: Readings, raw: Array, unit: Array, notes: l
 def _nearer(channel: Channel, readings: Readings, unit: Array) -> Channel:
     """The channel nearer to its readings where it is far less certain than elsewhere in the flight.
 
-    That the reading is right is one of the explanations: of a difference d of which the method knows s, d^2 / (d^2 +
-    s^2) is kept. s is what exceeds the usual uncertainty; the one that is stated stays.
+    That the reading is right is one of the explanations: of a difference d that is unsure by s, d^4 / (d^4 + s^4) is
+    kept, all of one that is sure and nothing of one that is not. s is what exceeds the usual uncertainty; the one that
+    is stated stays.
     """
     reading, sigma = readings.reading * unit, channel.uncertainty
     seen = channel.screened.usable | channel.screened.repeated
@@ -64,7 +66,7 @@ def _nearer(channel: Channel, readings: Readings, unit: Array) -> Channel:
     usual = np.maximum(USUAL_TIMES * np.median(sigma[known]), USUAL_NOISES * np.sqrt(readings.noise_variance) * unit)
     off = np.where(known, channel.value - reading, 0.0)
     extra = np.where(known, np.maximum(sigma**2 - usual**2, 0.0), 0.0)
-    kept = np.divide(off**2, off**2 + extra, out=np.ones(off.shape), where=extra > 0.0)
+    kept = np.divide(off**4, off**4 + extra**2, out=np.ones(off.shape), where=extra > 0.0)
     return replace(channel, value=np.where(known & (extra > 0.0), reading + kept * off, channel.value))
 
 
@@ -96,5 +98,5 @@ def reach(readings: Readings, resolved_rate: float) -> tuple[Array, Array]:
     low = minimum_filter1d(around, size, mode="nearest") - margin
     high = maximum_filter1d(around, size, mode="nearest") + margin
     resolved = max(np.pi / resolved_rate, period)
-    spread = (high - low) / max(largest_share(response, resolved), LEAST_SHARE)
+    spread = (high - low) / float(np.clip(largest_share(response, resolved), LEAST_SHARE, MOST_SHARE))
     return around - spread, around + spread

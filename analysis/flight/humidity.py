@@ -110,6 +110,7 @@ def correct_humidity(
         response = response.slower(told.slower, told.error)
     vapour = plain.reading * to_vapour
     level = np.interp(time_s, time_s[screened.usable], vapour[screened.usable])
+    variance = (np.hypot(noise * screened.louder, screened.resolution / np.sqrt(12)) / plain.gain * to_vapour) ** 2
     # what the air's temperature leaves open divides the reading and the result alike; a die of its own parts the two
     passing, usable = None, screened.usable
     if die is None and not by_activity:
@@ -119,9 +120,8 @@ def correct_humidity(
         left_open = percent_per_k * error
         passing = Passing(left_open, bead.resolved_rate, coupling)
         # a reading whose temperature is not known is none of vapour
-        vague = left_open > np.maximum(VAGUE_TIMES * np.median(left_open), VAGUE_NOISES * noise * to_vapour)
+        vague = left_open > np.maximum(VAGUE_TIMES * np.median(left_open), VAGUE_NOISES * np.sqrt(variance))
         usable = usable & ~vague if np.count_nonzero(usable & ~vague) > 0.5 * np.count_nonzero(usable) else usable
-    variance = (np.hypot(noise * screened.louder, screened.resolution / np.sqrt(12)) / plain.gain * to_vapour) ** 2
     steps = coarse(screened.resolution, noise, to_vapour / plain.gain)
     readings = Readings(
         "humidity", time_s, vapour, usable, response, variance, plain.delay_s, passing, steps, bead.jumps_s

@@ -38,8 +38,8 @@ LATEST_S = 1e13  # since 1970 it is 2e9 s; beyond this a double's steps are no l
 @dataclass(frozen=True)
 class Screened:
     """Masks (n,): readings to use, missing ones, repeats, absurd ones; `resolution` of the log in the channel's unit;
-    `louder` (n,): noise of each reading over what is stated, more than 1 in a burst; `capped`: readings at the ceiling where
-    the sensor stops, which say no more than that it was there or above."""
+    `louder` (n,): noise of each reading over what is stated, more than 1 in a burst; `capped`: readings at the ceiling
+    where the sensor stops, which say no more than that it was there or above."""
 
     usable: Mask
     missing: Mask

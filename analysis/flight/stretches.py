@@ -35,7 +35,7 @@ TO_SIGMA = 1.4826  # of the median of absolute values
 
 @dataclass(frozen=True)
 class Stretches:
-    """Rows (n,) `from_elsewhere` (between two jumps) and `stuck`; `louder` (n,): noise of each row over what is stated."""
+    """Rows (n,) `from_elsewhere` (between two jumps) and `stuck`; `louder` (n,): noise over what is stated."""
 
     from_elsewhere: Mask
     stuck: Mask
