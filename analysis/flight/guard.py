@@ -26,6 +26,7 @@ LOUD = 2.0  # times the usual noise: such readings are no ends
 LEAST_SHARE = 0.05
 MOST_SHARE = 0.8  # readings are noisy, and a sensor is seldom what its profile says to a fifth
 USUAL_TIMES = 2.0  # the median uncertainty, up to which a method is as certain as usual
+SURE = 2.0  # standard uncertainties
 USUAL_NOISES = 3.0  # and up to so many times the reading's noise
 
 
@@ -55,8 +56,8 @@ def _nearer(channel: Channel, readings: Readings, unit: Array) -> Channel:
     """The channel nearer to its readings where it is far less certain than elsewhere in the flight.
 
     That the reading is right is one of the explanations: of a difference d that is unsure by s, d^4 / (d^4 + s^4) is
-    kept, all of one that is sure and nothing of one that is not. s is what exceeds the usual uncertainty; the one that
-    is stated stays.
+    kept, all of one that is sure and nothing of one that is not. s is two sigmas of what exceeds the usual uncertainty;
+    what is stated stays.
     """
     reading, sigma = readings.reading * unit, channel.uncertainty
     seen = channel.screened.usable | channel.screened.repeated
@@ -65,7 +66,7 @@ def _nearer(channel: Channel, readings: Readings, unit: Array) -> Channel:
         return channel
     usual = np.maximum(USUAL_TIMES * np.median(sigma[known]), USUAL_NOISES * np.sqrt(readings.noise_variance) * unit)
     off = np.where(known, channel.value - reading, 0.0)
-    extra = np.where(known, np.maximum(sigma**2 - usual**2, 0.0), 0.0)
+    extra = np.where(known, SURE**2 * np.maximum(sigma**2 - usual**2, 0.0), 0.0)
     kept = np.divide(off**4, off**4 + extra**2, out=np.ones(off.shape), where=extra > 0.0)
     return replace(channel, value=np.where(known & (extra > 0.0), reading + kept * off, channel.value))
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import binary_dilation, uniform_filter1d
 
 from shockrig.analysis.flight.channel import Channel, Readings, bridged, coarse, judged, lacking, too_few, untouched
 from shockrig.analysis.flight.comparisons import Told
@@ -28,6 +28,7 @@ from shockrig.analysis.flight.typical import NOISE_PERCENT
 from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.flight import Flight
+from shockrig.files.numbers import counted
 from shockrig.files.profile import HumidityProfile
 from shockrig.files.ranges import RANGES
 
@@ -37,7 +38,8 @@ MOST_COUPLING = 5.0  # vapour and temperature are not told to go together more s
 LEAST_SHARE = 0.2  # of the uncertainty that stays, however vapour and temperature go together
 SATURATED_PERCENT = 100.0
 HIGHEST_FRACTION = 1.2
-VAGUE_TIMES = 8.0  # times the usual, that the air's temperature leaves open of a reading's vapour
+VAGUE_TIMES = 5.0  # times the usual, that the air's temperature leaves open of a reading's vapour
+SELDOM = 5.0  # times the usual between two readings of temperature
 VAGUE_NOISES = 10.0  # and so many times its noise
 APART_S = 3.0  # over which vapour and temperature are compared
 SMOOTHED_S = 1.0
@@ -112,15 +114,18 @@ def correct_humidity(
     level = np.interp(time_s, time_s[screened.usable], vapour[screened.usable])
     variance = (np.hypot(noise * screened.louder, screened.resolution / np.sqrt(12)) / plain.gain * to_vapour) ** 2
     # what the air's temperature leaves open divides the reading and the result alike; a die of its own parts the two
-    passing, usable = None, screened.usable
+    passing, usable, unread = None, screened.usable, np.zeros(raw.shape, dtype=bool)
     if die is None and not by_activity:
         percent_per_k = level * _steepness(air)
-        error = np.hypot(error, _misplaced(air))
+        error = np.hypot(error, _misplaced(air, bead.screened.usable))
         coupling = _coupling(time_s, level, air, error, percent_per_k, response)
         left_open = percent_per_k * error
         passing = Passing(left_open, bead.resolved_rate, coupling)
         # a reading whose temperature is not known is none of vapour
-        vague = left_open > np.maximum(VAGUE_TIMES * np.median(left_open), VAGUE_NOISES * np.sqrt(variance))
+        # a thermometer that is read more seldom than the hygrometer is one all the same
+        longest_s = max(APART_S, SELDOM * typical_period(time_s[bead.screened.usable]))
+        unread = _long(~bead.screened.usable, time_s, longest_s)
+        vague = unread | (left_open > np.maximum(VAGUE_TIMES * np.median(left_open), VAGUE_NOISES * np.sqrt(variance)))
         usable = usable & ~vague if np.count_nonzero(usable & ~vague) > 0.5 * np.count_nonzero(usable) else usable
     steps = coarse(screened.resolution, noise, to_vapour / plain.gain)
     readings = Readings(
@@ -130,6 +135,7 @@ def correct_humidity(
     outside = ~part.covers(now) | unseen(part.discovered, stream.airflow_m_s, now)
     channel = judged(readings, found, plain, screened, outside, raw, from_vapour, notes)
     channel = held(channel, readings, raw, from_vapour, notes)
+    channel = _as_read(channel, raw, unread & (screened.usable | screened.repeated) & ~channel.raw, notes)
     uncertainty = channel.uncertainty
     if die is not None or found.cutoff_hz is not None:
         wrong = channel.value * _steepness(now) * sigma
@@ -149,9 +155,44 @@ def _earlier(time_s: Array, values: Array, delay_s: float) -> Array:
     return np.interp(time_s - delay_s, time_s, values) if delay_s else values
 
 
-def _misplaced(temperature_c: Array) -> Array:
-    """How far off (n,) a temperature is whose corners and jumps are misplaced by half a sample; 0 on straight lines."""
-    return np.abs(np.diff(np.pad(temperature_c, 1, mode="edge"), 2)) / 2.0
+def _long(mask: NDArray[np.bool_], time_s: Array, longest_s: float) -> NDArray[np.bool_]:
+    """Rows (n,) in stretches of `mask` that last longer."""
+    run = np.cumsum(np.diff(mask, prepend=False)) * mask
+    ends = np.flatnonzero(np.diff(mask.astype(int), prepend=0, append=0))
+    lasting = time_s[ends[1::2] - 1] - time_s[ends[::2]]
+    return np.asarray(mask & np.isin(run, run[ends[::2]][lasting > longest_s]))
+
+
+def _as_read(channel: Channel, raw: Array, rows: NDArray[np.bool_], notes: list[str]) -> Channel:
+    """The channel with some rows as they were read: what the correction would have changed is uncertainty."""
+    rows = rows & np.isfinite(channel.value)
+    if not rows.any():
+        return channel
+    notes.append(
+        f"humidity: {counted(int(np.count_nonzero(rows)), 'row')} without a reading of the temperature around are "
+        "given as they were read"
+    )
+    changed = np.where(rows, raw - channel.value, 0.0)
+    wider = (np.hypot(sigma, changed) for sigma in (channel.uncertainty, channel.common))
+    uncertainty, common = wider
+    value = np.where(rows, raw, channel.value)
+    return replace(channel, value=value, uncertainty=uncertainty, common=common, raw=channel.raw | rows)
+
+
+def _misplaced(temperature_c: Array, read: NDArray[np.bool_]) -> Array:
+    """How far off (n,) a temperature is whose corners and jumps are misplaced by half a sample; 0 on straight lines.
+
+    Where it was not `read` (n,), they may lie anywhere in the gap.
+    """
+    off = np.abs(np.diff(np.pad(temperature_c, 1, mode="edge"), 2)) / 2.0
+    gap = binary_dilation(~read)
+    if not gap.any():
+        return off
+    run = np.cumsum(np.diff(gap, prepend=False) & gap)[gap] - 1
+    most = np.zeros(run[-1] + 1)
+    np.maximum.at(most, run, off[gap])
+    off[gap] = most[run]
+    return off
 
 
 def _steepness(temperature_c: Array) -> Array:
