@@ -100,6 +100,9 @@ def write_wmo(
             data.createDimension("obs", rows.size)
             for name, value in {**GLOBAL, **attributes}.items():
                 data.setncattr(name, value)
+            trajectory = data.createVariable("trajectory", str, ())
+            trajectory.long_name, trajectory.cf_role = "flight", "trajectory_id"
+            trajectory[0] = attributes["flight_id"]
             for name, (units, words, standard) in VARIABLES.items():
                 if name not in columns:
                     continue

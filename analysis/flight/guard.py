@@ -82,7 +82,8 @@ def _above_ceiling(value: Array, raw: Array, capped: Mask, channel: Channel, not
 
 
 def reach(readings: Readings, resolved_rate: float) -> tuple[Array, Array]:
-    """Least and largest air (n,) that the readings around each row allow, in the readings' own unit."""
+    """Least and largest air (n,) that the readings around each row allow, in the readings' own unit; in a gap those on
+    either side."""
     noise = np.sqrt(readings.noise_variance)
     rows = np.arange(readings.reading.size)
     ends = np.flatnonzero(readings.usable & (noise <= LOUD * np.median(noise[readings.usable])))

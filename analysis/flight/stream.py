@@ -19,6 +19,7 @@ from shockrig.files.flight_csv import CsvWriter
 from shockrig.files.flight_netcdf import NetcdfWriter
 from shockrig.files.flight_rows import BLOCK_ROWS, look_over, read_blocks, to_flight
 from shockrig.files.profile import Profile
+from shockrig.files.serials import of_log, serial_doubts
 
 MARGIN_ROWS = 1500  # rows of the neighbours that a block sees: the smoother's longest memory, 60 s, at 20 Hz and more
 
@@ -78,6 +79,7 @@ def correct_file(
     except OSError as error:
         raise InputError(f"{target}: {error.strerror or error}; name a file in a folder that can be written") from error
     totals = _Totals()
+    totals.notes.update(dict.fromkeys(serial_doubts(of_log(source, layout, source.name), profile.sensors)))
     if damage.damaged:
         how_many = f"{damage.damaged} of {damage.rows} rows could not be read as numbers throughout"
         totals.notes[f"{how_many} and are treated as missing there (first: {damage.first_damaged})"] = None
@@ -178,4 +180,9 @@ class _Totals:
 
     def summary(self) -> Summary:
         sizes = [float(np.sqrt(total / count)) if count else float("nan") for total, count in self.sums]
-        return Summary(self.rows, self.flags, (*code_notes(self.codes), *self.notes), *sizes)
+        return Summary(
+            self.rows,
+            self.flags,
+            tuple(sorted((*code_notes(self.codes), *self.notes), key=lambda note: not note.startswith("profile:"))),
+            *sizes,
+        )
