@@ -40,7 +40,9 @@ def held(channel: Channel, readings: Readings, raw: Array, unit: Array, notes: l
     value = np.clip(channel.value, low, high)
     if (capped := channel.screened.capped) is not None and capped.any():
         value = _above_ceiling(value, raw, capped, channel, notes)
-        channel = replace(channel, value=np.where(capped, value, channel.value))
+        beyond = np.where(capped & np.isfinite(value), value - raw, 0.0)
+        wider = np.hypot(channel.uncertainty, beyond)
+        channel = replace(channel, value=np.where(capped, value, channel.value), uncertainty=wider)
     away = np.where(channel.raw | ~np.isfinite(channel.value), 0.0, np.abs(value - channel.value))
     if not (moved := away > 0.0).any():
         return channel

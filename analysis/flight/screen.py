@@ -280,4 +280,4 @@ def stairs(values: Array, resolution: float) -> bool:
 def resolution_of(values: Array) -> float:
     """Smallest step between the values that occur; 0 where there is but one."""
     steps = np.diff(np.unique(np.round(values[:20000], 9)))
-    return float(np.quantile(steps, 0.05)) if steps.size else 0.0
+    return float(np.quantile(steps, 0.05, method="lower")) if steps.size else 0.0

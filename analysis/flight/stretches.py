@@ -81,9 +81,9 @@ def judge(
         return found
     values = reading[rows]
     least = JUMP * float(np.hypot(noise, resolution)) if share <= MOST_SHARE else swing
-    elsewhere = _elsewhere(values, least)
+    elsewhere = _elsewhere(values, least, swing)
     if lagging is not None and elsewhere.any():
-        elsewhere &= _elsewhere(lagging[rows], least)
+        elsewhere &= _elsewhere(lagging[rows], least, swing)
     found.from_elsewhere[rows] = elsewhere
     rows, values = rows[~elsewhere], values[~elsewhere]
     if rows.size < 2 * WINDOW:
@@ -112,21 +112,34 @@ def _scatter(values: Array, order: int) -> Array:
     return np.pad(around, (ahead, values.size - around.size - ahead), mode="edge")
 
 
-def _elsewhere(values: Array, least: float) -> Mask:
-    """Rows between a jump of more than `least` and one back that no lag lets through."""
+def _elsewhere(values: Array, least: float, swing: float) -> Mask:
+    """Rows between a jump of more than `least` and one back that no lag lets through, or between two of more than
+    `swing` that no air makes."""
     step = np.diff(values)
-    usual = TO_SIGMA * float(np.median(np.abs(step)))
     size = np.abs(step)
+    usual = TO_SIGMA * float(np.median(size))
     beside = np.maximum(np.append(size[1:], 0.0), np.append(0.0, size[:-1]))
-    jumps = np.flatnonzero((size > max(least, JUMP * usual)) & (beside < BESIDE * size)) + 1
-    away = np.zeros(values.size, dtype=bool)
+    sudden = np.flatnonzero((size > max(least, JUMP * usual)) & (beside < BESIDE * size)) + 1
+    away = _between(sudden, values[sudden - 1], values[sudden], values.size)
+    # medians on either side: beside noise, and where a jump is met halfway
+    calm = median_filter(values, 3, mode="nearest")
+    before, after = calm[:-3], calm[3:]  # of the rows from the second
+    size = np.abs(after - before)
+    far = np.flatnonzero((size > swing) & (size >= maximum_filter1d(size, 5)))
+    far = far[np.diff(far, prepend=-9) > 2]
+    return away | _between(far + 2, before[far], after[far], values.size)
+
+
+def _between(first: NDArray[np.int64], before: Array, after: Array, count: int) -> Mask:
+    """Rows (`count`,) between jumps and those back, by the `first` row after each and the levels on either side."""
+    away = np.zeros(count, dtype=bool)
     i = 0
-    while i + 1 < jumps.size:
-        first, last = jumps[i], jumps[i + 1]
-        across = abs(values[last] - values[first - 1])
-        opposite = step[first - 1] * step[last - 1] < 0
-        if opposite and across < BACK * min(size[first - 1], size[last - 1]) and last - first < values.size // 2:
-            away[first:last] = True
+    while i + 1 < first.size:
+        out, back = after[i] - before[i], after[i + 1] - before[i + 1]
+        across = abs(after[i + 1] - before[i])
+        lasting = first[i + 1] - first[i]
+        if out * back < 0 and across < BACK * min(abs(out), abs(back)) and lasting < count // 2:
+            away[first[i] : first[i + 1]] = True
             i += 2
         else:
             i += 1
