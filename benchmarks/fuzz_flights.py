@@ -281,7 +281,11 @@ def main() -> int:
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--kinds", nargs="+", default=list(DAMAGE), choices=list(DAMAGE))
     parser.add_argument("--out", type=Path)
+    parser.add_argument("--table", type=Path, help="print what this file holds, and fly nothing")
     args = parser.parse_args()
+    if args.table:
+        table([json.loads(text) for text in args.table.read_text().splitlines()])
+        return 0
     warnings.simplefilter("ignore")
     lines: list[dict] = []
     seed, rows = args.first_seed, 0

@@ -42,18 +42,12 @@ RANGES: Mapping[str, Range] = MappingProxyType(
         "temperature_c": Range(-100.0, 150.0, _KELVIN),
         # of an air, as instruments report it: a little below 0, and above 100 where it is supersaturated or they err
         "humidity_percent": Range(-5.0, 130.0, _FRACTION),
-        # how far an air goes and comes back between rows, in doors and plumes
-        "swing_k": Range(0.0, 15.0),
-        "swing_percent": Range(0.0, 50.0),
         # as a polymer film reads it: one that is cold or condensed on reads further out than any air is
         "humidity_reading_percent": Range(-10.0, 130.0, _FRACTION),
         # of an air that somebody asks for: a set point, a simulation
         "humidity_set_percent": Range(0.0, 100.0, _FRACTION),
         "airflow_m_s": Range(0.0, 150.0, "is it in km/h"),
         "pressure_hpa": Range(1.0, 2000.0, "is it in pascal"),
-        "altitude_m": Range(-12e3, 60e3, "is it in feet"),  # of a sensor in the sea, or under a balloon
-        "latitude_deg": Range(-90.0, 90.0, "is it in degrees and minutes"),
-        "longitude_deg": Range(-360.0, 360.0, "is it in degrees and minutes"),
         "irradiance_w_m2": Range(0.0, 3000.0, "is it in lux"),
         "bead_radius_m": Range(1e-6, 0.03, _MILLIMETRES),
         "film_thickness_m": Range(1e-9, 0.003, "is it in millimetres or micrometres"),
@@ -66,11 +60,6 @@ RANGES: Mapping[str, Range] = MappingProxyType(
         "rate_hz": Range(0.01, 1000.0),  # at which a sensor is read
         # of a profile: a rate as it was fitted, effective or not, the readings' noise, and how often they come
         "fitted_m2_s": Range(1e-25, 1.0, _FRACTION),
-        # time to 63 %: from a bare wire in a jet to a housing in still air
-        "response_s": Range(0.005, 1800.0, "is it in milliseconds"),
-        # by which D rises with temperature: of water in polymers 10 to 60 kJ/mol (Crank and Park 1968, Diffusion in
-        # Polymers); of IST's capacitive film up to 75 by its response times; behind an air film nearly none
-        "activation_j_mol": Range(-5e3, 1e5),
         "noise_k": Range(0.0, 50.0),
         "noise_percent": Range(0.0, 100.0),
         "sampling_period_s": Range(1e-4, 86400.0, "is it in milliseconds"),
@@ -85,6 +74,23 @@ RANGES: Mapping[str, Range] = MappingProxyType(
         "common_pressure_hpa": Range(0.0, 500.0, "is it in pascal"),
         "common_trigger_offset_s": Range(0.0, 60.0, "is it in milliseconds"),
         "common_clock_ppm": Range(0.0, 1e5),
+    }
+)
+
+# What a flight's log and a profile are likely to hold. What lies outside is missing, or said, and not refused.
+LIKELY: Mapping[str, Range] = MappingProxyType(
+    {
+        "altitude_m": Range(-12e3, 60e3, "is it in feet"),  # of a sensor in the sea, or under a balloon
+        "latitude_deg": Range(-90.0, 90.0, "is it in degrees and minutes"),
+        "longitude_deg": Range(-360.0, 360.0, "is it in degrees and minutes"),
+        # how far an air goes and comes back between rows, in doors and plumes
+        "swing_k": Range(0.0, 15.0),
+        "swing_percent": Range(0.0, 50.0),
+        # time to 63 %: from a bare wire in a jet to a housing in still air
+        "response_s": Range(0.005, 1800.0, "is it in milliseconds"),
+        # by which D rises with temperature: of water in polymers 10 to 60 kJ/mol (Crank and Park 1968, Diffusion in
+        # Polymers); of IST's capacitive film up to 75 by its response times; behind an air film nearly none
+        "activation_j_mol": Range(-5e3, 1e5),
     }
 )
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from shockrig.files.flight import Flight
 from shockrig.files.numbers import counted
-from shockrig.files.ranges import RANGES
+from shockrig.files.ranges import LIKELY, RANGES
 from shockrig.files.sentinels import coded
 
 Array = NDArray[np.float64]
@@ -46,7 +46,8 @@ def without_codes(flight: Flight) -> tuple[Flight, dict[str, Mask]]:
         values = getattr(flight, name)
         if values is None:
             continue
-        ends = (RANGES[possible].low, RANGES[possible].high) if possible else (-np.inf, np.inf)
+        known = {**RANGES, **LIKELY}
+        ends = (known[possible].low, known[possible].high) if possible else (-np.inf, np.inf)
         codes = coded(quantity, values, *ends)
         if codes:
             found |= {f"{quantity} {code:.6g}": rows for code, rows in codes.items()}

@@ -34,7 +34,7 @@ from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA
 from shockrig.files.errors import InputError
 from shockrig.files.flight import FLAGS, Corrected, Flight
 from shockrig.files.profile import Profile, TemperatureProfile
-from shockrig.files.ranges import RANGES
+from shockrig.files.ranges import LIKELY, RANGES
 
 Array = NDArray[np.float64]
 PARTED_S = 2.0 * LONGEST_BRIDGE_S
@@ -140,7 +140,7 @@ def correct(
 def _as_it_came(flight: Flight, why: str, notes: list[str]) -> tuple[Channel, Channel]:
     """Both channels without a correction, and without an uncertainty: none would hold."""
     time_s, bead, film = flight.time_s, flight.temperature_c, flight.humidity_percent
-    of_bead = screen(time_s, bead, RANGES["temperature_c"], NOISE_K, swing=RANGES["swing_k"].high)
+    of_bead = screen(time_s, bead, RANGES["temperature_c"], NOISE_K, swing=LIKELY["swing_k"].high)
     of_film = screen(time_s, film, RANGES["humidity_reading_percent"], NOISE_PERCENT)
     return untouched("temperature", bead, of_bead, why, notes), untouched("humidity", film, of_film, why, notes)
 
@@ -194,7 +194,7 @@ def _temperature(
         unsure = unsure_of_airspeed(partial(bead_response, part, body=body), stream, airspeed_doubt(flight))
         response = bead_response(part, stream, body).slower(0.0, unsure)
     share = 1.0 if response is None else largest_share(response, period)
-    possible, swing = RANGES["temperature_c"], RANGES["swing_k"].high
+    possible, swing = RANGES["temperature_c"], LIKELY["swing_k"].high
     screened = screen(time_s, raw, possible, noise, limit=ceiling(effects), stale=old, share=share, swing=swing)
     if part is None or response is None or too_few(screened):
         why = lacking(part, "temperature", raw, possible)

@@ -30,7 +30,7 @@ from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.flight import Flight
 from shockrig.files.numbers import counted
 from shockrig.files.profile import HumidityProfile
-from shockrig.files.ranges import RANGES
+from shockrig.files.ranges import LIKELY, RANGES
 
 Array = NDArray[np.float64]
 REFERENCE_C = 20.0  # vapour is carried as relative humidity at this temperature
@@ -77,7 +77,7 @@ def correct_humidity(
         unsure = unsure_of_airspeed(lambda at: film_response(part, usual, at, body), stream, airspeed_doubt(flight))
         response = film_response(part, air, stream, body).slower(0.0, unsure)
     share = 1.0 if response is None else largest_share(response, period)
-    possible, swing = RANGES["humidity_reading_percent"], RANGES["swing_percent"].high
+    possible, swing = RANGES["humidity_reading_percent"], LIKELY["swing_percent"].high
     vapour = None if air is None else raw * saturation_pressure_hpa(air) / saturation_pressure_hpa(REFERENCE_C)
     limit = ceiling(effects)
     screened = screen(time_s, raw, possible, noise, limit=limit, stale=old, share=share, swing=swing, lagging=vapour)

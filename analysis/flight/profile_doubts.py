@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from shockrig.analysis.flight.response import Response, bead_response, film_response
 from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S, REFERENCE_C, Stream
 from shockrig.files.profile import HumidityProfile, Profile, ResponseTime
-from shockrig.files.ranges import RANGES
+from shockrig.files.ranges import LIKELY
 
 Array = NDArray[np.float64]
 GAS_CONSTANT = 8.314462618  # J/(mol K)
@@ -49,7 +49,7 @@ def _time_doubts(channel: str, of: str, response: Response, stated: ResponseTime
     since = np.geomspace(1e-3, 1e2, 2000) * float(-np.sum(modes.amplitude / modes.rate))
     shown = 1.0 + np.exp(-np.outer(since, modes.rate)) @ modes.amplitude
     t63_s = float(since[np.argmax(shown >= 1.0 - np.exp(-1.0))])
-    possible = RANGES["response_s"]
+    possible = LIKELY["response_s"]
     if not possible.holds(t63_s):
         return [f"{channel}: {of} makes a sensor with 63 % in {t63_s:.2g} s; expected {possible} s"]
     if stated is not None and abs(np.log(t63_s / stated.t63_s)) > np.log(TIMES):
@@ -72,7 +72,7 @@ def _table_doubts(film: HumidityProfile) -> list[str]:
                 f"humidity: D at {at_c[k]:g} degC is {np.exp(abs(off)):.2g} times {'more' if off > 0 else 'less'} than "
                 "the rows beside it let expect"
             )
-    possible = RANGES["activation_j_mol"]
+    possible = LIKELY["activation_j_mol"]
     energy = -GAS_CONSTANT * np.diff(ln_d) / np.diff(x)
     unsure = SIGMAS * GAS_CONSTANT * np.hypot(sigma[1:], sigma[:-1]) / np.abs(np.diff(x))
     wrong = (energy + unsure < possible.low) | (energy - unsure > possible.high)
