@@ -20,11 +20,15 @@ from numpy.typing import NDArray
 
 from shockrig.files.disk import open_text, shown
 from shockrig.files.errors import InputError
+from shockrig.files.flight_intermet import clock_of
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 REMEDY = "name a flight's CSV file"
-FLAGS = ("gap", "repeated", "implausible", "outside_profile", "not_corrected")
+FLAGS = (
+    "gap", "repeated", "implausible", "outside_profile", "not_corrected", "temperature_not_corrected",
+    "humidity_not_corrected",
+)  # fmt: skip
 OUTPUT_COLUMNS = (
     "temperature_corrected_c",
     "temperature_uncertainty_k",
@@ -235,10 +239,24 @@ def read_layout(path: Path, chosen: Mapping[str, str] | None = None) -> FlightCo
             f"{shown(path)}, line 1: neither temperature nor humidity recognised ({_listed(header)}); "
             "name them with --column temperature=NAME --column humidity=NAME"
         )
-    squeezed = [squeeze(name) for name in header]
-    date = next((squeezed.index(n) for n in ("xqimetxqdate", "date", "dateutc", "utcdate") if n in squeezed), None)
+    squeezed = [_plain(name) for name in header]
+    own = {
+        quantity: squeezed.index(f"xqimetxq{quantity}")
+        for quantity in ("date", "time")
+        if f"xqimetxq{quantity}" in squeezed
+    }
+    date = next((squeezed.index(n) for n in ("date", "dateutc", "utcdate") if n in squeezed), None)
+    if place["time"] == own.get("time"):
+        date = own.get("date", date)
+    elif "time" in own and "time" not in chosen:
+        with open_text(path, REMEDY, errors="replace") as stream:
+            place["time"], of_own = clock_of(
+                islice(without_nul(stream), 1, None), place["time"], own["time"], own.get("date")
+            )
+        date = date if of_own is None else of_own
     date = date if "time" in squeezed[place["time"]] else None
-    return FlightColumns(tuple(header), place, str(path), date, zero_is_missing=INTERMET in header)
+    intermet = INTERMET in header or any("-iMet-" in name for name in header)
+    return FlightColumns(tuple(header), place, str(path), date, zero_is_missing=intermet)
 
 
 def without_nul(stream: Iterable[str]) -> Iterator[str]:

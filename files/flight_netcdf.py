@@ -110,6 +110,10 @@ class NetcdfWriter:
         for name, _, standard, unit, words in self.CORRECTED:
             variable = self._number(name, unit, words)
             variable.standard_name = standard
+            if standard.startswith("air_temperature"):
+                variable.units_metadata = (
+                    f"temperature: {'on_scale' if standard == 'air_temperature' else 'difference'}"
+                )
         for channel, unit in CHANNELS:
             for part, words in PARTS.items():
                 self._number(f"{channel}_uncertainty_{part}_{SUFFIX[unit]}", unit, f"standard uncertainty, {words}")
@@ -138,6 +142,7 @@ class NetcdfWriter:
             time.units = "s"
             return
         time.units, time.standard_name, time.calendar = "seconds since 1970-01-01 00:00:00", "time", "standard"
+        time.units_metadata = "leap_seconds: none"
         for variable in self._set.variables.values():
             if variable.name != "time":
                 variable.coordinates = "time"
