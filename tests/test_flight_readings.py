@@ -257,6 +257,21 @@ def test_a_ceiling_is_where_the_sensor_stopped():
     assert found.usable[reading < 99.9].mean() > 0.95
 
 
+@pytest.mark.parametrize(("limit", "given"), [(70.0, False), (100.0, True)])
+def test_far_beyond_a_ceiling_a_value_is_given_where_no_air_has_more(limit, given):
+    moist = fly(frontal(airspeed_m_s=15.0, lead_m=360.0, width_m=150.0, humidity_percent=60.0), PROFILE, 7)
+    log = to_flight(moist.log)
+    held = log.time_s > 30.0
+    reading = np.where(held, limit, np.minimum(log.humidity_percent, limit - 0.1))
+    found = correct(dataclasses.replace(log, humidity_percent=reading), PROFILE)
+    far = log.time_s > 36.0
+    assert np.isfinite(found.humidity_percent[far]).all() == given
+    if given:
+        assert np.all(found.humidity_percent[far] == limit)
+    else:
+        assert np.isnan(found.humidity_percent[far]).all()
+
+
 # -- profiles ------------------------------------------------------------------------------
 
 

@@ -137,8 +137,10 @@ def judged(
     raw: Array,
     unit: Array,
     notes: list[str],
+    most: float = np.inf,
 ) -> Channel:
-    """What a method found, or the readings `raw` where that is better; `unit` turns the method's unit into `raw`'s."""
+    """What a method found, or the readings `raw` where that is better; `unit` turns the method's unit into `raw`'s, and
+    no air has more than `most`."""
     lag = found.air - found.clean
     # a time constant that is wrong by a share moves the air by at most that share of the lag
     common = (readings.response.relative_uncertainty * lag) ** 2
@@ -174,10 +176,10 @@ def judged(
     shared = np.where(raw_rows, np.hypot(np.sqrt(common) * unit, raw - value), np.sqrt(common) * unit)
     value = np.where(raw_rows, raw, value)
     sigma = np.where(raw_rows, away, sigma)
-    # a reading that is repeated is one, if an old one; one at the sensor's ceiling says that it was there or above
-    read = screened.repeated & ~_far(readings.time_s, screened.usable, LONGEST_REPEAT_S)
-    if screened.capped is not None:
-        read = read | screened.capped
+    # a reading that is repeated is one, if an old one; one at the sensor's ceiling is none, unless no air has more
+    capped = np.zeros(raw.shape, dtype=bool) if screened.capped is None else screened.capped
+    read = screened.repeated & ~capped & ~_far(readings.time_s, screened.usable, LONGEST_REPEAT_S)
+    read |= capped & (raw >= most)
     empty = (_far(readings.time_s, screened.usable, LONGEST_FILL_S) & ~read) | (
         raw_rows & ~(screened.usable | screened.repeated)
     )

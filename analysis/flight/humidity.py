@@ -133,7 +133,7 @@ def correct_humidity(
     )
     found = solve(readings, cutoff_hz)
     outside = ~part.covers(now) | unseen(part.discovered, stream.airflow_m_s, now)
-    channel = judged(readings, found, plain, screened, outside, raw, from_vapour, notes)
+    channel = judged(readings, found, plain, screened, outside, raw, from_vapour, notes, SATURATED_PERCENT)
     channel = held(channel, readings, raw, from_vapour, notes)
     channel = _as_read(channel, raw, unread & (screened.usable | screened.repeated) & ~channel.raw, notes)
     uncertainty = channel.uncertainty
