@@ -5,7 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from flight_worlds import World, air, changed, clock, saturation_hpa, steep, through
+from flight_worlds import (
+    FILM_RATE,
+    FINE_S,
+    World,
+    air,
+    changed,
+    clock,
+    driven,
+    saturation_hpa,
+    steep,
+    through,
+)
+from scipy.signal import lfilter
 
 Array = np.ndarray
 Rng = np.random.Generator
@@ -171,6 +183,89 @@ def _restarted(at: float, lost_s: tuple[float, float], by: float) -> Callable[[d
     return damage
 
 
+def lagged(values: Array, time_constant_s: float) -> Array:
+    """Behind values on the fine clock, from rest."""
+    decay = np.exp(-FINE_S / time_constant_s)
+    return lfilter([1 - decay], [1.0, -decay], values, zi=[decay * values[0]])[0]
+
+
+def _second_lag(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    scale = saturation_hpa(world.temperature_c) / 100.0
+    slow = lagged(world.vapour_hpa, rng.uniform(40, 80)) / scale
+    return bead, 0.8 * humidity + 0.2 * slow
+
+
+def _by_humidity(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    return bead, driven("film", rate, 100.0 * world.vapour_hpa / saturation_hpa(world.temperature_c))
+
+
+def _late_die(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    die = lagged(world.temperature_c, rng.uniform(14, 20))
+    return bead, humidity * saturation_hpa(world.temperature_c) / saturation_hpa(die)
+
+
+def _logger_mean(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    width = round(rng.uniform(4.0, 8.0) / FINE_S)
+
+    def mean(values: Array) -> Array:
+        total = np.cumsum(np.concatenate([np.full(width, values[0]), values]))
+        return (total[width:] - total[:-width]) / width
+
+    return mean(bead), mean(humidity)
+
+
+def _hysteresis(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """A loop of play: the reading stays behind the humidity by up to `half`, whichever way it went."""
+    half, out = rng.uniform(1.0, 2.0), np.empty(humidity.size)
+    state = humidity[0]
+    for i, value in enumerate(humidity.tolist()):
+        state = min(max(state, value - half), value + half)
+        out[i] = state
+    return bead, out
+
+
+def _sun(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    time = np.arange(bead.size) * FINE_S
+    lit = sum(((time > at) & (time < at + rng.uniform(5, 20))).astype(float) for at in rng.uniform(20, 200, 5))
+    return bead + lagged(rng.uniform(0.8, 1.8) * np.minimum(lit, 1.0), 0.5), humidity
+
+
+def _ice(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """Ice on the bead: slower, and near freezing while it melts."""
+    time = np.arange(bead.size) * FINE_S
+    start = rng.uniform(60, 90)
+    iced = (time > start) & (time < start + rng.uniform(50, 80))
+    held = np.where(iced, lagged(bead, 12.0) - 1.0, bead)
+    return lagged(held, 0.5), humidity
+
+
+def _no_fan(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """The fan fails: the bead is slower, and warmed by what is around it."""
+    time = np.arange(bead.size) * FINE_S
+    failed = time > rng.uniform(80, 120)
+    warm = lagged(np.where(failed, rng.uniform(0.5, 1.5), 0.0), 8.0)
+    return np.where(failed, lagged(bead, 3.0), bead) + warm, humidity
+
+
+def long_layers(rng: Rng) -> World:
+    """Twenty minutes through layers, for a film slower than a window."""
+    time = clock(1200.0)
+    at = np.sort(rng.uniform(60, 1140, 6))
+    moist = through(
+        time, list(np.repeat(at, 2) + np.tile([0.0, 8.0], 6)), list(np.repeat(rng.uniform(30, 80, 7), 2)[1:-1])
+    )
+    temperature = through(time, [0.0, 1200.0], [22.0, 15.0], 0.0)
+    return air(rng, temperature, moist, at_c=18.0, k=0.05, percent=0.3)
+
+
+def with_sensors(world: World, sensors: Callable[..., tuple[Array, Array]]) -> World:
+    return changed(world, sensors=sensors)
+
+
+def slow_film(rng: Rng, t63_s: float) -> World:
+    return changed(long_layers(rng), film_t98_s=lambda t: np.full(np.shape(t), t63_s / 0.32025 * FILM_RATE))
+
+
 def with_rows(world: World, rows: Callable[[dict[str, Array], Rng], None]) -> World:
     return changed(world, rows=rows)
 
@@ -219,6 +314,16 @@ KINDS: dict[str, Callable[[Rng], World]] = {
     "noise three times": lambda r: changed(convective(r, 0.6), noise=3.0),
     "every second": lambda r: changed(profile(r, 40.0, 0.04, 0.2), period_s=1.0),
     "slow film": lambda r: changed(profile(r, 40.0, 0.04, 0.2), film_t98_s=lambda t: np.full(np.shape(t), 60.0)),
+    "slow film, t63 80 s": lambda r: slow_film(r, 80.0),
+    "slow film, t63 160 s": lambda r: slow_film(r, 160.0),
+    "sun bursts": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _sun),
+    "icing": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _ice),
+    "fan failure": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _no_fan),
+    "second lag": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _second_lag),
+    "film in RH": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _by_humidity),
+    "late die": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _late_die),
+    "logger mean": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _logger_mean),
+    "hysteresis": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _hysteresis),
     "saturated fog": lambda r: air(r, through(clock(), [80.0, 100.0], [6.0, 4.0], 1.0), 100.0, k=0.05),
 }
 assert saturation_hpa(np.array(100.0)).round(2) == 1013.25

@@ -40,6 +40,8 @@ class World:
     stated_relative: float = 0.01
     ambients_c: tuple[float, ...] = (-10.0, 0.0, 10.0, 20.0, 30.0, 40.0)
     rows: Callable[[dict[str, Array], np.random.Generator], None] | None = None
+    # (world, bead and humidity on the fine clock as the profile has them, the film's rate, rng) -> as they are
+    sensors: Callable[[World, Array, Array, Array, np.random.Generator], tuple[Array, Array]] | None = None
 
 
 @dataclass(frozen=True)
@@ -124,6 +126,8 @@ def fly(world: World, seed: int) -> Flown:
     bead = driven("sphere", np.array(bead_rate), world.temperature_c)
     film = driven("film", film_rate, world.vapour_hpa)
     humidity = 100.0 * film / saturation_hpa(world.temperature_c)
+    if world.sensors is not None:
+        bead, humidity = world.sensors(world, bead, humidity, film_rate, rng)
     every = round(world.period_s / FINE_S)
     at = slice(int(rng.integers(every)), None, every)
     count = time[at].size

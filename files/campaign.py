@@ -231,7 +231,7 @@ def read_campaign(path: str | Path, probe: str = FIRST_PROBE) -> Campaign:
                 "give each run its folder's name"
             )
     return Campaign(
-        name=str(head.get("name") or folder.name) + ("" if probe == FIRST_PROBE else f", probe {probe}"),
+        name=shown(str(head.get("name") or folder.name)) + ("" if probe == FIRST_PROBE else f", probe {probe}"),
         path=folder,
         sensors={name: dict(sensor.content) for name, sensor in sensors.items()},
         bead_radius_m=DEFAULT_BEAD_RADIUS_M if radius is None else radius,

@@ -83,7 +83,10 @@ def read_bytes(path: str | os.PathLike[str], remedy: str, at_most: int = TABLE_A
     """The content of a file; arguments and errors as for `open_regular`."""
     try:
         with open_regular(path, remedy, at_most) as file:
-            content = file.read(at_most + 1)  # a file that grows, or one of the system's without a size, stops here
+            content = file.read(os.fstat(file.fileno()).st_size + 1)
+            # A file that grows, or one of the system's without a size, stops at `at_most`.
+            while len(content) <= at_most and (more := file.read(1 << 20)):
+                content += more
     except OSError as error:
         raise InputError(f"{shown(path)}: {_reason(error)}; {remedy}") from None
     if len(content) > at_most:
@@ -172,6 +175,15 @@ def demand_name(path: str | os.PathLike[str], remedy: str) -> None:
             raise InputError(f"{shown(path)}: {_reason(error)}; {remedy}") from None
     except ValueError as error:
         raise InputError(f"{shown(path)}: is no file name ({error}); {remedy}") from None
+
+
+def demand_text_name(path: str | os.PathLike[str], remedy: str) -> None:
+    """Raise InputError where a file's name, or a folder's above it, is no text in UTF-8, which libraries for other
+    forms cannot write or read."""
+    try:
+        os.path.abspath(path).encode()
+    except UnicodeEncodeError:
+        raise InputError(f"{shown(path)}: its name is no text in UTF-8; {remedy}") from None
 
 
 def sync_folder(path: Path) -> None:

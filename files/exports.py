@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from shockrig.files.campaign import Campaign, Run
-from shockrig.files.disk import beside
+from shockrig.files.disk import beside, demand_text_name
 from shockrig.files.errors import InputError
 from shockrig.files.json_files import known
 from shockrig.files.traces import Trace
@@ -251,6 +251,7 @@ def _kinds(campaign: Campaign) -> str:
 
 def _whole(path: Path, write: Callable[[Path], None]) -> None:
     """Have a file written beside its name, then rename it: it is there whole or not at all."""
+    demand_text_name(path, "give another --out")
     part = beside(path)
     try:
         write(part)

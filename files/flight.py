@@ -8,8 +8,10 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from itertools import islice
+from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +20,15 @@ from numpy.typing import NDArray
 
 from shockrig.files.disk import open_text, shown
 from shockrig.files.errors import InputError
+from shockrig.files.flight_intermet import clock_of
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 REMEDY = "name a flight's CSV file"
-FLAGS = ("gap", "repeated", "implausible", "outside_profile", "not_corrected")
+FLAGS = (
+    "gap", "repeated", "implausible", "outside_profile", "not_corrected", "temperature_not_corrected",
+    "humidity_not_corrected",
+)  # fmt: skip
 OUTPUT_COLUMNS = (
     "temperature_corrected_c",
     "temperature_uncertainty_k",
@@ -114,10 +120,12 @@ class Corrected:
 
     def flag_texts(self) -> list[str]:
         """For each row its flags joined by "|", empty where there is none."""
-        names = [name for name in FLAGS if self.flags[name].any()]
-        stacked = zip(*(self.flags[name] for name in names), strict=True) if names else ()
-        texts = ["|".join(n for n, on in zip(names, row, strict=True) if on) for row in stacked]
-        return texts or [""] * self.temperature_c.size
+        code = np.zeros(self.temperature_c.size, dtype=np.int64)
+        for place, name in enumerate(FLAGS):
+            code |= self.flags[name].astype(np.int64) << place
+        said, row = np.unique(code, return_inverse=True)
+        texts = ["|".join(name for place, name in enumerate(FLAGS) if one >> place & 1) for one in said.tolist()]
+        return [texts[one] for one in row.tolist()]
 
 
 @dataclass(frozen=True)
@@ -153,13 +161,14 @@ def _listed(header: list[str]) -> str:
 
 def _remedy(path: Path) -> str:
     """What helps a log whose first line names no time: it may be metadata, or a row already."""
-    with open_text(path, REMEDY, errors="replace") as stream:
-        lines = list(islice(csv.reader(without_nul(stream)), FURTHEST_HEADER))
+    lines: list[list[str]] = []
+    with open_text(path, REMEDY, errors="replace") as stream, suppress(csv.Error):  # a cell without an end
+        lines += islice(csv.reader(without_nul(stream)), FURTHEST_HEADER)
     by_map = "read it by a map: shockrig import FILE --look writes one, --map takes it"
     for number, cells in enumerate(lines, start=1):
         if len({quantity for quantity, names in NAMES.items() if any(_plain(cell) in names for cell in cells)}) > 2:
             return f"the names seem to stand in line {number}: {by_map}"
-    if re.search(r"\d", lines[0][0]) and not any(re.search(r"[A-Za-z]{2}", cell) for cell in lines[0]):
+    if lines and re.search(r"\d", lines[0][0]) and not any(re.search(r"[A-Za-z]{2}", cell) for cell in lines[0]):
         return f"it seems to have no line of names: {by_map}"
     return "name it with --column time=NAME"
 
@@ -230,12 +239,26 @@ def read_layout(path: Path, chosen: Mapping[str, str] | None = None) -> FlightCo
             f"{shown(path)}, line 1: neither temperature nor humidity recognised ({_listed(header)}); "
             "name them with --column temperature=NAME --column humidity=NAME"
         )
-    squeezed = [squeeze(name) for name in header]
-    date = next((squeezed.index(n) for n in ("xqimetxqdate", "date", "dateutc", "utcdate") if n in squeezed), None)
+    squeezed = [_plain(name) for name in header]
+    own = {
+        quantity: squeezed.index(f"xqimetxq{quantity}")
+        for quantity in ("date", "time")
+        if f"xqimetxq{quantity}" in squeezed
+    }
+    date = next((squeezed.index(n) for n in ("date", "dateutc", "utcdate") if n in squeezed), None)
+    if place["time"] == own.get("time"):
+        date = own.get("date", date)
+    elif "time" in own and "time" not in chosen:
+        with open_text(path, REMEDY, errors="replace") as stream:
+            place["time"], of_own = clock_of(
+                islice(without_nul(stream), 1, None), place["time"], own["time"], own.get("date")
+            )
+        date = date if of_own is None else of_own
     date = date if "time" in squeezed[place["time"]] else None
-    return FlightColumns(tuple(header), place, str(path), date, zero_is_missing=INTERMET in header)
+    intermet = INTERMET in header or any("-iMet-" in name for name in header)
+    return FlightColumns(tuple(header), place, str(path), date, zero_is_missing=intermet)
 
 
 def without_nul(stream: Iterable[str]) -> Iterator[str]:
     """Lines without the NUL bytes that loggers leave when power fails."""
-    return (line.replace("\0", "") for line in stream)
+    return map(methodcaller("replace", "\0", ""), stream)

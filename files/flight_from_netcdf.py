@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.files.disk import shown
+from shockrig.files.disk import demand_text_name, open_regular, shown
 from shockrig.files.errors import InputError
 from shockrig.files.flight import NAMES, squeeze
 
@@ -56,6 +56,9 @@ def read_netcdf(path: Path, chosen: Mapping[str, str]) -> dict[str, tuple[Array,
     """
     import netCDF4
 
+    demand_text_name(path, "rename it")
+    with open_regular(path, "name a netCDF file"):  # a pipe would hang in the library, deaf to every signal
+        pass
     try:
         data = netCDF4.Dataset(path)
     except (OSError, RuntimeError) as error:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from shockrig.files.disk import beside
+from shockrig.files.disk import beside, demand_text_name, shown
 from shockrig.files.flight import FLAGS, Corrected, Flight, FlightColumns, squeeze
 from shockrig.files.flight_rows import numbers_of, numeric_places
 
@@ -75,12 +75,13 @@ class NetcdfWriter:
     def __init__(self, path: Path, layout: FlightColumns, history: str) -> None:
         import netCDF4
 
+        demand_text_name(path, "give another --out")
         self.path, self._temporary = path, beside(path)
         self._layout = layout
         self._set = netCDF4.Dataset(self._temporary, "w", format="NETCDF4")
         data = self._set
         data.Conventions, data.title, data.history = "CF-1.11", "Flight corrected for sensor lag", history
-        data.source = f"thermo-hygrometer log {Path(layout.source).name}"
+        data.source = f"thermo-hygrometer log {shown(Path(layout.source).name)}"
         data.createDimension("row", None)
         self._names: list[str] = []
         self._text: list[bool] = []
@@ -109,6 +110,10 @@ class NetcdfWriter:
         for name, _, standard, unit, words in self.CORRECTED:
             variable = self._number(name, unit, words)
             variable.standard_name = standard
+            if standard.startswith("air_temperature"):
+                variable.units_metadata = (
+                    f"temperature: {'on_scale' if standard == 'air_temperature' else 'difference'}"
+                )
         for channel, unit in CHANNELS:
             for part, words in PARTS.items():
                 self._number(f"{channel}_uncertainty_{part}_{SUFFIX[unit]}", unit, f"standard uncertainty, {words}")
@@ -137,6 +142,7 @@ class NetcdfWriter:
             time.units = "s"
             return
         time.units, time.standard_name, time.calendar = "seconds since 1970-01-01 00:00:00", "time", "standard"
+        time.units_metadata = "leap_seconds: none"
         for variable in self._set.variables.values():
             if variable.name != "time":
                 variable.coordinates = "time"

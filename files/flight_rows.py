@@ -17,12 +17,14 @@ from numpy.typing import NDArray
 from shockrig.files.disk import open_text, shown
 from shockrig.files.errors import InputError
 from shockrig.files.flight import REMEDY, Flight, FlightColumns, squeeze, without_nul
+from shockrig.files.flight_intermet import day_first
 from shockrig.files.ranges import RANGES
 
 Array = NDArray[np.float64]
 BLOCK_ROWS = 20_000
 ESSENTIAL = ("time", "temperature", "humidity")
 DAY_S = 86400.0
+DATED = r"\d[-/.]\d{1,2}[-/.]\d"  # a stamp with its date
 TIME_OF_DAY = r"\d{1,2}:\d\d(:\d\d([.,]\d+)?)?( ?[AaPp][Mm])?"
 SLOWEST_PACKED_S = 20.0  # a step from one reading to the next, or minutes could be passed over
 MISSING = frozenset(("", "na", "n/a", "null", "none", "-", "--", "---"))  # what loggers write for no value
@@ -56,7 +58,8 @@ def _numbered_rows(path: Path, layout: FlightColumns) -> Iterator[tuple[int, lis
 
 
 def _filled(row: list[str], layout: FlightColumns) -> list[str]:
-    return row + [""] * (len(layout.header) - len(row))
+    lacking = len(layout.header) - len(row)
+    return row + [""] * lacking if lacking else row
 
 
 @dataclass(frozen=True)
@@ -187,7 +190,7 @@ def numeric_places(path: Path, layout: FlightColumns) -> frozenset[int]:
 def numbers_of(cells: Iterable[str]) -> Array:
     cells = list(cells)
     try:
-        values = np.array(cells, dtype=float)
+        values = np.array(list(map(float, cells)))  # three times as fast as NumPy from text
     except ValueError:
         values = np.array([_number(cell) for cell in cells])
     values[~np.isfinite(values)] = np.nan
@@ -220,11 +223,12 @@ def _times(columns: list[tuple[str, ...]], layout: FlightColumns) -> Array:
 
         text = pd.Series(cells, dtype=str).str.strip()
         of_day = bool(text.str.fullmatch(TIME_OF_DAY).mean() > 0.5)
-        if layout.date_place is not None and layout.date_place != place:
+        if layout.date_place is not None and layout.date_place != place and not text.str.contains(DATED).any():
             dates = pd.Series(columns[layout.date_place], dtype=str).str.strip()
             text, of_day = dates + " " + text, of_day and bool((dates == "").mean() > 0.5)
         try:
-            stamps = pd.to_datetime(text, errors="coerce", utc=True, format="mixed")
+            first = day_first(text.tolist())
+            stamps = pd.to_datetime(text, errors="coerce", utc=True, format="mixed", dayfirst=first)
             seconds = np.asarray((stamps - pd.Timestamp(0, tz="UTC")).dt.total_seconds(), dtype=np.float64)
             return seconds % DAY_S if of_day else seconds  # a time of day is none of today
         except (ValueError, OverflowError) as error:  # a year that cannot be is not always made a missing time

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.files.disk import beside
+from shockrig.files.disk import beside, demand_text_name
 from shockrig.files.errors import InputError
 
 Array = NDArray[np.float64]
@@ -35,6 +35,7 @@ VARIABLES = {
     "relative_humidity_uncertainty": ("%", "Standard Uncertainty of Relative Humidity", ""),
     "relative_humidity_uncertainty_common": ("%", "Part of it that is common to the flight", ""),
 }
+COORDINATES = ("time", "lat", "lon", "altitude")
 GLOBAL = {"Conventions": "CF-1.8, WMO-CF-1.0", "wmo__cf_profile": "FM 303-2024", "featureType": "trajectory"}
 MOST_ROWS = 60_000  # a BUFR message holds 65535 subsets
 
@@ -67,7 +68,8 @@ def write_wmo(
         Arrays (n,) by the names of `VARIABLES`; what is missing is NaN or left out, time, position and temperature are
         needed in every row.
     attributes : mapping
-        Further global attributes: platform_name, flight_id, processing_level.
+        Further global attributes: title, platform_name, flight_id, site_terrain_elevation_height, processing_level,
+        source, history.
 
     Raises
     ------
@@ -92,12 +94,16 @@ def write_wmo(
         raise InputError("--wmo: the log's clock has no date; give a log with dates, or with a GPS fix")
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / file_name(operator, airframe, start_s)
+    demand_text_name(path, "give another folder")
     temporary = beside(path)
     try:
         with netCDF4.Dataset(temporary, "w", format="NETCDF4") as data:
             data.createDimension("obs", rows.size)
             for name, value in {**GLOBAL, **attributes}.items():
                 data.setncattr(name, value)
+            trajectory = data.createVariable("trajectory", str, ())
+            trajectory.long_name, trajectory.cf_role = "flight", "trajectory_id"
+            trajectory[0] = attributes["flight_id"]
             for name, (units, words, standard) in VARIABLES.items():
                 if name not in columns:
                     continue
@@ -109,6 +115,10 @@ def write_wmo(
                 )
                 if standard:
                     variable.standard_name = standard
+                if name == "altitude":
+                    variable.positive, variable.axis = "up", "Z"
+                if name not in COORDINATES:
+                    variable.coordinates = " ".join(COORDINATES)
                 variable[:] = columns[name][rows]
             for name in ("air_temperature", "relative_humidity"):
                 if f"{name}_uncertainty" in data.variables:

@@ -77,6 +77,23 @@ RANGES: Mapping[str, Range] = MappingProxyType(
     }
 )
 
+# What a flight's log and a profile are likely to hold. What lies outside is missing, or said, and not refused.
+LIKELY: Mapping[str, Range] = MappingProxyType(
+    {
+        "altitude_m": Range(-12e3, 60e3, "is it in feet"),  # of a sensor in the sea, or under a balloon
+        "latitude_deg": Range(-90.0, 90.0, "is it in degrees and minutes"),
+        "longitude_deg": Range(-360.0, 360.0, "is it in degrees and minutes"),
+        # how far an air goes and comes back between rows, in doors and plumes
+        "swing_k": Range(0.0, 15.0),
+        "swing_percent": Range(0.0, 50.0),
+        # time to 63 %: from a bare wire in a jet to a housing in still air
+        "response_s": Range(0.005, 1800.0, "is it in milliseconds"),
+        # by which D rises with temperature: of water in polymers 10 to 60 kJ/mol (Crank and Park 1968, Diffusion in
+        # Polymers); of IST's capacitive film up to 75 by its response times; behind an air film nearly none
+        "activation_j_mol": Range(-5e3, 1e5),
+    }
+)
+
 # What is known of materials. An effective diffusivity (of a housing, behind an air film, or with a length that was
 # guessed) may lie outside and is no error: it is said.
 MATERIALS: Mapping[str, Range] = MappingProxyType(

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING
 
-from shockrig.protocols.branch import end, ready, start
+from shockrig.protocols.branch import end, end_with, ready, start
 
 if TYPE_CHECKING:
     from shockrig.analysis.planning.places import Place
@@ -35,7 +35,9 @@ class Background:
         self.close()
         context = multiprocessing.get_context("spawn")
         self._answers, there = context.Pipe(duplex=False)
-        self._process = context.Process(target=_diagnose, args=(there, tuple(campaigns), dict(due)), daemon=True)
+        self._process = context.Process(
+            target=_diagnose, args=(there, tuple(campaigns), dict(due), os.getpid()), daemon=True
+        )
         start(self._process)
         there.close()
 
@@ -59,11 +61,12 @@ class Background:
         self._process, self._answers, self._found = None, None, {}
 
 
-def _diagnose(answers: Connection, campaigns: Sequence[Campaign], due: Mapping[Place, Verdict]) -> None:
+def _diagnose(answers: Connection, campaigns: Sequence[Campaign], due: Mapping[Place, Verdict], parent: int) -> None:
     """The process: verdicts of one place after the other; Ctrl-C is for the bench, which ends this too."""
     from shockrig.analysis.planning.judged import diagnosed
     from shockrig.analysis.planning.places import places
 
+    end_with(parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     ready()
     os.nice(NICER)

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import sys
+import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
+from threading import Thread
 from typing import Any
 
 Send = Callable[[object], None]
+PR_SET_PDEATHSIG = 1  # of prctl(2)
 AWAKE_S = 1.0  # between two looks at whether somebody asked to stop
 ASKED = 20  # times that a process is asked to end before it is made to
 
@@ -27,7 +31,7 @@ def branch(function: Callable[..., None], *arguments: object) -> Iterator[Connec
     forks = _alone()
     context: Any = get_context("fork" if forks else "spawn")
     mine, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=_run, args=(theirs, function, arguments))
+    process = context.Process(target=_run, args=(theirs, function, arguments, os.getpid()))
     start(process, forks)
     theirs.close()
     try:
@@ -84,7 +88,24 @@ def _alone() -> bool:
     return sys.platform == "linux" and len(os.listdir("/proc/self/task")) == 1
 
 
-def _run(connection: Connection, function: Callable[..., None], arguments: tuple[object, ...]) -> None:
+def end_with(parent: int) -> None:
+    """Let this process end where its parent does, however that ends: a killed one can end nobody."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    else:
+        Thread(target=_watch, args=(parent,), daemon=True).start()
+    if os.getppid() != parent:  # it had ended before
+        os._exit(1)
+
+
+def _watch(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(AWAKE_S)
+    os._exit(1)
+
+
+def _run(connection: Connection, function: Callable[..., None], arguments: tuple[object, ...], parent: int) -> None:
+    end_with(parent)
     # Ctrl-C reaches this process too: it ends without a word, the one that branched says what happened. Where that one
     # ignores it, as in the background of a script, this one has to go on as well.
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:

@@ -51,6 +51,8 @@ LONGEST_MESSAGE = 800
 AGAIN_S = 0.05  # after which a signal is sent again
 OPTIONS = ("-h", "--help", "--version", "--print-completion")  # of shockrig itself
 SHELLS = ("bash", "zsh", "tcsh")
+# Matrices here are small: threads of a linear algebra library would wait for one another. Read when NumPy is imported.
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
 def build_parser(command: str | None, *, every: bool = False) -> Parser:
@@ -108,6 +110,8 @@ class _Completion(argparse.Action):
 
 def main(argv: list[str] | None = None) -> int:
     """Run one command; 0 on success, 2 on bad arguments or bad input (one line on standard error), 130 on Ctrl-C."""
+    for name in THREADS:
+        os.environ.setdefault(name, "1")
     arguments = sys.argv[1:] if argv is None else argv
     command = next((a for a in arguments if not a.startswith("-")), None)
     parser = build_parser(command)
@@ -147,12 +151,9 @@ def main(argv: list[str] | None = None) -> int:
         sys.stderr.close()
         return 141
     except OSError as error:
-        if error.filename is None:
-            raise
-        where = shown(os.fsdecode(error.filename))
-        print(
-            f"shockrig {args.command}: {where}: {error.strerror}; give another path, or access to it", file=sys.stderr
-        )
+        # Of a disk or a device that fails no file is named.
+        where = f"{shown(os.fsdecode(error.filename))}: " if error.filename is not None else ""
+        _tell(f"shockrig {args.command}: {where}{error.strerror or error}; give another path, or access to it")
         return 2
 
 

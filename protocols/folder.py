@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import shutil
+import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from glob import escape
@@ -35,11 +36,13 @@ def whole_folder(out: Path) -> Iterator[Path]:
     place = out.resolve() if out.exists() else out.resolve().parent
     partial = place / f".{out.resolve().name}.partial-{os.getpid()}"
     new = [folder for folder in partial.parents if not folder.exists()]
-    lock = -1
+    lock, reaper = -1, None
     try:
-        _remove_left_behind(place, out.resolve().name)
+        for where in {place, out.resolve().parent}:
+            _remove_left_behind(where, out.resolve().name)
         partial.mkdir(parents=True)
         lock = _lock(partial)
+        reaper = _reaper(partial)
         yield partial
         if not out.exists():
             os.rename(partial, out)
@@ -54,11 +57,24 @@ def whole_folder(out: Path) -> Iterator[Path]:
         raise InputError(f"--out {out}: {error.strerror or error}; name a folder that can be written") from error
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+        if reaper is not None:
+            reaper.communicate()
         if lock >= 0:
             os.close(lock)
         for folder in new:
             with suppress(OSError):  # it holds the results
                 folder.rmdir()
+
+
+def _reaper(folder: Path) -> subprocess.Popen[bytes] | None:
+    """A shell that removes a folder once this process has ended, were it killed: it waits for a pipe to be closed."""
+    command = ["/bin/sh", "-c", 'read -r _; rm -rf -- "$1"', "sh", str(folder)]
+    try:
+        return subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+        )
+    except OSError:
+        return None  # the next command that writes there clears it away
 
 
 def _lock(folder: Path) -> int:

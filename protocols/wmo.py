@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,9 @@ from shockrig.files.flight_wmo import write_wmo
 
 Array = NDArray[np.float64]
 FURTHEST = {"lat": 90.0, "lon": 360.0}
+# of a1 (in units of geophysics), b1 (checked) and c1 (derived from other variables): values are those of the air, with
+# an uncertainty, derived from readings, profile and position
+PROCESSING_LEVEL = "c1"
 EPSILON = 0.62198  # molar masses of water and dry air
 DRIEST_PERCENT = 0.1  # below, a dew point says nothing
 
@@ -21,8 +25,8 @@ DRIEST_PERCENT = 0.1  # below, a dew point says nothing
 class WmoFlight:
     """Gathers a flight block by block; `write` makes its one file."""
 
-    def __init__(self, operator: str, airframe: str) -> None:
-        self.operator, self.airframe = operator, airframe
+    def __init__(self, operator: str, airframe: str, written_at: datetime) -> None:
+        self.operator, self.airframe, self.written_at = operator, airframe, written_at
         self._blocks: list[dict[str, Array]] = []
 
     def add(self, flight: Flight, found: Corrected) -> None:
@@ -60,12 +64,21 @@ class WmoFlight:
         """Write the file into a folder; its path."""
         columns = {name: np.concatenate([b[name] for b in self._blocks]) for name in self._blocks[0]}
         attributes = {
-            "platform_name": f"{self.operator}_{self.airframe}",
+            "title": f"Flight {Path(source).stem} of airframe {self.airframe}, corrected for sensor lag",
+            "platform_name": self.airframe,
             "flight_id": Path(source).stem,
-            "processing_level": "corrected for sensor lag",
-            "source": f"shockrig correct, from {Path(source).name}",
+            "site_terrain_elevation_height": _elevation(columns["altitude"]),
+            "processing_level": PROCESSING_LEVEL,
+            "source": f"thermo-hygrometer log {Path(source).name}",
+            "history": f"{self.written_at:%Y-%m-%dT%H:%M:%SZ} shockrig correct {Path(source).name}",
         }
         return write_wmo(folder, self.operator, self.airframe, columns, attributes)
+
+
+def _elevation(altitude_m: Array) -> str:
+    """Of the site: the first altitude that the log has, where the drone stood."""
+    known = altitude_m[np.isfinite(altitude_m)]
+    return f"{known[0]:.0f}m" if known.size else "not applicable"
 
 
 def moist_air(found: Corrected, pressure_hpa: Array) -> dict[str, Array]:
@@ -89,8 +102,8 @@ def moist_air(found: Corrected, pressure_hpa: Array) -> dict[str, Array]:
     }
 
 
-def of_argument(text: str) -> WmoFlight:
-    """From OPERATOR:AIRFRAME.
+def of_argument(text: str, written_at: datetime) -> WmoFlight:
+    """From OPERATOR:AIRFRAME; `written_at` goes into the file's history.
 
     Raises
     ------
@@ -103,7 +116,7 @@ def of_argument(text: str) -> WmoFlight:
     if not colon:
         raise InputError(f"--wmo {text}: expected OPERATOR:AIRFRAME, such as 007:ABC12")
     file_name(operator, airframe, 0.0)
-    return WmoFlight(operator, airframe)
+    return WmoFlight(operator, airframe, written_at)
 
 
 def _bridged(time_s: Array, values: Array) -> Array:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import importlib
 import math
-import tomllib
 import types
 import typing
 from collections.abc import Mapping, Sequence
@@ -30,6 +29,7 @@ from shockrig.files.ranges import RANGES
 from shockrig.rig.errors import BenchError, as_bench_errors
 from shockrig.rig.keys import nearest, refuse_unknown_keys
 from shockrig.rig.seams import Backend
+from shockrig.rig.toml_text import read_toml
 
 # section -> kind -> module:class. A backend is one file and one line here, or an entry point "SECTION.KIND".
 KINDS: dict[str, dict[str, str]] = {
@@ -153,15 +153,11 @@ def load_bench(path: str | Path) -> BenchConfig:
     """
     if str(path) in shipped_benches() and not Path(path).is_file():
         text = (resources.files("shockrig.data") / "benches" / f"{path}.toml").read_text(encoding="utf-8")
-        return check_bench(tomllib.loads(text), f"{path}.toml")
+        return check_bench(read_toml(text, str(path)), f"{path}.toml")
     with as_bench_errors():
         remedy = f"name a bench file that exists, or one of {', '.join(shipped_benches())}"
         text = read_text(path, remedy, TOML_AT_MOST)
-    try:
-        content = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # also numbers of too many digits
-        raise BenchError(f"{path}: not TOML: {error}") from None
-    return check_bench(content, str(path))
+    return check_bench(read_toml(text, str(path)), str(path))
 
 
 def check_bench(content: Mapping[str, Any], path: str) -> BenchConfig:

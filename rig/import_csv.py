@@ -8,10 +8,12 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 from shockrig.files.campaign import read_campaign
+from shockrig.files.campaign_lock import held
 from shockrig.files.campaign_names import CAMPAIGN_FORMAT, is_run_id
 from shockrig.files.campaign_write import campaign_document, run_document, table_text, write_campaign, write_run
 from shockrig.files.disk import is_there, read_bytes, write_whole
@@ -19,6 +21,8 @@ from shockrig.files.errors import InputError
 from shockrig.files.json_files import read_json
 from shockrig.rig.csv_series import CsvLayout, Series, time_of
 from shockrig.rig.errors import BenchError, as_bench_errors
+
+PLAN = "plan"  # of a campaign that shockrig run has recorded
 
 
 @dataclass(frozen=True)
@@ -60,7 +64,7 @@ def import_run(
     Raises
     ------
     BenchError
-        The campaign, the id or the start do not fit.
+        The campaign, the id or the start do not fit, or another process is writing to the campaign.
     """
     if len({one.dated for one in series.values()}) > 1:
         raise BenchError("one file's times are dates and the other's are numbers; both must be on one clock")
@@ -87,27 +91,43 @@ def import_run(
     names = sources or {}
     tables = {key: _table(key, one, begins_s) for key, one in series.items()}
 
-    head, changed = _campaign_head(campaign, name, sensors or {}, series)
-    id_ = _free_id(campaign, id_)
-    run = run_document(
-        id_,
-        started_at=datetime.fromtimestamp(begins_s, UTC).isoformat().replace("+00:00", "Z") if dated else None,
-        source=airs["source"],
-        destination=airs["destination"],
-        airflow_m_s=facts.airflow_m_s,
-        pressure_hpa=facts.pressure_hpa,
-        start_s=start_s,
-        duration_s=facts.duration_s,
-        imported={key: {"file": names.get(key, ""), "left_out": dict(one.left_out)} for key, one in series.items()},
-    )
-    fresh, file = not campaign.exists(), campaign / "campaign.json"
+    fresh = not is_there(campaign)
+    with as_bench_errors(), held(campaign):
+        head, changed = _campaign_head(campaign, name, sensors or {}, series)
+        id_ = _free_id(campaign, id_, head)
+        run = run_document(
+            id_,
+            started_at=datetime.fromtimestamp(begins_s, UTC).isoformat().replace("+00:00", "Z") if dated else None,
+            source=airs["source"],
+            destination=airs["destination"],
+            airflow_m_s=facts.airflow_m_s,
+            pressure_hpa=facts.pressure_hpa,
+            start_s=start_s,
+            duration_s=facts.duration_s,
+            imported={key: {"file": names.get(key, ""), "left_out": dict(one.left_out)} for key, one in series.items()},
+        )
+        _put(campaign, id_, run, tables, head if changed else None, fresh)
+    return id_
+
+
+def _put(
+    campaign: Path,
+    id_: str,
+    run: dict[str, Any],
+    tables: Mapping[str, str],
+    head: dict[str, Any] | None,
+    fresh: bool,
+) -> None:
+    """Write a run into a campaign, and its campaign.json where `head` is a new one; raises BenchError, and then leaves
+    the campaign as it was."""
+    file = campaign / "campaign.json"
     before = read_bytes(file, "give another --out") if is_there(file) else None
     part = campaign / "runs" / f".{id_}.part"
     try:
         shutil.rmtree(part, ignore_errors=True)  # of an import that was killed
         part.mkdir(parents=True)
         write_run(part, run, tables)
-        if changed:
+        if head is not None:
             write_campaign(campaign, head)
         os.rename(part, campaign / "runs" / id_)
     except OSError as error:
@@ -118,7 +138,6 @@ def import_run(
     except InputError as error:  # a run that no reader takes is none
         _take_back(campaign, id_, before, fresh)
         raise BenchError(f"{error} (nothing was imported)") from None
-    return id_
 
 
 def _take_back(campaign: Path, id_: str, before: bytes | None, fresh: bool) -> None:
@@ -162,6 +181,10 @@ def _campaign_head(
     changed = False
     for key in series:
         here = known.get(key)
+        if here is None and PLAN in head:
+            raise BenchError(
+                f"{file}: was recorded without {key}, and is gone on with as it was planned; give another --out"
+            )
         if here is None:
             known[key], changed = dict(sensors.get(key, {})), True
             continue
@@ -173,8 +196,15 @@ def _campaign_head(
     return head, changed
 
 
-def _free_id(campaign: Path, id_: str | None) -> str:
+def _free_id(campaign: Path, id_: str | None, head: Mapping[str, Any]) -> str:
+    """The run's id. In a campaign that was recorded by a plan the numbers are the plan's, also those of runs to come:
+    an imported run would stand in for one."""
     runs = campaign / "runs"
+    if PLAN in head:
+        if id_ is not None and (id_.isdecimal() or id_ in [run.get("id") for run in _planned(head)]):
+            raise BenchError(f"--id {id_}: is the place of a run of this campaign's plan; leave --id out")
+        names = {p.name for p in runs.iterdir()} if runs.is_dir() else set()
+        id_ = id_ or next(name for n in count(1) if (name := f"imported-{n:04d}") not in names)
     if id_ is None:
         taken = [int(p.name) for p in runs.iterdir() if p.name.isdecimal()] if runs.is_dir() else []
         return f"{max(taken, default=0) + 1:04d}"
@@ -183,6 +213,11 @@ def _free_id(campaign: Path, id_: str | None) -> str:
     if (runs / id_).exists():
         raise BenchError(f"--id {id_}: this campaign already has that run; leave --id out for the next free one")
     return id_
+
+
+def _planned(head: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    plan = head.get(PLAN)
+    return [run for run in plan if isinstance(run, Mapping)] if isinstance(plan, list) else []
 
 
 def _table(sensor: str, series: Series, begins_s: float) -> str:

@@ -10,7 +10,6 @@ the same campaign: they are numbered from N + 1.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields
 from importlib import resources
@@ -22,6 +21,7 @@ from shockrig.files.ranges import RANGES, Range
 from shockrig.rig.errors import BenchError, as_bench_errors
 from shockrig.rig.keys import nearest, refuse_unknown_keys
 from shockrig.rig.seams import Air
+from shockrig.rig.toml_text import read_toml
 
 FORMAT = "shock-protocol/1"
 # Of what the steps and faults say, by the unit in the name.
@@ -167,11 +167,9 @@ def load_protocol(name_or_path: str | Path) -> Protocol:
 def parse_protocol(content: bytes, where: str) -> Protocol:
     """Check the text of a protocol file and turn it into a plan; `where` names it in messages."""
     try:
-        table = tomllib.loads(content.decode("utf-8"))
+        table = read_toml(content.decode("utf-8"), where)
     except UnicodeDecodeError as error:
         raise BenchError(f"{where}: not UTF-8 at byte {error.start}; save the file as UTF-8") from None
-    except (ValueError, RecursionError) as error:  # also numbers of too many digits
-        raise BenchError(f"{where}: not TOML: {error}") from None
     known = ("format", "name", "description", "by_hand", "continues", "airflow_m_s", "faults", "steps", "run")
     refuse_unknown_keys(table, known, where)
     if table.get("format") != FORMAT:

@@ -125,3 +125,40 @@ def test_a_branch_that_is_interrupted_while_it_imports_ends_without_a_word(tmp_p
     ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
     assert ended.stderr == ""
     assert "ended before it was done" in ended.stdout
+
+
+KILLED = """
+import os, signal, sys, threading, time
+sys.path[:0] = [{tests!r}]
+from test_branch import sleep, sleep_below
+from shockrig.protocols.branch import branch, received
+if __name__ == "__main__":
+    held = threading.Event()
+    if {threads}:
+        threading.Thread(target=held.wait, daemon=True).start()
+    with branch(sleep if {threads} else sleep_below) as one:
+        print(received(one), flush=True)
+        os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.parametrize("threads", [0, 1])
+def test_a_killed_process_takes_its_branches_with_it(tmp_path, threads):
+    """Forked or not, and the branch of a branch: no process is left that works for nobody."""
+    script = tmp_path / "killed.py"
+    script.write_text(KILLED.format(tests=os.path.dirname(__file__), threads=threads))
+    done = subprocess.run([sys.executable, script], stdout=subprocess.PIPE, text=True, timeout=120)
+    assert done.returncode == -signal.SIGKILL
+    deadline = time.monotonic() + 30.0
+    while is_running(int(done.stdout)):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def is_running(pid):
+    """Whether a process is there and no mere entry that nobody has asked for yet."""
+    try:
+        with open(f"/proc/{pid}/stat") as file:
+            return file.read().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False

@@ -11,6 +11,8 @@ import pytest
 
 from shockrig.analysis.characterization.characterize import characterize
 from shockrig.analysis.characterization.extension import extension_of, read_extension
+from shockrig.analysis.inference.channel import LeftOut
+from shockrig.analysis.inference.gather import why_none
 from shockrig.analysis.inference.model import Held
 from shockrig.analysis.physics.modes import response_times, sphere_core, sphere_core_biot
 from shockrig.files.campaign import read_campaign
@@ -224,3 +226,9 @@ def test_a_bench_with_effects_is_sent_to_the_diagnosis(tmp_path, capsys):
     for row in read_profile(tmp_path / "out" / "profile.json").humidity.diffusivity_table:
         true = TRUTH["ordinary-bench"]["diffusivity_m2_s"][str(round(row.ambient_temperature_c))]
         assert abs(row.diffusivity_m2_s - true) < 3 * row.standard_uncertainty
+
+
+def test_what_keeps_most_runs_from_being_used_is_said_first():
+    left_out = [LeftOut(f"{n}", "humidity", reason) for n, reason in enumerate("abcd" + 9 * "e" + 3 * "d")]
+    said = why_none(left_out)
+    assert said == "none of 16 runs can be used: e (9 runs); d (4 runs); a (1 run); and 2 other reasons, of 2 runs"

@@ -291,3 +291,45 @@ def test_the_reader_names_kelvin_in_run_json(tmp_path, pairs):
     slip = next(slip for slip in SLIPS if slip.name == "kelvin: run.json alone")
     with pytest.raises(InputError, match="kelvin"):
         trials.spoiled(slip, folder, None, None, 0)
+
+
+def every_time(campaign, factor):
+    """The tables' times of a campaign in another unit."""
+
+    def change(run):
+        scaled = {
+            name: replace(trace, time_s=trace.time_s * factor)
+            for name in ("imet", "hyt")
+            if (trace := getattr(run, name)) is not None
+        }
+        return replace(run, **scaled)
+
+    return replace(campaign, runs=tuple(map(change, campaign.runs)))
+
+
+def test_times_in_minutes_are_said(pairs):
+    """Starts in seconds speak against them for certain; where these are in minutes too, the pace does."""
+    _, campaign, _ = pairs
+    (found,) = [f for f in check_campaign(every_time(campaign, 1 / 60)) if f.kind == "minutes"]
+    assert found.severity == "stop" and "multiply it by 60" in found.sentence
+    starts = tuple(replace(run, start_s=run.start_s / 60) for run in every_time(campaign, 1 / 60).runs)
+    (found,) = [f for f in check_campaign(replace(campaign, runs=starts)) if f.kind == "minutes"]
+    assert found.severity == "warn" and "0.1 s in minutes" in found.sentence
+
+
+@pytest.mark.parametrize("by_k", [2.0, -2.0])
+def test_airs_that_bead_and_die_contradict_together_are_said(pairs, by_k):
+    _, campaign, _ = pairs
+    off = slips.each(campaign, slips.airs(lambda celsius: None if celsius is None else celsius + by_k))
+    (found,) = [f for f in check_campaign(off) if f.kind == "airs_disagree"]
+    assert found.severity == "warn" and len(found.runs) == len(campaign.runs)
+    assert f"read 2 K {'less' if by_k > 0 else 'more'}" in found.sentence
+
+
+def test_cooling_water_is_not_said_to_be_in_milliseconds():
+    """An hour's rise read every 30 s: where the log names its unit nothing is said, and else both that may be."""
+    slow = lag(4000.0, length=40000.0, period=30.0, noise=0.02)
+    (found,) = [f for f in check_campaign(thermometer(slow)) if f.kind == "milliseconds"]
+    assert found.severity == "warn" and "what was measured changed so slowly itself" in found.sentence
+    named = replace(slow, extra={"imported": {"times": "named"}})
+    assert "milliseconds" not in kinds(thermometer(named))

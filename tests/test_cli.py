@@ -1,6 +1,7 @@
 """The command line's own words: errors are one line with a remedy; --version, completion, a quick --help."""
 
 import argparse
+import os
 import re
 import shutil
 import subprocess
@@ -57,6 +58,15 @@ def test_an_error_in_the_arguments_is_one_line_that_names_it_and_the_remedy(caps
     assert line.startswith("shockrig")
     assert names in line and remedy in line
     assert len(line) < 200
+
+
+def test_a_command_takes_one_thread_for_linear_algebra_unless_told_otherwise(monkeypatch):
+    """Small matrices in many threads wait for one another; NumPy reads this when it is first imported."""
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    with pytest.raises(SystemExit):
+        main(["--version"])
+    assert (os.environ["OPENBLAS_NUM_THREADS"], os.environ["OMP_NUM_THREADS"]) == ("1", "3")
 
 
 def test_messages_of_argparse_that_are_not_known_keep_its_words(capsys):

@@ -37,7 +37,7 @@ def recorded(airs_known):
     """One run of a lag of 1 s, 90 % of its way after 2.3 s."""
     time_s = np.linspace(-2.0, 20.0, 441)
     reading = np.where(time_s > 0, 30.0 - 10.0 * np.exp(-np.maximum(time_s, 0.0)), 20.0)
-    conditions = SimpleNamespace(airs_known=np.array([airs_known]))
+    conditions = SimpleNamespace(airs_known=np.array([airs_known]), start_known=np.array([True]))
     runs = {"run_ids": ("0001",), "samples": ((time_s, reading),), "air": (None,)}
     return SimpleNamespace(quantity=TEMPERATURE, conditions=conditions, **runs)
 
@@ -113,14 +113,16 @@ def test_what_is_left_when_the_response_is_over_is_the_airs(airs_known, from_s, 
 
 
 def test_what_is_left_is_said_with_whether_it_matters():
-    def said(rms, significant, tolerance, measured=True):
-        left = Remainder(rms, 4 * rms, "K", significant, tolerance, 0.6, 2.5, ())
+    def said(rms, significant, tolerance, measured=True, peak=None):
+        left = Remainder(rms, 4 * rms if peak is None else peak, "K", significant, tolerance, 0.6, 2.5, ())
         return remainder_sentence(SimpleNamespace(remainder=left, gain=SimpleNamespace(measured=measured)))
 
     assert said(0.01, False, 0.03) == (
         "Left on unseen runs: 0.010 K rms above the noise, at most 0.040 K; no more than chance leaves."
     )
     assert said(0.01, False, 0.03, measured=False).startswith("Left in the readings: ")
+    # The peak is of the fit to all runs, the rms of unseen ones: no "at most" that is less than the rms.
+    assert "0.68 K rms above the noise (fitted to all runs, 0.20 K at most)" in said(0.68, True, 0.03, peak=0.2)
     assert "at a tolerance of 0.030 K it does not matter" in said(0.01, True, 0.03)
     assert "more than the tolerance of 0.030 K" in said(0.05, True, 0.03)
     assert Remainder(0.01, 0.2, "K", True, 0.03, 0.6, 2.5, ()).material  # a peak of five tolerances and more

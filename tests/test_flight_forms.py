@@ -1,7 +1,11 @@
 """Flights in other forms: ArduPilot logs that pymavlink writes, InterMet's CSV, netCDF, maps; WMO's format; layers."""
 
+import dataclasses
+import json
+import os
 import re
-from datetime import datetime, timedelta
+import warnings
+from datetime import UTC, datetime, timedelta
 
 import netCDF4
 import numpy as np
@@ -107,8 +111,10 @@ def test_from_the_log_to_wmos_format_in_one_command(tmp_path, flown, capsys):
     with netCDF4.Dataset(path) as data:
         assert data.Conventions == "CF-1.8, WMO-CF-1.0" and data.wmo__cf_profile == "FM 303-2024"
         assert data.featureType == "trajectory"
-        for name in ("platform_name", "flight_id", "processing_level"):
-            assert getattr(data, name)
+        assert data.platform_name == "ABC12" and data.processing_level == "c1" and data.flight_id == "flight"
+        assert data.site_terrain_elevation_height == f"{data['altitude'][0]:.0f}m"
+        assert data.title and data.history.endswith("shockrig correct flight.bin")
+        assert data["altitude"].positive == "up"
         units = {
             "time": "seconds since 1970-01-01T00:00:00",
             "lat": "degrees_north",
@@ -129,6 +135,83 @@ def test_from_the_log_to_wmos_format_in_one_command(tmp_path, flown, capsys):
         truth = np.interp(data["time"][:] - START_S, flown.truth["time_s"], flown.truth["temperature_c"])
         assert np.sqrt(np.mean((t - truth) ** 2)) < 0.03
     assert path.name in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("conventions", ["cf:1.8", "cf:1.11"])
+def test_a_checker_of_cf_conventions_finds_nothing(tmp_path, flown, conventions):
+    """IOOS's compliance-checker, at its usual level, on WMO's format (CF 1.8) and on the file of this project's own."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # its own, of libraries that change
+        from compliance_checker.runner import CheckSuite, ComplianceChecker
+
+        write_profile(PROFILE, tmp_path / "profile.json")
+        log = flown.log.iloc[:300]
+        log = log.assign(time_s=log["time_s"] + START_S, latitude_deg=35.2, longitude_deg=-97.4)
+        log.to_csv(tmp_path / "flight.csv", index=False)
+        out = tmp_path / ("wmo" if conventions == "cf:1.8" else "flight.nc")
+        command = ["correct", str(tmp_path / "flight.csv"), "--profile", str(tmp_path / "profile.json")]
+        wmo = ["--wmo", "007:ABC12"] if out.suffix == "" else []
+        assert main([*command, "--out", str(out), *wmo]) == 0
+        CheckSuite.load_all_available_checkers()
+        path = next(out.iterdir()) if wmo else out
+        found = tmp_path / "found.json"
+        ComplianceChecker.run_checker(
+            str(path), [conventions], 0, "normal", output_filename=str(found), output_format="json"
+        )
+    result = json.loads(found.read_text())[conventions]
+    assert not [
+        (one["name"], one["msgs"])
+        for level in ("high_priorities", "medium_priorities")
+        for one in result[level]
+        if one["msgs"]
+    ]
+
+
+def exported(tmp_path, clock, dates="%Y/%m/%d"):
+    """A log that InterMet's application downloaded: `clock` is its own at each row."""
+    header = (
+        "Time,COM Elapse,XQ-iMet-XQ Pressure,XQ-iMet-XQ Air Temperature,XQ-iMet-XQ Humidity,XQ-iMet-XQ Humidity Temp,"
+        "XQ-iMet-XQ Date,XQ-iMet-XQ Time,XQ-iMet-XQ Longitude,XQ-iMet-XQ Latitude,XQ-iMet-XQ Altitude,"
+        "XQ-iMet-XQ Sat Count"
+    )
+    rows = []
+    for n in range(60):
+        read_at = datetime(2023, 9, 14, 19, 33, 3, tzinfo=UTC) + timedelta(seconds=n)
+        rows.append(
+            f"{clock(n)},{5 * n},1002.50,{20 + 0.1 * n:.2f},{50 - 0.1 * n:.1f},21.00,{read_at:{dates}},"
+            f"{read_at:%H:%M:%S},-97.4,35.2,{n}.0,9"
+        )
+    path = tmp_path / "20230914-193303-00061169.csv"
+    path.write_text("\r\n".join([header, *rows]) + "\r\n")
+    return path, [row.split(",") for row in rows]
+
+
+@pytest.mark.parametrize("dates", ["%Y/%m/%d", "%d/%m/%Y"])
+@pytest.mark.parametrize("stamp", ["%Y/%m/%d %H:%M:%S.%f", "%H:%M:%S.%f", "%Y/%m/%d %H:%M:%S"])
+def test_a_log_that_was_downloaded_goes_by_the_sensors_own_clock(tmp_path, stamp, dates):
+    begun = datetime(2023, 10, 2, 11, 0, 0, tzinfo=UTC)
+    path, rows = exported(tmp_path, lambda n: (begun + timedelta(seconds=0.01 * n)).strftime(stamp), dates)
+    flight = to_flight(rows, read_layout(path))
+    np.testing.assert_allclose(flight.time_s, datetime(2023, 9, 14, 19, 33, 3, tzinfo=UTC).timestamp() + np.arange(60))
+    assert flight.temperature_c[10] == 21.0 and flight.altitude_m[10] == 10.0
+
+
+def test_a_log_that_was_recorded_goes_by_the_applications_clock(tmp_path):
+    """It has fractions of a second, and a date where the sensor has no fix."""
+    begun = datetime(2023, 10, 2, 11, 0, 0, 250000, tzinfo=UTC)
+    path, rows = exported(tmp_path, lambda n: (begun + timedelta(seconds=n)).strftime("%Y/%m/%d %H:%M:%S.%f"))
+    flight = to_flight(rows, read_layout(path))
+    np.testing.assert_allclose(flight.time_s, begun.timestamp() + np.arange(60))
+
+
+def test_another_sensors_log_is_said_to_be(tmp_path, capsys):
+    path, _ = exported(tmp_path, lambda n: "12:00:00")
+    for serial, said in (("61170", True), ("00061169", False)):
+        sensors = {"imet": {"kind": "imet-xq", "serial": serial}}
+        write_profile(dataclasses.replace(PROFILE, sensors=sensors), tmp_path / "profile.json")
+        command = ["correct", str(path), "--profile", str(tmp_path / "profile.json")]
+        assert main([*command, "--out", str(tmp_path / "out.csv")]) == 0
+        assert ("it is of serial 61170, and the log of 61169" in capsys.readouterr().err) == said
 
 
 @pytest.mark.parametrize(("operator", "airframe"), [("7", "ABC"), ("007", "TOOLONG"), ("007", ""), ("abc", "A1")])
@@ -315,3 +398,10 @@ def test_result_and_messages_name_the_log_and_no_file_in_between(tmp_path, flown
     assert main(["correct", str(tmp_path / "short.bin"), *command]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert str(tmp_path / "short.bin") in line
+
+
+def test_a_pipe_called_netcdf_is_refused(tmp_path, capsys):
+    """The library would wait in it for ever, deaf to every signal."""
+    os.mkfifo(tmp_path / "flight.nc")
+    with pytest.raises(InputError, match="flight.nc: is a pipe, expected a file"):
+        read_netcdf(tmp_path / "flight.nc", {})

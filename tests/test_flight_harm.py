@@ -10,6 +10,7 @@ from shockrig.analysis.flight.channel import Channel
 from shockrig.analysis.flight.coarse import within, within_a_step
 from shockrig.analysis.flight.comparisons import compared, up_and_down
 from shockrig.analysis.flight.correct import correct
+from shockrig.analysis.flight.disagreement import Cause, explained
 from shockrig.analysis.flight.prior import OU_VARIANCES, RATES_PER_S, Prior, spectra
 from shockrig.analysis.flight.response import Response, bead_response
 from shockrig.analysis.flight.scenes import to_flight
@@ -242,6 +243,36 @@ def test_air_that_changed_between_the_ways_is_not_a_fast_sensor(slower):
     bead = dataclasses.replace(channel, raw=np.ones(flight.time_s.size, dtype=bool))
     widened = compared(flight, bead, channel, notes)[2]
     assert not widened and not any("agree best" in note for note in notes)
+
+
+@pytest.mark.parametrize("steady", [0.0, 1.5])
+def test_ways_that_disagree_by_more_than_is_stated_are_owned(steady):
+    """A loop of 3 %RH between the ways, as of hysteresis: uncertainties become as wide; without it they stay. Where the
+    readings agreed better, that is said first."""
+    flight, channel = climbing(0.0)
+    up = np.where(np.arange(flight.time_s.size) < flight.time_s.size // 2, 1.0, -1.0)
+    rate = np.full((flight.time_s.size, 1), 0.2)
+    response = Response(np.ones(rate.shape), rate, np.zeros(rate.size))
+    lag = 0.1 * channel.lag
+    off = dataclasses.replace(channel, value=channel.value + steady * up, lag=lag, common=0.02 * lag, response=response)
+    bead = dataclasses.replace(channel, name="temperature", value=flight.temperature_c, response=None)
+    notes = []
+    film = compared(flight, bead, off, notes)[1]
+    owned = [note for note in notes if note.startswith("humidity: ascent and descent disagree")]
+    assert bool(owned) == bool(steady)
+    assert np.mean(np.abs(film.value - channel.value) < 1.96 * film.total_uncertainty) > 0.9
+    read = up_and_down(flight, off).read
+    assert notes[0].startswith("humidity: the correction makes ascent and descent disagree more") == (2 * steady > read)
+
+
+def test_what_a_disagreement_looks_like_is_named_where_it_explains_it():
+    rng = np.random.default_rng(1)
+    lag, die = rng.standard_normal((2, 40))
+    found = [Cause(lag, True, "a second lag"), Cause(die, False, "a slow die")]
+    assert explained(-0.2 * lag + 0.02 * die, [lag, die], found) == "a second lag"
+    assert explained(0.9 * die, [lag, die], found) == "a slow die"
+    for other in (0.2 * lag, 5.0 * die, rng.standard_normal(40)):  # a lag leads nothing, and a die has its own size
+        assert explained(other, [lag, die], found) == ""
 
 
 @pytest.mark.parametrize("by_pressure", [False, True])

@@ -5,6 +5,7 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
+from shockrig.files.campaign_lock import held
 from shockrig.protocols.cli import main
 
 ROWS = [(0.05 + 0.1 * i, round(20 + 0.03 * i, 2), round(40 - 0.02 * i, 2)) for i in range(200)]
@@ -184,3 +185,37 @@ def test_two_clocks_are_refused(tmp_path, capsys):
     late = write(tmp_path / "b.csv", [(t + 1000, *v) for t, *v in ROWS])
     assert run("--imet", early, "--hyt", late, "--out", tmp_path / "c") == 2
     assert "do not overlap in time" in capsys.readouterr().err
+
+
+def recorded(path):
+    """A campaign of three planned runs of which the second was interrupted."""
+    path.mkdir()
+    airs = {place: {"temperature_c": 20.0, "humidity_percent": 50.0} for place in ("source", "destination")}
+    plan = [{"id": f"{n:04d}", **airs} for n in (1, 2, 3)]
+    head = {"format": "shock-campaign/1", "name": "c", "sensors": {"imet": {"kind": "imet-xf"}}, "plan": plan}
+    (path / "campaign.json").write_text(json.dumps(head))
+    return path
+
+
+def test_an_imported_run_stands_in_for_no_planned_one(tmp_path, capsys):
+    """It has a name that no plan gives; and the campaign keeps the sensors that its recording goes on with."""
+    log, campaign = write(tmp_path / "log.csv", ROWS), recorded(tmp_path / "c")
+    head = (campaign / "campaign.json").read_bytes()
+    for number in (1, 2):
+        assert run("--imet", log, "--out", campaign) == 0
+        assert (campaign / f"runs/imported-{number:04d}/run.json").is_file()
+    assert run("--imet", log, "--id", "0002", "--out", campaign) == 2
+    assert "is the place of a run of this campaign's plan" in capsys.readouterr().err
+    assert run("--hyt", log, "--out", campaign) == 2
+    assert "was recorded without hyt" in capsys.readouterr().err
+    assert (campaign / "campaign.json").read_bytes() == head
+    assert sorted(p.name for p in (campaign / "runs").iterdir()) == ["imported-0001", "imported-0002"]
+
+
+def test_a_folder_that_a_recording_holds_takes_no_run(tmp_path, capsys):
+    log, campaign = write(tmp_path / "log.csv", ROWS), recorded(tmp_path / "c")
+    with held(campaign):
+        assert run("--imet", log, "--out", campaign) == 2
+    assert "another recording or import is writing to this campaign; wait for it" in capsys.readouterr().err
+    assert [p.name for p in campaign.iterdir()] == ["campaign.json"]
+    assert run("--imet", tmp_path / "none.csv", "--out", tmp_path / "new") == 2 and not (tmp_path / "new").exists()

@@ -1,6 +1,7 @@
 """What must hold of importing logs: whatever a log looks like, its steps and values come out, nothing is invented."""
 
 import json
+import tracemalloc
 from datetime import datetime, timedelta
 
 import numpy as np
@@ -133,6 +134,47 @@ def test_a_sensor_too_slow_for_a_change_of_its_own_follows_the_air_beside_it(tmp
     assert "the map gives it to air alone: name probe in its sensors too, or delete" in capsys.readouterr().err
 
 
+BESIDE = '[sensor.air]\ntemperature = "chamber_temp"\n[sensor.probe]\ntemperature = "probe_temp"\nreference = "air"\n'
+
+
+@pytest.mark.parametrize("steps", ["", '[[step]]\nat = 1500\n[[step]]\nat = 1900\nsensors = ["air"]\n'])
+def test_a_run_is_not_cut_where_its_reference_overshoots(tmp_path, capsys, steps):
+    """A chamber goes beyond its new level and comes back after 400 s, while the probe in it is on its way."""
+    random = np.random.default_rng(0)
+    time_s = np.arange(0.0, 6000.0, 3.0)
+    chamber = 20.0 + np.where(time_s >= 1500.0, 13.0, 0.0) - np.where(time_s >= 1900.0, 3.0, 0.0)
+    probe = np.full(time_s.size, 20.0)
+    for k in range(1, time_s.size):
+        probe[k] = probe[k - 1] + (1.0 - np.exp(-3.0 / 200.0)) * (chamber[k - 1] - probe[k - 1])
+    noise = random.normal(0.0, 0.02, (2, time_s.size))
+    rows = zip(time_s, chamber + noise[0], probe + noise[1], strict=True)
+    log = written(
+        tmp_path / "log.csv",
+        "time_s,chamber_temp,probe_temp\n" + "".join(f"{t:.1f},{a:.3f},{b:.3f}\n" for t, a, b in rows),
+    )
+    assert run(log, "--map", written(tmp_path / "m.toml", BESIDE + steps), "--out", tmp_path / "c") == 0
+    (only,) = read_campaign(tmp_path / "c").runs
+    assert only.imet.time_s[-1] > 2000.0
+    assert ("probe was still on its way from step 1: it is in that run" in capsys.readouterr().out) == (not steps)
+
+
+def test_a_change_whose_start_nobody_can_tell_leaves_the_run_before_it_half_of_the_way(tmp_path):
+    """A plunge, and a bath that then cools for an hour: the slow change begins anywhere, the plunge's run stays."""
+    random = np.random.default_rng(7)
+    time_s = np.arange(0.0, 4000.0, 1.0)
+    value = 20.0 + 47.0 * (time_s >= 300.0) * np.exp(-np.maximum(time_s - 360.0, 0.0) / 900.0)
+    value += random.normal(0.0, 0.05, time_s.size)
+    log = written(
+        tmp_path / "log.csv",
+        "time_s,temp\n" + "".join(f"{t:.1f},{v:.2f}\n" for t, v in zip(time_s, value, strict=True)),
+    )
+    map_ = written(tmp_path / "m.toml", '[sensor.bead]\ntemperature = "temp"\n')
+    assert run(log, "--map", map_, "--out", tmp_path / "c") == 0
+    first = read_campaign(tmp_path / "c").runs[0]
+    seen_s = first.extra["step_seen_s"]
+    assert first.imet.time_s[-1] - seen_s > 20.0 and first.imet.values["temperature_c"][-1] > 60.0
+
+
 def test_several_sensors_make_a_campaign_each(tmp_path, capsys):
     """A folder each under --out; what is only a reference makes none, unless it is asked for."""
     log = two_sensors(tmp_path)
@@ -153,7 +195,7 @@ def test_several_sensors_make_a_campaign_each(tmp_path, capsys):
 
 def test_several_logs_make_one_campaign(tmp_path):
     log = written(tmp_path / "a.csv", WAYS["plain"])
-    other = written(tmp_path / "b.csv", WAYS["plain"])
+    other = written(tmp_path / "b.csv", WAYS["plain"] + "\n")
     map_ = written(tmp_path / "m.toml", MAP + '[[step]]\nlog = "a.csv"\nat = 80.1\n')
     assert run(log, other, "--map", map_, "--out", tmp_path / "c") == 0
     heads = [json.loads((p / "run.json").read_text()) for p in sorted((tmp_path / "c/runs").iterdir())]
@@ -350,3 +392,26 @@ def test_a_sensor_whose_body_nobody_states_is_a_single_lag(tmp_path):
     log, map_ = plain_log(tmp_path, 'thermometer = { kind = "sht35" }\nhygrometer = { kind = "hyt-271" }\n')
     assert run(log, "--map", map_, "--out", tmp_path / "c") == 0
     assert read_campaign(tmp_path / "c").bodies == {"imet": "lumped", "hyt": "film"}
+
+
+def test_a_long_log_is_read_in_little_room(tmp_path):
+    """Eighty bytes a row beside its text, from its bytes to its steps (a million rows: 80 MB), where lines and cells as
+    texts of their own took seven hundred."""
+    random = np.random.default_rng(1)
+    rows = 60_000
+    time_s = 0.5 * np.arange(rows)
+    value = 20.0 + 10.0 * ((time_s // 5000.0) % 2) + random.normal(0.0, 0.03, rows)
+    log = written(
+        tmp_path / "long.csv",
+        "time_s,temp,rh\n"
+        + "".join(f"{t:.1f},{v:.2f},40.{k % 7}\n" for k, (t, v) in enumerate(zip(time_s, value, strict=True))),
+    )
+    look_at([log], tmp_path / "warm.toml")  # imports and caches are not the log's
+    tracemalloc.start()
+    try:
+        seen = look_at([log], tmp_path / "m.toml")
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert len(seen.steps[0]) == 5
+    assert most < 80 * rows + log.stat().st_size + 4_000_000  # and a block of rows as text

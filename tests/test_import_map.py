@@ -3,12 +3,14 @@
 import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 from made_up_logs import MAP, WAYS, lines_of, plain_log, text, written
 
 from shockrig.files.campaign import read_campaign
+from shockrig.files.campaign_lock import held
 from shockrig.files.errors import InputError
 from shockrig.protocols.cli import main
 from shockrig.rig.logs.map_file import parse_map
@@ -205,13 +207,38 @@ main(sys.argv[1:])
 """
 
 
+def test_two_names_of_the_same_bytes_are_one_log(tmp_path, capsys):
+    """Given together, and one after the other: they would be fitted and then called unseen."""
+    log, map_ = plain_log(tmp_path)
+    again = written(tmp_path / "again.csv", log.read_bytes())
+    both = ["import", str(log), str(again), "--map", str(map_), "--out", str(tmp_path / "c")]
+    assert main(both) == 2 and not (tmp_path / "c").exists()
+    assert "again.csv: holds the same bytes as" in capsys.readouterr().err
+    assert main([*both[:2], *both[3:]]) == 0
+    assert main([both[0], *both[2:]]) == 2
+    assert "has the runs of again.csv already as log.csv, which holds the same bytes" in capsys.readouterr().err
+
+
+def test_a_folder_that_another_writes_to_is_left_alone(tmp_path, capsys):
+    log, map_ = plain_log(tmp_path)
+    command = ["import", str(log), "--map", str(map_), "--out", str(tmp_path / "c")]
+    (tmp_path / "c").mkdir()
+    with held(tmp_path / "c"):
+        assert main(command) == 2
+    assert "another recording or import is writing to this campaign" in capsys.readouterr().err
+    assert main(command) == 0
+
+
 def test_a_killed_import_leaves_no_run(tmp_path):
     """Killed within the second run: no reader finds a campaign, and the same command then makes a whole one."""
     log, map_ = plain_log(tmp_path)
     command = ["import", str(log), "--map", str(map_), "--out", str(tmp_path / "c")]
     done = subprocess.run([sys.executable, "-c", KILLED, *command], capture_output=True, text=True)
     assert done.returncode == -9, done.stderr
-    assert not (tmp_path / "c").exists() and any(p.name.startswith(".c.partial") for p in tmp_path.iterdir())
+    deadline = time.monotonic() + 30.0  # what was half written is removed by a process that outlives it
+    while (left := sorted(p.name for p in tmp_path.iterdir())) != ["log.csv", "map.toml"]:
+        assert time.monotonic() < deadline, left
+        time.sleep(0.02)
     with pytest.raises(InputError):
         read_campaign(tmp_path / "c")
     assert main(command) == 0

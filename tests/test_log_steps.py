@@ -1,5 +1,6 @@
 """What must hold of the steps that are found in a log: all that are there, when they were, and no others."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -151,6 +152,49 @@ def test_a_sensor_carried_back_before_it_has_settled():
         assert off_s.max() < 6.0 and np.unique(np.abs(found[:, None] - turns_s).argmin(axis=1)).size == found.size
         seen, carried = seen + found.size, carried + turns_s.size
     assert seen >= 0.9 * carried
+
+
+def test_a_plunge_into_a_bath_that_warms_up_again():
+    """Loggers lifted out of a room, plunged, and read until the bath is nearly as warm as they came (eight DS18B20 of a
+    course did so): the plunge is a step, whatever the sensor takes."""
+    for seed in range(6):
+        random = np.random.default_rng(seed)
+        t63_s, at_s = 10.0 ** random.uniform(-0.3, 1.3), 244.0 + random.uniform(0.0, 1.0)
+        time_s = np.arange(0.0, 2400.0, 1.15)
+        bath = 2.4 + 0.006 * (np.hypot(time_s - 900.0, 300.0) + time_s - 900.0)  # it begins to warm smoothly
+        value = np.where(time_s < at_s, 25.0 - 1.3 * lag(time_s - 100.0, 22.0), 0.0)
+        value += (time_s >= at_s) * (bath + (23.7 - bath) * (1.0 - lag(time_s - at_s, t63_s)))
+        value = np.round((value + random.normal(0.0, 0.03, time_s.size)) / 0.0625) * 0.0625
+        plunges = [
+            step for step in find_steps([channel_of(time_s, value, "temperature")], 0) if abs(step.at_s - at_s) < 5.0
+        ]
+        assert [step.why_not for step in plunges] == [""], seed
+        assert plunges[0].moves[0].after == pytest.approx(2.6, abs=0.5)
+        assert plunges[0].uncertainty_s < 0.3 * t63_s + 1.2
+
+
+def test_a_sharp_step_on_a_ramp_is_timed_and_sized_as_without_it():
+    for slope in (-0.1, 0.1):
+        random = np.random.default_rng(3)
+        time_s = np.arange(0.0, 1200.0, 0.5)
+        value = 20.0 + slope * np.maximum(time_s - 50.0, 0.0) + 20.0 * lag(time_s - 600.2, 2.0)
+        found = find_steps([channel_of(time_s, value + random.normal(0.0, 0.03, time_s.size), "temperature")], 0)
+        (sharp,) = [step for step in found if abs(step.at_s - 600.2) < 2.0]
+        assert sharp.uncertainty_s < 1.0 and not sharp.why_not
+        assert sharp.moves[0].size == pytest.approx(20.0, abs=1.0) and sharp.moves[0].t63_s == pytest.approx(2, abs=0.6)
+
+
+def test_a_slow_sensor_that_had_begun_earlier_does_not_hide_a_sharp_one():
+    """What began half a minute before the sharp channel moved is a step of its own, though one window shows both."""
+    random = np.random.default_rng(2)
+    time_s = np.arange(0.0, 600.0, 3.0)
+    fast = 20.0 - 32.0 * lag(time_s - 172.2, 1.6) + random.normal(0.0, 0.04, time_s.size)
+    slow = 20.0 + 4.0 * lag(time_s - 136.5, 18.0) + random.normal(0.0, 0.04, time_s.size)
+    one, other = (channel_of(time_s, value, "temperature") for value in (fast, slow))
+    found = find_steps([replace(one, name="fast.temperature"), replace(other, name="slow.temperature")], 0)
+    assert [step.at_s for step in found] == [pytest.approx(136.5, abs=10.0), pytest.approx(172.2, abs=2.0)]
+    assert [step.moves[0].channel for step in found] == ["slow.temperature", "fast.temperature"]
+    assert found[1].uncertainty_s < 2.0
 
 
 def test_slow_and_fast_sensors_of_a_log_have_one_step():

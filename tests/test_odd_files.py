@@ -12,6 +12,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import time
 import zlib
 from pathlib import Path
 
@@ -419,9 +420,23 @@ with whole_folder(Path("o")) as folder:
 """
 
 
+ALONE = "from shockrig.protocols import folder; folder._reaper = lambda _: None\n" + KILLED
+
+
+def test_what_a_killed_command_had_half_written_goes_with_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert subprocess.run([sys.executable, "-c", KILLED, "SIGKILL"], timeout=300).returncode == -signal.SIGKILL
+    deadline = time.monotonic() + 30.0
+    while entries("."):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
 def test_what_a_killed_command_left_is_cleared_away_by_the_next(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    subprocess.run([sys.executable, "-c", KILLED, "SIGKILL"], timeout=300)
+    # Killed with all that it had started: else a process that outlives it clears away.
+    with subprocess.Popen([sys.executable, "-c", ALONE, "SIGKILL"]):
+        pass
     assert [name for name in entries(".") if name.endswith("half")]
     with whole_folder(Path("o")) as held, whole_folder(Path("o2")) as folder:
         assert [entry.name for entry in Path().iterdir() if entry.name.startswith(".o.")] == [held.name]

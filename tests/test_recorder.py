@@ -221,3 +221,16 @@ def test_a_disk_quota_ends_with_a_clear_message_and_a_readable_journal(tmp_path)
     (folder,) = path.glob("recording/*")
     journal = read_journal(folder / JOURNAL)
     assert len(journal.records) > 100 and (folder / JOURNAL).stat().st_size == 20_000
+
+
+@pytest.mark.parametrize("share", [1.0, 0.7])
+def test_a_journal_copied_behind_itself_is_the_run_once(tmp_path, share):
+    """`cat journal journal`, of a run that was whole and of one cut off: times would go back."""
+    run(fake_bench(), tmp_path / "c", plan(1))
+    journal = tmp_path / "c/runs/0001" / JOURNAL
+    lines = journal.read_bytes().splitlines(keepends=True)
+    content = b"".join(lines[: int(share * len(lines))])
+    journal.write_bytes(content)
+    once = read_run(journal.parent)
+    journal.write_bytes(2 * content)
+    assert read_run(journal.parent) == once

@@ -71,6 +71,17 @@ def test_a_step_between_two_readings_has_no_time_but_a_bound(whole):
     assert "Log every" in " ".join(next_time([unknown(slow)]))
 
 
+def test_a_start_that_nobody_saw_makes_no_time_shorter_than_its_readings_are_apart(whole):
+    """A plunge between two readings 2 s apart, whose start is taken to lie 0.1 s before the second."""
+    part = lagging(whole, 1)
+    time = np.arange(-60.0, 60.0, 2.0) + 0.1
+    plunge = np.where(time > 0.0, 35.0, 20.0) + np.random.default_rng(2).normal(0.0, 0.01, time.size)
+    part = unknown(replace(part, sampling_period_s=2.0, samples=((time, plunge),)))
+    (one,) = seen(part)
+    assert one.at_most and one.times_s[0] == pytest.approx(2.0, abs=0.01)
+    assert "Log every 0.25 s or faster, not every 2 s: 63 % of the way takes 2 s or less." in next_time([part])
+
+
 def test_noise_that_takes_a_reading_over_and_back_moves_no_time(whole):
     """The first crossing alone would be early."""
     part, rng = lagging(whole, 24), np.random.default_rng(4)

@@ -6,6 +6,7 @@ import json
 import re
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import threading
@@ -327,3 +328,24 @@ def test_the_page_is_worked_in_a_browser(tmp_path):
     with serving(tmp_path / "c", token="") as server, page_at(server.url, tmp_path / "other") as run:
         wait_for(lambda: run("document.title") == "ALARM - c - cut off")
         assert run("document.getElementById('control').hidden")
+
+
+def test_a_client_that_hangs_up_or_lies_is_no_traceback(campaign, capfd, monkeypatch):
+    """It resets the connection, states a length of 5000 digits, or sends its body byte by byte: the thread is free
+    again in time, and nothing is printed."""
+    monkeypatch.setattr("shockrig.protocols.watch.web.REQUEST_WITHIN_S", 0.5)
+    with serving(campaign) as server:
+        here = ("127.0.0.1", server.server_port)
+        head = f"POST /control HTTP/1.0\r\nHost: 127.0.0.1\r\nX-Shockrig-Token: {TOKEN}\r\nContent-Length: "
+        for _ in range(20):
+            with socket.create_connection(here, timeout=60) as client:
+                client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+                client.sendall(b"GET /page.js HTTP/1.0\r\nHost: 127.0.0.1\r\n\r\n")
+        with socket.create_connection(here, timeout=60) as client:
+            client.sendall(f"{head}{'9' * 5000}\r\n\r\n".encode())
+            assert b"413" in client.recv(100)
+        with socket.create_connection(here, timeout=60) as client:
+            client.sendall(f"{head}40\r\n\r\n".encode() + b"{")
+            client.recv(100)  # hung up on after half a second: it would wait here a minute
+        assert ask(server)[0] == 202
+    assert capfd.readouterr().err == ""

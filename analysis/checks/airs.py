@@ -10,6 +10,7 @@ from shockrig.analysis.checks.finding import InputFinding
 from shockrig.analysis.checks.signals import (
     CHANNEL_OF,
     COLUMNS,
+    DIE,
     FILES,
     HUMIDITY,
     TEMPERATURE,
@@ -53,6 +54,43 @@ def airs_disagree(view: View) -> Iterator[InputFinding]:
                 f"The airs in run.json of {view.words(off)} are not those in which the probes stood (in run {first} "
                 f"{FILES[column]} {said}): correct them, or record these runs again.",
             )
+
+
+def airs_off_both(view: View) -> Iterator[InputFinding]:
+    """Airs off by as much for two thermometers at once: less than a wet or heated one is by itself, but bead and die
+    are of two makers, and what both of them read at rest is the air."""
+    off: dict[str, float] = {}
+    compared = 0
+    for run in view.campaign.runs:
+        both = [seen for column in (TEMPERATURE, DIE) if (seen := view.get(run, column)) is not None]
+        start_s, temperatures = run.start_s, stated(run, TEMPERATURE)
+        if len(both) < 2 or start_s is None or run.air is not None:
+            continue
+        for air, late in zip(temperatures, (False, True), strict=True):
+            if air is None:
+                continue
+            half_s = [0.5 * (start_s + float(seen.time_s[-1])) for seen in both]
+            there = [s.time_s > h if late else s.time_s < start_s for s, h in zip(both, half_s, strict=True)]
+            stood = [_at_rest(seen, inside) for seen, inside in zip(both, there, strict=True)]
+            if None in stood:
+                continue
+            compared += 1
+            bead, die = (float(value) - air for value in stood if value is not None)
+            mean = 0.5 * (bead + die)
+            if abs(mean) >= limit("both_off_k") and abs(bead - die) <= limit("both_alike") * abs(mean):
+                off.setdefault(run.id, mean)
+    if off and len(off) >= 0.5 * compared / 2:
+        typical = float(np.median(list(off.values())))
+        yield InputFinding(
+            "airs_disagree",
+            None,
+            tuple(off),
+            "warn",
+            f"Bead and die at rest read {abs(typical):.2g} K {'more' if typical > 0 else 'less'} than the airs in "
+            f"run.json of {view.words(off)}, both of them: the stated temperatures seem to be "
+            f"{'too low' if typical > 0 else 'too high'}; check what measured them, D and the response times depend on "
+            "it.",
+        )
 
 
 def _source(seen: Seen) -> tuple[str, bool] | None:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from shockrig.analysis.checks.airs import airs_disagree
+from shockrig.analysis.checks.airs import airs_disagree, airs_off_both
 from shockrig.analysis.checks.clocks import clocks_without_starts, starts_and_clocks
 from shockrig.analysis.checks.copies import copied_runs
 from shockrig.analysis.checks.finding import InputFinding
 from shockrig.analysis.checks.keys import misspelt_keys
 from shockrig.analysis.checks.milliseconds import starts_in_milliseconds, times_in_milliseconds
+from shockrig.analysis.checks.minutes import times_in_minutes
 from shockrig.analysis.checks.rates import response_times
 from shockrig.analysis.checks.sensors import dead_sensors, impossible_readings, saturated_sensors
 from shockrig.analysis.checks.signals import View, look
@@ -32,6 +33,7 @@ CHECKS: tuple[Callable[[View], Iterable[InputFinding]], ...] = (
     columns_and_sensors_swapped,
     everything_in_fahrenheit,
     times_in_milliseconds,
+    times_in_minutes,
     starts_in_milliseconds,
     saturated_sensors,
     dead_sensors,
@@ -40,6 +42,7 @@ CHECKS: tuple[Callable[[View], Iterable[InputFinding]], ...] = (
     starts_and_clocks,
     clocks_without_starts,
     airs_disagree,
+    airs_off_both,
     response_times,
 )
 

@@ -35,7 +35,7 @@ def times_in_milliseconds(view: View) -> Iterator[InputFinding]:
     for run in view.campaign.runs:
         for sensor, columns in SENSORS.items():
             seen = next((s for c in columns if (s := view.get(run, c)) is not None), None)
-            if seen is None:
+            if seen is None or _says_its_unit(run):
                 continue
             other = next((s for c in SENSORS[OTHER_SENSOR[sensor]] if (s := view.get(run, c))), None)
             why = _against_other(seen, other) or _against_start(view, run, columns)
@@ -64,8 +64,14 @@ def times_in_milliseconds(view: View) -> Iterator[InputFinding]:
             _channel(names),
             runs,
             "stop" if odd else "warn",
-            f"The readings in {_files(names)} of {view.words(runs)} are {period:.4g} s apart{shown}: time_s seems to "
-            "be in milliseconds, divide it (and transfer.start_s) by 1000.",
+            f"The readings in {_files(names)} of {view.words(runs)} are {period:.4g} s apart{shown}: "
+            + (
+                "time_s seems to be in milliseconds, divide it (and transfer.start_s) by 1000."
+                if odd
+                else "no sensor is so slow. Either what was measured changed so slowly itself: then log the air or the "
+                "water beside it, as its reference; or time_s is in milliseconds: then divide it (and "
+                "transfer.start_s) by 1000."
+            ),
         )
 
 
@@ -89,6 +95,12 @@ def starts_in_milliseconds(view: View) -> Iterator[InputFinding]:
             f"transfer.start_s in run.json of {view.words(runs)} seems to be in milliseconds ({shown}): "
             "divide it by 1000.",
         )
+
+
+def _says_its_unit(run: Run) -> bool:
+    """Whether a run was imported from a log that writes dates, or names the unit of its times."""
+    imported = run.extra.get("imported")
+    return isinstance(imported, Mapping) and imported.get("times") in ("dates", "named")
 
 
 def _against_other(seen: Seen, other: Seen | None) -> str:

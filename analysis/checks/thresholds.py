@@ -39,6 +39,7 @@ THRESHOLDS: dict[str, Threshold] = {
     "long_period_s": Threshold(60.0, "s", "and these are, but for whole quarter minutes", "loggers' settings"),
     "slowest_rise_s": Threshold(1500.0, "s", "a rise from 10 to 63 % that no sensor has", "lags reach 500 s"),
     "unit_of_time_ratio": Threshold(300.0, "1", "two clocks so far apart differ in unit", "1000 or 1"),
+    "pace_share": Threshold(2e-3, "1", "a pace this near a logger's is that pace", "rounded stamps; other paces 1 %"),
     # swaps
     "swap_k": Threshold(
         2.0, "K", "smallest stated step in which swapped airs show", "self-heating, calibration: 1.3 K"
@@ -68,6 +69,9 @@ THRESHOLDS: dict[str, Threshold] = {
     "quick_rise_s": Threshold(3.0, "s", "a bead that shows how the air steps", "behind an air film: 1.3 s"),
     "slow_rise_s": Threshold(10.0, "s", "a slower response may be of any body", "films at 0 °C rise in 13 s"),
     "clock_runs": Threshold(0.6, "1", "share of a sensor's runs that tell of its clock", "more than half"),
+    # stated airs, against both thermometers
+    "both_off_k": Threshold(1.0, "K", "two thermometers at rest as far off, to one side", "right campaigns: 0.02 K"),
+    "both_alike": Threshold(0.5, "1", "share of that by which they may differ", "calibrations are their own"),
     # copies
     "copy_correlation": Threshold(0.8, "1", "noise that only a copy has in common", "8 sigma at 100 readings"),
     "copy_readings": Threshold(60, "1", "fewest changes of a reading that tell", "6 sigma"),

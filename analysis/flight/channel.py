@@ -24,6 +24,7 @@ from shockrig.files.ranges import Range
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 LONGEST_FILL_S = 5.0  # farther from a usable sample no value is given
+LONGEST_REPEAT_S = 30.0  # or so far, where the sensor is read and its reading is repeated
 IDLE_LAG_SIGMAS = 0.3  # a lag smaller than this share of the noise is not worth undoing
 LEAST_SAMPLES = 16
 
@@ -121,6 +122,11 @@ class Channel:
         more = np.where(self.raw, 0.0, relative * np.abs(self.lag))
         return replace(self, uncertainty=np.hypot(self.uncertainty, more), common=np.hypot(self.common, more))
 
+    def doubted(self, by: float) -> Channel:
+        """The same with an uncertainty `by` of every corrected value beside what is stated, common to the flight."""
+        more = np.where(self.raw, 0.0, by)
+        return replace(self, uncertainty=np.hypot(self.uncertainty, more), common=np.hypot(self.common, more))
+
 
 def judged(
     readings: Readings,
@@ -131,8 +137,10 @@ def judged(
     raw: Array,
     unit: Array,
     notes: list[str],
+    most: float = np.inf,
 ) -> Channel:
-    """What a method found, or the readings `raw` where that is better; `unit` turns the method's unit into `raw`'s."""
+    """What a method found, or the readings `raw` where that is better; `unit` turns the method's unit into `raw`'s, and
+    no air has more than `most`."""
     lag = found.air - found.clean
     # a time constant that is wrong by a share moves the air by at most that share of the lag
     common = (readings.response.relative_uncertainty * lag) ** 2
@@ -168,7 +176,13 @@ def judged(
     shared = np.where(raw_rows, np.hypot(np.sqrt(common) * unit, raw - value), np.sqrt(common) * unit)
     value = np.where(raw_rows, raw, value)
     sigma = np.where(raw_rows, away, sigma)
-    empty = _far(readings.time_s, screened.usable) | (raw_rows & ~(screened.usable | screened.repeated))
+    # a reading that is repeated is one, if an old one; one at the sensor's ceiling is none, unless no air has more
+    capped = np.zeros(raw.shape, dtype=bool) if screened.capped is None else screened.capped
+    read = screened.repeated & ~capped & ~_far(readings.time_s, screened.usable, LONGEST_REPEAT_S)
+    read |= capped & (raw >= most)
+    empty = (_far(readings.time_s, screened.usable, LONGEST_FILL_S) & ~read) | (
+        raw_rows & ~(screened.usable | screened.repeated)
+    )
     value, sigma = np.where(empty, np.nan, value), np.where(empty, np.nan, sigma)
     of_readout = np.hypot(undone.uncertainty, late)
     return Channel(
@@ -234,13 +248,13 @@ def _slope(time_s: Array, values: Array) -> Array:
     return np.asarray(slope[np.cumsum(different) - 1])
 
 
-def _far(time_s: Array, usable: Mask) -> Mask:
-    """Rows farther than LONGEST_FILL_S from every usable sample."""
+def _far(time_s: Array, usable: Mask, longest_s: float) -> Mask:
+    """Rows farther than that from every usable sample."""
     known = time_s[usable]
     place = np.searchsorted(known, time_s)
     before = time_s - known[np.maximum(place - 1, 0)]
     after = known[np.minimum(place, known.size - 1)] - time_s
-    return np.minimum(np.abs(before), np.abs(after)) > LONGEST_FILL_S
+    return np.minimum(np.abs(before), np.abs(after)) > longest_s
 
 
 def _behind_slow_lags(readings: Readings, air: Array) -> Array:

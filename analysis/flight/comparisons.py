@@ -8,6 +8,7 @@ where the fast sensor's difference goes with the lag that the slow one would hav
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +16,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from shockrig.analysis.flight.channel import Channel, bridged
+from shockrig.analysis.flight.disagreement import Difference, causes, excess, explained
 from shockrig.analysis.flight.smooth_channel import typical_period
+from shockrig.analysis.flight.smoother import followed
 from shockrig.analysis.flight.sweep import lags_behind
 from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA
 from shockrig.files.flight import Flight
@@ -76,8 +79,24 @@ class Told:
 
 def up_and_down(flight: Flight, channel: Channel) -> UpAndDown | None:
     """Compare the longest way up with the longest way down; None where the flight has not both through one layer."""
+    if channel.raw.all():
+        return None
+    found = _layered(flight, (channel.value, channel.value - channel.lag, channel.lag))
+    if found is None:
+        return None
+    low, high, (corrected, read, lag) = found
+    slower, error = _slope(lag, corrected) if lag.size >= TELLING_LAYERS else (0.0, np.inf)
+    size = [float(np.sqrt(np.mean(v**2))) for v in (read, corrected)]
+    explained = float(np.corrcoef(lag, corrected)[0, 1] ** 2) if np.ptp(lag) and np.ptp(corrected) else 0.0
+    left = float(np.sqrt(np.mean((corrected - slower * lag) ** 2)))
+    return UpAndDown(lag.size, low, high, size[0], size[1], -slower, error, explained, left)
+
+
+def _layered(flight: Flight, columns: Sequence[Array], sign: float = -1.0) -> tuple[float, float, Array] | None:
+    """Means of columns in the layers that the longest way up and the longest way down have in common, from what height
+    to what, descent less ascent (c, layers), or with `sign` 1 plus ascent; None where there are no such layers."""
     height = _height(flight)
-    if height is None or channel.raw.all():
+    if height is None:
         return None
     ways = [_longest(flight.time_s, height, sign) for sign in (1.0, -1.0)]
     count = min(LAYERS, *((way.stop - way.start) // ROWS_A_LAYER for way in ways))
@@ -88,9 +107,7 @@ def up_and_down(flight: Flight, channel: Channel) -> UpAndDown | None:
     if high - low < LEAST_CLIMB_M:
         return None
     edges = np.linspace(low, high, count + 1)
-    reading = channel.value - channel.lag
-    columns = (height, channel.value, reading, channel.lag)
-    means = np.array([[_layers(height[way], v[way], edges) for v in columns] for way in ways])
+    means = np.array([[_layers(height[way], v[way], edges) for v in (height, *columns)] for way in ways])
     known = np.isfinite(means).all(axis=(0, 1))
     outer = -(-count // EDGE)
     known[:outer] = known[-outer:] = False  # where the flight begins, and where it turns
@@ -99,12 +116,7 @@ def up_and_down(flight: Flight, channel: Channel) -> UpAndDown | None:
     # samples of the two ways do not lie at the same heights within a layer
     at = means[:, 0, known].mean(axis=0)
     level = [[np.interp(at, way[0, known], values) for values in way[1:, known]] for way in means]
-    corrected, read, lag = np.array(level[1]) - np.array(level[0])
-    slower, error = _slope(lag, corrected) if lag.size >= TELLING_LAYERS else (0.0, np.inf)
-    size = [float(np.sqrt(np.mean(v**2))) for v in (read, corrected)]
-    explained = float(np.corrcoef(lag, corrected)[0, 1] ** 2) if np.ptp(lag) and np.ptp(corrected) else 0.0
-    left = float(np.sqrt(np.mean((corrected - slower * lag) ** 2)))
-    return UpAndDown(int(known.sum()), low, high, size[0], size[1], -slower, error, explained, left)
+    return low, high, np.array(level[1]) + sign * np.array(level[0])
 
 
 def compared(
@@ -138,9 +150,38 @@ def compared(
                 )
                 channel = channel.widened(wrong)
                 widened[channel.name] = wrong
+            channel = _owned(flight, bead, channel, both, notes)
         found.append(channel)
     _slow_against_fast(flight, bead, notes)
     return found[0], found[1], widened
+
+
+def _owned(flight: Flight, bead: Channel, channel: Channel, both: UpAndDown, notes: list[str]) -> Channel:
+    """The channel with uncertainties as wide as ascent and descent disagree, and what may be the cause in `notes`."""
+    found = causes(flight, bead, channel)
+    stated = np.where(np.isfinite(channel.value), channel.total_uncertainty, np.nan) ** 2
+    less = _layered(flight, (channel.value, *(cause.moves for cause in found)))
+    plus = _layered(flight, (stated,), 1.0)
+    if less is None or plus is None or less[2].shape[1] != plus[2].shape[1]:
+        return channel
+    difference, *moved = less[2]
+    beyond = excess(Difference(difference, plus[2][0]))
+    if not beyond:
+        return channel
+    unit, wider = UNITS[channel.name], float(np.sqrt(beyond / 2.0))
+    cause = explained(difference, moved, found)
+    notes.append(
+        f"{channel.name}: ascent and descent disagree by more than turbulence and the stated uncertainty explain: the "
+        f"sensor is not as the profile has it, or the air changed; uncertainties are widened by {wider:.2g} {unit}"
+        + (f"; likely {cause}" if cause else "")
+    )
+    if both.corrected > both.read:
+        notes.insert(
+            0,
+            f"{channel.name}: the correction makes ascent and descent disagree more, {both.corrected:.2g} {unit} "
+            f"instead of the {both.read:.2g} {unit} of the readings: use the readings until the cause is found",
+        )
+    return channel.doubted(wider)
 
 
 def _way(slower: float) -> str:
@@ -163,7 +204,9 @@ def told(flight: Flight, bead: Channel, film: Channel, before: Told | None = Non
     # as far as the air itself may have moved
     slower, error = both.slower, float(np.linalg.norm([both.slower_error, moved.slower_error, moved.slower]))
     if before is not None:
-        return Told((1.0 + before.slower) * (1.0 + slower) - 1.0, error)
+        whole = (1.0 + before.slower) * (1.0 + slower) - 1.0
+        # where it does not come to rest, the time scale is not what is wrong
+        return Told(whole, error) if abs(slower) < LARGEST_STEP else None
     sure = abs(slower) > SURE_BESIDE_AIR * error and both.explained > EXPLAINED
     # at first order: more than this is left to the next round
     slower = float(np.clip(slower, -LARGEST_STEP, LARGEST_STEP))
@@ -236,13 +279,11 @@ def _slow_against_fast(flight: Flight, bead: Channel, notes: list[str]) -> None:
     if die is None or air is None or bead.raw.all() or np.ptp(die) == 0.0:
         return
     from scipy.optimize import minimize_scalar
-    from scipy.signal import lfilter
 
     period = typical_period(flight.time_s)
 
     def left(log_s: float) -> Array:
-        decay = np.exp(-period / np.exp(log_s))
-        lagged = lfilter([1 - decay], [1.0, -decay], air - air[0], zi=[0.0])[0]
+        lagged = followed(air - air[0], float(np.exp(-period / np.exp(log_s))), 0.0)
         off = die - lagged
         settled = flight.time_s - flight.time_s[0] > min(3.0 * np.exp(log_s), 0.3 * np.ptp(flight.time_s))
         return off[settled] - np.mean(off[settled])

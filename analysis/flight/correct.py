@@ -8,32 +8,36 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.flight.channel import Channel, Readings, coarse, judged, lacking, too_few, untouched
+from shockrig.analysis.flight.cleaning import code_notes, without_codes
 from shockrig.analysis.flight.comparisons import Told, compared, told
-from shockrig.analysis.flight.doubts import doubts
+from shockrig.analysis.flight.doubts import airspeed_doubt, doubts, slips
+from shockrig.analysis.flight.guard import held
 from shockrig.analysis.flight.humidity import correct_humidity
 from shockrig.analysis.flight.inverse import exact_inverse, paper
+from shockrig.analysis.flight.profile_doubts import profile_doubts
 from shockrig.analysis.flight.profile_effects import Acting, acting, not_undone, of_airspeed, of_pressure, unseen
 from shockrig.analysis.flight.readout import ceiling, noise_floor, not_known, stale, undone
-from shockrig.analysis.flight.response import bead_response
+from shockrig.analysis.flight.response import bead_response, unsure_of_airspeed
 from shockrig.analysis.flight.screen import clock as put_in_order
 from shockrig.analysis.flight.screen import screen
 from shockrig.analysis.flight.smooth_channel import LONGEST_BRIDGE_S, Estimate, estimate, typical_period
-from shockrig.analysis.flight.typical import NOISE_K
+from shockrig.analysis.flight.stretches import largest_share
+from shockrig.analysis.flight.typical import NOISE_K, NOISE_PERCENT
 from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S, REFERENCE_C, Stream
 from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA
 from shockrig.files.errors import InputError
 from shockrig.files.flight import FLAGS, Corrected, Flight
 from shockrig.files.profile import Profile, TemperatureProfile
-from shockrig.files.ranges import RANGES
+from shockrig.files.ranges import LIKELY, RANGES
 
 Array = NDArray[np.float64]
 PARTED_S = 2.0 * LONGEST_BRIDGE_S
-HIGHEST_AIRSPEED_M_S = 150.0
 Dependence = Callable[[Sequence[Acting], float], list[str]]
 
 
@@ -94,6 +98,7 @@ def correct(
     """
     if method not in METHODS:
         raise InputError(f"method {method!r}: expected one of {', '.join(METHODS)}")
+    flight, codes = without_codes(flight)
     clock = put_in_order(flight.time_s, PARTED_S, (flight.temperature_c, flight.humidity_percent))
     if np.count_nonzero(clock.good) < 2 or np.ptp(flight.time_s[clock.good]) == 0:
         ahead = np.diff(flight.time_s[np.isfinite(flight.time_s)])
@@ -102,12 +107,15 @@ def correct(
         raise InputError("time_s: fewer than two rows with times that run forward; give a log with a clock in seconds")
     rows = np.flatnonzero(clock.good)
     part = replace(flight.at(rows), time_s=clock.time_s)
-    notes = doubts(part)
+    notes = [*profile_doubts(profile), *code_notes(codes), *doubts(part)]
     for step in clock.steps:
         notes.append(
             f"the clock steps by {step.by_s:+.4g} s to {flight.time_s[step.row]:.10g} s: "
             + ("the readings run on, it was set" if step.runs_on else "a gap, across which nothing is concluded")
         )
+    if wrong := slips(part, profile):
+        bead, film = _as_it_came(part, "; ".join(wrong), notes)
+        return _gather(flight.time_s.size, rows, bead, film, notes, {}, {})
     stream = _stream(part, profile, notes)
     solve, bodies = METHODS[method], profile.bodies
     bead = _temperature(part, profile.temperature, bodies["imet"], stream, solve, cutoff_hz, temperature_noise_k, notes)
@@ -129,6 +137,14 @@ def correct(
     return _gather(flight.time_s.size, rows, bead, film, notes, widened, slower)
 
 
+def _as_it_came(flight: Flight, why: str, notes: list[str]) -> tuple[Channel, Channel]:
+    """Both channels without a correction, and without an uncertainty: none would hold."""
+    time_s, bead, film = flight.time_s, flight.temperature_c, flight.humidity_percent
+    of_bead = screen(time_s, bead, RANGES["temperature_c"], NOISE_K, swing=LIKELY["swing_k"].high)
+    of_film = screen(time_s, film, RANGES["humidity_reading_percent"], NOISE_PERCENT)
+    return untouched("temperature", bead, of_bead, why, notes), untouched("humidity", film, of_film, why, notes)
+
+
 def _stream(flight: Flight, profile: Profile, notes: list[str]) -> Stream:
     """Airspeed, pressure and temperature of each row; where one is not known, as between the rows around it, and 5 m/s,
     1013 hPa and 20 degC where there is none at all.
@@ -147,7 +163,7 @@ def _stream(flight: Flight, profile: Profile, notes: list[str]) -> Stream:
         return np.full(values.shape, usual)
 
     speed, pressure = flight.airspeed_m_s, flight.pressure_hpa
-    flown = np.isfinite(speed) & (speed >= 0) & (speed < HIGHEST_AIRSPEED_M_S)
+    flown = (speed >= RANGES["airflow_m_s"].low) & (speed <= RANGES["airflow_m_s"].high)
     speed = bridged(speed, flown, REFERENCE_AIRFLOW_M_S, "airspeed in the log: {} taken at {:g} m/s", of_airspeed)
     said = "pressure in the log: {} taken at {:.0f} hPa"
     pressure = bridged(pressure, np.isfinite(pressure), STANDARD_PRESSURE_HPA, said, of_pressure)
@@ -173,14 +189,19 @@ def _temperature(
         noise = noise_floor(effects, own_noise if given is None else given)
     period = typical_period(time_s)
     old = stale(effects, time_s, raw, period)
-    screened = screen(time_s, raw, RANGES["temperature_c"], noise, limit=ceiling(effects), stale=old)
-    if part is None or too_few(screened):
-        why = lacking(part, "temperature", raw, RANGES["temperature_c"])
+    response = None
+    if part is not None:
+        unsure = unsure_of_airspeed(partial(bead_response, part, body=body), stream, airspeed_doubt(flight))
+        response = bead_response(part, stream, body).slower(0.0, unsure)
+    share = 1.0 if response is None else largest_share(response, period)
+    possible, swing = RANGES["temperature_c"], LIKELY["swing_k"].high
+    screened = screen(time_s, raw, possible, noise, limit=ceiling(effects), stale=old, share=share, swing=swing)
+    if part is None or response is None or too_few(screened):
+        why = lacking(part, "temperature", raw, possible)
         return untouched("temperature", raw, screened, why, notes)
     notes.extend(not_undone(part.effects, "temperature", part.discovered))
     plain = undone(effects, raw, stream, part.bead_radius_m, period)
-    variance = (np.hypot(noise, screened.resolution / np.sqrt(12)) / plain.gain) ** 2
-    response = bead_response(part, stream, body)
+    variance = (np.hypot(noise * screened.louder, screened.resolution / np.sqrt(12)) / plain.gain) ** 2
     steps = coarse(screened.resolution, noise, 1.0 / plain.gain)
     readings = Readings(
         "temperature", time_s, plain.reading, screened.usable, response, variance, plain.delay_s, None, steps
@@ -189,6 +210,7 @@ def _temperature(
     everywhere = np.ones(raw.size)
     outside = unseen(part.discovered, stream.airflow_m_s, raw)
     channel = judged(readings, found, plain, screened, outside, raw, everywhere, notes)
+    channel = held(channel, readings, raw, everywhere, notes)
     left = not_known(effects)
     return replace(channel, uncertainty=np.hypot(channel.uncertainty, left), common=np.hypot(channel.common, left))
 
@@ -211,20 +233,28 @@ def _gather(
     stray = np.ones(count, dtype=bool)
     stray[rows] = False
     flags["implausible"] |= stray
-    flags["not_corrected"] |= stray
-    for channel in (bead, film):
+    channels = [channel for channel in (bead, film) if not channel.screened.missing.all()]
+    for channel in channels:
         s = channel.screened
-        present = not s.missing.all()
-        if not present:
-            continue
         for name, mask in (
             ("gap", s.missing),
             ("repeated", s.repeated),
             ("implausible", s.implausible),
             ("outside_profile", channel.outside),
-            ("not_corrected", channel.raw),
         ):
             flags[name][rows] |= mask
+    # each by itself, or of all that is given: what is not the reading does not bear it
+    given = [np.isfinite(channel.value) for channel in channels]
+    as_read = [channel.raw & known for channel, known in zip(channels, given, strict=True)]
+    all_read = (
+        np.logical_or.reduce(as_read)
+        & ~np.logical_or.reduce([known & ~read for known, read in zip(given, as_read, strict=True)])
+        if channels
+        else np.zeros(rows.size, dtype=bool)
+    )
+    flags["not_corrected"][rows] = all_read
+    for channel, read in zip(channels, as_read, strict=True):
+        flags[f"{channel.name}_not_corrected"][rows] = read & ~all_read
     return Corrected(
         spread(bead.value),
         spread(bead.total_uncertainty),

@@ -10,23 +10,27 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import binary_dilation, uniform_filter1d
 
 from shockrig.analysis.flight.channel import Channel, Readings, bridged, coarse, judged, lacking, too_few, untouched
 from shockrig.analysis.flight.comparisons import Told
+from shockrig.analysis.flight.doubts import airspeed_doubt
+from shockrig.analysis.flight.guard import held
 from shockrig.analysis.flight.prior import Passing
 from shockrig.analysis.flight.profile_effects import Acting, acting, not_undone, unseen
 from shockrig.analysis.flight.readout import ceiling, noise_floor, not_known, stale, undone
-from shockrig.analysis.flight.response import Response, film_response
+from shockrig.analysis.flight.response import Response, film_response, unsure_of_airspeed
 from shockrig.analysis.flight.screen import screen
 from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
+from shockrig.analysis.flight.stretches import largest_share
 from shockrig.analysis.flight.sweep import lags_behind
 from shockrig.analysis.flight.typical import NOISE_PERCENT
 from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.flight import Flight
+from shockrig.files.numbers import counted
 from shockrig.files.profile import HumidityProfile
-from shockrig.files.ranges import RANGES
+from shockrig.files.ranges import LIKELY, RANGES
 
 Array = NDArray[np.float64]
 REFERENCE_C = 20.0  # vapour is carried as relative humidity at this temperature
@@ -34,6 +38,9 @@ MOST_COUPLING = 5.0  # vapour and temperature are not told to go together more s
 LEAST_SHARE = 0.2  # of the uncertainty that stays, however vapour and temperature go together
 SATURATED_PERCENT = 100.0
 HIGHEST_FRACTION = 1.2
+VAGUE_TIMES = 5.0  # times the usual, that the air's temperature leaves open of a reading's vapour
+SELDOM = 5.0  # times the usual between two readings of temperature
+VAGUE_NOISES = 10.0  # and so many times its noise
 APART_S = 3.0  # over which vapour and temperature are compared
 SMOOTHED_S = 1.0
 
@@ -60,9 +67,22 @@ def correct_humidity(
         noise = noise_floor(effects, own_noise if given is None else given)
     period = typical_period(time_s)
     old = stale(effects, time_s, raw, period)
-    screened = screen(time_s, raw, RANGES["humidity_reading_percent"], noise, limit=ceiling(effects), stale=old)
+    air = bridged(time_s, bead.value)
+    if air is not None:
+        # an inversion that failed may give any temperature; near absolute zero there is no vapour to divide by
+        air = np.clip(air, RANGES["temperature_c"].low, RANGES["temperature_c"].high)
+    response, unsure = None, 0.0
+    if part is not None and air is not None:
+        usual = np.median(air, keepdims=True)
+        unsure = unsure_of_airspeed(lambda at: film_response(part, usual, at, body), stream, airspeed_doubt(flight))
+        response = film_response(part, air, stream, body).slower(0.0, unsure)
+    share = 1.0 if response is None else largest_share(response, period)
+    possible, swing = RANGES["humidity_reading_percent"], LIKELY["swing_percent"].high
+    vapour = None if air is None else raw * saturation_pressure_hpa(air) / saturation_pressure_hpa(REFERENCE_C)
+    limit = ceiling(effects)
+    screened = screen(time_s, raw, possible, noise, limit=limit, stale=old, share=share, swing=swing, lagging=vapour)
     if part is None or too_few(screened):
-        why = lacking(part, "humidity", raw, RANGES["humidity_reading_percent"])
+        why = lacking(part, "humidity", raw, possible)
         return untouched("humidity", raw, screened, why, notes)
     if (seen := raw[screened.usable]).max() <= HIGHEST_FRACTION and seen.max() > 0.0:
         notes.append(
@@ -70,11 +90,9 @@ def correct_humidity(
             '%RH, multiply by 100, or read the log by a map with humidity_unit = "fraction"'
         )
     notes.extend(not_undone(part.effects, "humidity", part.discovered))
-    air, sigma = bridged(time_s, bead.value), bridged(time_s, bead.uncertainty)
-    if air is None:
+    sigma = bridged(time_s, bead.uncertainty)
+    if air is None or response is None:
         return untouched("humidity", raw, screened, "no temperature of the air in the log", notes)
-    # an inversion that failed may give any temperature; near absolute zero there is no vapour to divide by
-    air = np.clip(air, RANGES["temperature_c"].low, RANGES["temperature_c"].high)
     sigma = np.zeros(raw.shape) if sigma is None else sigma
     die = _own_temperature(flight, effects, air, notes)
     own_air = bridged(time_s, flight.die_temperature_c)
@@ -88,26 +106,36 @@ def correct_humidity(
     held_at = own if by_activity else np.full(raw.shape, REFERENCE_C)  # what the film holds is the reading itself
     to_vapour = saturation_pressure_hpa(own) / saturation_pressure_hpa(held_at)
     from_vapour = saturation_pressure_hpa(held_at) / saturation_pressure_hpa(now)
-    response = film_response(part, air, stream, body)
+    if plain.delay_s:
+        response = film_response(part, air, stream, body).slower(0.0, unsure)
     if told is not None:
         response = response.slower(told.slower, told.error)
     vapour = plain.reading * to_vapour
     level = np.interp(time_s, time_s[screened.usable], vapour[screened.usable])
+    variance = (np.hypot(noise * screened.louder, screened.resolution / np.sqrt(12)) / plain.gain * to_vapour) ** 2
     # what the air's temperature leaves open divides the reading and the result alike; a die of its own parts the two
-    passing = None
+    passing, usable, unread = None, screened.usable, np.zeros(raw.shape, dtype=bool)
     if die is None and not by_activity:
         percent_per_k = level * _steepness(air)
-        error = np.hypot(error, _misplaced(air))
+        error = np.hypot(error, _misplaced(air, bead.screened.usable))
         coupling = _coupling(time_s, level, air, error, percent_per_k, response)
-        passing = Passing(percent_per_k * error, bead.resolved_rate, coupling)
-    variance = (np.hypot(noise, screened.resolution / np.sqrt(12)) / plain.gain * to_vapour) ** 2
+        left_open = percent_per_k * error
+        passing = Passing(left_open, bead.resolved_rate, coupling)
+        # a reading whose temperature is not known is none of vapour
+        # a thermometer that is read more seldom than the hygrometer is one all the same
+        longest_s = max(APART_S, SELDOM * typical_period(time_s[bead.screened.usable]))
+        unread = _long(~bead.screened.usable, time_s, longest_s)
+        vague = unread | (left_open > np.maximum(VAGUE_TIMES * np.median(left_open), VAGUE_NOISES * np.sqrt(variance)))
+        usable = usable & ~vague if np.count_nonzero(usable & ~vague) > 0.5 * np.count_nonzero(usable) else usable
     steps = coarse(screened.resolution, noise, to_vapour / plain.gain)
     readings = Readings(
-        "humidity", time_s, vapour, screened.usable, response, variance, plain.delay_s, passing, steps, bead.jumps_s
+        "humidity", time_s, vapour, usable, response, variance, plain.delay_s, passing, steps, bead.jumps_s
     )
     found = solve(readings, cutoff_hz)
     outside = ~part.covers(now) | unseen(part.discovered, stream.airflow_m_s, now)
-    channel = judged(readings, found, plain, screened, outside, raw, from_vapour, notes)
+    channel = judged(readings, found, plain, screened, outside, raw, from_vapour, notes, SATURATED_PERCENT)
+    channel = held(channel, readings, raw, from_vapour, notes)
+    channel = _as_read(channel, raw, unread & (screened.usable | screened.repeated) & ~channel.raw, notes)
     uncertainty = channel.uncertainty
     if die is not None or found.cutoff_hz is not None:
         wrong = channel.value * _steepness(now) * sigma
@@ -117,6 +145,8 @@ def correct_humidity(
         uncertainty = np.where(channel.raw, uncertainty, np.sqrt(np.maximum(total, least)))
     value = np.where(channel.raw, channel.value, np.clip(channel.value, 0.0, SATURATED_PERCENT))
     left = not_known(effects)
+    # nothing between dry and saturated is farther away than the farther of the two
+    uncertainty = np.minimum(uncertainty, np.maximum(value, SATURATED_PERCENT - value))
     return replace(channel, value=value, uncertainty=np.hypot(uncertainty, left), common=np.hypot(channel.common, left))
 
 
@@ -125,9 +155,44 @@ def _earlier(time_s: Array, values: Array, delay_s: float) -> Array:
     return np.interp(time_s - delay_s, time_s, values) if delay_s else values
 
 
-def _misplaced(temperature_c: Array) -> Array:
-    """How far off (n,) a temperature is whose corners and jumps are misplaced by half a sample; 0 on straight lines."""
-    return np.abs(np.diff(np.pad(temperature_c, 1, mode="edge"), 2)) / 2.0
+def _long(mask: NDArray[np.bool_], time_s: Array, longest_s: float) -> NDArray[np.bool_]:
+    """Rows (n,) in stretches of `mask` that last longer."""
+    run = np.cumsum(np.diff(mask, prepend=False)) * mask
+    ends = np.flatnonzero(np.diff(mask.astype(int), prepend=0, append=0))
+    lasting = time_s[ends[1::2] - 1] - time_s[ends[::2]]
+    return np.asarray(mask & np.isin(run, run[ends[::2]][lasting > longest_s]))
+
+
+def _as_read(channel: Channel, raw: Array, rows: NDArray[np.bool_], notes: list[str]) -> Channel:
+    """The channel with some rows as they were read: what the correction would have changed is uncertainty."""
+    rows = rows & np.isfinite(channel.value)
+    if not rows.any():
+        return channel
+    notes.append(
+        f"humidity: {counted(int(np.count_nonzero(rows)), 'row')} without a reading of the temperature around are "
+        "given as they were read"
+    )
+    changed = np.where(rows, raw - channel.value, 0.0)
+    wider = (np.hypot(sigma, changed) for sigma in (channel.uncertainty, channel.common))
+    uncertainty, common = wider
+    value = np.where(rows, raw, channel.value)
+    return replace(channel, value=value, uncertainty=uncertainty, common=common, raw=channel.raw | rows)
+
+
+def _misplaced(temperature_c: Array, read: NDArray[np.bool_]) -> Array:
+    """How far off (n,) a temperature is whose corners and jumps are misplaced by half a sample; 0 on straight lines.
+
+    Where it was not `read` (n,), they may lie anywhere in the gap.
+    """
+    off = np.abs(np.diff(np.pad(temperature_c, 1, mode="edge"), 2)) / 2.0
+    gap = binary_dilation(~read)
+    if not gap.any():
+        return off
+    run = np.cumsum(np.diff(gap, prepend=False) & gap)[gap] - 1
+    most = np.zeros(run[-1] + 1)
+    np.maximum.at(most, run, off[gap])
+    off[gap] = most[run]
+    return off
 
 
 def _steepness(temperature_c: Array) -> Array:

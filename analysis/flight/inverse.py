@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal.windows import hann
 
 from shockrig.analysis.flight.channel import LEAST_SAMPLES, Readings
 from shockrig.analysis.flight.low_pass import fir_taps, low_pass, power_density, suggest_cutoff_hz
@@ -161,7 +160,7 @@ def _invert_both_ways(system: StateSpace, reading: Array) -> Array:
     padded = np.pad(reading, pad, mode="reflect", reflect_type="odd")
     trend = np.linspace(padded[0], padded[-1], padded.size)
     frequency = np.asarray(np.fft.rfftfreq(padded.size), dtype=float)
-    taper = hann(2 * (pad // 2), sym=False)
+    taper = 0.5 - 0.5 * np.cos(np.pi * np.arange(2 * (pad // 2)) / max(pad // 2, 1))
     window = np.ones(padded.size)
     window[: pad // 2], window[-(pad // 2) :] = taper[: pad // 2], taper[-(pad // 2) :]
     transfer = transfer_function(system, frequency)

@@ -11,10 +11,11 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 
 from shockrig.analysis.flight.prior import Prior
 from shockrig.analysis.flight.smoother import Jumps
-from shockrig.analysis.flight.sweep import Sweep, Track, costs, swept
+from shockrig.analysis.flight.sweep import Sweep, Track, costs, lags_behind, swept
 
 Array = NDArray[np.float64]
 JUMP_SIGMAS = 6.0
@@ -60,14 +61,15 @@ def with_jumps(
     jumps = none(values.size)
     found = swept(track, values, variance, local, jumps)
     typical = local.each(lambda strength: np.full(values.size, np.median(strength)))
+    guess = lags_behind(values, track.along, track.period_s, track.broken)
     for number in range(ROUNDS):
         places = _places(track, found.jump_score, known_s if number == 0 else np.zeros(0))
         if not places.size or np.count_nonzero(jumps.variance) + places.size > MOST:
             break
         for k in places:
             # before air as calm as it is elsewhere, a jump has its place most sharply
-            jumps = _best(track, values, variance, typical, jumps, int(k), found.jump[k], known_s)
-        found = swept(track, values, variance, local, jumps, found, np.asarray(jumps.variance.any(axis=1)))
+            jumps = _best(track, values, variance, typical, jumps, int(k), found.jump[k], known_s, guess)
+        found = swept(track, values, variance, local, jumps, found)
         if number == 0:
             local = refit(without(track, values, found, jumps))
             found = swept(track, values, variance, local, jumps)
@@ -79,10 +81,10 @@ def _places(track: Track, score: Array, known_s: Array) -> NDArray[np.int64]:
     size = np.abs(np.nan_to_num(score)).max(axis=1)
     at = np.unique(np.minimum(np.searchsorted(track.time_s, known_s), size.size - 1))
     places = [int(k) for k in at if size[max(k - 1, 0) : k + 2].max() > KNOWN_SIGMAS]
-    for k in np.flatnonzero(size > JUMP_SIGMAS):
-        alone = all(abs(k - other) > APART for other in places)
-        if alone and size[k] >= size[max(k - APART, 0) : k + APART + 1].max():
-            places.append(int(k))
+    largest = maximum_filter1d(size, 2 * APART + 1, mode="nearest")
+    for k in np.flatnonzero((size > JUMP_SIGMAS) & (size >= largest)).tolist():
+        if all(abs(k - other) > APART for other in places):
+            places.append(k)
     return np.array(places, dtype=np.int64)
 
 
@@ -95,6 +97,7 @@ def _best(
     near: int,
     size: Array,
     known_s: Array,
+    guess: tuple[Array, Array],
 ) -> Jumps:
     """The jumps with one more near a node: of the air, of its slope, or a ramp; `size` (2,) as found, placed where it
     makes the readings most likely."""
@@ -103,16 +106,22 @@ def _best(
     ends = np.append(np.flatnonzero(track.broken), values.size)
     stretch = int(np.searchsorted(ends, near, side="right"))
     nodes = np.arange(max(near - LOOK_BACK, ends[stretch - 1]), min(near + LOOK_AHEAD, ends[stretch]))
+    here = Jumps(jumps.variance[nodes], jumps.place[nodes])
     tried = []
 
     def try_with(*added: tuple[int, int, float, float]) -> None:
         """One more candidate; each of its jumps is (node, kind, size, place)."""
         if any(not nodes[0] < k <= nodes[-1] or jumps.variance[k].any() for k, *_ in added):
             return
-        one = Jumps(jumps.variance.copy(), jumps.place.copy())
+        one = Jumps(here.variance.copy(), here.place.copy())
         for k, kind, height, place in added:
-            one.variance[k, kind], one.place[k] = height**2, place
+            one.variance[k - nodes[0], kind], one.place[k - nodes[0]] = height**2, place
         tried.append(one)
+
+    def chosen(one: Jumps) -> Jumps:
+        all_of_them = Jumps(jumps.variance.copy(), jumps.place.copy())
+        all_of_them.variance[nodes], all_of_them.place[nodes] = one.variance, one.place
+        return all_of_them
 
     apart = np.abs(known_s - track.time_s[near]) / track.period_s
     for at_s in known_s[apart <= KNOWN_APART]:
@@ -129,19 +138,19 @@ def _best(
             try_with((near + beside - half, 1, slope, 0.5), (near + beside + half, 1, slope, 0.5))
     if not tried:
         return jumps
-    cost = costs(track, values, variance, local, tried, nodes)
+    cost = costs(track, values, variance, local, tried, nodes, guess)
     if known and cost[:known].min() <= cost.min() + BELIEVED:
-        return tried[int(np.argmin(cost[:known]))]
+        return chosen(tried[int(np.argmin(cost[:known]))])
     best = tried[int(np.argmin(cost))]
-    added = np.flatnonzero((best.variance != jumps.variance).any(axis=1))
+    added = np.flatnonzero((best.variance != here.variance).any(axis=1))
     if added.size > 1 or not best.variance[added[0], 0]:
-        return best
+        return chosen(best)
     tried = []
     for place in best.place[added[0]] + np.array(FINER):
         one = Jumps(best.variance, best.place.copy())
         one.place[added[0]] = place
         tried.append(one)
-    return tried[int(np.argmin(costs(track, values, variance, local, tried, nodes)))]
+    return chosen(tried[int(np.argmin(costs(track, values, variance, local, tried, nodes, guess)))])
 
 
 def without(track: Track, values: Array, found: Sweep, jumps: Jumps) -> Array:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import detrend, firwin, welch
 
 Array = NDArray[np.float64]
 
 
 def power_density(values: Array, period_s: float, size: int) -> tuple[Array, Array]:
     """One-sided power spectral density by Welch's method, trends taken off: frequency [Hz], power [unit^2/Hz]."""
+    from scipy.signal import detrend, welch  # takes longer to import than the smoother takes for a flight
+
     frequency, power = welch(values, 1 / period_s, nperseg=size, detrend=detrend)
     return np.asarray(frequency), np.asarray(power)
 
@@ -46,5 +47,7 @@ def low_pass(values: Array, period_s: float, cutoff_hz: float) -> Array:
 
 def fir_taps(count: int, period_s: float, cutoff_hz: float) -> Array:
     """Taps of the low-pass for a series of `count` values: four periods of the cut-off long, odd, of unit sum."""
+    from scipy.signal import firwin
+
     length = min(int(4.0 / (cutoff_hz * period_s)), (count - 1) // 2) // 2 * 2 + 1
     return firwin(max(length, 3), cutoff_hz, fs=1 / period_s)

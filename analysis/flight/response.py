@@ -130,6 +130,22 @@ def film_response(part: HumidityProfile, temperature_c: Array, stream: Stream, b
     return _response(effects, body, part.film_thickness_m, rate, relative, stream, temperature_c)
 
 
+def unsure_of_airspeed(response: Callable[[Stream], Response], stream: Stream, unsure: float) -> float:
+    """Relative standard uncertainty of the mean lag that an airspeed leaves whose ln is unsure by `unsure`."""
+    if unsure == 0.0:
+        return 0.0
+
+    def mean_lag_s(factor: float) -> float:
+        speed = np.full(1, factor * float(np.median(stream.airflow_m_s)))
+        here = Stream(
+            speed, np.median(stream.pressure_hpa, keepdims=True), np.median(stream.temperature_c, keepdims=True)
+        )
+        modes = response(here).modes()
+        return float(-np.sum(modes.amplitude / modes.rate))
+
+    return 0.5 * abs(float(np.log(mean_lag_s(np.exp(unsure)) / mean_lag_s(np.exp(-unsure)))))
+
+
 def _few(body: Body) -> int:
     """How many modes a flight takes of a body: a core's alternate in sign and fall off fast in time."""
     return CORE_MODES if np.any(body.held().amplitude > 0) else MEAN_MODES

@@ -1,8 +1,9 @@
 """Which samples of a flight to believe: times that run forward, readings that are new and possible.
 
-A reading is implausible outside what its quantity can be, or where it stands alone against the median around it;
-it is repeated where it equals the one before although the noise is wider than the resolution; a repeat is used all
-the same where the resolution explains it.
+A reading is implausible outside what its quantity can be, where it stands alone against the median around it, or
+between two jumps that the sensor's lag lets nothing make; it is repeated where it equals the one before although the
+noise is wider than the resolution, or where it stays about one level although the sensor is noisier; a repeat is used
+all the same where the resolution explains it.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from shockrig.analysis.flight.stretches import judge
 from shockrig.files.ranges import Range
 
 Array = NDArray[np.float64]
@@ -27,19 +29,25 @@ GAP_PERIODS = 10.0  # or so many periods, in a slow log
 SIDE_ROWS = 12  # on either side of a step of the clock that lines are laid through
 USUAL_SHARE = 0.99  # of other rows, that differ by as much
 FEWEST_ROWS = 6  # that go on from a step of the clock; fewer are out of place
+FEWEST_CHANGES = 8  # of a reading, to judge the steps of its log by
+CAPPED = 0.02  # of the rows, that hold the largest reading and the one before it as well
+FEWEST_CAPPED = 10
 LATEST_S = 1e13  # since 1970 it is 2e9 s; beyond this a double's steps are no longer milliseconds
 
 
 @dataclass(frozen=True)
 class Screened:
-    """Masks (n,): readings to use, missing ones, repeats, absurd ones; `resolution` of the log in the channel's
-    unit."""
+    """Masks (n,): readings to use, missing ones, repeats, absurd ones; `resolution` of the log in the channel's unit;
+    `louder` (n,): noise of each reading over what is stated, more than 1 in a burst; `capped`: readings at the ceiling
+    where the sensor stops, which say no more than that it was there or above."""
 
     usable: Mask
     missing: Mask
     repeated: Mask
     implausible: Mask
     resolution: float
+    louder: Array | float = 1.0
+    capped: Mask | None = None
 
 
 @dataclass(frozen=True)
@@ -168,41 +176,60 @@ def screen(
     *,
     limit: float | None = None,
     stale: Mask | None = None,
+    share: float = 1.0,
+    swing: float = np.inf,
+    lagging: Array | None = None,
 ) -> Screened:
     """Judge one channel's readings, rows in order.
 
     `possible` is what a reading can be; `limit` is a ceiling at which the sensor clips; `stale` marks rows (n,)
-    that are known to repeat the one before.
+    that are known to repeat the one before; `share` is the most of a step of the air that the sensor shows between two
+    rows, `swing` the most that the air goes and comes back within two rows, `lagging` (n,) what lags where it is not
+    the reading itself.
     """
     missing = ~np.isfinite(reading)
     implausible = ~missing & ((reading < possible.low) | (reading > possible.high))
     believed = ~(missing | implausible)
     rows = np.flatnonzero(believed)
-    resolution = _resolution(reading[rows])
-    if rows.size >= 3:
-        around = reading[rows]
-        off = around - median_filter(around, min(MEDIAN_WIDTH, rows.size), mode="nearest")
+    resolution = resolution_of(reading[rows])
+    # of a value that is written again and again the first stands for all
+    new = np.flatnonzero(np.diff(reading[rows], prepend=np.inf) != 0)
+    if new.size >= 3:
+        around = reading[rows[new]]
+        off = around - median_filter(around, min(MEDIAN_WIDTH, new.size), mode="nearest")
         # the turning point of a fast change is off the median too, but its neighbours share it
         step = np.abs(np.diff(around, prepend=around[0]))
-        jump = np.maximum(step, np.append(step[1:], 0.0))
+        after, again = np.append(step[1:], 0.0), np.diff(np.append(new, rows.size)) > 1
+        jump = np.where(again, np.minimum(step, after), np.maximum(step, after))
         lone = jump > 0.5 * np.abs(off)
         for size in (np.abs(off), jump):
             lone &= size > np.hypot(_limit(size, noise), LONE_SIGMAS * resolution)
-        implausible[rows[lone]] = True
+        implausible[rows] = np.repeat(lone, np.diff(np.append(new, rows.size)))
+    believed &= ~implausible
+    by_steps = stairs(reading[np.flatnonzero(believed)], resolution)
+    stretches = judge(reading, believed, resolution, noise, share, swing, lagging)
+    implausible |= stretches.from_elsewhere
     believed &= ~implausible
     repeated = np.zeros(reading.shape, dtype=bool)
     rows = np.flatnonzero(believed)
     same_time = np.diff(time_s[rows], prepend=-np.inf) <= 0
     same_value = np.diff(reading[rows], prepend=np.inf) == 0
     # where the resolution is coarser than the noise, equal neighbours are the rule and each tells something
-    repeated[rows] = same_time | (same_value & (resolution < 1.5 * noise))
+    repeated[rows] = same_time | (same_value & (resolution < 1.5 * noise) & (not by_steps))
     usable = believed & ~(repeated & ~_by_chance(reading, rows, same_time, same_value, resolution))
+    if not by_steps:
+        usable &= ~stretches.stuck
+        repeated |= stretches.stuck
     if stale is not None:
         repeated |= stale & believed
         usable &= ~stale
+    if limit is None and not by_steps:
+        limit = _ceiling(reading[believed])
+    capped = np.zeros(reading.shape, dtype=bool)
     if limit is not None:
-        usable &= reading < limit - 0.5 * resolution
-    return Screened(usable, missing, repeated, implausible, resolution)
+        capped = believed & (reading >= limit - 0.5 * resolution)
+        usable &= ~capped
+    return Screened(usable, missing, repeated, implausible, resolution, stretches.louder, capped)
 
 
 def _limit(size: Array, noise: float) -> Array:
@@ -222,7 +249,7 @@ def _by_chance(reading: Array, rows: NDArray[np.int64], same_time: Mask, same_va
     """
     allowed = np.zeros(reading.shape, dtype=bool)
     changes = np.diff(reading[rows])[~same_value[1:]]
-    if changes.size < 8 or resolution == 0.0:
+    if changes.size < FEWEST_CHANGES or resolution == 0.0:
         return allowed
     width = 1.4826 * float(np.median(np.abs(changes)))
     expected = min(resolution / (np.sqrt(2 * np.pi) * width), 1.0) if width > 0 else 1.0
@@ -232,7 +259,25 @@ def _by_chance(reading: Array, rows: NDArray[np.int64], same_time: Mask, same_va
     return allowed
 
 
-def _resolution(values: Array) -> float:
+def _ceiling(values: Array) -> float | None:
+    """The largest reading, where more rows hold it than any below it could: the sensor stopped there; else None."""
+    if values.size == 0:
+        return None
+    top = float(values.max())
+    held = values == top
+    again = np.flatnonzero(held[1:] & held[:-1])
+    return top if again.size > max(CAPPED * values.size, FEWEST_CAPPED) and np.ptp(values) > 0.0 else None
+
+
+def stairs(values: Array, resolution: float) -> bool:
+    """Whether readings, where they change, mostly do so by one step of the log: whatever noise is stated, the steps are
+    coarser, and a reading that stays is no repeat."""
+    change = np.abs(np.diff(values))
+    change = change[change > 0.0]
+    return change.size >= FEWEST_CHANGES and float(np.median(change)) < 1.5 * resolution
+
+
+def resolution_of(values: Array) -> float:
     """Smallest step between the values that occur; 0 where there is but one."""
     steps = np.diff(np.unique(np.round(values[:20000], 9)))
-    return float(np.quantile(steps, 0.05)) if steps.size else 0.0
+    return float(np.quantile(steps, 0.05, method="lower")) if steps.size else 0.0

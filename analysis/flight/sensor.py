@@ -23,6 +23,7 @@ from shockrig.files.profile import HumidityProfile, Profile, StatedEffect, Tempe
 
 Array = NDArray[np.float64]
 SAMPLING_PERIOD_S = 0.1
+AIRSPEED_NOISE_M_S = 0.05  # of the logged airspeed, one sigma
 RESOLUTION_K = 0.01
 RESOLUTION_PERCENT = 100 / 16383
 UNROUNDED = 1e-7
@@ -242,6 +243,9 @@ def _log(weather: Weather, profile: Profile, fine: dict[str, Array], seed: int, 
         )
     for name in ("airspeed_m_s", "pressure_hpa", "altitude_m"):
         log[name] = np.round(getattr(weather, name)[rows], 3)
+    # no pitot tube reads the same throughout
+    pitot = noise * AIRSPEED_NOISE_M_S * np.random.default_rng([seed, 1]).standard_normal(time.size)
+    log["airspeed_m_s"] = np.round(np.maximum(log["airspeed_m_s"] + pitot, 0.0), 3)
     return Flown(log, truth)
 
 

@@ -1,5 +1,4 @@
-"""One channel through the smoother: nodes for samples and gaps, overlapping windows, a prior for each, put together
-again."""
+"""One channel through the smoother: nodes for samples and gaps, a prior for each, and back to the rows."""
 
 from __future__ import annotations
 
@@ -13,7 +12,7 @@ from shockrig.analysis.flight.jumps import when, with_jumps, without
 from shockrig.analysis.flight.prior import Passing, Prior, gain_squared, spectra
 from shockrig.analysis.flight.response import Response
 from shockrig.analysis.flight.strengths import fit_prior, fit_windows, seen, without_wave
-from shockrig.analysis.flight.sweep import Sweep, Track, swept, windows
+from shockrig.analysis.flight.sweep import Sweep, Track, swept
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -29,6 +28,7 @@ ODD = 8.0  # times the usual
 BRIEF = 0.3  # of the sensor's slowest lag
 NOISE_SPREAD = 0.3  # ln of how far the noise may be from what is expected
 STILL_LAGS = 3.0  # of the sensor: so long after a rounded reading last changed, nothing is left of what that told
+MEMORY_LAGS, LEAST_MEMORY_S = 3.0, 8.0  # how far back a sensor remembers
 SPARSE = 0.97  # share of nodes with a sample, below which the bridges are left out of the judgement
 
 
@@ -94,11 +94,10 @@ def estimate(
     nearest = _carried(node_row)
     bridged = np.interp(node_time, node_time[rows], reading[node_row[rows]])
     along = response.at(nearest)
-    overlap = int(np.clip(3.0 * response.slowest_s, 8.0, 60.0) / period)
     broken = np.diff(node_time, prepend=-np.inf) > LONGEST_BRIDGE_S
-    index, owner = windows(np.flatnonzero(broken), node_time.size, overlap)
     through = None if passing is None else replace(passing, sigma=passing.sigma[nearest])
-    track = Track(node_time, period, along, through, index, owner, broken)
+    memory = SEGMENT + int(2.0 * max(MEMORY_LAGS * response.slowest_s, LEAST_MEMORY_S) / period)
+    track = Track(node_time, period, along, through, broken, memory)
 
     # where the air's temperature jumped, single readings say nothing of vapour
     ordinary = np.ones(node_time.size, dtype=bool)

@@ -1,8 +1,8 @@
 """Optimal smoother: the air's most probable course given every reading before and after, with its uncertainty.
 
 Kalman filter and modified Bryson-Frazier smoother (Bierman 1973, doi 10.1016/0005-1098(73)90088-5) on the air's
-states and the sensor's lags, the sensor exact for air that is straight between samples. Overlapping windows run side
-by side.
+states and the sensor's lags, the sensor exact for air that is straight between samples. kernel.c is the same recursion
+compiled, some fifty times as fast; where it was not built, the one here is used.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from shockrig.analysis.flight.prior import (
     AIR,
     AIR_STATES,
     OU_VARIANCES,
+    RATES_PER_S,
     TREND_STATES,
     Passing,
     Prior,
@@ -25,6 +26,11 @@ from shockrig.analysis.flight.prior import (
 )
 from shockrig.analysis.flight.response import Response
 from shockrig.analysis.flight.stepping import stepped
+
+try:
+    from shockrig.analysis.flight import _kernel
+except ImportError:  # built where there is a compiler
+    _kernel = None  # type: ignore[assignment]
 
 Array = NDArray[np.float64]
 TINY = 1e-300
@@ -86,6 +92,7 @@ def smooth(
     passing: Passing | None = None,
     lag_spread: Array | None = None,
     jumps: Jumps | None = None,
+    only_cost: bool = False,
 ) -> Smoothed:
     """Smooth windows of readings.
 
@@ -107,9 +114,75 @@ def smooth(
         With `sigma` of shape (w, n); it is part of `air` and of `clean`.
     jumps : Jumps, optional
         Of shape (w, n); what the air may do beside what the prior expects.
+    only_cost : bool
+        Nothing but `cost` is asked for: the rest is left undone.
     """
+    own = spread[:, None] * np.ones(lags.shape) if lag_spread is None else lag_spread
+    mean, p = _start(lags, np.nan_to_num(reading[:, 0]), prior, spread, own, passing)
+    leaps = Jumps(np.zeros((*reading.shape, 2)), np.full(reading.shape, 0.5)) if jumps is None else jumps
+    recursion = plain if _kernel is None else compiled
+    return recursion(step_s, reading, noise_variance, response, prior, passing, leaps, mean, p, only_cost)
+
+
+def compiled(
+    step_s: Array,
+    reading: Array,
+    noise_variance: Array,
+    response: Response,
+    prior: Prior,
+    passing: Passing | None,
+    jumps: Jumps,
+    mean: Array,
+    p: Array,
+    only_cost: bool = False,
+) -> Smoothed:
+    """`plain` by kernel.c."""
+    lag_step = stepped(response.rate, step_s, response.cap, response.inside)
+    rest = step_s * (1.0 - jumps.place)
+    level, slope = _answers(response, rest)
+    through = np.zeros(0) if passing is None else passing.sigma
+    nodes = reading.shape
+    pairs = (*nodes, 2)
+    out = Smoothed(*(np.full(pairs if name.startswith("jump") else nodes, np.nan) for name in Smoothed.__annotations__))
+    given = (step_s, reading, noise_variance, response.weight, lag_step.old, lag_step.new, lag_step.decay, lag_step.fed)
+    beside = (level, slope, rest, prior.turbulence, prior.bend, through, jumps.variance, mean, p)
+    answer = (out.air, out.variance, out.clean, out.clean_variance, out.surprise, out.jump, out.jump_score, out.cost)
+    _kernel.smooth(
+        (*nodes, response.rate.shape[-1], len(response.cap), response.inside)
+        + (prior.smooth, passing is not None, not only_cost),
+        (0.0, 0.0) if passing is None else (passing.rate, passing.coupling),
+        np.concatenate([RATES_PER_S, OU_VARIANCES]),
+        (*(np.ascontiguousarray(one, dtype=float) for one in (*given, *beside)), *answer),
+    )
+    return out
+
+
+def followed(values: Array, decay: float, start: float) -> Array:
+    """A lag of first order behind values (n,) that are held over each step, from `start`."""
+    if _kernel is None:
+        from scipy.signal import lfilter  # takes longer to import than all the rest
+
+        return np.asarray(lfilter([1 - decay], [1.0, -decay], values, zi=[decay * start])[0])
+    out = np.empty(values.size)
+    _kernel.follow(np.ascontiguousarray(values, dtype=float), decay, start, out)
+    return out
+
+
+def plain(
+    step_s: Array,
+    reading: Array,
+    noise_variance: Array,
+    response: Response,
+    prior: Prior,
+    passing: Passing | None,
+    jumps: Jumps,
+    mean: Array,
+    p: Array,
+    only_cost: bool = False,
+) -> Smoothed:
+    """The recursions: forward from `mean` (w, size) and covariance `p` (w, size, size), and back."""
     windows, count = reading.shape
-    modes = lags.shape[1]
+    modes = response.rate.shape[-1]
     phi, q, leap = _model(step_s, response, prior, passing, jumps)
     size = phi.shape[-1]
     c = np.zeros((count, windows, size))
@@ -119,8 +192,6 @@ def smooth(
         c[..., -1] = 1.0
         h[-1] = 1.0 + passing.coupling
 
-    own = spread[:, None] * np.ones(lags.shape) if lag_spread is None else lag_spread
-    mean, p = _start(lags, np.nan_to_num(reading[:, 0]), prior, spread, own, passing)
     kept_mean = np.empty((count, windows, size))
     ph, pc, gains = (np.empty((count, windows, size)) for _ in range(3))
     surprise_of, variance_of, prior_variance = (np.empty((count, windows)) for _ in range(3))
@@ -183,7 +254,7 @@ def smooth(
 
 
 def _model(
-    step_s: Array, response: Response, prior: Prior, passing: Passing | None, jumps: Jumps | None
+    step_s: Array, response: Response, prior: Prior, passing: Passing | None, jumps: Jumps
 ) -> tuple[Array, Array, Array]:
     """Transition and its noise for each step (n, w, size, size), and what a jump by 1 in it does to the states."""
     step = np.ascontiguousarray(step_s.T)
@@ -218,15 +289,21 @@ def _model(
             q[..., lags, -2:] = drive[..., None] * added[..., None, 1, :]
             q[..., -2:, lags] = q[..., lags, -2:].swapaxes(-1, -2)
             q[..., lags, lags] += drive[..., :, None] * drive[..., None, :] * added[..., 1, 1, None, None]
-    rest = step * (0.5 if jumps is None else 1.0 - jumps.place.T)
-    after = stepped(rate, rest, response.cap, response.inside)
+    rest = step * (1.0 - jumps.place.T)
     leap = np.zeros((*step.shape, size, 2))
-    leap[..., 0, 0], leap[..., lags, 0] = 1.0, 1.0 - after.decay
-    leap[..., lags, 0][..., response.within] -= after.fed.sum(axis=-1)
-    leap[..., 0, 1], leap[..., 1, 1], leap[..., lags, 1] = rest, 1.0, after.new * rest[..., None]
-    if jumps is not None and jumps.variance.any():
+    leap[..., 0, 0], leap[..., 0, 1], leap[..., 1, 1] = 1.0, rest, 1.0
+    leap[..., lags, 0], leap[..., lags, 1] = (np.moveaxis(a, 1, 0) for a in _answers(response, rest.T))
+    if jumps.variance.any():
         q += (jumps.variance.swapaxes(0, 1)[..., None, :] * leap) @ leap.swapaxes(-1, -2)
     return phi, q, leap
+
+
+def _answers(response: Response, rest_s: Array) -> tuple[Array, Array]:
+    """Where lags (..., K) stand `rest_s` (...) after a jump by one of the air, and of its slope."""
+    after = stepped(response.rate, rest_s, response.cap, response.inside)
+    level = 1.0 - after.decay
+    level[..., response.within] -= after.fed.sum(axis=-1)
+    return level, after.new * rest_s[..., None]
 
 
 def _start(

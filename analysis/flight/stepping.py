@@ -36,11 +36,10 @@ class Step:
 def hold(rate: Array, step_s: Array) -> tuple[Array, Array, Array]:
     """(old, new, decay) of lags behind air that is straight over the step; shapes broadcast."""
     x = np.maximum(rate * step_s, 1e-12)
-    decay = np.exp(-x)
-    mean = -np.expm1(-x) / x
-    small = x < 1e-4  # 1 - mean loses its digits there
-    new = np.where(small, x / 2 - x**2 / 6, 1.0 - mean)
-    return -np.expm1(-x) - new, new, decay
+    gone = -np.expm1(-x)
+    small = x < 1e-4  # the difference loses its digits there
+    new = np.where(small, x / 2 - x**2 / 6, 1.0 - gone / x)
+    return gone - new, new, 1.0 - gone
 
 
 def stepped(rate: Array, step_s: Array, cap: tuple[float, ...] = (), inside: int = 0) -> Step:

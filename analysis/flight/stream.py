@@ -9,16 +9,21 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from shockrig.analysis.flight.cleaning import code_notes, without_codes
 from shockrig.analysis.flight.correct import correct
+from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.files.errors import InputError
 from shockrig.files.flight import FLAGS, Corrected, Flight, FlightColumns, read_layout
 from shockrig.files.flight_csv import CsvWriter
 from shockrig.files.flight_netcdf import NetcdfWriter
 from shockrig.files.flight_rows import BLOCK_ROWS, look_over, read_blocks, to_flight
 from shockrig.files.profile import Profile
+from shockrig.files.serials import of_log, serial_doubts
 
-MARGIN_ROWS = 1500  # rows of the neighbours that a block sees: the smoother's longest memory, 60 s, at 20 Hz and more
+MARGIN_S = 150.0  # of the neighbours that a block sees, and at least so many rows: what a sensor remembers
+MARGIN_ROWS, MOST_MARGIN_ROWS = 1500, 15_000
 
 
 @dataclass(frozen=True)
@@ -76,6 +81,7 @@ def correct_file(
     except OSError as error:
         raise InputError(f"{target}: {error.strerror or error}; name a file in a folder that can be written") from error
     totals = _Totals()
+    totals.notes.update(dict.fromkeys(serial_doubts(of_log(source, layout, source.name), profile.sensors)))
     if damage.damaged:
         how_many = f"{damage.damaged} of {damage.rows} rows could not be read as numbers throughout"
         totals.notes[f"{how_many} and are treated as missing there (first: {damage.first_damaged})"] = None
@@ -83,7 +89,8 @@ def correct_file(
         if quantity not in layout.place and getattr(profile, quantity) is not None:
             totals.notes[f"{quantity}: no column of it recognised; if there is one, --column {quantity}=NAME"] = None
     try:
-        for rows, before, after, flight in _with_margins(source, layout, block_rows):
+        for rows, before, after, logged in _with_margins(source, layout, block_rows):
+            flight, codes = without_codes(logged)
             found = correct(
                 flight,
                 profile,
@@ -93,6 +100,7 @@ def correct_file(
                 humidity_noise_percent=humidity_noise_percent,
             )
             own = slice(before, flight.time_s.size - after)
+            totals.count(codes, own)
             found, flight = _cut(found, own), flight.at(own)
             writer.write(rows, flight, found)
             totals.add(flight, found)
@@ -120,11 +128,15 @@ def _with_margins(
     """Each block's rows, how many rows of margin lie before and after it, and the numbers of all of them."""
     tail: list[list[str]] = []
     current: list[list[str]] | None = None
+    margin = MARGIN_ROWS
     for block in read_blocks(source, layout, block_rows):
-        if current is not None:
-            head = block[:MARGIN_ROWS]
+        if current is None:
+            rows = MARGIN_S / typical_period(to_flight(block[:MARGIN_ROWS], layout).time_s)
+            margin = int(np.clip(rows, MARGIN_ROWS, MOST_MARGIN_ROWS))
+        else:
+            head = block[:margin]
             yield current, len(tail), len(head), to_flight(tail + current + head, layout)
-            tail = (tail + current)[-MARGIN_ROWS:]
+            tail = (tail + current)[-margin:]
         current = block
     if current is not None:
         # a last block too short to stand alone is still seen with its margin
@@ -150,7 +162,12 @@ class _Totals:
         self.rows = 0
         self.flags = dict.fromkeys(FLAGS, 0)
         self.notes: dict[str, None] = {}
+        self.codes: dict[str, int] = {}
         self.sums = np.zeros((4, 2))
+
+    def count(self, codes: Mapping[str, NDArray[np.bool_]], own: slice) -> None:
+        for name, rows in codes.items():
+            self.codes[name] = self.codes.get(name, 0) + int(np.count_nonzero(rows[own]))
 
     def add(self, flight: Flight, found: Corrected) -> None:
         self.rows += flight.time_s.size
@@ -169,4 +186,9 @@ class _Totals:
 
     def summary(self) -> Summary:
         sizes = [float(np.sqrt(total / count)) if count else float("nan") for total, count in self.sums]
-        return Summary(self.rows, self.flags, tuple(self.notes), *sizes)
+        return Summary(
+            self.rows,
+            self.flags,
+            tuple(sorted((*code_notes(self.codes), *self.notes), key=lambda note: not note.startswith("profile:"))),
+            *sizes,
+        )

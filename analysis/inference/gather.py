@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -27,6 +28,7 @@ from shockrig.analysis.inference.stated_airs import scatter_of_stated
 from shockrig.analysis.physics.chain import MeasuredAir
 from shockrig.analysis.physics.conditions import Conditions
 from shockrig.files.campaign import Campaign, Run, Trace
+from shockrig.files.numbers import counted
 
 Array = NDArray[np.float64]
 
@@ -61,12 +63,14 @@ def usable_runs(campaign: Campaign, name: ChannelName) -> tuple[list[UsableRun],
 
 
 def why_none(left_out: Sequence[LeftOut]) -> str:
-    """What keeps a channel's runs from being used, in one phrase."""
-    reasons = list(dict.fromkeys(entry.reason for entry in left_out))
+    """What keeps a channel's runs from being used, in one phrase: first what most of them lack."""
+    reasons = Counter(entry.reason for entry in left_out).most_common()
     if len(reasons) == 1:
-        return f"none of {len(left_out)} runs can be used: {reasons[0]}"
-    shown = "; ".join(reasons[:3]) + (f" and {len(reasons) - 3} other reasons" if len(reasons) > 3 else "")
-    return f"none of {len(left_out)} runs can be used: {shown}"
+        return f"none of {len(left_out)} runs can be used: {reasons[0][0]}"
+    shown = "; ".join(f"{reason} ({counted(runs, 'run')})" for reason, runs in reasons[:3])
+    rest = len(reasons) - 3
+    more = f"; and {counted(rest, 'other reason')}, of {counted(sum(n for _, n in reasons[3:]), 'run')}" * (rest > 0)
+    return f"none of {len(left_out)} runs can be used: {shown}{more}"
 
 
 def _usable(campaign: Campaign, quantity: Quantity) -> tuple[list[UsableRun], list[LeftOut], float, float]:

@@ -24,7 +24,8 @@ MOST_BETWEEN = 0.3  # of the way between two readings: from here on a line betwe
 class Seen:
     """One run: readings at rest before and at the end, and seconds to 63 % and 90 % of the way from its found start.
 
-    Where two readings hold most of the way between them, the times are those of the later, and `at_most` is true.
+    Where two readings hold most of the way between them, the times are those of the later, and `at_most` is true;
+    where nobody recorded the start either, it may have been as early as the first of the two.
     `behind_s` is the first-order lag behind a measured air that leaves least; the times are then not given.
     """
 
@@ -46,7 +47,8 @@ def little_known(channel: Channel) -> bool:
 def seen(channel: Channel) -> tuple[Seen, ...]:
     """What each run shows by itself; runs without a step worth the name are left out."""
     found = []
-    for run, (time, value), air in zip(channel.run_ids, channel.samples, channel.air, strict=True):
+    starts = channel.conditions.start_known
+    for run, (time, value), air, triggered in zip(channel.run_ids, channel.samples, channel.air, starts, strict=True):
         tail = max(value.size // 20, 3)
         before = value[time < 0] if (time < 0).sum() >= 3 else value[:3]
         begin, end = float(np.median(before)), float(np.median(value[-tail:]))
@@ -54,7 +56,7 @@ def seen(channel: Channel) -> tuple[Seen, ...]:
         if abs(end - begin) < max(STEP_IN_NOISE * noise, channel.quantity.least_step):
             continue
         if air is None:
-            times_s, at_most = _crossings(time, (value - begin) / (end - begin))
+            times_s, at_most = _crossings(time, (value - begin) / (end - begin), bool(triggered))
             found.append(Seen(run, begin, end, times_s, None, at_most))
         else:
             lag = follow(time, value, air.time_s, channel.trace_of(air), channel.quantity.resolution).time_constant_s
@@ -72,12 +74,12 @@ def by_itself(channel: Channel) -> tuple[float, float] | None:
     return None
 
 
-def _crossings(time: Array, share: Array) -> tuple[tuple[float, float], bool]:
+def _crossings(time: Array, share: Array, triggered: bool) -> tuple[tuple[float, float], bool]:
     """Times at which a share of the way is passed [s]: straight between the two readings around it, or that of the
     later where the first of them lies too far back; where noise takes a reading over it and back, midway between the
     first time and the last.
     """
-    times, later, apart = [], [], []
+    times, later, earlier, apart = [], [], [], []
     for wanted in SHARES:
         first = int(np.argmax(share >= wanted))
         far = share >= 0.5 * (1.0 + wanted)
@@ -88,6 +90,9 @@ def _crossings(time: Array, share: Array) -> tuple[tuple[float, float], bool]:
         part = np.clip((wanted - share[before]) / (share[around] - share[before]), 0.0, 1.0)
         times.append(float((time[before] + part * (time[around] - time[before])).mean()))
         later.append(float(time[around[-1]]))
+        earlier.append(0.0 if triggered else min(float(time[before[0]]), 0.0))
         apart.append(float((share[around] - share[before]).max()))
     at_most = max(apart) > MOST_BETWEEN
-    return ((later[0], later[1]) if at_most else (times[0], times[1])), at_most
+    if at_most:
+        return (later[0] - min(earlier), later[1] - min(earlier)), True
+    return (times[0], times[1]), False

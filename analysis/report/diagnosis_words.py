@@ -200,8 +200,11 @@ def remainder_sentence(found: ChannelDiagnosis) -> str:
     """What is left on unseen runs, and whether it matters."""
     left = found.remainder
     size = f"{plain(left.rms, 2)} {left.unit} rms above the noise"
-    size += f", at most {plain(left.peak, 2)} {left.unit}" if left.peak > 0.0 else ""
     where = "on unseen runs" if found.gain.measured else "in the readings"
+    if left.peak > left.rms:
+        size += f", at most {plain(left.peak, 2)} {left.unit}"
+    elif found.gain.measured:  # the peak is that of the fit to all runs: less than unseen runs are off by is no most
+        size += f" (fitted to all runs, {plain(left.peak, 2)} {left.unit} at most)" if left.peak > 0.0 else ""
     if left.rms <= 0.0 and left.peak <= 0.0:
         seen = ", though statistics sees a pattern in it" if left.significant else ""
         return f"Left {where}: nothing above the noise{seen}."

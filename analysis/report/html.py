@@ -110,7 +110,7 @@ class Report:
         """Write the page to `path`, whole or not at all, and return the path."""
         target = Path(path)
         target.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(target, render(self).encode("utf-8"))
+        write_whole(target, render(self))
         return target
 
 

@@ -77,6 +77,8 @@ def _sampling(channels: Sequence[Channel]) -> str:
     for channel in channels:
         t63_s = _t63_s(channel)
         if t63_s is not None and t63_s < ENOUGH_READINGS * channel.sampling_period_s:
+            # What passes between two readings is not known any better than to the time between them.
+            t63_s = max(t63_s, channel.sampling_period_s)
             wanted, now = _about(t63_s / ENOUGH_READINGS), _about(channel.sampling_period_s)
             if wanted == now:
                 continue

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
+from datetime import UTC, datetime
 from pathlib import Path
 
 QUANTITIES = (
@@ -61,6 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Correct the flight and print what was done."""
     from shockrig.analysis.flight.layers import Layers
+    from shockrig.analysis.flight.profile_doubts import profile_doubts
     from shockrig.analysis.flight.stream import correct_file
     from shockrig.files.errors import InputError
     from shockrig.files.profile import read_profile
@@ -78,6 +80,9 @@ def main(args: argparse.Namespace) -> int:
         if value is not None and not 0 < value < 1e6:
             raise InputError(f"--{option.replace('_', '-')} {value:g}: expected a positive number")
     profile = read_profile(args.profile)
+    doubted = profile_doubts(profile)
+    for note in doubted:
+        print(f"note: {note}", file=sys.stderr)
     shown = 0
 
     def progress(rows: int) -> None:
@@ -86,7 +91,7 @@ def main(args: argparse.Namespace) -> int:
             shown = rows
             print(f"{rows} rows corrected", file=sys.stderr)
 
-    wmo = of_argument(args.wmo) if args.wmo else None
+    wmo = of_argument(args.wmo, datetime.now(UTC)) if args.wmo else None
     layers = Layers(args.layers) if args.layers else None
     gather = [one.add for one in (wmo, layers) if one is not None]
     with tempfile.TemporaryDirectory() as folder:
@@ -114,7 +119,7 @@ def main(args: argparse.Namespace) -> int:
     written = wmo.write(args.out, args.flight.name) if wmo else args.out
     if "data" in profile.provenance:
         print(f"note: the profile is not of real sensors: {profile.provenance['data']}", file=sys.stderr)
-    for note in done.notes:
+    for note in [note for note in done.notes if note not in doubted]:
         print(f"note: {note}", file=sys.stderr)
     print(f"{written}: {done.rows} rows, method {args.method}")
     for name, unit, change, uncertainty in (

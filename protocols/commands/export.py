@@ -22,6 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Read the campaign and write the file."""
     from shockrig.files.campaign import read_campaign
+    from shockrig.files.disk import shown
     from shockrig.files.errors import InputError
     from shockrig.files.exports import write_bluesky, write_netcdf, write_parquet
     from shockrig.protocols.folder import software_version
@@ -32,7 +33,7 @@ def main(args: argparse.Namespace) -> int:
     campaign = read_campaign(args.campaign, args.probe)
     try:
         if out.suffix == ".nc":
-            write_netcdf(campaign, out, f"shockrig {software_version()} export {args.campaign.name}")
+            write_netcdf(campaign, out, f"shockrig {software_version()} export {shown(args.campaign.name)}")
         elif out.suffix == ".parquet":
             write_parquet(campaign, out)
         else:

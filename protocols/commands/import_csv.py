@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     layout = parser.add_argument_group("how the logger writes (found out where left out)")
     layout.add_argument(
         "--time-unit",
-        choices=["auto", "s", "ms", "us", "iso"],
+        choices=["auto", "s", "ms", "us", "min", "h", "iso"],
         default="auto",
         help="of the time columns; iso: ISO 8601 dates (auto: as their names say, else s)",
     )
@@ -83,15 +83,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    from shockrig.analysis.checks import check_campaign
-    from shockrig.files.campaign import read_campaign
-    from shockrig.rig.csv_series import CsvLayout, read_series
     from shockrig.rig.errors import BenchError
-    from shockrig.rig.import_csv import RunFacts, import_run
 
     _check_numbers(args)
     if args.logs or args.look or args.map is not None or args.sensor is not None:
         return _import_logs(args)
+    from shockrig.analysis.checks import check_campaign
+    from shockrig.files.campaign import read_campaign
+    from shockrig.rig.csv_series import CsvLayout, read_series
+    from shockrig.rig.import_csv import RunFacts, import_run
+
     if args.imet is None and args.hyt is None:
         raise BenchError("no file: give LOG and --look, or for one run --imet FILE, --hyt FILE or both")
     if args.out is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -61,6 +62,7 @@ def look(args: argparse.Namespace) -> int:
 
 def import_by_map(args: argparse.Namespace) -> int:
     """Make a campaign of each sensor that the map wants, whole or not at all; or add to campaigns that are there."""
+    from shockrig.files.campaign_lock import held
     from shockrig.files.campaign_write import write_campaign
     from shockrig.files.disk import shown
     from shockrig.protocols.folder import software_version, whole_folder
@@ -72,33 +74,38 @@ def import_by_map(args: argparse.Namespace) -> int:
     map_ = read_map(args.map)
     several = args.sensor is None and len(map_.wanted) > 1
     wanted = {sensor: out / sensor if several else out for sensor in ((args.sensor,) if args.sensor else map_.wanted)}
-    there = {sensor for sensor, place in wanted.items() if (place / "campaign.json").is_file()}
-    if not there and (out.is_file() or (out.is_dir() and any(out.iterdir()))):
-        raise InputError(f"--out {shown(out)}: is there already, and no campaign of this map; give another name")
-    imported = import_logs(args.logs, map_, args.sensor)
-    made = [campaign for campaign in imported.campaigns if campaign.runs]
-    name = args.name or map_.name or out.resolve().name
-    documents, first = {}, dict.fromkeys(wanted, 1)
-    for campaign in made:
-        sensor = campaign.sensor
-        called = f"{name} {sensor}" if several else name
-        documents[sensor] = describe(campaign, imported, called, software_version())
-        if sensor in there:
-            documents[sensor], first[sensor] = with_more(wanted[sensor], documents[sensor])
-    new = [campaign for campaign in made if campaign.sensor not in there]
-    if new:
-        with whole_folder(out) as partial:
-            for campaign in new:
-                place = partial / campaign.sensor if several else partial
-                place.mkdir(exist_ok=True)
-                write_runs(place / "runs", campaign.runs)
+    with ExitStack() as stack:
+        # Whoever records or imports into a folder holds it; what is not there yet appears whole, by a rename.
+        for place in dict.fromkeys([out, *wanted.values()]):
+            if place.is_dir():
+                stack.enter_context(held(place))
+        there = {sensor for sensor, place in wanted.items() if (place / "campaign.json").is_file()}
+        if not there and (out.is_file() or (out.is_dir() and any(out.iterdir()))):
+            raise InputError(f"--out {shown(out)}: is there already, and no campaign of this map; give another name")
+        imported = import_logs(args.logs, map_, args.sensor)
+        made = [campaign for campaign in imported.campaigns if campaign.runs]
+        name = args.name or map_.name or out.resolve().name
+        documents, first = {}, dict.fromkeys(wanted, 1)
+        for campaign in made:
+            sensor = campaign.sensor
+            called = f"{name} {sensor}" if several else name
+            documents[sensor] = describe(campaign, imported, called, software_version())
+            if sensor in there:
+                documents[sensor], first[sensor] = with_more(wanted[sensor], documents[sensor])
+        new = [campaign for campaign in made if campaign.sensor not in there]
+        if new:
+            with whole_folder(out) as partial:
+                for campaign in new:
+                    place = partial / campaign.sensor if several else partial
+                    place.mkdir(exist_ok=True)
+                    write_runs(place / "runs", campaign.runs)
+                    write_campaign(place, documents[campaign.sensor])
+        for campaign in made:
+            if campaign.sensor in there:
+                place = wanted[campaign.sensor]
+                with whole_folder(place / "runs") as partial:
+                    write_runs(partial, campaign.runs, first[campaign.sensor])
                 write_campaign(place, documents[campaign.sensor])
-    for campaign in made:
-        if campaign.sensor in there:
-            place = wanted[campaign.sensor]
-            with whole_folder(place / "runs") as partial:
-                write_runs(partial, campaign.runs, first[campaign.sensor])
-            write_campaign(place, documents[campaign.sensor])
     for one, those in zip(imported.logs, imported.steps, strict=True):
         _say_log(one, those, map_)
     for campaign in imported.campaigns:

@@ -8,10 +8,13 @@ that an SSH tunnel works); the page's policy allows no script but its own file, 
 
 from __future__ import annotations
 
+import contextlib
 import hmac
 import ipaddress
 import json
+import socket
 import socketserver
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -50,6 +53,7 @@ class WatchServer(ThreadingHTTPServer):
     """
 
     daemon_threads = True
+    request_queue_size = 128  # a page with several tabs asks at once, and so does whoever measures
 
     def __init__(self, follower: Follower, host: str, port: int, token: str = "") -> None:
         self.host = host
@@ -61,8 +65,6 @@ class WatchServer(ThreadingHTTPServer):
         folder = resources.files("shockrig.data") / "watch"
         self.files = {path: ((folder / name).read_bytes(), kind) for path, (name, kind) in FILES.items()}
         if ":" in host:
-            import socket
-
             self.address_family = socket.AF_INET6
         super().__init__((host, port), _Handler)
 
@@ -75,6 +77,11 @@ class WatchServer(ThreadingHTTPServer):
     def url(self) -> str:
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"http://{host}:{self.server_port}/" + (f"#{self.token}" if self.token else "")
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A client that hangs up, or says nothing for too long, is none of the operator's concern."""
+        if not isinstance(sys.exception(), OSError):
+            super().handle_error(request, client_address)
 
     def view(self) -> bytes:
         """The View as JSON; however many look, the folder is read a few times a second only."""
@@ -121,6 +128,21 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = REQUEST_WITHIN_S
     server_version, sys_version = "shockrig", ""
 
+    def setup(self) -> None:
+        super().setup()
+        # `timeout` is for each piece that arrives: one byte now and then would hold a thread for hours.
+        self._limit = threading.Timer(REQUEST_WITHIN_S, self._hang_up)
+        self._limit.daemon = True
+        self._limit.start()
+
+    def finish(self) -> None:
+        self._limit.cancel()
+        super().finish()
+
+    def _hang_up(self) -> None:
+        with contextlib.suppress(OSError):
+            self.connection.shutdown(socket.SHUT_RDWR)
+
     def do_GET(self) -> None:
         if not self.server.is_known(self.headers.get("Host")):
             self._send(HTTPStatus.MISDIRECTED_REQUEST, b"this name is not served here\n")
@@ -143,15 +165,19 @@ class _Handler(BaseHTTPRequestHandler):
         self.close_connection = True  # whatever is refused leaves its body unread
         given = self.headers.get(TOKEN_HEADER, "").encode("utf-8", "replace")
         stated = self.headers.get("Content-Length", "")
-        length = int(stated) if stated.isascii() and stated.isdigit() else LONGEST_REQUEST + 1
+        is_length = stated.isascii() and stated.isdigit() and len(stated) <= len(str(LONGEST_REQUEST))
+        length = int(stated) if is_length else LONGEST_REQUEST + 1
         if not is_local(address) or not server.is_known(self.headers.get("Host")):
             return self._send(HTTPStatus.FORBIDDEN, b"only from this machine\n")
         if not server.is_own(self.headers.get("Origin")) or not hmac.compare_digest(given, server.token.encode()):
             return self._send(HTTPStatus.FORBIDDEN, b"the token is wrong: open the address that was printed\n")
         if length > LONGEST_REQUEST:
             return self._send(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, b"expected a short request of stated length\n")
+        content = self.rfile.read(length)
+        if len(content) < length:
+            return self._send(HTTPStatus.REQUEST_TIMEOUT, b"the request is not whole\n")
         try:
-            server.pass_on(self.rfile.read(length))
+            server.pass_on(content)
         except BenchError as error:
             return self._send(HTTPStatus.CONFLICT, f"{error}\n".encode())
         except OSError as error:

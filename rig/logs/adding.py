@@ -40,10 +40,12 @@ def with_more(place: Path, new: Mapping[str, Any]) -> tuple[dict[str, Any], int]
                 f"--out {where}: campaign.json has sensors.{key}.{name} {_said(its.get(name))}, the map "
                 f"{_said(instrument.get(name))}; one campaign is of one sensor: make them agree, or give another --out"
             )
-    digests = {log.get("sha256") for log in before.items("logs")}
-    again = next((log["file"] for log in now["logs"] if log["sha256"] in digests), None)
+    digests = {log.get("sha256"): log.get("file") for log in before.items("logs")}
+    again = next((log for log in now["logs"] if log["sha256"] in digests), None)
     if again is not None:
-        raise BenchError(f"--out {where}: has the runs of {again} already; give only logs that are new to it")
+        was = digests[again["sha256"]]
+        called = "" if was == again["file"] else f" as {was}, which holds the same bytes"
+        raise BenchError(f"--out {where}: has the runs of {again['file']} already{called}; give only logs new to it")
     logs = [*before.sequence("logs"), *now["logs"]]
     merged = {**there.content, "sensors": stated, "imported": {**before.content, "logs": logs}}
     numbers = [int(p.name) for p in (place / "runs").glob("*") if p.name.isdecimal()]

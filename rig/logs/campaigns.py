@@ -69,6 +69,13 @@ def import_logs(paths: Sequence[Path], map_: LogMap, sensor: str | None = None) 
             f"{where}: key step[{unknown.number}].log: {unknown.log!r} is not among the logs given "
             f"({', '.join(names)}); correct it there"
         )
+    digests: dict[str, Path] = {}
+    for path in paths:
+        first = digests.setdefault(_digest(path), path)
+        if first is not path:
+            raise BenchError(
+                f"{shown(path)}: holds the same bytes as {shown(first)}, which are no second measurement; leave it out"
+            )
     logs = tuple(read_sensors(path, map_) for path in paths)
     steps = tuple(steps_of(one, map_, len(paths) > 1) for one in logs)
     campaigns = []

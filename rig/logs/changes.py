@@ -24,6 +24,7 @@ SIGMAS = 6.0  # of the noise: over a million readings and all scales less than o
 WANDERING = 10.0  # times what three in five departures from the cone at that scale keep below
 GOES_ON = 0.1  # of a departure, passed in the window before it, shows that the way had begun
 GRID_AT_MOST = 4_000_000
+PART = 100_000  # edges that are looked at together
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,9 @@ def noise_of(value: Array) -> float:
     if value.size < 4:
         return 0.0
     second = np.diff(value, 2)
-    scatter = 1.4826 * float(np.median(np.abs(second - np.median(second)))) / np.sqrt(6.0)
+    second -= np.median(second)
+    scatter = 1.4826 * float(np.median(np.abs(second, out=second), overwrite_input=True)) / np.sqrt(6.0)
+    del second
     steps = np.abs(np.diff(value))
     tiny = 1e-9 * max(1.0, float(np.abs(value).max()))
     if (steps <= tiny).mean() < 0.2 or (steps <= tiny).all():
@@ -75,9 +78,10 @@ def without_spikes(time_s: Array, value: Array, noise: float, least: float) -> t
     """Times and readings without single or double readings far off their neighbours: absurd ones are no steps."""
     if value.size < 5:
         return time_s, value
-    around = np.asarray(median_filter(value, 5, mode="mirror"))
-    calm = np.abs(value - around) <= max(8.0 * noise, 0.5 * least)
-    return time_s[calm], value[calm]
+    off = np.asarray(median_filter(value, 5, mode="mirror"))
+    np.subtract(value, off, out=off)
+    calm = np.abs(off, out=off) <= max(8.0 * noise, 0.5 * least)
+    return (time_s, value) if calm.all() else (time_s[calm], value[calm])
 
 
 def find_changes(channel: Channel) -> tuple[Change, ...]:
@@ -86,28 +90,28 @@ def find_changes(channel: Channel) -> tuple[Change, ...]:
     if value.size < 2 * WINDOW + 2 or np.ptp(value) < channel.least:
         return ()
     period = max(channel.period_s, float(time_s[-1] - time_s[0]) / GRID_AT_MOST)
-    grid_s = np.arange(time_s[0], time_s[-1] + 0.5 * period, period)
-    blocks = np.interp(grid_s, time_s, value)
+    blocks = np.interp(np.arange(time_s[0], time_s[-1] + 0.5 * period, period), time_s, value)
     width = period
+
+    def edge_s(place: NDArray[np.intp], width: float) -> Array:
+        # The window around an edge i covers blocks i-WINDOW to i+WINDOW-1; its edge lies between two blocks.
+        return np.asarray(time_s[0] + width * (place + WINDOW) - 0.5 * period)
+
     found: list[Change] = []
     taken = np.zeros(0)
     while blocks.size >= 2 * WINDOW + 1:
-        departure, run_up = _departure(blocks)
-        count = width / period
-        noisy = SIGMAS * channel.noise * np.sqrt(14.0 / (WINDOW * count))
-        usual = WANDERING * float(np.quantile(np.abs(departure), 0.6))
-        score = np.abs(departure) / max(channel.least, noisy, usual)
-        # The window around an edge i covers blocks i-WINDOW to i+WINDOW-1; its edge lies between two blocks.
-        edge_s = time_s[0] + width * (np.arange(departure.size) + WINDOW) - 0.5 * period
+        departure, run_up = _departures(blocks)
+        score = np.abs(departure)
+        noisy = SIGMAS * channel.noise * np.sqrt(14.0 / (WINDOW * width / period))
+        score /= max(channel.least, noisy, WANDERING * float(np.quantile(score, 0.6)))
         if taken.size:
-            nearest = (
-                np.abs(edge_s[:, None] - taken[None, :]).min(axis=1) if taken.size < 200 else _nearest(edge_s, taken)
-            )
-            score[nearest < (WINDOW + 1) * width] = 0.0
+            high = np.flatnonzero(score >= 1.0)
+            score[high[_nearest(edge_s(high, width), taken) < (WINDOW + 1) * width]] = 0.0
         peaks, _ = find_peaks(np.concatenate([[0.0], score, [0.0]]), height=1.0, distance=WINDOW)
-        goes_on = run_up * np.sign(departure) > GOES_ON * np.abs(departure)
-        found += [Change(float(edge_s[k]), WINDOW * width, bool(goes_on[k])) for k in peaks - 1]
-        taken = np.sort(np.concatenate([taken, edge_s[peaks - 1]]))
+        edges = edge_s(peaks - 1, width)
+        goes_on = run_up[peaks - 1] * np.sign(departure[peaks - 1]) > GOES_ON * np.abs(departure[peaks - 1])
+        found += [Change(float(at_s), WINDOW * width, bool(on)) for at_s, on in zip(edges, goes_on, strict=True)]
+        taken = np.sort(np.concatenate([taken, edges]))
         if blocks.size % 2:
             blocks = blocks[:-1]
         blocks = 0.5 * (blocks[0::2] + blocks[1::2])
@@ -121,19 +125,28 @@ def find_changes(channel: Channel) -> tuple[Change, ...]:
     return tuple(kept)
 
 
+def _departures(blocks: Array) -> tuple[Array, Array]:
+    """`_departure` over all blocks, a part of them at a time: of a million each of its steps takes 8 MB."""
+    edges = blocks.size - 2 * WINDOW + 1
+    departure, run_up = np.empty(edges), np.empty(edges)
+    for first in range(0, edges, PART):
+        last = min(first + PART, edges)
+        departure[first:last], run_up[first:last] = _departure(blocks[first : last + 2 * WINDOW - 1])
+    return departure, run_up
+
+
 def _departure(blocks: Array) -> tuple[Array, Array]:
     """How far the mean after each edge lies outside the cone that the line before it leaves open, and how far that line
     runs over its window."""
     m = WINDOW
     place = np.arange(m) - (m - 1) / 2.0
-    windows = np.lib.stride_tricks.sliding_window_view(blocks, m)
-    before, after = windows[:-m], windows[m:].mean(axis=1)
-    level = before.mean(axis=1)
-    slope = before @ place / (place @ place)
+    level = np.correlate(blocks, np.full(m, 1.0 / m), "valid")
+    slope = np.correlate(blocks, place / (place @ place), "valid")[:-m]
+    level, after = level[:-m], level[m:]
     stay = level + slope * (m - 1) / 2.0
     go_on = level + slope * m
     # Where a response has just ended, the line through it ends beyond the level that it came to.
-    last = before[:, -1]
+    last = blocks[m - 1 : m - 1 + level.size]
     low, high = np.minimum(np.minimum(stay, go_on), last), np.maximum(np.maximum(stay, go_on), last)
     return np.asarray(after - np.clip(after, low, high)), slope * m
 

@@ -59,9 +59,10 @@ class SensorLog:
             for key in ("temperature", "humidity"):
                 if key not in readings.values:
                     continue
-                value = readings.values[key][inside]
-                there = np.isfinite(value)
-                value, time_s = value[there], self.log.time_s[readings.rows[inside][there]]
+                there = np.flatnonzero(inside & np.isfinite(readings.values[key]))
+                is_all = there.size == self.log.time_s.size  # not copied then
+                value = readings.values[key] if is_all else readings.values[key][there]
+                time_s = self.log.time_s if is_all else self.log.time_s[readings.rows[there]]
                 if value.size < 4:
                     continue
                 # Of the whole range but its outermost readings: one absurd reading must not hide every step.
@@ -105,6 +106,7 @@ def read_sensors(path: Path, map_: LogMap, scanned: Scan | None = None) -> Senso
     log = read_log(
         path, map_.layout, list(columns.values()), clock=_clock(map_, lines), scanned=lines, stamps=map_.stamps
     )
+    del lines, scanned  # the text, which is most of what is held
     readings = {}
     for name, of_sensor in sensors.items():
         sensor = map_.sensors.get(name, SensorMap(name, {}))
@@ -197,7 +199,7 @@ def _readings(log: Log, sensor: SensorMap, names: Mapping[str, str]) -> Readings
             remarks.append(f"{int(absent.sum())} rows in which {sensor.name} reads nothing but zeros left out")
             there &= ~absent
     rows = np.flatnonzero(there)
-    values = {key: column[rows] for key, column in columns.items()}
+    values = columns if there.all() else {key: column[rows] for key, column in columns.items()}
     held = sensor.held or held_for(log.time_s[rows], [values[key] for key in main])
     if held > 1:
         keep = _first_of_held([values[key] for key in main], held)
@@ -218,11 +220,12 @@ def held_for(time_s: Array, columns: list[Array]) -> int:
         return 1
     changed = np.zeros(size - 1, dtype=bool)
     for column in columns:
-        changed |= (np.diff(column) != 0) & ~(np.isnan(column[1:]) & np.isnan(column[:-1]))
+        changed |= (column[1:] != column[:-1]) & ~(np.isnan(column[1:]) & np.isnan(column[:-1]))
     places = np.flatnonzero(changed)
-    distances, took_s = np.diff(places), np.diff(time_s[1:][places])
-    period_s = float(np.median(np.diff(time_s)))
-    distances = distances[np.abs(took_s - distances * period_s) < 0.5 * period_s]
+    distances, off_s = np.diff(places), np.diff(time_s[places + 1])
+    period_s = float(np.median(np.diff(time_s), overwrite_input=True))
+    off_s -= distances * period_s
+    distances = distances[np.abs(off_s, out=off_s) < 0.5 * period_s]
     if distances.size < HELD_CHANGES:
         return 1
     usual = int(np.bincount(distances).argmax())

@@ -69,7 +69,9 @@ def look_at(paths: Sequence[Path], map_path: Path) -> Look:
     head = _head(scans, guess, map_path)
     text = head + _sensors(guess, {}, None)
     map_ = parse_map(text, map_path)
-    logs = [read_sensors(one.path, map_, one) for one in scans]
+    logs = []
+    while scans:  # the text is of no more use once it is read, and is most of what is held
+        logs.append(read_sensors(scans[0].path, map_, scans.pop(0)))
     steps = [steps_of(one, map_) for one in logs]
     times = t63_of([step for those in steps for step in those])
     text = head + _sensors(guess, times, likely_reference(guess.sensors)) + _steps_text(logs, steps)

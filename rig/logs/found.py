@@ -104,7 +104,8 @@ def _beside(steps: Sequence[Step], channels: Sequence[Channel], map_: LogMap) ->
         until_s = steps[k + 1].at_s if k + 1 < len(steps) else np.inf
         theirs = [channel for channel in channels if channel.name.rsplit(".", 1)[0] in slow]
         moves = _moves(theirs, step.at_s, step.uncertainty_s, since_s, until_s)
-        whole.append(replace(step, moves=(*step.moves, *moves)))
+        names = tuple(dict.fromkeys(move.channel.rsplit(".", 1)[0] for move in moves))
+        whole.append(replace(step, moves=(*step.moves, *moves), beside=names))
     return whole
 
 

@@ -8,8 +8,10 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +21,15 @@ from shockrig.files.ranges import RANGES, Range
 from shockrig.rig.errors import BenchError
 from shockrig.rig.keys import nearest
 from shockrig.rig.logs.clocks import guess_clock
+from shockrig.rig.logs.lines import Lines
 from shockrig.rig.logs.order import in_order
-from shockrig.rig.logs.stamps import NUMBERS, Clock, read_stamps
+from shockrig.rig.logs.stamps import NUMBERS, OF_DAY, Clock, in_seconds, parsed
 from shockrig.rig.logs.text import BEHIND, MISSING, Layout, Scan, scan
-from shockrig.rig.logs.units import UNITS
+from shockrig.rig.logs.units import UNITS, known_unit, unit_in_name
 
 Array = NDArray[np.float64]
 
+BLOCK_ROWS = 5_000  # that are read at a time
 LIMITS = {
     "temperature": RANGES["temperature_c"],
     "humidity": RANGES["humidity_reading_percent"],
@@ -61,7 +65,6 @@ class Log:
     values: Mapping[str, Array]
     pieces: tuple[slice, ...]
     remarks: tuple[str, ...]
-    scan: Scan
 
     @property
     def period_s(self) -> float:
@@ -110,58 +113,108 @@ def read_log(
             f'{shown(path)}: no column of times found (it has: {has}); name it in the map, [log] time = "...", or '
             "where none tells the time, the seconds from row to row, every_s = 1.0"
         )
+    if clock.format == OF_DAY or any(_names_unit(lines, name) for name in clock.columns):
+        clock = replace(clock, known="named")
     for name in (*clock.columns, *(column.name for column in columns)):
         if name not in lines.names:
             at = f", line {lines.header_line}" if lines.header_line else ""
             raise BenchError(f"{shown(path)}{at}: no column {name!r}{nearest(name, lines.names)}")
-    wanted = list(dict.fromkeys([*clock.columns, *(column.name for column in columns)]))
-    cells = _read_cells(lines, layout, wanted, clock)
+    columns = list({column.name: column for column in columns}.values())
+    stamps_read, read = _read_columns(lines, layout, columns, clock)
     remarks = [_sentence(count, f"lines {reason}", where) for reason, (count, where) in lines.odd.items()]
     where = f"{shown(path)}, column {', '.join(clock.columns)}"
-    time_s, origin_s = read_stamps(clock, cells, len(lines.rows), where)
+
+    def stamp(row: int) -> str:
+        return " ".join(lines.cell(row, name) for name in clock.columns)
+
+    time_s, origin_s = in_seconds(clock, stamps_read, stamp, len(lines.rows), where)
     values: dict[str, Array] = {}
     for column in columns:
-        values[column.name], said = _numbers(cells[column.name], column, layout, lines)
+        values[column.name], said = _checked(read.pop(column.name), column, lines)
         remarks += said
     ordered = in_order(time_s, values, lines.numbers, stamps)
     return Log(
-        path, clock, origin_s, ordered.time_s, ordered.values, ordered.pieces, (*remarks, *ordered.remarks), lines
+        path,
+        clock,
+        origin_s,
+        ordered.time_s,
+        ordered.values,
+        ordered.pieces,
+        (*remarks, *ordered.remarks),
     )
 
 
-def _read_cells(lines: Scan, layout: Layout, wanted: Sequence[str], clock: Clock) -> dict[str, NDArray[np.object_]]:
-    """The wanted columns; times that are not plain numbers stay text (a date such as 20240523 is no number)."""
+@dataclass
+class _Read:
+    """A column as far as it is read: numbers in the campaign's unit by blocks, NaN where there is none, of the cells
+    that hold something else how many there are and which row has the first."""
+
+    blocks: list[Array] = field(default_factory=list)
+    wrong: int = 0
+    first_wrong: int = 0
+
+
+def _read_columns(
+    lines: Scan, layout: Layout, columns: Sequence[Column], clock: Clock
+) -> tuple[list[NDArray[Any]], dict[str, _Read]]:
+    """Stamps and numbers of all rows, a block of them at a time: their text takes many times the room."""
+    wanted = list(dict.fromkeys([*clock.columns, *(column.name for column in columns)]))
+    read = {column.name: _Read() for column in columns}
+    stamps: list[NDArray[Any]] = []
+    for first in range(0, len(lines.rows), BLOCK_ROWS):
+        cells = _read_cells(lines, lines.rows[first : first + BLOCK_ROWS], layout, wanted, clock)
+        stamps.append(parsed(clock, cells))
+        for column in columns:
+            numbers, wrong = _numbers(cells[column.name], column, layout, lines.decimal)
+            mine = read[column.name]
+            mine.blocks.append(numbers)
+            if wrong.size and not mine.wrong:
+                mine.first_wrong = first + int(wrong[0])
+            mine.wrong += wrong.size
+    return stamps, read
+
+
+def _read_cells(
+    lines: Scan, rows: Lines, layout: Layout, wanted: Sequence[str], clock: Clock
+) -> dict[str, NDArray[np.object_]]:
+    """The wanted columns of some rows; times that are not plain numbers stay text (a date such as 20240523 is no
+    number)."""
     import pandas as pd
 
     places = {lines.names.index(name): name for name in wanted}
     textual = [lines.names.index(name) for name in clock.columns if clock.format != NUMBERS]
     words = [form for word in (*MISSING, *layout.missing) for form in (word, word.upper(), word.title())]
-    text = "\n".join(lines.rows)
-    frame = pd.read_csv(
-        io.StringIO(BEHIND.sub("", text) if lines.separator == " " else text),
-        header=None,
-        names=list(range(len(lines.names))),
-        sep=r"\s+" if lines.separator == " " else lines.separator,
-        decimal=lines.decimal,
-        usecols=list(places),
-        index_col=False,
-        skipinitialspace=True,
-        skip_blank_lines=False,
-        keep_default_na=False,
-        na_values=list(dict.fromkeys(words)),
-        dtype=dict.fromkeys(textual, "str"),
-        low_memory=False,
-    )
+    text = "\n".join(rows)
+    frame = pd.DataFrame()
+    with suppress(pd.errors.ParserError):
+        frame = pd.read_csv(
+            io.StringIO(BEHIND.sub("", text) if lines.separator == " " else text),
+            header=None,
+            names=list(range(len(lines.names))),
+            sep=r"\s+" if lines.separator == " " else lines.separator,
+            decimal=lines.decimal,
+            usecols=list(places),
+            index_col=False,
+            skipinitialspace=True,
+            skip_blank_lines=False,
+            keep_default_na=False,
+            na_values=list(dict.fromkeys(words)),
+            dtype=dict.fromkeys(textual, "str"),
+            low_memory=False,
+        )
+    if len(frame) != len(rows):  # a quotation mark that nobody closed: line by line
+        table = np.array(lines.cells(rows), dtype=object)
+        return {name: table[:, place] for place, name in places.items()}
     return {name: frame[place].to_numpy() for place, name in places.items()}
 
 
-def _numbers(cells: NDArray[np.object_], column: Column, layout: Layout, lines: Scan) -> tuple[Array, list[str]]:
-    """A column in the campaign's unit; NaN where it holds no value or one that cannot be, and what was left out."""
+def _numbers(
+    cells: NDArray[np.object_], column: Column, layout: Layout, decimal: str
+) -> tuple[Array, NDArray[np.intp]]:
+    """Cells of a column in the campaign's unit, NaN where they hold none, and which of them hold anything else."""
     import pandas as pd
 
-    where = f"{shown(lines.path)}, column {column.name!r}"
-    said: list[str] = []
-    unread = 0
+    wrong = np.zeros(0, dtype=np.intp)
     if cells.dtype.kind in "fiu":
         numbers = cells.astype(float)
     else:
@@ -169,25 +222,33 @@ def _numbers(cells: NDArray[np.object_], column: Column, layout: Layout, lines: 
         empty = texts.isna() | texts.str.lower().isin(MISSING)
         # Some loggers write the unit into every cell.
         bare = texts.str.extract(r"^([+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*(?:[°º*%a-zA-Z/]{0,6})$")[0]
-        if lines.decimal == ",":
+        if decimal == ",":
             bare = bare.str.replace(",", ".", regex=False)
         numbers = pd.to_numeric(bare, errors="coerce").to_numpy(dtype=float, copy=True)
         wrong = np.flatnonzero(np.isnan(numbers) & ~empty.to_numpy())
-        if wrong.size > 0.5 * numbers.size:
-            raise BenchError(
-                f"{shown(lines.path)}, line {lines.numbers[wrong[0]]}, column {column.name!r}: "
-                f"{str(cells[wrong[0]])!r} is not a number, nor are most; name another column in the map"
-            )
-        if wrong.size:
-            unread = wrong.size
-            count = _sentence(wrong.size, f"cells of {column.name!r} that are no numbers", lines.numbers[wrong[0]])
-            said.append(count)
     for word in layout.missing:
         if re.fullmatch(r"[+-]?[\d.]+([eE][+-]?\d+)?", word):
             numbers[numbers == float(word)] = np.nan
     scale, offset = UNITS[column.quantity][column.unit]
-    numbers = scale * numbers + offset if (scale, offset) != (1.0, 0.0) else numbers
-    missing = int(np.isnan(numbers).sum()) - unread
+    return (scale * numbers + offset if (scale, offset) != (1.0, 0.0) else numbers), wrong
+
+
+def _checked(read: _Read, column: Column, lines: Scan) -> tuple[Array, list[str]]:
+    """A column's numbers, NaN also for those that cannot be, and what was left out."""
+    where = f"{shown(lines.path)}, column {column.name!r}"
+    said: list[str] = []
+    numbers = np.concatenate(read.blocks)
+    read.blocks.clear()
+    if read.wrong > 0.5 * numbers.size:
+        raise BenchError(
+            f"{shown(lines.path)}, line {lines.numbers[read.first_wrong]}, column {column.name!r}: "
+            f"{lines.cell(read.first_wrong, column.name)!r} is not a number, nor are most; name another column in the "
+            "map"
+        )
+    if read.wrong:
+        what = f"cells of {column.name!r} that are no numbers"
+        said.append(_sentence(read.wrong, what, lines.numbers[read.first_wrong]))
+    missing = int(np.isnan(numbers).sum()) - read.wrong
     if missing:
         said.append(f"{missing} values of {column.name!r} are missing")
     limits = LIMITS[column.quantity]
@@ -204,6 +265,14 @@ def _numbers(cells: NDArray[np.object_], column: Column, layout: Layout, lines: 
     if np.isfinite(numbers).sum() < 2:
         raise BenchError(f"{where}: holds no readings; name another column in the map, or leave this one out")
     return numbers, said
+
+
+def _names_unit(lines: Scan, name: str) -> bool:
+    """Whether a log names the unit of a column of times, in its name or under it."""
+    if name not in lines.names:
+        return False
+    unit = known_unit(lines.units[lines.names.index(name)]) or unit_in_name(name)
+    return unit in UNITS["time"]
 
 
 def _sentence(count: int, what: str, line: int) -> str:

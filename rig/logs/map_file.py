@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
@@ -17,6 +16,7 @@ from shockrig.rig.logs.stamps import ISO, NUMBERS, OF_DAY
 from shockrig.rig.logs.text import SEPARATORS, Layout
 from shockrig.rig.logs.toml_table import Table
 from shockrig.rig.logs.units import UNITS, known_unit
+from shockrig.rig.toml_text import read_toml
 
 _INSTRUMENTS = {"thermometer": "bead_radius_m", "hygrometer": "film_thickness_m"}
 _AS_REFERENCE = {
@@ -60,10 +60,7 @@ def read_map(path: Path) -> LogMap:
 def parse_map(text: str, path: Path) -> LogMap:
     """As `read_map`, from text; `path` names it in errors."""
     where = shown(path)
-    try:
-        content = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise BenchError(f"{where}: not TOML: {error}; fix the line") from None
+    content = read_toml(text, where)
     top = Table(content, where, "")
     top.know("format", "name", "log", "sensor", "runs", "steps", "step")
     if content.get("format", FORMAT) != FORMAT:

@@ -17,6 +17,7 @@ from shockrig.rig.logs.changes import Change, Channel
 
 Array = NDArray[np.float64]
 
+LINE_READINGS = 10  # that tell how a channel was under way before a change
 POINTS = 120  # of readings, or means of them, that a fit takes
 FEWEST = 8.0  # independent ones that they count for at least
 STARTS, LAGS = 41, 13
@@ -63,8 +64,22 @@ def fit_onset(channel: Channel, change: Change, since_s: float, until_s: float) 
         stretch = (time_s >= since_s) & (time_s < change.time_s - 0.5 * period)
     before = float(np.median(value[stretch])) if stretch.any() else float(value[0])
     following = (time_s > change.time_s) & (time_s <= until_s)
-    after = _settled(time_s[following] - change.time_s, value[following], before)
-    most_s = _reached(time_s[following], value[following], before, after, 0.7, until_s) - change.time_s
+    later_s, later = time_s[following], value[following]
+    after = _settled(later_s - change.time_s, later, before)
+    if after is None and stretch.sum() >= LINE_READINGS:
+        # What was under way before and goes on hides the level: without the line through the readings before.
+        slope = np.polyfit(time_s[stretch] - change.time_s, value[stretch], 1)
+        level, flat = float(slope[1]), later - slope[0] * (later_s - change.time_s)
+        after = _settled(later_s - change.time_s, flat, level)
+        if after is not None:
+            before, later = level, flat
+    if after is None:
+        after = (
+            float(np.median(later[later_s >= change.time_s + 0.9 * (later_s[-1] - change.time_s)]))
+            if later.size
+            else before
+        )
+    most_s = _reached(later_s, later, before, after, 0.7, until_s) - change.time_s
     reach_s = min(max(most_s, 0.0) + 2.0 * change.width_s, until_s - change.time_s)
     noise = max(channel.noise, 1e-3 * abs(after - before))
     while True:
@@ -80,7 +95,7 @@ def fit_onset(channel: Channel, change: Change, since_s: float, until_s: float) 
         reach_s *= 0.5
     low, high = max(low, at_s - 4.0 * spread_s - period), min(high, at_s + 4.0 * spread_s + period)
     at_s, spread_s, _ = _posterior(moments, readings, np.linspace(low, high, STARTS), lags_s, noise)
-    t63_s = max(_reached(time_s[following], value[following], before, after, 1.0 - np.exp(-1.0), until_s) - at_s, 0.0)
+    t63_s = max(_reached(later_s, later, before, after, 1.0 - np.exp(-1.0), until_s) - at_s, 0.0)
     uncertainty_s = float(np.hypot(np.hypot(spread_s, HIDDEN_SHARE * t63_s), 0.1 * period))
     return Move(channel.name, channel.quantity, at_s, uncertainty_s, before, after, t63_s)
 
@@ -99,10 +114,10 @@ def _around(channel: Channel, change: Change, since_s: float, reach_s: float) ->
     return _thinned(time_s[inside], value[inside])
 
 
-def _settled(since_s: Array, value: Array, before: float) -> float:
+def _settled(since_s: Array, value: Array, before: float) -> float | None:
     """The level that a move comes to: from when on it changes by less than a tenth over three times as long as it took.
 
-    A slow drift or ramp that follows is no part of it.
+    A slow drift or ramp that follows is no part of it. None where it never does.
     """
     if value.size < 3:
         return float(np.median(value)) if value.size else before
@@ -117,7 +132,7 @@ def _settled(since_s: Array, value: Array, before: float) -> float:
         way = abs(there - before)
         if way >= 0.5 * excursion and abs(then - there) < 0.1 * way and abs(value[later][-1] - there) < 0.2 * way:
             return then
-    return float(np.median(value[since_s >= 0.9 * since_s[-1]]))
+    return None
 
 
 def _reached(time_s: Array, value: Array, before: float, after: float, share: float, else_s: float) -> float:

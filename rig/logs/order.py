@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +44,7 @@ class Even:
     unit_s: float
 
 
-def in_order(time_s: Array, values: Mapping[str, Array], lines: Sequence[int], stamps: str) -> Ordered:
+def in_order(time_s: Array, values: Mapping[str, Array], lines: Sequence[int] | NDArray[Any], stamps: str) -> Ordered:
     """Sort, drop, spread and divide; arguments as `read_log` has them, arrays of shape (n,).
 
     Where the clock goes back for good (the logger started anew, or was set), the rows after it are a piece of their
@@ -111,27 +112,40 @@ def in_order(time_s: Array, values: Mapping[str, Array], lines: Sequence[int], s
     if holes:
         count = "a gap of" if len(holes) == 1 else f"{len(holes)} gaps, the longest of"
         remarks.append(f"{count} {max(holes):.6g} s: a step within one cannot be timed")
-    index = np.concatenate(parts)
+    index = parts[0] if len(parts) == 1 else np.concatenate(parts)
+    is_all = index.size == time_s.size and bool((index[1:] > index[:-1]).all())
     return Ordered(
-        np.concatenate(spread), {name: column[index] for name, column in values.items()}, tuple(pieces), tuple(remarks)
+        spread[0] if len(spread) == 1 else np.concatenate(spread),
+        dict(values) if is_all else {name: column[index] for name, column in values.items()},
+        tuple(pieces),
+        tuple(remarks),
     )
 
 
 def _absurd(moments: Array) -> Mask:
     """Stamps of one or two rows that lie far from those before and after them, which agree."""
     steps = np.abs(np.diff(moments))
-    if moments.size < FEW_ROWS or not (steps > 0).any():
+    steps = steps[steps > 0]
+    if moments.size < FEW_ROWS or not steps.size:
         return np.zeros(moments.size, dtype=bool)
-    around = median_filter(moments, FEW_ROWS, mode="nearest")
-    return np.asarray(np.abs(moments - around) > LOCAL * np.median(steps[steps > 0]))
+    usual, widest = np.median(steps, overwrite_input=True), steps.max()
+    del steps
+    if widest * FEW_ROWS < LOCAL * usual:
+        return np.zeros(moments.size, dtype=bool)
+    off = median_filter(moments, FEW_ROWS, mode="nearest")
+    np.subtract(moments, off, out=off)
+    return np.asarray(np.abs(off, out=off) > LOCAL * usual)
 
 
 def _sessions(time_s: Array, rows: Index) -> list[Index]:
     """Rows divided where the clock goes back and stays back for longer than rows that merely came late explain."""
     moments = time_s[rows]
+    back = np.flatnonzero(moments[1:] < moments[:-1]) + 1
+    if not back.size:
+        return [rows]
     highest = np.maximum.accumulate(moments)
     edges = [0]
-    for k in map(int, np.flatnonzero(np.diff(moments) < 0) + 1):
+    for k in map(int, back):
         so_far = highest[k - 1] if edges[-1] == 0 else moments[edges[-1] : k].max()
         following = moments[k : k + LOCAL]
         if following.size > FEW_ROWS and following.max() < so_far:
@@ -141,9 +155,10 @@ def _sessions(time_s: Array, rows: Index) -> list[Index]:
 
 def _without_repeats(time_s: Array, values: Mapping[str, Array], order: Index) -> tuple[Index, int]:
     """Rows that repeat stamp and readings of the one before left out."""
-    if order.size < 2:
+    moments = time_s[order]
+    same = moments[1:] == moments[:-1]
+    if not same.any():
         return order, 0
-    same = np.diff(time_s[order]) == 0
     for column in values.values():
         ordered = column[order]
         same &= (ordered[1:] == ordered[:-1]) | (np.isnan(ordered[1:]) & np.isnan(ordered[:-1]))
@@ -180,9 +195,9 @@ def _evenly(moments: Array) -> tuple[Array, list[Even]]:
 
 def _spread(moments: Array, rows: Index, stamps: str) -> tuple[Array, int, Index, int]:
     """Times of rows, how many were spread, the rows that stay, and how many were left out for their stamp."""
-    distinct, first, count = np.unique(moments, return_index=True, return_counts=True)
-    if distinct.size == moments.size:
+    if (moments[1:] > moments[:-1]).all():
         return moments, 0, rows, 0
+    distinct, first, count = np.unique(moments, return_index=True, return_counts=True)
     usual = int(np.median(count[1:-1])) if count.size > 2 else int(count.max())
     if stamps == "first" or (stamps == "auto" and usual < 2):
         return distinct, 0, rows[first], moments.size - distinct.size

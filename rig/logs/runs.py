@@ -17,7 +17,7 @@ from shockrig.rig.logs.found import LogStep
 from shockrig.rig.logs.mapping import LogMap, SensorMap
 from shockrig.rig.logs.stamps import to_map
 from shockrig.rig.logs.steps import READINGS_AFTER, READINGS_BEFORE
-from shockrig.rig.logs.windows import drifts, inside_run, settled_since, window
+from shockrig.rig.logs.windows import drifts, inside_run, on_the_way, settled_since, window
 
 Array = NDArray[np.float64]
 
@@ -59,18 +59,21 @@ def runs_of(
     sensor = map_.sensors[name]
     runs: list[ImportedRun] = []
     left_out: list[LeftOut] = []
+    log = sensors.log.path.name
+    reasons = _reasons(sensors, steps, name, bool(sensor.reference))
+    # Beside a measured air only what makes a run of its own, or what a person says of this sensor, is kept apart.
+    apart = [
+        other
+        for other in steps
+        if not sensor.reference
+        or not reasons[other.number]
+        or (other.said is not None and (not other.said.sensors or name in other.said.sensors))
+    ]
     for one in steps:
-        log = sensors.log.path.name
-        why = _why_not(one, name, bool(sensor.reference))
+        why = reasons[one.number]
         if why:
             left_out.append(LeftOut(log, one, why))
             continue
-        # Beside a measured air only what makes a run of its own, or what a person set aside, is kept apart.
-        apart = [
-            other
-            for other in steps
-            if not sensor.reference or other.said is not None or not _why_not(other, name, True)
-        ]
         begin_s, end_s = window(sensors, apart, one, map_, name)
         if one.begin_s is None:
             begin_s = settled_since(sensors, one, name, begin_s)
@@ -84,6 +87,24 @@ def runs_of(
             continue
         runs.append(_run(sensors, one, map_, sensor, begin_s, end_s))
     return runs, left_out
+
+
+def _reasons(sensors: SensorLog, steps: Sequence[LogStep], name: str, is_measured: bool) -> dict[int, str]:
+    """Number of a step -> why it makes no run of a sensor; empty where it does.
+
+    What its reference did while the sensor was still on its way is in the run before, where the air was measured.
+    """
+    reasons: dict[int, str] = {}
+    before: LogStep | None = None
+    for one in steps:
+        reasons[one.number] = why = _why_not(one, name, is_measured)
+        if why:
+            continue
+        if name in one.step.beside and before is not None and on_the_way(sensors, before, one, name):
+            reasons[one.number] = f"{name} was still on its way from step {before.number}: it is in that run"
+        else:
+            before = one
+    return reasons
 
 
 def _why_not(one: LogStep, name: str, is_measured: bool) -> str:
@@ -155,6 +176,8 @@ def _run(
             "step": one.number,
             "at": to_map(log.clock, log.origin_s, one.step.at_s).strip('"'),
             "sensor": sensor.name,
+            # A check that doubts the unit of times need not, where the log says it.
+            "times": "dates" if log.clock.is_dated else log.clock.known,
         },
     )
     if stated and air:

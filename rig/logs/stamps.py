@@ -5,7 +5,7 @@ A log's own clock is kept: numbers stay as they are but for their unit, dates co
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, time
 from typing import Any
@@ -29,7 +29,8 @@ class Clock:
 
     `format` is "iso", "number" (of `unit`), "time of day" or a strptime format for the columns joined by a blank.
     `since_1970`: the numbers are dates. `doubt` says what was taken for granted, for the user to check. `every_s`: no
-    column tells the time, and rows come so many seconds apart.
+    column tells the time, and rows come so many seconds apart. `known` is "named" where the log itself names the
+    unit of its times, else "stated": by a map, or taken for granted.
     """
 
     columns: tuple[str, ...]
@@ -38,20 +39,50 @@ class Clock:
     since_1970: bool = False
     doubt: str = ""
     every_s: float | None = None
+    known: str = "stated"
 
     @property
     def is_dated(self) -> bool:
         return self.since_1970 or self.format not in (NUMBERS, OF_DAY)
 
 
-def read_stamps(clock: Clock, columns: Mapping[str, NDArray[Any]], rows: int, where: str) -> tuple[Array, float]:
-    """Seconds of every row, NaN where a stamp cannot be read, and the seconds since 1970 from which they count.
+def parsed(clock: Clock, columns: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+    """Stamps of some rows, each by itself: numbers of the clock's unit, seconds of the day, or dates (UTC).
 
     Parameters
     ----------
     clock : Clock
     columns : mapping
         Name -> cells (text) or numbers, shape (n,).
+    """
+    import pandas as pd
+
+    if clock.every_s is not None:
+        return np.zeros(0)
+    if clock.format == NUMBERS:
+        return pd.to_numeric(pd.Series(columns[clock.columns[0]]), errors="coerce").to_numpy(dtype=float)
+    joined = pd.Series(columns[clock.columns[0]], dtype="str").str.strip()
+    for name in clock.columns[1:]:
+        joined = joined + " " + pd.Series(columns[name], dtype="str").str.strip()
+    if clock.format == OF_DAY:
+        return _clock_s(joined)
+    kind = "ISO8601" if clock.format == ISO else clock.format
+    moments = pd.to_datetime(joined, format=kind, errors="coerce", utc=True)
+    return moments.dt.tz_localize(None).to_numpy(dtype="datetime64[ns]")
+
+
+def in_seconds(
+    clock: Clock, blocks: list[NDArray[Any]], stamp: Callable[[int], str], rows: int, where: str
+) -> tuple[Array, float]:
+    """Seconds of every row, NaN where a stamp cannot be read, and the seconds since 1970 from which they count.
+
+    Parameters
+    ----------
+    clock : Clock
+    blocks : list of arrays
+        Of all rows in their order, as `parsed` gives them; it is empty afterwards.
+    stamp : callable
+        What stands in a row, for messages.
     rows : int
         n.
     where : str
@@ -62,39 +93,30 @@ def read_stamps(clock: Clock, columns: Mapping[str, NDArray[Any]], rows: int, wh
     BenchError
         Hardly any of the stamps fits the clock, or they do not go on.
     """
-    import pandas as pd
-
     if clock.every_s is not None:
         return clock.every_s * np.arange(rows, dtype=np.float64), 0.0
-    seconds: Array
+    values = np.concatenate(blocks)
+    blocks.clear()
+    origin, seconds = 0.0, values
     if clock.format == NUMBERS:
-        cells = pd.Series(columns[clock.columns[0]])
-        values = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=float)
-        origin = 0.0
         seconds = values * UNITS["time"][clock.unit][0]
         if clock.since_1970 and np.isfinite(values).any():
             # Subtracted before the unit is taken: a double of 1.7e15 microseconds still holds every one of them.
             first = float(values[np.isfinite(values)][0])
             origin = first * UNITS["time"][clock.unit][0]
             seconds = (values - first) * UNITS["time"][clock.unit][0]
+    elif clock.format == OF_DAY:
+        seconds = _past_midnight(values)
     else:
-        joined = pd.Series(columns[clock.columns[0]], dtype="str").str.strip()
-        for name in clock.columns[1:]:
-            joined = joined + " " + pd.Series(columns[name], dtype="str").str.strip()
-        if clock.format == OF_DAY:
-            seconds, origin = _of_day_s(joined), 0.0
-        else:
-            kind = "ISO8601" if clock.format == ISO else clock.format
-            moments = pd.to_datetime(joined, format=kind, errors="coerce", utc=True)
-            known = moments.dropna()
-            if known.empty:
-                seconds, origin = np.full(len(moments), np.nan, dtype=np.float64), 0.0
-            else:
-                origin = float(known.iloc[0].value) / 1e9
-                seconds = np.asarray((moments - known.iloc[0]).dt.total_seconds(), dtype=np.float64)
+        known = ~np.isnat(values)
+        seconds = np.full(values.size, np.nan)
+        if known.any():
+            begins = values[known][0]
+            origin = float(begins.astype(np.int64)) / 1e9
+            seconds[known] = (values[known] - begins).astype(np.int64) / 1e9
     if np.isfinite(seconds).sum() < max(2, 0.5 * seconds.size):
         bad = np.flatnonzero(~np.isfinite(seconds))
-        example = " ".join(str(columns[name][int(bad[0])]) for name in clock.columns) if bad.size else "nothing"
+        example = stamp(int(bad[0])) if bad.size else "nothing"
         raise BenchError(
             f"{where}: {example!r} does not fit {clock.format!r}; state [log] time_format (a strptime format, "
             f'"{ISO}" or "{OF_DAY}") or time_unit in the map'
@@ -126,7 +148,7 @@ def to_seconds(clock: Clock, origin_s: float, value: object, where: str) -> floa
         if clock.format == OF_DAY:
             import pandas as pd
 
-            seconds = float(_of_day_s(pd.Series([value]))[0])
+            seconds = float(_clock_s(pd.Series([value]))[0])
             if np.isfinite(seconds):
                 return seconds
         elif clock.is_dated:
@@ -154,15 +176,19 @@ def to_map(clock: Clock, origin_s: float, seconds: float, digits: int = 2) -> st
     return f"{(origin_s + seconds) / factor:.{places}f}"
 
 
-def _of_day_s(texts: Any) -> Array:
-    """Hours:minutes:seconds to s; past midnight they go on."""
+def _clock_s(texts: Any) -> Array:
+    """Hours:minutes:seconds to s of a day."""
     parts = texts.str.replace(",", ".", regex=False).str.extract(r"^(\d{1,3}):(\d{2})(?::(\d{2}(?:\.\d+)?))?$")
     numbers = parts.astype(float).to_numpy()
-    seconds = 3600.0 * numbers[:, 0] + 60.0 * numbers[:, 1] + np.nan_to_num(numbers[:, 2])
+    return np.asarray(3600.0 * numbers[:, 0] + 60.0 * numbers[:, 1] + np.nan_to_num(numbers[:, 2]), dtype=float)
+
+
+def _past_midnight(seconds: Array) -> Array:
+    """Seconds of a day that go on where the next one begins."""
     known = np.isfinite(seconds)
     back = np.diff(seconds[known], prepend=seconds[known][0] if known.any() else 0.0) < -43200.0
     seconds[known] += 86400.0 * np.cumsum(back)
-    return np.asarray(seconds, dtype=float)
+    return seconds
 
 
 def _epoch_s(moment: datetime) -> float:

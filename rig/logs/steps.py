@@ -25,6 +25,7 @@ STAGE_QUIET = 20.0  # ... and so many times the longest of these pauses is quiet
 UNDER_WAY = 0.25  # of a step's size may have passed in one t63 before it: weather and waves are as fast as that always
 AT_ONCE, AT_ONCE_READINGS = 0.25, 25  # of a t63, and readings, within which a turn is seen
 RETURNED = 0.25  # of the readings after it may lie nearer to the level before: a wave comes back
+STAYS_T63, STAYS_READINGS = 10.0, 20  # after it has settled, in which that is judged: what drifts back is slower
 RAMP = 0.5  # of the stretch to the next step, taken by 63 % of the way: it did not slow down
 MANY_STAGES = 3  # that one transfer does not make
 READINGS_BEFORE, READINGS_AFTER = 5, 10  # that a run needs
@@ -35,7 +36,8 @@ class Step:
     """A step of a log: when it was first seen (s on the log's clock, one standard uncertainty) and what moved.
 
     `why_not` says why it makes no run of its own; empty where it does. `stages` is the number of stages it came in,
-    `lasted_s` how long these took.
+    `lasted_s` how long these took. `beside` are the sensors that moved because their reference did, and show no change
+    of their own.
     """
 
     piece: int
@@ -45,6 +47,7 @@ class Step:
     stages: int = 1
     lasted_s: float = 0.0
     why_not: str = ""
+    beside: tuple[str, ...] = ()
 
 
 @dataclass
@@ -74,9 +77,7 @@ def find_steps(channels: Sequence[Channel], piece: int, merge_s: float | None = 
     for k, group in enumerate(groups):
         since_s = _last_s(groups[k - 1]) if k else begins_s
         until_s = groups[k + 1][0].time_s if k + 1 < len(groups) else ends_s
-        step = _step(channels, group, piece, since_s, until_s)
-        if step is not None:
-            steps.append(step)
+        steps += _steps(channels, group, piece, since_s, until_s)
     return tuple(judged(step, steps, k, channels) for k, step in enumerate(steps))
 
 
@@ -167,15 +168,23 @@ def _last_s(group: Sequence[_Cluster]) -> float:
     return max(change.time_s for cluster in group for those in cluster.changes.values() for change in those)
 
 
-def _step(
-    channels: Sequence[Channel], group: Sequence[_Cluster], piece: int, since_s: float, until_s: float
-) -> Step | None:
-    """Time the first change of every channel that moved; None where none did more than wander."""
-    moves = []
+def _steps(
+    channels: Sequence[Channel],
+    group: Sequence[_Cluster],
+    piece: int,
+    since_s: float,
+    until_s: float,
+    left_out: frozenset[int] = frozenset(),
+) -> list[Step]:
+    """Time the first change of every channel that moved; none where none did more than wander.
+
+    What had surely begun before the sharpest move did is a step of its own, however wide the window that showed both.
+    """
+    moves: dict[int, Move] = {}
     stages, lasted_s = 1, 0.0
     for place, channel in enumerate(channels):
         mine = sorted((c for cluster in group for c in cluster.changes.get(place, ())), key=lambda c: c.time_s)
-        if not mine:
+        if not mine or place in left_out:
             continue
         end_s = min(until_s, float(channel.time_s[-1]))
         own = own_temperature(channels, place)
@@ -183,7 +192,7 @@ def _step(
             turned_s = turn_s(channel, channels[own], mine[0], end_s)
             if turned_s is not None:
                 # It comes back: only when it began is to be had of it.
-                moves.append(fit_onset(channel, mine[0], max(since_s, float(channel.time_s[0])), turned_s))
+                moves[place] = fit_onset(channel, mine[0], max(since_s, float(channel.time_s[0])), turned_s)
                 continue
         # In stages the way goes on: its end is that of the step, the start is that of the first stage.
         move = fit_onset(channel, mine[0], max(since_s, float(channel.time_s[0])), end_s)
@@ -194,11 +203,19 @@ def _step(
             continue
         if count > stages:
             stages, lasted_s = count, last_s - move.at_s
-        moves.append(move)
+        moves[place] = move
     if not moves:
-        return None
-    first = min(moves, key=lambda move: move.at_s + 2.0 * move.uncertainty_s)
-    return Step(piece, first.at_s, first.uncertainty_s, tuple(moves), stages, lasted_s)
+        return []
+    sharp = min(moves.values(), key=lambda move: move.uncertainty_s)
+    sharp_s = sharp.at_s - 2.0 * sharp.uncertainty_s
+    earlier = {place for place, move in moves.items() if move.at_s + 2.0 * move.uncertainty_s < sharp_s}
+    before: list[Step] = []
+    if earlier and stages < MANY_STAGES:
+        others = frozenset(range(len(channels))) - earlier
+        before = _steps(channels, group, piece, since_s, sharp_s, left_out | others)
+        moves = {place: move for place, move in moves.items() if place not in earlier}
+    first = min(moves.values(), key=lambda move: move.at_s + 2.0 * move.uncertainty_s)
+    return [*before, Step(piece, first.at_s, first.uncertainty_s, tuple(moves.values()), stages, lasted_s)]
 
 
 def _stands_out(channel: Channel, move: Move, width_s: float, since_s: float, until_s: float) -> bool:
@@ -206,7 +223,9 @@ def _stands_out(channel: Channel, move: Move, width_s: float, since_s: float, un
     if abs(move.size) < 0.5 * channel.least:
         return False
     time_s, value = channel.time_s, channel.value
-    later = value[(time_s > move.at_s + 3.0 * move.t63_s) & (time_s <= until_s)]
+    settled_s = move.at_s + 3.0 * move.t63_s
+    judged_s = settled_s + max(STAYS_T63 * move.t63_s, STAYS_READINGS * channel.period_s)
+    later = value[(time_s > settled_s) & (time_s <= min(judged_s, until_s))]
     if later.size and (np.abs(later - move.before) < np.abs(later - move.after)).mean() > RETURNED:
         return False
     lead_s = max(move.t63_s, 8.0 * channel.period_s)

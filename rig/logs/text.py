@@ -14,8 +14,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from shockrig.files.disk import decoded, read_bytes, shown
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.files.disk import shown
 from shockrig.rig.errors import BenchError
+from shockrig.rig.logs.lines import Index, Lines, read_lines
 from shockrig.rig.logs.units import is_called_time, is_unit, known_unit
 
 SEPARATORS = {"tab": "\t", "semicolon": ";", "comma": ",", "bar": "|", "space": " "}
@@ -47,7 +51,7 @@ class Scan:
     """A log as lines: where its rows are and what its columns are called.
 
     `names` are unique: of columns that share a name the later ones are "name #2" and so on; `units` are what stands
-    in a row of its own under the names. `rows` are the lines of the data, `numbers` theirs in the file, from 1.
+    in a row of its own under the names. `rows` are the lines of the data.
     """
 
     path: Path
@@ -57,13 +61,21 @@ class Scan:
     names: tuple[str, ...]
     units: tuple[str, ...]
     metadata: tuple[str, ...]
-    rows: tuple[str, ...]
-    numbers: tuple[int, ...]
+    rows: Lines
     odd: dict[str, tuple[int, int]]  # reason -> (how many lines, the first one's number)
 
     def cells(self, rows: Iterable[str]) -> list[list[str]]:
         """Lines of the data as stripped cells."""
         return [[cell.strip() for cell in _split(row, self.separator)] for row in rows]
+
+    @property
+    def numbers(self) -> Index:
+        """The rows' numbers in the file, from 1."""
+        return self.rows.numbers
+
+    def cell(self, row: int, name: str) -> str:
+        """What stands in one row of a column."""
+        return self.cells([self.rows[row]])[0][self.names.index(name)]
 
     def sample(self) -> list[list[str]]:
         """Some rows as cells: the first ones, the last ones, and some between."""
@@ -78,47 +90,52 @@ def scan(path: Path, layout: Layout) -> Scan:
     BenchError
         There are no rows with a time and a value in it, or it is not text: names the file, the line, the remedy.
     """
-    lines = _lines(path)
-    kept = [(n, line) for n, line in enumerate(lines, start=1) if line.strip()]
-    if not kept:
-        raise BenchError(f"{shown(path)}: is empty; expected a header and rows of a time and values")
+    try:
+        return _scan(path, layout)
+    except csv.Error as error:
+        raise BenchError(f"{shown(path)}: {error}; is it a text file of readings? Export it as CSV") from None
+
+
+def _scan(path: Path, layout: Layout) -> Scan:
+    lines = read_lines(path)
     prefixes = (layout.comment,) if layout.comment else COMMENTS
-    comments = [(n, line) for n, line in kept if line.lstrip(' "').startswith(prefixes)]
-    noted = {n for n, _ in comments}
-    plain = [(n, line) for n, line in kept if n not in noted]
-    separator = _separator([line for _, line in plain], layout)
-    counts = [_count(line, separator) for _, line in plain]
-    width = _usual(_some([line for _, line in plain]), separator)
+    is_kept = np.fromiter((bool(line) and not line.isspace() for line in lines), dtype=bool, count=len(lines))
+    kept = lines.where(is_kept)
+    if not len(kept):
+        raise BenchError(f"{shown(path)}: is empty; expected a header and rows of a time and values")
+    is_plain = (not line.lstrip(' "').startswith(prefixes) for line in kept)
+    plain = kept.where(np.fromiter(is_plain, dtype=bool, count=len(kept)))
+    separator = _separator(plain, layout)
+    counts = np.fromiter((_count(line, separator) for line in plain), dtype=np.int32, count=len(plain))
+    width = _usual(_some(plain), separator)
     if width < 2:
         raise BenchError(
             f"{shown(path)}: no rows of two cells or more (times and readings); give its separator in the map, [log] "
             f"separator = one of {', '.join(SEPARATORS)}"
         )
-    whole = [i for i, count in enumerate(counts) if count == width]
-    first = _first_row(plain, whole, separator, layout)
+    first = _first_row(plain, np.flatnonzero(counts == width), separator, layout)
     if first is None:
         raise BenchError(f"{shown(path)}: no rows of numbers in it; expected a time and values, one row a reading")
-    names, units, header_line = _header(kept, plain, first, separator, width, layout)
+    names, units, header_line = _header(lines, kept, plain, first, separator, width, layout)
     header = _split(lines[header_line - 1], separator) if header_line else None
-    rows: list[str] = []
-    numbers: list[int] = []
+    good = np.ones(len(plain), dtype=bool)
+    good[:first] = False
     odd: dict[str, tuple[int, int]] = {}
-    for i in range(first, len(plain)):
-        number, line = plain[i]
+    for i, line in enumerate(plain[first:], start=first):
         if counts[i] != width:
             reason = "of another number of cells"
-        elif header is not None and _split(line, separator) == header:
+        elif header is not None and header[0] in line and _split(line, separator) == header:
             reason = "that repeat the header"
         else:
-            rows.append(line)
-            numbers.append(number)
             continue
-        count, where = odd.get(reason, (0, number))
+        good[i] = False
+        count, where = odd.get(reason, (0, plain.number(i)))
         odd[reason] = (count + 1, where)
-    above = plain[first][0]
-    metadata = tuple(line.strip() for n, line in kept if n < above and n != header_line)
+    rows = plain.where(good)
+    above = int(np.searchsorted(kept.places, plain.places[first]))
+    metadata = tuple(kept[i].strip() for i in range(above) if kept.number(i) != header_line)
     decimal = layout.decimal or _decimal(_some(rows), separator)
-    return Scan(path, separator, decimal, header_line, names, units, metadata, tuple(rows), tuple(numbers), odd)
+    return Scan(path, separator, decimal, header_line, names, units, metadata, rows, odd)
 
 
 def is_value(cell: str) -> bool:
@@ -142,18 +159,6 @@ def unit_in_cells(cells: Sequence[str]) -> str | None:
     found = Counter(known_unit(text[m.end() :]) for text in texts if (m := NUMBER.match(text)) is not None)
     unit, count = found.most_common(1)[0] if found else (None, 0)
     return None if unit == "K" or count <= len(texts) / 2 else unit
-
-
-def _lines(path: Path) -> list[str]:
-    content = read_bytes(path, "name a text file of readings")
-    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
-        text = content.decode("utf-16", errors="replace")
-    else:
-        text = decoded(content)
-    if "\0" in text:
-        line = text.partition("\0")[0].count("\n") + 1
-        raise BenchError(f"{shown(path)}, line {line}: holds a NUL byte; is it a text file? Export it as CSV")
-    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
 
 
 def _some(lines: Sequence[str]) -> Sequence[str]:
@@ -198,20 +203,20 @@ def _separator(lines: Sequence[str], layout: Layout) -> str:
     return best
 
 
-def _first_row(plain: Sequence[tuple[int, str]], whole: Sequence[int], separator: str, layout: Layout) -> int | None:
+def _first_row(plain: Lines, whole: NDArray[np.intp], separator: str, layout: Layout) -> int | None:
     """Index of the first row of data: the columns that hold values nearly everywhere hold values in it.
 
     Rows before it that bear a stamp and words for missing values, from a sensor that did not answer yet, are data too:
     they would be taken for the header.
     """
-    rows = [_split(plain[i][1], separator) for i in whole]
-    some = rows[:: max(1, len(rows) // (3 * SAMPLE_LINES))]
+    some = [_split(plain[i], separator) for i in whole[:: max(1, whole.size // (3 * SAMPLE_LINES))]]
     width = len(some[0])
     value_columns = [k for k in range(width) if sum(is_value(row[k]) for row in some) >= 0.8 * len(some) - 1]
     silent_since: int | None = None
-    for i, row in zip(whole, rows, strict=True):
-        if layout.header_line is not None and plain[i][0] <= layout.header_line:
+    for i in map(int, whole):
+        if layout.header_line is not None and plain.number(i) <= layout.header_line:
             continue
+        row = _split(plain[i], separator)
         texts = [row[k].strip().strip('"') for k in value_columns]
         if not texts or not all(map(is_value, texts)):
             silent_since = None
@@ -225,8 +230,9 @@ def _first_row(plain: Sequence[tuple[int, str]], whole: Sequence[int], separator
 
 
 def _header(
-    kept: Sequence[tuple[int, str]],
-    plain: Sequence[tuple[int, str]],
+    lines: Lines,
+    kept: Lines,
+    plain: Lines,
     first: int,
     separator: str,
     width: int,
@@ -240,7 +246,7 @@ def _header(
 
     def aligned(names: list[str]) -> list[str]:
         """One name too few, and no separator at the end of rows: the first column, row names or stamps, has none."""
-        rows = [cells(line) for _, line in plain[first : first + SAMPLE_LINES]]
+        rows = [cells(line) for line in plain[first : first + SAMPLE_LINES]]
         ends = any(len(row) == width and row[-1] for row in rows)
         short = len(names) == width - 1 and ends and not is_called_time(names[0])
         return ["", *names] if short else names
@@ -248,27 +254,26 @@ def _header(
     if layout.header_line == 0:
         return tuple(str(k + 1) for k in range(width)), nothing, 0
     if layout.header_line is not None:
-        line = next((line for n, line in kept if n == layout.header_line), "")
+        line = lines[layout.header_line - 1] if layout.header_line <= len(lines) else ""
         return _unique(aligned(cells(line)), width), nothing, layout.header_line
     units = nothing
     for i in range(first - 1, -1, -1):
-        number, line = plain[i]
-        found = cells(line)
+        found = cells(plain[i])
         if len(found) not in (width, width - 1):
             break
-        above = i > 0 and len(cells(plain[i - 1][1])) in (width, width - 1)
+        above = i > 0 and len(cells(plain[i - 1])) in (width, width - 1)
         said = sum(is_unit(cell) for cell in found)
         # "MM/DD/YY" and "deg" are no units here, but stand among such
         if above and (said > len(found) / 3 or all(cell.strip("[]()").lower() in PROCESSING for cell in found)):
             if said:
                 units = tuple((found + [""])[:width])
             continue
-        return _unique(aligned(found), width), units, number
+        return _unique(aligned(found), width), units, plain.number(i)
     # The names may stand in a comment: "# time temperature humidity".
-    for number, line in reversed([(n, line) for n, line in kept if n < plain[first][0]]):
-        found = cells(line.lstrip("".join(COMMENTS) + " "))
+    for i in reversed(range(int(np.searchsorted(kept.places, plain.places[first])))):
+        found = cells(kept[i].lstrip("".join(COMMENTS) + " "))
         if len(found) == width and not any(NUMBER.fullmatch(cell) for cell in found):
-            return _unique(found, width), units, number
+            return _unique(found, width), units, kept.number(i)
     return tuple(str(k + 1) for k in range(width)), nothing, 0
 
 

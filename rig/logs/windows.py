@@ -15,6 +15,7 @@ LEAD_READINGS, LEAD_T63 = 100, 2.0  # what a run has before its step, where the 
 LEAD_T63_MEASURED = 6.0  # beside a measured air: the sensor has forgotten what was before that
 TAIL_READINGS, TAIL_T63 = 100, 20.0  # and after it
 SETTLED = 0.05  # of the step may pass in the stretch before it ...
+FEWEST_LINE = 5  # readings that tell a rate
 FEWEST_SETTLED = 20  # ... which has so many readings at least
 
 
@@ -41,7 +42,9 @@ def window(sensors: SensorLog, steps: Sequence[LogStep], one: LogStep, map_: Log
     begin_s = max(at_s - lead_s, begins_s if last_s is None else last_s + 0.5 * (at_s - last_s))
     end_s = min(at_s + tail_s, ends_s)
     if following is not None:
-        end_s = min(end_s, following.at_s - max(2.0 * following.uncertainty_s, 2.0 * period_s))
+        # A slow change whose start nobody can tell leaves the run before it half of the way at least.
+        near_s = following.at_s - max(2.0 * following.uncertainty_s, 2.0 * period_s)
+        end_s = min(end_s, max(near_s, at_s + 0.5 * (following.at_s - at_s)))
     return (
         one.begin_s if one.begin_s is not None else begin_s,
         one.end_s if one.end_s is not None else end_s,
@@ -76,6 +79,30 @@ def drifts(one: LogStep, sensors: SensorLog, name: str, inside: NDArray[np.bool_
         if abs(drift) > SETTLED * abs(move.size):
             found[key] = drift
     return found
+
+
+def on_the_way(sensors: SensorLog, before: LogStep, one: LogStep, name: str) -> bool:
+    """Whether all that a sensor showed at the step `before` was still under way at the next one: at the rate of its
+    last readings more than `SETTLED` of it would have followed within its time to 63 %."""
+    if before.step.piece != one.step.piece:
+        return False
+    readings = sensors.readings[name]
+    moves = [move for move in before.step.moves if move.channel.rsplit(".", 1)[0] == name]
+    for move in moves:
+        half_s = 0.5 * (before.step.at_s + one.step.at_s)
+        until_s = max(one.step.at_s - 2.0 * one.step.uncertainty_s, half_s)
+        begin_s = max(0.5 * (before.step.at_s + until_s), until_s - move.t63_s)
+        inside = inside_run(sensors, name, one.step.piece, begin_s, until_s)
+        moments = sensors.log.time_s[readings.rows[inside]] - until_s
+        value = readings.values[move.channel.rsplit(".", 1)[1]][inside]
+        there = np.isfinite(value)
+        if there.sum() < FEWEST_LINE:
+            return before.step.at_s + move.t63_s > until_s
+        line, covariance = np.polyfit(moments[there], value[there], 1, cov=True)
+        ahead = line[0] * move.t63_s / move.size
+        if ahead < max(SETTLED, 2.0 * np.sqrt(covariance[0, 0]) * move.t63_s / abs(move.size)):
+            return False
+    return bool(moves)
 
 
 def inside_run(sensors: SensorLog, name: str, piece: int, begin_s: float, end_s: float) -> NDArray[np.bool_]:

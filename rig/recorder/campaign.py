@@ -9,7 +9,6 @@ set_aside/ID-N/         interrupted and spoilt attempts, kept with status and re
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import shutil
 from collections.abc import Mapping
@@ -17,7 +16,8 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from shockrig.files.campaign_names import CAMPAIGN_FORMAT
+from shockrig.files.campaign_lock import lock
+from shockrig.files.campaign_names import CAMPAIGN_FORMAT, RUN_FORMAT
 from shockrig.files.campaign_write import campaign_document, write_campaign
 from shockrig.files.common_uncertainty import NOTHING_COMMON
 from shockrig.files.disk import is_there, read_bytes, shown, sync_folder
@@ -65,11 +65,12 @@ class CampaignFolder:
         _demand_beginning(path, protocol)
         try:
             path.mkdir(parents=True, exist_ok=True)
-            self._lock = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+            self._lock = lock(path)
         except OSError as error:
             raise BenchError(f"{path}: {error.strerror}; give another --out") from None
+        except InputError as error:
+            raise BenchError(str(error)) from None
         try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             self._is_ours = True
             _demand_place(path)
             if is_there(path / "campaign.json"):
@@ -80,9 +81,6 @@ class CampaignFolder:
                 write_campaign(path, content)
             for name in FOLDERS:
                 (path / name).mkdir(exist_ok=True)
-        except BlockingIOError:
-            self.close()
-            raise BenchError(f"{path}: another recording is writing to this campaign; wait for it or stop it") from None
         except OSError as error:
             self.close()
             raise RecordingError(f"{path}: {error.strerror or error}") from error
@@ -173,8 +171,18 @@ class CampaignFolder:
         return self.missing_of(self._protocol)
 
     def missing_of(self, protocol: Protocol) -> list[PlannedRun]:
-        """Runs of a protocol that are not there, in order."""
-        return [run for run in protocol.runs if not (self.path / "runs" / run.id / "run.json").exists()]
+        """Runs of a protocol that are not there, in order. Raises BenchError where what is there was imported."""
+        missing = []
+        for run in protocol.runs:
+            document = self.path / "runs" / run.id / "run.json"
+            if not document.exists():
+                missing.append(run)
+            elif "imported" in read_content(document, RUN_FORMAT):
+                raise BenchError(
+                    f"{document.parent}: was imported, and stands in the place of a run of the plan; move it out of "
+                    "the campaign, or give the folder a name that is no run of the plan (and its run.json the same id)"
+                )
+        return missing
 
     def extend(self, protocol: Protocol) -> None:
         """Take up a plan with further runs; what was planned behind them and is not recorded gives way to them.

@@ -158,6 +158,8 @@ def read_run(folder: Path) -> RunRecord:
     notes: list[tuple[float, str]] = []
     try:
         for record in journal.records:
+            if header is not None and (record[0] == "run" or status != INTERRUPTED):
+                break  # behind its end, or at a second beginning: a journal that was copied behind itself
             match record:
                 case ["reading", str(sensor), outcome, requested_s, time_s, sampled_s, dict(values), raw]:
                     _demand_numbers(requested_s, time_s, *values.values())

@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from scipy.signal import cont2discrete
 
 from shockrig.analysis.physics.schemes.layers import StateSpace
 
@@ -29,6 +28,8 @@ def sample(system: StateSpace, period_s: float, method: str = "zero_order_hold")
     if method not in METHODS:
         raise ValueError(f"method {method!r} is not one of {', '.join(METHODS)}")
     matrices = (system.a, system.b[:, None], system.c[None, :], np.array([[system.d]]))
+    from scipy.signal import cont2discrete  # takes longer to import than all the rest
+
     a, b, c, d, _ = cont2discrete(matrices, period_s, METHODS[method])
     return StateSpace(a, b[:, 0], c[0], float(d[0, 0]), period_s)
 

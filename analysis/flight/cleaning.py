@@ -1,0 +1,116 @@
+"""What in a log is no reading at all: codes for no value, and rows whose two columns stand in one another's place.
+
+They are missing from here on, and are counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from shockrig.files.flight import Flight
+from shockrig.files.numbers import counted
+from shockrig.files.ranges import LIKELY, RANGES
+from shockrig.files.sentinels import coded
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+ACROSS = 0.2  # of how far the two columns are apart, that either is from the other's last value where they change place
+SIDE = 3  # rows on either side
+LEAST_APART = 2.0  # K or %RH; columns that are closer cannot be told from one another
+PASCAL = "pressure_hpa: pascal"
+EXCHANGED = "temperature and humidity, each in the other's place"
+# quantity -> field of a flight, and what a reading of it can be
+FIELDS = {
+    "time": ("time_s", ""),
+    "temperature": ("temperature_c", "temperature_c"),
+    "humidity": ("humidity_percent", "humidity_reading_percent"),
+    "die": ("die_temperature_c", "temperature_c"),
+    "airspeed": ("airspeed_m_s", "airflow_m_s"),
+    "pressure": ("pressure_hpa", "pressure_hpa"),
+    "altitude": ("altitude_m", "altitude_m"),
+    "latitude": ("latitude_deg", "latitude_deg"),
+    "longitude": ("longitude_deg", "longitude_deg"),
+}
+
+
+def without_codes(flight: Flight) -> tuple[Flight, dict[str, Mask]]:
+    """The flight with codes for no value missing, and the rows (n,) of each, by quantity and code."""
+    found: dict[str, Mask] = {}
+    changed = {}
+    for quantity, (name, possible) in FIELDS.items():
+        values = getattr(flight, name)
+        if values is None:
+            continue
+        known = {**RANGES, **LIKELY}
+        ends = (known[possible].low, known[possible].high) if possible else (-np.inf, np.inf)
+        codes = coded(quantity, values, *ends)
+        if codes:
+            found |= {f"{quantity} {code:.6g}": rows for code, rows in codes.items()}
+            changed[name] = np.where(np.logical_or.reduce(list(codes.values())), np.nan, values)
+    flight = replace(flight, **changed)
+    if (pascal := _in_pascal(flight.pressure_hpa)).any():
+        found[PASCAL], flight = pascal, replace(flight, pressure_hpa=flight.pressure_hpa / 100.0)
+    exchanged = _exchanged(flight.temperature_c, flight.humidity_percent)
+    if exchanged.any():
+        found[EXCHANGED] = exchanged
+        blank = {
+            name: np.where(exchanged, np.nan, getattr(flight, name)) for name in ("temperature_c", "humidity_percent")
+        }
+        flight = replace(flight, **blank)
+    return flight, found
+
+
+def _in_pascal(pressure: Array) -> Mask:
+    """Rows (n,) with a pressure, where most of them can be none in hPa and all could be in Pa."""
+    possible, known = RANGES["pressure_hpa"], np.isfinite(pressure)
+    usual = float(np.median(pressure[known])) if known.any() else 0.0
+    return known & (usual > possible.high) & possible.holds(usual / 100.0)
+
+
+def _exchanged(temperature: Array, humidity: Array) -> Mask:
+    """Rows (n,) in stretches that begin and end where each column goes on from the other: of both kinds of stretch the
+    one with fewer rows."""
+    exchanged = np.zeros(temperature.shape, dtype=bool)
+    rows = np.flatnonzero(np.isfinite(temperature) & np.isfinite(humidity))
+    if rows.size < 2 * SIDE + 1:
+        return exchanged
+    # medians over the rows before and after each: single readings may be noise
+    sides = [sliding_window_view(np.pad(v[rows], SIDE, mode="edge"), SIDE) for v in (temperature, humidity)]
+    size = rows.size
+    (t, after_t), (h, after_h) = ((np.median(v[:size], axis=1), np.median(v[SIDE:-1], axis=1)) for v in sides)
+    apart = np.abs(t - h)
+    across = np.maximum(np.abs(after_t - h), np.abs(after_h - t))
+    turns = (across < ACROSS * apart) & (apart > LEAST_APART)
+    ends = np.flatnonzero(np.diff(np.concatenate([[0], turns.astype(int), [0]])))
+    middle = (ends[::2] + ends[1::2] - 1) // 2  # a median turns for some rows
+    odd = np.searchsorted(middle, np.arange(size), side="right") % 2 == 1
+    if odd.any():
+        odd = odd if np.count_nonzero(odd) <= size / 2 else ~odd
+        # rows beside them in which one column is missing may be of either kind
+        wider = np.interp(np.arange(temperature.size), rows, odd.astype(float))
+        exchanged = wider > 0.0
+    return exchanged
+
+
+def code_notes(codes: Mapping[str, Mask | int]) -> list[str]:
+    """A sentence for each quantity: how many rows of it hold which code."""
+    of_quantity: dict[str, list[str]] = {}
+    sentences = []
+    for name, rows in codes.items():
+        count = int(np.count_nonzero(rows)) if isinstance(rows, np.ndarray) else rows
+        if count and name == EXCHANGED:
+            sentences.append(f"{name} in {counted(count, 'row')}: taken as missing")
+        elif count and name == PASCAL:
+            sentences.append("pressure_hpa: no air has so much; taken as Pa, and divided by 100")
+        elif count:
+            quantity, code = name.split(" ", 1)
+            of_quantity.setdefault(quantity, []).append(f"{code} in {counted(count, 'row')}")
+    return sentences + [
+        f"{quantity}: {', '.join(found)}: what loggers write for no value, taken as missing"
+        for quantity, found in of_quantity.items()
+    ]

@@ -1,0 +1,106 @@
+"""How far the air can be from the readings around it, whatever a method makes of them.
+
+What the air did for as long as the method resolves shows in the readings by at least the share g of its size that the
+sensor shows in that time. So the air is farther from the reading by no more than (spread of the readings around) / g:
+around is as long as the sensor remembers, and as far as the nearest readings.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+from shockrig.analysis.flight.channel import Channel, Readings
+from shockrig.analysis.flight.smooth_channel import typical_period
+from shockrig.analysis.flight.stretches import largest_share
+from shockrig.files.numbers import counted
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+REMEMBERED = 5.0  # of the slowest time constant: what is left of a step is less than its hundredth
+SIGMAS = 4.0  # of a reading's noise at either end
+LOUD = 2.0  # times the usual noise: such readings are no ends
+LEAST_SHARE = 0.05
+MOST_SHARE = 0.8  # readings are noisy, and a sensor is seldom what its profile says to a fifth
+USUAL_TIMES = 2.0  # the median uncertainty, up to which a method is as certain as usual
+SURE = 2.0  # standard uncertainties
+USUAL_NOISES = 3.0  # and up to so many times the reading's noise
+
+
+def held(channel: Channel, readings: Readings, raw: Array, unit: Array, notes: list[str]) -> Channel:
+    """The channel no farther from its readings than the air can be; by how much it was counts as uncertainty.
+
+    `unit` turns the readings' unit into that of `raw`, the log's.
+    """
+    channel = _nearer(channel, readings, unit)
+    low, high = (bound * unit for bound in reach(readings, channel.resolved_rate))
+    value = np.clip(channel.value, low, high)
+    if (capped := channel.screened.capped) is not None and capped.any():
+        value = _above_ceiling(value, raw, capped, channel, notes)
+        beyond = np.where(capped & np.isfinite(value), value - raw, 0.0)
+        wider = np.hypot(channel.uncertainty, beyond)
+        channel = replace(channel, value=np.where(capped, value, channel.value), uncertainty=wider)
+    away = np.where(channel.raw | ~np.isfinite(channel.value), 0.0, np.abs(value - channel.value))
+    if not (moved := away > 0.0).any():
+        return channel
+    notes.append(
+        f"{channel.name}: {counted(int(np.count_nonzero(moved)), 'row')} came out farther from the readings around "
+        "than the sensor's lag allows, and are given at the farthest that it does, with as much more uncertainty"
+    )
+    value = np.where(moved, value, channel.value)
+    return replace(channel, value=value, uncertainty=np.hypot(channel.uncertainty, away))
+
+
+def _nearer(channel: Channel, readings: Readings, unit: Array) -> Channel:
+    """The channel nearer to its readings where it is far less certain than elsewhere in the flight.
+
+    That the reading is right is one of the explanations: of a difference d that is unsure by s, d^4 / (d^4 + s^4) is
+    kept, all of one that is sure and nothing of one that is not. s is two sigmas of what exceeds the usual uncertainty;
+    what is stated stays.
+    """
+    reading, sigma = readings.reading * unit, channel.uncertainty
+    seen = channel.screened.usable | channel.screened.repeated
+    known = seen & np.isfinite(channel.value) & np.isfinite(sigma) & np.isfinite(reading) & ~channel.raw
+    if not known.any():
+        return channel
+    usual = np.maximum(USUAL_TIMES * np.median(sigma[known]), USUAL_NOISES * np.sqrt(readings.noise_variance) * unit)
+    off = np.where(known, channel.value - reading, 0.0)
+    extra = np.where(known, SURE**2 * np.maximum(sigma**2 - usual**2, 0.0), 0.0)
+    kept = np.divide(off**4, off**4 + extra**2, out=np.ones(off.shape), where=extra > 0.0)
+    return replace(channel, value=np.where(known & (extra > 0.0), reading + kept * off, channel.value))
+
+
+def _above_ceiling(value: Array, raw: Array, capped: Mask, channel: Channel, notes: list[str]) -> Array:
+    """Values where the sensor stopped: it was there or above."""
+    limit = float(np.max(raw[capped]))
+    notes.append(
+        f"{channel.name}: {counted(int(np.count_nonzero(capped)), 'row')} are held at {limit:.6g}, the largest there "
+        "is: they say that the sensor was there or above"
+    )
+    return np.where(capped & np.isfinite(value), np.maximum(value, limit), value)
+
+
+def reach(readings: Readings, resolved_rate: float) -> tuple[Array, Array]:
+    """Least and largest air (n,) that the readings around each row allow, in the readings' own unit; in a gap those on
+    either side."""
+    noise = np.sqrt(readings.noise_variance)
+    rows = np.arange(readings.reading.size)
+    ends = np.flatnonzero(readings.usable & (noise <= LOUD * np.median(noise[readings.usable])))
+    if not ends.size:
+        ends = np.flatnonzero(readings.usable)
+    # gaps bridged by straight lines: what lies between two readings is no farther than they are
+    around = np.interp(rows, ends, readings.reading[ends])
+    period = typical_period(readings.time_s)
+    response = readings.response
+    slowest_s = float(np.max(np.where(np.abs(response.weight) > LEAST_SHARE, 1.0 / response.rate, 0.0)))
+    lasting = REMEMBERED * max(slowest_s, response.slowest_s) + abs(readings.delay_s)
+    size = min(2 * int(np.ceil(lasting / period)) + 1, 2 * rows.size + 1)
+    margin = SIGMAS * float(np.median(noise[ends]))
+    low = minimum_filter1d(around, size, mode="nearest") - margin
+    high = maximum_filter1d(around, size, mode="nearest") + margin
+    resolved = max(np.pi / resolved_rate, period)
+    spread = (high - low) / float(np.clip(largest_share(response, resolved), LEAST_SHARE, MOST_SHARE))
+    return around - spread, around + spread

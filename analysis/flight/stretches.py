@@ -1,0 +1,175 @@
+"""Readings that the air cannot have made, told by the sensor's own lag and noise, stretch by stretch.
+
+Behind a lag, readings neither jump nor scatter faster than the lag lets through, and they never scatter less than the
+sensor's noise: a stretch between two jumps is another quantity's, one that scatters more is noise (a radio), one that
+scatters less is a sensor that is stuck, whatever dithers about it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
+
+from shockrig.analysis.flight.response import Response
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+MOST_SHARE = 0.6  # of a step of the air that a sensor shows from one row to the next: one that is faster hides no jump
+PHASES = 4  # at which the rows may meet the response to a step
+LONGEST_ROWS = 2000
+WINDOW = 15  # rows that a stretch's noise is judged by
+LOUDER = 3.0  # times the usual: a burst
+WHITE = 0.6  # of the noise that single differences show, third ones show as much: what passed a lag is far smoother
+JUMP = 12.0  # times the noise between rows
+BESIDE = 0.25  # of a jump, that the rows beside it go at most; behind a lag they go on by 1 - MOST_SHARE of it and more
+BACK = 0.3  # of a jump, that the readings after another are away from those before
+LEVELS = 1.5  # steps of the log about a level that a stuck sensor stays within, dither and all
+BY_CHANCE = 1e-6  # probability that noise alone keeps so many readings there
+NORM_3 = np.sqrt(20.0)  # of the third difference of white noise, over its standard deviation
+NORM_1 = np.sqrt(2.0)
+TO_SIGMA = 1.4826  # of the median of absolute values
+
+
+@dataclass(frozen=True)
+class Stretches:
+    """Rows (n,) `from_elsewhere` (between two jumps) and `stuck`; `louder` (n,): noise over what is stated."""
+
+    from_elsewhere: Mask
+    stuck: Mask
+    louder: Array
+
+
+def largest_share(response: Response, period_s: float) -> float:
+    """Most of a step of the air that the sensor shows between two rows, wherever it falls, at its fastest."""
+    row = int(np.argmax(response.rate.max(axis=-1) if response.rate.ndim > 1 else response.rate))
+    modes = response.modes(row)
+    lasting = min(3.0 / float(modes.rate.min()), LONGEST_ROWS * period_s)
+    since = np.arange(0.0, lasting + 2 * period_s, period_s / PHASES)
+    shown = 1.0 + np.exp(-np.outer(since, modes.rate)) @ modes.amplitude
+    return float(np.clip(np.max(shown[PHASES:] - shown[:-PHASES]), 0.0, 1.0))
+
+
+def judge(
+    reading: Array,
+    believed: Mask,
+    resolution: float,
+    noise: float,
+    share: float,
+    swing: float = np.inf,
+    lagging: Array | None = None,
+) -> Stretches:
+    """Judge readings (n,), of which some are `believed` so far.
+
+    Parameters
+    ----------
+    noise : float
+        Standard deviation of single readings, as stated.
+    share : float
+        Most of a step of the air that the sensor shows between two rows (`largest_share`).
+    swing : float
+        Most that the air goes, and comes back; less is judged by the lag alone.
+    lagging : ndarray (n,), optional
+        What lags, where it is not the reading itself: a film's vapour, whose reading follows the temperature at once.
+    """
+    nothing = np.zeros(reading.shape, dtype=bool)
+    found = Stretches(nothing, nothing.copy(), np.ones(reading.shape))
+    rows = np.flatnonzero(believed)
+    if rows.size < 2 * WINDOW:
+        return found
+    values = reading[rows]
+    least = JUMP * float(np.hypot(noise, resolution)) if share <= MOST_SHARE else swing
+    elsewhere = _elsewhere(values, least, swing)
+    if lagging is not None and elsewhere.any():
+        elsewhere &= _elsewhere(lagging[rows], least, swing)
+    found.from_elsewhere[rows] = elsewhere
+    rows, values = rows[~elsewhere], values[~elsewhere]
+    if rows.size < 2 * WINDOW:
+        return found
+    third, single = scatter(values), _scatter(values, 1) / NORM_1
+    found.stuck[rows] = held = _stuck(values, resolution, noise, third)
+    if share <= MOST_SHARE:
+        usual = max(float(np.median(third[~held])) if (~held).any() else 0.0, noise, resolution / np.sqrt(12.0))
+        loud = (third > LOUDER * usual) & (third > WHITE * single) & ~held
+        # a window's median sees a burst from its middle to its middle; its rows at either end are as loud
+        loud, wider = maximum_filter1d(loud, 5), maximum_filter1d(third, 5)
+        found.louder[rows] = np.where(loud, np.maximum(wider / noise, 1.0), 1.0)
+    return found
+
+
+def scatter(values: Array) -> Array:
+    """Noise (n,) of readings, from their third differences in the rows around each."""
+    return _scatter(values, 3) / NORM_3
+
+
+def _scatter(values: Array, order: int) -> Array:
+    """Robust standard deviation (n,) of the differences of some order in the rows around each."""
+    size = np.abs(np.diff(values, n=order))
+    around = TO_SIGMA * median_filter(size, WINDOW, mode="nearest")
+    ahead = (values.size - around.size) // 2
+    return np.pad(around, (ahead, values.size - around.size - ahead), mode="edge")
+
+
+def _elsewhere(values: Array, least: float, swing: float) -> Mask:
+    """Rows between a jump of more than `least` and one back that no lag lets through, or between two of more than
+    `swing` that no air makes."""
+    step = np.diff(values)
+    size = np.abs(step)
+    usual = TO_SIGMA * float(np.median(size))
+    beside = np.maximum(np.append(size[1:], 0.0), np.append(0.0, size[:-1]))
+    sudden = np.flatnonzero((size > max(least, JUMP * usual)) & (beside < BESIDE * size)) + 1
+    away = _between(sudden, values[sudden - 1], values[sudden], values.size)
+    # medians on either side: beside noise, and where a jump is met halfway
+    calm = median_filter(values, 3, mode="nearest")
+    before, after = calm[:-3], calm[3:]  # of the rows from the second
+    size = np.abs(after - before)
+    far = np.flatnonzero((size > swing) & (size >= maximum_filter1d(size, 5)))
+    far = far[np.diff(far, prepend=-9) > 2]
+    return away | _between(far + 2, before[far], after[far], values.size)
+
+
+def _between(first: NDArray[np.int64], before: Array, after: Array, count: int) -> Mask:
+    """Rows (`count`,) between jumps and those back, by the `first` row after each and the levels on either side."""
+    away = np.zeros(count, dtype=bool)
+    i = 0
+    while i + 1 < first.size:
+        out, back = after[i] - before[i], after[i + 1] - before[i + 1]
+        across = abs(after[i + 1] - before[i])
+        lasting = first[i + 1] - first[i]
+        if out * back < 0 and across < BACK * min(abs(out), abs(back)) and lasting < count // 2:
+            away[first[i] : first[i + 1]] = True
+            i += 2
+        else:
+            i += 1
+    return away
+
+
+def _stuck(values: Array, resolution: float, noise: float, scatter: Array) -> Mask:
+    """Rows in stretches that stay within `LEVELS` steps of a level for longer than the noise could by chance.
+
+    The noise is the least of what is stated and what the flight's quieter stretches show where they do move: a calm
+    layer is no stuck sensor.
+    """
+    from scipy.special import erf
+
+    stuck = np.zeros(values.size, dtype=bool)
+    if resolution == 0.0:
+        return stuck
+    band = 2.0 * LEVELS * resolution
+    spread = maximum_filter1d(values, WINDOW) - minimum_filter1d(values, WINDOW)
+    moving = scatter[spread > 1.001 * band]
+    own = min(noise, float(np.quantile(moving, 0.1))) if moving.size else noise
+    if own <= 0.0:
+        return stuck
+    within = float(erf(LEVELS * resolution / (own * np.sqrt(2.0))))
+    if within > 0.999:
+        return stuck
+    least = max(int(np.ceil(np.log(BY_CHANCE) / np.log(within))), 5)
+    if least > values.size // 2:
+        return stuck
+    half = least // 2
+    narrow = maximum_filter1d(values, 2 * half + 1) - minimum_filter1d(values, 2 * half + 1) < 1.001 * band
+    narrow[:half] = narrow[values.size - half :] = False
+    return np.asarray(maximum_filter1d(narrow, 2 * half + 1))

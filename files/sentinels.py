@@ -1,0 +1,95 @@
+"""Numbers that loggers and sensors write where they have no reading, in one table, each with who writes it.
+
+A number that no reading of its quantity can be is a code wherever it stands. One that a reading can be (85 degC is an
+oven's) is a code only where the log jumps to it and from it, as nearly no two readings differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+# code -> who writes it, of any quantity
+_ANY = (
+    dict.fromkeys((-9.0, -99.0, -999.0, -9999.0, -99999.0, -999999.0), "no value, in the archives of weather services")
+    | dict.fromkeys((-9.9, -99.9, -999.9, -9999.9, -99.99, -999.99, -9999.99), "the same, by the digits of a column")
+    | dict.fromkeys((999.0, 999.9, 999.99, 9999.0, 9999.9, 9999.99, 99999.0, 999999.0), "the same")
+    | dict.fromkeys((-888.0, -8888.0, -7777.0, -777.0), "no value, of data that were looked through")
+    | dict.fromkeys((-32768.0, -3276.8, -327.68, 32767.0, 3276.7, 327.67), "the ends of 16 bits, by their divisor")
+    | dict.fromkeys((65535.0, 6553.5, 655.35), "16 bits that are all set: a bus that nothing answers on")
+    | dict.fromkeys((-2147483648.0, 2147483647.0, 4294967295.0), "the ends of 32 bits")
+    | {1e20: "missing_value of CMIP's netCDF", 9.969209968386869e36: "netCDF's own fill value"}
+)
+_ZERO = {0.0: "zeros where nothing is connected or has a fix, as InterMet's application writes them"}
+_TEMPERATURE = _ZERO | {
+    85.0: "DS18B20 before its first conversion (data sheet, power-on value)",
+    -127.0: "DallasTemperature's DEVICE_DISCONNECTED_C",
+    -40.0: "HYT-271 on a bus that is held low: raw 0",
+    125.0: "HYT-271 on a bus that is held high",
+    -45.0: "SHT3x and SHT4x, raw 0",
+    130.0: "SHT3x and SHT4x, all bits set",
+    -46.85: "SHT2x and HTU21D, raw 0",
+    128.86: "SHT2x and HTU21D, all bits set",
+    -273.15: "no kelvin at all",
+    -242.02: "Pt100 whose converter reads no resistance (MAX31865, raw 0)",
+    988.79: "Pt100 that is broken (MAX31865, all bits set)",
+}
+_HUMIDITY = _ZERO | {
+    -6.0: "SHT2x, SHT4x and HTU21D, raw 0",
+    118.99: "SHT2x and HTU21D, all bits set",
+    119.0: "SHT2x, SHT4x and HTU21D, all bits set",
+    998.0: "SparkFun's HTU21D library: no answer",
+}
+CODES: Mapping[str, Mapping[float, str]] = MappingProxyType(
+    {"temperature": _ANY | _TEMPERATURE, "die": _ANY | _TEMPERATURE, "humidity": _ANY | _HUMIDITY}
+    | dict.fromkeys(("pressure", "latitude", "longitude"), _ANY | _ZERO)
+    | dict.fromkeys(("time", "airspeed", "altitude"), _ANY)
+)
+NEAR = 1e-6  # relative, and 1e-4 in the quantity's unit: digits that a column of text has lost
+FARTHER = 2.0  # times what nine of ten readings differ from the next by
+LEAST_JUMP = 1.0  # in the quantity's unit
+JUMP = 20.0  # times what readings usually differ from the next by
+
+
+def coded(quantity: str, values: Array, low: float = -np.inf, high: float = np.inf) -> dict[float, Mask]:
+    """Rows (n,) that hold each code there is among `values` (n,); `low` to `high` is what a reading can be."""
+    codes = np.array(list(CODES[quantity]))
+    known = np.isfinite(values)
+    near = np.sort(codes)
+    place = np.clip(np.searchsorted(near, np.where(known, values, 0.0)), 1, near.size - 1)
+    lower, upper = near[place - 1], near[place]
+    nearest = np.where(np.abs(values - lower) <= np.abs(values - upper), lower, upper)
+    with np.errstate(invalid="ignore"):
+        equal = known & (np.abs(values - nearest) <= np.maximum(1e-4, NEAR * np.abs(nearest)))
+    found: dict[float, Mask] = {}
+    suspect = {float(code): equal & (nearest == code) for code in np.unique(nearest[equal])}
+    others = known & (values >= low) & (values <= high) & ~equal
+    for code, rows in suspect.items():
+        if not low <= code <= high:
+            found[code] = rows
+        elif (jumped := rows & _jumped_to(values, others, rows, code)).any():
+            found[code] = jumped
+    return found
+
+
+def _jumped_to(values: Array, others: Mask, rows: Mask, code: float) -> Mask:
+    """Which of the `rows` with a code the log jumps to: those farther from the readings beside them, of the `others`,
+    than these are from one another."""
+    jumped = np.zeros(values.shape, dtype=bool)
+    believed = np.flatnonzero(others)
+    if not believed.size:
+        return jumped
+    at = np.flatnonzero(rows)
+    after = np.searchsorted(believed, at)
+    before, behind = values[believed[np.maximum(after - 1, 0)]], values[believed[np.minimum(after, believed.size - 1)]]
+    away = np.minimum(np.abs(before - code), np.abs(behind - code))
+    step = np.abs(np.diff(values[believed]))
+    usual = max(FARTHER * float(np.quantile(step, 0.9)), JUMP * float(np.median(step))) if step.size else 0.0
+    jumped[at] = away > max(usual, LEAST_JUMP)
+    return jumped

@@ -1,0 +1,91 @@
+"""The lines of a text, held as its bytes and where each begins: a million of them take 8 MB beside the text itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.files.disk import decoded, demand_text_name, read_bytes, shown
+from shockrig.rig.errors import BenchError
+
+Index = NDArray[np.uint32]  # no file of more than 2^30 bytes is read
+
+BYTES = 1 << 20  # that are searched for line ends at a time
+BLOCK = 10_000  # lines that are looked up at a time
+
+
+@dataclass(frozen=True, eq=False)
+class Lines(Sequence[str]):
+    """Some lines of a text: `content` is all of it in UTF-8, `begins` is where each of its lines begins, and one beyond
+    its end; `places` are those of these lines among them, from 0."""
+
+    content: bytes
+    begins: Index
+    places: Index
+
+    @property
+    def numbers(self) -> Index:
+        """The lines' numbers in the file, from 1."""
+        return self.places + np.uint32(1)
+
+    def number(self, place: int) -> int:
+        """One line's number in the file, from 1."""
+        return int(self.places[place]) + 1
+
+    def __len__(self) -> int:
+        return int(self.places.size)
+
+    @overload
+    def __getitem__(self, place: int) -> str: ...
+    @overload
+    def __getitem__(self, place: slice) -> Lines: ...
+    def __getitem__(self, place: int | slice) -> str | Lines:
+        if isinstance(place, slice):
+            return Lines(self.content, self.begins, self.places[place])
+        line = int(self.places[place])
+        return self.content[int(self.begins[line]) : int(self.begins[line + 1]) - 1].decode()
+
+    def __iter__(self) -> Iterator[str]:
+        for first in range(0, len(self), BLOCK):
+            places = self.places[first : first + BLOCK]
+            for begin, end in zip(self.begins[places].tolist(), self.begins[places + 1].tolist(), strict=True):
+                yield self.content[begin : end - 1].decode()
+
+    def where(self, holds: NDArray[np.bool_]) -> Lines:
+        """Those of the lines for which it holds."""
+        return self if holds.all() else Lines(self.content, self.begins, self.places[holds])
+
+
+def read_lines(path: Path) -> Lines:
+    """The lines of a text file in whatever encoding, line ends and all.
+
+    Raises
+    ------
+    BenchError
+        It is no text: names the line and the remedy.
+    """
+    demand_text_name(path, "rename it")
+    content = read_bytes(path, "name a text file of readings")
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        content = content.decode("utf-16", errors="replace").encode(errors="replace")
+    elif not content.isascii():
+        content = decoded(content).encode(errors="replace")
+    if b"\0" in content:
+        line = content.partition(b"\0")[0].count(b"\n") + 1
+        raise BenchError(f"{shown(path)}, line {line}: holds a NUL byte; is it a text file? Export it as CSV")
+    if b"\r" in content:
+        content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    found = [
+        (
+            np.flatnonzero(np.frombuffer(content, np.uint8, min(BYTES, len(content) - at), at) == ord("\n")) + at + 1
+        ).astype(np.uint32)
+        for at in range(0, len(content), BYTES)
+    ]
+    begins: Index = np.concatenate([np.zeros(1, np.uint32), *found, np.full(1, len(content) + 1, np.uint32)])
+    places: Index = np.arange(begins.size - 1, dtype=np.uint32)
+    return Lines(content, begins, places)

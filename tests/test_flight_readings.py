@@ -1,0 +1,329 @@
+"""What goes into a flight's correction: codes for no value, bursts, stuck and swapped readings, ceilings, slips."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from benchmark_scripts import benchmark
+
+from shockrig.analysis.flight.correct import correct
+from shockrig.analysis.flight.guard import reach
+from shockrig.analysis.flight.profile_doubts import profile_doubts
+from shockrig.analysis.flight.scenes import to_flight
+from shockrig.analysis.flight.screen import screen
+from shockrig.analysis.flight.sensor import fly
+from shockrig.analysis.flight.stretches import largest_share
+from shockrig.analysis.flight.typical import typical_profile
+from shockrig.analysis.flight.weather import convective, frontal
+from shockrig.files.profile import StatedEffect, Uncertain
+from shockrig.files.ranges import RANGES
+from shockrig.files.sentinels import CODES, coded
+
+PROFILE = typical_profile()
+FLOWN = fly(convective(np.random.default_rng(3), duration_s=80.0), PROFILE, 3)
+TRUTH = {name: FLOWN.truth[name].to_numpy() for name in ("temperature_c", "humidity_percent")}
+
+
+def flight(**changed):
+    """The flight with other columns, functions of the readings."""
+    log = to_flight(FLOWN.log)
+    return dataclasses.replace(log, **{name: make(getattr(log, name).copy()) for name, make in changed.items()})
+
+
+def put(rows, value):
+    def make(values):
+        values[rows] = value
+        return values
+
+    return make
+
+
+def rms(error):
+    return float(np.sqrt(np.nanmean(np.square(error))))
+
+
+def beyond(done):
+    """How far values are from what the air did in the whole flight."""
+    return max(
+        float(np.nanmax(np.maximum(value - truth.max(), truth.min() - value)))
+        for value, truth in ((getattr(done, name), TRUTH[name]) for name in TRUTH)
+    )
+
+
+# -- codes ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("rows", "code"),
+    [(slice(None, None, 50), -9999.0), (slice(300, 360), -99.9), (slice(0, 1), 85.0), (slice(200, 260), 0.0)],
+)
+def test_a_code_for_no_value_is_missing_and_counted(rows, code):
+    done = correct(flight(temperature_c=put(rows, code)), PROFILE)
+    count = len(range(*rows.indices(len(FLOWN.log))))
+    assert any(note.startswith(f"temperature: {code:g} in {count} row") for note in done.notes)
+    assert done.flags["gap"][rows].all() and np.count_nonzero(done.flags["gap"]) == count
+    assert not any("clock" in note for note in done.notes)
+    away = beyond(done)
+    assert away < 1.0  # before: hundreds of kelvins
+    assert not done.flags["not_corrected"].any()
+
+
+def test_a_code_is_one_where_the_log_jumps_to_it_and_a_reading_where_it_goes_there():
+    warming = np.linspace(20.0, 90.0, 701)
+    assert not coded("temperature", np.round(warming, 1), -100.0, 150.0)
+    oven = np.where(np.arange(200) < 100, 84.9, 85.0)
+    assert not coded("temperature", oven, -100.0, 150.0)
+    for quantity in CODES:
+        values = np.full(100, 20.0) + 0.1 * np.arange(100)
+        values[40:45] = -9999.0
+        found = coded(quantity, values, -100.0, 150.0)
+        assert list(found) == [-9999.0] and found[-9999.0].nonzero()[0].tolist() == [40, 41, 42, 43, 44]
+
+
+def test_columns_that_change_place_are_missing_where_they_do():
+    log = flight()
+    rows = slice(250, 420)
+    humidity, temperature = log.humidity_percent[rows].copy(), log.temperature_c[rows].copy()
+    done = correct(flight(temperature_c=put(rows, humidity), humidity_percent=put(rows, temperature)), PROFILE)
+    assert any("each in the other's place in 170 rows" in note for note in done.notes)
+    assert beyond(done) < 1.0 and np.isfinite(done.temperature_c[:250]).all()
+
+
+# -- stretches -----------------------------------------------------------------------------
+
+
+def test_a_burst_of_noise_is_noise_and_not_air():
+    rng = np.random.default_rng(1)
+    rows = slice(400, 460)
+    noisy = flight(
+        temperature_c=lambda v: v + np.where(np.arange(v.size) // 60 == 7, 1.5 * rng.standard_normal(v.size), 0.0)
+    )
+    done = correct(noisy, PROFILE)
+    rows = np.arange(TRUTH["temperature_c"].size) // 60 == 7
+    error = done.temperature_c - TRUTH["temperature_c"]
+    assert rms(error[rows]) < 0.5 and rms(error[~rows]) < 0.1
+    assert rms(done.humidity_percent - TRUTH["humidity_percent"]) < 1.02 * rms(
+        FLOWN.log["humidity_percent"] - TRUTH["humidity_percent"]
+    )
+    assert np.mean(np.abs(error) <= 1.96 * done.temperature_uncertainty_k) > 0.9
+
+
+def test_a_sensor_that_is_stuck_and_dithers_is_not_believed():
+    """Beyond 5 s from what is believed the interval is wide, and it holds."""
+    log = flight().temperature_c
+    rows, dither = slice(300, 420), 0.01 * np.random.default_rng(2).integers(-1, 2, 120)
+    drifting = np.round(np.linspace(0.0, 12.0, log.size), 2)
+    stuck = flight(temperature_c=lambda v: put(rows, v[300] + drifting[300] + dither)(v + drifting))
+    done = correct(stuck, PROFILE)
+    assert done.flags["repeated"][rows].mean() > 0.9
+    assert np.count_nonzero(done.flags["repeated"]) < 0.25 * log.size
+    error = done.temperature_c - TRUTH["temperature_c"] - drifting
+    assert np.mean(np.abs(error[rows]) <= 1.96 * done.temperature_uncertainty_k[rows]) > 0.9
+    assert rms(error[rows]) < rms((stuck.temperature_c - TRUTH["temperature_c"] - drifting)[rows])
+
+
+def test_readings_between_two_jumps_that_no_lag_lets_through_are_implausible():
+    done = correct(flight(temperature_c=lambda v: put(slice(500, 540), 1.8 * v[500:540] + 32.0)(v)), PROFILE)
+    assert done.flags["implausible"][500:540].all() and np.count_nonzero(done.flags["implausible"]) == 40
+    assert beyond(done) < 1.0
+
+
+def test_an_ordinary_flight_has_nothing_of_all_that():
+    for weather in (frontal(airspeed_m_s=45.0, lead_m=900.0), convective(np.random.default_rng(5), duration_s=60.0)):
+        flown = fly(weather, PROFILE, 4)
+        done = correct(to_flight(flown.log), PROFILE)
+        assert not done.flags["implausible"].any() and not done.flags["gap"].any()
+        assert not [note for note in done.notes if "farther" in note or "missing" in note or "stuck" in note]
+
+
+@pytest.mark.parametrize("noise_k", [0.02, 0.1])
+def test_steps_of_a_slow_log_empty_no_row(noise_k):
+    air = 15.0 + 0.04 * np.sin(np.arange(600) / 40.0) + 0.02 * np.random.default_rng(1).standard_normal(600)
+    nothing = np.full(600, np.nan)
+    log = dataclasses.replace(flight(), **{name: nothing for name in ("airspeed_m_s", "pressure_hpa", "altitude_m")})
+    log = dataclasses.replace(
+        log,
+        time_s=np.arange(600.0),
+        temperature_c=np.round(air, 1),
+        humidity_percent=nothing,
+        die_temperature_c=nothing,
+    )
+    done = correct(log, PROFILE, temperature_noise_k=noise_k)
+    assert np.isfinite(done.temperature_c).all() and np.isfinite(done.temperature_uncertainty_k).all()
+    assert not done.flags["repeated"].any()
+
+
+# -- what comes out ------------------------------------------------------------------------
+
+
+def test_the_air_lies_within_the_reach_of_the_readings():
+    from shockrig.analysis.flight.channel import Readings
+    from shockrig.analysis.flight.response import bead_response
+    from shockrig.analysis.physics.exchange import Stream
+
+    count = len(FLOWN.log)
+    response = bead_response(PROFILE.temperature, Stream(np.full(count, 10.0)))
+    reading = FLOWN.log["temperature_c"].to_numpy()
+    usable = np.ones(count, dtype=bool)
+    usable[200:260] = False
+    readings = Readings("temperature", np.arange(count) * 0.1, reading, usable, response, np.full(count, 4e-4))
+    low, high = reach(readings, 6.0)
+    resolved = np.convolve(np.pad(TRUTH["temperature_c"], 2, mode="edge"), np.full(5, 0.2), mode="valid")
+    assert np.all(((resolved > low) & (resolved < high))[usable])
+    assert np.median(high - low) < 2.0 * np.ptp(reading)
+    shares = [largest_share(response, period) for period in (0.01, 0.1, 1.0, 10.0)]
+    assert 0.0 < shares[0] < shares[1] < shares[2] < shares[3] <= 1.0
+
+
+def test_what_is_not_the_reading_does_not_say_that_it_is():
+    """Humidity beyond the profile's table is given as read, temperature is corrected."""
+    cold = flight(temperature_c=lambda v: v - 40.0)
+    done = correct(cold, PROFILE)
+    assert done.flags["humidity_not_corrected"].any() and not done.flags["not_corrected"].any()
+    rows = done.flags["humidity_not_corrected"]
+    assert np.array_equal(done.humidity_percent[rows], cold.humidity_percent[rows])
+    alone = correct(cold, dataclasses.replace(PROFILE, temperature=None))
+    assert np.array_equal(alone.temperature_c, cold.temperature_c) and alone.flags["not_corrected"].any()
+
+
+def test_damaged_flights_give_nothing_that_cannot_be():
+    """A fixed sample of benchmarks/fuzz_flights.py, which flies a million rows."""
+    fuzz = benchmark("fuzz_flights")
+    for seed in (3, 6, 11, 20):
+        found = fuzz.judged(seed, list(fuzz.DAMAGE))
+        for channel in fuzz.CHANNELS:
+            assert found[channel]["outside"] == 0 and found[channel]["no_reading"] == 0, found
+            assert found[channel]["ours"] <= fuzz.WORSE * found[channel]["reading"], found
+
+
+# -- slips ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changed", "said", "given_as_read"),
+    [
+        ({"time_s": lambda v: v / 60.0}, "times seem to be in minutes", True),
+        ({"time_s": lambda v: 1000.0 * v}, "times seem to be in milliseconds", True),
+        ({"airspeed_m_s": lambda v: -v}, "cannot be", False),
+        ({"airspeed_m_s": lambda v: 100.0 * v}, "cannot be", False),
+        ({"airspeed_m_s": lambda v: np.full(v.size, 12.0)}, "12 m/s in every row", False),
+        ({"pressure_hpa": lambda v: 100.0 * v}, "taken as Pa", False),
+        ({"humidity_percent": lambda v: put(slice(100, 600), v[100])(v)}, "the reading stands at", False),
+        ({"humidity_percent": lambda v: np.minimum(v, np.quantile(v, 0.6))}, "the largest there is", False),
+    ],
+)
+def test_a_slip_of_the_log_is_a_sentence_and_its_uncertainty_holds(changed, said, given_as_read):
+    slipped = flight(**changed)
+    done = correct(slipped, PROFILE)
+    assert sum(said in note for note in done.notes) == (2 if given_as_read else 1)
+    assert not any(said in note for note in correct(flight(), PROFILE).notes)
+    for name, sigma in (
+        ("temperature_c", done.temperature_uncertainty_k),
+        ("humidity_percent", done.humidity_uncertainty_percent),
+    ):
+        value = getattr(done, name)
+        if given_as_read:
+            assert np.array_equal(value, getattr(slipped, name)) and np.isnan(sigma).all()
+        else:
+            known = np.isfinite(value)
+            assert np.mean(np.abs(value - TRUTH[name])[known] <= 1.96 * sigma[known]) > 0.85
+
+
+def test_columns_in_one_anothers_place_are_said_and_given_as_read():
+    log = flight()
+    swapped = dataclasses.replace(log, temperature_c=log.humidity_percent, humidity_percent=log.temperature_c)
+    done = correct(swapped, PROFILE)
+    assert any("seem to stand in one another's place" in note for note in done.notes)
+    assert np.isnan(done.temperature_uncertainty_k).all() and done.flags["not_corrected"].all()
+
+
+def test_an_airspeed_that_is_not_known_widens_what_depends_on_it():
+    film = StatedEffect("convective_film", {"biot_at_5_m_s": Uncertain(0.15, 0.001)})
+    filmed = dataclasses.replace(PROFILE, temperature=dataclasses.replace(PROFILE.temperature, effects=(film,)))
+    flown = fly(convective(np.random.default_rng(3), duration_s=60.0), filmed, 3)
+    log = to_flight(flown.log)
+    sizes = [
+        rms(correct(dataclasses.replace(log, airspeed_m_s=speed), filmed).temperature_uncertainty_k)
+        for speed in (log.airspeed_m_s, np.full(log.time_s.size, 10.0), np.full(log.time_s.size, np.nan))
+    ]
+    assert sizes[0] < sizes[1] < sizes[2]
+
+
+def test_a_ceiling_is_where_the_sensor_stopped():
+    rng = np.random.default_rng(0)
+    reading = np.minimum(90.0 + 15.0 * np.sin(np.arange(600) / 60.0) + 0.06 * rng.standard_normal(600), 100.0)
+    found = screen(0.1 * np.arange(600), reading, RANGES["humidity_reading_percent"], 0.06)
+    assert np.array_equal(found.capped, reading == 100.0) and not found.usable[reading == 100.0].any()
+    assert found.usable[reading < 99.9].mean() > 0.95
+
+
+@pytest.mark.parametrize(("limit", "given"), [(70.0, False), (100.0, True)])
+def test_far_beyond_a_ceiling_a_value_is_given_where_no_air_has_more(limit, given):
+    moist = fly(frontal(airspeed_m_s=15.0, lead_m=360.0, width_m=150.0, humidity_percent=60.0), PROFILE, 7)
+    log = to_flight(moist.log)
+    held = log.time_s > 30.0
+    reading = np.where(held, limit, np.minimum(log.humidity_percent, limit - 0.1))
+    found = correct(dataclasses.replace(log, humidity_percent=reading), PROFILE)
+    far = log.time_s > 36.0
+    assert np.isfinite(found.humidity_percent[far]).all() == given
+    if given:
+        assert np.all(found.humidity_percent[far] == limit)
+    else:
+        assert np.isnan(found.humidity_percent[far]).all()
+
+
+# -- profiles ------------------------------------------------------------------------------
+
+
+def table(change):
+    rows = change(list(PROFILE.humidity.diffusivity_table))
+    return dataclasses.replace(PROFILE, humidity=dataclasses.replace(PROFILE.humidity, diffusivity_table=tuple(rows)))
+
+
+def times(row, factor):
+    d, u = row.diffusivity_m2_s * factor, row.standard_uncertainty * factor
+    return dataclasses.replace(row, diffusivity_m2_s=d, standard_uncertainty=u)
+
+
+def turned(rows):
+    """The rates of the rows in reverse, with the times that are stated beside them."""
+    return [
+        dataclasses.replace(other, ambient_temperature_c=row.ambient_temperature_c)
+        for row, other in zip(rows, rows[::-1], strict=True)
+    ]
+
+
+@pytest.mark.parametrize("stated", [True, False])
+@pytest.mark.parametrize("factor", [3.0, 30.0, 1000.0])
+@pytest.mark.parametrize("place", [0, 2, 5])
+def test_a_row_of_the_table_that_stands_out_is_said(place, factor, stated):
+    def change(rows):
+        rows[place] = times(rows[place], factor)
+        return rows if stated else [dataclasses.replace(row, response_time_s=None) for row in rows]
+
+    assert profile_doubts(table(change))
+
+
+def test_a_table_reversed_and_an_alpha_beside_its_times_are_said():
+    assert profile_doubts(PROFILE) == []
+    assert any("reversed" in one for one in profile_doubts(table(turned)))
+    alpha = PROFILE.temperature.thermal_diffusivity_m2_s.value
+    for factor in (100.0, 0.01):
+        wrong = dataclasses.replace(
+            PROFILE.temperature, thermal_diffusivity_m2_s=Uncertain(factor * alpha, 0.005 * alpha * factor)
+        )
+        profile = dataclasses.replace(PROFILE, temperature=wrong)
+        assert profile_doubts(profile)
+        assert correct(flight(), profile).notes[0].startswith("profile: temperature: alpha")
+
+
+def test_a_film_that_is_no_arrhenius_law_is_not_doubted():
+    """IST's response times to 63 %: 0.6, 5.2 and 11 s at 25, 5 and -10 degC."""
+    rate = [0.32025 * PROFILE.humidity.film_thickness_m**2 / t for t in (11.0, 5.2, 0.6)]
+    rows = [
+        dataclasses.replace(
+            row, ambient_temperature_c=at, diffusivity_m2_s=d, standard_uncertainty=0.02 * d, response_time_s=None
+        )
+        for row, at, d in zip(PROFILE.humidity.diffusivity_table, (-10.0, 5.0, 25.0), rate, strict=False)
+    ]
+    assert profile_doubts(table(lambda _: rows)) == []
