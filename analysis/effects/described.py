@@ -116,11 +116,11 @@ def _parameters(form: Form, jumps: bool) -> Iterable[Parameter]:
     room = kind == "added_response" and ("ambient", "zero_at") in form.depends_on
     each = "/h" if "time_of_campaign" in form.factors else ""
     if kind == "delay" and "history" in form.factors:
-        yield Parameter("size", "1e-6", -200000.0, 200000.0, (3000.0, 12000.0, -6000.0))
+        yield Parameter("size", "1e-6", -200000.0, 200000.0, (3000.0, 12000.0, -6000.0), weakest=500.0)
     elif kind == "delay" and "linear" in dict(form.depends_on).values():
-        yield Parameter("size", f"s{each}", -10.0, 10.0, (0.003, 0.01, -0.005))
+        yield Parameter("size", f"s{each}", -10.0, 10.0, (0.003, 0.01, -0.005), weakest=0.001)
     elif kind == "delay":
-        yield Parameter("size", "s", -0.5, 10.0, (0.05, 0.3))
+        yield Parameter("size", "s", -0.5, 10.0, (0.05, 0.3), weakest=0.01)
     elif kind == "parallel_lag":
         yield Parameter("size", "1", -0.9, 0.9, (0.03,), percent=True)
     elif kind == "lag_in_series" and form.driver == "airflow":
