@@ -30,7 +30,7 @@ from shockrig.files.profile import HumidityProfile, Profile, StatedEffect, Tempe
 
 def gain(before, after, floor):
     runs = [np.full(3, x**2) for x in (before, after)]
-    return Gain(before, after, floor, 0.99, (0.98, 1.0), True, True, *runs)
+    return Gain(before, after, floor, 0.99, (0.98, 1.0), *runs)
 
 
 def recorded(airs_known):

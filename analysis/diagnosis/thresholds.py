@@ -21,7 +21,7 @@ THRESHOLDS = {
     "form": Threshold(1.5, "nats against a form of the grammar beside an entry of the catalogue"),
     "factor": Threshold(2.5, "nats against each condition that a form's strength depends on"),
     "tie": Threshold(0.05, "share of the likeliest model's weight from which on another is tied with it"),
-    "named": Threshold(0.5, "probability from which on an effect is in the model that is stated"),
+    "named": Threshold(0.75, "probability of one effect more from which on it is stated: a wrong name costs three"),
     "adequacy": Threshold(1e-6, "probability below which what is left is no accident"),
     "rate_scatter": Threshold(0.022, "scatter of the runs' rates that is an effect"),
     "open_rate_scatter": Threshold(0.25, "the same where nobody recorded the airflow"),

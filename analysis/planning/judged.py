@@ -11,6 +11,7 @@ from shockrig.analysis.diagnosis.adequacy import judge
 from shockrig.analysis.diagnosis.diagnose import diagnose_channel, enough
 from shockrig.analysis.diagnosis.diagnosed import ChannelDiagnosis
 from shockrig.analysis.diagnosis.prepare import prepare
+from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.inference.fit import Fit, fit
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.model import Model, Structure
@@ -174,4 +175,7 @@ def _possible(found: ChannelDiagnosis, look: int) -> list[Explanation]:
     even = {id(one) for one in search.tied()}
     close = [one for one in search.pool if one.value > least or id(one) in even]
     lacking = [one.fit for one in close if not one.laws >= search.best.laws]
+    if not any(is_described(effect) for effect in search.best.ids):
+        # What a name explains, some form of behaviour nearly does as well: it is no other cause to be ruled out.
+        lacking = [fit for fit in lacking if not any(is_described(effect) for effect in fit.structure.ids)]
     return [_explained_by(one) for one in (search.best.fit, *lacking[:MOST_TIED])]
