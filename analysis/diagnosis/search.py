@@ -347,6 +347,13 @@ class Race:
                 other = self.forward(self.without(current, effect), among, frozenset({effect}))
                 if other is not None and other.value > best.value:
                     best = other
+            if best is current and len(current.ids - self.fixed) > 2:
+                # Two that each do half of it may stand in the place of one.
+                for two in itertools.combinations(sorted(current.ids - self.fixed), 2):
+                    less = self.without(self.without(current, two[0]), two[1])
+                    other = self.forward(less, among, frozenset(two))
+                    if other is not None and other.value > best.value:
+                        best = other
             if best is not current:
                 current = self.grown(self.pruned(best), among)
         return current
@@ -409,7 +416,7 @@ def search(
     named = race.grown(plain, entries)
     if earlier:
         named = max(named, race.grown(_resumed(race, plain, earlier), entries), key=_value)
-    if named.score.discrepancy <= FAR:
+    if named.score.discrepancy <= FAR or not forms:
         named = race.exchanged(named, entries)
     if forms:
         found = [race.forward(named, forms)]
