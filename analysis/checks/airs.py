@@ -66,6 +66,9 @@ def airs_off_both(view: View) -> Iterator[InputFinding]:
         start_s, temperatures = run.start_s, stated(run, TEMPERATURE)
         if len(both) < 2 or start_s is None or run.air is not None:
             continue
+        alone = [told for told in (_source(both[0]), _destination(both[0])) if told is not None]
+        if any(disagrees for _, disagrees in alone):
+            continue  # the bead has said so by itself
         for air, late in zip(temperatures, (False, True), strict=True):
             if air is None:
                 continue

@@ -174,7 +174,8 @@ def _possible(found: ChannelDiagnosis, look: int) -> list[Explanation]:
     search, least = found.search, found.search.best.value - 0.5 * tie_level(look)
     even = {id(one) for one in search.tied()}
     close = [one for one in search.pool if one.value > least or id(one) in even]
-    lacking = [one.fit for one in close if not one.laws >= search.best.laws]
+    # What holds more than the model that is stated is tied with it where it is likelier and was not certain enough.
+    lacking = [one.fit for one in close if one.value > search.best.value or not one.laws >= search.best.laws]
     if not any(is_described(effect) for effect in search.best.ids):
         # What a name explains, some form of behaviour nearly does as well: it is no other cause to be ruled out.
         lacking = [fit for fit in lacking if not any(is_described(effect) for effect in fit.structure.ids)]
