@@ -11,6 +11,7 @@ from shockrig.analysis.diagnosis.adequacy import judge
 from shockrig.analysis.diagnosis.diagnose import diagnose_channel, enough
 from shockrig.analysis.diagnosis.diagnosed import ChannelDiagnosis
 from shockrig.analysis.diagnosis.prepare import prepare
+from shockrig.analysis.diagnosis.thresholds import level
 from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.inference.fit import Fit, fit
 from shockrig.analysis.inference.gather import build_channel
@@ -174,8 +175,11 @@ def _possible(found: ChannelDiagnosis, look: int) -> list[Explanation]:
     search, least = found.search, found.search.best.value - 0.5 * tie_level(look)
     even = {id(one) for one in search.tied()}
     close = [one for one in search.pool if one.value > least or id(one) in even]
-    # What holds more than the model that is stated is tied with it where it is likelier and was not certain enough.
-    lacking = [one.fit for one in close if one.value > search.best.value or not one.laws >= search.best.laws]
+    # Of what holds more, the heaviest is tied with a model that is not likely enough by itself.
+    unsure = search.weight(search.best) < level("named")
+    larger = [id(one) for one in close if id(one) in even and one.value > search.best.value]
+    more = larger[:1] if unsure else []
+    lacking = [one.fit for one in close if id(one) in more or not one.laws >= search.best.laws]
     if not any(is_described(effect) for effect in search.best.ids):
         # What a name explains, some form of behaviour nearly does as well: it is no other cause to be ruled out.
         lacking = [fit for fit in lacking if not any(is_described(effect) for effect in fit.structure.ids)]
