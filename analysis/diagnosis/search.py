@@ -103,8 +103,6 @@ class Search:
     weights : ndarray (M,)
     fits : int
         How many fits it took.
-    untried : tuple of str
-        Effects that no fit was left for.
     """
 
     plain: Rated
@@ -112,7 +110,6 @@ class Search:
     pool: tuple[Rated, ...]
     weights: Array
     fits: int
-    untried: tuple[str, ...] = ()
 
     def probability(self, effect: str) -> float:
         """Of an effect's being there: the weight of all models that hold its law, however that may depend on things."""
