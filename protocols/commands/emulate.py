@@ -129,8 +129,8 @@ def main(args: argparse.Namespace) -> int:
         if session.climate:
             write_whole(folder / CHAMBERS_FILE, _chambers_toml(session.climate))
             stack.callback((folder / CHAMBERS_FILE).unlink, missing_ok=True)
-        _introduce(args, session, links, folder)
-        with contextlib.suppress(KeyboardInterrupt):
+        with contextlib.suppress(KeyboardInterrupt):  # who reads how to reach them may end them in the same moment
+            _introduce(args, session, links, folder)
             _serve(clock, session, end_s, args.speed)
         if session.witness.trouble:
             raise BenchError(session.witness.trouble)
