@@ -1,13 +1,19 @@
 """Bins, averaged traces and initial states of runs whose air was measured, against closed forms of a lag."""
 
+import json
+
 import numpy as np
 import pytest
 
+from shockrig.analysis.diagnosis.prepare import prepare
+from shockrig.analysis.diagnosis.refitting import plain_fit
 from shockrig.analysis.inference.bins import bin_means, place
 from shockrig.analysis.inference.driven_air import averaged_over, begun_unsettled, edges_of_driven, follow
+from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.physics.chain import MeasuredAir
 from shockrig.analysis.physics.driven import respond
 from shockrig.analysis.physics.lags import first_order
+from shockrig.files.campaign import read_campaign
 
 TAU_S, PERIOD_S, NOISE_K = 200.0, 3.0, 0.01
 STEP_AT_S, FROM_C, TO_C = 900.0, 16.0, 25.0
@@ -55,6 +61,28 @@ def test_an_initial_state_drives_the_body_as_the_air_before_the_record():
     )
     shown = respond(first_order(np.array(TAU_S)), air.time_s, air.temperature_c, time)
     assert shown == pytest.approx(lagged(time, 2.7), abs=1e-6)
+
+
+def test_what_is_slower_than_its_record_has_its_time_constant(tmp_path):
+    """Warm water in a room whose air was measured, each run ended long before it had cooled."""
+    tau_s, room_c, rng = 1200.0, 23.0, np.random.default_rng(6)
+    sensors = {"imet": {"kind": "as logged", "body": "lumped"}}
+    (tmp_path / "campaign.json").write_text(
+        json.dumps({"format": "shock-campaign/1", "name": "water", "sensors": sensors})
+    )
+    time = np.arange(0.0, 780.0)
+    for number, begins_c in enumerate((45.0, 48.0, 40.0), start=1):
+        folder = tmp_path / "runs" / f"{number:04d}"
+        folder.mkdir(parents=True)
+        (folder / "run.json").write_text(json.dumps({"format": "shock-run/1", "id": folder.name}))
+        water = room_c + (begins_c - room_c) * np.exp(-time / tau_s)
+        for name, values in (("imet", water), ("air", np.full(time.size, room_c))):
+            noisy = np.round(values + rng.normal(0.0, 0.05, time.size), 1)
+            rows = "".join(f"{t:g},{v:.1f}\n" for t, v in zip(time, noisy, strict=True))
+            (folder / f"{name}.csv").write_text("time_s,temperature_c\n" + rows)
+    ready = prepare(build_channel(read_campaign(tmp_path), "temperature"))
+    found = plain_fit(ready.problem)
+    assert np.exp(-found.log_rates[0]) == pytest.approx(tau_s, rel=0.03)
 
 
 def test_no_bin_bends_by_more_than_its_own_noise_and_few_are_needed():

@@ -1,5 +1,7 @@
 """Predictive densities of unseen runs: against conditional densities of the joint distribution, written out in full."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_t
@@ -11,12 +13,11 @@ from shockrig.analysis.inference.predictive import (
     DISCREPANCIES,
     NOISE_DEGREES,
     Gram,
-    allowing,
     bumps,
     densities,
     gram,
+    no_surer,
     score,
-    stated_beside,
     weights,
 )
 from shockrig.analysis.inference.problem import make_problem
@@ -117,27 +118,35 @@ def test_a_score_is_the_best_over_what_a_model_may_be_wrong_by(fitted):
     assert rated.runs.shape == (6,)
 
 
-def test_a_whitener_that_allows_for_a_discrepancy_is_the_root_of_both(fitted):
-    """|W' e|^2 is e' (K + s^2 H H')^-1 e for any e, with K the noise and H the bumps in the readings' unit."""
-    problem, _, bump = fitted
-    again = allowing(problem, bump, 0.02).whitener
-    for run in range(2):
-        inverse = np.linalg.inv(problem.whitener[run])
-        bumps_in_kelvin = inverse @ bump[run]
-        covariance = inverse @ inverse.T + 0.02**2 * bumps_in_kelvin @ bumps_in_kelvin.T
-        np.testing.assert_allclose(again[run] @ covariance @ again[run].T, np.eye(len(inverse)), atol=1e-8)
-        # In whitened units it is the symmetric root.
-        turned = again[run] @ inverse
-        np.testing.assert_allclose(turned, turned.T, atol=1e-10)
-    assert allowing(problem, bump, 0.0) is problem
-
-
-def test_what_a_model_may_be_wrong_by_makes_its_parameters_less_certain(fitted):
+def test_parameters_are_as_uncertain_as_what_the_model_is_wrong_by_moves_them(fitted):
+    """Against the joint least squares of parameters and random effects, solved for many draws of a discrepancy."""
     problem, found, bump = fitted
-    wrong = stated_beside(problem, found, bump, 0.02)
-    assert stated_beside(problem, found, bump, 0.0) is found
-    assert wrong.covariance[0, 0] > 4.0 * found.covariance[0, 0]
-    assert abs(wrong.theta[0] - found.theta[0]) < 4.0 * np.sqrt(wrong.covariance[0, 0])
+    sigma, draws = 0.02, 400
+    g, j, u = gram(problem, found, bump), found.arrow.jacobian, found.arrow.run_jacobian
+    runs, own, parameters = j.shape[0], u.shape[-1], j.shape[-1]
+    columns = np.zeros((*j.shape[:2], parameters + runs * own))
+    columns[..., :parameters] = j
+    for run in range(runs):
+        columns[run, :, parameters + run * own : parameters + (run + 1) * own] = u[run]
+    columns = columns.reshape(-1, columns.shape[-1])
+    normal = columns.T @ columns + np.diag(np.concatenate([g.prior, (1.0 / g.own).ravel()]))
+    wrong = np.einsum("rnk,drk->drn", bump, np.random.default_rng(3).normal(0.0, sigma, (draws, runs, bump.shape[-1])))
+    moved = np.linalg.solve(normal, columns.T @ wrong.reshape(draws, -1).T)[:parameters]
+    wider = no_surer(problem, found, bump, sigma, False).covariance
+    np.testing.assert_allclose(wider - found.covariance, np.cov(moved), rtol=0.25)
+    assert wider[0, 0] > 4.0 * found.covariance[0, 0]
+    assert no_surer(problem, found, bump, 0.0, False) is found
+
+
+def test_parameters_are_no_surer_than_runs_agree_on_them(fitted):
+    """Runs whose rates differ by far more than each says of its own: the spread of the runs' own estimates."""
+    problem, found, bump = fitted
+    apart = 0.2 * np.resize([1.0, -1.0], problem.channel.runs)
+    faster = np.linalg.pinv(problem.whitener) @ found.arrow.jacobian[..., :1]
+    residual = found.residual + apart[:, None] * faster[..., 0]
+    again = no_surer(problem, replace(found, residual=residual), bump, 0.0, True)
+    assert np.sqrt(again.covariance[0, 0]) > 5.0 * np.sqrt(found.covariance[0, 0])
+    assert no_surer(problem, found, bump, 0.0, True).covariance[0, 0] < 4.0 * found.covariance[0, 0]
 
 
 def test_models_that_predict_alike_share_and_one_far_behind_has_nothing():

@@ -30,7 +30,7 @@ from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.fit import Fit
 from shockrig.analysis.inference.gather import build_channel, usable_runs, why_none
-from shockrig.analysis.inference.predictive import bumps, no_surer_than_runs, stated_beside
+from shockrig.analysis.inference.predictive import bumps, no_surer
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
 from shockrig.files.campaign import Campaign
 from shockrig.files.diagnosis import StatedDiagnosis
@@ -80,13 +80,9 @@ def diagnose_channel(
     progress(f"{channel.name}: measuring the gain on unseen runs")
     gain = measure_gain(channel, problem, ready.structure, found.plain, found.best, ready.noise)
     sigma = found.best.score.discrepancy
-    bump = bumps(problem)
-    final = stated_beside(problem, found.best.fit, bump, sigma)
     adequacy, plain_adequacy = (judge(problem, one.fit, ready.noise) for one in (found.best, found.plain))
     remainder = measure_remainder(problem, found.best.fit, ready.noise, adequacy, gain, tolerance or Tolerance(), sigma)
-    if remainder.significant:
-        final = no_surer_than_runs(problem, final, bump, sigma)
-    final = widened(problem, final)
+    final = widened(problem, no_surer(problem, found.best.fit, bumps(problem), sigma, remainder.significant))
     matters = remainder.significant and remainder.material
     bursts = restless(problem.channel, adequacy) if matters else ()
     causes = _causes(ready, found, final)

@@ -16,7 +16,7 @@ from shockrig.analysis.physics.chain import MeasuredAir
 Array = NDArray[np.float64]
 
 GRID = 4000  # steps over a record on which a sensor is followed roughly
-TRIED = 40  # time constants
+TRIED, SLOWEST = 40, 5.0  # time constants; the longest in units of the record
 GAIN_SPREAD = 0.03  # of two sensors in one air, relative: a trace that stands still tells nothing of it
 BENDING = 0.5  # of the noise of a bin's mean: how much a bin may bend
 FASTER = 3.0  # a response is taken to have a part that is so much faster than the whole
@@ -41,6 +41,8 @@ class Followed:
         Of single readings and of the trace together [the channel's unit].
     excess : float
         By how much the sensor was off its own settled reading when the record began; 0 where it had settled.
+    excess_uncertainty : float
+        Its standard uncertainty: a rough one's is all of it.
     """
 
     time_s: Array
@@ -48,6 +50,7 @@ class Followed:
     time_constant_s: float
     noise: float
     excess: float
+    excess_uncertainty: float = 0.0
 
 
 def follow(time_s: Array, value: Array, air_time_s: Array, air: Array, resolution: float) -> Followed:
@@ -74,7 +77,7 @@ def follow(time_s: Array, value: Array, air_time_s: Array, air: Array, resolutio
         found = np.linalg.lstsq(normal, right, rcond=None)[0]
         return float(np.var(reading - lagged - design @ found)), tau, found, lagged + held * found[2]
 
-    taus = np.geomspace(step, 0.5 * (time_s[-1] - time_s[0]), TRIED)
+    taus = np.geomspace(step, SLOWEST * (time_s[-1] - time_s[0]), TRIED)
     near = min((tried(tau) for tau in taus), key=lambda t: t[0])[1]
     taus = near * np.geomspace(taus[0] / taus[1], taus[1] / taus[0], TRIED // 2)
     _, tau, (offset, *_), shown = min((tried(tau) for tau in taus), key=lambda t: t[0])
@@ -84,7 +87,7 @@ def follow(time_s: Array, value: Array, air_time_s: Array, air: Array, resolutio
     least = max(UNSETTLED_NOISE * noise, UNSETTLED_SHARE * float(np.ptp(value)))
     if not _forgets(excess, grid - grid[0], driving, reading, tau, least):
         excess = 0.0
-    return Followed(grid, np.abs(driving - shown), tau, noise, excess)
+    return Followed(grid, np.abs(driving - shown), tau, noise, excess, max(abs(excess), least))
 
 
 def _forgets(excess: float, since_s: Array, air: Array, reading: Array, tau: float, least: float) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 
 import numpy as np
@@ -269,6 +269,7 @@ def build_channel(campaign: Campaign, name: ChannelName) -> Channel | None:
     if driven:
         followed = [_followed(t, y, a, quantity) for (t, y), a in zip(samples, air, strict=True)]
         edges = edges_of_driven(first, last, period, followed)
+        conditions = _with_scatter_before(conditions, quantity, air, followed)
         air = tuple(
             None if a is None else _as_driven(a, edges, float(t[0]), f.excess, quantity)
             for (t, _), a, f in zip(samples, air, followed, strict=True)
@@ -329,11 +330,19 @@ def _followed(time: Array, value: Array, air: MeasuredAir | None, quantity: Quan
 
 def _as_driven(air: MeasuredAir, edges: Array, first_s: float, excess: float, quantity: Quantity) -> MeasuredAir:
     """A measured air as it drives the binned readings, the sensor's own state at the begin of its record in it."""
-    air = averaged_over(air, edges)
-    if not excess:
-        return air
     of_temperature = quantity is TEMPERATURE
+    air = averaged_over(air, edges)
     return begun_unsettled(air, first_s, excess if of_temperature else 0.0, 0.0 if of_temperature else excess)
+
+
+def _with_scatter_before(
+    conditions: Conditions, quantity: Quantity, air: Sequence[MeasuredAir | None], followed: Sequence[Followed]
+) -> Conditions:
+    """Conditions with how well it is known, in runs whose air was measured, what the sensor had settled to before."""
+    name = f"{quantity.air_fields[1]}_scatter"
+    measured = np.array([one is not None for one in air])
+    before = np.array([one.excess_uncertainty for one in followed])
+    return replace(conditions, **{name: np.where(measured, before, getattr(conditions, name))})
 
 
 def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_s: float) -> Conditions:

@@ -201,6 +201,11 @@ class Model:
         channel, theta = self.channel, point.theta
         deviations = self._with_shared(theta, point.deviations)
         rate = np.exp(theta[:, self.rates] @ channel.interpolation.T + deviations[..., RunEffect.RATE])
+        before = None
+        if channel.measured.any():  # where the air was measured, what it was before takes the destination's place
+            before = np.where(channel.measured, point.deviations[..., RunEffect.DESTINATION], 0.0)
+            deviations = np.array(deviations)
+            deviations[..., channel.measured, RunEffect.DESTINATION] = 0.0
         airs = channel.quantity.airs(channel.conditions, deviations)
         chain = Chain(
             channel=channel,
@@ -213,6 +218,7 @@ class Model:
             body=BODIES[channel.body],
             air_offset=deviations[..., RunEffect.SOURCE],
             die_c=channel.die_c,
+            before=before,
             ramp_s=_slowed_s(channel),
         )
         values: dict[str, dict[str, Array]] = {effect.id: {} for effect in self.structure.effects}

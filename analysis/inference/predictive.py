@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.inference.fit import Fit, fit, linearise
+from shockrig.analysis.inference.fit import Fit
 from shockrig.analysis.inference.problem import Problem
 
 Array = NDArray[np.float64]
@@ -56,7 +56,7 @@ class Score:
 def bumps(problem: Problem) -> Array:
     """What a model may be wrong by, whitened (R, n, K): bumps in log time after the transfer, times the run's step.
 
-    Beside a measured air, which has no transfer, they are bumps in time, times the spread of that air.
+    Beside a measured air, which has no transfer, they are bumps in time, times how far that air moves.
     """
     channel = problem.channel
     late, step = channel.time_s, channel.quantity.step(channel.conditions)
@@ -65,7 +65,7 @@ def bumps(problem: Problem) -> Array:
         first, last = (np.array([f(t[f_]) for t, f_ in zip(late, filled, strict=True)]) for f in (np.min, np.max))
         place = (late - first[:, None]) / np.maximum(last - first, 1e-9)[:, None] * (BUMPS - 1)
         hats = np.maximum(1.0 - np.abs(place[..., None] - np.arange(BUMPS)), 0.0) * filled[..., None]
-        spread = np.array([0.0 if air is None else float(channel.trace_of(air).std()) for air in channel.air])
+        spread = np.array([0.0 if air is None else _far(channel.trace_of(air)) for air in channel.air])
         spread = np.where(channel.measured, spread, np.abs(step))
         return problem.whiten(hats * np.maximum(spread, channel.quantity.least_step)[:, None, None])
     after = (late > 0) & filled
@@ -79,6 +79,11 @@ def bumps(problem: Problem) -> Array:
     hats = np.stack([np.where(shows, np.interp(place, knots, row), 0.0) for row in np.eye(BUMPS)], axis=-1)
     size = np.maximum(np.abs(step), channel.quantity.least_step)
     return problem.whiten(hats * size[:, None, None])
+
+
+def _far(trace: Array) -> float:
+    """How far a sensor has to follow a measured air, the first sample of which is what it had settled to before."""
+    return float(np.hypot(trace[1:].std(), trace[1] - trace[0]))
 
 
 @dataclass(frozen=True)
@@ -205,59 +210,42 @@ def weights(densities_of: Sequence[Array], log_prior: Sequence[float], draws: in
     return np.asarray((weight / weight.sum(axis=1, keepdims=True)).mean(axis=0))
 
 
-def no_surer_than_runs(problem: Problem, found: Fit, bump: Array, discrepancy: float) -> Fit:
-    """A fit whose parameters are no surer than the runs agree on them: the sandwich of what each run alone would move
-    them by (Huber 1967; White 1982, doi 10.2307/1912526), where that is more than the fit's own covariance.
+def no_surer(problem: Problem, found: Fit, bump: Array, discrepancy: float, than_runs: bool) -> Fit:
+    """A fit whose parameters are as uncertain as its model's being wrong makes them.
+
+    The fit weighs readings by their noise alone; what the model is wrong by, a discrepancy D_i in each run, moves its
+    parameters by N^-1 J_i' C_i^-1 D_i: covariance N^-1 + N^-1 (sum_i J_i' C_i^-1 E[D_i D_i'] C_i^-1 J_i) N^-1. With
+    `than_runs`, no parameter is surer than the runs agree on it either: the same with what each run leaves in the place
+    of D_i (Huber 1967; White 1982, doi 10.2307/1912526).
     """
     runs = problem.channel.runs
-    if runs < FEWEST_RUNS:
+    than_runs &= runs >= FEWEST_RUNS
+    if discrepancy == 0.0 and not than_runs:
         return found
     g = gram(problem, found, bump)
-    own, right = _reduced(g, discrepancy)[:2]
-    normal = own.sum(axis=0) + np.diag(g.prior)
-    moved = np.linalg.solve(normal, right.T)  # (P, R)
-    moved = moved - moved.mean(axis=1, keepdims=True)
-    between = (moved**2).sum(axis=1) * runs / (runs - 1.0)
+    own, right, _, _ = _reduced(g, 0.0)
     low, high = found.model.bounds()
     free = (found.theta > low) & (found.theta < high)
-    stated = np.diag(found.covariance)[free]
-    scale = np.ones(free.size)
-    scale[free] = np.sqrt(np.maximum(between / np.maximum(stated, 1e-300), 1.0))
-    return replace(found, covariance=found.covariance * scale[:, None] * scale)
+    scale = 1.0 / np.sqrt(own.sum(axis=0).diagonal() + g.prior)
+    inverse = np.linalg.inv(own.sum(axis=0) * scale[:, None] * scale + np.diag(g.prior * scale**2))
+    inverse = inverse * scale[:, None] * scale
+    moved = inverse @ _seen_by(g)  # (R, P, K): of a bump of one each
+    covariance = found.covariance.copy()
+    covariance[np.ix_(free, free)] += discrepancy**2 * np.einsum("rpk,rqk->pq", moved, moved)
+    if than_runs:
+        each = right @ inverse
+        each = each - each.mean(axis=0)
+        between = (each**2).sum(axis=0) * runs / (runs - 1.0)
+        wider = np.ones(found.theta.size)
+        wider[free] = np.sqrt(np.maximum(between / np.maximum(covariance.diagonal()[free], 1e-300), 1.0))
+        covariance = covariance * wider[:, None] * wider
+    return replace(found, covariance=covariance)
 
 
-def allowing(problem: Problem, bump: Array, discrepancy: float) -> Problem:
-    """The problem of a model that may be wrong by so much: its discrepancy is noise to whoever fits its parameters.
-
-    The whitener becomes (I + s^2 B B')^(-1/2) W, by way of B's own few columns.
-    """
-    if discrepancy == 0.0 or not bump.shape[-1]:
-        return problem
-    basis, triangle = np.linalg.qr(bump)
-    values, vectors = np.linalg.eigh(discrepancy**2 * (triangle @ triangle.transpose(0, 2, 1)))
-    turned = basis @ vectors
-    shrink = 1.0 / np.sqrt(1.0 + np.maximum(values, 0.0)) - 1.0
-    whitener = problem.whitener + (turned * shrink[:, None, :]) @ (turned.transpose(0, 2, 1) @ problem.whitener)
-    return replace(problem, whitener=whitener)
-
-
-def stated_beside(problem: Problem, found: Fit, bump: Array, discrepancy: float) -> Fit:
-    """A fit's parameters where its model may be wrong by so much: fitted with that as noise, and as uncertain.
-
-    Residuals, normal equations and deviance are those of the problem as it was.
-    """
-    if discrepancy == 0.0:
-        return found
-    part = allowing(problem, bump, discrepancy)
-    again = fit(part, found.structure, found.theta, found.deviations)
-    prediction, arrow = linearise(problem, found.structure, again.point)
-    residual = np.where(problem.channel.count > 0, problem.channel.value - prediction, 0.0)
-    return replace(
-        found,
-        theta=again.theta,
-        covariance=again.covariance,
-        deviations=again.deviations,
-        rate_scatter=again.rate_scatter,
-        residual=residual,
-        arrow=arrow,
-    )
+def _seen_by(g: Gram) -> Array:
+    """J' C^-1 B of each run (R, P, K), B the discrepancy's bumps: what is left of them for the parameters beside the
+    run's own random effects."""
+    width, root = g.own.shape[-1], np.sqrt(g.own)
+    scaled = g.vv[:, :width, :width] * root[:, :, None] * root[:, None, :] + np.eye(width)
+    behind = np.linalg.solve(scaled, root[..., None] * g.vv[:, :width, width:])
+    return np.asarray(g.jv[..., width:] - (g.jv[..., :width] * root[:, None, :]) @ behind)

@@ -24,7 +24,10 @@ ChannelName = Literal["temperature", "humidity"]
 
 
 class RunEffect(IntEnum):
-    """Columns of a run's random effects: how late it starts [s], ln of its rate, and how far its airs are off."""
+    """Columns of a run's random effects: how late it starts [s], ln of its rate, and how far its airs are off.
+
+    Where the air was measured, DESTINATION is how far off the air was that the sensor had settled to before its record.
+    """
 
     START = 0
     RATE = 1

@@ -103,6 +103,8 @@ class Chain:
         The shape that takes up heat or vapour; its rates are multiplied by `rate`.
     air_offset : ndarray (B, R)
         What is added to a measured air [the channel's unit]: its reference's own error.
+    before : ndarray (B, R) or None
+        What is added to the first sample of a measured air, which the sensor had settled to when its record began.
     die_c : ndarray (R, n)
         The sensor's own temperature at the readings; NaN where there is none.
     time_s : ndarray (B, R, n)
@@ -150,6 +152,7 @@ class Chain:
     body: Body
     air_offset: Array
     die_c: Array
+    before: Array | None = None
     ramp_s: Array | None = None
     rooms: tuple[RoomAir, ...] = ()
     biot: Array | None = None

@@ -35,7 +35,7 @@ def temperature_reading(chain: Chain) -> Array:
         excess = room.fraction * (room.temperature_c - chain.destination_c)
         reading = reading + excess[..., None] * _let_in(chain, response, room)
     for run, air in _measured(chain):
-        trace = air.temperature_c + chain.air_offset[:, run, None]
+        trace = _off(chain, run, air.temperature_c)
         _drive_by(chain, reading, run, response, air, trace, chain.time_s)
     return reading
 
@@ -80,7 +80,15 @@ def _vapour_hpa(chain: Chain) -> tuple[Array, Array]:
 def _measured_vapour(chain: Chain, run: int, air: MeasuredAir) -> Array:
     """100 times the vapour pressure of a measured air (B, m) [hPa]."""
     saturated = saturation_pressure_hpa(_known_temperature(chain, air, run))
-    return np.asarray((air.humidity_percent + chain.air_offset[:, run, None]) * saturated)
+    return np.asarray(_off(chain, run, air.humidity_percent) * saturated)
+
+
+def _off(chain: Chain, run: int, values: Array) -> Array:
+    """A measured air (B, m) as it may have been: off by its reference's error, and before its record by more."""
+    trace = values + chain.air_offset[:, run, None]
+    if chain.before is not None:
+        trace[:, 0] += chain.before[:, run]
+    return np.asarray(trace)
 
 
 def _taken_up_by_activity(chain: Chain) -> Array:
