@@ -42,11 +42,15 @@ class Row:
 
 @dataclass(frozen=True)
 class Part:
-    """Runs fitted together: the least squares problem, its fit, and the RMSE over their samples [channel's unit]."""
+    """Runs fitted together: the least squares problem, its fit, and the RMSE over their samples [channel's unit].
+
+    `allows_for_misfit` says whether the fit's covariance takes in what its model is wrong by.
+    """
 
     problem: Problem
     fit: Fit
     rmse: float
+    allows_for_misfit: bool = False
 
     @property
     def channel(self) -> Channel:
@@ -54,7 +58,9 @@ class Part:
 
     def enlarged(self, noise: Noise) -> float:
         """By how much its formal uncertainty is too small, because the model is wrong: by as much as the residuals, or
-        the runs' start times and airs, are too far off; 1 where they are not."""
+        the runs' start times and airs, are too far off; 1 where they are not, or where it allows for that."""
+        if self.allows_for_misfit:
+            return 1.0
         ratio = max(self.rmse / noise.while_moving, self.normalised_deviation)
         return ratio if ratio > FAR_ABOVE_NOISE else 1.0
 

@@ -26,6 +26,7 @@ from shockrig.analysis.inference.fit import Fit
 from shockrig.analysis.inference.noise import whiteners
 from shockrig.analysis.inference.problem import make_problem
 from shockrig.analysis.inference.quantity import ChannelName
+from shockrig.analysis.inference.samples import rmse_over_samples
 from shockrig.analysis.inference.seen import by_itself
 from shockrig.files.campaign import Campaign
 from shockrig.files.profile import Profile
@@ -53,7 +54,8 @@ def plain_result(found: ChannelDiagnosis) -> ChannelResult | None:
 
 def extended_result(found: ChannelDiagnosis) -> ChannelResult | None:
     """The channel under the model that carries the named causes (none: the plain one, on all runs)."""
-    part = make_part(found.problem, found.final)
+    rmse = rmse_over_samples(found.problem.channel, found.final)
+    part = Part(found.problem, found.final, rmse, allows_for_misfit=True)
     rows, undetermined = joint_rows(part, found.noise, "all runs")
     if not rows:
         return None
@@ -66,19 +68,21 @@ def extended_result(found: ChannelDiagnosis) -> ChannelResult | None:
 
 
 def _in_doubt(found: ChannelDiagnosis, row: Row, wider: Sequence[Fit], shown: tuple[float, float] | None) -> Row:
-    """A row as uncertain as its nearest rivals are away from it, and no surer than the models that it is a limit of;
-    `shown` are the times to 63 and 90 % that the readings of a single run show by no model.
-
-    What is tied may be as true; how far its times are from those that are stated is how far these may be off.
+    """A row as uncertain as the models are apart that are tied with the stated one, each by its weight, and no surer
+    than the models that it is a limit of; `shown` are the times to 63 and 90 % that a single run's readings show.
     """
     channel, search = found.problem.channel, found.search
     ambient = int(np.argmin(np.abs(channel.ambients_c - row.ambient_c)))
-    rivals = [one.fit for one in search.rivals()]
+    rivals = search.rivals()
     if not (rivals or wider or shown):
         return row
-    stated, others = row.response, [response_time(channel, fit, ambient) for fit in (*rivals, *wider)]
+    fits = (*(one.fit for one in rivals), *wider)
+    stated, others = row.response, [response_time(channel, one, ambient) for one in fits]
     times = np.array([[r.t63_s, r.t90_s, r.t98_s] for r in (stated, *others)])
-    away = np.abs(np.log(times[1:] / times[0])).max(axis=0, initial=0.0)
+    apart = np.log(times[1:] / times[0]) ** 2
+    weight = np.array([search.weight(one) for one in (search.best, *rivals)])
+    away = np.sqrt(weight[1:] @ apart[: len(rivals)] / weight.sum())
+    away = np.maximum(away, np.sqrt(apart[len(rivals) :].max(axis=0, initial=0.0)))
     if shown is not None:  # a shape that no other run has borne out is as sure as it agrees with the readings
         away = np.maximum(away, np.abs(np.log(np.array([*shown, shown[1]]) / [*times[0, :2], times[0, 1]])))
     sure = np.array([r.standard_uncertainties_s or (0.0, 0.0, 0.0) for r in (stated, *others[len(rivals) :])])

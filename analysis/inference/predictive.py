@@ -235,11 +235,18 @@ def no_surer(problem: Problem, found: Fit, bump: Array, discrepancy: float, than
     if than_runs:
         each = right @ inverse
         each = each - each.mean(axis=0)
-        between = (each**2).sum(axis=0) * runs / (runs - 1.0)
-        wider = np.ones(found.theta.size)
-        wider[free] = np.sqrt(np.maximum(between / np.maximum(covariance.diagonal()[free], 1e-300), 1.0))
-        covariance = covariance * wider[:, None] * wider
+        part = np.ix_(free, free)
+        covariance[part] = _no_less(covariance[part], each.T @ each * runs / (runs - 1.0))
     return replace(found, covariance=covariance)
+
+
+def _no_less(covariance: Array, other: Array) -> Array:
+    """A covariance that is in no direction less than another: along the axes of both, the larger of the two."""
+    root = np.linalg.cholesky(covariance)
+    inverse = np.linalg.inv(root)
+    values, axes = np.linalg.eigh(inverse @ other @ inverse.T)
+    wide = root @ axes
+    return np.asarray((wide * np.maximum(values, 1.0)) @ wide.T)
 
 
 def _seen_by(g: Gram) -> Array:
