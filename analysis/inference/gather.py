@@ -368,6 +368,8 @@ def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_
             if value is None:
                 found = run.hyt if of is HUMIDITY else (run.imet or run.hyt)
                 value = plateau(found, of.column, one.start_s, kind == "destination") if found is not None else np.nan
+                if of is quantity and kind == "destination" and np.isfinite(value):
+                    scatter = float(np.hypot(scatter, _still_to_go(one, quantity, value)))
                 if not np.isfinite(value):
                     value = of.usual_air
             values.append(value)
@@ -430,6 +432,16 @@ def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_
         order=np.arange(len(runs), dtype=float),
         hours=_hours(runs),
     )
+
+
+def _still_to_go(one: UsableRun, quantity: Quantity, end: float) -> float:
+    """How far a reading that ends at `end` may still have to go: what an exponential would that has moved so far in the
+    second half of its record, if half of the record were its time constant or less."""
+    time, value = one.trace.time_s, one.trace.values[quantity.column]
+    half = int(np.searchsorted(time, 0.5 * (max(one.start_s, time[0]) + time[-1])))
+    few = max(time.size // 40, 1)
+    middle = value[max(half - few, 0) : half + few + 1]
+    return float(abs(end - np.nanmedian(middle)) / np.expm1(1.0))
 
 
 def _hours(runs: Sequence[Run]) -> Array:
