@@ -106,7 +106,7 @@ def test_concentration_warp_against_an_independent_integration(ratio):
     assert warped == pytest.approx(uptake, abs=2e-3)
 
 
-ALONE = [(effect, name) for effect, entry in CATALOGUE.items() for name in entry.channels if not entry.averages]
+ALONE = [(effect, name) for effect, entry in CATALOGUE.items() for name in entry.channels if not entry.readout.averages]
 TOGETHER = [
     ({"finite_transfer.duration_s": 2.0}, "humidity"),
     ({"finite_transfer.duration_s": 6.0, "air_relaxation.fraction": 0.1}, "humidity"),

@@ -250,7 +250,7 @@ def test_readings_over_again_are_no_mean(late):
     rounded = logged(lambda value: np.round(value / 0.5) * 0.5)
     assert not mostly_repeats(rounded, 0.5)
     noise = replace(late[0].noise, averaged=4)
-    seen = CATALOGUE["moving_average"].in_noise
+    seen = CATALOGUE["moving_average"].readout.in_noise
     assert seen(Readings(channel, 0.001, noise)) is not None and seen(Readings(held, 0.001, noise)) is None
 
 

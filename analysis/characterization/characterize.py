@@ -128,14 +128,14 @@ def characterize_channel(
     if whole is None:
         raise _Unusable(why_none(usable_runs(campaign, name)[1]))
     for effect in extension.structure.effects:
-        if effect.dated and effect.in_readings:
-            whole = effect.in_readings(Readings(whole))[0].channel
+        if effect.readout.dated and effect.readout.in_readings:
+            whole = effect.readout.in_readings(Readings(whole))[0].channel
     say(f"{name}: {whole.runs} runs, noise from the plateaus")
     noise = estimate_noise(whole)
     rounding = 0.0
     for effect in extension.structure.effects:
-        if effect.rounded_to:
-            rounding = effect.rounded_to(extension.structure.held_values(effect.id))
+        if effect.readout.rounded_to:
+            rounding = effect.readout.rounded_to(extension.structure.held_values(effect.id))
             noise = noise.with_rounding(rounding)
     groups, set_aside = choose_runs(whole, noise, extension)
     rows: list[Row] = []

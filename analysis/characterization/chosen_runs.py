@@ -47,8 +47,8 @@ def choose_runs(
                 alone |= here
     keep[list(reasons)] = False
     basis = "isothermal shocks" if plain_film else "all runs"
-    readings = [e for e in CATALOGUE.values() if e.thermal_reading and e.acts_in(whole)]
-    thermal = {AT_AIR: Extension()} | {e.thermal_reading: Extension(Structure((e,))) for e in readings}
+    readings = [e for e in CATALOGUE.values() if e.readout.thermal and e.acts_in(whole)]
+    thermal = {AT_AIR: Extension()} | {e.readout.thermal: Extension(Structure((e,))) for e in readings}
     choices = [(keep & ~alone, {basis: extension}), (keep & alone, thermal)]
     groups = [(whole.select(mask).without_lost_ambients(), models) for mask, models in choices if mask.any()]
     return groups, [*whole.left_out, *(LeftOut(whole.run_ids[i], whole.name, reasons[i]) for i in sorted(reasons))]

@@ -152,15 +152,11 @@ def run_errors(held: Channel, bins: Problem, found: Fit) -> Array:
 
 def _dated(channel: Channel, structure: Structure) -> list[Array]:
     """Times at which the readings were fresh."""
-    dating = [e for e in structure.effects if e.dated]
     times = [t for t, _ in channel.samples]
-    for effect in dating:
-        assert effect.dated is not None
-        values = structure.held_values(effect.id)
-        times = [
-            effect.dated(t, y, channel.sampling_period_s, values)
-            for t, (_, y) in zip(times, channel.samples, strict=True)
-        ]
+    for effect in structure.effects:
+        if (fresh := effect.readout.dated) is not None:
+            values, period_s = structure.held_values(effect.id), channel.sampling_period_s
+            times = [fresh(t, y, period_s, values) for t, (_, y) in zip(times, channel.samples, strict=True)]
     return times
 
 

@@ -48,14 +48,14 @@ def prepare(channel: Channel, averaged: int | None = None) -> Prepared:
     known, findings = Readings(channel, rounding_step(channel)), []
     # From the log back to the air: what the logger did last is undone first.
     for effect in reversed(CATALOGUE.values()):
-        if effect.in_readings and channel.name in effect.channels:
-            known, finding = effect.in_readings(known)
+        if effect.readout.in_readings and channel.name in effect.channels:
+            known, finding = effect.readout.in_readings(known)
             findings += [finding] if finding else []
     lengths = () if averaged is None else (averaged,)
     noise = estimate_noise(known.channel, known.step or channel.quantity.resolution, lengths, averaged)
     known = replace(known, noise=noise)
     for effect in CATALOGUE.values():
-        if effect.in_noise and channel.name in effect.channels and (finding := effect.in_noise(known)):
+        if effect.readout.in_noise and channel.name in effect.channels and (finding := effect.readout.in_noise(known)):
             findings.append(finding)
     coarsely = known.step > COARSE_IN_NOISE * noise.standard_deviation
     if coarsely:
@@ -69,12 +69,12 @@ def prepare(channel: Channel, averaged: int | None = None) -> Prepared:
     structure = Structure(tuple(CATALOGUE[f.effect] for f in findings), held)
     # Readings that hang together as those of a mean do, or are rounded, and come of nothing that the catalogue has.
     shown, entries = [], [CATALOGUE[f.effect] for f in findings]
-    if noise.averaged > 1 and not any(entry.averages for entry in entries):
+    if noise.averaged > 1 and not any(entry.readout.averages for entry in entries):
         mean, period_s = described(MEAN.key, known.channel.jumps_with_air), known.channel.reading_period_s
         over_s = noise.averaged * period_s
         structure = structure.adding(mean, Held(mean.id, mean.parameters[0].name, over_s))
         shown.append(discovered_of(mean, {mean.parameters[0].name: (over_s, A_TENTH * period_s)}))
-    if coarser_than_the_sensor(known.channel, known.step) and not any(entry.rounded_to for entry in entries):
+    if coarser_than_the_sensor(known.channel, known.step) and not any(entry.readout.rounded_to for entry in entries):
         size = Size(known.step, known_to(known.step), known.channel.quantity.unit)
         shown.append(Discovered("offset", "own_response", size=size))
     stated = tuple(replace(one, probability=1.0, seen_over=seen_over(problem)) for one in shown)
@@ -103,7 +103,7 @@ def _averaging(channel: Channel) -> tuple[Effect, float]:
     """The entry of the catalogue that is a running mean, a plain one where it holds none; and the size of its number
     for one reading."""
     for entry in CATALOGUE.values():
-        if entry.averages:
+        if entry.readout.averages:
             return entry, 1.0
     return described(MEAN.key, channel.jumps_with_air), channel.reading_period_s
 
@@ -120,7 +120,7 @@ def likelier_average(before: Prepared, found: Search, adequate: bool) -> int | N
     average, of_one = _averaging(channel)
     lengths, alike = set(), set()
     for id_, parameters in found.best.fit.values().items():
-        if id_ in CATALOGUE and (looks := CATALOGUE[id_].like_average) is not None:
+        if id_ in CATALOGUE and (looks := CATALOGUE[id_].readout.like_average) is not None:
             lengths |= looks({name: value for name, (value, _) in parameters.items()}, channel.reading_period_s)
             alike.add(id_)
     if not lengths and adequate:

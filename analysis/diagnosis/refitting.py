@@ -60,7 +60,7 @@ def mirror(problem: Problem, found: Fit) -> Fit | None:
     slowest = BODIES[problem.channel.body].held().rate[0]
     middle = found.log_rates.mean()
     for effect in found.structure.effects:
-        if not effect.mirrors:
+        if not effect.start.mirrors:
             continue
         share, tau = (found.choice[f"{effect.id}.{name}"] for name in ("fraction", "time_constant_s"))
         if share > SHARE_OF_RANGE * effect.parameter("fraction").high:
@@ -72,19 +72,19 @@ def mirror(problem: Problem, found: Fit) -> Fit | None:
 
 
 def rate_shift(effect: Effect, channel: Channel) -> float:
-    return float(np.log(effect.rate_factor(channel))) if effect.rate_factor else 0.0
+    return float(np.log(effect.start.rate_factor(channel))) if effect.start.rate_factor else 0.0
 
 
 def has_steps(problem: Problem, structure: Structure) -> bool:
     """Whether a model's objective has steps or ridges, before which a fit may end."""
-    return any(effect.nudges and effect.nudges(problem.channel) for effect in structure.effects)
+    return any(effect.start.nudges and effect.start.nudges(problem.channel) for effect in structure.effects)
 
 
 def _nudged(problem: Problem, found: Fit) -> list[Fit]:
     """Fits from beside where one ended, where the objective has steps or ridges: from those that begin best."""
     deviations, begun = begun_anew(problem, found), list[tuple[float, Array]]()
     for effect in found.structure.effects:
-        for offsets in effect.nudges(problem.channel) if effect.nudges else ():
+        for offsets in effect.start.nudges(problem.channel) if effect.start.nudges else ():
             theta = found.theta.copy()
             for name, offset in offsets.items():
                 theta[found.model.place(f"{effect.id}.{name}")] += offset

@@ -231,8 +231,8 @@ class Race:
             effect = one.effect
             # A start that the data give may be the whole answer, whatever its first order says; another body, or where
             # a steady error is tried, is no small change.
-            told = effect.always_tried or (effect.start_from is not None and len(starts) == 1)
-            told |= effect.rate_factor is not None and (far or not effect.rarity(self.problem.channel))
+            told = effect.start.always or (effect.start.from_data is not None and len(starts) == 1)
+            told |= effect.start.rate_factor is not None and (far or not effect.rarity(self.problem.channel))
             reach = -0.7 * one.log_prior if far else WITHIN_REACH
             if gain + one.log_prior + reach <= 0 and not told:
                 continue
@@ -260,12 +260,12 @@ class Race:
             rates = found.log_rates + rate_shift(one.effect, channel)
             begins.append((rates, choice, anew if far else found.deviations))
         lags = one.form is not None and one.form.behaves_as == "lag_in_series"
-        if one.effect.own_rates or (far and lags):  # the body may be faster than it was taken to be alone
+        if one.effect.start.own_rates or (far and lags):  # the body may be faster than it was taken to be alone
             choice = begins[0][1]
             begins.append((rough_rates(problem, structure, anew, choice), choice, anew))
         if not far:  # what it does may hide in the runs' own deviations
             begins.append((begins[0][0], begins[0][1], anew))
-        if one.effect.own_rates and not channel.conditions.start_known.all():
+        if one.effect.start.own_rates and not channel.conditions.start_known.all():
             point = rough_point(problem, structure, begins[0][1])
             begins.append((point.theta[: channel.rates], begins[0][1], point.deviations))
         tried = [self.fitted(structure, model.start(r, choice), own, QUICK) for r, choice, own in begins]

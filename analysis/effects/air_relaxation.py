@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.effect import Effect, Parameter
+from shockrig.analysis.inference.effect import Effect, Needs, Parameter, Words
 from shockrig.analysis.physics.chain import RoomAir
 
 
@@ -19,6 +19,8 @@ EFFECT = Effect(
     id="air_relaxation",
     link="air",
     channels=("temperature", "humidity"),
+    equation="air(t) = destination + fraction exp(-t / time_constant) (room - destination)",
+    source="well-mixed chamber; vapour pressure mixes linearly",
     parameters=(
         Parameter("fraction", "1", 0.001, 0.5, (0.03,), percent=True),
         Parameter("time_constant_s", "s", 0.3, 90.0, (3.0, 12.0), log=True, none=None),
@@ -32,13 +34,15 @@ EFFECT = Effect(
             RoomAir(p["fraction"], p["time_constant_s"], p["room_temperature_c"], p["room_humidity_percent"]),
         ),
     ),
-    sentence=(
-        "Room air comes in with the probes: {fraction} of the destination air at first, gone with {time_constant_s} s."
+    words=Words(
+        (
+            "Room air comes in with the probes: {fraction} of the destination air at first, "
+            "gone with {time_constant_s} s."
+        ),
+        "Seal the transfer port, raise the chamber's airflow, or bring the room to the destination's state.",
     ),
-    equation="air(t) = destination + fraction exp(-t / time_constant) (room - destination)",
-    source="well-mixed chamber; vapour pressure mixes linearly",
-    advice="Seal the transfer port, raise the chamber's airflow, or bring the room to the destination's state.",
-    of_sensor=False,
-    testable=lambda channel: bool(_recorded(channel).any()),
-    needs="needs runs whose airs and starts were recorded, and whose air was not measured all along",
+    needs=Needs(
+        "needs runs whose airs and starts were recorded, and whose air was not measured all along",
+        lambda channel: bool(_recorded(channel).any()),
+    ),
 )

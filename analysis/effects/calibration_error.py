@@ -6,7 +6,17 @@ import numpy as np
 
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.common import OWN_AIR
-from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Parameter, Values
+from shockrig.analysis.inference.effect import (
+    Arrays,
+    Effect,
+    InFlight,
+    Needs,
+    Parameter,
+    Standing,
+    Start,
+    Values,
+    Words,
+)
 from shockrig.analysis.physics.chain import Chain
 
 
@@ -33,21 +43,24 @@ EFFECT = Effect(
     id="calibration_error",
     link="readout",
     channels=("temperature", "humidity"),
+    equation="reading = true (1 + gain) + offset",
+    source="two-point calibration",
     parameters=(
         Parameter("gain", "1", -0.3, 0.3, (0.0,), percent=True),
         Parameter("offset", "channel's unit", -15.0, 15.0, (0.0,)),
     ),
     apply=_apply,
-    sentence="The calibration is off: gain {gain}, offset {offset}, the same at every airflow and direction.",
-    equation="reading = true (1 + gain) + offset",
-    source="two-point calibration",
-    testable=lambda channel: bool((channel.conditions.airs_known | channel.measured).all()),
-    needs="needs runs whose airs were recorded",
-    steady=True,
-    always_tried=True,
-    refused=lambda channel, values, bare: _no_more_than_the_references(channel, values),
+    words=Words(
+        "The calibration is off: gain {gain}, offset {offset}, the same at every airflow and direction.",
+        "Calibrate at two points against the reference, and enter the result.",
+    ),
+    needs=Needs(
+        "needs runs whose airs were recorded",
+        lambda channel: bool((channel.conditions.airs_known | channel.measured).all()),
+    ),
+    start=Start(always=True),
+    standing=Standing(refused=lambda channel, values, bare: _no_more_than_the_references(channel, values)),
     in_flight=InFlight(
         undo=lambda p, reading, stream, length: (reading - p.get("offset", 0.0)) / (1.0 + p.get("gain", 0.0))
     ),
-    advice="Calibrate at two points against the reference, and enter the result.",
 )

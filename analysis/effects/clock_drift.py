@@ -6,7 +6,7 @@ import numpy as np
 
 from shockrig.analysis.effects.jumps import NUDGES_S, when_it_jumps_s
 from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.effect import RARE, Arrays, Effect, Parameter, Values
+from shockrig.analysis.inference.effect import Arrays, Effect, Needs, Parameter, Standing, Start, Values, Words
 from shockrig.analysis.physics.chain import Chain
 
 
@@ -42,17 +42,20 @@ EFFECT = Effect(
     id="clock_drift",
     link="logger",
     channels=("temperature", "humidity"),
-    parameters=(Parameter("ppm", "1e-6", -200000.0, 200000.0, (20000.0, -20000.0), weakest=1000.0),),
-    apply=_apply,
-    sentence="This channel's clock runs fast by {ppm} parts per million.",
     equation="t_stamp = t (1 + ppm 1e-6)",
     source="a logger with its own oscillator; a crystal is good to 100 ppm, what acts on a transient needs far more",
-    of_sensor=False,
-    rare=RARE,
-    start_from=_from_the_jumps,
-    nudges=_nudges,
-    needs="needs runs whose start was recorded on the clock of the readings",
-    refused=lambda channel, values, bare: _no_more_than_the_clock(channel, values),
-    testable=lambda channel: bool((channel.conditions.start_known & ~channel.measured).any()),
-    advice="Stamp all channels with one clock, or log a time mark at both ends of every run.",
+    parameters=(Parameter("ppm", "1e-6", -200000.0, 200000.0, (20000.0, -20000.0), weakest=1000.0),),
+    apply=_apply,
+    words=Words(
+        "This channel's clock runs fast by {ppm} parts per million.",
+        "Stamp all channels with one clock, or log a time mark at both ends of every run.",
+    ),
+    needs=Needs(
+        "needs runs whose start was recorded on the clock of the readings",
+        lambda channel: bool((channel.conditions.start_known & ~channel.measured).any()),
+    ),
+    start=Start(from_data=_from_the_jumps, nudges=_nudges),
+    standing=Standing(
+        rare=lambda channel: True, refused=lambda channel, values, bare: _no_more_than_the_clock(channel, values)
+    ),
 )

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.effect import Effect, InFlight, Parameter
+from shockrig.analysis.inference.effect import Effect, InFlight, Needs, Parameter, Standing, Words
 
 LEAST_PERCENT = 10.0  # between the middles of two runs' steps
 
@@ -20,17 +20,18 @@ EFFECT = Effect(
     id="concentration_dependent_diffusivity",
     link="body",
     channels=("humidity",),
-    parameters=(Parameter("slope_per_unit_activity", "1", -1.6, 1.9, (-0.3, 0.3)),),
-    apply=lambda chain, p: replace(chain, activity_slope=p["slope_per_unit_activity"]),
-    sentence=(
-        "The film's diffusivity depends on how wet it is: it changes by {slope_per_unit_activity} (relative) from "
-        "dry to saturated."
-    ),
     equation="D = D0 (1 + slope (a - 1/2)), a = c / c_sat(destination)",
     source="Crank 1975, chapter 9",
-    testable=_levels_differ,
-    needs="needs runs at different levels of humidity, or both up and down",
+    parameters=(Parameter("slope_per_unit_activity", "1", -1.6, 1.9, (-0.3, 0.3)),),
+    apply=lambda chain, p: replace(chain, activity_slope=p["slope_per_unit_activity"]),
+    words=Words(
+        (
+            "The film's diffusivity depends on how wet it is: it changes by {slope_per_unit_activity} (relative) from "
+            "dry to saturated."
+        ),
+        "Take small steps at several levels, up and down, and quote D at half saturation.",
+    ),
+    needs=Needs("needs runs at different levels of humidity, or both up and down", _levels_differ),
+    standing=Standing(excludes=frozenset({"uptake_by_activity"})),
     in_flight=InFlight(left=True),
-    excludes=frozenset({"uptake_by_activity"}),
-    advice="Take small steps at several levels, up and down, and quote D at half saturation.",
 )

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Parameter
+from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Needs, Parameter, Words
 from shockrig.analysis.physics.chain import Chain
 
 
@@ -18,16 +18,20 @@ EFFECT = Effect(
     id="condensation",
     link="exchange",
     channels=("humidity",),
-    parameters=(Parameter("drying_time_s", "s", 0.2, 120.0, (5.0,), log=True, none=None),),
-    apply=_apply,
-    sentence=(
-        "Dew forms on the cold film: it sees saturated air until {drying_time_s} s after the die has passed the "
-        "dew point."
-    ),
     equation="c(L, t) = saturation until the die passes the dew point, and drying_time longer",
     source="psychrometry; the die is the coldest part in the destination air",
-    advice="Keep the sensor above the destination's dew point before the transfer.",
+    parameters=(Parameter("drying_time_s", "s", 0.2, 120.0, (5.0,), log=True, none=None),),
+    apply=_apply,
+    words=Words(
+        (
+            "Dew forms on the cold film: it sees saturated air until {drying_time_s} s after the die has passed the "
+            "dew point."
+        ),
+        "Keep the sensor above the destination's dew point before the transfer.",
+    ),
+    needs=Needs(
+        "needs runs from cold air into air whose dew point lies above the film's own temperature",
+        lambda channel: bool((np.isfinite(channel.wet_until_s)).any()),
+    ),
     in_flight=InFlight(left=True),
-    testable=lambda channel: bool((np.isfinite(channel.wet_until_s)).any()),
-    needs="needs runs from cold air into air whose dew point lies above the film's own temperature",
 )

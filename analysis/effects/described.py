@@ -17,7 +17,7 @@ from shockrig.analysis.effects.behaviours import MEAN, Form, acting, form_of, is
 from shockrig.analysis.effects.described_in_flight import flown
 from shockrig.analysis.effects.jumps import when_it_jumps_s
 from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.effect import Effect, Link, Parameter
+from shockrig.analysis.inference.effect import Effect, Link, Parameter, Start, Words
 from shockrig.files.causes import Uncertain
 from shockrig.files.diagnosis_data import Dependence, Discovered, Size
 
@@ -73,17 +73,17 @@ def described(key: str, jumps: bool) -> Effect:
         id=key,
         link="logger" if form == MEAN else LINKS.get(form.behaves_as, "readout"),
         channels=("humidity",) if jumps else ("temperature",),
-        parameters=tuple(_parameters(form, jumps)),
-        apply=acting(form),
-        sentence="",
         equation=equation(form),
         source="the campaign's own runs",
-        advice="Record the runs that are proposed, and look on the bench for what behaves so.",
-        of_sensor=of_sensor(form),
-        in_flight=flown(form),
+        parameters=tuple(_parameters(form, jumps)),
+        apply=acting(form),
+        words=Words(
+            "",
+            "Record the runs that are proposed, and look on the bench for what behaves so.",
+        ),
+        start=Start(from_data=partial(_from_the_jumps, form), nudges=partial(_nudges, form)) if late else Start(),
+        in_flight=flown(form) if of_sensor(form) else None,
         order=LAST,
-        start_from=partial(_from_the_jumps, form) if late else None,
-        nudges=partial(_nudges, form) if late else None,
     )
 
 

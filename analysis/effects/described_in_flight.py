@@ -50,21 +50,12 @@ def as_listed(one: Discovered) -> StatedEffect | None:
     return None
 
 
-def flown(form: Form) -> InFlight | None:
-    """How a correction treats a form; None where it belongs to the bench."""
+def flown(form: Form) -> InFlight:
+    """How a correction treats a form that belongs to the sensor."""
     if form.depends_on == (("ambient", "zero_at"),) and form.behaves_as == "gain":
         return InFlight(undo=lambda p, y, stream, length: (y + p["size"] * p["ambient"]) / (1 + p["size"]))
     if form.depends_on == (("ambient", "linear"),) and form.behaves_as == "gain":
         return InFlight(undo=lambda p, y, stream, length: y / (1.0 + p["size"] * (stream.temperature_c - USUAL_C)))
-    if (
-        {"run_order", "time_of_campaign"} & set(form.factors)
-        or form.behaves_as == "periodic"
-        or (form.behaves_as == "delay" and "history" in form.factors)
-        or "zero_at" in dict(form.depends_on).values()
-    ):
-        return None
-    if form.behaves_as == "added_rate" and form.driver == "none" and "humidity" not in form.factors:
-        return None
     if form == MEAN:
         return InFlight(delay_s=lambda p, period_s: 0.5 * max(p["time_constant_s"] - period_s, 0.0))
     if any(pair not in KNOWN for pair in form.depends_on):

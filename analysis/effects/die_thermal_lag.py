@@ -4,25 +4,29 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.analysis.inference.effect import Effect, InFlight
+from shockrig.analysis.inference.effect import Effect, InFlight, Needs, Readout, Standing, Start, Words
 
 EFFECT = Effect(
     id="die_thermal_lag",
     link="readout",
     channels=("humidity",),
-    parameters=(),
-    apply=lambda chain, p: replace(chain, at_die_temperature=True),
-    sentence="The humidity sensor reads the air at its own die's temperature, and the die lags the air.",
     equation="H = c P_a / (1e4 P_s(T_die))",
     source="sorption follows activity at the film's own temperature",
-    advice="Use isothermal shocks for D(T); in flight convert with the die's temperature, which the sensor reports.",
-    in_flight=InFlight(at_die=True),
-    own_rates=True,
-    thermal_reading="thermal shocks, read at the die's temperature",
-    needs="needs runs whose temperature changes, and the die's own temperature in hyt.csv",
-    testable=lambda channel: bool(
-        np.isfinite(channel.die_c).any()
-        and (np.abs(channel.conditions.destination_c - channel.conditions.source_c) > 1.0).any()
+    parameters=(),
+    apply=lambda chain, p: replace(chain, at_die_temperature=True),
+    words=Words(
+        "The humidity sensor reads the air at its own die's temperature, and the die lags the air.",
+        "Use isothermal shocks for D(T); in flight convert with the die's temperature, which the sensor reports.",
     ),
-    excludes=frozenset({"uptake_by_activity"}),
+    needs=Needs(
+        "needs runs whose temperature changes, and the die's own temperature in hyt.csv",
+        lambda channel: bool(
+            np.isfinite(channel.die_c).any()
+            and (np.abs(channel.conditions.destination_c - channel.conditions.source_c) > 1.0).any()
+        ),
+    ),
+    start=Start(own_rates=True),
+    standing=Standing(excludes=frozenset({"uptake_by_activity"})),
+    readout=Readout(thermal="thermal shocks, read at the die's temperature"),
+    in_flight=InFlight(at_die=True),
 )

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.inference.effect import Effect, InFlight, Parameter
+from shockrig.analysis.inference.effect import Effect, InFlight, Needs, Parameter, Start, Words
 from shockrig.analysis.inference.media import as_fast_as_seen
 from shockrig.analysis.physics.chain import Recorded
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
@@ -24,17 +24,20 @@ EFFECT = Effect(
     id="direction_dependent_diffusivity",
     link="body",
     channels=("humidity",),
+    equation="D(drying) = ratio D(wetting)",
+    source="sorption hysteresis of polymers; Crank 1975, chapter 9",
     parameters=(Parameter("ratio_drying_to_wetting", "1", 0.2, 5.0, (0.85, 1.2), log=True, none=1.0),),
     apply=lambda chain, p: replace(
         chain, rate=chain.rate * np.where(dries(chain.channel), p["ratio_drying_to_wetting"], 1.0)
     ),
-    sentence="The film does not dry as fast as it wets: D is {ratio_drying_to_wetting} times as large in drying.",
-    equation="D(drying) = ratio D(wetting)",
-    source="sorption hysteresis of polymers; Crank 1975, chapter 9",
+    words=Words(
+        "The film does not dry as fast as it wets: D is {ratio_drying_to_wetting} times as large in drying.",
+        "Report rising and falling response times apart.",
+    ),
+    needs=Needs(
+        "needs runs that wet the film and runs that dry it",
+        lambda channel: bool(dries(channel).any() and (~dries(channel)).any()),
+    ),
+    start=Start(from_data=lambda channel: {} if channel.known_sensor else _seen(channel), own_rates=True),
     in_flight=InFlight(left=True),
-    own_rates=True,
-    start_from=lambda channel: {} if channel.known_sensor else _seen(channel),
-    needs="needs runs that wet the film and runs that dry it",
-    advice="Report rising and falling response times apart.",
-    testable=lambda channel: bool(dries(channel).any() and (~dries(channel)).any()),
 )

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Parameter
+from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Needs, Parameter, Words
 from shockrig.analysis.physics.chain import Chain, Recorded
 from shockrig.analysis.physics.humidity import dew_point_c
 
@@ -33,22 +33,26 @@ EFFECT = Effect(
     id="evaporative_cooling",
     link="body",
     channels=("temperature",),
-    parameters=(
-        Parameter("depression_k", "K", 0.0, 5.0, (0.3,)),
-        Parameter("time_constant_s", "s", 1.0, 200.0, (20.0,), log=True, none=None),
-    ),
-    apply=_apply,
-    sentence=(
-        "Dew on the bead evaporates after the transfer: it reads low by {depression_k} K at first, for "
-        "{time_constant_s} s."
-    ),
     equation=(
         "T = T_bead - depression (100 - RH) / 50 exp(-t / time_constant), where the source is below the "
         "destination's dew point"
     ),
     source="a wet thermistor cools below its bath by 0.2 to 0.5 K for up to a minute",
-    advice="Keep the probes above the destination's dew point before the transfer.",
+    parameters=(
+        Parameter("depression_k", "K", 0.0, 5.0, (0.3,)),
+        Parameter("time_constant_s", "s", 1.0, 200.0, (20.0,), log=True, none=None),
+    ),
+    apply=_apply,
+    words=Words(
+        (
+            "Dew on the bead evaporates after the transfer: it reads low by {depression_k} K at first, for "
+            "{time_constant_s} s."
+        ),
+        "Keep the probes above the destination's dew point before the transfer.",
+    ),
+    needs=Needs(
+        "needs a source air so moist that dew forms in the destination air",
+        lambda channel: bool(((wetted(channel) > 0) & channel.conditions.airs_known).any()),
+    ),
     in_flight=InFlight(left=True),
-    testable=lambda channel: bool(((wetted(channel) > 0) & channel.conditions.airs_known).any()),
-    needs="needs a source air so moist that dew forms in the destination air",
 )

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.analysis.inference.effect import Arrays, Effect, InFlight
+from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Needs, Standing, Words
 from shockrig.analysis.physics.chain import Chain
 from shockrig.analysis.physics.exchange import Stream, temperature_ratio
 
@@ -26,16 +26,20 @@ EFFECT = Effect(
     id="exchange_temperature",
     link="exchange",
     channels=("temperature",),
-    parameters=(),
-    apply=_apply,
-    sentence="The air film around the bead lets heat pass as air does at its own temperature, not as at 20 °C.",
     equation="h(T) / h(20 degC) = k(T) / k(20 degC) F(v, nu(T)) / F(v, nu(20 degC))",
     source="U.S. Standard Atmosphere 1976 (conductivity, viscosity); Ranz and Marshall 1952",
-    advice="State the air's temperature with a response time behind an air film.",
-    in_flight=InFlight(exchange=lambda p, stream, radius: temperature_ratio(stream, radius)),
-    beside=frozenset({"convective_film"}),
-    testable=lambda channel: bool(
-        channel.conditions.airflow_known.all() and np.ptp(channel.conditions.destination_c) > LEAST_RANGE_K
+    parameters=(),
+    apply=_apply,
+    words=Words(
+        "The air film around the bead lets heat pass as air does at its own temperature, not as at 20 °C.",
+        "State the air's temperature with a response time behind an air film.",
     ),
-    needs="needs runs at ambients 15 K apart whose airflow was recorded",
+    needs=Needs(
+        "needs runs at ambients 15 K apart whose airflow was recorded",
+        lambda channel: bool(
+            channel.conditions.airflow_known.all() and np.ptp(channel.conditions.destination_c) > LEAST_RANGE_K
+        ),
+    ),
+    standing=Standing(beside=frozenset({"convective_film"})),
+    in_flight=InFlight(exchange=lambda p, stream, radius: temperature_ratio(stream, radius)),
 )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.effect import Arrays, Effect, Parameter
+from shockrig.analysis.inference.effect import Arrays, Effect, Needs, Parameter, Readout, Words
 from shockrig.analysis.physics.chain import Chain
 
 
@@ -27,14 +27,14 @@ EFFECT = Effect(
     id="finite_transfer",
     link="air",
     channels=("temperature", "humidity"),
-    parameters=(Parameter("duration_s", "s", 0.02, 8.0, (0.06, 0.3, 1.0)),),
-    apply=lambda chain, p: replace(chain, ramp_s=_ramp(chain, p)),
-    sentence="The air does not change in an instant: the transfer takes {duration_s} s.",
     equation="air(t) = source + (destination - source) min(t / duration, 1)",
     source="ramp response: integral of the step response over the duration",
-    advice="Move the probes faster, or log both ends of the transfer so that its duration is known.",
-    of_sensor=False,
-    testable=_triggered,
-    needs="needs runs whose start was recorded: a slow transfer and a late start look alike",
-    like_average=lambda p, period_s: {int(p["duration_s"] / period_s) + k for k in (0, 1, 2)},
+    parameters=(Parameter("duration_s", "s", 0.02, 8.0, (0.06, 0.3, 1.0)),),
+    apply=lambda chain, p: replace(chain, ramp_s=_ramp(chain, p)),
+    words=Words(
+        "The air does not change in an instant: the transfer takes {duration_s} s.",
+        "Move the probes faster, or log both ends of the transfer so that its duration is known.",
+    ),
+    needs=Needs("needs runs whose start was recorded: a slow transfer and a late start look alike", _triggered),
+    readout=Readout(like_average=lambda p, period_s: {int(p["duration_s"] / period_s) + k for k in (0, 1, 2)}),
 )

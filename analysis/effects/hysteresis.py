@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Parameter
+from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Needs, Parameter, Words
 from shockrig.analysis.physics.chain import Chain
 
 SET_IN_PERCENT = 5.0
@@ -25,14 +25,14 @@ EFFECT = Effect(
     id="hysteresis",
     link="readout",
     channels=("humidity",),
-    parameters=(Parameter("rh_percent", "%RH", 0.0, 10.0, (0.5,)),),
-    apply=_apply,
-    sentence="The reading remembers where it came from: low by {rh_percent} %RH after a rise, high by it after a fall.",
     equation="H = H_film - rh tanh(change / 5 %RH)",
     source="sorption hysteresis; data sheets allow 1 %RH",
-    testable=lambda channel: bool(channel.conditions.airs_known.all()),
-    needs="needs runs whose airs were recorded",
-    steady=True,
+    parameters=(Parameter("rh_percent", "%RH", 0.0, 10.0, (0.5,)),),
+    apply=_apply,
+    words=Words(
+        "The reading remembers where it came from: low by {rh_percent} %RH after a rise, high by it after a fall.",
+        "Approach calibration points from both sides and state both.",
+    ),
+    needs=Needs("needs runs whose airs were recorded", lambda channel: bool(channel.conditions.airs_known.all())),
     in_flight=InFlight(uncertainty=lambda p: p["rh_percent"], left=True),
-    advice="Approach calibration points from both sides and state both.",
 )

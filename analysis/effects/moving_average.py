@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from shockrig.analysis.inference.effect import Arrays, Effect, Finding, InFlight, Parameter, Readings
+from shockrig.analysis.inference.effect import Arrays, Effect, Finding, InFlight, Parameter, Readings, Readout, Words
 from shockrig.analysis.inference.readings import mostly_repeats
 from shockrig.analysis.physics.chain import Chain
 
@@ -31,13 +31,14 @@ EFFECT = Effect(
     id="moving_average",
     link="logger",
     channels=("temperature", "humidity"),
-    parameters=(Parameter("samples", "1", 1.0, 24.0, (5.0,), none=1.0),),
-    apply=_apply,
-    sentence="The logger averages the last {samples} readings: the response is late and the noise is correlated.",
     equation="reading_i = mean(reading_(i-n+1) .. reading_i)",
     source="running mean in firmware",
-    advice="Switch the averaging off and average afterwards, centred.",
-    in_noise=seen_in_noise,
-    averages=lambda p: int(round(p["samples"])),
+    parameters=(Parameter("samples", "1", 1.0, 24.0, (5.0,), none=1.0),),
+    apply=_apply,
+    words=Words(
+        "The logger averages the last {samples} readings: the response is late and the noise is correlated.",
+        "Switch the averaging off and average afterwards, centred.",
+    ),
+    readout=Readout(in_noise=seen_in_noise, averages=lambda p: int(round(p["samples"]))),
     in_flight=InFlight(delay_s=lambda p, period_s: 0.5 * max(p["samples"] - 1.0, 0.0) * period_s),
 )

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from functools import cache
 
-from shockrig.analysis.inference.effect import Arrays, Effect, InFlight
+from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Needs, Standing, Start, Words
 from shockrig.analysis.physics.bodies import BODIES
 from shockrig.analysis.physics.chain import Chain
 
@@ -24,21 +24,24 @@ def _entry(name: str) -> Effect:
         id=f"body_{name}",
         link="body",
         channels=("temperature", "humidity"),
-        parameters=(),
-        apply=with_body,
-        sentence=f"The sensor responds like {body.sentence}, not like the body that is taken for it.",
         equation=f"the closed form of {body.sentence}; its rate is {body.symbol}",
         source="Carslaw and Jaeger 1959, chapters 3, 7 and 9",
-        advice=f'Set sensors.*.body to "{name}" in campaign.json if that is what the sensor is.',
-        testable=lambda channel: channel.body != name,
-        needs="is what campaign.json states already",
+        parameters=(),
+        apply=with_body,
+        words=Words(
+            f"The sensor responds like {body.sentence}, not like the body that is taken for it.",
+            f'Set sensors.*.body to "{name}" in campaign.json if that is what the sensor is.',
+        ),
+        needs=Needs("is what campaign.json states already", lambda channel: channel.body != name),
+        start=Start(rate_factor=lambda channel: _t63(name) / _t63(channel.body)),
+        standing=Standing(
+            rare=lambda channel: channel.known_sensor,
+            # Around a lump a sheath cannot be told from a lag in series, which has one parameter less.
+            excludes=frozenset(f"body_{other}" for other in BODIES if other != name)
+            | ({"sheath"} if name == "lumped" else set()),
+            shape=True,
+        ),
         in_flight=InFlight(body=name),
-        rare_in_known=True,
-        shape=True,
-        rate_factor=lambda channel: _t63(name) / _t63(channel.body),
-        # Around a lump a sheath cannot be told from a lag in series, which has one parameter less.
-        excludes=frozenset(f"body_{other}" for other in BODIES if other != name)
-        | ({"sheath"} if name == "lumped" else set()),
     )
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from shockrig.analysis.inference.effect import Effect, Finding, InFlight, Parameter, Readings, unchanged
+from shockrig.analysis.inference.effect import Effect, Finding, InFlight, Parameter, Readings, Readout, Words, unchanged
 from shockrig.analysis.inference.readings import coarser_than_the_sensor, known_to
 
 
@@ -23,13 +23,14 @@ EFFECT = Effect(
     id="quantization",
     link="logger",
     channels=("temperature", "humidity"),
-    parameters=(Parameter("step", "channel's unit", 1e-4, 10.0, (0.1,)),),
-    apply=unchanged,
-    sentence="Readings are rounded to steps of {step}.",
     equation="reading = step round(reading / step)",
     source="too few digits in the log or bits in the converter",
-    advice="Log all the digits that the sensor gives.",
-    in_readings=coarse_step,
-    rounded_to=lambda p: p["step"],
+    parameters=(Parameter("step", "channel's unit", 1e-4, 10.0, (0.1,)),),
+    apply=unchanged,
+    words=Words(
+        "Readings are rounded to steps of {step}.",
+        "Log all the digits that the sensor gives.",
+    ),
+    readout=Readout(in_readings=coarse_step, rounded_to=lambda p: p["step"]),
     in_flight=InFlight(noise=lambda p: p["step"] / np.sqrt(12.0)),
 )

@@ -3,7 +3,7 @@ irradiance_w_m2."""
 
 from dataclasses import replace
 
-from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Parameter
+from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Needs, Parameter, Words
 from shockrig.analysis.physics.chain import Chain, relative_ventilation
 
 
@@ -17,14 +17,17 @@ EFFECT = Effect(
     id="radiative_heating",
     link="readout",
     channels=("temperature",),
-    parameters=(Parameter("kelvin_per_w_m2_at_5_m_s", "K m2/W", 0.0, 0.01, (3e-4,)),),
-    apply=_apply,
-    sentence="Light warms the bead by {kelvin_per_w_m2_at_5_m_s} K per W/m2 at 5 m/s.",
     equation="T = T_bead + kappa E F(5 m/s) / F(v)",
     source="absorbed irradiance over h A, Ranz and Marshall 1952",
-    advice="Shade the bead, or log the irradiance with every run and in flight.",
-    steady=True,
+    parameters=(Parameter("kelvin_per_w_m2_at_5_m_s", "K m2/W", 0.0, 0.01, (3e-4,)),),
+    apply=_apply,
+    words=Words(
+        "Light warms the bead by {kelvin_per_w_m2_at_5_m_s} K per W/m2 at 5 m/s.",
+        "Shade the bead, or log the irradiance with every run and in flight.",
+    ),
+    needs=Needs(
+        "needs runs under light, with irradiance_w_m2 in run.json",
+        lambda channel: bool((channel.conditions.irradiance_w_m2 > 0).any()),
+    ),
     in_flight=InFlight(left=True),
-    needs="needs runs under light, with irradiance_w_m2 in run.json",
-    testable=lambda channel: bool((channel.conditions.irradiance_w_m2 > 0).any()),
 )

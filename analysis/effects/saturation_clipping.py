@@ -7,7 +7,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.effect import Effect, Finding, InFlight, Parameter, Readings, Values
+from shockrig.analysis.inference.effect import (
+    Effect,
+    Finding,
+    InFlight,
+    Needs,
+    Parameter,
+    Readings,
+    Readout,
+    Standing,
+    Start,
+    Values,
+    Words,
+)
 
 LEAST_CUT_PERCENT = 0.35  # less than this below the highest air is within what the airs are known to
 DEEP = 3.5  # standard uncertainties of an air
@@ -73,19 +85,20 @@ EFFECT = Effect(
     id="saturation_clipping",
     link="readout",
     channels=("humidity",),
+    equation="reading = min(reading, limit)",
+    source="a firmware or converter limit",
     parameters=(Parameter("limit_percent", "%RH", 20.0, 130.0, (95.0,), none=None),),
     apply=lambda chain, p: replace(
         chain,
         readouts=(*chain.readouts, lambda reading, time, die_c: np.minimum(reading, p["limit_percent"][..., None])),
     ),
-    sentence="The reading stops at {limit_percent} %RH, whatever the air.",
-    equation="reading = min(reading, limit)",
-    source="a firmware or converter limit",
-    advice="Raise the limit in firmware; until then values at it are lower bounds.",
-    refused=_within_the_airs,
-    start_from=_within_reach,
-    testable=lambda channel: bool(channel.conditions.airs_known.any()),
-    needs="needs runs whose airs were recorded",
-    in_readings=flat_top,
+    words=Words(
+        "The reading stops at {limit_percent} %RH, whatever the air.",
+        "Raise the limit in firmware; until then values at it are lower bounds.",
+    ),
+    needs=Needs("needs runs whose airs were recorded", lambda channel: bool(channel.conditions.airs_known.any())),
+    start=Start(from_data=_within_reach),
+    standing=Standing(refused=_within_the_airs),
+    readout=Readout(in_readings=flat_top),
     in_flight=InFlight(ceiling=lambda p: p["limit_percent"]),
 )

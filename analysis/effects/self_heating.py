@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Parameter
+from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Needs, Parameter, Words
 from shockrig.analysis.physics.chain import Chain, relative_ventilation
 from shockrig.analysis.physics.exchange import ventilation_ratio
 
@@ -16,16 +16,19 @@ EFFECT = Effect(
     id="self_heating",
     link="readout",
     channels=("temperature",),
-    parameters=(Parameter("rise_k_at_5_m_s", "K", 0.0, 5.0, (0.1,)),),
-    apply=_apply,
-    sentence="The measuring current warms the bead by {rise_k_at_5_m_s} K at 5 m/s, and more in slower air.",
     equation="T = T_bead + rise(5 m/s) F(5 m/s) / F(v)",
     source="power over h A, Ranz and Marshall 1952",
-    testable=lambda channel: bool((channel.conditions.airflow_known & channel.conditions.airs_known).all()),
-    needs="needs runs whose airs and airflow were recorded",
-    steady=True,
+    parameters=(Parameter("rise_k_at_5_m_s", "K", 0.0, 5.0, (0.1,)),),
+    apply=_apply,
+    words=Words(
+        "The measuring current warms the bead by {rise_k_at_5_m_s} K at 5 m/s, and more in slower air.",
+        "Lower the excitation, or pulse it; check at two excitation powers.",
+    ),
+    needs=Needs(
+        "needs runs whose airs and airflow were recorded",
+        lambda channel: bool((channel.conditions.airflow_known & channel.conditions.airs_known).all()),
+    ),
     in_flight=InFlight(
         undo=lambda p, reading, stream, radius: reading - p["rise_k_at_5_m_s"] / ventilation_ratio(stream, radius)
     ),
-    advice="Lower the excitation, or pulse it; check at two excitation powers.",
 )

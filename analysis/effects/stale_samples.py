@@ -6,7 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.inference.bins import rebin
-from shockrig.analysis.inference.effect import Effect, Finding, InFlight, Parameter, Readings, Values, unchanged
+from shockrig.analysis.inference.effect import (
+    Effect,
+    Finding,
+    InFlight,
+    Parameter,
+    Readings,
+    Readout,
+    Values,
+    Words,
+    unchanged,
+)
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -77,13 +87,14 @@ EFFECT = Effect(
     id="stale_samples",
     link="logger",
     channels=("temperature", "humidity"),
-    parameters=(Parameter("hold_samples", "1", 1.0, 100.0, (4.0,), none=1.0),),
-    apply=unchanged,
-    sentence="The logger repeats old readings: each stands {hold_samples} times, without the flag.",
     equation="reading_i = reading at the last i divisible by hold",
     source="read-out faster than the conversion, with the stale bit masked",
-    advice="Honour the stale bit, and ask for a conversion before every fetch.",
-    in_readings=repeats,
-    dated=when_fresh,
+    parameters=(Parameter("hold_samples", "1", 1.0, 100.0, (4.0,), none=1.0),),
+    apply=unchanged,
+    words=Words(
+        "The logger repeats old readings: each stands {hold_samples} times, without the flag.",
+        "Honour the stale bit, and ask for a conversion before every fetch.",
+    ),
+    readout=Readout(in_readings=repeats, dated=when_fresh),
     in_flight=InFlight(left=False),
 )

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.effect import Effect, Parameter
+from shockrig.analysis.inference.effect import Effect, Needs, Parameter, Standing, Start, Words
 from shockrig.analysis.inference.media import FEWEST, as_fast_as_seen
 from shockrig.analysis.physics.chain import Recorded
 
@@ -50,23 +50,23 @@ def _late_air(id_: str, when: str, those: Callable[[Recorded], Mask]) -> Effect:
         id=id_,
         link="air",
         channels=("temperature",),
+        equation=f"air(t) = destination + (source - destination) exp(-t / time_constant) in the runs that {when}",
+        source="well-mixed chamber",
         parameters=(Parameter("time_constant_s", "s", 0.02, 1000.0, (0.3, 3.0, 30.0), log=True, none=None),),
         apply=lambda chain, p: replace(
             chain,
             series=(*chain.series, p["time_constant_s"] * np.where(those(chain.channel), 1.0, AT_ONCE)),
         ),
-        sentence=(
-            f"In the runs that {when} the air takes its time: it comes to its new state with {{time_constant_s}} s (a "
-            "box that recovers from its open door, a chamber that mixes slowly)."
+        words=Words(
+            (
+                f"In the runs that {when} the air takes its time: it comes to its new state with {{time_constant_s}} s "
+                "(a box that recovers from its open door, a chamber that mixes slowly)."
+            ),
+            "Put a fast sensor beside this one, so that the air is measured, or let the box come to rest first.",
         ),
-        equation=f"air(t) = destination + (source - destination) exp(-t / time_constant) in the runs that {when}",
-        source="well-mixed chamber",
-        advice="Put a fast sensor beside this one, so that the air is measured, or let the box come to rest first.",
-        of_sensor=False,
-        testable=_unmeasured_both_ways,
-        needs=BOTH_WAYS,
-        own_rates=True,
-        shape=True,
+        needs=Needs(BOTH_WAYS, _unmeasured_both_ways),
+        start=Start(own_rates=True),
+        standing=Standing(shape=True),
     )
 
 
@@ -77,41 +77,42 @@ EFFECTS = (
         id="direction_dependent_exchange",
         link="air",
         channels=("temperature",),
-        parameters=(SLOWER_OR_FASTER,),
-        apply=lambda chain, p: replace(chain, rate=chain.rate * np.where(cools(chain.channel), p["ratio"], 1.0)),
-        sentence=(
-            "The sensor follows {ratio} times as fast in cooling as in warming: where it ends up the air moves "
-            "otherwise, or is no air."
-        ),
         equation="rate(cooling) = ratio rate(warming)",
         source="two places: the exchange of a sensor is that of its air; Ranz and Marshall 1952",
-        advice="Measure the airflow in both places, and state the response time of each.",
-        of_sensor=False,
-        start_from=as_fast_as_seen("ratio", cools, 0.02, 50.0),
-        testable=_unmeasured_both_ways,
-        needs=BOTH_WAYS,
-        own_rates=True,
-        shape=True,
+        parameters=(SLOWER_OR_FASTER,),
+        apply=lambda chain, p: replace(chain, rate=chain.rate * np.where(cools(chain.channel), p["ratio"], 1.0)),
+        words=Words(
+            (
+                "The sensor follows {ratio} times as fast in cooling as in warming: where it ends up the air moves "
+                "otherwise, or is no air."
+            ),
+            "Measure the airflow in both places, and state the response time of each.",
+        ),
+        needs=Needs(BOTH_WAYS, _unmeasured_both_ways),
+        start=Start(from_data=as_fast_as_seen("ratio", cools, 0.02, 50.0), own_rates=True),
+        standing=Standing(shape=True),
     ),
     Effect(
         id="other_medium",
         link="air",
         channels=("temperature",),
-        parameters=(SLOWER_OR_FASTER,),
-        apply=lambda chain, p: replace(chain, rate=chain.rate * np.where(elsewhere(chain.channel), p["ratio"], 1.0)),
-        sentence=(
-            "The runs are of two kinds: in some the sensor follows {ratio} times as fast as in the rest, in another "
-            "medium (water and air), or on another sensor."
-        ),
         equation="rate(these runs) = ratio rate(the rest)",
         source="two media: the exchange of a sensor is that of what it is in; Incropera et al. 2006, table 1.1",
-        advice="Make a campaign of either kind: each has a response time of its own.",
-        of_sensor=False,
-        start_from=as_fast_as_seen("ratio", elsewhere, 0.02, 50.0),
-        testable=lambda channel: _both(elsewhere(channel)),
-        needs="needs runs in two groups whose response times no recorded condition explains",
-        own_rates=True,
-        shape=True,
+        parameters=(SLOWER_OR_FASTER,),
+        apply=lambda chain, p: replace(chain, rate=chain.rate * np.where(elsewhere(chain.channel), p["ratio"], 1.0)),
+        words=Words(
+            (
+                "The runs are of two kinds: in some the sensor follows {ratio} times as fast as in the rest, in "
+                "another medium (water and air), or on another sensor."
+            ),
+            "Make a campaign of either kind: each has a response time of its own.",
+        ),
+        needs=Needs(
+            "needs runs in two groups whose response times no recorded condition explains",
+            lambda channel: _both(elsewhere(channel)),
+        ),
+        start=Start(from_data=as_fast_as_seen("ratio", elsewhere, 0.02, 50.0), own_rates=True),
+        standing=Standing(shape=True),
     ),
     _late_air("slow_air_in_cooling", "cool", cools),
     _late_air("slow_air_in_warming", "warm", warms),

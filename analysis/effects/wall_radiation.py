@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Parameter
+from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Needs, Parameter, Words
 from shockrig.analysis.physics.chain import Chain, relative_ventilation
 from shockrig.analysis.physics.humidity import ZERO_CELSIUS_K
 
@@ -46,20 +46,22 @@ EFFECT = Effect(
     id="wall_radiation",
     link="readout",
     channels=("temperature",),
+    equation="T = T_bead + rise (T_wall^4 - T_bead^4) / (4 (293.15 K)^3 10 K) F(5 m/s) / F(v)",
+    source="Stefan and Boltzmann over h A, Ranz and Marshall 1952; 4 emissivity sigma T^3 is 1.6 % of h at 5 m/s",
     parameters=(
         Parameter("rise_k_at_10_k", "K", 0.0, 3.0, (0.1,)),
         Parameter("wall_temperature_c", "degC", -60.0, 90.0, (21.0,), none=None, prior=(21.0, 10.0)),
     ),
     apply=_apply,
-    sentence=(
-        "The walls around the bead radiate to it: walls 10 K warmer than the air (they are at {wall_temperature_c} °C) "
-        "add {rise_k_at_10_k} K at 5 m/s, and more in slower air."
+    words=Words(
+        (
+            "The walls around the bead radiate to it: walls 10 K warmer than the air (they are at "
+            "{wall_temperature_c} °C) add {rise_k_at_10_k} K at 5 m/s, and more in slower air."
+        ),
+        "Shield the bead, keep walls at the air's temperature, or aspirate harder.",
     ),
-    equation="T = T_bead + rise (T_wall^4 - T_bead^4) / (4 (293.15 K)^3 10 K) F(5 m/s) / F(v)",
-    source="Stefan and Boltzmann over h A, Ranz and Marshall 1952; 4 emissivity sigma T^3 is 1.6 % of h at 5 m/s",
-    advice="Shield the bead, keep walls at the air's temperature, or aspirate harder.",
-    steady=True,
+    needs=Needs(
+        "needs recorded airs and airflow, and airflows that differ in air warmer or colder than the walls", _varied
+    ),
     in_flight=InFlight(left=True),
-    testable=_varied,
-    needs="needs recorded airs and airflow, and airflows that differ in air warmer or colder than the walls",
 )

@@ -92,7 +92,7 @@ def stale(effects: Sequence[Acting], time_s: Array, reading: Array, period_s: fl
     """Rows (n,) that the logger filled with the reading before: equal to it, and known to be of an earlier time."""
     old = np.zeros(time_s.shape, dtype=bool)
     for one in effects:
-        if (dated := one.entry.dated) is not None:
+        if (dated := one.entry.readout.dated) is not None:
             old |= dated(time_s, reading, period_s, one.values) < time_s - 0.5 * period_s
     return old & (np.diff(reading, prepend=np.nan) == 0)
 

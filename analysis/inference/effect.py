@@ -151,36 +151,84 @@ class InFlight:
 
 
 @dataclass(frozen=True)
-class Effect:
-    """One entry of the catalogue.
+class Words:
+    """What a report says: a sentence with {name} places for parameters, and what to do about it on the bench."""
+
+    sentence: str
+    advice: str
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What a campaign must have for an effect to act at all: in words for the report, and channel -> bool."""
+
+    words: str
+    met: Callable[[Channel], bool]
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a fit with the effect begins, where its parameters' own starts are not enough.
 
     Attributes
     ----------
-    id, link, channels, parameters
-    apply : (chain, {name: ndarray (B, 1)}) -> chain
-        The chain with the effect added.
-    sentence : str
-        What a colleague would say, with {name} places for parameters.
-    equation, source, advice : str
-        The equation added, where it comes from, and what to do about it on the bench.
-    of_sensor : bool
-        True where it belongs to the sensor, False where it belongs to the bench or its logger.
-    in_flight : InFlight or None
-        How a correction treats it; None where it does not fly.
-    testable : channel -> bool
-        Whether the campaign's conditions let the effect act at all.
-    needs : str
-        What a campaign lacks where they do not.
-    start_from : channel -> {parameter: start}
+    from_data : channel -> {parameter: start}
         A start that only the data can give, in place of those of the parameters; empty where they give none.
+    rate_factor : channel -> float
+        By how much the rate is larger with the effect than without.
+    own_rates : bool
+        Whether the rate without it says nothing of that with it: a fit begins from rates and starts of its own.
     nudges : channel -> ({parameter: offset}, ...)
         Where the objective has steps or ridges, starts beside the one found from which the fit is finished.
+    mirrors : bool
+        Whether it is a share (`fraction`) that follows with a `time_constant_s` beside the body: of two alike, either
+        can be called the body, and a share at the end of its range may be the other one.
+    always : bool
+        Whether a first-order score says nothing of it, so that a fit is always begun.
+    """
+
+    from_data: Callable[[Channel], Values] | None = None
+    rate_factor: Callable[[Channel], float] | None = None
+    own_rates: bool = False
+    nudges: Callable[[Channel], Sequence[Mapping[str, float]]] | None = None
+    mirrors: bool = False
+    always: bool = False
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How an effect stands among the candidates.
+
+    Attributes
+    ----------
+    rare : channel -> bool
+        Where real benches hardly ever have it.
+    excludes, beside : frozenset of str
+        Effects that cannot stand beside it, and those of which one has to be in the model for it to do anything.
     limit_of : str
         The effect of which this one is a limit: where that may act, its times are no surer than that one's.
+    shape : bool
+        Whether it only says how the response behaves, and not what makes it behave so.
     refused : (channel, {parameter: value}, bare) -> bool
         True where a fit that ends there is no finding, whatever it gains; `bare()` is what the same fit would read
         (R, n) without the effect, in the airs as they were stated.
-    in_readings, in_noise : Readings -> (Channel, Finding or None)
+    """
+
+    rare: Callable[[Channel], bool] | None = None
+    excludes: frozenset[str] = frozenset()
+    beside: frozenset[str] = frozenset()
+    limit_of: str = ""
+    shape: bool = False
+    refused: Callable[[Channel, Values, Callable[[], Array]], bool] | None = None
+
+
+@dataclass(frozen=True)
+class Readout:
+    """What an effect does to single readings, their noise and their times.
+
+    Attributes
+    ----------
+    in_readings, in_noise : Readings -> (Readings, Finding or None), Finding or None
         For what single readings show (repeats, rounding, flat tops) before, and (averages) after the noise is known.
     dated : (times, readings, period [s], values) -> times
         When the readings of a log were fresh.
@@ -188,29 +236,36 @@ class Effect:
         What it means for the noise: a rounding step, a number of readings in a mean.
     like_average : (values, period [s]) -> set of int
         Lengths of a running mean that would look alike.
-    thermal_reading : str
+    thermal : str
         How a thermal shock reads with it, where that is a choice for ambients with thermal shocks alone.
-    steady : bool
-        Whether it is the same at all times: a straight line in the reading, which soaks up part of anything.
-    rare : float
-        What is added to the penalty of an effect that real benches hardly ever have.
-    rate_factor : channel -> float
-        By how much the rate is larger with the effect than without, for a fit to begin there.
-    own_rates : bool
-        Whether the rate without it says nothing of that with it: a fit begins from rates and starts of its own.
-    shape : bool
-        Whether it only says how the response behaves, and not what makes it behave so.
-    rare_in_known : bool
-        Whether it is rare in the sensors whose bodies are known, and as likely as any other in those that are not.
-    excludes : frozenset of str
-        Effects that cannot stand beside it.
-    beside : frozenset of str
-        Effects of which one has to be in the model for it to do anything.
-    always_tried : bool
-        Whether a first-order score says nothing of it, so that it is always fitted.
-    mirrors : bool
-        Whether it is a share (`fraction`) that follows with a `time_constant_s` beside the body: of two alike, either
-        can be called the body, and a share at the end of its range may be the other one.
+    """
+
+    in_readings: Callable[[Readings], tuple[Readings, Finding | None]] | None = None
+    in_noise: Callable[[Readings], Finding | None] | None = None
+    dated: Callable[[Array, Array, float, Values], Array] | None = None
+    rounded_to: Callable[[Values], float] | None = None
+    averages: Callable[[Values], int] | None = None
+    like_average: Callable[[Values, float], set[int]] | None = None
+    thermal: str = ""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One entry of the catalogue: an equation and its source, a few words, and the parts in which it is peculiar.
+
+    Attributes
+    ----------
+    id, link, channels : str, str, tuple of str
+        Its name, the link of the chain that it changes, and the channels in which it can be seen.
+    equation, source : str
+        The equation added, and where it comes from.
+    parameters : tuple of Parameter
+    apply : (chain, {name: ndarray (B, 1)}) -> chain
+        The chain with the effect added.
+    needs : Needs or None
+        None where it may act in any campaign.
+    in_flight : InFlight or None
+        How a correction treats it; None where it is the bench's or its logger's, and does not fly.
     order : int
         Its place in the chain, set by the catalogue.
     """
@@ -218,55 +273,39 @@ class Effect:
     id: str
     link: Link
     channels: tuple[ChannelName, ...]
-    parameters: tuple[Parameter, ...]
-    apply: Callable[[Chain, Arrays], Chain]
-    sentence: str
     equation: str
     source: str
-    advice: str
-    of_sensor: bool = True
+    parameters: tuple[Parameter, ...]
+    apply: Callable[[Chain, Arrays], Chain]
+    words: Words
+    needs: Needs | None = None
+    start: Start = Start()
+    standing: Standing = Standing()
+    readout: Readout = Readout()
     in_flight: InFlight | None = None
-    testable: Callable[[Channel], bool] | None = None
-    needs: str = ""
-    start_from: Callable[[Channel], Values] | None = None
-    nudges: Callable[[Channel], Sequence[Mapping[str, float]]] | None = None
-    limit_of: str = ""
-    refused: Callable[[Channel, Values, Callable[[], Array]], bool] | None = None
-    in_readings: Callable[[Readings], tuple[Readings, Finding | None]] | None = None
-    in_noise: Callable[[Readings], Finding | None] | None = None
-    dated: Callable[[Array, Array, float, Values], Array] | None = None
-    rounded_to: Callable[[Values], float] | None = None
-    averages: Callable[[Values], int] | None = None
-    like_average: Callable[[Values, float], set[int]] | None = None
-    thermal_reading: str = ""
-    steady: bool = False
-    rare: float = 0.0
-    rate_factor: Callable[[Channel], float] | None = None
-    own_rates: bool = False
-    shape: bool = False
-    rare_in_known: bool = False
-    excludes: frozenset[str] = frozenset()
-    beside: frozenset[str] = frozenset()
-    always_tried: bool = False
-    mirrors: bool = False
     order: int = 0
+
+    @property
+    def of_sensor(self) -> bool:
+        """Whether it belongs to the sensor, and not to the bench or its logger: the sensor is what flies."""
+        return self.in_flight is not None
 
     @property
     def fitted(self) -> bool:
         """Whether the mean response shows it, so that a fit finds its parameters."""
-        return self.apply is not unchanged and self.averages is None
+        return self.apply is not unchanged and self.readout.averages is None
 
     def acts_in(self, channel: Channel) -> bool:
         """Whether it belongs to the channel and the campaign's conditions let it act."""
-        return channel.name in self.channels and (self.testable is None or self.testable(channel))
+        return channel.name in self.channels and (self.needs is None or self.needs.met(channel))
 
     def rarity(self, channel: Channel) -> float:
         """What is added to its penalty in a channel."""
-        return self.rare + (RARE if self.rare_in_known and channel.known_sensor else 0.0)
+        return RARE if self.standing.rare is not None and self.standing.rare(channel) else 0.0
 
     def starts(self, channel: Channel) -> list[dict[str, float]]:
         """Parameter values to begin a fit from: one set that the data tell, or all that are declared."""
-        told = dict(self.start_from(channel)) if self.start_from else {}
+        told = dict(self.start.from_data(channel)) if self.start.from_data else {}
         if told:
             return [told]
         names = [p.name for p in self.parameters]

@@ -180,9 +180,7 @@ def _channel(view: ChannelView) -> list[Block]:
     blocks += _equations(found)
     blocks.append(Details("Every test of what is left", [_tests(found)]))
     if found.untestable:
-        rows = [
-            [named(e), CATALOGUE[e].needs or "this campaign's conditions do not let it act"] for e in found.untestable
-        ]
+        rows = [[named(e), needs.words] for e in found.untestable if (needs := CATALOGUE[e].needs) is not None]
         blocks.append(Table(("effect", "why"), rows, "Effects that this campaign cannot show, and so says nothing of"))
     return blocks
 
@@ -425,7 +423,7 @@ def _advice(views: Sequence[ChannelView]) -> list[Block]:
     for view in views:
         for cause in ordered(view.found.causes):
             for effect in (cause.effect, *cause.indistinguishable_from):
-                rows.setdefault(effect, [named(effect), CATALOGUE[effect].advice])
+                rows.setdefault(effect, [named(effect), CATALOGUE[effect].words.advice])
     if rows:
         return [Table(("because of", "do"), list(rows.values()))]
     if any(view.found.verdict in ("unexplained", "described") for view in views):

@@ -58,7 +58,7 @@ def cause_sentence(channel: str, cause: Cause) -> str:
         for p in effect.parameters
         if p.name in cause.parameters
     }
-    text = effect.sentence.format(**texts)
+    text = effect.words.sentence.format(**texts)
     if cause.probability < 0.9:
         doubt = "Probably" if cause.probability >= 0.6 else "Possibly"
         text = f"{doubt} ({100 * cause.probability:.0f} %): {text[0].lower()}{text[1:]}"
@@ -146,7 +146,7 @@ def channel_verdict(found: ChannelDiagnosis, whole: bool = True) -> str:
     if not whole:
         said = [f"{listed([named(c.effect) for c in causes]).capitalize()}."] if causes else []
     # A shape claims no cause: it says how the sensor behaves as far as these runs tell.
-    shapes = all(CATALOGUE[c.effect].shape for c in causes)
+    shapes = all(CATALOGUE[c.effect].standing.shape for c in causes)
     opening = "As far as these runs tell:" if shapes else "Certain all the same:"
     if not (gain.measured or (found.remainder.significant and found.remainder.material)):
         return " ".join([f"{sensor.capitalize()}: there is no other run to try an explanation on.", opening, *said])

@@ -91,9 +91,16 @@ def effects_page() -> str:
         "",
     ]
     for effect in CATALOGUE.values():
-        lines += [f"({effect.id.replace('_', '-')})=", f"## {effect.id}", "", _sentence(effect.sentence), ""]
+        lines += [f"({effect.id.replace('_', '-')})=", f"## {effect.id}", "", _sentence(effect.words.sentence), ""]
         lines += ["```text", *textwrap.wrap(effect.equation, 100), "```", ""]
-        lines += ["Source", f":   {_text(effect.source)}", "", "What to do about it", f":   {_text(effect.advice)}", ""]
+        lines += [
+            "Source",
+            f":   {_text(effect.source)}",
+            "",
+            "What to do about it",
+            f":   {_text(effect.words.advice)}",
+            "",
+        ]
         if effect.parameters:
             lines += ["| parameter | unit | from | to |", "|---|---|---|---|"]
             lines += [f"| `{p.name}` | {_cell(p.unit)} | {p.low:g} | {p.high:g} |" for p in effect.parameters]
