@@ -377,3 +377,8 @@ def test_a_number_that_a_channel_cannot_see_is_not_held_against_an_effect(tmp_pa
     )
     found = diagnose_channel(channel, tolerance=Tolerance(0.0, 0.0))
     assert [cause.effect for cause in found.causes] == ["air_relaxation"] and found.causes[0].probability > 0.9
+
+
+def test_a_gain_about_a_zero_that_depends_on_airflow_is_the_sensors_and_said_to_be_left_in_a_flight():
+    zero = described("gain|own_response|airflow:power|ambient:zero_at", False)
+    assert zero.of_sensor and zero.in_flight.left

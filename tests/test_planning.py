@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from importlib import resources
 
 import jsonschema
@@ -421,6 +422,41 @@ def test_a_spent_budget_is_inconclusive_and_says_what_is_missing(finished):
     assert stopped.status == INCONCLUSIVE and "1 minutes are spent; alpha" in stopped.reason
     free = decide(part, parse_goals("alpha 0.01 %, minutes 400"), None)
     assert free.status == "continue" and free.choices
+
+
+def test_without_minutes_it_ends_where_no_run_brings_enough(finished):
+    campaign = finished[0].campaign()
+    part = replace(campaign, runs=campaign.runs[:6])
+    stopped = decide(part, parse_goals("alpha 0.01 %"), None)
+    assert stopped.status == INCONCLUSIVE and "no run brings 1 % of a goal" in stopped.reason
+    assert decide(part, parse_goals("alpha 0.01 %, minutes 400"), None).choices
+
+
+def at_hours(campaign, hours):
+    """The campaign with its runs begun at these hours of a day."""
+    begun = datetime(2026, 5, 4, tzinfo=UTC)
+    return replace(
+        campaign,
+        runs=tuple(
+            replace(run, started_at=(begun + timedelta(hours=float(hour))).isoformat())
+            for run, hour in zip(campaign.runs, hours, strict=False)
+        ),
+    )
+
+
+def test_without_minutes_no_time_is_too_long(finished):
+    """Runs some hours apart: what is asked for is still to be recorded, and the bench needs as long as it does."""
+    decision = decide(at_hours(finished[0].campaign(), 2.5 * np.arange(7)), parse_goals("alpha 0.1 %"), None)
+    assert decision.minutes_spent > 240.0 and decision.status == CONTINUE and decision.choices
+
+
+def test_a_lunch_break_is_not_spent_and_teaches_nothing(finished):
+    campaign = finished[0].campaign()
+    runs = len(campaign.runs)
+    straight = at_hours(campaign, 0.1 * np.arange(runs))
+    lunch = at_hours(campaign, 0.1 * np.arange(runs) + np.where(np.arange(runs) >= 3, 1.0, 0.0))
+    assert sum(spent_minutes(lunch).values()) == pytest.approx(sum(spent_minutes(straight).values()), abs=6.0)
+    assert learn(lunch).moves == learn(straight).moves - 1 and set(spent_minutes(lunch)) == set(spent_minutes(straight))
 
 
 def test_an_empty_campaign_begins_with_both_quantities_and_a_veto_is_kept(finished):

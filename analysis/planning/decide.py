@@ -14,6 +14,7 @@ import numpy as np
 
 from shockrig.analysis.characterization.result import Characterization
 from shockrig.analysis.checks.checked import checked
+from shockrig.analysis.discovery.grammar import MOST_RUNS
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
 from shockrig.analysis.planning.choose import UNTOLD, Choice, chase, choose_runs
 from shockrig.analysis.planning.decision import (
@@ -36,7 +37,7 @@ from shockrig.analysis.planning.varied import shock_of, usual_of, variety
 from shockrig.analysis.planning.verdict import Verdict, extended
 from shockrig.files.campaign import Campaign
 
-USUAL_BUDGET_MINUTES = 240.0  # where none is given
+LEAST_GAIN = 0.01  # of a goal, by the best run of the menu: it would take a hundred, if nobody gives minutes for them
 MOST_BEFORE_JUDGED = 24  # runs: a channel of which fewer than can be judged were usable by then is given up
 FEW = "too few to judge by"
 Progress = Callable[[str], None]
@@ -143,13 +144,28 @@ def decide(
         chosen, chased = chase(designs, campaign, worst, minutes, chased, count), chased + 1
     if not chosen:
         return _with(state, INCONCLUSIVE, f"no run of the menu brings what is missing: {missing(state)}")
-    budget = USUAL_BUDGET_MINUTES if goals.minutes is None else goals.minutes
-    within = [
-        c for c, total in zip(chosen, np.cumsum([c.minutes for c in chosen]), strict=True) if spent + total <= budget
-    ]
-    if not within:
-        return _with(state, INCONCLUSIVE, f"{budget:g} minutes are spent; {missing(state)}", considered=considered)
-    return _with(state, CONTINUE, missing(state), tuple(within), considered, chased)
+    chosen, enough = _within(goals, chosen, considered, spent, len(recorded))
+    if enough:
+        return _with(state, INCONCLUSIVE, f"{enough}; {missing(state)}", considered=considered)
+    return _with(state, CONTINUE, missing(state), tuple(chosen), considered, chased)
+
+
+def _within(
+    goals: Goals, chosen: list[Choice], considered: Sequence[Choice], spent: float, recorded: int
+) -> tuple[list[Choice], str]:
+    """The chosen runs for which the minutes suffice that were given; and why there is none, if there is none.
+
+    Where none were given it ends where no run brings enough, of those that are chosen for what they bring.
+    """
+    if goals.minutes is not None:
+        ends = spent + np.cumsum([c.minutes for c in chosen])
+        chosen = [c for c, end in zip(chosen, ends, strict=True) if end <= goals.minutes]
+        return chosen, "" if chosen else f"{goals.minutes:g} minutes are spent"
+    if recorded >= MOST_RUNS:
+        return [], f"{recorded} runs are recorded, and no minutes were given for more"
+    if not np.isnan(chosen[0].information) and max(c.worth for c in considered) < LEAST_GAIN:
+        return [], f"no run brings {100 * LEAST_GAIN:g} % of a goal, and no minutes were given for more"
+    return chosen, ""
 
 
 def _with(

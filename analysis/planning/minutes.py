@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from statistics import median_low
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,8 @@ Airs = tuple[float, float, float, float]  # source degC and %RH, destination deg
 # between where the probes were and where they start from. Chambers do 1 to 3 K/min and more %RH.
 USUAL = np.array([SOAK_OVER_S + 5.0, 3.0, 0.3, 0.2])
 HOW_SURE = 0.7  # of the usual, in pairs of runs
-LONGEST_BETWEEN_S = 3 * 3600.0  # more is a pause, not a move
+SLOWEST = USUAL * (1.0, 20.0, 20.0, 1.0)  # chambers that do 1 K/min
+LONGEST_BETWEEN_S = 3 * 3600.0  # more is a pause, not a move, however slow the bench
 
 
 @dataclass(frozen=True)
@@ -63,35 +65,57 @@ def _features(before: Airs, after: Airs) -> Array:
     return np.array([1.0, kelvin, percent, abs(after[1] - before[3])])
 
 
+@dataclass(frozen=True)
+class Move:
+    """What lies between the records of two runs: the airs of both, the time between them, the later one's record."""
+
+    before: Airs
+    after: Airs
+    between_s: float
+    record_s: float
+
+    @property
+    def features(self) -> Array:
+        return _features(self.before, self.after)
+
+
 def learn(campaign: Campaign | None) -> Minutes:
     """The bench's minutes from a campaign's own moves; what is usual where it has none."""
-    rows, took = [], []
-    for before, after, between_s in _moves([] if campaign is None else campaign.runs):
-        rows.append(_features(before, after))
-        took.append(between_s)
-    if not rows:
+    moves = list({} if campaign is None else _moves(campaign.runs).values())
+    if not moves:
         return Minutes(USUAL, 0)
     # Each coefficient as a multiple of the usual one, drawn towards 1.
-    scaled = np.array(rows) * USUAL
-    size = np.maximum(np.array(took), 1.0)[:, None]  # errors go with the time: a long travel must not drown the rest
+    scaled = np.array([move.features for move in moves]) * USUAL
+    # Errors go with the time: a long travel must not drown the rest.
+    size = np.maximum([move.between_s for move in moves], 1.0)[:, None]
     weights = np.full(USUAL.size, HOW_SURE / np.sqrt(USUAL.size))
     design = np.vstack([scaled / size, np.diag(weights)])
-    found, _ = nnls(design, np.concatenate([np.ones(len(rows)), weights]))
-    return Minutes(found * USUAL, len(rows))
+    found, _ = nnls(design, np.concatenate([np.ones(len(moves)), weights]))
+    return Minutes(found * USUAL, len(moves))
 
 
-def _moves(runs: Sequence[Run]) -> list[tuple[Airs, Airs, float]]:
-    """The airs before and after each move between two records, and the time between them [s]."""
+def _moves(runs: Sequence[Run]) -> dict[str, Move]:
+    """The moves between records, by the id of the run that each leads to, without those in which the bench stood idle.
+
+    It stood idle where another run would have fitted in (lunch, a night): where more than two moves and a record lie
+    between two records, a move being what is common in this campaign, and what a slow chamber needs for these airs.
+    """
     began_of = [(began, run) for run in runs if (began := _began(run)) is not None]
     timed = sorted(began_of, key=lambda one: (one[0], one[1].id))
-    moves = []
+    moves = {}
     for (began, run), (next_, later) in zip(timed, timed[1:], strict=False):
         before, after = airs_of_run(run), airs_of_run(later)
         between_s = next_ - began - recorded_s(run)
         same_session = run.extra.get("session") == later.extra.get("session")
         if before is not None and after is not None and same_session and 0.0 < between_s < LONGEST_BETWEEN_S:
-            moves.append((before, after, between_s))
-    return moves
+            moves[later.id] = Move(before, after, between_s, recorded_s(later))
+    # The lower median, with what is usual: of two that differ the longer one is taken for idle until a third comes.
+    common_s = median_low([USUAL[0], *(move.between_s for move in moves.values())])
+    return {
+        id_: move
+        for id_, move in moves.items()
+        if move.between_s <= 2.0 * max(common_s, float(move.features @ SLOWEST)) + move.record_s
+    }
 
 
 def _began(run: Run) -> float | None:
@@ -107,19 +131,18 @@ def recorded_s(run: Run) -> float:
 
 
 def spent_minutes(campaign: Campaign) -> dict[str, float]:
-    """Bench minutes of each run, by id: from the end of the record before it; as learnt where that is not known."""
-    learnt = learn(campaign)
+    """Bench minutes of each run, by id: from the end of the record before it; as learnt where that is not known, or the
+    bench stood idle."""
+    learnt, moves = learn(campaign), _moves(campaign.runs)
     taken: dict[str, float] = {}
     before: Run | None = None
     for run in sorted(campaign.runs, key=lambda run: (_began(run) or 0.0, run.id)):
         between_s = float(learnt.coefficients[0])
-        if before is not None:
-            moves = _moves([before, run])
-            airs = airs_of_run(before), airs_of_run(run)
-            if moves:
-                between_s = moves[0][2]
-            elif airs[0] is not None and airs[1] is not None:
-                between_s = float(_features(airs[0], airs[1]) @ learnt.coefficients)
+        airs = None if before is None else airs_of_run(before), airs_of_run(run)
+        if run.id in moves:
+            between_s = moves[run.id].between_s
+        elif airs[0] is not None and airs[1] is not None:
+            between_s = float(_features(airs[0], airs[1]) @ learnt.coefficients)
         taken[run.id] = (between_s + recorded_s(run)) / 60.0
         before = run
     return taken

@@ -16,7 +16,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("campaign", metavar="CAMPAIGN", type=Path, help="campaign folder; may be empty or not there")
     parser.add_argument(
-        "--until", metavar="GOALS", required=True, help='such as "alpha 0.2 %%, D 0.3 %%, ties decided, minutes 90"'
+        "--until",
+        metavar="GOALS",
+        required=True,
+        help='such as "alpha 0.2 %%, D 0.3 %%, ties decided"; "minutes 90" limits the bench time',
     )
     parser.add_argument("--out", metavar="NEXT.toml", type=Path, required=True, help="the protocol, with NEXT.json")
     parser.add_argument("--runs", metavar="N", type=int, default=6, help="how many runs to choose at most (6)")

@@ -34,7 +34,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("protocol", metavar="PROTOCOL", help="quick, standard, extended, manual, adaptive, or a file")
     loop = parser.add_argument_group("run adaptive: record, look, decide, until the goals are met")
-    loop.add_argument("--until", metavar="GOALS", help='such as "alpha 0.2 %%, D 0.3 %%, ties decided, minutes 90"')
+    loop.add_argument(
+        "--until",
+        metavar="GOALS",
+        help='such as "alpha 0.2 %%, D 0.3 %%, ties decided"; "minutes 90" limits the bench time',
+    )
     loop.add_argument("--confirm", action="store_true", help="ask before each run: Enter, s vetoes, p pauses, a aborts")
     loop.add_argument("--probe", metavar="NAME", help=BY_WHICH)
     loop.add_argument("--add", metavar="RUNS.toml", type=Path, help="a protocol whose runs are recorded first")
