@@ -206,10 +206,10 @@ def test_effects_refuse_what_the_bench_itself_may_be_off_by(campaign):
         "calibration_error": ({"gain": 0.005, "offset": 0.0}, {"gain": 0.02, "offset": 0.0}),
     }
     for name, (small, large) in trials.items():
-        refused = CATALOGUE[name].standing.refused
+        refused = CATALOGUE[name].candidacy.refused
         assert refused(channel, small, None), name
         assert not refused(channel, large, None), name
-    assert not CATALOGUE["calibration_error"].standing.refused(
+    assert not CATALOGUE["calibration_error"].candidacy.refused(
         build_channel(campaign, "temperature"), {"gain": 0.0, "offset": 0.0}, None
     )
 

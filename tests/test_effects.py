@@ -113,7 +113,7 @@ def test_at_its_first_start_it_changes_the_readings(channels, effect, name):
     values = entry.starts(channel)[0]
     if effect == "calibration_error":  # begins from nothing
         values = {"gain": 0.01, "offset": 0.1}
-    if entry.standing.excludes:
+    if entry.candidacy.excludes:
         channel = replace(channel, body=next(shape for shape in BODIES if f"body_{shape}" != effect))
     if effect in BESIDE:
         other, strength = BESIDE[effect]
@@ -310,7 +310,7 @@ def test_it_acts_where_it_can_and_says_what_it_needs_elsewhere(channels, effect)
             rich = with_conditions(channel, elsewhere=two)
         elif effect in {"sheath", "uptake_by_activity"}:
             rich = of_another_lab(channel)
-        elif entry.standing.excludes:
+        elif entry.candidacy.excludes:
             rich = replace(channel, body=next(shape for shape in BODIES if f"body_{shape}" != effect))
         else:
             rich = channel
@@ -356,8 +356,8 @@ def test_what_does_not_fly_is_of_the_air_or_the_logger(effect):
 
 @pytest.mark.parametrize("effect", CATALOGUE)
 def test_what_excludes_another_is_excluded_by_it(effect):
-    for other in CATALOGUE[effect].standing.excludes:
-        assert effect in CATALOGUE[other].standing.excludes and other != effect
+    for other in CATALOGUE[effect].candidacy.excludes:
+        assert effect in CATALOGUE[other].candidacy.excludes and other != effect
 
 
 # Hidden in the virtual bench, which integrates each by its own equations: channel and parameters.

@@ -42,7 +42,7 @@ def test_a_lump_is_no_lag_before_a_body_that_follows_at_once(tmp_path):
     assert [c.effect for c in diagnose_channel(channel).causes] == ["body_lumped"]
     at_once = (channel.time_s > 0.0) * channel.quantity.step(channel.conditions)[:, None]
     late = at_once * -np.expm1(-np.maximum(channel.time_s, 0.0) / 0.3)
-    refused = CATALOGUE["series_lag"].standing.refused
+    refused = CATALOGUE["series_lag"].candidacy.refused
     assert refused(channel, {"time_constant_s": 0.6}, lambda: at_once)
     assert not refused(channel, {"time_constant_s": 0.6}, lambda: late)
 

@@ -52,9 +52,9 @@ class Candidate:
         taken, effect = set(structure.ids), self.effect
         return (
             effect.id not in taken
-            and not effect.standing.excludes & taken
-            and not any(effect.id in other.standing.excludes for other in structure.effects)
-            and (not effect.standing.beside or bool(effect.standing.beside & taken))
+            and not effect.candidacy.excludes & taken
+            and not any(effect.id in other.candidacy.excludes for other in structure.effects)
+            and (not effect.candidacy.beside or bool(effect.candidacy.beside & taken))
         )
 
 
@@ -105,7 +105,7 @@ def says_nothing(effect: Effect, parameters: Mapping[str, tuple[float, float]]) 
 
 def refused(found: Fit, effect: Effect) -> bool:
     """Whether an effect of a fit is no finding where it ended, by what its entry says."""
-    if effect.standing.refused is None:
+    if effect.candidacy.refused is None:
         return False
     channel = found.model.channel
 
@@ -116,13 +116,13 @@ def refused(found: Fit, effect: Effect) -> bool:
         return np.asarray(model.predict(Point(theta, channel.at_rest()))[0])
 
     values = {name: value for name, (value, _) in found.values()[effect.id].items()}
-    return effect.standing.refused(channel, values, bare)
+    return effect.candidacy.refused(channel, values, bare)
 
 
 def _unended(channel: Channel, effect: Effect) -> bool:
     """Whether a shape is told from a single response that still moves where the record ends, towards an air that nobody
     recorded: where it would end, and how slowly, are then one."""
-    if channel.runs > 1 or not effect.standing.shape or channel.conditions.airs_known.any() or channel.measured.any():
+    if channel.runs > 1 or not effect.candidacy.shape or channel.conditions.airs_known.any() or channel.measured.any():
         return False
     time, value = channel.samples[0]
     end = time > time[-1] - LAST_PART * (time[-1] - time[0])

@@ -98,7 +98,7 @@ def diagnose_channel(
         only_readings=nothing_else(adequacy, bursts) and not predicted_badly(gain),
         parted=bool(parted),
         borne_out=gain.measured,
-        claims=any(not CATALOGUE[c.effect].standing.shape for c in causes),
+        claims=any(not CATALOGUE[c.effect].candidacy.shape for c in causes),
     )
     said = verdict(standing)
     told = matters or said == "unexplained"

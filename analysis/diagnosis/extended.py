@@ -97,7 +97,7 @@ def _in_doubt(found: ChannelDiagnosis, row: Row, wider: Sequence[Fit], shown: tu
 
 def _wider(found: ChannelDiagnosis) -> list[Fit]:
     """The models of which the one that is stated is a limit, where the runs could be theirs as well."""
-    wholes = {whole: c.effect for c in found.causes if (whole := CATALOGUE[c.effect].standing.limit_of)}
+    wholes = {whole: c.effect for c in found.causes if (whole := CATALOGUE[c.effect].candidacy.limit_of)}
     best = found.search.best
     return [
         one.fit

@@ -8,11 +8,11 @@ from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.common import OWN_AIR
 from shockrig.analysis.inference.effect import (
     Arrays,
+    Candidacy,
     Effect,
     InFlight,
     Needs,
     Parameter,
-    Standing,
     Start,
     Values,
     Words,
@@ -59,7 +59,7 @@ EFFECT = Effect(
         lambda channel: bool((channel.conditions.airs_known | channel.measured).all()),
     ),
     start=Start(always=True),
-    standing=Standing(refused=lambda channel, values, bare: _no_more_than_the_references(channel, values)),
+    candidacy=Candidacy(refused=lambda channel, values, bare: _no_more_than_the_references(channel, values)),
     in_flight=InFlight(
         undo=lambda p, reading, stream, length: (reading - p.get("offset", 0.0)) / (1.0 + p.get("gain", 0.0))
     ),

@@ -6,7 +6,7 @@ import numpy as np
 
 from shockrig.analysis.effects.jumps import NUDGES_S, when_it_jumps_s
 from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.effect import Arrays, Effect, Needs, Parameter, Standing, Start, Values, Words
+from shockrig.analysis.inference.effect import Arrays, Candidacy, Effect, Needs, Parameter, Start, Values, Words
 from shockrig.analysis.physics.chain import Chain
 
 
@@ -55,7 +55,7 @@ EFFECT = Effect(
         lambda channel: bool((channel.conditions.start_known & ~channel.measured).any()),
     ),
     start=Start(from_data=_from_the_jumps, nudges=_nudges),
-    standing=Standing(
+    candidacy=Candidacy(
         rare=lambda channel: True, refused=lambda channel, values, bare: _no_more_than_the_clock(channel, values)
     ),
 )

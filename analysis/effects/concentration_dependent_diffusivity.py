@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.effect import Effect, InFlight, Needs, Parameter, Standing, Words
+from shockrig.analysis.inference.effect import Candidacy, Effect, InFlight, Needs, Parameter, Words
 
 LEAST_PERCENT = 10.0  # between the middles of two runs' steps
 
@@ -32,6 +32,6 @@ EFFECT = Effect(
         "Take small steps at several levels, up and down, and quote D at half saturation.",
     ),
     needs=Needs("needs runs at different levels of humidity, or both up and down", _levels_differ),
-    standing=Standing(excludes=frozenset({"uptake_by_activity"})),
+    candidacy=Candidacy(excludes=frozenset({"uptake_by_activity"})),
     in_flight=InFlight(left=True),
 )

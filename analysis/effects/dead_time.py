@@ -6,12 +6,12 @@ from shockrig.analysis.effects.jumps import NUDGES_S, when_it_jumps_s
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.common import LEAST_TRIGGER_OFFSET_S
 from shockrig.analysis.inference.effect import (
+    Candidacy,
     Effect,
     InFlight,
     Needs,
     Parameter,
     Readout,
-    Standing,
     Start,
     Values,
     Words,
@@ -45,7 +45,7 @@ EFFECT = Effect(
         from_data=lambda channel: {} if (late := when_it_jumps_s(channel)) is None else {"delay_s": late},
         nudges=lambda channel: [{"delay_s": s} for s in NUDGES_S] if channel.jumps_with_air else [],
     ),
-    standing=Standing(refused=lambda channel, values, bare: _no_more_than_the_trigger(channel, values)),
+    candidacy=Candidacy(refused=lambda channel, values, bare: _no_more_than_the_trigger(channel, values)),
     readout=Readout(like_average=lambda p, period_s: {int(2 * p["delay_s"] / period_s) + k for k in (0, 1, 2)}),
     in_flight=InFlight(delay_s=lambda p, period_s: max(p["delay_s"], 0.0)),
 )

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.analysis.inference.effect import Effect, InFlight, Needs, Readout, Standing, Start, Words
+from shockrig.analysis.inference.effect import Candidacy, Effect, InFlight, Needs, Readout, Start, Words
 
 EFFECT = Effect(
     id="die_thermal_lag",
@@ -26,7 +26,7 @@ EFFECT = Effect(
         ),
     ),
     start=Start(own_rates=True),
-    standing=Standing(excludes=frozenset({"uptake_by_activity"})),
+    candidacy=Candidacy(excludes=frozenset({"uptake_by_activity"})),
     readout=Readout(thermal="thermal shocks, read at the die's temperature"),
     in_flight=InFlight(at_die=True),
 )

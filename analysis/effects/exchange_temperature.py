@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Needs, Standing, Words
+from shockrig.analysis.inference.effect import Arrays, Candidacy, Effect, InFlight, Needs, Words
 from shockrig.analysis.physics.chain import Chain
 from shockrig.analysis.physics.exchange import Stream, temperature_ratio
 
@@ -40,6 +40,6 @@ EFFECT = Effect(
             channel.conditions.airflow_known.all() and np.ptp(channel.conditions.destination_c) > LEAST_RANGE_K
         ),
     ),
-    standing=Standing(beside=frozenset({"convective_film"})),
+    candidacy=Candidacy(beside=frozenset({"convective_film"})),
     in_flight=InFlight(exchange=lambda p, stream, radius: temperature_ratio(stream, radius)),
 )

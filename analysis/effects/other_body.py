@@ -3,7 +3,7 @@
 from dataclasses import replace
 from functools import cache
 
-from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Needs, Standing, Start, Words
+from shockrig.analysis.inference.effect import Arrays, Candidacy, Effect, InFlight, Needs, Start, Words
 from shockrig.analysis.physics.bodies import BODIES
 from shockrig.analysis.physics.chain import Chain
 
@@ -34,7 +34,7 @@ def _entry(name: str) -> Effect:
         ),
         needs=Needs("is what campaign.json states already", lambda channel: channel.body != name),
         start=Start(rate_factor=lambda channel: _t63(name) / _t63(channel.body)),
-        standing=Standing(
+        candidacy=Candidacy(
             rare=lambda channel: channel.known_sensor,
             # Around a lump a sheath cannot be told from a lag in series, which has one parameter less.
             excludes=frozenset(f"body_{other}" for other in BODIES if other != name)

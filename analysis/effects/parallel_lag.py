@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from shockrig.analysis.inference.effect import Effect, InFlight, Needs, Parameter, Standing, Start, Words
+from shockrig.analysis.inference.effect import Candidacy, Effect, InFlight, Needs, Parameter, Start, Words
 
 EFFECT = Effect(
     id="parallel_lag",
@@ -24,6 +24,6 @@ EFFECT = Effect(
         lambda channel: not channel.conditions.airflow_known.all() or channel.runs == 1,
     ),
     start=Start(mirrors=True),
-    standing=Standing(shape=True),
+    candidacy=Candidacy(shape=True),
     in_flight=InFlight(lag=lambda p: (p["fraction"], p["time_constant_s"])),
 )

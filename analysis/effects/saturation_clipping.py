@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.effect import (
+    Candidacy,
     Effect,
     Finding,
     InFlight,
@@ -15,7 +16,6 @@ from shockrig.analysis.inference.effect import (
     Parameter,
     Readings,
     Readout,
-    Standing,
     Start,
     Values,
     Words,
@@ -98,7 +98,7 @@ EFFECT = Effect(
     ),
     needs=Needs("needs runs whose airs were recorded", lambda channel: bool(channel.conditions.airs_known.any())),
     start=Start(from_data=_within_reach),
-    standing=Standing(refused=_within_the_airs),
+    candidacy=Candidacy(refused=_within_the_airs),
     readout=Readout(in_readings=flat_top),
     in_flight=InFlight(ceiling=lambda p: p["limit_percent"]),
 )

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.effect import Effect, InFlight, Parameter, Standing, Values, Words
+from shockrig.analysis.inference.effect import Candidacy, Effect, InFlight, Parameter, Values, Words
 
 SOON, THERE = 0.1, 0.95  # a body that is there so soon, in time constants of the lag, is none
 
@@ -39,7 +39,7 @@ EFFECT = Effect(
         ),
         "Take off cap or sheath for a comparison, or fly with it on: the profile has it in.",
     ),
-    standing=Standing(
+    candidacy=Candidacy(
         rare=lambda channel: channel.known_sensor, limit_of="sheath", shape=True, refused=_before_nothing
     ),
     in_flight=InFlight(series_s=lambda p: p["time_constant_s"]),

@@ -6,7 +6,7 @@ Both may stand beside it, and a search that took one of them for the sheath find
 
 from dataclasses import replace
 
-from shockrig.analysis.inference.effect import Effect, InFlight, Needs, Parameter, Standing, Start, Words
+from shockrig.analysis.inference.effect import Candidacy, Effect, InFlight, Needs, Parameter, Start, Words
 
 RIDGE = 2.5  # in ln of both
 LOADED = 2.0  # the body is about so much faster than sheath and body together were taken to be
@@ -41,6 +41,6 @@ EFFECT = Effect(
         # A sheath that holds next to nothing is a film, of time constant over capacity: along that ridge.
         nudges=lambda channel: [{"time_constant_s": s, "capacity": s} for s in (RIDGE, -RIDGE)],
     ),
-    standing=Standing(excludes=frozenset({"body_lumped"}), shape=True),
+    candidacy=Candidacy(excludes=frozenset({"body_lumped"}), shape=True),
     in_flight=InFlight(loaded=lambda p: (p["time_constant_s"], p["capacity"])),
 )

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.effect import Effect, Needs, Parameter, Standing, Start, Words
+from shockrig.analysis.inference.effect import Candidacy, Effect, Needs, Parameter, Start, Words
 from shockrig.analysis.inference.media import FEWEST, as_fast_as_seen
 from shockrig.analysis.physics.chain import Recorded
 
@@ -66,7 +66,7 @@ def _late_air(id_: str, when: str, those: Callable[[Recorded], Mask]) -> Effect:
         ),
         needs=Needs(BOTH_WAYS, _unmeasured_both_ways),
         start=Start(own_rates=True),
-        standing=Standing(shape=True),
+        candidacy=Candidacy(shape=True),
     )
 
 
@@ -90,7 +90,7 @@ EFFECTS = (
         ),
         needs=Needs(BOTH_WAYS, _unmeasured_both_ways),
         start=Start(from_data=as_fast_as_seen("ratio", cools, 0.02, 50.0), own_rates=True),
-        standing=Standing(shape=True),
+        candidacy=Candidacy(shape=True),
     ),
     Effect(
         id="other_medium",
@@ -112,7 +112,7 @@ EFFECTS = (
             lambda channel: _both(elsewhere(channel)),
         ),
         start=Start(from_data=as_fast_as_seen("ratio", elsewhere, 0.02, 50.0), own_rates=True),
-        standing=Standing(shape=True),
+        candidacy=Candidacy(shape=True),
     ),
     _late_air("slow_air_in_cooling", "cool", cools),
     _late_air("slow_air_in_warming", "warm", warms),

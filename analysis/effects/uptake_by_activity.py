@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from shockrig.analysis.inference.effect import Effect, InFlight, Needs, Readout, Standing, Start, Words
+from shockrig.analysis.inference.effect import Candidacy, Effect, InFlight, Needs, Readout, Start, Words
 
 EFFECT = Effect(
     id="uptake_by_activity",
@@ -24,7 +24,7 @@ EFFECT = Effect(
         lambda channel: not channel.known_sensor and bool((~channel.isothermal).any()),
     ),
     start=Start(own_rates=True, always=True),  # far from the plain film, whose rate then means little
-    standing=Standing(excludes=frozenset({"die_thermal_lag", "concentration_dependent_diffusivity"}), shape=True),
+    candidacy=Candidacy(excludes=frozenset({"die_thermal_lag", "concentration_dependent_diffusivity"}), shape=True),
     readout=Readout(thermal="thermal shocks, the film driven by the humidity at its own temperature"),
     in_flight=InFlight(at_die=True, by_activity=True),
 )

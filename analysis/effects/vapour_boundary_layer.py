@@ -5,7 +5,7 @@ At low pressure vapour diffuses faster through a thicker layer: the number goes 
 
 from dataclasses import replace
 
-from shockrig.analysis.inference.effect import Effect, InFlight, Needs, Parameter, Standing, Words
+from shockrig.analysis.inference.effect import Candidacy, Effect, InFlight, Needs, Parameter, Words
 from shockrig.analysis.physics.exchange import Stream, vapour_ratio
 
 EFFECT = Effect(
@@ -26,7 +26,7 @@ EFFECT = Effect(
         "Take off the filter cap or aspirate harder; state the airflow with every response time.",
     ),
     needs=Needs("needs runs whose airflow was recorded", lambda channel: bool(channel.conditions.airflow_known.all())),
-    standing=Standing(limit_of="sheath"),
+    candidacy=Candidacy(limit_of="sheath"),
     in_flight=InFlight(
         biot=lambda p, stream, thickness: p["biot_at_5_m_s"] * vapour_ratio(stream),
     ),

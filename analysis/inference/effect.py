@@ -196,7 +196,7 @@ class Start:
 
 
 @dataclass(frozen=True)
-class Standing:
+class Candidacy:
     """How an effect stands among the candidates.
 
     Attributes
@@ -280,7 +280,7 @@ class Effect:
     words: Words
     needs: Needs | None = None
     start: Start = Start()
-    standing: Standing = Standing()
+    candidacy: Candidacy = Candidacy()
     readout: Readout = Readout()
     in_flight: InFlight | None = None
     order: int = 0
@@ -301,7 +301,7 @@ class Effect:
 
     def rarity(self, channel: Channel) -> float:
         """What is added to its penalty in a channel."""
-        return RARE if self.standing.rare is not None and self.standing.rare(channel) else 0.0
+        return RARE if self.candidacy.rare is not None and self.candidacy.rare(channel) else 0.0
 
     def starts(self, channel: Channel) -> list[dict[str, float]]:
         """Parameter values to begin a fit from: one set that the data tell, or all that are declared."""

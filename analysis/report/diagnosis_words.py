@@ -146,7 +146,7 @@ def channel_verdict(found: ChannelDiagnosis, whole: bool = True) -> str:
     if not whole:
         said = [f"{listed([named(c.effect) for c in causes]).capitalize()}."] if causes else []
     # A shape claims no cause: it says how the sensor behaves as far as these runs tell.
-    shapes = all(CATALOGUE[c.effect].standing.shape for c in causes)
+    shapes = all(CATALOGUE[c.effect].candidacy.shape for c in causes)
     opening = "As far as these runs tell:" if shapes else "Certain all the same:"
     if not (gain.measured or (found.remainder.significant and found.remainder.material)):
         return " ".join([f"{sensor.capitalize()}: there is no other run to try an explanation on.", opening, *said])
