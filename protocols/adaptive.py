@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from shockrig.protocols.background import Background
 from shockrig.protocols.decided import as_protocol, feasible_on, in_words, lines, minutes_left, surroundings_of
+from shockrig.protocols.made_before import outcomes
 from shockrig.protocols.probes import seen_by, wanted_probes
 from shockrig.rig.clock import VirtualClock
 from shockrig.rig.protocol import PlannedRun, Protocol
@@ -22,8 +23,10 @@ from shockrig.rig.recorder.campaign import planned_entry
 from shockrig.rig.recorder.state import read_head
 
 if TYPE_CHECKING:
+    from shockrig.analysis.diagnosis.outcome import Outcome
     from shockrig.analysis.planning.decision import Decision
     from shockrig.analysis.planning.goals import Goals
+    from shockrig.analysis.planning.places import Place
     from shockrig.analysis.planning.shock import Shock
     from shockrig.rig.bench import Bench
 
@@ -68,6 +71,7 @@ class Loop:
         self.waited_s = 0.0  # that the bench stood still for decisions, by its own clock
         self._later = not isinstance(bench.clock, VirtualClock)
         self._background = Background()
+        self._made: dict[Place, Outcome] | None = None  # by a diagnosis that lay beside the campaign
 
     def __call__(self, left_out: str | None, now_s: float) -> Protocol | None:
         """The protocol with the next run, or None where the campaign is done; `left_out` was vetoed at a prompt."""
@@ -122,6 +126,8 @@ class Loop:
         if vetoed and last is not None:
             vetoed += [from_run(run) for run in last["vetoed"]]
         seen = seen_by(self._path, self._probes()) if state.recorded else []
+        if self._made is None:
+            self._made = outcomes(self._path, seen, self._say)
         while True:
             began_s = self._bench.clock.now()
             self.decision = decision = decide(
@@ -134,6 +140,7 @@ class Loop:
                 surroundings=surroundings_of(self._bench),
                 later=self._later,
                 due=self._background,
+                made=self._made,
             )
             waited_s = self._bench.clock.now() - began_s
             self.waited_s += waited_s

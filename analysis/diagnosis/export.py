@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.diagnosis.diagnosed import Cause, ChannelDiagnosis, Diagnosis
+from shockrig.analysis.diagnosis.outcome import outcome_document, outcome_of
 from shockrig.analysis.diagnosis.search import MOST_FITS
 from shockrig.files.diagnosis import (
     StatedCause,
@@ -63,6 +64,7 @@ def _channel(channel: ChannelDiagnosis) -> StatedChannel:
             "cannot_tell": channel.cannot_tell,
             "work": {"fits": channel.search.fits, "ended_early": channel.search.fits >= MOST_FITS},
             "models": weighed(channel),
+            "explanations": outcome_document(outcome_of(channel)),
             "discrepancy_of_step": channel.search.best.score.discrepancy,
             "tried": [{"effect": tried.effect, "why_not": tried.why} for tried in channel.tried],
         },

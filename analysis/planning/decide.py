@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
 from shockrig.analysis.characterization.result import Characterization
 from shockrig.analysis.checks.checked import checked
+from shockrig.analysis.diagnosis.outcome import Outcome
 from shockrig.analysis.discovery.grammar import MOST_RUNS
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
 from shockrig.analysis.planning.choose import UNTOLD, Choice, chase, choose_runs
@@ -43,6 +45,7 @@ FEW = "too few to judge by"
 Progress = Callable[[str], None]
 Found = Mapping[str, Characterization | None]  # of each probe
 Due = Callable[[Place], Verdict | None]
+NONE_MADE: Mapping[Place, Outcome] = MappingProxyType({})
 
 
 def anything(shock: Shock) -> bool:
@@ -62,6 +65,7 @@ def decide(
     surroundings: Surroundings = ORDINARY,
     later: bool = False,
     due: Due | None = None,
+    made: Mapping[Place, Outcome] = NONE_MADE,
     progress: Progress = lambda _: None,
 ) -> Decision:
     """Decide what to record next; a function of its arguments alone.
@@ -90,6 +94,8 @@ def decide(
     due : function of a place, optional
         Gives the verdict of a diagnosis that the last decision left, where somebody has made it; otherwise it is made
         here, with the same result.
+    made : mapping of a place to Outcome
+        Of diagnoses that somebody made of these campaigns as they are: where one of all runs is wanted it is taken.
     progress : function of a sentence, optional
     """
     campaigns = () if campaign is None else (campaign, *beside)
@@ -105,7 +111,7 @@ def decide(
         return feasible(shock) and shock not in vetoed
 
     then = {} if before is None else before.verdicts
-    looks, verdicts = _look(campaigns, then, False, later, progress)
+    looks, verdicts = _look(campaigns, then, False, later, made, progress)
     found = _measured(campaigns, verdicts)
     wanted = _wanted(goals, campaigns, found)
     met = all(t.met for t in wanted) and not any(v.tied for v in verdicts.values())
@@ -116,7 +122,7 @@ def decide(
     if met and short and not first:
         first = _more_of_them(campaigns, goals, usual, allowed, short)
     if met and recorded and not unvaried and not first:
-        looks, verdicts = _look(campaigns, verdicts, True, later, progress)
+        looks, verdicts = _look(campaigns, verdicts, True, later, made, progress)
         found = _measured(campaigns, verdicts)
         wanted = _wanted(goals, campaigns, found)
     chased = before.chased if before is not None else 0
@@ -205,12 +211,17 @@ def of_decision(campaign: Campaign, decision: Decision) -> Campaign:
 
 
 def _look(
-    campaigns: Sequence[Campaign], before: Mapping[Place, Verdict], final: bool, later: bool, progress: Progress
+    campaigns: Sequence[Campaign],
+    before: Mapping[Place, Verdict],
+    final: bool,
+    later: bool,
+    made: Mapping[Place, Outcome],
+    progress: Progress,
 ) -> tuple[dict[Place, Look], dict[Place, Verdict]]:
     looks: dict[Place, Look] = {}
     for place, (campaign, name) in places(campaigns).items():
         progress(f"{place}: {'diagnosing all runs' if final else 'looking at what is left'}")
-        looks[place] = look_at(campaign, name, before.get(place, Verdict()), final, later)
+        looks[place] = look_at(campaign, name, before.get(place, Verdict()), final, later, made.get(place))
     return looks, {place: look.verdict for place, look in looks.items()}
 
 

@@ -14,12 +14,13 @@ inequality exceeds 100 at any look with probability at most 1 % (universal infer
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.analysis.diagnosis.outcome import Explanation
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.behaviours import form_of
 from shockrig.analysis.effects.described import described, is_described
@@ -33,8 +34,6 @@ Array = NDArray[np.float64]
 TEMPERED = 0.5  # power of the old runs' likelihood
 REJECTED = float(np.log(100.0))  # ln E from which an explanation is out
 FEWEST_DEGREES = 4
-
-Explanation = Mapping[str, Mapping[str, float]]  # effect -> parameter -> value that a fit begins from
 
 
 @dataclass(frozen=True)

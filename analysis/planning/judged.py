@@ -10,7 +10,8 @@ import numpy as np
 from shockrig.analysis.diagnosis.adequacy import judge
 from shockrig.analysis.diagnosis.diagnose import diagnose_channel, enough
 from shockrig.analysis.diagnosis.diagnosed import ChannelDiagnosis
-from shockrig.analysis.diagnosis.prepare import prepare
+from shockrig.analysis.diagnosis.outcome import Explanation, Outcome, outcome_of
+from shockrig.analysis.diagnosis.prepare import Prepared, prepare
 from shockrig.analysis.diagnosis.thresholds import level
 from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.inference.fit import Fit, fit
@@ -20,7 +21,7 @@ from shockrig.analysis.inference.noise import Noise
 from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.inference.quantity import ChannelName
 from shockrig.analysis.inference.scan import rough_point
-from shockrig.analysis.planning.evidence import REJECTED, Dispute, Explanation, against, structure_of
+from shockrig.analysis.planning.evidence import REJECTED, Dispute, against, structure_of
 from shockrig.analysis.planning.verdict import Verdict
 from shockrig.files.campaign import Campaign
 
@@ -58,7 +59,14 @@ def tie_level(look: int) -> float:
     return 2.0 * float(np.log(1.0 / (FALSE_ALARMS * spending(look))))
 
 
-def look_at(campaign: Campaign, name: ChannelName, before: Verdict, final: bool = False, later: bool = False) -> Look:
+def look_at(
+    campaign: Campaign,
+    name: ChannelName,
+    before: Verdict,
+    final: bool = False,
+    later: bool = False,
+    made: Outcome | None = None,
+) -> Look:
     """Look at one channel of a checked campaign.
 
     Parameters
@@ -71,6 +79,8 @@ def look_at(campaign: Campaign, name: ChannelName, before: Verdict, final: bool 
         Whether a verdict on all runs is wanted, come what may.
     later : bool
         Whether a diagnosis is left for later, and only said to be due; not one that is wanted come what may.
+    made : Outcome, optional
+        Of a diagnosis that somebody made of this campaign: it is taken where one of the same runs is wanted.
     """
     channel = build_channel(campaign, name)
     if channel is None or not enough(channel) or channel.runs < FEWEST_RUNS:
@@ -85,12 +95,14 @@ def look_at(campaign: Campaign, name: ChannelName, before: Verdict, final: bool 
         passed = judge(ready.problem, current, ready.noise).passed
         anew = (not passed or before.left) and channel.runs >= max(MORE_RUNS * before.runs, before.runs + 1)
     wanted = channel.runs > before.runs or (final and not before.final)
-    if anew and wanted and later and not final:
+    if anew and wanted and made is not None and made.runs == channel.run_ids:
+        now = _taken(made, now, True, ready)
+    elif anew and wanted and later and not final:
         now = replace(now, due=True)
     elif anew and wanted:
         found = diagnose_channel(channel, earlier=now.causes, describing=final, ready=ready)
-        now = _taken(found, now, final)
-        ready = replace(ready, problem=found.problem, noise=found.noise)
+        ready = _as_diagnosed(ready, found)
+        now = _taken(outcome_of(found), now, final, ready)
     rivals = tuple(_fitted(ready.problem, e, base) for e in now.standing) if len(now.standing) > 1 else ()
     worst = ""
     if now.left:
@@ -104,7 +116,14 @@ def diagnosed(campaign: Campaign, name: ChannelName, due: Verdict) -> Verdict:
     """The verdict of a diagnosis that was left for later; `campaign` has been checked and holds the runs of then."""
     channel = build_channel(campaign, name)
     assert channel is not None  # or nothing was due
-    return _taken(diagnose_channel(channel, earlier=due.causes, describing=False), due, False)
+    ready = prepare(channel)
+    found = diagnose_channel(channel, earlier=due.causes, describing=False, ready=ready)
+    return _taken(outcome_of(found), due, False, _as_diagnosed(ready, found))
+
+
+def _as_diagnosed(ready: Prepared, found: ChannelDiagnosis) -> Prepared:
+    """The channel as a diagnosis prepared it in the end."""
+    return replace(ready, problem=found.problem, noise=found.noise, structure=found.plain.structure)
 
 
 def _fitted(problem: Problem, explanation: Explanation, base: Structure) -> Fit:
@@ -117,19 +136,15 @@ def _fitted(problem: Problem, explanation: Explanation, base: Structure) -> Fit:
     return fit(problem, structure, theta, point.deviations, iterations=40)
 
 
-def _explained_by(found: Fit) -> Explanation:
-    return {e: {p: value for p, (value, _) in own.items()} for e, own in found.values().items()}
-
-
-def _taken(found: ChannelDiagnosis, before: Verdict, final: bool) -> Verdict:
+def _taken(found: Outcome, before: Verdict, final: bool, ready: Prepared) -> Verdict:
     """The verdict of a diagnosis, with what it leaves tied at this look; what new runs have ruled out stays out.
 
     Before the end an ambient may have a single run, without which it cannot be predicted: what is not seen in the fit
     is no remainder then.
     """
     verdict, as_at_the_end = found.verdict, final or found.verdict in ("explained", "adequate")
-    if not final and found.adequacy.passed and verdict == "unexplained":
-        verdict = "explained" if found.causes else "adequate"
+    if not final and found.passed and verdict == "unexplained":
+        verdict = "adequate" if all(map(is_described, found.stated)) else "explained"
     newly = (tuple(e) for e, x in zip(before.explanations, before.against, strict=True) if x >= REJECTED)
     out = tuple(dict.fromkeys((*before.out, *(tuple(sorted(ids)) for ids in newly))))
     look = before.looks + 1
@@ -142,45 +157,40 @@ def _taken(found: ChannelDiagnosis, before: Verdict, final: bool) -> Verdict:
             kept.setdefault(ids, one)
     # What stood before and is not out stands where all that the diagnosis thinks of is out, or is not enough.
     survivors = [one for one in before.standing or (before.causes,) if tuple(sorted(one)) not in out]
-    if not found.adequacy.passed and (best := _enough(found, survivors)) is not None:
+    if not found.passed and (best := _enough(ready, survivors)) is not None:
         kept = {tuple(sorted(best)): best}
         verdict, as_at_the_end = "explained" if best else "adequate", True
-    runs, explanations = found.problem.channel, tuple(kept.values() or survivors)
+    runs, explanations = len(found.runs), tuple(kept.values() or survivors)
     if not explanations:
-        return Verdict(
-            "unexplained", runs.runs, _explained_by(found.final), None, (), out, look, settled, as_at_the_end
-        )
-    if tuple(sorted(_explained_by(found.final))) in out:
+        return Verdict("unexplained", runs, found.stated, None, (), out, look, settled, as_at_the_end)
+    if tuple(sorted(found.stated)) in out:
         # What this look does not think best, new runs have borne out: what is left is judged of the model they leave.
-        stands = _enough(found, explanations[:1])
+        stands = _enough(ready, explanations[:1])
         named = "explained" if stands else "adequate"
         verdict, as_at_the_end = ("unexplained", as_at_the_end) if stands is None else (named, True)
-    dispute = Dispute(explanations, runs.run_ids) if len(explanations) > 1 else None
+    dispute = Dispute(explanations, found.runs) if len(explanations) > 1 else None
     nothing_yet = (0.0,) * len(explanations) if dispute else ()
-    return Verdict(verdict, runs.runs, explanations[0], dispute, nothing_yet, out, look, settled, as_at_the_end)
+    return Verdict(verdict, runs, explanations[0], dispute, nothing_yet, out, look, settled, as_at_the_end)
 
 
-def _enough(found: ChannelDiagnosis, explanations: Sequence[Explanation]) -> Explanation | None:
+def _enough(ready: Prepared, explanations: Sequence[Explanation]) -> Explanation | None:
     """The first of some explanations that leaves nothing but noise."""
     for one in explanations:
-        if judge(found.problem, _fitted(found.problem, one, found.plain.structure), found.noise).passed:
+        if judge(ready.problem, _fitted(ready.problem, one, ready.structure), ready.noise).passed:
             return one
     return None
 
 
-def _possible(found: ChannelDiagnosis, look: int) -> list[Explanation]:
+def _possible(found: Outcome, look: int) -> list[Explanation]:
     """The explanation that a diagnosis ends with, and those that it is tied with at this look: models that lack a part
     of it, whether or not something else stands there, and predict unseen runs nearly as well, or all but a few of them,
     which may be the odd ones."""
-    search, least = found.search, found.search.best.value - 0.5 * tie_level(look)
-    even = {id(one) for one in search.tied()}
-    close = [one for one in search.pool if one.value > least or id(one) in even]
+    close = [one for one in found.near if one.tied or one.nats > -0.5 * tie_level(look)]
     # Of what holds more, the heaviest is tied with a model that is not likely enough by itself.
-    unsure = search.weight(search.best) < level("named")
-    larger = [id(one) for one in close if id(one) in even and one.value > search.best.value]
-    more = larger[:1] if unsure else []
-    lacking = [one.fit for one in close if id(one) in more or not one.laws >= search.best.laws]
-    if not any(is_described(effect) for effect in search.best.ids):
+    unsure = found.weight < level("named")
+    more = [one for one in close if one.tied and one.nats > 0.0][: int(unsure)]
+    others = [one.explanation for one in close if one.lacks or one in more]
+    if not any(map(is_described, found.best)):
         # What a name explains, some form of behaviour nearly does as well: it is no other cause to be ruled out.
-        lacking = [fit for fit in lacking if not any(is_described(effect) for effect in fit.structure.ids)]
-    return [_explained_by(one) for one in (search.best.fit, *lacking[:MOST_TIED])]
+        others = [one for one in others if not any(map(is_described, one))]
+    return [found.best, *others[:MOST_TIED]]

@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from shockrig.analysis.characterization.extension import Extension, extension_of
+from shockrig.analysis.diagnosis.outcome import Explanation
 from shockrig.analysis.effects.described import described, discovered_of, is_described
 from shockrig.analysis.inference.quantity import ChannelName
-from shockrig.analysis.planning.evidence import REJECTED, Dispute, Explanation, label_of
+from shockrig.analysis.planning.evidence import REJECTED, Dispute, label_of
 from shockrig.files.causes import StatedEffect, Uncertain
 
 

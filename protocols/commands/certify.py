@@ -80,15 +80,20 @@ def write(args: argparse.Namespace, out: Path, extend: Path | None, made_at: str
     from shockrig.files.campaign import read_campaign
     from shockrig.files.certificate import write_certificate
     from shockrig.files.dcc import dcc_text
-    from shockrig.files.disk import write_whole
+    from shockrig.files.diagnosis import read_diagnosis
+    from shockrig.files.disk import shown, write_whole
     from shockrig.files.errors import InputError
+    from shockrig.files.numbers import counted
     from shockrig.protocols.commands.characterize import say
     from shockrig.protocols.folder import said_of_data, software_version, whole_folder
+    from shockrig.protocols.made_before import newer_runs
 
     air, traced, country = _air(args), _traced(args.traced), _country(args.country)
     extensions = None if extend is None else read_extension(extend)
     with whole_folder(out) as folder:
         campaign = with_common(read_campaign(args.campaign, probe))
+        if extend is not None and (newer := newer_runs(read_diagnosis(extend), campaign)):
+            say(f"--extend {shown(extend)}: is out of date, {counted(newer, 'run')} of {campaign.name} came later")
         result = characterize(campaign, args.seed, extensions, say)
         provenance: dict[str, Any] = {
             "campaign": campaign.name,

@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -17,6 +18,7 @@ from shockrig.protocols.branch import Send, branch, received
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
+    from shockrig.analysis.checks.finding import InputFinding
     from shockrig.analysis.diagnosis.diagnosed import Diagnosis
     from shockrig.analysis.diagnosis.remainder import Tolerance
     from shockrig.analysis.diagnosis.search import Earlier
@@ -106,8 +108,10 @@ def write(
     _one_thread_a_process()
     from shockrig.analysis.diagnosis.diagnose import gathered
     from shockrig.analysis.diagnosis.export import stated
+    from shockrig.analysis.diagnosis.remainder import Tolerance
     from shockrig.analysis.inference.gather import usable_runs
     from shockrig.protocols.folder import said_of_data, software_version, whole_folder
+    from shockrig.protocols.made_before import KEY, made_from
 
     import_module("shockrig.analysis.report.diagnosis_view")  # the branches use it too
     with whole_folder(out) as folder, ExitStack() as stack:
@@ -128,7 +132,9 @@ def write(
             drawing[one.found.name] = stack.enter_context(branch(_draw, one, folder))
         names = [name for name in CHANNELS if name in compared]
         diagnosis = gathered(input_, [compared[name].found for name in names])
-        write_document(stated(diagnosis), folder / "diagnosis.json")
+        said = stated(diagnosis)
+        rests_on = {KEY: made_from(input_.campaign, tolerance or Tolerance())}
+        write_document(replace(said, extra={**said.extra, **rests_on}), folder / "diagnosis.json")
         provenance: dict[str, Any] = {
             "campaign_path": str(campaign),
             "software": f"shockrig {software_version()}",
@@ -169,7 +175,8 @@ def _read_and_search(
     built = [build_channel(input_.campaign, name) for name in CHANNELS]
     channels = [channel for channel in built if channel is not None and enough(channel)]
     with ExitStack() as stack:
-        waiting: list[Any] = [stack.enter_context(branch(_search, channel, tolerance, earlier)) for channel in channels]
+        given = tolerance, earlier, input_.findings
+        waiting: list[Any] = [stack.enter_context(branch(_search, channel, *given)) for channel in channels]
         send((input_, len(channels)))
         while waiting:
             for ready in wait(waiting):
@@ -177,11 +184,18 @@ def _read_and_search(
                 send(received(cast("Connection", ready)))
 
 
-def _search(send: Send, channel: Channel, tolerance: Tolerance | None, earlier: Named | None) -> None:
+def _search(
+    send: Send,
+    channel: Channel,
+    tolerance: Tolerance | None,
+    earlier: Named | None,
+    findings: tuple[InputFinding, ...],
+) -> None:
     from shockrig.analysis.diagnosis.diagnose import diagnose_channel
     from shockrig.analysis.report.diagnosis_view import compare
 
-    send(compare(diagnose_channel(channel, _say, tolerance, {} if earlier is None else earlier[1][channel.name])))
+    known = {} if earlier is None else earlier[1][channel.name]
+    send(compare(diagnose_channel(channel, _say, tolerance, known, findings=findings)))
 
 
 def _draw(send: Send, compared: Compared, folder: Path) -> None:

@@ -12,7 +12,8 @@ from shockrig.protocols.probes import BY_WHICH
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
         "Every decision is kept in CAMPAIGN/decisions.jsonl. What is written with --out is a protocol: shockrig run "
-        "NEXT.toml --out CAMPAIGN goes on with the campaign; any other program may record the runs of NEXT.json."
+        "NEXT.toml --out CAMPAIGN goes on with the campaign; any other program may record the runs of NEXT.json. A "
+        "diagnosis of the campaign as it is, in its folder or beside it, is used and not made once more."
     )
     parser.add_argument("campaign", metavar="CAMPAIGN", type=Path, help="campaign folder; may be empty or not there")
     parser.add_argument(
@@ -40,10 +41,14 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.files.plan import append_decision, read_decisions
     from shockrig.protocols.decided import as_protocol, feasible_on, lines, surroundings_of
     from shockrig.protocols.loop_page import write_loop_page
+    from shockrig.protocols.made_before import outcomes
     from shockrig.protocols.probes import seen_by, wanted_probes
     from shockrig.rig.bench import open_bench
     from shockrig.rig.bench_file import load_bench
     from shockrig.rig.protocol_text import protocol_text
+
+    def say(text: str) -> None:
+        print(text, file=sys.stderr)
 
     goals = parse_goals(args.until)
     if args.out.suffix != ".toml":
@@ -69,7 +74,8 @@ def main(args: argparse.Namespace) -> int:
         count=args.runs,
         feasible=feasible,
         surroundings=surroundings,
-        progress=lambda text: print(text, file=sys.stderr),
+        made=outcomes(args.campaign, seen, say) if seen else {},
+        progress=say,
     )
     document = plan_document(decision, goals)
     others = usual_of(campaign, goals, surroundings).other.pressures_hpa
