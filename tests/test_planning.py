@@ -509,7 +509,7 @@ def test_a_run_that_serves_two_disputes_comes_before_those_that_serve_one_better
     menu = tuple(replace(UP, why=why) for why in ("one", "other", "both"))
     pairs = (np.array([4.0, 0.0, 3.0]), np.array([0.0, 4.0, 3.0]))
     designs = Designs(menu, None, (), pairs, np.array([4.6, 4.6]), lambda planned: np.zeros((3, 2)))
-    chosen, considered = choose_runs(designs, learn(None), None, 1, 0)
+    chosen, considered = choose_runs(designs, learn(None), (), 1)
     assert chosen[0].shock.why == "both" and {c.shock.why for c in considered} == {"one", "other", "both"}
 
 
@@ -522,12 +522,28 @@ def test_a_run_is_worth_what_two_of_its_kind_bring():
     assert 0.27 / there[0] > 0.5 / there[1]
     designs = Designs(menu, None, (), (), np.zeros(0), lambda planned: worth)
     here = Run("0001", Air(20.0, 20.0), Air(20.0, 80.0), 6.0, 1013.25, 6.0, None, None, None)
-    assert choose_runs(designs, minutes, here, 1, 0)[0][0].shock.why == "far"
+    assert choose_runs(designs, minutes, [here], 1)[0][0].shock.why == "far"
+
+
+def test_the_first_run_comes_again_at_every_sixth_place_and_not_behind_one_that_closes():
+    menu = (replace(UP, why="told"), replace(DOWN, why="again"))
+    designs = Designs(menu, 1, (), (np.array([1.0, 0.0]),), np.array([99.0]), lambda planned: np.zeros((2, 2)))
+
+    def planned(*recorded):
+        runs = [
+            Run(f"{i}", Air(20.0, 80.0 if a == "A" else 20.0), Air(20.0, 20.0 if a == "A" else 80.0),
+                None, 1013.25, 6.0, None, None, None) for i, a in enumerate("".join(recorded))
+        ]  # fmt: skip
+        chosen, _ = choose_runs(designs, learn(None), runs, 8)
+        return "".join("A" if one.shock.why == "again" else "b" for one in chosen)
+
+    assert planned("Abbbb") == "AbbbbbAb" and planned("Abbb") == "bAbbbbbA"
+    assert planned("AbbA") == "bbbbbbbA"[:8] and planned("Abbbbbb", "AbbA") == "bbbbbbAb"
 
 
 def test_nothing_is_chosen_from_an_empty_menu():
     nothing = Designs((), None, (), (), np.zeros(0), lambda planned: np.zeros((0, 2)))
-    assert choose_runs(nothing, learn(None), None, 3, 0) == ([], ())
+    assert choose_runs(nothing, learn(None), (), 3) == ([], ())
     assert Decision("", "").tied == {}
 
 

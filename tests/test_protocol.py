@@ -45,6 +45,13 @@ def test_standard_covers_five_ambients_with_both_directions():
     assert 30 <= len(STANDARD) <= 36
 
 
+def test_standard_closes():
+    """What drifts is told from what depends on the ambients, which follow one another."""
+    first, last = STANDARD[0], STANDARD[-1]
+    assert condition(last) == condition(first) and last.steps == first.steps
+    assert load_protocol("extended").continues == len(STANDARD)
+
+
 def test_standard_thermal_shocks_keep_the_vapour_pressure():
     """Within 15 %: what is left is a small step beside the humidity shocks' factor of four."""
     thermal = [run for run in STANDARD if run.source.temperature_c != run.destination.temperature_c]

@@ -306,7 +306,7 @@ def test_plans():
 
 def test_the_standard_plan_is_the_shipped_protocol():
     plan = standard_plan()
-    assert len(plan) == 35 and {run.destination.temperature_c for run in plan} == {0.0, 10.0, 20.0, 30.0, 40.0}
+    assert len(plan) == 36 and {run.destination.temperature_c for run in plan} == {0.0, 10.0, 20.0, 30.0, 40.0}
     assert (plan[3].source, plan[3].destination, plan[3].airflow_m_s) == (Air(20.0, 14.0), Air(0.0, 55.0), 6.0)
     assert {run.airflow_m_s for run in plan} == {2.5, 6.0, 12.0}
     # 10 s on the plateau, 30 s before three thermal shocks, and less than another until the transfer; 150 s after it

@@ -14,7 +14,7 @@ from shockrig.analysis.planning.information import nats
 from shockrig.analysis.planning.minutes import Airs, Minutes, airs_of, airs_of_run
 from shockrig.analysis.planning.precision import FEWEST_RUNS, UNKNOWN, Target
 from shockrig.analysis.planning.shock import LONGEST_S, Shock
-from shockrig.analysis.planning.varied import farthest, shock_of
+from shockrig.analysis.planning.varied import farthest, is_again, shock_of
 from shockrig.files.campaign import Campaign, Run
 
 Array = NDArray[np.float64]
@@ -88,16 +88,23 @@ class _SoFar:
 
 
 def choose_runs(
-    designs: Designs, minutes: Minutes, last: Run | None, count: int, number: int
+    designs: Designs, minutes: Minutes, recorded: Sequence[Run], count: int
 ) -> tuple[list[Choice], tuple[Choice, ...]]:
     """The runs that bring most per minute, one after the other; and the best of the menu for the first of them.
 
     A run is weighed by what it brings once, or made twice where that is more a minute: what no run has varied needs
-    two, and the chambers travel once. `number` of runs come before them; at every sixth place stands the first run
-    once more, so that a drift of sensors or bench shows.
+    two, and the chambers travel once. The runs that are `recorded` come before them; at every sixth place stands the
+    first run once more, so that a drift of sensors or bench shows, but where one of the five before it is that already,
+    such as the last one of a protocol that closes.
     """
+    number = len(recorded)
     rng = np.random.default_rng([number, 1])
-    so_far = _SoFar.recorded(designs, last)
+    so_far = _SoFar.recorded(designs, recorded[-1] if recorded else None)
+    repeated = (
+        number
+        - 1
+        - max((i for i, run in enumerate(recorded) if i and is_again(run, recorded[0])), default=-ANCHOR_EVERY)
+    )
     chosen: list[Choice] = []
     considered: tuple[Choice, ...] = ()
     for _ in range(count):
@@ -112,7 +119,8 @@ def choose_runs(
         if best < 1e-5:
             break
         m = int(rng.choice([m for m, rate in enumerate(rates) if rate >= NEARLY * best]))
-        if designs.anchor is not None and (number + len(chosen) + 1) % ANCHOR_EVERY == 0:
+        due = (number + len(chosen) + 1) % ANCHOR_EVERY == 0 and repeated + len(chosen) >= ANCHOR_EVERY - 1
+        if designs.anchor is not None and due:
             m = designs.anchor
         if not considered:
             others = sorted((i for i in range(len(rates)) if i != m), key=lambda i: -rates[i])

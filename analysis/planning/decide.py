@@ -135,12 +135,11 @@ def decide(
     if not unvaried and not (goals.ties and first) and (ended := ended_by(state, goals, looks)):
         return _with(state, *ended)
     minutes = learn(campaign)
-    last = None if campaign is None or not campaign.runs else campaign.runs[-1]
     if first:
         chosen = [Choice(s, minutes.of(None, s), 0.0, UNTOLD, UNTOLD, UNTOLD) for s in first][:count]
         considered = tuple(chosen)
     else:
-        chosen, considered = choose_runs(designs, minutes, last, count, len(recorded))
+        chosen, considered = choose_runs(designs, minutes, () if campaign is None else campaign.runs, count)
         told = expected_evidence(list(looks.values()), [c.shock for c in (*chosen, *considered)])
         weighed = [replace(c, evidence=x) for c, x in zip((*chosen, *considered), told, strict=True)]
         chosen, considered = weighed[: len(chosen)], tuple(weighed[len(chosen) :])

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.inference.channel import Channel
+from shockrig.analysis.inference.quantity import QUANTITIES
 from shockrig.analysis.planning.goals import Goals
 from shockrig.analysis.planning.judged import Look
 from shockrig.analysis.planning.minutes import airs_of_run
@@ -62,6 +63,18 @@ def _step_of(channel: Channel, shock: Shock) -> float:
     if channel.quantity.pooled:
         return shock.destination_c - shock.source_c
     return shock.destination_percent - shock.source_percent if shock.isothermal else 0.0
+
+
+def is_again(run: Run, first: Run) -> bool:
+    """Whether a run is another one once more: the same airs, as far as they make no step, airflow and pressure."""
+    airs, others = airs_of_run(run), airs_of_run(first)
+    if airs is None or others is None:
+        return False
+    least = [QUANTITIES[name].least_step for name in ("temperature", "humidity")]
+    apart = np.abs(np.subtract(airs, others)) < [*least, *least]
+    slow, fast = sorted(one.airflow_m_s or Shock.airflow_m_s for one in (run, first))
+    same_pressure = abs(run.pressure_hpa / first.pressure_hpa - 1.0) <= OTHER_PRESSURE
+    return bool(apart.all()) and fast < OTHER_FLOW * slow and same_pressure
 
 
 def shock_of(run: Run) -> Shock | None:

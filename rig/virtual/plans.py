@@ -90,7 +90,7 @@ def plan_from_protocol(protocol: Protocol) -> list[Shock]:
 
 
 def standard_plan() -> list[Shock]:
-    """The campaign of the shipped standard protocol: 35 runs of 80 to 160 s, 0 to 40 degC."""
+    """The campaign of the shipped standard protocol: 36 runs of 80 to 160 s, 0 to 40 degC."""
     return plan_from_protocol(load_protocol("standard"))
 
 
