@@ -100,11 +100,8 @@ def choose_runs(
     number = len(recorded)
     rng = np.random.default_rng([number, 1])
     so_far = _SoFar.recorded(designs, recorded[-1] if recorded else None)
-    repeated = (
-        number
-        - 1
-        - max((i for i, run in enumerate(recorded) if i and is_again(run, recorded[0])), default=-ANCHOR_EVERY)
-    )
+    again = [i for i in range(1, number) if is_again(recorded[i], recorded[0])]
+    since = number - 1 - again[-1] if again else ANCHOR_EVERY
     chosen: list[Choice] = []
     considered: tuple[Choice, ...] = ()
     for _ in range(count):
@@ -119,7 +116,7 @@ def choose_runs(
         if best < 1e-5:
             break
         m = int(rng.choice([m for m, rate in enumerate(rates) if rate >= NEARLY * best]))
-        due = (number + len(chosen) + 1) % ANCHOR_EVERY == 0 and repeated + len(chosen) >= ANCHOR_EVERY - 1
+        due = (number + len(chosen) + 1) % ANCHOR_EVERY == 0 and since + len(chosen) >= ANCHOR_EVERY - 1
         if designs.anchor is not None and due:
             m = designs.anchor
         if not considered:
