@@ -162,9 +162,12 @@ def two_runs(tmp_path):
     return campaign
 
 
-@pytest.mark.parametrize("threads", [0, 1])
-def test_two_runs_are_diagnosed_and_name_nothing(threads, two_runs, tmp_path, capsys):
-    """Also where the process has threads of its own: then its helpers are not forked."""
+@pytest.mark.parametrize("threads, why", [(0, NO_STEP), (1, "none of 2 runs can be used: no imet.csv")])
+def test_two_runs_are_diagnosed_and_name_nothing(threads, why, two_runs, tmp_path, capsys):
+    """Also where the process has threads of its own: then its helpers are not forked. A channel without a diagnosis is
+    said to have none, and for what reason."""
+    for file in two_runs.glob("runs/*/imet.csv") if why != NO_STEP else ():
+        file.unlink()
     done = threading.Event()
     for _ in range(threads):
         threading.Thread(target=done.wait).start()
@@ -172,7 +175,7 @@ def test_two_runs_are_diagnosed_and_name_nothing(threads, two_runs, tmp_path, ca
         assert main(["diagnose", str(two_runs), "--out", str(tmp_path / "out")]) == 0
     finally:
         done.set()
-    assert f"The bead could not be diagnosed: {NO_STEP}" in capsys.readouterr().out
+    assert f"The bead could not be diagnosed: {why}." in capsys.readouterr().out
     channels = load(tmp_path / "out", "diagnosis.json")["channels"]
     assert list(channels) == ["humidity"]
     assert channels["humidity"]["verdict"] == "adequate" and channels["humidity"]["causes"] == []

@@ -56,8 +56,7 @@ def test_the_search_ends_with_the_same_model_wherever_it_begins(ready, cold, ear
 @pytest.mark.parametrize("limit", [1, 20])
 def test_a_search_has_an_end(ready, cold, monkeypatch, limit):
     """With fewer fits than it needs it says so, and what it has reached by then is weighed."""
-    for module in (searching, limits):
-        monkeypatch.setattr(module, "MOST_FITS", limit)
+    monkeypatch.setattr(searching, "MOST_FITS", limit)
     found = searching.search(ready.problem, ready.structure, describing=False)
     # One step is made in any case, and one more begins below the limit.
     assert limit <= found.fits < min(limit + 120, cold.fits)
@@ -67,7 +66,7 @@ def test_a_search_has_an_end(ready, cold, monkeypatch, limit):
 
 
 def test_a_search_that_ends_by_itself_says_nothing_of_its_limit(cold):
-    assert 0 < cold.fits < limits.MOST_FITS and limits.ended(cold) == ()
+    assert 0 < cold.fits < searching.MOST_FITS and limits.ended(cold) == ()
 
 
 def test_the_command_takes_an_earlier_diagnosis_of_the_same_campaign_alone(campaign, tmp_path, capsys):
@@ -76,7 +75,7 @@ def test_the_command_takes_an_earlier_diagnosis_of_the_same_campaign_alone(campa
     assert main(["diagnose", str(campaign), "--out", str(second), "--from", str(first)]) == 0
     a, b = (json.loads((d / "diagnosis.json").read_text())["channels"]["temperature"] for d in (first, second))
     assert [c["effect"] for c in a["causes"]] == [c["effect"] for c in b["causes"]] == ["stem_conduction"]
-    assert all(0 < one["work"]["fits"] < limits.MOST_FITS and not one["work"]["ended_early"] for one in (a, b))
+    assert all(0 < one["work"]["fits"] < searching.MOST_FITS and not one["work"]["ended_early"] for one in (a, b))
     other = json.loads((first / "diagnosis.json").read_text()) | {"campaign": "another"}
     (tmp_path / "other.json").write_text(json.dumps(other))
     capsys.readouterr()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from shockrig.analysis.diagnosis.placing import PLACED_WITHIN, placed, weighed_alike
+from shockrig.analysis.diagnosis.placing import PLACED_WITHIN, placed
 from shockrig.analysis.diagnosis.refitting import plain_fit
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.model import Point
@@ -44,31 +44,3 @@ def test_what_stands_at_a_limit_leaves_the_rest_where_it_fits_best(off, memory):
         bounds = list(zip(-limit[run], limit[run], strict=True))
         best = minimize(cost, found[run], (run,), "Nelder-Mead", bounds=bounds, options={"xatol": 1e-6, "fatol": 1e-4})
         assert cost(found[run], run) <= best.fun * 1.01
-
-
-def test_a_model_that_misses_its_runs_by_far_is_fitted_to_what_they_read():
-    """Two time constants taken for one body, read with next to no noise of a long memory: weighed by that noise the fit
-    follows the increments; weighed alike it leaves of the readings what no other rate leaves less of.
-    """
-    channel = build_channel(read_campaign("data/examples/plain-rough"), "temperature")
-    channel = channel.select(np.flatnonzero(np.abs(channel.conditions.thermal_step_k) > 5.0)[:4])
-    late = channel.quantity.step(channel.conditions)[:, None] * 0.3 * np.exp(-np.maximum(channel.time_s, 0.0) / 6.0)
-    channel = replace(channel, value=channel.value - np.where(channel.time_s > 0.0, late, 0.0))
-    noise = replace(estimate_noise(channel), white=0.0005, correlated=0.005, memory=0.995, averaged=1)
-    problem = make_problem(channel, whiteners(channel, noise))
-    plain = plain_fit(problem)
-
-    def left(log_rate):
-        moved = replace(plain, theta=np.array([log_rate]))
-        prediction = plain.model.predict(Point(moved.theta[None], placed(problem, moved)[None]))[0]
-        squares = (channel.count * (channel.value - prediction) ** 2).sum(axis=1) / channel.count.sum(axis=1)
-        return float(squares.mean())
-
-    found = weighed_alike(problem, plain)
-    least = min(left(x) for x in np.linspace(found.theta[0] - 0.5, found.theta[0] + 0.5, 41))
-    assert left(found.theta[0]) < 1.02 * least
-    assert left(found.theta[0]) < 0.9 * left(plain.theta[0])
-    assert found.covariance[0, 0] > plain.covariance[0, 0]
-    # What is within its noise, as nearly all campaigns are, stays as it was.
-    right = replace(plain, residual=np.zeros_like(plain.residual))
-    assert weighed_alike(problem, right) is right

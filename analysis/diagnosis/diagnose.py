@@ -6,6 +6,7 @@ how probable an effect is, the weight of all models that hold it.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable
 
 import numpy as np
@@ -35,6 +36,7 @@ from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
 from shockrig.files.campaign import Campaign
 from shockrig.files.diagnosis import StatedDiagnosis
 from shockrig.files.errors import InputError
+from shockrig.files.numbers import counted
 
 Progress = Callable[[str], None]
 PARTED = "another_sensor"  # kind of the input's finding that runs fall into groups
@@ -219,12 +221,12 @@ def gathered(input_: Checked, channels: list[ChannelDiagnosis]) -> Diagnosis:
     InputError
         Where there are none.
     """
-    if not channels:
-        reasons = [f"{name}: {_why_not(input_.campaign, name)}" for name in QUANTITIES]
-        raise InputError(f"{input_.campaign.path}: {'; '.join(reasons)}; record or import usable runs")
     names = {channel.name for channel in channels}
+    missing = {name: _why_not(input_.campaign, name) for name in QUANTITIES if name not in names}
+    if not channels:
+        reasons = [f"{name}: {why}" for name, why in missing.items()]
+        raise InputError(f"{input_.campaign.path}: {'; '.join(reasons)}; record or import usable runs")
     experiments = [run for channel in channels for run in next_experiments(channel)]
-    missing = tuple(name for name in QUANTITIES if name not in names)
     sentences = tuple(finding.sentence for finding in input_.findings)
     return Diagnosis(input_.campaign.name, tuple(channels), tuple(experiments), missing, sentences)
 
@@ -232,7 +234,11 @@ def gathered(input_: Checked, channels: list[ChannelDiagnosis]) -> Diagnosis:
 def _why_not(campaign: Campaign, name: ChannelName) -> str:
     """Why a channel cannot be diagnosed."""
     usable, left_out = usable_runs(campaign, name)
-    return NO_STEP if usable or not left_out else why_none(left_out)
+    if left_out and not usable:
+        return why_none(left_out)
+    # The runs with a step may be those that were left out, as where the sensor was at its rail.
+    reasons = Counter(entry.reason for entry in left_out).most_common(1)
+    return "; ".join([NO_STEP, *(f"{counted(len(left_out), 'run')} left out: {reason}" for reason, _ in reasons)])
 
 
 def next_experiments(channel: ChannelDiagnosis) -> list[dict[str, object]]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from shockrig.analysis.diagnosis.adequacy import Adequacy
 from shockrig.analysis.diagnosis.gain import Gain
@@ -68,10 +69,10 @@ class ChannelDiagnosis:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The diagnosis of a campaign."""
+    """The diagnosis of a campaign; `missing` says why a channel has none."""
 
     campaign: str
     channels: tuple[ChannelDiagnosis, ...]
     next_experiments: tuple[dict[str, object], ...] = ()
-    missing: tuple[ChannelName, ...] = ()
+    missing: Mapping[ChannelName, str] = field(default_factory=dict)
     input_findings: tuple[str, ...] = ()

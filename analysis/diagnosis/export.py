@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.diagnosis.diagnosed import Cause, ChannelDiagnosis, Diagnosis
 from shockrig.analysis.diagnosis.outcome import outcome_document, outcome_of
-from shockrig.analysis.diagnosis.search import MOST_FITS
 from shockrig.files.diagnosis import (
     StatedCause,
     StatedChannel,
@@ -62,7 +61,7 @@ def _channel(channel: ChannelDiagnosis) -> StatedChannel:
             "untestable": channel.untestable,
             "correlations": {"parameters": names, "matrix": np.round(matrix, 4)},
             "cannot_tell": channel.cannot_tell,
-            "work": {"fits": channel.search.fits, "ended_early": channel.search.fits >= MOST_FITS},
+            "work": {"fits": channel.search.fits, "ended_early": channel.search.ended_early},
             "models": weighed(channel),
             "explanations": outcome_document(outcome_of(channel)),
             "discrepancy_of_step": channel.search.best.score.discrepancy,

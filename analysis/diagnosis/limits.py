@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from shockrig.analysis.diagnosis.adequacy import most_scatter
-from shockrig.analysis.diagnosis.search import MOST_FITS, Search
+from shockrig.analysis.diagnosis.search import Search
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.fit import Fit
 from shockrig.analysis.inference.seen import FEW_RUNS
@@ -15,7 +15,7 @@ SAME_AIRFLOW = 1.2  # ratio between airflows below which they are one
 
 def ended(found: Search) -> tuple[str, ...]:
     """What is said where the search made as many fits as it may."""
-    if found.fits < MOST_FITS:
+    if not found.ended_early:
         return ()
     return (
         f"The search ended at its limit of work, after {found.fits} fits: what it had reached by then is judged, and "

@@ -1,7 +1,6 @@
 """Where runs that a model was not fitted to began, and their airs: as fits best within what is stated of them.
 
-What stands at a limit stays there, and the rest of the run is placed anew beside it. A model that misses its own runs
-by far more than their noise is fitted for what it shall predict, see `weighed_alike`.
+What stands at a limit stays there, and the rest of the run is placed anew beside it.
 """
 
 from __future__ import annotations
@@ -22,12 +21,10 @@ Array = NDArray[np.float64]
 
 PLACED_WITHIN = 2.0  # standard uncertainties
 FREE = 10.0  # likewise, of what nobody recorded
-WEIGHED = 3  # times at most that a wrong model is fitted anew, each by what the one before left
 STEPS = 8  # of Gauss and Newton within the limits
 TINY = 1e-12
 TRUSTED = 10.0  # times what they leave: readings are weighted so that what is stated only limits
 SETTLED = 1e-3  # of the limits: a smaller step is none
-MISSED = 100.0  # mean square of a run's whitened residuals from which what is left is no matter of noise
 
 
 def placed(bins: Problem, found: Fit) -> Array:
@@ -49,41 +46,6 @@ def _by_count(problem: Problem, variance: Array) -> Problem:
     """The problem with every reading of a run weighed alike, as if what is left of it (R,) were independent noise."""
     level = np.sqrt(problem.channel.count / np.maximum(variance, TINY)[:, None])
     return replace(problem, whitener=level[:, :, None] * np.eye(level.shape[1]))
-
-
-def weighed_alike(problem: Problem, found: Fit) -> Fit:
-    """A fit that misses its runs by far more than their noise, with the parameters that leave least of the readings.
-
-    Weighed by its noise, a precise sensor's model that is wrong follows what little of the data noise says most about,
-    and predicts the rest badly. Nor are the runs' rates then their own: what differs between them is the model's fault.
-    The parameters are as uncertain as both ways of weighing together make them; the deviance stays what it was.
-    """
-    if run_misfit(problem, found).max() < MISSED:
-        return found
-    best, least = _with_square(problem, found)
-    for _ in range(WEIGHED):
-        part = _by_count(problem.with_rate_scatter(RATE_SCATTER), np.full(problem.channel.runs, least))
-        again = fit(part, found.structure, best.theta, best.deviations, adapt_scatter=False)
-        reached, left = _with_square(problem, again)
-        if not left < (1.0 - SETTLED) * least:
-            break
-        best, least = reached, left
-    if best.theta is found.theta:
-        return found
-    prediction, _ = linearise(problem, found.structure, best.point)
-    return replace(
-        found,
-        theta=best.theta,
-        deviations=best.deviations,
-        covariance=found.covariance + best.covariance,
-        residual=np.where(problem.channel.count > 0, problem.channel.value - prediction, 0.0),
-    )
-
-
-def _with_square(problem: Problem, found: Fit) -> tuple[Fit, float]:
-    """A fit with its runs placed, and the mean square error of their readings."""
-    at = placed(problem, found)
-    return replace(found, deviations=at), float(_squares(problem, found, at).mean())
 
 
 def _placed(problem: Problem, found: Fit) -> tuple[Array, NDArray[np.bool_]]:

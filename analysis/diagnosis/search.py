@@ -22,7 +22,6 @@ from shockrig.analysis.diagnosis.thresholds import level
 from shockrig.analysis.effects.behaviours import SCALES, STEP, Form, form_of
 from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.effects.laws import laws_of
-from shockrig.analysis.inference.arrow import Arrow
 from shockrig.analysis.inference.effect import Effect, by_name
 from shockrig.analysis.inference.fit import Fit, fit, go_on
 from shockrig.analysis.inference.model import PLAIN, Model, Point, Structure
@@ -110,6 +109,11 @@ class Search:
     pool: tuple[Rated, ...]
     weights: Array
     fits: int
+
+    @property
+    def ended_early(self) -> bool:
+        """Whether it made as many fits as it may, so that more may be there."""
+        return self.fits >= MOST_FITS
 
     def probability(self, effect: str) -> float:
         """Of an effect's being there: the weight of all models that hold its law, however that may depend on things."""
@@ -208,19 +212,13 @@ class Race:
         found, sigma = near.fit, max(min(near.score.discrepancy, FAR), SMALLEST)
         own = found.arrow.weight.copy()
         own[:, RunEffect.RATE] = np.maximum(own[:, RunEffect.RATE], 1.0 / RATE_SCATTER**2)
-        low, high = found.model.bounds()
-        free = (found.theta > low) & (found.theta < high)
-        mean, weight = found.model.priors()
-        runs, width = self.bump.shape[0], self.bump.shape[-1]
-        arrow = Arrow(
-            found.arrow.jacobian[..., free],
-            np.concatenate([found.arrow.run_jacobian, self.bump], axis=-1),
-            np.concatenate([own, np.full((runs, width), 1.0 / sigma**2)], axis=-1),
-            weight[free],
+        discrepancy = np.full((self.bump.shape[0], self.bump.shape[-1]), 1.0 / sigma**2)
+        beside = replace(
+            found.arrow,
+            run_jacobian=np.concatenate([found.arrow.run_jacobian, self.bump], axis=-1),
+            weight=np.concatenate([own, discrepancy], axis=-1),
         )
-        deviations = np.concatenate([found.deviations, np.zeros((runs, width))], axis=-1)
-        pull = (weight * (mean - found.theta))[free]
-        return arrow.scores(columns, self.problem.whiten(found.residual), deviations, pull)
+        return found.scores(self.problem, columns, beside)
 
     def _entered(self, screened: Sequence[Screened], far: bool) -> list[tuple[Candidate, Starts]]:
         """Those whose fits are begun: of each family the best, then by promise."""

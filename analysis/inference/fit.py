@@ -96,18 +96,21 @@ class Fit:
         """What each run alone says of its rate."""
         return _own_rates(self.arrow, self.deviations, self.model)
 
-    def scores(self, problem: Problem, columns: Array) -> tuple[Array, Array]:
+    def scores(self, problem: Problem, columns: Array, beside: Arrow | None = None) -> tuple[Array, Array]:
         """Scores (C,) of whitened columns (R, n, C) and their covariance, see `Arrow.scores`.
 
-        What of theta stands at a bound takes nothing from a column: it cannot follow.
+        What of theta stands at a bound takes nothing from a column: it cannot follow. `beside` is the fit's arrow with
+        random effects more than its own, behind these, or other weights of them.
         """
         mean, weight = self.model.priors()
         low, high = self.model.bounds()
         free = (self.theta > low) & (self.theta < high)
-        arrow, pull = self.arrow, weight * (mean - self.theta)
+        arrow, pull = self.arrow if beside is None else beside, weight * (mean - self.theta)
         if not free.all():
             arrow = Arrow(arrow.jacobian[..., free], arrow.run_jacobian, arrow.weight, arrow.prior_weight[free])
-        return arrow.scores(columns, problem.whiten(self.residual), self.deviations, pull[free])
+        more = arrow.weight.shape[1] - self.deviations.shape[1]
+        deviations = np.pad(self.deviations, ((0, 0), (0, more)))
+        return arrow.scores(columns, problem.whiten(self.residual), deviations, pull[free])
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from shockrig.analysis.diagnosis.diagnosed import NO_STEP, Cause, ChannelDiagnosis, Diagnosis
+from shockrig.analysis.diagnosis.diagnosed import Cause, ChannelDiagnosis, Diagnosis
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.behaviours import form_of, is_step
 from shockrig.analysis.effects.described import is_described
@@ -225,7 +225,7 @@ def headline(diagnosis: Diagnosis) -> str:
 
 def missing(diagnosis: Diagnosis) -> list[str]:
     """A sentence for each channel that could not be diagnosed."""
-    return [f"The {SENSOR[name]} could not be diagnosed: {NO_STEP}." for name in diagnosis.missing]
+    return [f"The {SENSOR[name]} could not be diagnosed: {why}." for name, why in diagnosis.missing.items()]
 
 
 def worse(nats: float) -> str:

@@ -214,12 +214,11 @@ def _flown(
     folder: Path,
 ) -> tuple[list[Crossing], list[str]]:
     """Write the extended profile and fly it; the crossings, and what has to be said of them."""
-    from shockrig.analysis.diagnosis.diagnosed import NO_STEP
     from shockrig.analysis.diagnosis.extended import extended_profile
     from shockrig.analysis.report.crossing import cross_inversion
     from shockrig.files.profile import write_profile
 
-    reasons: dict[ChannelName, str] = dict.fromkeys(diagnosis.missing, NO_STEP)
+    reasons: dict[ChannelName, str] = dict(diagnosis.missing)
     plain = {one.found.name: one.plain for one in compared}
     extended = {one.found.name: one.extended for one in compared}
     reasons |= {name: "no run determines the diffusivity" for name, result in extended.items() if result is None}
