@@ -24,7 +24,7 @@ pytestmark = pytest.mark.usefixtures("catalogue_as_it_was")
 def fast(tmp_path_factory):
     """Both channels of a world in which both clocks run fast."""
     hidden = [Hidden("clock_drift", {"ppm": PPM}, ("temperature", "humidity"))]
-    campaign = record(tmp_path_factory.mktemp("fast") / "campaign", 11, hidden, ROUGH, standard_plan())
+    campaign = record(tmp_path_factory.mktemp("fast") / "campaign", 13, hidden, ROUGH, standard_plan())
     return {name: build_channel(campaign, name) for name in ("temperature", "humidity")}
 
 
@@ -32,7 +32,7 @@ def fast(tmp_path_factory):
 def test_the_standard_campaign_tells_a_clock_from_a_delay(fast, name):
     found = diagnose_channel(fast[name], tolerance=Tolerance(0.0, 0.0))
     (cause,) = found.causes
-    # Three runs of 35 tell the two apart: drawn again, one set in twenty has none of them.
+    # Three runs of 36 tell the two apart: drawn again, one set in twenty has none of them.
     assert cause.effect == "clock_drift" and cause.probability > 0.85
     assert set(cause.indistinguishable_from) <= {"dead_time"}
     value, uncertainty = cause.parameters["ppm"]

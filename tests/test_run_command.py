@@ -127,7 +127,7 @@ def test_dry_run_prints_the_plan_and_touches_nothing(tmp_path, capsys, monkeypat
     plan = capsys.readouterr().out
     assert "36 runs on virtual bench (emulated instruments) with imet, hyt" in plan
     assert "soak at the source until the reference is stable to 0.05 K and 0.3 %RH over 30 s, at most 20 min" in plan
-    assert "bench time: 75 min where every soak is stable at once" in plan
+    assert "bench time: 79 min where every soak is stable at once" in plan
     assert list(tmp_path.iterdir()) == []
 
 
