@@ -32,8 +32,8 @@ T = ("temperature",)
 
 @pytest.fixture(scope="module")
 def warm_rates(tmp_path_factory):
-    """A bead whose rate moves with the ambient, which no catalogue has, diagnosed: in a campaign that does not close, of
-    which an entry of the catalogue comes near enough to be said to be the nearest."""
+    """A bead whose rate moves with the ambient, which no catalogue has, diagnosed: of a campaign that does not close an
+    entry of the catalogue comes near enough to be said to be the nearest."""
     folder = tmp_path_factory.mktemp("world") / "campaign"
     hidden = [Hidden("unknown_rate_with_temperature", {"per_kelvin": 0.008}, T)]
     channel = build_channel(record(folder, 3, hidden, ROUGH, standard_plan()[:-1]), "temperature")
