@@ -8,9 +8,13 @@ import pytest
 from small_worlds import small_plan
 
 from shockrig.analysis.planning import judged
+from shockrig.analysis.planning.goals import parse_goals
 from shockrig.files.campaign import read_campaign
 from shockrig.files.fingerprint import fingerprint
+from shockrig.files.plan import read_decisions
+from shockrig.protocols.adaptive import Loop
 from shockrig.protocols.cli import main
+from shockrig.rig.bench import virtual_bench
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.truth import Hidden, draw_truth
 
@@ -63,6 +67,14 @@ def test_a_diagnosis_of_the_campaign_as_it_is_is_used(copy, diagnosed, capsys):
     assert diagnosed and found["verdict"] == anew["verdict"] and list(found["causes"]) == list(anew["causes"])
     assert found["final"] and found["runs"] == anew["runs"]
     assert "diagnosis.json" not in capsys.readouterr().err
+
+
+def test_a_loop_that_goes_on_with_the_campaign_uses_it(copy, diagnosed):
+    said = []
+    Loop(copy / "mine", parse_goals(GOALS), virtual_bench(), said.append)(None, 0.0)
+    assert diagnosed == [] and "is a diagnosis of this campaign as it is" in said[0]
+    (decision,) = read_decisions(copy / "mine")
+    assert decision["verdicts"]["temperature"]["runs"] == len(decision["recorded"])
 
 
 def test_one_that_is_out_of_date_is_said_to_be(copy, diagnosed, capsys):
