@@ -6,7 +6,9 @@ microseconds since boot; the first GPS fix says when that was.
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -59,13 +61,15 @@ def read_bin(path: Path, chosen: Mapping[str, str]) -> dict[str, tuple[Array, Ar
         if stream.read(2) != HEAD:
             raise InputError(f"{shown(path)}: is no ArduPilot dataflash log; name a .bin file")
     try:
-        log: Any = DFReader.DFReader_binary(str(path), zero_time_base=True)
-        try:
-            rows = _collect(log, messages)
-        finally:
-            log.data_map.close()
-            log.filehandle.close()
-    except (ValueError, IndexError, KeyError, AttributeError, OSError) as error:
+        with redirect_stdout(io.StringIO()):  # it prints what it stumbles over
+            log: Any = object.__new__(DFReader.DFReader_binary)  # to be closed, also where it cannot be begun
+            try:
+                log.__init__(str(path), zero_time_base=True)
+                rows = _collect(log, messages)
+            finally:
+                if "filehandle" in vars(log):
+                    log.filehandle.close()
+    except Exception as error:  # of a format that it does not know it raises a bare Exception
         raise InputError(f"{shown(path)}: no readable ArduPilot log ({error}); name a .bin file") from error
     if not rows:
         raise InputError(
@@ -99,11 +103,11 @@ def _collect(log: Any, messages: set[str]) -> dict[tuple[str, int], list[dict[st
     while (message := log.recv_match(type=sorted(messages))) is not None:
         fields = message.to_dict()
         name = fields.pop("mavpackettype")
-        if "TimeUS" not in fields:
-            continue
-        instance = next((fields[key] for key in FIRST_INSTANCE if key in fields), 0)
-        number = int(instance - first.setdefault(name, instance))
         numbers = {key: float(v) for key, v in fields.items() if isinstance(v, int | float)}
+        if "TimeUS" not in numbers:
+            continue
+        instance = next((numbers[key] for key in FIRST_INSTANCE if key in numbers), 0.0)
+        number = int(instance - first.setdefault(name, instance))
         rows.setdefault((name, number), []).append(numbers)
     return rows
 
@@ -120,7 +124,7 @@ def _parts(name: str) -> tuple[str, int, str]:
 def _boot(fixes: list[dict[str, float]]) -> float:
     """When the autopilot was started [s since 1970], by the first fix with a week; 0 without one."""
     for fix in fixes:
-        if fix.get("GWk", 0.0) > 1000.0:
+        if fix.get("GWk", 0.0) > 1000.0 and "GMS" in fix:
             return GPS_EPOCH_S + fix["GWk"] * WEEK_S + 1e-3 * fix["GMS"] - LEAP_S - 1e-6 * fix["TimeUS"]
     return 0.0
 

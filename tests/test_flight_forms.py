@@ -99,6 +99,17 @@ def test_what_is_no_ardupilot_log_is_refused_in_a_line(tmp_path, flown):
         to_csv(tmp_path / "good.bin", tmp_path / "x.csv", columns={"temperature": "XYZ.T"})
 
 
+def test_a_log_with_a_format_that_pymavlink_does_not_know_is_refused_in_a_line(tmp_path, capsys):
+    """Nor does what pymavlink prints of it come out as if it were the command's."""
+    log = tmp_path / "flight.bin"
+    columns = ["time_s", "temperature_c", "humidity_percent", "altitude_m", "pressure_hpa"]
+    write_bin(log, pd.DataFrame(np.ones((50, 5)), columns=columns))
+    log.write_bytes(log.read_bytes().replace(b"QBff\0", b"QBSf\0"))
+    with pytest.raises(InputError, match=r"flight\.bin: no readable ArduPilot log .*'S'"):
+        to_csv(log, tmp_path / "x.csv")
+    assert capsys.readouterr() == ("", "")
+
+
 def test_from_the_log_to_wmos_format_in_one_command(tmp_path, flown, capsys):
     write_bin(tmp_path / "flight.bin", flown.log)
     write_profile(PROFILE, tmp_path / "profile.json")
