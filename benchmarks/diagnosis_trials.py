@@ -19,6 +19,7 @@ import threading
 import time
 from collections import Counter, defaultdict
 from collections.abc import Iterable
+from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -29,10 +30,19 @@ BINS = (0.0, 0.6, 0.8, 0.9, 0.95, 0.99, 1.0)  # of stated probabilities
 FRESH = 1_000_000  # added to a trial's seed for the fresh campaign of its world
 
 
-def trial(kind: str, tier: str, strength: str | float, seed: int, plan: str = "standard", fresh: bool = False) -> dict:
+def trial(
+    kind: str,
+    tier: str,
+    strength: str | float,
+    seed: int,
+    plan: str = "standard",
+    fresh: bool = False,
+    without: str | None = None,
+) -> dict:
     """One blind trial through the campaign's files; returns what was hidden, the diagnosis and its score.
 
     `fresh`: also record the same world again and measure there what each channel's extension gains.
+    `without`: the sensor ("imet", "hyt") whose readings are taken away, so that the other alone is diagnosed.
     """
     from shockrig.analysis.diagnosis.diagnose import diagnose
     from shockrig.analysis.diagnosis.export import to_json
@@ -53,7 +63,10 @@ def trial(kind: str, tier: str, strength: str | float, seed: int, plan: str = "s
         path = simulate_campaign(truth, runs, rng, Path(folder) / "campaign")
         sealed = seal(Path(folder) / "truth.sealed", truth, seed)
         started = time.perf_counter()
-        diagnosis = diagnose(read_campaign(path), tolerance=Tolerance(0.0, 0.0))
+        campaign = read_campaign(path)
+        if without is not None:
+            campaign = replace(campaign, runs=tuple(replace(run, **{without: None}) for run in campaign.runs))
+        diagnosis = diagnose(campaign, tolerance=Tolerance(0.0, 0.0))
         seconds = time.perf_counter() - started
         content = to_json(diagnosis)
         result = {"hidden": truth.effects, "diagnosis": content, "score": score(sealed, content), "seconds": seconds}
