@@ -54,11 +54,15 @@ CODES: Mapping[str, Mapping[float, str]] = MappingProxyType(
 NEAR = 1e-6  # relative, and 1e-4 in the quantity's unit: digits that a column of text has lost
 FARTHER = 2.0  # times what nine of ten readings differ from the next by
 LEAST_JUMP = 1.0  # in the quantity's unit
+MEASURED = 1e25  # in whatever unit: nothing that flies measures so much, and sums of squares still hold it
 JUMP = 20.0  # times what readings usually differ from the next by
 
 
 def coded(quantity: str, values: Array, low: float = -np.inf, high: float = np.inf) -> dict[float, Mask]:
-    """Rows (n,) that hold each code there is among `values` (n,); `low` to `high` is what a reading can be."""
+    """Rows (n,) that hold each code there is among `values` (n,); `low` to `high` is what a reading can be.
+
+    A number that nothing measures is a code as well, the first there is for all of them.
+    """
     codes = np.array(list(CODES[quantity]))
     known = np.isfinite(values)
     near = np.sort(codes)
@@ -75,6 +79,9 @@ def coded(quantity: str, values: Array, low: float = -np.inf, high: float = np.i
             found[code] = rows
         elif (jumped := rows & _jumped_to(values, others, rows, code)).any():
             found[code] = jumped
+    beyond = known & (np.abs(values) > MEASURED) & ~equal
+    if beyond.any():
+        found[float(values[beyond][0])] = beyond
     return found
 
 

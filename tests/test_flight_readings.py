@@ -78,6 +78,8 @@ def test_a_code_is_one_where_the_log_jumps_to_it_and_a_reading_where_it_goes_the
         values[40:45] = -9999.0
         found = coded(quantity, values, -100.0, 150.0)
         assert list(found) == [-9999.0] and found[-9999.0].nonzero()[0].tolist() == [40, 41, 42, 43, 44]
+        huge = np.where(np.isin(np.arange(100), (3, 70)), 1e308, values)
+        assert coded(quantity, huge, -100.0, 150.0)[1e308].nonzero()[0].tolist() == [3, 70]
 
 
 def test_columns_that_change_place_are_missing_where_they_do():

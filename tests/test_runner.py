@@ -3,6 +3,7 @@
 import errno
 import json
 import math
+from pathlib import Path
 
 import pytest
 from fake_bench import STEPS, TAU_S, between, csv, fake_bench, plan, run, run_json
@@ -193,6 +194,16 @@ def test_a_campaign_is_never_mixed_with_another_plan_or_other_sensors(tmp_path):
     with pytest.raises(BenchError, match="other sensors"):
         run(fake_bench(sensors=("hyt",)), path)
     assert run(fake_bench(), path, plan(3)) == ["0003"]  # a longer plan goes on
+
+
+@pytest.mark.parametrize("put", [Path.touch, lambda path: path.mkdir() or (path / "hyt.csv").touch()])
+def test_what_stands_in_the_place_of_a_planned_run_is_said_before_anything_is_recorded(tmp_path, put):
+    campaign = tmp_path / "campaign"
+    run(fake_bench(), campaign, plan(1))
+    put(campaign / "runs" / "0002")
+    with pytest.raises(BenchError, match="runs/0002: is no run, and stands in the place of one of the plan; move it"):
+        run(fake_bench(), campaign, plan(2))
+    assert not list(campaign.glob("recording/*"))
 
 
 def test_a_folder_that_is_something_else_is_not_touched(tmp_path):

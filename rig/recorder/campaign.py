@@ -171,11 +171,16 @@ class CampaignFolder:
         return self.missing_of(self._protocol)
 
     def missing_of(self, protocol: Protocol) -> list[PlannedRun]:
-        """Runs of a protocol that are not there, in order. Raises BenchError where what is there was imported."""
+        """Runs of a protocol that are not there, in order. Raises BenchError where something else stands in a place."""
         missing = []
         for run in protocol.runs:
             document = self.path / "runs" / run.id / "run.json"
             if not document.exists():
+                if is_there(document.parent) and not _is_empty_folder(document.parent):
+                    raise BenchError(
+                        f"{shown(document.parent)}: is no run, and stands in the place of one of the plan; move it out "
+                        "of the campaign"
+                    )
                 missing.append(run)
             elif "imported" in read_content(document, RUN_FORMAT):
                 raise BenchError(
@@ -250,6 +255,10 @@ class CampaignFolder:
         while (target := self.path / "set_aside" / f"{id_}-{number}").exists():
             number += 1
         return target
+
+
+def _is_empty_folder(path: Path) -> bool:
+    return path.is_dir() and not path.is_symlink() and not any(path.iterdir())
 
 
 def planned_entry(run: PlannedRun) -> dict[str, Any]:
