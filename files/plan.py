@@ -20,16 +20,43 @@ PLAN_FORMAT = "shock-plan/1"
 DECISION_FORMAT = "shock-decision/1"
 LOG = "decisions.jsonl"
 REMEDY = "restore the file, or move it away to decide anew"
-NEEDED: dict[str, type | tuple[type, ...]] = {
+_NUMBER: Any = (int, float)
+_MAYBE: Any = (int, float, type(None))
+_TOOK = {"minutes": _NUMBER, "expected_minutes": _NUMBER}
+_TOLD = {"information?": _NUMBER, "expected_information?": _NUMBER, "evidence?": _NUMBER, "expected_evidence?": _NUMBER}
+_AIR = {"temperature_c": _NUMBER, "humidity_percent": _NUMBER}
+_EXPECTED = {"expected_minutes": _NUMBER, "expected_evidence": _MAYBE, "expected_information": _MAYBE,
+             "expected_progress?": _NUMBER}  # fmt: skip
+_SHOCK = {"source": _AIR, "destination": _AIR, "airflow_m_s": _NUMBER, "dwell_s": _NUMBER, "why": str}
+_DISPUTE = {"explanations": [{str: {str: _NUMBER}}], "labels": [str], "runs": [str]}
+# What a line has and is read again: kinds, [of each item], {str: of each value}; a key with "?" may be missing or null.
+DECISION: Mapping[Any, Any] = {
     "number": int,
-    "recorded": list,
-    "runs": list,
-    "targets": list,
-    "verdicts": dict,
-    "vetoed": list,
-    "probes": list,
+    "status": str,
+    "reason": str,
+    "recorded": [str],
+    "goals": [{"goal": str, "met": bool, "now": _MAYBE}],
+    "runs": [_SHOCK | _EXPECTED],
+    "considered": [_SHOCK | _EXPECTED],
+    "targets": [{"label": str, "relative": _NUMBER, "wanted": _NUMBER, "runs": int}],
+    "verdicts": {
+        str: {
+            "verdict": str,
+            "runs": int,
+            "causes": {str: {str: _NUMBER}},
+            "against": [_NUMBER],
+            "out": [[str]],
+            "looks": int,
+            "settled": [_DISPUTE | {"against": [_NUMBER]}],
+            "dispute?": _DISPUTE,
+        }
+    },
+    "vetoed": [_SHOCK],
+    "probes": [str],
     "chased": int,
-    "minutes_spent": (int, float),
+    "minutes_spent": _NUMBER,
+    "waited_s?": _NUMBER,
+    "realised?": {"runs": [str]} | _TOOK | _TOLD,
 }
 
 
@@ -83,10 +110,36 @@ def _decision(line: str, where: str) -> dict[str, Any]:
     except (ValueError, RecursionError):
         raise InputError(f"{where}: not JSON; {REMEDY}") from None
     entry = as_object(content, where, DECISION_FORMAT, REMEDY)
-    for key, kind in NEEDED.items():
-        if not isinstance(entry.get(key), kind):
-            raise InputError(f"{where}: key {key}: is missing or of another kind; {REMEDY}")
+    if (wrong := _amiss(entry.content, DECISION)) is not None:
+        raise InputError(f"{where}: key {wrong}: is missing or of another kind; {REMEDY}")
+    for place, verdict in entry.content["verdicts"].items():
+        open_ = [verdict["dispute"] | {"against": verdict["against"]}] if verdict.get("dispute") else []
+        for one in (*verdict["settled"], *open_):
+            if not len(one["explanations"]) == len(one["labels"]) == len(one["against"]):
+                raise InputError(f"{where}: key verdicts.{place}: not as many labels as explanations; {REMEDY}")
     return dict(entry.content)
+
+
+def _amiss(content: Any, shape: Any, path: str = "") -> str | None:
+    """The first key that is not as its shape says; None where all are."""
+    if isinstance(shape, list):
+        pairs = [(str(i), one, shape[0]) for i, one in enumerate(content)] if isinstance(content, list) else None
+    elif isinstance(shape, Mapping) and isinstance(content, Mapping):
+        if str in shape:
+            pairs = [(key, one, shape[str]) for key, one in content.items()]
+        else:
+            there = [
+                (key, of) for key, of in shape.items() if not key.endswith("?") or content.get(key[:-1]) is not None
+            ]
+            pairs = [(key := name.removesuffix("?"), content.get(key, ...), of) for name, of in there]
+    elif isinstance(shape, Mapping) or not isinstance(content, shape):
+        pairs = None
+    else:
+        return None
+    if pairs is None:
+        return path.removeprefix(".")
+    found = (_amiss(one, of, f"{path}.{key}") for key, one, of in pairs)
+    return next((key for key in found if key is not None), None)
 
 
 def append_decision(campaign: Path, entry: Mapping[str, Any], *, sync: bool = False) -> None:

@@ -28,9 +28,8 @@ def fast(tmp_path_factory):
     return {name: build_channel(campaign, name) for name in ("temperature", "humidity")}
 
 
-@pytest.mark.parametrize("name", ["temperature", "humidity"])
-def test_the_standard_campaign_tells_a_clock_from_a_delay(fast, name):
-    found = diagnose_channel(fast[name], tolerance=Tolerance(0.0, 0.0))
+def test_the_standard_campaign_tells_a_clock_from_a_delay(fast):
+    found = diagnose_channel(fast["temperature"], tolerance=Tolerance(0.0, 0.0))
     (cause,) = found.causes
     # Three runs of 36 tell the two apart: drawn again, one set in twenty has none of them.
     assert cause.effect == "clock_drift" and cause.probability > 0.85

@@ -2,6 +2,7 @@
 told."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -70,16 +71,17 @@ def test_a_search_that_ends_by_itself_says_nothing_of_its_limit(cold):
 
 
 def test_the_command_takes_an_earlier_diagnosis_of_the_same_campaign_alone(campaign, tmp_path, capsys):
-    first, second = tmp_path / "first", tmp_path / "second"
-    assert main(["diagnose", str(campaign), "--out", str(first)]) == 0
-    assert main(["diagnose", str(campaign), "--out", str(second), "--from", str(first)]) == 0
+    first, second, bead = tmp_path / "first", tmp_path / "second", tmp_path / "bead"
+    shutil.copytree(campaign, bead, ignore=shutil.ignore_patterns("hyt.csv"))
+    assert main(["diagnose", str(bead), "--out", str(first)]) == 0
+    assert main(["diagnose", str(bead), "--out", str(second), "--from", str(first)]) == 0
     a, b = (json.loads((d / "diagnosis.json").read_text())["channels"]["temperature"] for d in (first, second))
     assert [c["effect"] for c in a["causes"]] == [c["effect"] for c in b["causes"]] == ["stem_conduction"]
     assert all(0 < one["work"]["fits"] < searching.MOST_FITS and not one["work"]["ended_early"] for one in (a, b))
     other = json.loads((first / "diagnosis.json").read_text()) | {"campaign": "another"}
     (tmp_path / "other.json").write_text(json.dumps(other))
     capsys.readouterr()
-    asked = ["diagnose", str(campaign), "--out", str(tmp_path / "third"), "--from", str(tmp_path / "other.json")]
+    asked = ["diagnose", str(bead), "--out", str(tmp_path / "third"), "--from", str(tmp_path / "other.json")]
     assert main(asked) == 2
     said = capsys.readouterr().err
     assert "another" in said and "--from" in said

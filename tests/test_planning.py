@@ -412,6 +412,17 @@ def test_a_line_that_was_cut_off_does_not_count_and_damage_is_told(finished, tmp
     path.write_bytes(b"{}\n" + whole)
     with pytest.raises(InputError, match="decisions.jsonl, line 1: key format"):
         read_decisions(tmp_path)
+    for damaged, key in (
+        (
+            log[0] | {"considered": [log[0]["considered"][0] | {"expected_progress": [[]]}]},
+            "considered.0.expected_prog",
+        ),
+        (log[0] | {"goals": [{"goal": "alpha 1 %", "met": False, "now": "x"}]}, "goals.0.now"),
+        (log[0] | {"realised": [1]}, "realised"),
+    ):
+        path.write_text(json.dumps(damaged) + "\n")
+        with pytest.raises(InputError, match=f"decisions.jsonl, line 1: key {key}"):
+            read_decisions(tmp_path)
 
 
 def test_a_spent_budget_is_inconclusive_and_says_what_is_missing(finished):
