@@ -75,7 +75,8 @@ FIXED = (
 
 @dataclass(frozen=True)
 class Taken:
-    """A comfortable effect of the temperature sensor that is described where the catalogue has no entry for it.
+    """A comfortable effect of the temperature sensor that is described where the catalogue has no entry for it; where
+    it has one (`listed`), it is named alone.
 
     `found` is the number that the description is to give of the parameter, `share` how near it is to come.
     """
@@ -86,6 +87,7 @@ class Taken:
     parameter: str
     found: Callable[[Any], float]
     share: float
+    listed: bool = False
 
 
 TAKEN = (
@@ -93,11 +95,13 @@ TAKEN = (
     Taken("clock_drift", 907, "delay", "ppm", lambda one: one.size.value, 0.03),
     # The logger's mean of ten readings, 0.1 s apart, in noise that hangs together over seconds and hides it.
     Taken("moving_average", 905, "lag_in_series", "samples", lambda one: 10.0 * one.time_constant_s.value, 1e-6),
+    # No ramp of the air with a lag and a delay beside it, which together do nearly as well.
+    Taken("moving_average", 905, "", "samples", lambda cause: cause.parameters["samples"][0], 1e-6, listed=True),
 )
 
 
-def described_without_its_entry(taken: Taken) -> tuple[bool, str]:
-    """Whether it is described rightly, with nothing named; and what was found."""
+def told(taken: Taken) -> tuple[bool, str]:
+    """Whether it is described or named rightly, and nothing else; and what was found."""
     from shockrig.analysis.diagnosis.diagnose import diagnose_channel
     from shockrig.analysis.diagnosis.remainder import Tolerance
     from shockrig.analysis.effects import CATALOGUE
@@ -114,16 +118,19 @@ def described_without_its_entry(taken: Taken) -> tuple[bool, str]:
         campaign = read_campaign(simulate_campaign(truth, standard_plan(), rng, Path(folder) / "campaign"))
         channel = build_channel(campaign, "temperature")
     kept = dict(CATALOGUE)
-    del CATALOGUE[taken.effect]
+    if not taken.listed:
+        del CATALOGUE[taken.effect]
     found = diagnose_channel(channel, tolerance=Tolerance(0.0, 0.0))
     CATALOGUE.clear()
     CATALOGUE.update(kept)  # effects act in the catalogue's order
-    said = f"{found.verdict}: {[one.behaves_as for one in found.discovered]}"
-    if found.verdict != "described" or found.causes or len(found.discovered) != 1:
+    names = [cause.effect for cause in found.causes], [one.behaves_as for one in found.discovered]
+    said = f"{found.verdict}: {names[0]} {names[1]}"
+    right = ("explained", [taken.effect], []) if taken.listed else ("described", [], [taken.behaves_as])
+    if (found.verdict, *names) != right:
         return False, said
-    (one,) = found.discovered
-    true, value = truth.effects[0].parameters[taken.parameter], taken.found(one)
-    return one.behaves_as == taken.behaves_as and abs(value - true) <= taken.share * abs(true), f"{said} {value:.6g}"
+    true = truth.effects[0].parameters[taken.parameter]
+    value = taken.found(found.causes[0] if taken.listed else found.discovered[0])
+    return abs(value - true) <= taken.share * abs(true), f"{said} {value:.6g}"
 
 
 @dataclass(frozen=True)
@@ -185,9 +192,10 @@ def main() -> int:
         wrong += not right
         print(f"{'right' if right else 'WRONG'} {named.effect}, {named.channel}, seed {named.seed}: {said}", flush=True)
     for taken in TAKEN:
-        right, said = described_without_its_entry(taken)
+        right, said = told(taken)
         wrong += not right
-        print(f"{'right' if right else 'WRONG'} {taken.effect} taken away, seed {taken.seed}: {said}", flush=True)
+        away = "" if taken.listed else " taken away"
+        print(f"{'right' if right else 'WRONG'} {taken.effect}{away}, seed {taken.seed}: {said}", flush=True)
     for fixed in FIXED:
         result = trial(fixed.kind, "rough", fixed.strength, fixed.seed)
         right = fixed.expected(result)

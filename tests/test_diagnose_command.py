@@ -21,6 +21,7 @@ import pytest
 from processes import ended, heard, in_background
 
 from shockrig.analysis.characterization.extension import read_extension
+from shockrig.analysis.diagnosis import search as searching
 from shockrig.analysis.diagnosis.diagnosed import NO_STEP
 from shockrig.analysis.report.numbers import measured
 from shockrig.files.campaign import read_campaign
@@ -125,6 +126,23 @@ def test_what_is_printed_is_what_the_files_say(film):
 def test_characterize_can_take_the_diagnosis_up(film):
     extensions = read_extension(film[0] / "diagnosis.json")
     assert extensions["temperature"].structure.ids == ("convective_film",)
+
+
+def test_an_earlier_diagnosis_of_the_same_campaign_alone_is_taken(film, tmp_path, capsys):
+    first, second, bead = film[0], tmp_path / "second", tmp_path / "bead"
+    shutil.copytree(first.parent / "campaign", bead, ignore=shutil.ignore_patterns("hyt.csv"))
+    assert main(["diagnose", str(bead), "--out", str(second), "--from", str(first)]) == 0
+    a, b = (load(folder, "diagnosis.json")["channels"]["temperature"] for folder in (first, second))
+    assert [c["effect"] for c in a["causes"]] == [c["effect"] for c in b["causes"]] == ["convective_film"]
+    assert all(0 < one["work"]["fits"] < searching.MOST_FITS and not one["work"]["ended_early"] for one in (a, b))
+    other = load(first, "diagnosis.json") | {"campaign": "another"}
+    (tmp_path / "other.json").write_text(json.dumps(other))
+    capsys.readouterr()
+    asked = ["diagnose", str(bead), "--out", str(tmp_path / "third"), "--from", str(tmp_path / "other.json")]
+    assert main(asked) == 2
+    said = capsys.readouterr().err
+    assert "another" in said and "--from" in said
+    assert not (tmp_path / "third").exists()
 
 
 def test_the_report_shows_before_and_after_and_needs_nothing_else(film):

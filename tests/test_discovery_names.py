@@ -30,10 +30,7 @@ from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.model import Held, Model, Point, Structure
 from shockrig.analysis.inference.readings import mostly_repeats
 from shockrig.analysis.report.described_words import behaves, flies, sentence
-from shockrig.files.campaign import read_campaign
 from shockrig.rig.seams import Air
-from shockrig.rig.virtual.batch import simulate_campaign
-from shockrig.rig.virtual.hide import draw_effect
 from shockrig.rig.virtual.plans import Shock, standard_plan, wide_plan
 from shockrig.rig.virtual.truth import ROUGH, Hidden, draw_truth
 
@@ -184,22 +181,6 @@ def test_a_mean_that_no_entry_accounts_for_is_described(tmp_path, monkeypatch):
     assert extended.structure.held_values(MEAN.key) == {"time_constant_s": one.time_constant_s.value}
     values = {"time_constant_s": one.time_constant_s.value}
     assert described(MEAN.key, False).in_flight.delay_s(values, 0.1) == pytest.approx(0.3)
-
-
-def test_a_mean_that_the_noise_hides_is_told_by_the_response(tmp_path):
-    """A logger averages ten readings of a channel whose noise hangs together over seconds and hides it. No ramp of the
-    air with a lag and a delay beside it is named, which together do nearly as well."""
-    rng = np.random.default_rng(905)
-    hidden = draw_effect(rng, "moving_average", "comfortable", "temperature")
-    assert hidden.parameters == {"samples": 10.0}
-    truth = draw_truth(rng, "rough", [hidden])
-    channel = build_channel(
-        read_campaign(simulate_campaign(truth, standard_plan(), rng, tmp_path / "campaign")), "temperature"
-    )
-    ready = prepare(channel)
-    assert ready.noise.averaged == 1
-    found = diagnose_channel(channel, tolerance=Tolerance(0.0, 0.0), ready=ready)
-    assert [(cause.effect, cause.parameters["samples"][0]) for cause in found.causes] == [("moving_average", 10.0)]
 
 
 @pytest.mark.parametrize(("name", "step"), [("temperature", 0.1), ("humidity", 1.0)])

@@ -1,9 +1,6 @@
 """A search that begins with what an earlier diagnosis named: it ends where one from nothing ends, whatever it is
 told."""
 
-import json
-import shutil
-
 import numpy as np
 import pytest
 
@@ -12,7 +9,6 @@ from shockrig.analysis.diagnosis import search as searching
 from shockrig.analysis.diagnosis.prepare import prepare
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.files.campaign import read_campaign
-from shockrig.protocols.cli import main
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.plans import standard_plan
 from shockrig.rig.virtual.truth import Hidden, draw_truth
@@ -68,21 +64,3 @@ def test_a_search_has_an_end(ready, cold, monkeypatch, limit):
 
 def test_a_search_that_ends_by_itself_says_nothing_of_its_limit(cold):
     assert 0 < cold.fits < searching.MOST_FITS and limits.ended(cold) == ()
-
-
-def test_the_command_takes_an_earlier_diagnosis_of_the_same_campaign_alone(campaign, tmp_path, capsys):
-    first, second, bead = tmp_path / "first", tmp_path / "second", tmp_path / "bead"
-    shutil.copytree(campaign, bead, ignore=shutil.ignore_patterns("hyt.csv"))
-    assert main(["diagnose", str(bead), "--out", str(first)]) == 0
-    assert main(["diagnose", str(bead), "--out", str(second), "--from", str(first)]) == 0
-    a, b = (json.loads((d / "diagnosis.json").read_text())["channels"]["temperature"] for d in (first, second))
-    assert [c["effect"] for c in a["causes"]] == [c["effect"] for c in b["causes"]] == ["stem_conduction"]
-    assert all(0 < one["work"]["fits"] < searching.MOST_FITS and not one["work"]["ended_early"] for one in (a, b))
-    other = json.loads((first / "diagnosis.json").read_text()) | {"campaign": "another"}
-    (tmp_path / "other.json").write_text(json.dumps(other))
-    capsys.readouterr()
-    asked = ["diagnose", str(bead), "--out", str(tmp_path / "third"), "--from", str(tmp_path / "other.json")]
-    assert main(asked) == 2
-    said = capsys.readouterr().err
-    assert "another" in said and "--from" in said
-    assert not (tmp_path / "third").exists()
