@@ -197,6 +197,13 @@ def as_nobody():
                 os.seteuid(0)
 
 
+def test_where_a_campaign_cannot_be_begun_no_sealed_truth_is_left(as_nobody, monkeypatch, capsys):
+    monkeypatch.chdir(as_nobody)
+    os.mkdir("o", 0)
+    assert main(["run", "quick", "--out", "o"]) == 2
+    assert capsys.readouterr().err.count("shockrig run: o") == 1 and os.listdir() == ["o"]
+
+
 @pytest.mark.parametrize("name", ["c", "c/runs", "c/runs/0001", "c/campaign.json", "c/runs/0001/hyt.csv"])
 def test_what_may_not_be_read_is_said(as_nobody, monkeypatch, capsys, name):
     monkeypatch.chdir(as_nobody)

@@ -73,6 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
+    from shockrig.files.disk import is_there
     from shockrig.rig.bench import default_bench, load_bench, open_bench
     from shockrig.rig.errors import BenchError
     from shockrig.rig.planning import check_plan
@@ -110,7 +111,7 @@ def main(args: argparse.Namespace) -> int:
     try:
         return _record(args, protocol, bench, sealed)
     finally:
-        if not (args.out / "campaign.json").exists():
+        if not is_there(args.out / "campaign.json"):  # nor where nobody may look
             sealed.path.unlink()  # nothing was begun
             for folder in new:
                 with contextlib.suppress(OSError):  # somebody else has put something there
