@@ -197,9 +197,16 @@ def as_nobody():
                 os.seteuid(0)
 
 
-def test_where_a_campaign_cannot_be_begun_no_sealed_truth_is_left(as_nobody, monkeypatch, capsys):
+@pytest.fixture
+def recorded_before(tmp_path):
+    """Whoever has no rights may not read the modules either that a recording imports."""
+    assert main(["run", "quick", "--out", str(tmp_path / "c")]) == 0
+
+
+def test_where_a_campaign_cannot_be_begun_no_sealed_truth_is_left(recorded_before, as_nobody, monkeypatch, capsys):
     monkeypatch.chdir(as_nobody)
     os.mkdir("o", 0)
+    capsys.readouterr()
     assert main(["run", "quick", "--out", "o"]) == 2
     assert capsys.readouterr().err.count("shockrig run: o") == 1 and os.listdir() == ["o"]
 
