@@ -1,14 +1,22 @@
 """The smoother's recursions: compiled as written down, and from a flight's first row to its last."""
 
+import tomllib
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from shockrig.analysis.flight import smoother
+from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.prior import Passing, Prior
 from shockrig.analysis.flight.response import Response
+from shockrig.analysis.flight.scenes import to_flight
+from shockrig.analysis.flight.sensor import fly
 from shockrig.analysis.flight.smooth_channel import estimate
 from shockrig.analysis.flight.smoother import Jumps
+from shockrig.analysis.flight.typical import typical_profile
+from shockrig.analysis.flight.weather import convective
 
 
 @pytest.mark.skipif(smoother._kernel is None, reason="the kernel was not built")
@@ -37,6 +45,21 @@ def test_the_compiled_recursion_is_the_one_written_down(modes, cap, inside, pass
     for name in smoother.Smoothed.__annotations__:
         right = getattr(written, name)
         np.testing.assert_allclose(getattr(built, name), right, atol=1e-7 * np.nanmax(np.abs(right)))
+
+
+@pytest.mark.skipif(smoother._kernel is None, reason="the kernel was not built")
+def test_without_a_compiler_a_flight_is_corrected_alike(monkeypatch):
+    """The package installs without its kernel, and the recursions written down give the same flight."""
+    build = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["tool"]["setuptools"]
+    assert all(extension["optional"] for extension in build["ext-modules"])
+    profile = typical_profile()
+    log = to_flight(fly(convective(np.random.default_rng(3), duration_s=20.0), profile, 3).log)
+    built = correct(log, profile)
+    monkeypatch.setattr(smoother, "_kernel", None)
+    assert np.isfinite(built.temperature_c).all() and np.isfinite(built.humidity_percent).all()
+    written = correct(log, profile)
+    for name in ("temperature_c", "temperature_uncertainty_k", "humidity_percent", "humidity_uncertainty_percent"):
+        np.testing.assert_allclose(getattr(written, name), getattr(built, name), rtol=1e-4)
 
 
 def test_a_film_slower_than_minutes_is_followed_at_ten_readings_a_second():
