@@ -85,7 +85,7 @@ def summary(result: Characterization) -> str:
     from shockrig.analysis.report.characterize_page import hint
     from shockrig.analysis.report.numbers import measured, plain
 
-    lines = [f"input: {finding.sentence}" for finding in result.findings]
+    lines: list[str] = []
     if (t := result.temperature) is not None:
         row = t.rows[0]
         r = row.response
@@ -104,6 +104,7 @@ def summary(result: Characterization) -> str:
             lines.append(f"{round(row.ambient_c, 1) + 0.0:>11.1f}   {value:<16}{times}{len(row.runs):>7}{mark}")
         for basis in dict.fromkeys(row.basis for row in h.rows if row.basis.startswith("thermal")):
             lines.append(f"  * {basis}: this ambient has fewer than two isothermal shocks")
+    lines += [f"input: {finding.sentence}" for finding in result.findings]
     for name, found in result.channels().items():
         if not found.explained:
             lines.append(f"note: {hint(name, found)}")

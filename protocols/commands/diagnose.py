@@ -239,7 +239,7 @@ def _one_thread_a_process() -> None:
 
 
 def summary(diagnosis: Diagnosis) -> str:
-    """What the command prints: verdicts, causes with parameters, gain, what to measure next."""
+    """What the command prints: verdicts, causes with parameters, gain, the input, what to measure next."""
     from shockrig.analysis.report.diagnosis_words import (
         channel_verdict,
         experiments,
@@ -252,19 +252,19 @@ def summary(diagnosis: Diagnosis) -> str:
     from shockrig.analysis.report.next_time import next_time
     from shockrig.analysis.report.seen import seen_sentence
 
-    lines = [f"input: {sentence}" for sentence in diagnosis.input_findings]
+    lines: list[str] = []
     for found in diagnosis.channels:
-        shown = [f"  {sentence}"] if (sentence := seen_sentence(found.problem.channel)) else []
-        lines += [f"{found.name}: {found.verdict}", *shown, f"  {channel_verdict(found)}", *terminal_causes(found)]
+        lines += [f"{found.name}: {found.verdict}", f"  {channel_verdict(found)}", *terminal_causes(found)]
         lines += [f"  {sentence}"] if (sentence := removed_share(found)) else []
         lines.append(f"  {remainder_sentence(found)}")
+        lines += [f"  {sentence}"] if (sentence := seen_sentence(found.problem.channel)) else []
         lines += [f"  tried and not named: {named(tried.effect)}: {tried.why}" for tried in found.tried]
         lines += [f"  cannot be told: {sentence}" for sentence in found.cannot_tell]
         left_out = len(found.problem.channel.left_out)
         if left_out:
             used = counted(found.problem.channel.runs, "run")
             lines.append(f"  {used} used, {left_out} left out (the report says why)")
-    lines += missing(diagnosis)
+    lines += missing(diagnosis) + [f"input: {sentence}" for sentence in diagnosis.input_findings]
     wanted = experiments(diagnosis.next_experiments) + next_time([c.problem.channel for c in diagnosis.channels])
     lines.append("to measure next:" + ("" if wanted else " nothing; no two explanations are tied"))
     return "\n".join([*lines, *(f"  {line}" for line in wanted)])
