@@ -62,6 +62,7 @@ class Fixed:
 
 FIXED = (
     Fixed("one", "comfortable", 7000, exact),
+    Fixed("one", "comfortable", 7001, exact),
     Fixed("one", "comfortable", 7002, exact),
     Fixed("none", "comfortable", 7011, nothing),
     # A lag does not stand in the place of a slow transfer: the fit without the lag ends at five times the film's Biot

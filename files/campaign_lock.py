@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from shockrig.files.disk import is_there, shown
+from shockrig.files.disk import is_there, real_path, shown
 from shockrig.files.errors import InputError
 
 
@@ -35,7 +35,7 @@ def held(campaign: Path) -> Iterator[None]:
 
     Raises InputError where another process holds it, or it can be no folder.
     """
-    made = [folder for folder in (campaign, *campaign.resolve().parents) if not is_there(folder)]
+    made = [folder for folder in (campaign, *real_path(campaign).parents) if not is_there(folder)]
     try:
         campaign.mkdir(parents=True, exist_ok=True)
         handle = lock(campaign)

@@ -44,6 +44,11 @@ def is_there(path: Path) -> bool:
     return os.path.lexists(path)
 
 
+def real_path(path: Path) -> Path:
+    """Where a name leads; as far as it leads where links go in a circle, for which `Path.resolve` has no OSError."""
+    return Path(os.path.realpath(path))
+
+
 def open_regular(path: str | os.PathLike[str], remedy: str, at_most: int = STREAM_AT_MOST) -> BinaryIO:
     """Open a file for reading as bytes.
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from shockrig.files.disk import real_path
 from shockrig.files.errors import InputError
 from shockrig.files.json_files import read_json
 from shockrig.files.profile import Profile, read_profile
@@ -44,7 +45,7 @@ def catalogue(folder: Path) -> tuple[list[Entry], list[str]]:
     for path in _walk(folder, troubles):
         try:
             if (path / "campaign.json").is_file():
-                entries[path.resolve()] = _entry(path)
+                entries[real_path(path)] = _entry(path)
             results += [path / name for name in ("profile.json", "diagnosis.json") if (path / name).is_file()]
         except (InputError, RigError) as error:
             troubles.append(str(error))
@@ -90,8 +91,8 @@ def _attach(file: Path, entries: dict[Path, Entry]) -> None:
     stated: Any = content.mapping("provenance").get("campaign_path") if file.name == "profile.json" else None
     name = content.get("campaign")
     for path, entry in entries.items():
-        theirs = stated is not None and (file.parent / str(stated)).resolve() == path
-        theirs |= stated is not None and Path(str(stated)).resolve() == path
+        theirs = stated is not None and real_path(file.parent / str(stated)) == path
+        theirs |= stated is not None and real_path(Path(str(stated))) == path
         if file.name == "profile.json" and theirs:
             entry.profiles[file] = read_profile(file)
         elif file.name == "diagnosis.json" and name == entry.state.name:

@@ -12,7 +12,7 @@ from glob import escape
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from shockrig.files.disk import is_there, shown
+from shockrig.files.disk import is_there, real_path, shown
 from shockrig.files.errors import InputError
 
 TYPE_CHECKING = False  # as in shockrig/__init__.py
@@ -33,13 +33,13 @@ def whole_folder(out: Path) -> Iterator[Path]:
     if is_there(out) and not out.is_dir():
         raise InputError(f"--out {shown(out)}: is a file; name a folder")
     # In a folder that is there already: the one above may be another file system, or closed to us.
-    place = out.resolve() if out.exists() else out.resolve().parent
-    partial = place / f".{out.resolve().name}.partial-{os.getpid()}"
+    place = real_path(out) if out.exists() else real_path(out).parent
+    partial = place / f".{real_path(out).name}.partial-{os.getpid()}"
     new = [folder for folder in partial.parents if not folder.exists()]
     lock, reaper = -1, None
     try:
-        for where in {place, out.resolve().parent}:
-            _remove_left_behind(where, out.resolve().name)
+        for where in {place, real_path(out).parent}:
+            _remove_left_behind(where, real_path(out).name)
         partial.mkdir(parents=True)
         lock = _lock(partial)
         reaper = _reaper(partial)

@@ -16,7 +16,7 @@ from shockrig.files.campaign import read_campaign
 from shockrig.files.campaign_lock import held
 from shockrig.files.campaign_names import CAMPAIGN_FORMAT, is_run_id
 from shockrig.files.campaign_write import campaign_document, run_document, table_text, write_campaign, write_run
-from shockrig.files.disk import is_there, read_bytes, write_whole
+from shockrig.files.disk import is_there, read_bytes, real_path, write_whole
 from shockrig.files.errors import InputError
 from shockrig.files.json_files import read_json
 from shockrig.rig.csv_series import CsvLayout, Series, time_of
@@ -170,7 +170,7 @@ def _campaign_head(
         if is_there(campaign) and not (campaign.is_dir() and _is_only_begun(campaign)):
             raise BenchError(f"{campaign}: is neither empty nor a campaign; give another --out")
         described = {key: dict(sensors.get(key, {})) for key in series}
-        return campaign_document(name or campaign.resolve().name, described), True
+        return campaign_document(name or real_path(campaign).name, described), True
     with as_bench_errors():
         content = read_json(file, CAMPAIGN_FORMAT, "give another --out")
         content.mapping("sensors")

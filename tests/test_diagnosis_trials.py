@@ -22,11 +22,6 @@ from shockrig.rig.virtual.truth import ROUGH, Noise
 trials = benchmark("diagnosis_trials")
 
 
-def test_one_comfortable_effect_is_named_and_nothing_else():
-    result = trials.trial("one", "rough", "comfortable", 7001)
-    assert result["score"].exact, trials.line(7001, result)
-
-
 def test_nothing_is_named_where_nothing_is_hidden():
     result = trials.trial("none", "rough", "comfortable", 7010)
     for name, channel in result["diagnosis"]["channels"].items():

@@ -1,8 +1,5 @@
-"""The house itself: the linters are clean, all packages ship, the README's test command is what CI runs."""
+"""The house itself: CI runs the linters, all packages ship, the README's test command is what CI runs."""
 
-import os
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
@@ -28,10 +25,9 @@ def test_the_readme_and_ci_run_one_test_command():
     assert command.replace("'", '"') in (ROOT / ".ci" / "run").read_text()
 
 
-def test_static_checks_are_clean():
-    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
-    done = subprocess.run([ROOT / ".ci" / "lint"], cwd=ROOT, capture_output=True, text=True, env=environment)
-    assert done.returncode == 0, done.stdout[-3000:] + done.stderr
+def test_ci_runs_the_static_checks():
+    """They take half a minute of a processor, and are run by hand with `.ci/lint`."""
+    assert 'PATH="$environment/bin:$PATH" .ci/lint\n' in (ROOT / ".ci" / "run").read_text()
 
 
 def test_the_lock_pins_every_dependency():

@@ -108,6 +108,17 @@ def test_hidden_effects_are_sealed_beside_the_campaign(tmp_path, tiny):
     assert b"stem_conduction" not in everything and b"quantization" not in everything
 
 
+def test_a_link_in_a_circle_is_refused_in_a_line(tmp_path, tiny, capsys):
+    for name in ("c.sealed", "c"):
+        (tmp_path / name).symlink_to(name)
+        assert run(tiny, "--out", tmp_path / "c") == 2
+        said = capsys.readouterr().err.splitlines()
+        assert len([line for line in said if line.startswith("shockrig run: ")]) == 1
+        assert not any("Traceback" in line for line in said)
+        (tmp_path / name).unlink()
+    assert [path.name for path in tmp_path.iterdir()] == ["tiny.toml"]
+
+
 def test_a_campaign_goes_on_with_the_same_sensors(tmp_path, tiny, capsys):
     out = tmp_path / "c"
     assert run(tiny, "--out", out, "--hide", "stem_conduction") == 0

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from shockrig.analysis.flight.cleaning import code_notes, without_codes
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.smooth_channel import typical_period
+from shockrig.files.disk import real_path
 from shockrig.files.errors import InputError
 from shockrig.files.flight import FLAGS, Corrected, Flight, FlightColumns, read_layout
 from shockrig.files.flight_csv import CsvWriter
@@ -68,7 +69,7 @@ def correct_file(
     layout = read_layout(source, columns)
     if target.is_dir():
         raise InputError(f"{target}: is a folder; name a file for the corrected flight")
-    if target.resolve() == source.resolve():
+    if real_path(target) == real_path(source):
         raise InputError(f"{target}: the log itself; name another file for the corrected flight")
     damage = look_over(source, layout)
     if damage.lost > damage.rows / 2:

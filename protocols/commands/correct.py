@@ -64,6 +64,7 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.analysis.flight.layers import Layers
     from shockrig.analysis.flight.profile_doubts import profile_doubts
     from shockrig.analysis.flight.stream import correct_file
+    from shockrig.files.disk import real_path
     from shockrig.files.errors import InputError
     from shockrig.files.profile import read_profile
     from shockrig.protocols.flight_logs import to_csv
@@ -98,7 +99,7 @@ def main(args: argparse.Namespace) -> int:
         source = Path(folder) / args.flight.name  # as CSV, by the name that the result and messages carry
         if not to_csv(args.flight, source, columns=columns, map_path=args.map):
             source = args.flight
-        elif args.out.resolve() == args.flight.resolve():
+        elif real_path(args.out) == real_path(args.flight):
             raise InputError(f"{args.out}: the log itself; name another file for the corrected flight")
         try:
             done = correct_file(

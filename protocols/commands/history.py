@@ -82,7 +82,7 @@ def _row(chart: Chart, one: Observation) -> str:
 def _campaigns(folders: Sequence[Path], say: Callable[[str], None]) -> list[Campaign]:
     """The campaigns in some folders, in the order in which they began; each once, its copies left out."""
     from shockrig.files.campaign import read_campaign
-    from shockrig.files.disk import shown
+    from shockrig.files.disk import real_path, shown
     from shockrig.files.errors import InputError
     from shockrig.protocols.catalogue import catalogue
 
@@ -95,9 +95,9 @@ def _campaigns(folders: Sequence[Path], say: Callable[[str], None]) -> list[Camp
         if not paths:
             raise InputError(f"{shown(folder)}: holds no campaign (no campaign.json); name another folder")
         for path in paths:
-            if path.resolve() in seen:
+            if real_path(path) in seen:
                 continue
-            seen.add(path.resolve())
+            seen.add(real_path(path))
             campaign = read_campaign(path)
             first = found.setdefault(_readings(campaign), campaign)
             if first is not campaign:
@@ -108,11 +108,13 @@ def _campaigns(folders: Sequence[Path], say: Callable[[str], None]) -> list[Camp
 def called(campaigns: Sequence[Campaign]) -> dict[Path, str]:
     """What each is called: its name, where another has the same its folder's, where that does not tell them apart its
     path."""
+    from shockrig.files.disk import real_path
+
     taken = Counter(campaign.name for campaign in campaigns)
-    folders = Counter(campaign.path.resolve().name for campaign in campaigns)
+    folders = Counter(real_path(campaign.path).name for campaign in campaigns)
     names = {}
     for one in campaigns:
-        folder = one.path.resolve().name
+        folder = real_path(one.path).name
         names[one.path] = one.name if taken[one.name] == 1 else folder if folders[folder] == 1 else str(one.path)
     return names
 

@@ -64,7 +64,7 @@ def import_by_map(args: argparse.Namespace) -> int:
     """Make a campaign of each sensor that the map wants, whole or not at all; or add to campaigns that are there."""
     from shockrig.files.campaign_lock import held
     from shockrig.files.campaign_write import write_campaign
-    from shockrig.files.disk import shown
+    from shockrig.files.disk import real_path, shown
     from shockrig.protocols.folder import software_version, whole_folder
     from shockrig.rig.logs.adding import with_more
     from shockrig.rig.logs.campaigns import describe, import_logs, write_runs
@@ -84,7 +84,7 @@ def import_by_map(args: argparse.Namespace) -> int:
             raise InputError(f"--out {shown(out)}: is there already, and no campaign of this map; give another name")
         imported = import_logs(args.logs, map_, args.sensor)
         made = [campaign for campaign in imported.campaigns if campaign.runs]
-        name = args.name or map_.name or out.resolve().name
+        name = args.name or map_.name or real_path(out).name
         documents, first = {}, dict.fromkeys(wanted, 1)
         for campaign in made:
             sensor = campaign.sensor

@@ -73,7 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    from shockrig.files.disk import is_there
+    from shockrig.files.disk import is_there, real_path
     from shockrig.rig.bench import default_bench, load_bench, open_bench
     from shockrig.rig.errors import BenchError
     from shockrig.rig.planning import check_plan
@@ -102,7 +102,7 @@ def main(args: argparse.Namespace) -> int:
         return 0
     if sealed is None or sealed.path.exists():
         return _record(args, protocol, bench, sealed)
-    new = [folder for folder in sealed.path.resolve().parents if not folder.exists()]
+    new = [folder for folder in real_path(sealed.path).parents if not folder.exists()]
     try:
         sealed.path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -164,7 +164,7 @@ def _emulated(args: argparse.Namespace, config: Any) -> tuple[Any, _Sealed]:
 
     import numpy as np
 
-    from shockrig.files.disk import is_there
+    from shockrig.files.disk import is_there, real_path
     from shockrig.rig.bench import open_bench
     from shockrig.rig.bench_file import LARGEST_SEED
     from shockrig.rig.errors import BenchError
@@ -172,7 +172,7 @@ def _emulated(args: argparse.Namespace, config: Any) -> tuple[Any, _Sealed]:
     from shockrig.rig.virtual.hide import COMFORTABLE, draw_hidden, open_seal
     from shockrig.rig.virtual.truth import REALISTIC, ROUGH, SMOOTH, draw_truth, with_effects
 
-    out = (args.out or Path("dry-run")).resolve()
+    out = real_path(args.out or Path("dry-run"))
     path = args.sealed or out.with_name(out.name + ".sealed")
     seed, truth, recorded = args.seed, None, 0
     if is_there(out / "campaign.json") and not args.dry_run:
@@ -186,7 +186,7 @@ def _emulated(args: argparse.Namespace, config: Any) -> tuple[Any, _Sealed]:
         if args.seed not in (None, seed):
             raise BenchError(f"{args.out} was begun with another --seed; leave it out, or give another --out")
         recorded = sum(1 for _ in out.glob("runs/*/run.json"))
-    elif path.exists() and not args.dry_run:
+    elif is_there(path) and not args.dry_run:
         raise BenchError(f"{path}: is the sealed truth of another campaign; remove it, or give another --out")
     if seed is None:
         # A blind trial that could be looked up by its seed would not be blind.
@@ -206,9 +206,11 @@ def _emulated(args: argparse.Namespace, config: Any) -> tuple[Any, _Sealed]:
 def _free_bytes(out: Path | None) -> int | None:
     import shutil
 
+    from shockrig.files.disk import real_path
+
     if out is None:
         return None
-    existing = next((folder for folder in (out, *out.resolve().parents) if folder.is_dir()), None)
+    existing = next((folder for folder in (out, *real_path(out).parents) if folder.is_dir()), None)
     return None if existing is None else shutil.disk_usage(existing).free
 
 

@@ -20,7 +20,7 @@ from shockrig.files.campaign_lock import lock
 from shockrig.files.campaign_names import CAMPAIGN_FORMAT, RUN_FORMAT
 from shockrig.files.campaign_write import campaign_document, write_campaign
 from shockrig.files.common_uncertainty import NOTHING_COMMON
-from shockrig.files.disk import is_there, read_bytes, shown, sync_folder
+from shockrig.files.disk import is_there, read_bytes, real_path, shown, sync_folder
 from shockrig.files.errors import InputError
 from shockrig.rig.errors import BenchError
 from shockrig.rig.protocol import PlannedRun, Protocol
@@ -60,7 +60,7 @@ class CampaignFolder:
         self._sync_every_s = sync_every_s
         self._is_ours = False
         self._is_new = False
-        self._made = [folder for folder in (path, *path.resolve().parents) if not is_there(folder)]
+        self._made = [folder for folder in (path, *real_path(path).parents) if not is_there(folder)]
         content = _document(path, protocol, sensors, bench, emulated, common or {})
         _demand_beginning(path, protocol)
         try:

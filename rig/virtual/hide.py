@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from shockrig.files.disk import read_text
+from shockrig.files.disk import read_text, real_path
 from shockrig.files.json_files import write_json
 from shockrig.rig.errors import BenchError, as_bench_errors
 from shockrig.rig.virtual.effects import CATALOGUED, KINDS, OUTSIDE, T
@@ -207,7 +207,7 @@ def seal(path: Path, truth: Truth, seed: int) -> Path:
     path = Path(path)
     if path.exists():
         raise BenchError(f"{path}: exists already; name a new file for the sealed truth")
-    for parent in path.resolve().parents:
+    for parent in real_path(path).parents:
         if (parent / "campaign.json").exists():
             raise BenchError(f"{path}: lies in the campaign {parent}; keep the sealed truth outside it")
     packed = zlib.compress(json.dumps({"seed": seed, "truth": truth.to_json()}).encode(), 9)
