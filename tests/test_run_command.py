@@ -359,27 +359,35 @@ def test_emulated_instruments_cannot_be_forgotten(tmp_path, tiny, capsys):
     assert json.loads((tmp_path / "r/profile.json").read_text())["provenance"]["data"] == said
 
 
-def test_a_protocol_for_a_person_asks_for_the_bench(tmp_path, capsys, monkeypatch):
+@pytest.fixture
+def by_hand(tmp_path, monkeypatch):
+    """The shipped protocol for a person, cut to its first two runs."""
     monkeypatch.chdir(tmp_path)
+    whole = (resources.files("shockrig.data") / "protocols" / "manual.toml").read_text()
+    path = Path("manual.toml")
+    path.write_text("[[run]]".join(whole.split("[[run]]")[:3]))
+    return path
+
+
+def test_a_protocol_for_a_person_asks_for_the_bench(by_hand, capsys):
     error = refused(capsys, "run", "manual", "--out", "c")
     assert "--bench is missing" in error and "give --bench virtual for invented data" in error
-    assert list(tmp_path.iterdir()) == []
+    assert list(Path().iterdir()) == [by_hand]
     assert run("manual", "--dry-run") == 0  # nothing is recorded
-    assert run("manual", "--bench", "virtual", "--out", "c") == 0
+    assert run(by_hand, "--bench", "virtual", "--out", "c") == 0
     assert json.loads(Path("c/campaign.json").read_text())["emulated"] is True
 
 
 @pytest.mark.parametrize(("answer", "records"), [("", False), ("q", False), ("no", False), ("yes", True)])
-def test_the_question_at_a_terminal_takes_nothing_but_yes_for_yes(tmp_path, capsys, monkeypatch, answer, records):
+def test_the_question_at_a_terminal_takes_nothing_but_yes_for_yes(by_hand, capsys, monkeypatch, answer, records):
     import io
 
     class Terminal(io.StringIO):
         def isatty(self):
             return True
 
-    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.stdin", Terminal(f"{answer}\n"))
-    assert run("manual", "--out", "c") == (0 if records else 2)
+    assert run(by_hand, "--out", "c") == (0 if records else 2)
     assert Path("c").exists() == records
     assert "Record invented data on the virtual bench instead? [yes/No]" in capsys.readouterr().err
 
