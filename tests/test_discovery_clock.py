@@ -3,7 +3,7 @@ plateaus before the transfers differ, by name and, where no name is listed, as a
 
 import numpy as np
 import pytest
-from small_worlds import record
+from small_worlds import record, small_plan
 
 from shockrig.analysis.diagnosis.diagnose import diagnose_channel
 from shockrig.analysis.diagnosis.remainder import Tolerance
@@ -52,7 +52,7 @@ def test_a_delay_is_not_sold_as_a_clock_where_the_catalogue_has_no_delay(tmp_pat
     """Beside the plain model, whose runs have all moved their starts, no delay scores: it is the form that does better
     in the clock's place that is described."""
     hidden = [Hidden("dead_time", {"delay_s": 0.15}, ("temperature",))]
-    channel = build_channel(record(tmp_path / "late", 900, hidden, ROUGH, standard_plan()), "temperature")
+    channel = build_channel(record(tmp_path / "late", 900, hidden, ROUGH, small_plan()), "temperature")
     monkeypatch.delitem(CATALOGUE, "dead_time")
     found = diagnose_channel(channel, tolerance=Tolerance(0.0, 0.0))
     (one,) = found.discovered
