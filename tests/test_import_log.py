@@ -264,6 +264,12 @@ def test_rows_that_were_lost_do_not_make_stamps_coarse():
     assert "800 rows bear stamps in steps of 1 s and come every 1.2 s" in ordered.remarks[0]
 
 
+def test_the_largest_number_there_is_is_an_absurd_stamp():
+    stamps = 0.5 * np.arange(700.0)
+    ordered = in_order(np.where(stamps == 339.5, 1e308, stamps), {}, range(700), "auto")
+    assert (ordered.time_s == stamps[stamps != 339.5]).all()
+
+
 def test_a_log_without_names_says_how_it_is_read(tmp_path, capsys):
     log = written(tmp_path / "log.csv", text(plain("time_s,temperature_c,humidity_percent")[1:]))
     assert run(log, "--look", "--out", tmp_path / "look") == 2

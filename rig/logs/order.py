@@ -122,6 +122,7 @@ def in_order(time_s: Array, values: Mapping[str, Array], lines: Sequence[int] | 
     )
 
 
+@np.errstate(over="ignore")  # a stamp may be the largest number there is: its step is then infinite, and absurd
 def _absurd(moments: Array) -> Mask:
     """Stamps of one or two rows that lie far from those before and after them, which agree."""
     steps = np.abs(np.diff(moments))
