@@ -324,7 +324,8 @@ def main() -> int:
     from shockrig.protocols.cli import main as commands
 
     build_parser(None, every=True)
-    for late in ("colorsys", "statistics"):  # imported late, where nobody may not read the interpreter's own files
+    # Imported late, where nobody may not read the interpreter's own files.
+    for late in ("colorsys", "statistics", "xml.etree.ElementTree"):
         importlib.import_module(late)
     tally, wrong = Counter(), 0
     with tempfile.TemporaryDirectory() as name:
