@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from shockrig.analysis.flight.coarse import COARSE
 from shockrig.analysis.flight.prior import Passing
@@ -18,6 +19,7 @@ from shockrig.analysis.flight.response import Response
 from shockrig.analysis.flight.screen import Screened
 from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
 from shockrig.analysis.flight.sweep import lags_behind
+from shockrig.files.numbers import counted
 from shockrig.files.profile import HumidityProfile, TemperatureProfile
 from shockrig.files.ranges import Range
 
@@ -27,6 +29,8 @@ LONGEST_FILL_S = 5.0  # farther from a usable sample no value is given
 LONGEST_REPEAT_S = 30.0  # or so far, where the sensor is read and its reading is repeated
 IDLE_LAG_SIGMAS = 0.3  # a lag smaller than this share of the noise is not worth undoing
 LEAST_SAMPLES = 16
+VAGUE_TIMES = 5.0  # times the usual, that the air's temperature leaves open of a reading's vapour
+CONTRADICTED, TOGETHER = 6.0, 5  # times the noise that so many readings are off
 
 
 @dataclass(frozen=True)
@@ -151,6 +155,22 @@ def judged(
     noise = readings.noise_variance * found.noise_factor**2
     trusted = screened.usable & ~outside
     raw_rows = outside.copy()
+    # the sensor, as the profile has it, cannot have read that: the reading is the better explanation
+    open_to = noise if readings.passing is None else noise + readings.passing.sigma**2
+    off = (readings.reading - found.clean)[trusted] / np.sqrt(open_to[trusted])
+    # one alone is noise, if it says something by itself
+    alone = ~readings.usable
+    if readings.passing is not None:
+        alone |= readings.passing.sigma > VAGUE_TIMES * np.median(readings.passing.sigma)
+    off = np.where(alone[trusted], off, median_filter(off, TOGETHER, mode="nearest"))
+    contradicted = trusted.copy()
+    contradicted[trusted] = np.abs(off) > CONTRADICTED
+    if contradicted.any():
+        notes.append(
+            f"{readings.channel}: {counted(int(np.count_nonzero(contradicted)), 'row')} are given as read: no air "
+            "would have made the sensor read that beside the readings around"
+        )
+        raw_rows |= contradicted
     if trusted.any():
         lag_size = float(np.sqrt(np.mean(lag[trusted] ** 2)))
         noise_size = float(np.sqrt(np.mean(noise[trusted])))

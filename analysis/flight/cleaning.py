@@ -19,7 +19,9 @@ from shockrig.files.sentinels import coded
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-ACROSS = 0.2  # of how far the two columns are apart, that either is from the other's last value where they change place
+ACROSS = 0.25  # of how far both columns go, that they are from one another's last values where they change place
+WARM_C = 35.0  # few airs are flown in that are warmer
+HOT = 0.02  # of the rows of one kind of stretch, more than of the other, that are
 SIDE = 3  # rows on either side
 LEAST_APART = 2.0  # K or %RH; columns that are closer cannot be told from one another
 PASCAL = "pressure_hpa: pascal"
@@ -74,27 +76,35 @@ def _in_pascal(pressure: Array) -> Mask:
 
 def _exchanged(temperature: Array, humidity: Array) -> Mask:
     """Rows (n,) in stretches that begin and end where each column goes on from the other: of both kinds of stretch the
-    one with fewer rows."""
+    one with warmer rows than air mostly has, or else the one with fewer rows."""
     exchanged = np.zeros(temperature.shape, dtype=bool)
     rows = np.flatnonzero(np.isfinite(temperature) & np.isfinite(humidity))
     if rows.size < 2 * SIDE + 1:
         return exchanged
-    # medians over the rows before and after each: single readings may be noise
-    sides = [sliding_window_view(np.pad(v[rows], SIDE, mode="edge"), SIDE) for v in (temperature, humidity)]
-    size = rows.size
-    (t, after_t), (h, after_h) = ((np.median(v[:size], axis=1), np.median(v[SIDE:-1], axis=1)) for v in sides)
-    apart = np.abs(t - h)
-    across = np.maximum(np.abs(after_t - h), np.abs(after_h - t))
-    turns = (across < ACROSS * apart) & (apart > LEAST_APART)
+    turns = _turns(temperature[rows], humidity[rows], SIDE) | _turns(temperature[rows], humidity[rows], 1)
     ends = np.flatnonzero(np.diff(np.concatenate([[0], turns.astype(int), [0]])))
     middle = (ends[::2] + ends[1::2] - 1) // 2  # a median turns for some rows
-    odd = np.searchsorted(middle, np.arange(size), side="right") % 2 == 1
+    odd = np.searchsorted(middle, np.arange(rows.size), side="right") % 2 == 1
     if odd.any():
-        odd = odd if np.count_nonzero(odd) <= size / 2 else ~odd
+        hot = temperature[rows] > WARM_C
+        hotter = np.mean(hot[odd]) - np.mean(hot[~odd])
+        fewer = np.count_nonzero(odd) <= rows.size / 2
+        odd = odd if hotter > HOT or (fewer and hotter > -HOT) else ~odd
         # rows beside them in which one column is missing may be of either kind
         wider = np.interp(np.arange(temperature.size), rows, odd.astype(float))
         exchanged = wider > 0.0
     return exchanged
+
+
+def _turns(temperature: Array, humidity: Array, side: int) -> Mask:
+    """Rows (n,) from which each column goes on from the other, by medians over `side` rows before and after: single
+    readings may be noise, and many may hide that something else changed beside it."""
+    sides = [sliding_window_view(np.pad(v, side, mode="edge"), side) for v in (temperature, humidity)]
+    size = temperature.size
+    (t, after_t), (h, after_h) = ((np.median(v[:size], axis=1), np.median(v[side:], axis=1)[:size]) for v in sides)
+    apart = np.abs(t - h)
+    straight, crossed = np.abs(after_t - t) + np.abs(after_h - h), np.abs(after_t - h) + np.abs(after_h - t)
+    return np.asarray((crossed < ACROSS * straight) & (apart > LEAST_APART))
 
 
 def code_notes(codes: Mapping[str, Mask | int]) -> list[str]:

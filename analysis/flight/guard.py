@@ -37,7 +37,9 @@ def held(channel: Channel, readings: Readings, raw: Array, unit: Array, notes: l
     """
     channel = _nearer(channel, readings, unit)
     low, high = (bound * unit for bound in reach(readings, channel.resolved_rate))
-    value = np.clip(channel.value, low, high)
+    # where the sensor was read, if not anew, the air may be as it says
+    own = np.where(channel.screened.usable | channel.screened.repeated, readings.reading * unit, np.nan)
+    value = np.clip(channel.value, np.fmin(low, own), np.fmax(high, own))
     if (capped := channel.screened.capped) is not None and capped.any():
         value = _above_ceiling(value, raw, capped, channel, notes)
         beyond = np.where(capped & np.isfinite(value), value - raw, 0.0)
@@ -61,9 +63,13 @@ def _nearer(channel: Channel, readings: Readings, unit: Array) -> Channel:
     kept, all of one that is sure and nothing of one that is not. s is two sigmas of what exceeds the usual uncertainty;
     what is stated stays.
     """
-    reading, sigma = readings.reading * unit, channel.uncertainty
-    seen = channel.screened.usable | channel.screened.repeated
-    known = seen & np.isfinite(channel.value) & np.isfinite(sigma) & np.isfinite(reading) & ~channel.raw
+    seen = np.isfinite(readings.reading) & (channel.screened.usable | channel.screened.repeated)
+    if not seen.any():
+        return channel
+    # in a gap, what lies between the readings on either side
+    rows = np.arange(seen.size)
+    reading, sigma = np.interp(rows, rows[seen], readings.reading[seen]) * unit, channel.uncertainty
+    known = np.isfinite(channel.value) & np.isfinite(sigma) & ~channel.raw
     if not known.any():
         return channel
     usual = np.maximum(USUAL_TIMES * np.median(sigma[known]), USUAL_NOISES * np.sqrt(readings.noise_variance) * unit)

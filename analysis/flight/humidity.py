@@ -12,7 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, uniform_filter1d
 
-from shockrig.analysis.flight.channel import Channel, Readings, bridged, coarse, judged, lacking, too_few, untouched
+from shockrig.analysis.flight.channel import (
+    VAGUE_TIMES,
+    Channel,
+    Readings,
+    bridged,
+    coarse,
+    judged,
+    lacking,
+    too_few,
+    untouched,
+)
 from shockrig.analysis.flight.comparisons import Told
 from shockrig.analysis.flight.doubts import airspeed_doubt
 from shockrig.analysis.flight.guard import held
@@ -38,7 +48,6 @@ MOST_COUPLING = 5.0  # vapour and temperature are not told to go together more s
 LEAST_SHARE = 0.2  # of the uncertainty that stays, however vapour and temperature go together
 SATURATED_PERCENT = 100.0
 HIGHEST_FRACTION = 1.2
-VAGUE_TIMES = 5.0  # times the usual, that the air's temperature leaves open of a reading's vapour
 SELDOM = 5.0  # times the usual between two readings of temperature
 VAGUE_NOISES = 10.0  # and so many times its noise
 APART_S = 3.0  # over which vapour and temperature are compared
@@ -125,7 +134,9 @@ def correct_humidity(
         # a thermometer that is read more seldom than the hygrometer is one all the same
         longest_s = max(APART_S, SELDOM * typical_period(time_s[bead.screened.usable]))
         unread = _long(~bead.screened.usable, time_s, longest_s)
-        vague = unread | (left_open > np.maximum(VAGUE_TIMES * np.median(left_open), VAGUE_NOISES * np.sqrt(variance)))
+        vague = left_open > np.maximum(VAGUE_TIMES * np.median(left_open), VAGUE_NOISES * np.sqrt(variance))
+        # over a while, readings of vapour that is known badly say more than none
+        vague = unread | (vague & ~_long(vague, time_s, APART_S))
         usable = usable & ~vague if np.count_nonzero(usable & ~vague) > 0.5 * np.count_nonzero(usable) else usable
     steps = coarse(screened.resolution, noise, to_vapour / plain.gain)
     readings = Readings(

@@ -63,7 +63,7 @@ def with_jumps(
     typical = local.each(lambda strength: np.full(values.size, np.median(strength)))
     guess = lags_behind(values, track.along, track.period_s, track.broken)
     for number in range(ROUNDS):
-        places = _places(track, found.jump_score, known_s if number == 0 else np.zeros(0))
+        places = _places(track, variance, found.jump_score, known_s if number == 0 else np.zeros(0))
         if not places.size or np.count_nonzero(jumps.variance) + places.size > MOST:
             break
         for k in places:
@@ -76,14 +76,16 @@ def with_jumps(
     return found, local, jumps
 
 
-def _places(track: Track, score: Array, known_s: Array) -> NDArray[np.int64]:
-    """Nodes whose score is beyond chance and the largest around; less will do where the air is known to have jumped."""
+def _places(track: Track, variance: Array, score: Array, known_s: Array) -> NDArray[np.int64]:
+    """Nodes whose score is beyond chance and the largest around; less will do where the air is known to have jumped. In
+    a gap there is one at most."""
     size = np.abs(np.nan_to_num(score)).max(axis=1)
     at = np.unique(np.minimum(np.searchsorted(track.time_s, known_s), size.size - 1))
     places = [int(k) for k in at if size[max(k - 1, 0) : k + 2].max() > KNOWN_SIGMAS]
     largest = maximum_filter1d(size, 2 * APART + 1, mode="nearest")
+    reading = np.cumsum(np.append(False, np.isfinite(variance)))  # how many came before each node
     for k in np.flatnonzero((size > JUMP_SIGMAS) & (size >= largest)).tolist():
-        if all(abs(k - other) > APART for other in places):
+        if all(abs(k - other) > APART and reading[k] != reading[other] for other in places):
             places.append(k)
     return np.array(places, dtype=np.int64)
 

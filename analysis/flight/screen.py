@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 MEDIAN_WIDTH = 11  # a burst of up to 5 absurd samples in a row is seen
 LONE_SIGMAS = 10.0  # of what is usual over the flight
+SPIKE_STEPS = 3.0  # of the log: rounding at both ends, and one for the air
 AROUND_WIDTH = 31
 AROUND_SIGMAS = 6.0  # of what is usual in so many rows before, or behind
 LONGEST_GAP_S = 10.0  # without any row: more may be a step of the clock
@@ -204,6 +205,9 @@ def screen(
         lone = jump > 0.5 * np.abs(off)
         for size in (np.abs(off), jump):
             lone &= size > np.hypot(_limit(size, noise), LONE_SIGMAS * resolution)
+        lags = reading if lagging is None else lagging
+        spikes = [_spikes(one[rows], new, swing * share, noise, resolution) for one in (reading, lags)]
+        lone |= spikes[0] & spikes[1]
         implausible[rows] = np.repeat(lone, np.diff(np.append(new, rows.size)))
     believed &= ~implausible
     by_steps = stairs(reading[np.flatnonzero(believed)], resolution)
@@ -230,6 +234,19 @@ def screen(
         capped = believed & (reading >= limit - 0.5 * resolution)
         usable &= ~capped
     return Screened(usable, missing, repeated, implausible, resolution, stretches.louder, capped)
+
+
+def _spikes(values: Array, new: NDArray[np.int64], swing: float, noise: float, resolution: float) -> Mask:
+    """Which of the values (n,) at the rows `new` (m,), each up to the next, the readings go to and come back from
+    farther than they do when the air goes and comes back by `swing` over the sensor's share; of two that are so far
+    apart, the one that is farther from the rows around."""
+    step = np.diff(values[new])
+    out, back = np.append(0.0, step), np.append(-step, 0.0)
+    size = np.where(out * back > 0.0, np.minimum(np.abs(out), np.abs(back)), 0.0)
+    usual = max(noise, 1.4826 * float(np.median(np.abs(np.diff(values)))))
+    most = swing + float(np.hypot(LONE_SIGMAS * usual, SPIKE_STEPS * resolution))
+    off = np.abs(values - median_filter(values, AROUND_WIDTH, mode="nearest"))[new]
+    return np.asarray((size > most) & (off > most))
 
 
 def _limit(size: Array, noise: float) -> Array:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from shockrig.analysis.flight.coarse import propagated, within_a_step
 from shockrig.analysis.flight.jumps import when, with_jumps, without
@@ -29,6 +30,7 @@ BRIEF = 0.3  # of the sensor's slowest lag
 NOISE_SPREAD = 0.3  # ln of how far the noise may be from what is expected
 STILL_LAGS = 3.0  # of the sensor: so long after a rounded reading last changed, nothing is left of what that told
 MEMORY_LAGS, LEAST_MEMORY_S = 3.0, 8.0  # how far back a sensor remembers
+ALONG_ROWS = 31  # that a trend is taken over
 SPARSE = 0.97  # share of nodes with a sample, below which the bridges are left out of the judgement
 
 
@@ -122,8 +124,11 @@ def estimate(
         steps = np.diff(node_time[rows])
         long = steps > 5 * np.median(steps)
         spacing = float(np.mean(steps[~long]))
-        # of what the air did in a long gap, as much as it does between two samples
-        extra = np.where(long, np.diff(values[rows]) * (1.0 - spacing / steps), 0.0)
+        # what a trend does in longer steps would pass for noise; of what the air did in a long gap, as much as it does
+        # between two samples
+        change = np.diff(values[rows])
+        trend = uniform_filter1d(change / steps, ALONG_ROWS)
+        extra = np.where(long, change * (1.0 - spacing / steps), trend * (steps - spacing))
         seen = values[rows] - np.concatenate([[0.0], np.cumsum(extra)])
         some = None if through is None else replace(through, sigma=through.sigma[rows])
         own = _local_priors(seen, along.at(rows), spacing, noise[rows], some, parts, spread, largest)

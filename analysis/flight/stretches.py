@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 
@@ -21,10 +22,12 @@ MOST_SHARE = 0.6  # of a step of the air that a sensor shows from one row to the
 PHASES = 4  # at which the rows may meet the response to a step
 LONGEST_ROWS = 2000
 WINDOW = 15  # rows that a stretch's noise is judged by
-LOUDER = 3.0  # times the usual: a burst
+LOUDER = {WINDOW: 3.0, 5: 8.0}  # times the usual, in so many rows: a burst
+ALONE = 0.3  # of the noise that third differences show, single ones show less: a lone jump, which is in three of the former
 WHITE = 0.6  # of the noise that single differences show, third ones show as much: what passed a lag is far smoother
 JUMP = 12.0  # times the noise between rows
 BESIDE = 0.25  # of a jump, that the rows beside it go at most; behind a lag they go on by 1 - MOST_SHARE of it and more
+FARTHEST = 3.0  # times what air swings: from a heated room into the coldest winter, in rows that the sensor follows
 BACK = 0.3  # of a jump, that the readings after another are away from those before
 LEVELS = 1.5  # steps of the log about a level that a stuck sensor stays within, dither and all
 BY_CHANCE = 1e-6  # probability that noise alone keeps so many readings there
@@ -81,69 +84,99 @@ def judge(
         return found
     values = reading[rows]
     least = JUMP * float(np.hypot(noise, resolution)) if share <= MOST_SHARE else swing
-    elsewhere = _elsewhere(values, least, swing)
+    elsewhere = _elsewhere(rows, values, least, swing, share)
     if lagging is not None and elsewhere.any():
-        elsewhere &= _elsewhere(lagging[rows], least, swing)
+        elsewhere &= _elsewhere(rows, lagging[rows], least, swing, share)
     found.from_elsewhere[rows] = elsewhere
     rows, values = rows[~elsewhere], values[~elsewhere]
     if rows.size < 2 * WINDOW:
         return found
-    third, single = scatter(values), _scatter(values, 1) / NORM_1
+    third = scatter(values)
     found.stuck[rows] = held = _stuck(values, resolution, noise, third)
     if share <= MOST_SHARE:
         usual = max(float(np.median(third[~held])) if (~held).any() else 0.0, noise, resolution / np.sqrt(12.0))
-        loud = (third > LOUDER * usual) & (third > WHITE * single) & ~held
-        # a window's median sees a burst from its middle to its middle; its rows at either end are as loud
-        loud, wider = maximum_filter1d(loud, 5), maximum_filter1d(third, 5)
-        found.louder[rows] = np.where(loud, np.maximum(wider / noise, 1.0), 1.0)
+        louder = np.ones(values.size)
+        for window, times in LOUDER.items():
+            third, single = scatter(values, window), _scatter(values, 1, window) / NORM_1
+            loud = (third > times * usual) & (third > WHITE * single) & (single > ALONE * third) & ~held
+            # a window's median sees a burst from its middle to its middle; its rows at either end are as loud
+            loud, wider = maximum_filter1d(loud, 5), maximum_filter1d(third, 5)
+            louder = np.maximum(louder, np.where(loud, wider / noise, 1.0))
+        found.louder[rows] = louder
     return found
 
 
-def scatter(values: Array) -> Array:
+def scatter(values: Array, window: int = WINDOW) -> Array:
     """Noise (n,) of readings, from their third differences in the rows around each."""
-    return _scatter(values, 3) / NORM_3
+    return _scatter(values, 3, window) / NORM_3
 
 
-def _scatter(values: Array, order: int) -> Array:
+def _scatter(values: Array, order: int, window: int) -> Array:
     """Robust standard deviation (n,) of the differences of some order in the rows around each."""
     size = np.abs(np.diff(values, n=order))
-    around = TO_SIGMA * median_filter(size, WINDOW, mode="nearest")
+    around = TO_SIGMA * median_filter(size, window, mode="nearest")
     ahead = (values.size - around.size) // 2
     return np.pad(around, (ahead, values.size - around.size - ahead), mode="edge")
 
 
-def _elsewhere(values: Array, least: float, swing: float) -> Mask:
-    """Rows between a jump of more than `least` and one back that no lag lets through, or between two of more than
-    `swing` that no air makes."""
-    step = np.diff(values)
+def _elsewhere(rows: NDArray[np.int64], values: Array, least: float, swing: float, share: float) -> Mask:
+    """Readings (n,) at some rows, between a jump of more than `least` and one back that no lag lets through, or between
+    two of more than `swing` that no air makes; and those before or behind one such jump that the lag does not let
+    through either, whichever are fewer."""
+    step, apart = np.diff(values), np.diff(rows)
     size = np.abs(step)
     usual = TO_SIGMA * float(np.median(size))
     beside = np.maximum(np.append(size[1:], 0.0), np.append(0.0, size[:-1]))
-    sudden = np.flatnonzero((size > max(least, JUMP * usual)) & (beside < BESIDE * size)) + 1
-    away = _between(sudden, values[sudden - 1], values[sudden], values.size)
+    # over a gap a sensor gets anywhere
+    lags = _within(share, apart) <= max(share, MOST_SHARE)
+    sudden = np.flatnonzero((size > max(least, JUMP * usual)) & (beside < BESIDE * size) & lags) + 1
+    away, alone = _between(sudden, values[sudden - 1], values[sudden], values.size, swing)
     # medians on either side: beside noise, and where a jump is met halfway
     calm = median_filter(values, 3, mode="nearest")
     before, after = calm[:-3], calm[3:]  # of the rows from the second
-    size = np.abs(after - before)
-    far = np.flatnonzero((size > swing) & (size >= maximum_filter1d(size, 5)))
+    limit = swing if _within(share, 3) <= MOST_SHARE else FARTHEST * swing
+    met = np.abs(after - before)
+    far = np.flatnonzero((met > limit) & (met >= maximum_filter1d(met, 5)))
     far = far[np.diff(far, prepend=-9) > 2]
-    return away | _between(far + 2, before[far], after[far], values.size)
+    # where the largest step of those across is
+    first = far + 1 + np.argmax(sliding_window_view(size, 3)[far], axis=1) if far.size else far
+    away |= _between(first, before[far], after[far], values.size, np.inf)[0]
+    if share <= MOST_SHARE:
+        beside_away = maximum_filter1d(away, 5)
+        for k in sudden[alone & (size[sudden - 1] > swing) & ~beside_away[sudden]].tolist():
+            away[:k] |= k <= values.size // 2
+            away[k:] |= k > values.size // 2
+    return np.asarray(away)
 
 
-def _between(first: NDArray[np.int64], before: Array, after: Array, count: int) -> Mask:
-    """Rows (`count`,) between jumps and those back, by the `first` row after each and the levels on either side."""
-    away = np.zeros(count, dtype=bool)
+def _within(share: float, rows: NDArray[np.int64] | int) -> Array:
+    """Share of a step of the air that is shown within some rows, of a sensor that shows `share` of it in one."""
+    return np.asarray(1.0 - (1.0 - share) ** np.asarray(rows, dtype=float))
+
+
+def _between(first: NDArray[np.int64], before: Array, after: Array, count: int, swing: float) -> tuple[Mask, Mask]:
+    """Rows (`count`,) between jumps and those back, by the `first` row after each and the levels on either side, and
+    which of the jumps none goes back from.
+
+    Of two that are farther than `swing` the air may have moved in between.
+    """
+    away, alone = np.zeros(count, dtype=bool), np.ones(first.size, dtype=bool)
+    size = after - before
     i = 0
-    while i + 1 < first.size:
-        out, back = after[i] - before[i], after[i + 1] - before[i + 1]
-        across = abs(after[i + 1] - before[i])
-        lasting = first[i + 1] - first[i]
-        if out * back < 0 and across < BACK * min(abs(out), abs(back)) and lasting < count // 2:
-            away[first[i] : first[i + 1]] = True
-            i += 2
-        else:
-            i += 1
-    return away
+    while i < first.size:
+        # up to the next that is no small one, of another quantity's own
+        comparable = np.abs(size[i + 1 :]) > BESIDE * abs(size[i])
+        later = slice(i + 1, i + 2 + int(np.argmax(comparable)) if comparable.any() else first.size)
+        least = np.minimum(abs(size[i]), np.abs(size[later]))
+        back = (size[i] * size[later] < 0) & (first[later] - first[i] < count // 2)
+        back &= (np.abs(after[later] - before[i]) < BACK * least) | (least > swing)
+        if back.any():
+            j = i + 1 + int(np.argmax(back))
+            away[first[i] : first[j]] = True
+            alone[[i, j]] = False
+            i = j
+        i += 1
+    return away, alone
 
 
 def _stuck(values: Array, resolution: float, noise: float, scatter: Array) -> Mask:
