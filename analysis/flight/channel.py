@@ -156,7 +156,7 @@ def judged(
     trusted = screened.usable & ~outside
     raw_rows = outside.copy()
     # the sensor, as the profile has it, cannot have read that: the reading is the better explanation
-    open_to = noise if readings.passing is None else noise + readings.passing.sigma**2
+    open_to = noise if readings.passing is None else noise + np.minimum(readings.passing.sigma**2, found.variance)
     off = (readings.reading - found.clean)[trusted] / np.sqrt(open_to[trusted])
     # one alone is noise, if it says something by itself
     alone = ~readings.usable

@@ -90,9 +90,12 @@ def _exchanged(temperature: Array, humidity: Array) -> Mask:
         hotter = np.mean(hot[odd]) - np.mean(hot[~odd])
         fewer = np.count_nonzero(odd) <= rows.size / 2
         odd = odd if hotter > HOT or (fewer and hotter > -HOT) else ~odd
-        # rows beside them in which one column is missing may be of either kind
-        wider = np.interp(np.arange(temperature.size), rows, odd.astype(float))
-        exchanged = wider > 0.0
+        # rows beside them in which one column is missing are of the kind that the other is like
+        every = np.arange(temperature.size)
+        wider = np.interp(every, rows, odd.astype(float))
+        t, h = (np.interp(every, rows[~odd], v[rows[~odd]]) for v in (temperature, humidity))
+        crossed = (np.abs(temperature - h) < np.abs(temperature - t)) | (np.abs(humidity - t) < np.abs(humidity - h))
+        exchanged = (wider == 1.0) | ((wider > 0.0) & crossed)
     return exchanged
 
 

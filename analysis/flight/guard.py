@@ -35,7 +35,6 @@ def held(channel: Channel, readings: Readings, raw: Array, unit: Array, notes: l
 
     `unit` turns the readings' unit into that of `raw`, the log's.
     """
-    channel = _nearer(channel, readings, unit)
     low, high = (bound * unit for bound in reach(readings, channel.resolved_rate))
     # where the sensor was read, if not anew, the air may be as it says
     own = np.where(channel.screened.usable | channel.screened.repeated, readings.reading * unit, np.nan)
@@ -46,14 +45,14 @@ def held(channel: Channel, readings: Readings, raw: Array, unit: Array, notes: l
         wider = np.hypot(channel.uncertainty, beyond)
         channel = replace(channel, value=np.where(capped, value, channel.value), uncertainty=wider)
     away = np.where(channel.raw | ~np.isfinite(channel.value), 0.0, np.abs(value - channel.value))
-    if not (moved := away > 0.0).any():
-        return channel
-    notes.append(
-        f"{channel.name}: {counted(int(np.count_nonzero(moved)), 'row')} came out farther from the readings around "
-        "than the sensor's lag allows, and are given at the farthest that it does, with as much more uncertainty"
-    )
-    value = np.where(moved, value, channel.value)
-    return replace(channel, value=value, uncertainty=np.hypot(channel.uncertainty, away))
+    if (moved := away > 0.0).any():
+        notes.append(
+            f"{channel.name}: {counted(int(np.count_nonzero(moved)), 'row')} came out farther from the readings around "
+            "than the sensor's lag allows, and are given at the farthest that it does, with as much more uncertainty"
+        )
+        value = np.where(moved, value, channel.value)
+        channel = replace(channel, value=value, uncertainty=np.hypot(channel.uncertainty, away))
+    return _nearer(channel, readings, unit)
 
 
 def _nearer(channel: Channel, readings: Readings, unit: Array) -> Channel:

@@ -200,7 +200,14 @@ def _misplaced(temperature_c: Array, read: NDArray[np.bool_]) -> Array:
     if not gap.any():
         return off
     run = np.cumsum(np.diff(gap, prepend=False) & gap)[gap] - 1
-    most = np.zeros(run[-1] + 1)
+    edges = np.flatnonzero(np.diff(gap.astype(int), prepend=0, append=0))
+    first, last = edges[::2], edges[1::2] - 1
+    # half of what it went over the gap and neither of the slopes beside it explains
+    step, count = np.diff(np.pad(temperature_c, 1, mode="edge")), last - first
+    beside = np.stack([step[first], step[last + 1], np.zeros(first.size)]) * count
+    across = temperature_c[last] - temperature_c[first]
+    beyond = np.maximum(across - beside.max(axis=0), beside.min(axis=0) - across)
+    most = np.maximum(0.5 * beyond, 0.0)
     np.maximum.at(most, run, off[gap])
     off[gap] = most[run]
     return off

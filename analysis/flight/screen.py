@@ -33,6 +33,7 @@ FEWEST_ROWS = 6  # that go on from a step of the clock; fewer are out of place
 FEWEST_CHANGES = 8  # of a reading, to judge the steps of its log by
 CAPPED = 0.02  # of the rows, that hold the largest reading and the one before it as well
 FEWEST_CAPPED = 10
+AGAIN = 0.5  # of the readings
 LATEST_S = 1e13  # since 1970 it is 2e9 s; beyond this a double's steps are no longer milliseconds
 
 
@@ -295,6 +296,11 @@ def stairs(values: Array, resolution: float) -> bool:
 
 
 def resolution_of(values: Array) -> float:
-    """Smallest step between the values that occur; 0 where there is but one."""
-    steps = np.diff(np.unique(np.round(values[:20000], 9)))
+    """Smallest step between the values that occur, of those that occur again where that many do (what was put in
+    between is on no step of the log); 0 where there is but one."""
+    levels, counts = np.unique(np.round(values[:20000], 9), return_counts=True)
+    again = counts > 1
+    if counts[again].sum() > AGAIN * counts.sum():
+        levels = levels[again]
+    steps = np.diff(levels)
     return float(np.quantile(steps, 0.05, method="lower")) if steps.size else 0.0

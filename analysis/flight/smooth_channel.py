@@ -30,6 +30,8 @@ BRIEF = 0.3  # of the sensor's slowest lag
 NOISE_SPREAD = 0.3  # ln of how far the noise may be from what is expected
 STILL_LAGS = 3.0  # of the sensor: so long after a rounded reading last changed, nothing is left of what that told
 MEMORY_LAGS, LEAST_MEMORY_S = 3.0, 8.0  # how far back a sensor remembers
+JUMPED = 12.0  # times what readings usually differ by: a jump, where those beside it differ by less than
+BESIDE = 0.25  # of it
 ALONG_ROWS = 31  # that a trend is taken over
 SPARSE = 0.97  # share of nodes with a sample, below which the bridges are left out of the judgement
 
@@ -129,6 +131,11 @@ def estimate(
         change = np.diff(values[rows])
         trend = uniform_filter1d(change / steps, ALONG_ROWS)
         extra = np.where(long, change * (1.0 - spacing / steps), trend * (steps - spacing))
+        # nor does the air jump as a rule, whatever it did in a gap
+        size = np.abs(change)
+        beside = np.maximum(np.append(size[1:], 0.0), np.append(0.0, size[:-1]))
+        usual = max(expected, 1.4826 * float(np.median(size)))
+        extra = np.where((steps > 1.5 * spacing) & (size > JUMPED * usual) & (beside < BESIDE * size), change, extra)
         seen = values[rows] - np.concatenate([[0.0], np.cumsum(extra)])
         some = None if through is None else replace(through, sigma=through.sigma[rows])
         own = _local_priors(seen, along.at(rows), spacing, noise[rows], some, parts, spread, largest)
