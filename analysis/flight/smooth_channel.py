@@ -176,6 +176,10 @@ def estimate(
     air, node_variance, clean = (np.interp(time_s, node_time, v) for v in (found.air, found.variance, found.clean))
     typical = local.each(lambda strength: np.median(strength, keepdims=True))
     rate = _resolved_rate(typical, along.at(slice(len(along.rate) // 2, len(along.rate) // 2 + 1)), period)
+    if rounding is not None:
+        # for as long as a rounded reading stays, so does what it is off by
+        changes = np.count_nonzero(np.diff(reading[usable]))
+        rate = min(rate, np.pi * (changes + 1) / float(np.ptp(time_s[usable])))
     return Estimate(air, node_variance, clean, noise_factor, resolved_rate=rate, jumps_s=when(track, jumps))
 
 
