@@ -4,8 +4,8 @@
 
 Flights of `flight_worlds.py` (a solver of its own) with one to three kinds of damage drawn from the seed, one flight a
 seed. Counted: values outside of what can be (humidity of 0 to 100 %RH, and no farther from what the air did within half
-a minute, and from the readings that are readings, than half of what these ranged over and `SLACK`); rows that bear
-`not_corrected` and are not the reading; flights whose rms error is more than 2 % above that of their readings, over the
+a minute, and from the readings that are readings, than half of what these ranged over and `SLACK`), but for rows that
+are the reading and say so; rows that bear `not_corrected` and are not the reading; flights whose rms error is more than 2 % above that of their readings, over the
 rows whose reading is one, however noisy or stuck.
 """
 
@@ -229,8 +229,9 @@ def judged(seed: int, kinds: list[str]) -> dict[str, object]:
         known = np.isfinite(value)
         beyond = np.maximum(low - slack - value, value - high - slack)
         most = 100.0 if name == "humidity_percent" and not log.swapped else np.inf
-        outside = known & ((beyond > 0) | (value > most))
         as_read = done.flags["not_corrected"] | done.flags[f"{name.split('_')[0]}_not_corrected"]
+        beyond[as_read & (value == reading)] = 0.0  # a reading, and said to be no more
+        outside = known & ((beyond > 0) | ((value > most) & ~as_read))
         is_raw = known & as_read & (value != reading)
         found: dict[str, object] = {
             "given": float(known[log.is_true[name]].mean()) if log.is_true[name].any() else None,

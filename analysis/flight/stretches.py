@@ -127,10 +127,11 @@ def _elsewhere(rows: NDArray[np.int64], values: Array, least: float, swing: floa
     size = np.abs(step)
     usual = TO_SIGMA * float(np.median(size))
     beside = np.maximum(np.append(size[1:], 0.0), np.append(0.0, size[:-1]))
-    # over a gap a sensor gets anywhere
-    lags = _within(share, apart) <= max(share, MOST_SHARE)
-    sudden = np.flatnonzero((size > max(least, JUMP * usual)) & (beside < BESIDE * size) & lags) + 1
-    away, alone = _between(sudden, values[sudden - 1], values[sudden], values.size, swing)
+    sudden = np.flatnonzero((size > max(least, JUMP * usual)) & (beside < BESIDE * size)) + 1
+    # over a gap a sensor gets anywhere; one end of a stretch may lie in one
+    refuted = _within(share, apart[sudden - 1]) <= max(share, MOST_SHARE)
+    away, alone = _between(sudden, values[sudden - 1], values[sudden], refuted, values.size, swing)
+    alone &= refuted
     # medians on either side: beside noise, and where a jump is met halfway
     calm = median_filter(values, 3, mode="nearest")
     before, after = calm[:-3], calm[3:]  # of the rows from the second
@@ -140,7 +141,7 @@ def _elsewhere(rows: NDArray[np.int64], values: Array, least: float, swing: floa
     far = far[np.diff(far, prepend=-9) > 2]
     # where the largest step of those across is
     first = far + 1 + np.argmax(sliding_window_view(size, 3)[far], axis=1) if far.size else far
-    away |= _between(first, before[far], after[far], values.size, np.inf)[0]
+    away |= _between(first, before[far], after[far], np.ones(far.shape, dtype=bool), values.size, np.inf)[0]
     if share <= MOST_SHARE:
         beside_away = maximum_filter1d(away, 5)
         for k in sudden[alone & (size[sudden - 1] > swing) & ~beside_away[sudden]].tolist():
@@ -154,9 +155,11 @@ def _within(share: float, rows: NDArray[np.int64] | int) -> Array:
     return np.asarray(1.0 - (1.0 - share) ** np.asarray(rows, dtype=float))
 
 
-def _between(first: NDArray[np.int64], before: Array, after: Array, count: int, swing: float) -> tuple[Mask, Mask]:
+def _between(
+    first: NDArray[np.int64], before: Array, after: Array, refuted: Mask, count: int, swing: float
+) -> tuple[Mask, Mask]:
     """Rows (`count`,) between jumps and those back, by the `first` row after each and the levels on either side, and
-    which of the jumps none goes back from.
+    which of the jumps none goes back from; of two, one at least is `refuted` by the lag.
 
     Of two that are farther than `swing` the air may have moved in between.
     """
@@ -168,7 +171,7 @@ def _between(first: NDArray[np.int64], before: Array, after: Array, count: int, 
         comparable = np.abs(size[i + 1 :]) > BESIDE * abs(size[i])
         later = slice(i + 1, i + 2 + int(np.argmax(comparable)) if comparable.any() else first.size)
         least = np.minimum(abs(size[i]), np.abs(size[later]))
-        back = (size[i] * size[later] < 0) & (first[later] - first[i] < count // 2)
+        back = (size[i] * size[later] < 0) & (first[later] - first[i] < count // 2) & (refuted[i] | refuted[later])
         back &= (np.abs(after[later] - before[i]) < BACK * least) | (least > swing)
         if back.any():
             j = i + 1 + int(np.argmax(back))
