@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from shockrig.analysis.flight.coarse import COARSE
 from shockrig.analysis.flight.stretches import judge
 from shockrig.files.ranges import Range
 
@@ -33,7 +34,7 @@ FEWEST_ROWS = 6  # that go on from a step of the clock; fewer are out of place
 FEWEST_CHANGES = 8  # of a reading, to judge the steps of its log by
 CAPPED = 0.02  # of the rows, that hold the largest reading and the one before it as well
 FEWEST_CAPPED = 10
-AGAIN = 0.5  # of the readings
+AGAIN, FEWEST_LEVELS = 0.5, 20  # of the readings; fewer levels tell a log's step no better than those that occur once
 LATEST_S = 1e13  # since 1970 it is 2e9 s; beyond this a double's steps are no longer milliseconds
 
 
@@ -211,7 +212,7 @@ def screen(
         lone |= spikes[0] & spikes[1]
         implausible[rows] = np.repeat(lone, np.diff(np.append(new, rows.size)))
     believed &= ~implausible
-    by_steps = stairs(reading[np.flatnonzero(believed)], resolution)
+    by_steps = stairs(reading[np.flatnonzero(believed)], resolution, noise)
     stretches = judge(reading, believed, resolution, noise, share, swing, lagging)
     implausible |= stretches.from_elsewhere
     believed &= ~implausible
@@ -287,10 +288,12 @@ def _ceiling(values: Array) -> float | None:
     return top if again.size > max(CAPPED * values.size, FEWEST_CAPPED) and np.ptp(values) > 0.0 else None
 
 
-def stairs(values: Array, resolution: float) -> bool:
+def stairs(values: Array, resolution: float, noise: float = np.inf) -> bool:
     """Whether readings, where they change, mostly do so by one step of the log: whatever noise is stated, the steps are
-    coarser, and a reading that stays is no repeat."""
+    coarser, and a reading that stays is no repeat. Or whether they mostly stay, as the noise has it."""
     change = np.abs(np.diff(values))
+    if resolution > COARSE * noise and np.mean(change == 0.0) > 0.5:
+        return True
     change = change[change > 0.0]
     return change.size >= FEWEST_CHANGES and float(np.median(change)) < 1.5 * resolution
 
@@ -300,7 +303,7 @@ def resolution_of(values: Array) -> float:
     between is on no step of the log); 0 where there is but one."""
     levels, counts = np.unique(np.round(values[:20000], 9), return_counts=True)
     again = counts > 1
-    if counts[again].sum() > AGAIN * counts.sum():
+    if counts[again].sum() > AGAIN * counts.sum() and np.count_nonzero(again) >= FEWEST_LEVELS:
         levels = levels[again]
     steps = np.diff(levels)
     return float(np.quantile(steps, 0.05, method="lower")) if steps.size else 0.0

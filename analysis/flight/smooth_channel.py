@@ -264,6 +264,11 @@ def _local_priors(
     if passing is not None:
         # the median: where the air jumped, single samples know nothing
         usual = np.asarray(np.median(passing.sigma[starts[:, None] + np.arange(size)], axis=1))
+        # what passes is in the readings: it was no more than they varied, whatever is thought possible
+        along_line = np.arange(size) - 0.5 * (size - 1)
+        level = segments.mean(axis=1, keepdims=True)
+        straight = level + np.outer(segments @ along_line / (along_line @ along_line), along_line)
+        usual = np.minimum(usual, np.std(segments - straight, axis=1))
         through, few = Passing(usual, passing.rate), Passing(usual[some], passing.rate)
 
     def judged(segments: Array) -> tuple[Prior, Prior]:

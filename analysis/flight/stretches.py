@@ -27,7 +27,7 @@ ALONE = 0.3  # of the noise that third differences show, single ones show less: 
 WHITE = 0.6  # of the noise that single differences show, third ones show as much: what passed a lag is far smoother
 JUMP = 12.0  # times the noise between rows
 BESIDE = 0.25  # of a jump, that the rows beside it go at most; behind a lag they go on by 1 - MOST_SHARE of it and more
-FARTHEST = 3.0  # times what air swings: from a heated room into the coldest winter, in rows that the sensor follows
+FARTHEST = 2.0  # times what air swings: from a heated room into winter, in rows that the sensor follows
 BACK = 0.3  # of a jump, that the readings after another are away from those before
 LEVELS = 1.5  # steps of the log about a level that a stuck sensor stays within, dither and all
 BY_CHANCE = 1e-6  # probability that noise alone keeps so many readings there
@@ -83,10 +83,12 @@ def judge(
     if rows.size < 2 * WINDOW:
         return found
     values = reading[rows]
-    least = JUMP * float(np.hypot(noise, resolution)) if share <= MOST_SHARE else swing
-    elsewhere = _elsewhere(rows, values, least, swing, share)
+    least = JUMP * float(np.hypot(noise, resolution)) if share <= MOST_SHARE else FARTHEST * swing
+    # a sensor that was stuck jumps when it goes on
+    going_on = maximum_filter1d(_stuck(values, resolution, noise, scatter(values)), 3)
+    elsewhere = _elsewhere(rows, values, least, swing, share, going_on)
     if lagging is not None and elsewhere.any():
-        elsewhere &= _elsewhere(rows, lagging[rows], least, swing, share)
+        elsewhere &= _elsewhere(rows, lagging[rows], least, swing, share, going_on)
     found.from_elsewhere[rows] = elsewhere
     rows, values = rows[~elsewhere], values[~elsewhere]
     if rows.size < 2 * WINDOW:
@@ -119,7 +121,7 @@ def _scatter(values: Array, order: int, window: int) -> Array:
     return np.pad(around, (ahead, values.size - around.size - ahead), mode="edge")
 
 
-def _elsewhere(rows: NDArray[np.int64], values: Array, least: float, swing: float, share: float) -> Mask:
+def _elsewhere(rows: NDArray[np.int64], values: Array, least: float, swing: float, share: float, going_on: Mask) -> Mask:
     """Readings (n,) at some rows, between a jump of more than `least` and one back that no lag lets through, or between
     two of more than `swing` that no air makes; and those before or behind one such jump that the lag does not let
     through either, whichever are fewer."""
@@ -129,9 +131,9 @@ def _elsewhere(rows: NDArray[np.int64], values: Array, least: float, swing: floa
     beside = np.maximum(np.append(size[1:], 0.0), np.append(0.0, size[:-1]))
     sudden = np.flatnonzero((size > max(least, JUMP * usual)) & (beside < BESIDE * size)) + 1
     # over a gap a sensor gets anywhere; one end of a stretch may lie in one
-    refuted = _within(share, apart[sudden - 1]) <= max(share, MOST_SHARE)
+    refuted = (share > MOST_SHARE) | (_within(share, apart[sudden - 1]) <= MOST_SHARE)
     away, alone = _between(sudden, values[sudden - 1], values[sudden], refuted, values.size, swing)
-    alone &= refuted
+    alone &= refuted & ~going_on[sudden]
     # medians on either side: beside noise, and where a jump is met halfway
     calm = median_filter(values, 3, mode="nearest")
     before, after = calm[:-3], calm[3:]  # of the rows from the second
@@ -164,21 +166,21 @@ def _between(
     Of two that are farther than `swing` the air may have moved in between.
     """
     away, alone = np.zeros(count, dtype=bool), np.ones(first.size, dtype=bool)
-    size = after - before
-    i = 0
-    while i < first.size:
-        # up to the next that is no small one, of another quantity's own
-        comparable = np.abs(size[i + 1 :]) > BESIDE * abs(size[i])
-        later = slice(i + 1, i + 2 + int(np.argmax(comparable)) if comparable.any() else first.size)
-        least = np.minimum(abs(size[i]), np.abs(size[later]))
-        back = (size[i] * size[later] < 0) & (first[later] - first[i] < count // 2) & (refuted[i] | refuted[later])
-        back &= (np.abs(after[later] - before[i]) < BACK * least) | (least > swing)
-        if back.any():
-            j = i + 1 + int(np.argmax(back))
-            away[first[i] : first[j]] = True
-            alone[[i, j]] = False
-            i = j
-        i += 1
+    for moved in (False, True):
+        left = np.flatnonzero(alone)
+        size, i = (after - before)[left], 0
+        while i + 1 < left.size:
+            # up to the next that is no small one, of another quantity's own
+            comparable = np.abs(size[i + 1 :]) > BESIDE * abs(size[i])
+            j = i + 1 + int(np.argmax(comparable))
+            k, n = left[i], left[j]
+            least = min(abs(size[i]), abs(size[j]))
+            back = size[i] * size[j] < 0 and first[n] - first[k] < count // 2 and (refuted[k] or refuted[n])
+            if back and (least > swing if moved else abs(after[n] - before[k]) < BACK * least):
+                away[first[k] : first[n]] = True
+                alone[[k, n]] = False
+                i = j
+            i += 1
     return away, alone
 
 
