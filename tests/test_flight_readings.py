@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from benchmark_scripts import benchmark
 
+from shockrig.analysis.flight.cleaning import EXCHANGED, without_codes
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.guard import reach
 from shockrig.analysis.flight.profile_doubts import profile_doubts
@@ -155,6 +156,65 @@ def test_steps_of_a_slow_log_empty_no_row(noise_k):
     assert not done.flags["repeated"].any()
 
 
+def test_a_code_that_was_rounded_and_comes_again_and_again_is_no_reading():
+    """-99.9 in a log of half kelvins is -100, which some air is said to have; calm air writes it as often as itself."""
+    calm = 20.0 + 1.2 * np.sin(np.arange(800) / 90.0)
+    reading = np.round(np.where(np.arange(800) % 9 == 4, -99.9, calm) / 0.5) * 0.5
+    found = screen(0.1 * np.arange(800), reading, RANGES["temperature_c"], 0.02, share=0.2, swing=15.0)
+    assert np.array_equal(found.implausible, reading == -100.0)
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.4])
+def test_a_stretch_in_fahrenheit_is_told_though_the_air_moved_in_it(missing):
+    behind = np.exp(-np.maximum(np.arange(800) - 400.0, 0.0) / 5.0)
+    reading = 10.0 + 17.0 * behind + 0.02 * np.random.default_rng(0).standard_normal(800)
+    strange = slice(300, 500)
+    reading[strange] = 1.8 * reading[strange] + 32.0
+    reading[np.random.default_rng(1).random(800) < missing] = np.nan
+    found = screen(0.1 * np.arange(800), reading, RANGES["temperature_c"], 0.02, share=0.2, swing=15.0)
+    known = np.isfinite(reading)
+    assert found.implausible[strange][known[strange]].all()
+    assert found.usable[known].mean() > 0.7
+
+
+def test_a_burst_of_half_a_second_is_noise_and_a_jump_over_a_gap_is_none():
+    rng = np.random.default_rng(4)
+    reading = 20.0 + 0.02 * rng.standard_normal(400)
+    reading[200:206] += 2.0 * rng.standard_normal(6)
+    reading[300:320] = np.nan
+    reading[320:] -= 13.0
+    found = screen(0.2 * np.arange(400), reading, RANGES["temperature_c"], 0.02, share=0.2, swing=15.0)
+    assert np.all((found.louder[201:205] > 20.0) | found.implausible[201:205])
+    assert np.all(found.louder[250:] == 1.0) and found.usable[250:300].all() and found.usable[320:].all()
+
+
+def test_columns_that_change_place_beside_a_jump_keep_the_rows_around():
+    """A door in the row before, and one column missing in many rows."""
+    temperature, humidity = np.where(np.arange(300) < 100, 26.0, 10.0), np.where(np.arange(300) < 100, 19.0, 52.0)
+    rows = slice(101, 146)
+    log = dataclasses.replace(flight().at(np.arange(300)), temperature_c=temperature, humidity_percent=humidity)
+    crossed = temperature.copy(), humidity.copy()
+    crossed[0][rows], crossed[1][rows] = humidity[rows], temperature[rows]
+    crossed[1][60:98] = np.nan
+    _, codes = without_codes(dataclasses.replace(log, temperature_c=crossed[0], humidity_percent=crossed[1]))
+    assert np.flatnonzero(codes[EXCHANGED]).tolist() == list(range(101, 146))
+
+
+def test_a_jump_in_a_gap_is_one_and_no_strength_of_the_air():
+    """Before: 2 K off before the gap, and 4 %RH off throughout."""
+    log = flight(temperature_c=lambda v: 25.0 + 0.0 * v, humidity_percent=lambda v: 23.0 + 0.0 * v)
+    rng, later = np.random.default_rng(2), np.arange(log.time_s.size) > 400
+    temperature = np.where(later, 12.0, 25.0) + 0.02 * rng.standard_normal(later.size)
+    humidity = np.where(later, 52.0, 23.0) + 0.06 * rng.standard_normal(later.size)
+    for column in (temperature, humidity):
+        column[rng.random(later.size) < 0.3] = np.nan
+        column[380:420] = np.nan
+    done = correct(dataclasses.replace(log, temperature_c=temperature, humidity_percent=humidity), PROFILE)
+    known = np.isfinite(temperature) & np.isfinite(humidity)
+    assert rms(done.temperature_c[known] - np.where(later, 12.0, 25.0)[known]) < 0.02
+    assert rms(done.humidity_percent[known] - np.where(later, 52.0, 23.0)[known]) < 0.1
+
+
 # -- what comes out ------------------------------------------------------------------------
 
 
@@ -191,7 +251,7 @@ def test_what_is_not_the_reading_does_not_say_that_it_is():
 def test_damaged_flights_give_nothing_that_cannot_be():
     """A fixed sample of benchmarks/fuzz_flights.py, which flies a million rows."""
     fuzz = benchmark("fuzz_flights")
-    for seed in (3, 6, 11, 20):
+    for seed in (3, 64, 75, 108, 280, 20182):
         found = fuzz.judged(seed, list(fuzz.DAMAGE))
         for channel in fuzz.CHANNELS:
             assert found[channel]["outside"] == 0 and found[channel]["no_reading"] == 0, found
@@ -269,7 +329,7 @@ def test_far_beyond_a_ceiling_a_value_is_given_where_no_air_has_more(limit, give
     far = log.time_s > 36.0
     assert np.isfinite(found.humidity_percent[far]).all() == given
     if given:
-        assert np.all(found.humidity_percent[far] == limit)
+        np.testing.assert_allclose(found.humidity_percent[far], limit, atol=0.01)  # what is left of the lag
     else:
         assert np.isnan(found.humidity_percent[far]).all()
 

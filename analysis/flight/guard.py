@@ -85,7 +85,9 @@ def _above_ceiling(value: Array, raw: Array, capped: Mask, channel: Channel, not
         f"{channel.name}: {counted(int(np.count_nonzero(capped)), 'row')} are held at {limit:.6g}, the largest there "
         "is: they say that the sensor was there or above"
     )
-    return np.where(capped & np.isfinite(value), np.maximum(value, limit), value)
+    # the sensor, not the air: that lies as far from it as it does without the ceiling
+    shown = value - channel.lag
+    return np.where(capped & np.isfinite(value), value + np.maximum(limit - shown, 0.0), value)
 
 
 def reach(readings: Readings, resolved_rate: float) -> tuple[Array, Array]:

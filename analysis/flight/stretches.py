@@ -190,8 +190,6 @@ def _stuck(values: Array, resolution: float, noise: float, scatter: Array) -> Ma
     The noise is the least of what is stated and what the flight's quieter stretches show where they do move: a calm
     layer is no stuck sensor.
     """
-    from scipy.special import erf
-
     stuck = np.zeros(values.size, dtype=bool)
     if resolution == 0.0:
         return stuck
@@ -199,15 +197,18 @@ def _stuck(values: Array, resolution: float, noise: float, scatter: Array) -> Ma
     spread = maximum_filter1d(values, WINDOW) - minimum_filter1d(values, WINDOW)
     moving = scatter[spread > 1.001 * band]
     own = min(noise, float(np.quantile(moving, 0.1))) if moving.size else noise
-    if own <= 0.0:
-        return stuck
-    within = float(erf(LEVELS * resolution / (own * np.sqrt(2.0))))
-    if within > 0.999:
-        return stuck
-    least = max(int(np.ceil(np.log(BY_CHANCE) / np.log(within))), 5)
+    least = fewest_by_chance(LEVELS * resolution, own)
     if least > values.size // 2:
         return stuck
-    half = least // 2
+    half = int(least) // 2
     narrow = maximum_filter1d(values, 2 * half + 1) - minimum_filter1d(values, 2 * half + 1) < 1.001 * band
     narrow[:half] = narrow[values.size - half :] = False
     return np.asarray(maximum_filter1d(narrow, 2 * half + 1))
+
+
+def fewest_by_chance(within: float, noise: float) -> float:
+    """How many readings in a row noise alone does not keep `within` so far of a level; infinite where it may."""
+    from scipy.special import erf
+
+    share = float(erf(within / (noise * np.sqrt(2.0)))) if noise > 0.0 else 1.0
+    return max(float(np.ceil(np.log(BY_CHANCE) / np.log(share))), 5.0) if share < 0.999 else np.inf
