@@ -265,6 +265,13 @@ def test_ways_that_disagree_by_more_than_is_stated_are_owned(steady):
     assert notes[0].startswith("humidity: the correction makes ascent and descent disagree more") == (2 * steady > read)
 
 
+def test_a_lag_that_parts_the_ways_is_said_first_though_it_is_owned():
+    flight, channel = climbing(-0.9)
+    bead, notes = dataclasses.replace(channel, name="temperature", value=flight.temperature_c), []
+    assert "humidity" in compared(flight, bead, channel, notes)[2]
+    assert notes[0].startswith("humidity: the correction makes ascent and descent disagree more")
+
+
 def test_what_a_disagreement_looks_like_is_named_where_it_explains_it():
     rng = np.random.default_rng(1)
     lag, die = rng.standard_normal((2, 40))

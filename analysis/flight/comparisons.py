@@ -150,13 +150,22 @@ def compared(
                 )
                 channel = channel.widened(wrong)
                 widened[channel.name] = wrong
-            channel = _owned(flight, bead, channel, both, notes)
+            doubted = _owned(flight, bead, channel, notes)
+            # said first, and whichever of the two it was that owned it
+            if both.corrected > both.read and (doubted is not channel or channel.name in widened):
+                notes.insert(
+                    0,
+                    f"{channel.name}: the correction makes ascent and descent disagree more, {both.corrected:.2g} "
+                    f"{unit} instead of the {both.read:.2g} {unit} of the readings: use the readings until the cause "
+                    "is found",
+                )
+            channel = doubted
         found.append(channel)
     _slow_against_fast(flight, bead, notes)
     return found[0], found[1], widened
 
 
-def _owned(flight: Flight, bead: Channel, channel: Channel, both: UpAndDown, notes: list[str]) -> Channel:
+def _owned(flight: Flight, bead: Channel, channel: Channel, notes: list[str]) -> Channel:
     """The channel with uncertainties as wide as ascent and descent disagree, and what may be the cause in `notes`."""
     found = causes(flight, bead, channel)
     stated = np.where(np.isfinite(channel.value), channel.total_uncertainty, np.nan) ** 2
@@ -175,12 +184,6 @@ def _owned(flight: Flight, bead: Channel, channel: Channel, both: UpAndDown, not
         f"sensor is not as the profile has it, or the air changed; uncertainties are widened by {wider:.2g} {unit}"
         + (f"; likely {cause}" if cause else "")
     )
-    if both.corrected > both.read:
-        notes.insert(
-            0,
-            f"{channel.name}: the correction makes ascent and descent disagree more, {both.corrected:.2g} {unit} "
-            f"instead of the {both.read:.2g} {unit} of the readings: use the readings until the cause is found",
-        )
     return channel.doubted(wider)
 
 
