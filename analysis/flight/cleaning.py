@@ -78,10 +78,13 @@ def _exchanged(temperature: Array, humidity: Array) -> Mask:
     """Rows (n,) in stretches that begin and end where each column goes on from the other: of both kinds of stretch the
     one with warmer rows than air mostly has, or else the one with fewer rows."""
     exchanged = np.zeros(temperature.shape, dtype=bool)
-    rows = np.flatnonzero(np.isfinite(temperature) & np.isfinite(humidity))
+    # of what may be a reading of either
+    can_be = RANGES["humidity_reading_percent"]
+    rows = np.flatnonzero(np.logical_and.reduce([(v >= can_be.low) & (v <= can_be.high) for v in (temperature, humidity)]))
     if rows.size < 2 * SIDE + 1:
         return exchanged
-    turns = _turns(temperature[rows], humidity[rows], SIDE) | _turns(temperature[rows], humidity[rows], 1)
+    either = ((SIDE, SIDE), (1, SIDE), (SIDE, 1))  # something else may have changed in the row beside
+    turns = np.logical_or.reduce([_turns(temperature[rows], humidity[rows], *sides) for sides in either])
     ends = np.flatnonzero(np.diff(np.concatenate([[0], turns.astype(int), [0]])))
     middle = (ends[::2] + ends[1::2] - 1) // 2  # a median turns for some rows
     odd = np.searchsorted(middle, np.arange(rows.size), side="right") % 2 == 1
@@ -99,15 +102,18 @@ def _exchanged(temperature: Array, humidity: Array) -> Mask:
     return exchanged
 
 
-def _turns(temperature: Array, humidity: Array, side: int) -> Mask:
-    """Rows (n,) from which each column goes on from the other, by medians over `side` rows before and after: single
-    readings may be noise, and many may hide that something else changed beside it."""
-    sides = [sliding_window_view(np.pad(v, side, mode="edge"), side) for v in (temperature, humidity)]
-    size = temperature.size
-    (t, after_t), (h, after_h) = ((np.median(v[:size], axis=1), np.median(v[side:], axis=1)[:size]) for v in sides)
-    apart = np.abs(t - h)
+def _turns(temperature: Array, humidity: Array, before: int, behind: int) -> Mask:
+    """Rows (n,) from which each column goes on from the other, by medians over some rows `before` and from there on:
+    single readings may be noise, and where either goes fast, the two may cross."""
+
+    def level(values: Array, size: int, first: int) -> tuple[Array, Array]:
+        windows = sliding_window_view(np.pad(values, SIDE, mode="edge"), size)[first : first + values.size]
+        return np.median(windows, axis=1), np.ptp(windows, axis=1)
+
+    ends = [level(v, *side) for v in (temperature, humidity) for side in ((before, SIDE - before), (behind, SIDE))]
+    (t, after_t, h, after_h), moved = (one[0] for one in ends), np.max([one[1] for one in ends], axis=0)
     straight, crossed = np.abs(after_t - t) + np.abs(after_h - h), np.abs(after_t - h) + np.abs(after_h - t)
-    return np.asarray((crossed < ACROSS * straight) & (apart > LEAST_APART))
+    return np.asarray((np.maximum(crossed, moved) < ACROSS * straight) & (np.abs(t - h) > LEAST_APART))
 
 
 def code_notes(codes: Mapping[str, Mask | int]) -> list[str]:

@@ -30,15 +30,25 @@ SURE = 2.0  # standard uncertainties
 USUAL_NOISES = 3.0  # and up to so many times the reading's noise
 
 
-def held(channel: Channel, readings: Readings, raw: Array, unit: Array, notes: list[str]) -> Channel:
+def held(
+    channel: Channel,
+    readings: Readings,
+    raw: Array,
+    unit: Array,
+    notes: list[str],
+    possible: tuple[float, float] = (-np.inf, np.inf),
+) -> Channel:
     """The channel no farther from its readings than the air can be; by how much it was counts as uncertainty.
 
-    `unit` turns the readings' unit into that of `raw`, the log's.
+    `unit` turns the readings' unit into that of `raw`, the log's; `possible` is what no air is beyond.
     """
     low, high = (bound * unit for bound in reach(readings, channel.resolved_rate))
     # where the sensor was read, if not anew, the air may be as it says
     own = np.where(channel.screened.usable | channel.screened.repeated, readings.reading * unit, np.nan)
     value = np.clip(channel.value, np.fmin(low, own), np.fmax(high, own))
+    # what is out by less than is stated is that, and what is far out was no estimate
+    out = np.abs(np.clip(value, *possible) - value) > SIGMAS * channel.uncertainty
+    value = np.where(out, np.clip(value, *possible), value)
     if (capped := channel.screened.capped) is not None and capped.any():
         value = _above_ceiling(value, raw, capped, channel, notes)
         beyond = np.where(capped & np.isfinite(value), value - raw, 0.0)

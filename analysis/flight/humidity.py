@@ -145,7 +145,7 @@ def correct_humidity(
     found = solve(readings, cutoff_hz)
     outside = ~part.covers(now) | unseen(part.discovered, stream.airflow_m_s, now)
     channel = judged(readings, found, plain, screened, outside, raw, from_vapour, notes, SATURATED_PERCENT)
-    channel = held(channel, readings, raw, from_vapour, notes)
+    channel = held(channel, readings, raw, from_vapour, notes, (0.0, SATURATED_PERCENT))
     channel = _as_read(channel, raw, unread & (screened.usable | screened.repeated) & ~channel.raw, notes)
     uncertainty = channel.uncertainty
     if die is not None or found.cutoff_hz is not None:
