@@ -5,8 +5,8 @@
 Flights of `flight_worlds.py` (a solver of its own) with one to three kinds of damage drawn from the seed, one flight a
 seed. Counted: values outside of what can be (humidity of 0 to 100 %RH, and no farther from what the air did within half
 a minute, and from the readings that are readings, than half of what these ranged over and `SLACK`), but for rows that
-are the reading and say so; rows that bear `not_corrected` and are not the reading; flights whose rms error is more than 2 % above that of their readings, over the
-rows whose reading is one, however noisy or stuck.
+are the reading and say so; rows that bear `not_corrected` and are not the reading; flights whose rms error is more than
+2 % above that of their readings, over the rows whose reading is one, however noisy or stuck.
 """
 
 from __future__ import annotations

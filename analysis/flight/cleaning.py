@@ -80,7 +80,8 @@ def _exchanged(temperature: Array, humidity: Array) -> Mask:
     exchanged = np.zeros(temperature.shape, dtype=bool)
     # of what may be a reading of either
     can_be = RANGES["humidity_reading_percent"]
-    rows = np.flatnonzero(np.logical_and.reduce([(v >= can_be.low) & (v <= can_be.high) for v in (temperature, humidity)]))
+    both = np.stack([temperature, humidity])
+    rows = np.flatnonzero(((both >= can_be.low) & (both <= can_be.high)).all(axis=0))
     if rows.size < 2 * SIDE + 1:
         return exchanged
     either = ((SIDE, SIDE), (1, SIDE), (SIDE, 1))  # something else may have changed in the row beside

@@ -23,7 +23,7 @@ PHASES = 4  # at which the rows may meet the response to a step
 LONGEST_ROWS = 2000
 WINDOW = 15  # rows that a stretch's noise is judged by
 LOUDER = {WINDOW: 3.0, 5: 8.0}  # times the usual, in so many rows: a burst
-ALONE = 0.3  # of the noise that third differences show, single ones show less: a lone jump, which is in three of the former
+ALONE = 0.3  # of the noise that third differences show, single ones show less at a lone jump
 WHITE = 0.6  # of the noise that single differences show, third ones show as much: what passed a lag is far smoother
 JUMP = 12.0  # times the noise between rows
 BESIDE = 0.25  # of a jump, that the rows beside it go at most; behind a lag they go on by 1 - MOST_SHARE of it and more
@@ -121,10 +121,12 @@ def _scatter(values: Array, order: int, window: int) -> Array:
     return np.pad(around, (ahead, values.size - around.size - ahead), mode="edge")
 
 
-def _elsewhere(rows: NDArray[np.int64], values: Array, least: float, swing: float, share: float, going_on: Mask) -> Mask:
+def _elsewhere(
+    rows: NDArray[np.int64], values: Array, least: float, swing: float, share: float, going_on: Mask
+) -> Mask:
     """Readings (n,) at some rows, between a jump of more than `least` and one back that no lag lets through, or between
     two of more than `swing` that no air makes; and those before or behind one such jump that the lag does not let
-    through either, whichever are fewer."""
+    through either, whichever are fewer, but where a sensor that was stuck is `going_on` (n,)."""
     step, apart = np.diff(values), np.diff(rows)
     size = np.abs(step)
     usual = TO_SIGMA * float(np.median(size))
