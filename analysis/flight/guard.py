@@ -50,7 +50,8 @@ def held(
     # what is out by less than is stated is that, and what is far out was no estimate
     out = np.abs(np.clip(value, *possible) - value) > SIGMAS * channel.uncertainty
     value = np.where(out, np.clip(value, *possible), value)
-    if (capped := channel.screened.capped) is not None and capped.any():
+    capped = np.zeros(raw.shape, dtype=bool) if channel.screened.capped is None else channel.screened.capped
+    if (capped := capped & ~channel.raw).any():
         value = _above_ceiling(value, raw, capped, channel, notes)
         beyond = np.where(capped & np.isfinite(value), value - raw, 0.0)
         wider = np.hypot(channel.uncertainty, beyond)
