@@ -28,6 +28,7 @@ WHITE = 0.6  # of the noise that single differences show, third ones show as muc
 JUMP = 12.0  # times the noise between rows
 BESIDE = 0.25  # of a jump, that the rows beside it go at most; behind a lag they go on by 1 - MOST_SHARE of it and more
 FARTHEST = 2.0  # times what air swings: from a heated room into winter, in rows that the sensor follows
+HALF = 0.5  # of a jump, that one back is at least where the air moved in between
 BACK = 0.3  # of a jump, that the readings after another are away from those before
 LEVELS = 1.5  # steps of the log about a level that a stuck sensor stays within, dither and all
 BY_CHANCE = 1e-6  # probability that noise alone keeps so many readings there
@@ -173,7 +174,7 @@ def _between(
         size, i = (after - before)[left], 0
         while i + 1 < left.size:
             # up to the next that is no small one, of another quantity's own
-            comparable = np.abs(size[i + 1 :]) > BESIDE * abs(size[i])
+            comparable = np.abs(size[i + 1 :]) > (HALF if moved else BESIDE) * abs(size[i])
             j = i + 1 + int(np.argmax(comparable))
             k, n = left[i], left[j]
             least = min(abs(size[i]), abs(size[j]))
