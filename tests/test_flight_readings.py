@@ -251,7 +251,7 @@ def test_what_is_not_the_reading_does_not_say_that_it_is():
 def test_damaged_flights_give_nothing_that_cannot_be():
     """A fixed sample of benchmarks/fuzz_flights.py, which flies a million rows."""
     fuzz = benchmark("fuzz_flights")
-    for seed in (3, 64, 75, 108, 280, 20182):
+    for seed in (3, 64, 108, 129, 280, 20182):
         found = fuzz.judged(seed, list(fuzz.DAMAGE))
         for channel in fuzz.CHANNELS:
             assert found[channel]["outside"] == 0 and found[channel]["no_reading"] == 0, found

@@ -50,8 +50,7 @@ def held(
     # what is out by less than is stated is that, and what is far out was no estimate
     out = np.abs(np.clip(value, *possible) - value) > SIGMAS * channel.uncertainty
     value = np.where(out, np.clip(value, *possible), value)
-    capped = np.zeros(raw.shape, dtype=bool) if channel.screened.capped is None else channel.screened.capped
-    if (capped := capped & ~channel.raw).any():
+    if (capped := _capped(channel, np.full(raw.shape, -np.inf)) & ~channel.raw).any():
         value = _above_ceiling(value, raw, capped, channel, notes)
         beyond = np.where(capped & np.isfinite(value), value - raw, 0.0)
         wider = np.hypot(channel.uncertainty, beyond)
@@ -64,23 +63,30 @@ def held(
         )
         value = np.where(moved, value, channel.value)
         channel = replace(channel, value=value, uncertainty=np.hypot(channel.uncertainty, away))
-    return _nearer(channel, readings, unit)
+    return _nearer(channel, readings, unit, _capped(channel, raw - possible[1]))
 
 
-def _nearer(channel: Channel, readings: Readings, unit: Array) -> Channel:
+def _capped(channel: Channel, beyond: Array) -> Mask:
+    """Rows (n,) at the ceiling where the sensor stops, but where that is what no air is `beyond` (n,)."""
+    capped = channel.screened.capped
+    return np.zeros(channel.value.shape, dtype=bool) if capped is None else capped & (beyond < 0.0)
+
+
+def _nearer(channel: Channel, readings: Readings, unit: Array, capped: Mask) -> Channel:
     """The channel nearer to its readings where it is far less certain than elsewhere in the flight.
 
     That the reading is right is one of the explanations: of a difference d that is unsure by s, d^4 / (d^4 + s^4) is
     kept, all of one that is sure and nothing of one that is not. s is two sigmas of what exceeds the usual uncertainty;
     what is stated stays.
     """
-    seen = np.isfinite(readings.reading) & (channel.screened.usable | channel.screened.repeated)
+    # at a ceiling a reading says no more than where the sensor stopped
+    seen = np.isfinite(readings.reading) & (channel.screened.usable | channel.screened.repeated) & ~capped
     if not seen.any():
         return channel
     # in a gap, what lies between the readings on either side
     rows = np.arange(seen.size)
     reading, sigma = np.interp(rows, rows[seen], readings.reading[seen]) * unit, channel.uncertainty
-    known = np.isfinite(channel.value) & np.isfinite(sigma) & ~channel.raw
+    known = np.isfinite(channel.value) & np.isfinite(sigma) & ~channel.raw & ~capped
     if not known.any():
         return channel
     noise = np.sqrt(readings.noise_variance) * unit
