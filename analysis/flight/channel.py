@@ -157,7 +157,9 @@ def judged(
     raw_rows = outside.copy()
     # the sensor, as the profile has it, cannot have read that: the reading is the better explanation
     open_to = noise if readings.passing is None else noise + np.minimum(readings.passing.sigma**2, found.variance)
-    off = (readings.reading - found.clean)[trusted] / np.sqrt(open_to[trusted])
+    # a late reading is of the sensor as it was
+    shown = np.interp(readings.time_s - readings.delay_s, readings.time_s, found.clean)
+    off = (readings.reading - shown)[trusted] / np.sqrt(open_to[trusted])
     # one alone is noise, if it says something by itself
     alone = ~readings.usable
     if readings.passing is not None:

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from shockrig.analysis.flight.channel import Channel, Readings
 from shockrig.analysis.flight.smooth_channel import typical_period
@@ -26,7 +26,6 @@ LOUD = 2.0  # times the usual noise: such readings are no ends
 LEAST_SHARE = 0.05
 MOST_SHARE = 0.8  # readings are noisy, and a sensor is seldom what its profile says to a fifth
 USUAL_TIMES = 2.0  # the median uncertainty, up to which a method is as certain as usual
-MEAN_ROWS = 5  # that single readings' noise is taken out over
 SURE = 2.0  # standard uncertainties
 USUAL_NOISES = 3.0  # and up to so many times the reading's noise
 
@@ -89,14 +88,7 @@ def _nearer(channel: Channel, readings: Readings, unit: Array, capped: Mask) -> 
     known = np.isfinite(channel.value) & np.isfinite(sigma) & ~channel.raw & ~capped
     if not known.any():
         return channel
-    noise = np.sqrt(readings.noise_variance) * unit
-    usual = np.maximum(USUAL_TIMES * np.median(sigma[known]), USUAL_NOISES * noise)
-    # nor does a reading that has stood still for as long as the sensor remembers lag by more than it went
-    smooth = uniform_filter1d(reading, MEAN_ROWS)
-    size = min(2 * _remembered(readings) + 1, 2 * rows.size + 1)
-    went = maximum_filter1d(smooth, size, mode="nearest") - minimum_filter1d(smooth, size, mode="nearest")
-    if readings.rounding is None:  # steps hide what it did
-        usual = np.minimum(usual, noise + np.maximum(went - 2.0 * SIGMAS * noise / np.sqrt(MEAN_ROWS), 0.0))
+    usual = np.maximum(USUAL_TIMES * np.median(sigma[known]), USUAL_NOISES * np.sqrt(readings.noise_variance) * unit)
     off = np.where(known, channel.value - reading, 0.0)
     extra = np.where(known, SURE**2 * np.maximum(sigma**2 - usual**2, 0.0), 0.0)
     kept = np.divide(off**4, off**4 + extra**2, out=np.ones(off.shape), where=extra > 0.0)
