@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from shockrig.analysis.flight.coarse import COARSE
-from shockrig.analysis.flight.stretches import fewest_by_chance, judge
+from shockrig.analysis.flight.stretches import judge
 from shockrig.files.ranges import Range
 
 Array = NDArray[np.float64]
@@ -229,9 +229,8 @@ def screen(
     if stale is not None:
         repeated |= stale & believed
         usable &= ~stale
-    if limit is None:
-        least = fewest_by_chance(0.5 * resolution, noise) if by_steps else 2
-        limit = _ceiling(reading[believed], least)
+    if limit is None and not by_steps:
+        limit = _ceiling(reading[believed])
     capped = np.zeros(reading.shape, dtype=bool)
     if limit is not None:
         capped = believed & (reading >= limit - 0.5 * resolution)
@@ -279,16 +278,14 @@ def _by_chance(reading: Array, rows: NDArray[np.int64], same_time: Mask, same_va
     return allowed
 
 
-def _ceiling(values: Array, least: float) -> float | None:
-    """The largest reading, where more rows hold it, `least` and more of them in a row, than any below it could: the
-    sensor stopped there; else None."""
+def _ceiling(values: Array) -> float | None:
+    """The largest reading, where more rows hold it than any below it could: the sensor stopped there; else None."""
     if values.size == 0:
         return None
     top = float(values.max())
-    ends = np.flatnonzero(np.diff((values == top).astype(int), prepend=0, append=0))
-    lasting = ends[1::2] - ends[::2]
-    again = int(np.sum(lasting[lasting >= least] - 1))
-    return top if again > max(CAPPED * values.size, FEWEST_CAPPED) and np.ptp(values) > 0.0 else None
+    held = values == top
+    again = np.flatnonzero(held[1:] & held[:-1])
+    return top if again.size > max(CAPPED * values.size, FEWEST_CAPPED) and np.ptp(values) > 0.0 else None
 
 
 def stairs(values: Array, resolution: float, noise: float = np.inf) -> bool:
