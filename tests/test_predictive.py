@@ -7,20 +7,25 @@ import pytest
 from scipy.stats import multivariate_t
 
 from shockrig.analysis.diagnosis.refitting import plain_fit
+from shockrig.analysis.inference.fit import fit
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.noise import estimate_noise, whiteners
 from shockrig.analysis.inference.predictive import (
     DISCREPANCIES,
     NOISE_DEGREES,
     Gram,
+    allowing,
     bumps,
     densities,
     gram,
+    leaving_least,
     no_surer,
     score,
+    stated_beside,
     weights,
 )
 from shockrig.analysis.inference.problem import make_problem
+from shockrig.analysis.inference.samples import rmse_over_samples
 from shockrig.files.campaign import read_campaign
 
 RUNS, READINGS, PARAMETERS, OWN, BUMPS = 5, 9, 3, 2, 4
@@ -147,6 +152,41 @@ def test_parameters_are_no_surer_than_runs_agree_on_them(fitted):
     again = no_surer(problem, replace(found, residual=residual), bump, 0.0, True)
     assert np.sqrt(again.covariance[0, 0]) > 5.0 * np.sqrt(found.covariance[0, 0])
     assert no_surer(problem, found, bump, 0.0, True).covariance[0, 0] < 4.0 * found.covariance[0, 0]
+
+
+def test_a_whitener_that_allows_for_a_discrepancy_is_the_root_of_both(fitted):
+    """|W' e|^2 is e' (K + s^2 H H')^-1 e for any e, with K the noise and H the bumps in the readings' unit."""
+    problem, _, bump = fitted
+    again = allowing(problem, bump, 0.02).whitener
+    for run in range(2):
+        inverse = np.linalg.inv(problem.whitener[run])
+        bumps_in_kelvin = inverse @ bump[run]
+        covariance = inverse @ inverse.T + 0.02**2 * bumps_in_kelvin @ bumps_in_kelvin.T
+        np.testing.assert_allclose(again[run] @ covariance @ again[run].T, np.eye(len(inverse)), atol=1e-8)
+        # In whitened units it is the symmetric root.
+        turned = again[run] @ inverse
+        np.testing.assert_allclose(turned, turned.T, atol=1e-10)
+    assert allowing(problem, bump, 0.0) is problem
+
+
+def test_beside_a_discrepancy_parameters_are_less_certain(fitted):
+    problem, found, bump = fitted
+    wrong = stated_beside(problem, found, bump, 0.02)
+    assert stated_beside(problem, found, bump, 0.0) is found
+    assert wrong.covariance[0, 0] > 4.0 * found.covariance[0, 0]
+    assert abs(wrong.theta[0] - found.theta[0]) < 4.0 * np.sqrt(wrong.covariance[0, 0])
+
+
+def test_of_two_fits_of_a_single_run_the_one_that_leaves_less_of_its_readings_is_stated(fitted):
+    problem, found, bump = fitted
+    far = replace(found, theta=found.theta + np.eye(found.theta.size)[0])
+    assert leaving_least(problem, far, bump, 0.02, False).theta is far.theta
+    run = np.abs(problem.channel.conditions.thermal_step_k).argmax(keepdims=True)
+    one = problem.select(run)
+    found = fit(one, found.structure, found.theta, found.deviations[run])
+    far = replace(found, theta=found.theta + np.eye(found.theta.size)[0])
+    left = rmse_over_samples(one.channel, leaving_least(one, far, bump[run], 0.02, False))
+    assert left < 0.5 * rmse_over_samples(one.channel, far)
 
 
 def test_models_that_predict_alike_share_and_one_far_behind_has_nothing():

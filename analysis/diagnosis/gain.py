@@ -19,7 +19,7 @@ from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.fit import Fit, fit
 from shockrig.analysis.inference.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.inference.noise import Noise
-from shockrig.analysis.inference.predictive import bumps, score
+from shockrig.analysis.inference.predictive import bumps, leaving_least, score
 from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.physics.chain import at_jump, evaluate
 
@@ -127,7 +127,7 @@ def _fitted(part: Problem, whole: Rated, structure: Structure, train: NDArray[np
     rated = score(part, own, bump)
     # What is held against each effect is about the same for all of them.
     prior = whole.log_prior * len(structure.ids) / max(len(near.structure.ids), 1)
-    return rated.total + prior, own
+    return rated.total + prior, leaving_least(part, own, bump, rated.discrepancy, False)
 
 
 def plainly(found: Fit) -> Fit:

@@ -21,8 +21,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.inference.fit import Fit
+from shockrig.analysis.inference.fit import Fit, fit, linearise
 from shockrig.analysis.inference.problem import Problem
+from shockrig.analysis.inference.samples import rmse_over_samples
 
 Array = NDArray[np.float64]
 
@@ -256,3 +257,53 @@ def _seen_by(g: Gram) -> Array:
     scaled = g.vv[:, :width, :width] * root[:, :, None] * root[:, None, :] + np.eye(width)
     behind = np.linalg.solve(scaled, root[..., None] * g.vv[:, :width, width:])
     return np.asarray(g.jv[..., width:] - (g.jv[..., :width] * root[:, None, :]) @ behind)
+
+
+def allowing(problem: Problem, bump: Array, discrepancy: float) -> Problem:
+    """The problem of a model that may be wrong by so much: its discrepancy is noise to whoever fits its parameters.
+
+    The whitener becomes (I + s^2 B B')^(-1/2) W, by way of B's own few columns.
+    """
+    if discrepancy == 0.0 or not bump.shape[-1]:
+        return problem
+    basis, triangle = np.linalg.qr(bump)
+    values, vectors = np.linalg.eigh(discrepancy**2 * (triangle @ triangle.transpose(0, 2, 1)))
+    turned = basis @ vectors
+    shrink = 1.0 / np.sqrt(1.0 + np.maximum(values, 0.0)) - 1.0
+    whitener = problem.whitener + (turned * shrink[:, None, :]) @ (turned.transpose(0, 2, 1) @ problem.whitener)
+    return replace(problem, whitener=whitener)
+
+
+def stated_beside(problem: Problem, found: Fit, bump: Array, discrepancy: float) -> Fit:
+    """A fit's parameters where its model may be wrong by so much: fitted with that as noise, and as uncertain.
+
+    Residuals, normal equations and deviance are those of the problem as it was.
+    """
+    if discrepancy == 0.0:
+        return found
+    part = allowing(problem, bump, discrepancy)
+    again = fit(part, found.structure, found.theta, found.deviations)
+    prediction, arrow = linearise(problem, found.structure, again.point)
+    residual = np.where(problem.channel.count > 0, problem.channel.value - prediction, 0.0)
+    return replace(
+        found,
+        theta=again.theta,
+        covariance=again.covariance,
+        deviations=again.deviations,
+        rate_scatter=again.rate_scatter,
+        residual=residual,
+        arrow=arrow,
+    )
+
+
+def leaving_least(problem: Problem, found: Fit, bump: Array, discrepancy: float, than_runs: bool) -> Fit:
+    """A model's parameters as they are stated: those of the fit, as uncertain as what the model is wrong by makes them.
+
+    A single run of a precise sensor weighs a few readings beside the transfer for all of it, where its model is wrong,
+    and no other run says otherwise: there they are those of a fit beside the discrepancy, where that leaves less.
+    """
+    if problem.channel.runs == 1:
+        beside = stated_beside(problem, found, bump, discrepancy)
+        if rmse_over_samples(problem.channel, beside) < rmse_over_samples(problem.channel, found):
+            return beside
+    return no_surer(problem, found, bump, discrepancy, than_runs)
