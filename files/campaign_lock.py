@@ -13,20 +13,26 @@ from shockrig.files.disk import is_there, real_path, shown
 from shockrig.files.errors import InputError
 
 
-def lock(campaign: Path) -> int:
-    """Hold a folder; the handle to close. Raises OSError, and InputError where another process holds it."""
-    handle = os.open(campaign, os.O_RDONLY | os.O_DIRECTORY)
+def hold(folder: Path) -> int:
+    """Hold a folder for as long as this process lives; the handle to close. Raises OSError, a BlockingIOError where
+    another process holds it."""
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        os.close(handle)
-        raise InputError(
-            f"{shown(campaign)}: another recording or import is writing to this campaign; wait for it or stop it"
-        ) from None
     except BaseException:
         os.close(handle)
         raise
     return handle
+
+
+def lock(campaign: Path) -> int:
+    """Hold a campaign's folder; the handle to close. Raises OSError, and InputError where another process holds it."""
+    try:
+        return hold(campaign)
+    except BlockingIOError:
+        raise InputError(
+            f"{shown(campaign)}: another recording or import is writing to this campaign; wait for it or stop it"
+        ) from None
 
 
 @contextmanager

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shutil
 import subprocess
@@ -12,6 +11,7 @@ from glob import escape
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from shockrig.files.campaign_lock import hold
 from shockrig.files.disk import is_there, real_path, shown
 from shockrig.files.errors import InputError
 
@@ -41,7 +41,7 @@ def whole_folder(out: Path) -> Iterator[Path]:
         for where in {place, real_path(out).parent}:
             _remove_left_behind(where, real_path(out).name)
         partial.mkdir(parents=True)
-        lock = _lock(partial)
+        lock = hold(partial)
         reaper = _reaper(partial)
         yield partial
         if not out.exists():
@@ -77,22 +77,11 @@ def _reaper(folder: Path) -> subprocess.Popen[bytes] | None:
         return None  # the next command that writes there clears it away
 
 
-def _lock(folder: Path) -> int:
-    """Hold a folder for as long as this process lives, however it ends; raises OSError where another one holds it."""
-    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(handle)
-        raise
-    return handle
-
-
 def _remove_left_behind(place: Path, name: str) -> None:
     """Clear away what a process that was killed could not: unfinished folders that nobody holds."""
     for folder in place.glob(f".{escape(name)}.partial-*"):
         with suppress(OSError):
-            handle = _lock(folder)
+            handle = hold(folder)
             shutil.rmtree(folder, ignore_errors=True)
             os.close(handle)
 

@@ -15,10 +15,10 @@ from shockrig.analysis.inference.predictive import (
     NOISE_DEGREES,
     Gram,
     allowing,
+    as_stated,
     bumps,
     densities,
     gram,
-    leaving_least,
     no_surer,
     score,
     stated_beside,
@@ -180,12 +180,12 @@ def test_beside_a_discrepancy_parameters_are_less_certain(fitted):
 def test_of_two_fits_of_a_single_run_the_one_that_leaves_less_of_its_readings_is_stated(fitted):
     problem, found, bump = fitted
     far = replace(found, theta=found.theta + np.eye(found.theta.size)[0])
-    assert leaving_least(problem, far, bump, 0.02, False).theta is far.theta
+    assert as_stated(problem, far, bump, 0.02, False).theta is far.theta
     run = np.abs(problem.channel.conditions.thermal_step_k).argmax(keepdims=True)
     one = problem.select(run)
     found = fit(one, found.structure, found.theta, found.deviations[run])
     far = replace(found, theta=found.theta + np.eye(found.theta.size)[0])
-    left = rmse_over_samples(one.channel, leaving_least(one, far, bump[run], 0.02, False))
+    left = rmse_over_samples(one.channel, as_stated(one, far, bump[run], 0.02, False))
     assert left < 0.5 * rmse_over_samples(one.channel, far)
 
 

@@ -31,7 +31,7 @@ from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.fit import Fit
 from shockrig.analysis.inference.gather import build_channel, usable_runs, why_none
-from shockrig.analysis.inference.predictive import bumps, leaving_least
+from shockrig.analysis.inference.predictive import as_stated, bumps
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
 from shockrig.files.campaign import Campaign
 from shockrig.files.diagnosis import StatedDiagnosis
@@ -84,7 +84,7 @@ def diagnose_channel(
     sigma = found.best.score.discrepancy
     adequacy, plain_adequacy = (judge(problem, one.fit, ready.noise) for one in (found.best, found.plain))
     remainder = measure_remainder(problem, found.best.fit, ready.noise, adequacy, gain, tolerance or Tolerance(), sigma)
-    final = widened(problem, leaving_least(problem, found.best.fit, bumps(problem), sigma, remainder.significant))
+    final = widened(problem, as_stated(problem, found.best.fit, bumps(problem), sigma, remainder.significant))
     matters = remainder.significant and remainder.material
     bursts = restless(problem.channel, adequacy) if matters else ()
     causes = _causes(ready, found, final)

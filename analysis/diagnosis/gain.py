@@ -19,7 +19,7 @@ from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.fit import Fit, fit
 from shockrig.analysis.inference.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.inference.noise import Noise
-from shockrig.analysis.inference.predictive import bumps, leaving_least, score
+from shockrig.analysis.inference.predictive import as_stated, bumps, score
 from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.physics.chain import at_jump, evaluate
 
@@ -98,7 +98,8 @@ def measure_gain(channel: Channel, problem: Problem, base: Structure, plain: Rat
         if not train.any() or not test.size:
             continue
         part = problem.select(train)
-        value, simple = _fitted(part, plain, plain.fit.structure, train)
+        bump = bumps(part)
+        value, simple = _fitted(part, bump, plain, plain.fit.structure, train)
         # Nor is one that the training part has runs of and does not tell, while all runs together do.
         told, known = (np.sqrt(np.diag(f.covariance))[: channel.rates] for f in (simple, plain.fit))
         told = told < np.maximum(UNTOLD, USUAL_LOSS * known)
@@ -112,22 +113,24 @@ def measure_gain(channel: Channel, problem: Problem, base: Structure, plain: Rat
             continue
         whole = best.fit.structure
         smaller = [whole.dropping(e) for e in added] if len(added) > 1 else []
-        tried = [_fitted(part, best, structure, train) for structure in (whole, *smaller)]
+        tried = [_fitted(part, bump, best, structure, train) for structure in (whole, *smaller)]
         tried.append((value, simple))
         _, chosen = max(tried, key=lambda one: one[0])
         after[test] = run_errors(held, bins, chosen)
     return summarise(before, after, noise.while_moving, kinds(channel))
 
 
-def _fitted(part: Problem, whole: Rated, structure: Structure, train: NDArray[np.bool_]) -> tuple[float, Fit]:
+def _fitted(
+    part: Problem, bump: Array, whole: Rated, structure: Structure, train: NDArray[np.bool_]
+) -> tuple[float, Fit]:
     """A structure fitted to the runs `train`, from where it was with all, and its value there [nats]."""
-    near, bump = whole.fit, bumps(part)
+    near = whole.fit
     theta = Model(part.channel, structure).start(near.log_rates, near.choice)
     own = fit(part, structure, theta, near.deviations[train])
     rated = score(part, own, bump)
     # What is held against each effect is about the same for all of them.
     prior = whole.log_prior * len(structure.ids) / max(len(near.structure.ids), 1)
-    return rated.total + prior, leaving_least(part, own, bump, rated.discrepancy, False)
+    return rated.total + prior, as_stated(part, own, bump, rated.discrepancy, False)
 
 
 def plainly(found: Fit) -> Fit:

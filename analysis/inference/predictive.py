@@ -296,7 +296,7 @@ def stated_beside(problem: Problem, found: Fit, bump: Array, discrepancy: float)
     )
 
 
-def leaving_least(problem: Problem, found: Fit, bump: Array, discrepancy: float, than_runs: bool) -> Fit:
+def as_stated(problem: Problem, found: Fit, bump: Array, discrepancy: float, than_runs: bool) -> Fit:
     """A model's parameters as they are stated: those of the fit, as uncertain as what the model is wrong by makes them.
 
     A single run of a precise sensor weighs a few readings beside the transfer for all of it, where its model is wrong,
