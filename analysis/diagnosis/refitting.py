@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 SHARE_OF_RANGE = 0.98  # from which a share stands at the end of its range
 PLAINLY_WRONG = 3.0  # objective per bin from which a fit's deviations mean nothing
 NUDGED_FITS = 3  # from beside where one ended
+MOST_SCANS = 3  # for starts that nobody recorded, each from where the fit before ended
 
 
 def plainly_wrong(problem: Problem, found: Fit) -> bool:
@@ -101,13 +102,27 @@ def plain_fit(problem: Problem, structure: Structure = PLAIN) -> Fit:
 
 
 def _unstuck(problem: Problem, found: Fit, iterations: int = 40) -> Fit:
-    """The fit with the runs moved that are stuck on one side of a step: one of them may pass for an effect."""
-    if not found.converged or plainly_wrong(problem, found):
+    """The fit with the runs moved that are stuck on one side of a step: one of them may pass for an effect.
+
+    Where the model is plainly wrong, those alone whose starts nobody recorded: they are all that it has to go by.
+    """
+    if not found.converged:
         return found
-    moved = scanned_starts(problem, found)
-    if moved is None:
+    wrong = plainly_wrong(problem, found)
+    known = problem.channel.conditions.start_known
+    if wrong and known.all():
         return found
-    return min((found, fit(problem, found.structure, found.theta, moved, iterations)), key=lambda f: f.deviance)
+    for _ in range(MOST_SCANS if wrong else 1):
+        moved = scanned_starts(problem, found)
+        if moved is None:
+            break
+        if wrong:
+            moved = np.where(known[:, None], found.deviations, moved)
+        again = fit(problem, found.structure, found.theta, moved, iterations)
+        if again.deviance > found.deviance - 1.0:
+            break
+        found = again
+    return found
 
 
 def begun_anew(problem: Problem, near: Fit) -> Array:

@@ -170,7 +170,7 @@ class Race:
     def keep(self, one: Rated) -> Rated:
         """The best fit so far of a model, which goes into the pool."""
         known = self.pool.get(one.ids)
-        if known is None or one.value > known.value:
+        if known is None or one.fit.deviance < known.fit.deviance:
             self.pool[one.ids] = one
         return self.pool[one.ids]
 
@@ -280,7 +280,7 @@ class Race:
         ends = [self._further(one, WHOLE)]
         self.fits += 2
         ends.append(self.rated(refit(self.problem, one.fit.structure, ends[0].fit)))
-        return max(ends, key=lambda r: r.value)
+        return min(ends, key=lambda r: r.fit.deviance)
 
     def forward(self, near: Rated, among: Sequence[Candidate], barred: frozenset[str] = frozenset()) -> Rated | None:
         """The best sound model with one candidate more, whether or not it is better than `near`; None without any."""
