@@ -31,6 +31,7 @@ LONGEST_MEMORY = 0.995  # from one sample to the next
 LEAST_WHITE = 0.01  # share of the correlated part's variance that is white at the least
 # (ln of total over observed variance, logit of the correlated share, logit of the memory) for a quick look
 QUICK = tuple((x, s, m) for x in (-0.3, 0.0, 0.4) for s, m in ((-5.0, 0.0), (0.0, 2.0)))
+WHITE = np.array([0.0, -30.0, 0.0])  # the same of noise that remembers nothing
 
 
 @dataclass(frozen=True)
@@ -295,7 +296,14 @@ def estimate_noise(
         # One more parameter has to pay for itself: plain noise unless an average is clearly better.
         if best[averaged - 1] - best[0] < 8.0 or (_open(channel) and _of_wandering(*parts(found[averaged], averaged))):
             averaged = 1
-    white, correlated, memory = parts(found[averaged], averaged)
+    at = found[averaged]
+    if averaged == 1 and not coarse:
+        # A memory has to pay for its two parameters (Schwarz 1978, doi 10.1214/aos/1176344136): a few plateaus always
+        # show some by chance, and noise that remembers would pass for the slow end of a response.
+        readings = sum(p.count * (piece - p.polynomials.shape[1]) for p in pools)
+        if deviance(WHITE, 1) - deviance(at, 1) < 2.0 * np.log(readings):
+            at = WHITE
+    white, correlated, memory = parts(at, averaged)
     # A plateau that creeps looks like noise without a white part, and such noise would trust every difference.
     white = max(white, LEAST_WHITE * correlated)
     return Noise(
