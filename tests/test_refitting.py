@@ -1,0 +1,39 @@
+"""A model fitted again from where another led."""
+
+import numpy as np
+
+from shockrig.analysis.diagnosis.prepare import prepare
+from shockrig.analysis.diagnosis.refitting import plain_fit, refit
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.inference.fit import fit
+from shockrig.analysis.inference.gather import build_channel
+from shockrig.analysis.inference.model import PLAIN
+from shockrig.analysis.inference.quantity import RunEffect
+from shockrig.files.campaign import Air, Campaign, Run, Trace
+
+PERIOD_S = 10.0
+
+
+def untriggered(seed):
+    """Three runs of two exponentials, 40 s and 400 s, of which nobody recorded start or airs."""
+    rng, made = np.random.default_rng(seed), []
+    for k in range(3):
+        time = PERIOD_S * np.arange(300) + rng.uniform(0.0, PERIOD_S)
+        late = np.maximum(time - 100.0 - rng.uniform(0.0, PERIOD_S), 0.0)
+        shown = 1.0 - 0.6 * np.exp(-late / 40.0) - 0.4 * np.exp(-late / 400.0)
+        value = 20.0 + (10.0 if k % 2 else -10.0) * shown + 0.02 * rng.standard_normal(time.size)
+        nobody = Air(None, None)
+        trace = Trace(time, {"temperature_c": value})
+        made.append(Run(str(k), nobody, nobody, None, 1000.0, None, None, trace, None))
+    return build_channel(Campaign("n", None, {}, 4e-4, 1e-5, tuple(made)), "temperature")
+
+
+def test_a_wrong_model_ends_where_no_other_start_leaves_less():
+    """Readings are 10 s apart, so that no gradient leads a start across one."""
+    problem = prepare(untriggered(1)).problem
+    wrong = PLAIN.adding(CATALOGUE["body_sphere_mean"])
+    found = refit(problem, wrong, plain_fit(problem))
+    for shift_s in np.linspace(-3.0 * PERIOD_S, 3.0 * PERIOD_S, 9):
+        begun = found.deviations.copy()
+        begun[:, RunEffect.START] += shift_s
+        assert fit(problem, wrong, found.theta, begun, 40).objective > 0.99 * found.objective
