@@ -1,7 +1,7 @@
 """Argument parser whose errors are one line that names the option and the remedy, with exit status 2.
 
-argparse prints its usage and a message in its own words. Here every message becomes one line; those it does not know (a
-later Python may word them otherwise) keep argparse's words and point to --help.
+argparse prints its usage and a message on two lines. Here every message is one line that points to --help; how numbers
+are read is registered with the parser, so that what is said of them is ours.
 """
 
 from __future__ import annotations
@@ -9,13 +9,13 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 TYPE_CHECKING = False  # as in shockrig/__init__.py
 if TYPE_CHECKING:
     from typing import Any, NoReturn
 
-EXPECTED = {"int": "a whole number", "float": "a number", "Path": "a path"}
+LONGEST_WORD = 40  # characters of what was given that a message repeats
 
 
 class Parser(argparse.ArgumentParser):
@@ -24,6 +24,8 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, **settings: Any) -> None:
         # With exit_on_error argparse would turn its errors into text before they come here.
         super().__init__(**{"allow_abbrev": False, "exit_on_error": False} | settings)
+        self.register("type", int, _number(int, "a whole number"))
+        self.register("type", float, _number(float, "a number"))
 
     def parse_known_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
@@ -32,9 +34,7 @@ class Parser(argparse.ArgumentParser):
         try:
             return super().parse_known_args(args, namespace)
         except argparse.ArgumentError as error:
-            if error.argument_name is None:
-                self.error(error.message)
-            self.error(f"{error.argument_name}: {_explained(error.message)}")
+            self.error(str(error).removeprefix("argument "))
 
     def parse_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
@@ -48,10 +48,8 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Say what is wrong in one line and end with status 2."""
-        if found := re.fullmatch(r"the following arguments are required: (.*)", message):
-            missing = _joined(found[1].split(", "))
-            message = f"{missing} {'are' if ' and ' in missing else 'is'} missing; {self.prog} --help says what to give"
-        print(f"{self.prog}: {' '.join(message.split())}", file=sys.stderr)
+        remedy = "" if "--help" in message or "did you mean" in message else f"; {self.prog} --help says what it takes"
+        print(f"{self.prog}: {' '.join(message.split())}{remedy}", file=sys.stderr)
         sys.exit(2)
 
     def unknown(self, word: str) -> str:
@@ -81,22 +79,13 @@ def whole_number(text: str) -> int:
         raise argparse.ArgumentTypeError(f"expected a whole number such as 40 or 0x28, found {text!r}") from None
 
 
-def _explained(message: str) -> str:
-    """One of argparse's messages about an argument, with the remedy."""
-    if found := re.fullmatch(r"invalid (\w+) value: (.*)", message, re.DOTALL):
-        return f"expected {EXPECTED.get(found[1], 'another value')}, found {found[2][:40]}"
-    if found := re.fullmatch(r"invalid choice: (.*) \(choose from (.*)\)", message, re.DOTALL):
-        choices = [choice.strip("'\"") for choice in found[2].split(", ")]
-        return f"expected {_joined(choices, 'or')}, found {found[1][:40]}"
-    if message == "expected one argument":
-        return "needs a value; give one after it"
-    if message == "expected at least one argument":
-        return "needs one value or more; give them after it"
-    if found := re.fullmatch(r"ignored explicit argument (.*)", message, re.DOTALL):
-        return f"takes no value; leave {found[1]} out"
-    return message
+def _number(kind: type[int] | type[float], words: str) -> Callable[[str], int | float]:
+    """A type of an argument that says what it expects."""
 
+    def read(text: str) -> int | float:
+        try:
+            return kind(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"expected {words}, found {text[:LONGEST_WORD]!r}") from None
 
-def _joined(words: Sequence[str], by: str = "and") -> str:
-    """`a, b and c`."""
-    return f" {by} ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+    return read
