@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,7 +78,7 @@ class Response:
         """Columns of the lags that follow the inside of the cap."""
         return slice(len(self.cap), len(self.cap) + self.inside)
 
-    @property
+    @cached_property
     def slowest_s(self) -> float:
         """Time constant of the slowest lag that at least 20 % of the reading passes, at its slowest."""
         passing = self.weight.copy()
