@@ -228,6 +228,19 @@ def _of_lines(
         yield of_cells([row for _, row in block], layout, [line for line, _ in block])
 
 
+def plain_numbers(data: bytes, width: int, columns: Sequence[int], rows: int) -> Array | None:
+    """Columns (c, n) of so many lines of `width` cells, NaN where a cell is empty.
+
+    None where any of the lines is not plain, or one of the cells neither a number nor empty, or nothing was compiled.
+    """
+    places, where = np.unique(np.array(columns, dtype=np.int64), return_inverse=True)
+    if _cells is None or width < 2 or not places.size:
+        return None
+    out, strange = np.empty((places.size, rows)), np.zeros(places.size, dtype=np.int8)
+    count, _, _ = _cells.read(data, 0, LONGEST_LINE, width, places, out, strange)
+    return out[where] if count == rows and not strange.any() else None
+
+
 def numbers_of(cells: Iterable[str]) -> Array:
     """Numbers of cells as `float` reads them, NaN where there is none or it is beyond every number."""
     cells = list(cells)
