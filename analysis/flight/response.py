@@ -22,7 +22,7 @@ from shockrig.analysis.physics.modes import Modes, first_order, in_series, slowe
 from shockrig.files.profile import HumidityProfile, TemperatureProfile
 
 Array = NDArray[np.float64]
-Rows = NDArray[np.int64] | slice
+Rows = NDArray[np.int64] | slice | tuple[None, slice]
 CORE_MODES = 4  # of a body read at its core, whose faster modes have hardly begun to matter
 MEAN_MODES = 6
 BIOT_STEP = 0.01  # airspeed and density are followed in steps of 1 % of the Biot number

@@ -97,7 +97,7 @@ def estimate(
         return Estimate(nothing, nothing, nothing, 1.0)
     nearest = _carried(node_row)
     bridged = np.interp(node_time, node_time[rows], reading[node_row[rows]])
-    along = response.at(nearest)
+    along = response if np.array_equal(nearest, np.arange(time_s.size)) else response.at(nearest)
     broken = np.diff(node_time, prepend=-np.inf) > LONGEST_BRIDGE_S
     through = None if passing is None else replace(passing, sigma=passing.sigma[nearest])
     memory = SEGMENT + int(2.0 * max(MEMORY_LAGS * response.slowest_s, LEAST_MEMORY_S) / period)

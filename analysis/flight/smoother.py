@@ -301,9 +301,10 @@ def _model(
 def _answers(response: Response, rest_s: Array) -> tuple[Array, Array]:
     """Where lags (..., K) stand `rest_s` (...) after a jump by one of the air, and of its slope."""
     after = stepped(response.rate, rest_s, response.cap, response.inside)
-    level = 1.0 - after.decay
+    level, slope = np.subtract(1.0, after.decay, out=after.decay), after.new
     level[..., response.within] -= after.fed.sum(axis=-1)
-    return level, after.new * rest_s[..., None]
+    slope *= rest_s[..., None]
+    return level, slope
 
 
 def _start(
