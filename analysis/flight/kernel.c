@@ -29,7 +29,7 @@
 
 typedef struct {
     Py_ssize_t windows, count;
-    int modes, caps, inside, smooth, passing, backward;
+    int modes, caps, inside, smooth, passing, backward, leaps;
     double passing_rate, coupling;
     double eddy_rate[EDDIES], eddy_variance[EDDIES];
     const double *step, *reading, *noise, *weight, *old, *new, *decay, *fed, *leap_level, *leap_slope, *rest;
@@ -236,7 +236,7 @@ INLINE void run_window(const Task *t, Py_ssize_t window, double *kept, const int
             apply(t, &move, other, n);
             swap(&p, &other);
             add_innovation(t, &move, at, p, n);
-            if (t->jump[2 * at] != 0.0 || t->jump[2 * at + 1] != 0.0) {
+            if (t->leaps && (t->jump[2 * at] != 0.0 || t->jump[2 * at + 1] != 0.0)) {
                 set_leap(t, at, leap, n);
                 for (int kind = 0; kind < 2; kind++)
                     for (int i = 0; i < n; i++) {
@@ -314,10 +314,10 @@ INLINE void run_window(const Task *t, Py_ssize_t window, double *kept, const int
                 small[i][0] -= own * (pulled + v / s);
             }
         }
-        set_leap(t, at, leap, n);
+        if (t->leaps) set_leap(t, at, leap, n);
         const double *asked[4] = {ph, pc, leap[0], leap[1]};
         double of[4], pull[4];
-        for (int q = 0; q < 4; q++) {
+        for (int q = 0; q < (t->leaps ? 4 : 2); q++) {
             double seen_by[MOST] = {0};
             of[q] = pull[q] = 0.0;
             for (int i = 0; i < n; i++)
@@ -333,7 +333,7 @@ INLINE void run_window(const Task *t, Py_ssize_t window, double *kept, const int
         t->variance[at] = fmax(keep[3 * n + 2] - of[0], 0.0);
         t->clean_variance[at] = fmax(dot(c, pc, n) - of[1], 0.0);
         t->surprise[at] = isfinite(s) ? v / sqrt(s) : NAN;
-        for (int kind = 0; kind < 2; kind++) {
+        for (int kind = 0; t->leaps && kind < 2; kind++) {
             const double hold = fmax(of[2 + kind], 1e-300), by = k ? pull[2 + kind] : 0.0;
             t->size[2 * at + kind] = -by / hold;
             t->score[2 * at + kind] = -by / sqrt(hold);
@@ -357,8 +357,8 @@ static PyObject *smooth(PyObject *module, PyObject *args) {
     (void)module;
     Task t = {0};
     PyObject *given[ARRAYS], *eddies;
-    if (!PyArg_ParseTuple(args, "(nniiippp)(dd)OO!", &t.windows, &t.count, &t.modes, &t.caps, &t.inside, &t.smooth,
-                          &t.passing, &t.backward, &t.passing_rate, &t.coupling, &eddies, &PyTuple_Type, &given[0]))
+    if (!PyArg_ParseTuple(args, "(nniiipppp)(dd)OO!", &t.windows, &t.count, &t.modes, &t.caps, &t.inside, &t.smooth,
+                          &t.passing, &t.backward, &t.leaps, &t.passing_rate, &t.coupling, &eddies, &PyTuple_Type, &given[0]))
         return NULL;
     PyObject *tuple = given[0];
     const int n = AIR + t.modes + 2 * t.passing;
@@ -366,12 +366,12 @@ static PyObject *smooth(PyObject *module, PyObject *args) {
         PyErr_SetString(PyExc_ValueError, "arrays that do not fit one another");
         return NULL;
     }
-    const Py_ssize_t nodes = t.windows * t.count;
+    const Py_ssize_t nodes = t.windows * t.count, leaps = t.leaps ? nodes : 0;
     const Py_ssize_t sizes[ARRAYS] = {
         nodes, nodes, nodes, nodes * t.modes, nodes * t.modes, nodes * t.modes, nodes * t.modes,
-        nodes * t.caps * t.inside, nodes * t.modes, nodes * t.modes, nodes, nodes, nodes, t.passing ? nodes : 0,
-        2 * nodes, t.windows * n, t.windows * n * n,
-        nodes, nodes, nodes, nodes, nodes, 2 * nodes, 2 * nodes, nodes};
+        nodes * t.caps * t.inside, leaps * t.modes, leaps * t.modes, leaps, nodes, nodes, t.passing ? nodes : 0,
+        2 * leaps, t.windows * n, t.windows * n * n,
+        nodes, nodes, nodes, nodes, nodes, 2 * leaps, 2 * leaps, nodes};
     const double **inputs[] = {&t.step, &t.reading, &t.noise, &t.weight, &t.old, &t.new, &t.decay, &t.fed,
                                &t.leap_level, &t.leap_slope, &t.rest, &t.turbulence, &t.bend, &t.passing_sigma,
                                &t.jump, &t.mean, &t.covariance};

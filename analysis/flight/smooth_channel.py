@@ -153,7 +153,7 @@ def estimate(
         read = found.clean + noise * noise_factor * np.random.default_rng(0).standard_normal(noise.size)
         read = without(track, np.where(brief, read, bridged), found, jumps)
         local = priors(read, rows=np.flatnonzero(measured | brief))
-        found = swept(track, bridged, variance, local, jumps)
+        found = swept(track, bridged, variance, local, jumps, scored=False)
     if rounding is not None:
         steps = rounding[nearest]
         own = np.sqrt(np.maximum(noise_variance[nearest] - steps**2 / 12.0, 0.0))

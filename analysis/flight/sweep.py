@@ -67,11 +67,18 @@ class Sweep:
 
 
 def swept(
-    track: Track, values: Array, variance: Array, local: Prior, jumps: Jumps, before: Sweep | None = None
+    track: Track,
+    values: Array,
+    variance: Array,
+    local: Prior,
+    jumps: Jumps,
+    before: Sweep | None = None,
+    scored: bool = True,
 ) -> Sweep:
     """Smooth all stretches, or where one was `before` those with jumps in them.
 
-    `values` (m,) are readings with gaps bridged, `variance` (m,) theirs, infinite where there is none.
+    `values` (m,) are readings with gaps bridged, `variance` (m,) theirs, infinite where there is none. Unless it is to
+    be `scored`, no jumps are looked for where there are none yet.
     """
     guess = lags_behind(values, track.along, track.period_s, track.broken)
     parts: list[Sweep] = []
@@ -81,7 +88,7 @@ def swept(
             continue
         nodes = np.arange(stretch.start, stretch.stop)[None]
         here = Jumps(jumps.variance[None, stretch], jumps.place[None, stretch])
-        found = _smoothed(track, values, variance, local, here, nodes, guess)
+        found = _smoothed(track, values, variance, local, here, nodes, guess, scored=scored)
         part = Sweep(*(getattr(found, f.name)[0] for f in fields(Sweep)))
         wider = _inflation(found.surprise[0]) * part.variance + UNSEEN_VARIANCE * local.turbulence[stretch] ** 2
         parts.append(replace(part, variance=wider))
@@ -113,6 +120,7 @@ def _smoothed(
     at: NDArray[np.int64],
     guess: tuple[Array, Array],
     only_cost: bool = False,
+    scored: bool = True,
 ) -> Smoothed:
     """Rows of neighbouring nodes `at` (w, n) with jumps (w, n) in them; `guess` is where the lags stand
     (`lags_behind`)."""
@@ -132,7 +140,7 @@ def _smoothed(
     # what came before a flight is not known; later the readings tell how far the lags may be from their guess
     lag_spread = np.where(track.broken[first][:, None], spread[:, None], apart[first] + 5.0 * prior.noise[:, :1])
     along = track.along.at(rows)
-    return smooth(step, values[rows], noise, along, lags[first], prior, spread, here, lag_spread, jumps, only_cost)
+    return smooth(step, values[rows], noise, along, lags[first], prior, spread, here, lag_spread, jumps, only_cost, scored)
 
 
 def lags_behind(
