@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,7 @@ from shockrig.files.serials import of_log, serial_doubts
 
 MARGIN_S = 150.0  # of the neighbours that a block sees, and at least so many rows: what a sensor remembers
 MARGIN_ROWS, MOST_MARGIN_ROWS = 1500, 15_000
+MARGINS_A_BLOCK = 2  # at least: what is seen as a margin is corrected twice and thrice
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ def correct_file(
     temperature_noise_k: float | None = None,
     humidity_noise_percent: float | None = None,
     history: str = "",
-    block_rows: int = BLOCK_ROWS,
+    block_rows: int | None = None,
     progress: Callable[[int], None] = lambda rows: None,
     gather: Sequence[Callable[[Flight, Corrected], None]] = (),
 ) -> Summary:
@@ -125,17 +127,17 @@ def correct_file(
 
 
 def _with_margins(
-    source: Path, layout: FlightColumns, block_rows: int
+    source: Path, layout: FlightColumns, block_rows: int | None
 ) -> Iterator[tuple[Rows, int, int, Flight]]:
     """Each block's rows, how many rows of margin lie before and after it, and the numbers of all of them."""
     tail: Rows | None = None
     current: Rows | None = None
     margin = MARGIN_ROWS
-    for block in read_blocks(source, layout, block_rows):
-        if current is None:
-            rows = MARGIN_S / typical_period(to_flight(block[:MARGIN_ROWS], layout).time_s)
-            margin = int(np.clip(rows, MARGIN_ROWS, MOST_MARGIN_ROWS))
-        else:
+    for first in islice(read_blocks(source, layout, MARGIN_ROWS), 1):
+        rows = MARGIN_S / typical_period(to_flight(first, layout).time_s)
+        margin = int(np.clip(rows, MARGIN_ROWS, MOST_MARGIN_ROWS))
+    for block in read_blocks(source, layout, block_rows or max(BLOCK_ROWS, MARGINS_A_BLOCK * margin)):
+        if current is not None:
             yield _between(tail, current, block[:margin], layout)
             tail = joined([current] if tail is None else [tail, current])[-margin:]
         current = block
