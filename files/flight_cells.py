@@ -86,9 +86,7 @@ def joined(parts: Sequence[Rows]) -> Rows:
     return Rows(text, line, size, numbers, frozenset().union(*(part.strange for part in parts)))
 
 
-def of_cells(
-    rows: Sequence[list[str]], layout: FlightColumns, line: Sequence[int] | None = None
-) -> Rows:
+def of_cells(rows: Sequence[list[str]], layout: FlightColumns, line: Sequence[int] | None = None) -> Rows:
     """Rows that are cells already; those that lack at the end are empty."""
     size = np.array([len(row) for row in rows], dtype=np.int64)
     width = len(layout.header)

@@ -40,9 +40,9 @@ class CsvWriter:
         for text, whole, a, b, c, d, flags in zip(*columns, strict=True):
             line = text if isinstance(text, str) else self._quoted(text)
             if whole:
-                lines.append("%s,%.4f,%.4f,%.4f,%.4f,%s\n" % (line, a, b, c, d, flags))
+                lines.append(f"{line},{a:.4f},{b:.4f},{c:.4f},{d:.4f},{flags}\n")
             else:
-                lines.append(f"{line},{','.join('' if v != v else '%.4f' % v for v in (a, b, c, d))},{flags}\n")
+                lines.append(f"{line},{','.join('' if v != v else f'{v:.4f}' for v in (a, b, c, d))},{flags}\n")
         write("".join(lines))
 
     def _quoted(self, cells: list[str]) -> str:

@@ -140,7 +140,9 @@ def _smoothed(
     # what came before a flight is not known; later the readings tell how far the lags may be from their guess
     lag_spread = np.where(track.broken[first][:, None], spread[:, None], apart[first] + 5.0 * prior.noise[:, :1])
     along = track.along.at(rows)
-    return smooth(step, values[rows], noise, along, lags[first], prior, spread, here, lag_spread, jumps, only_cost, scored)
+    return smooth(
+        step, values[rows], noise, along, lags[first], prior, spread, here, lag_spread, jumps, only_cost, scored
+    )
 
 
 def lags_behind(
