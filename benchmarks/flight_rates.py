@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import argparse
 import os
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
+from flight_cost import cost
 
 from shockrig.analysis.flight import sensor
 from shockrig.analysis.flight.typical import typical_profile
@@ -24,22 +24,6 @@ from shockrig.files.profile import write_profile
 
 DURATION_S = {1: 12_000.0, 10: 6_000.0, 100: 900.0}
 FEW = 100
-# a process that is begun counts the memory of the one that begins it: one that has next to none does
-WATCH = """
-import os, sys
-aside = [(os.POSIX_SPAWN_OPEN, file, os.devnull, os.O_WRONLY, 0) for file in (1, 2)]
-_, status, used = os.wait4(os.posix_spawn(sys.argv[1], sys.argv[1:], os.environ, file_actions=aside), 0)
-print(status, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
-"""
-
-
-def cost(command: list[str]) -> tuple[float, float]:
-    """CPU time [s] and peak memory [MB] of a command."""
-    watched = subprocess.run([sys.executable, "-S", "-c", WATCH, *command], capture_output=True, text=True, check=True)
-    status, cpu_s, peak = map(float, watched.stdout.split())
-    if status:
-        raise SystemExit(f"{' '.join(command)} failed")
-    return cpu_s, peak
 
 
 def main() -> int:
