@@ -167,7 +167,8 @@ def flights(rng: random.Random, folder: Path) -> Callable[[], bool]:
     import numpy as np
 
     from shockrig.files.flight import read_layout
-    from shockrig.files.flight_rows import read_blocks, to_flight
+    from shockrig.files.flight_cells import read_blocks
+    from shockrig.files.flight_rows import to_flight
     from shockrig.protocols.flight_world import read_flown_air
 
     xq2 = b"XQ,095188,2407,0294,2553,2015/10/18,00:38:44,+0000000000,+0000000000,-00017000,00\r\n"
@@ -190,7 +191,7 @@ def flights(rng: random.Random, folder: Path) -> Callable[[], bool]:
             return True
         layout = read_layout(file)
         for block in read_blocks(file, layout, 7):
-            demand(all(len(row) == len(layout.header) for row in block), "a row of another width")
+            demand(all(len(row) == len(layout.header) for row in block.table()), "a row of another width")
             flight = to_flight(block, layout)
             for values in (flight.time_s, flight.temperature_c, flight.humidity_percent, flight.airspeed_m_s):
                 demand(values.shape == (len(block),) and not np.any(np.isinf(values)), "values")

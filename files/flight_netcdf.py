@@ -15,7 +15,8 @@ import numpy as np
 
 from shockrig.files.disk import beside, demand_text_name, shown
 from shockrig.files.flight import FLAGS, Corrected, Flight, FlightColumns, squeeze
-from shockrig.files.flight_rows import numbers_of, numeric_places
+from shockrig.files.flight_cells import Rows, numbers_of
+from shockrig.files.flight_rows import numeric_places
 
 CHANNELS = (("temperature", "K"), ("humidity", "%"))
 SUFFIX = {"K": "k", "%": "percent"}
@@ -157,13 +158,13 @@ class NetcdfWriter:
             name, count = f"{base}_{count + 1}", count + 1
         return name
 
-    def write(self, rows: list[list[str]], flight: Flight, corrected: Corrected) -> None:
+    def write(self, rows: Rows, flight: Flight, corrected: Corrected) -> None:
         data, start = self._set, len(self._set.dimensions["row"])
         if start == 0:
             self._date(float(np.nanmin(flight.time_s)))
         part = slice(start, start + len(rows))
         data["time"][part] = flight.time_s
-        for name, is_text, cells in zip(self._names, self._text, zip(*rows, strict=True), strict=True):
+        for name, is_text, cells in zip(self._names, self._text, zip(*rows.table(), strict=True), strict=True):
             data[name][part] = np.array(cells, dtype=object) if is_text else numbers_of(cells)
         for name, attribute, *_ in self.CORRECTED:
             data[name][part] = getattr(corrected, attribute)

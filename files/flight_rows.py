@@ -1,22 +1,19 @@
-"""The rows of a flight's log: read in blocks as text, so that memory does not grow with the flight, and as numbers.
+"""The rows of a flight's log as numbers.
 
 What is no number is missing. A row is damaged where it is cut short or has text where a number belongs.
 """
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.files.disk import open_text, shown
 from shockrig.files.errors import InputError
-from shockrig.files.flight import REMEDY, Flight, FlightColumns, squeeze, without_nul
+from shockrig.files.flight import Flight, FlightColumns, squeeze
+from shockrig.files.flight_cells import Rows, numbers_of, of_cells, read_blocks
 from shockrig.files.flight_intermet import day_first
 from shockrig.files.ranges import RANGES
 
@@ -28,38 +25,6 @@ DATED = r"\d[-/.]\d{1,2}[-/.]\d"  # a stamp with its date
 TIME_OF_DAY = r"\d{1,2}:\d\d(:\d\d([.,]\d+)?)?( ?[AaPp][Mm])?"
 SLOWEST_PACKED_S = 20.0  # a step from one reading to the next, or minutes could be passed over
 MISSING = frozenset(("", "na", "n/a", "null", "none", "-", "--", "---"))  # what loggers write for no value
-
-
-def read_blocks(path: Path, layout: FlightColumns, rows: int = BLOCK_ROWS) -> Iterator[list[list[str]]]:
-    """The file's rows as text, `rows` at a time; short rows are filled with empty cells."""
-    found = (_filled(row, layout) for _, row in _numbered_rows(path, layout))
-    while block := list(islice(found, rows)):
-        yield block
-
-
-def _numbered_rows(path: Path, layout: FlightColumns) -> Iterator[tuple[int, list[str]]]:
-    """Number of the line and cells of every row under the header that is not empty."""
-    width = len(layout.header)
-    with open_text(path, REMEDY, errors="replace") as stream:
-        reader = csv.reader(without_nul(stream))
-        try:
-            if not layout.raw_xq2:
-                next(reader)
-            for row in reader:
-                if len(row) > width:
-                    raise InputError(
-                        f"{shown(path)}, line {reader.line_num}: {len(row)} cells under {width} columns; "
-                        "fix or delete the line"
-                    )
-                if row:
-                    yield reader.line_num, row
-        except csv.Error as error:
-            raise InputError(f"{shown(path)}, line {reader.line_num}: {error}; fix or delete the line") from error
-
-
-def _filled(row: list[str], layout: FlightColumns) -> list[str]:
-    lacking = len(layout.header) - len(row)
-    return row + [""] * lacking if lacking else row
 
 
 @dataclass(frozen=True)
@@ -81,47 +46,48 @@ def look_over(path: Path, layout: FlightColumns) -> Damage:
     """Count the rows that cannot be read as numbers. An empty cell and what loggers write for one is no damage."""
     named = 1 + max((place for place, name in enumerate(layout.header) if name), default=0)
     count, firsts, total = [0, 0], ["", ""], 0
-    found = _numbered_rows(path, layout)
-    while block := list(islice(found, BLOCK_ROWS)):
-        columns = list(zip(*(_filled(row, layout) for _, row in block), strict=True))
-        lengths = np.array([len(row) for _, row in block])
-        texts = {quantity: _text_cells(columns, layout, quantity) for quantity in layout.place}
-        damaged = np.logical_or.reduce([lengths < named, *texts.values()])
+    for rows in read_blocks(path, layout, BLOCK_ROWS):
+        texts = {quantity: _text_cells(rows, layout, quantity) for quantity in layout.place}
+        damaged = np.logical_or.reduce([rows.size < named, *texts.values()])
         lost = np.logical_or.reduce(
-            [texts[quantity] | (lengths <= layout.place[quantity]) for quantity in ESSENTIAL if quantity in texts]
+            [texts[quantity] | (rows.size <= layout.place[quantity]) for quantity in ESSENTIAL if quantity in texts]
         )
         for i, mask in enumerate((damaged, lost)):
             if mask.any() and not count[i]:
                 row = int(np.argmax(mask))
                 place = next((layout.place[quantity] for quantity, text in texts.items() if text[row]), None)
-                cells = f"{lengths[row]} of {named} cells"
-                what = cells if place is None else f"{layout.header[place]} is {repr(columns[place][row])[:40]}"
-                firsts[i] = f"line {block[row][0]}: {what}"
+                cells = f"{rows.size[row]} of {named} cells"
+                what = cells if place is None else f"{layout.header[place]} is {repr(rows.cell(row, place))[:40]}"
+                firsts[i] = f"line {rows.line[row]}: {what}"
             count[i] += int(np.count_nonzero(mask))
-        total += len(block)
+        total += len(rows)
     return Damage(total, count[0], firsts[0], count[1], firsts[1])
 
 
-def _text_cells(columns: list[tuple[str, ...]], layout: FlightColumns, quantity: str) -> NDArray[np.bool_]:
+def _text_cells(rows: Rows, layout: FlightColumns, quantity: str) -> NDArray[np.bool_]:
     """True where a cell is neither a number (of the time: nor a date) nor empty."""
-    cells = columns[layout.place[quantity]]
-    unread = np.isnan(_times(columns, layout) if quantity == "time" else numbers_of(cells))
+    place = layout.place[quantity]
+    if place not in rows.strange:
+        return np.zeros(len(rows), dtype=bool)
+    unread = np.isnan(_times(rows, layout) if quantity == "time" else rows.numbers[place])
     for row in np.flatnonzero(unread).tolist():
-        unread[row] = cells[row].strip().lower() not in MISSING and not _is_float(cells[row])
+        cell = rows.cell(row, place)
+        unread[row] = cell.strip().lower() not in MISSING and not _is_float(cell)
     return unread
 
 
-def to_flight(rows: list[list[str]], layout: FlightColumns) -> Flight:
+def to_flight(rows: Rows | list[list[str]], layout: FlightColumns) -> Flight:
     """Numbers of some rows; what is no number is missing.
 
     Units are brought to s, degC, %RH and m/s by the columns' names.
     """
-    columns: list[tuple[str, ...]] = list(zip(*rows, strict=True)) if rows else [()] * len(layout.header)
+    if not isinstance(rows, Rows):
+        rows = of_cells(rows, layout)
 
     def numbers(quantity: str) -> Array:
         if quantity not in layout.place:
             return np.full(len(rows), np.nan)
-        return numbers_of(columns[layout.place[quantity]])
+        return rows.numbers[layout.place[quantity]].copy()
 
     temperature, humidity, die = numbers("temperature"), numbers("humidity"), numbers("die")
     pressure, altitude = numbers("pressure"), numbers("altitude")
@@ -141,7 +107,7 @@ def to_flight(rows: list[list[str]], layout: FlightColumns) -> Flight:
             for values in block:
                 values[nothing] = np.nan
     pressure = _in_hpa(pressure, layout)
-    time_s = _apart(_times(columns, layout), np.stack([temperature, humidity, die]))
+    time_s = _apart(_times(rows, layout), np.stack([temperature, humidity, die]))
     return Flight(time_s, temperature, humidity, numbers("airspeed"), die, pressure, altitude, latitude, longitude)
 
 
@@ -177,31 +143,14 @@ def _in_hpa(pressure: Array, layout: FlightColumns) -> Array:
 def numeric_places(path: Path, layout: FlightColumns) -> frozenset[int]:
     """Columns of a log in which every cell is a number or empty, and not all are empty."""
     places, filled = set(range(len(layout.header))), set()
-    for rows in read_blocks(path, layout):
-        for place, cells in enumerate(zip(*rows, strict=True)):
+    for rows in read_blocks(path, layout, BLOCK_ROWS):
+        for place, cells in enumerate(zip(*rows.table(), strict=True)):
             texts = [cell for cell in cells if cell.strip()]
             if texts:
                 filled.add(place)
             if place in places and np.isnan(numbers_of(texts)).any():
                 places.discard(place)
     return frozenset(places & filled)
-
-
-def numbers_of(cells: Iterable[str]) -> Array:
-    cells = list(cells)
-    try:
-        values = np.array(list(map(float, cells)))  # three times as fast as NumPy from text
-    except ValueError:
-        values = np.array([_number(cell) for cell in cells])
-    values[~np.isfinite(values)] = np.nan
-    return values
-
-
-def _number(cell: str) -> float:
-    try:
-        return float(cell)
-    except ValueError:
-        return np.nan
 
 
 def _is_float(cell: str) -> bool:
@@ -213,18 +162,17 @@ def _is_float(cell: str) -> bool:
         return False
 
 
-def _times(columns: list[tuple[str, ...]], layout: FlightColumns) -> Array:
+def _times(rows: Rows, layout: FlightColumns) -> Array:
     """Seconds, from a number (s, ms or us by the column's name) or a date and time."""
     place = layout.place["time"]
-    cells = columns[place]
-    values = numbers_of(cells)
-    if len(cells) and np.isnan(values).mean() > 0.5:
+    values = rows.numbers[place]
+    if len(rows) and np.isnan(values).mean() > 0.5:
         import pandas as pd
 
-        text = pd.Series(cells, dtype=str).str.strip()
+        text = pd.Series(rows.cells(place), dtype=str).str.strip()
         of_day = bool(text.str.fullmatch(TIME_OF_DAY).mean() > 0.5)
         if layout.date_place is not None and layout.date_place != place and not text.str.contains(DATED).any():
-            dates = pd.Series(columns[layout.date_place], dtype=str).str.strip()
+            dates = pd.Series(rows.cells(layout.date_place), dtype=str).str.strip()
             text, of_day = dates + " " + text, of_day and bool((dates == "").mean() > 0.5)
         try:
             first = day_first(text.tolist())

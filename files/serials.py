@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from shockrig.files.flight import FlightColumns, squeeze
-from shockrig.files.flight_rows import read_blocks
+from shockrig.files.flight_cells import read_blocks
 
 COLUMN = re.compile(r"(imet|hyt|sensor|probe|logger|xq)?(serial|serialno|serialnumber|sn)")
 INTERMET_FILE = re.compile(r"\d{8}-\d{6}-(\d{8})\b")  # 20230914-193303-00061169.csv
@@ -20,8 +21,8 @@ def of_log(path: Path, layout: FlightColumns, name: str) -> set[str]:
     found = set(INTERMET_FILE.findall(name))
     places = [place for place, column in enumerate(layout.header) if COLUMN.fullmatch(squeeze(column))]
     if places:
-        rows = next(read_blocks(path, layout, LOOKED_AT), [])
-        found |= {row[place].strip() for row in rows for place in places}
+        for rows in islice(read_blocks(path, layout, LOOKED_AT), 1):
+            found |= {cell.strip() for place in places for cell in rows.cells(place)}
     return {_plain(one) for one in found} - {""}
 
 

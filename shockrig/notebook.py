@@ -19,7 +19,8 @@ from shockrig.analysis.report.next_time import next_time
 from shockrig.files.campaign import Campaign, read_campaign
 from shockrig.files.errors import InputError
 from shockrig.files.flight import Flight, read_layout
-from shockrig.files.flight_rows import read_blocks, to_flight
+from shockrig.files.flight_cells import joined, read_blocks
+from shockrig.files.flight_rows import BLOCK_ROWS, to_flight
 from shockrig.files.profile import Profile, read_profile
 from shockrig.results import Characterized, CorrectedFlight, Diagnosed, Planned
 
@@ -259,7 +260,8 @@ def _flight(flight: pd.DataFrame | Flight | PathLike, columns: Mapping[str, str]
         return flight
     if isinstance(flight, str | os.PathLike):
         layout = read_layout(Path(flight), columns)
-        return to_flight([row for block in read_blocks(Path(flight), layout) for row in block], layout)
+        blocks = list(read_blocks(Path(flight), layout, BLOCK_ROWS))
+        return to_flight(joined(blocks) if blocks else [], layout)
     import numpy as np
 
     given = columns or {}

@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from shockrig.files.flight import Flight
@@ -108,8 +107,13 @@ def _turns(temperature: Array, humidity: Array, before: int, behind: int) -> Mas
     single readings may be noise, and where either goes fast, the two may cross."""
 
     def level(values: Array, size: int, first: int) -> tuple[Array, Array]:
-        windows = sliding_window_view(np.pad(values, SIDE, mode="edge"), size)[first : first + values.size]
-        return np.median(windows, axis=1), np.ptp(windows, axis=1)
+        padded = np.pad(values, SIDE, mode="edge")
+        least, most, *more = (padded[first + k : first + k + values.size] for k in (0, size - 1, *range(1, size - 1)))
+        least, most = np.minimum(least, most), np.maximum(least, most)
+        if not more:
+            return 0.5 * (least + most), most - least
+        (middle,) = more  # of up to SIDE rows
+        return np.clip(middle, least, most), np.maximum(most, middle) - np.minimum(least, middle)
 
     ends = [level(v, *side) for v in (temperature, humidity) for side in ((before, SIDE - before), (behind, SIDE))]
     (t, after_t, h, after_h), moved = (one[0] for one in ends), np.max([one[1] for one in ends], axis=0)

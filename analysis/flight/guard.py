@@ -91,8 +91,12 @@ def _nearer(channel: Channel, readings: Readings, unit: Array, capped: Mask) -> 
     usual = np.maximum(USUAL_TIMES * np.median(sigma[known]), USUAL_NOISES * np.sqrt(readings.noise_variance) * unit)
     off = np.where(known, channel.value - reading, 0.0)
     extra = np.where(known, SURE**2 * np.maximum(sigma**2 - usual**2, 0.0), 0.0)
-    kept = np.divide(off**4, off**4 + extra**2, out=np.ones(off.shape), where=extra > 0.0)
-    return replace(channel, value=np.where(known & (extra > 0.0), reading + kept * off, channel.value))
+    vague = extra > 0.0
+    if not vague.any():
+        return channel
+    fourth = np.square(np.square(off))
+    kept = np.divide(fourth, fourth + extra**2, out=np.ones(off.shape), where=vague)
+    return replace(channel, value=np.where(vague, reading + kept * off, channel.value))
 
 
 def _above_ceiling(value: Array, raw: Array, capped: Mask, channel: Channel, notes: list[str]) -> Array:

@@ -20,9 +20,16 @@
 #define INLINE static inline __attribute__((always_inline))
 #endif
 
+/* Four doubles at a time where the processor can; each is rounded as one alone would be. */
+#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && defined(__gnu_linux__)
+#define WIDER __attribute__((target_clones("avx2", "default")))
+#else
+#define WIDER
+#endif
+
 typedef struct {
     Py_ssize_t windows, count;
-    int modes, caps, inside, smooth, passing, backward;
+    int modes, caps, inside, smooth, passing, backward, leaps;
     double passing_rate, coupling;
     double eddy_rate[EDDIES], eddy_variance[EDDIES];
     const double *step, *reading, *noise, *weight, *old, *new, *decay, *fed, *leap_level, *leap_slope, *rest;
@@ -109,13 +116,16 @@ INLINE void apply_back(const Task *t, const Move *m, double rows[][MOST], int wi
         }
 }
 
-INLINE void transpose(double a[][MOST], int n) {
+/* Not in place: rows are written whole, and a processor waits for what it reads wider than it was written. */
+INLINE void transpose(double (*from)[MOST], double (*to)[MOST], int n) {
     for (int i = 0; i < n; i++)
-        for (int j = 0; j < i; j++) {
-            const double keep = a[i][j];
-            a[i][j] = a[j][i];
-            a[j][i] = keep;
-        }
+        for (int j = 0; j < n; j++) to[i][j] = from[j][i];
+}
+
+INLINE void swap(double (**a)[MOST], double (**b)[MOST]) {
+    double(*keep)[MOST] = *a;
+    *a = *b;
+    *b = keep;
 }
 
 /* What a step adds to the covariance: the trend's walk, the eddies and what passes, each also through the lags. */
@@ -200,7 +210,8 @@ INLINE void run_window(const Task *t, Py_ssize_t window, double *kept, const int
     const Py_ssize_t count = t->count, first = window * count;
     /* for each sample: mean, covariance with the air, covariance with the reading, its variance, innovation, air's */
     const int per = 3 * n + 3;
-    double p[MOST][MOST], c[MOST] = {0}, h[MOST] = {0}, leap[2][MOST];
+    double first_p[MOST][MOST], other_p[MOST][MOST], c[MOST] = {0}, h[MOST] = {0}, leap[2][MOST];
+    double(*p)[MOST] = first_p, (*other)[MOST] = other_p;
     double mean[MOST][MOST]; /* one column, so that `apply` takes it */
     Move move = {.h = -1.0};
     h[0] = h[3] = h[4] = h[5] = 1.0;
@@ -221,10 +232,11 @@ INLINE void run_window(const Task *t, Py_ssize_t window, double *kept, const int
             set_move(t, at, &move);
             apply(t, &move, mean, 1);
             apply(t, &move, p, n);
-            transpose(p, n);
-            apply(t, &move, p, n);
+            transpose(p, other, n);
+            apply(t, &move, other, n);
+            swap(&p, &other);
             add_innovation(t, &move, at, p, n);
-            if (t->jump[2 * at] != 0.0 || t->jump[2 * at + 1] != 0.0) {
+            if (t->leaps && (t->jump[2 * at] != 0.0 || t->jump[2 * at + 1] != 0.0)) {
                 set_leap(t, at, leap, n);
                 for (int kind = 0; kind < 2; kind++)
                     for (int i = 0; i < n; i++) {
@@ -281,8 +293,9 @@ INLINE void run_window(const Task *t, Py_ssize_t window, double *kept, const int
             set_move(t, at + 1, &move);
             apply_back(t, &move, small, 1);
             apply_back(t, &move, big, n);
-            transpose(big, n);
-            apply_back(t, &move, big, n);
+            transpose(big, other, n);
+            apply_back(t, &move, other, n);
+            swap(&big, &other);
         }
         memcpy(c + AIR, t->weight + at * modes, modes * sizeof(double));
         if (isfinite(s)) {
@@ -301,10 +314,10 @@ INLINE void run_window(const Task *t, Py_ssize_t window, double *kept, const int
                 small[i][0] -= own * (pulled + v / s);
             }
         }
-        set_leap(t, at, leap, n);
+        if (t->leaps) set_leap(t, at, leap, n);
         const double *asked[4] = {ph, pc, leap[0], leap[1]};
         double of[4], pull[4];
-        for (int q = 0; q < 4; q++) {
+        for (int q = 0; q < (t->leaps ? 4 : 2); q++) {
             double seen_by[MOST] = {0};
             of[q] = pull[q] = 0.0;
             for (int i = 0; i < n; i++)
@@ -320,7 +333,7 @@ INLINE void run_window(const Task *t, Py_ssize_t window, double *kept, const int
         t->variance[at] = fmax(keep[3 * n + 2] - of[0], 0.0);
         t->clean_variance[at] = fmax(dot(c, pc, n) - of[1], 0.0);
         t->surprise[at] = isfinite(s) ? v / sqrt(s) : NAN;
-        for (int kind = 0; kind < 2; kind++) {
+        for (int kind = 0; t->leaps && kind < 2; kind++) {
             const double hold = fmax(of[2 + kind], 1e-300), by = k ? pull[2 + kind] : 0.0;
             t->size[2 * at + kind] = -by / hold;
             t->score[2 * at + kind] = -by / sqrt(hold);
@@ -329,7 +342,7 @@ INLINE void run_window(const Task *t, Py_ssize_t window, double *kept, const int
 }
 
 /* The same for a number of states that the compiler knows, where it is a usual one. */
-static void run(const Task *t, double *kept, int n) {
+WIDER static void run(const Task *t, double *kept, int n) {
     for (Py_ssize_t window = 0; window < t->windows; window++) switch (n) {
             case 10: run_window(t, window, kept, 10); break;
             case 12: run_window(t, window, kept, 12); break;
@@ -344,8 +357,8 @@ static PyObject *smooth(PyObject *module, PyObject *args) {
     (void)module;
     Task t = {0};
     PyObject *given[ARRAYS], *eddies;
-    if (!PyArg_ParseTuple(args, "(nniiippp)(dd)OO!", &t.windows, &t.count, &t.modes, &t.caps, &t.inside, &t.smooth,
-                          &t.passing, &t.backward, &t.passing_rate, &t.coupling, &eddies, &PyTuple_Type, &given[0]))
+    if (!PyArg_ParseTuple(args, "(nniiipppp)(dd)OO!", &t.windows, &t.count, &t.modes, &t.caps, &t.inside, &t.smooth,
+                          &t.passing, &t.backward, &t.leaps, &t.passing_rate, &t.coupling, &eddies, &PyTuple_Type, &given[0]))
         return NULL;
     PyObject *tuple = given[0];
     const int n = AIR + t.modes + 2 * t.passing;
@@ -353,12 +366,12 @@ static PyObject *smooth(PyObject *module, PyObject *args) {
         PyErr_SetString(PyExc_ValueError, "arrays that do not fit one another");
         return NULL;
     }
-    const Py_ssize_t nodes = t.windows * t.count;
+    const Py_ssize_t nodes = t.windows * t.count, leaps = t.leaps ? nodes : 0;
     const Py_ssize_t sizes[ARRAYS] = {
         nodes, nodes, nodes, nodes * t.modes, nodes * t.modes, nodes * t.modes, nodes * t.modes,
-        nodes * t.caps * t.inside, nodes * t.modes, nodes * t.modes, nodes, nodes, nodes, t.passing ? nodes : 0,
-        2 * nodes, t.windows * n, t.windows * n * n,
-        nodes, nodes, nodes, nodes, nodes, 2 * nodes, 2 * nodes, nodes};
+        nodes * t.caps * t.inside, leaps * t.modes, leaps * t.modes, leaps, nodes, nodes, t.passing ? nodes : 0,
+        2 * leaps, t.windows * n, t.windows * n * n,
+        nodes, nodes, nodes, nodes, nodes, 2 * leaps, 2 * leaps, nodes};
     const double **inputs[] = {&t.step, &t.reading, &t.noise, &t.weight, &t.old, &t.new, &t.decay, &t.fed,
                                &t.leap_level, &t.leap_slope, &t.rest, &t.turbulence, &t.bend, &t.passing_sigma,
                                &t.jump, &t.mean, &t.covariance};

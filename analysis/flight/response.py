@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ from shockrig.analysis.physics.modes import Modes, first_order, in_series, slowe
 from shockrig.files.profile import HumidityProfile, TemperatureProfile
 
 Array = NDArray[np.float64]
-Rows = NDArray[np.int64] | slice
+Rows = NDArray[np.int64] | slice | tuple[None, slice]
 CORE_MODES = 4  # of a body read at its core, whose faster modes have hardly begun to matter
 MEAN_MODES = 6
 BIOT_STEP = 0.01  # airspeed and density are followed in steps of 1 % of the Biot number
@@ -77,7 +78,7 @@ class Response:
         """Columns of the lags that follow the inside of the cap."""
         return slice(len(self.cap), len(self.cap) + self.inside)
 
-    @property
+    @cached_property
     def slowest_s(self) -> float:
         """Time constant of the slowest lag that at least 20 % of the reading passes, at its slowest."""
         passing = self.weight.copy()

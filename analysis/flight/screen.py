@@ -199,18 +199,18 @@ def screen(
     new = np.flatnonzero(np.diff(reading[rows], prepend=np.inf) != 0)
     if new.size >= 3:
         around = reading[rows[new]]
-        off = around - median_filter(around, min(MEDIAN_WIDTH, new.size), mode="nearest")
         # the turning point of a fast change is off the median too, but its neighbours share it
         step = np.abs(np.diff(around, prepend=around[0]))
         after, again = np.append(step[1:], 0.0), np.diff(np.append(new, rows.size)) > 1
         jump = np.where(again, np.minimum(step, after), np.maximum(step, after))
-        lone = jump > 0.5 * np.abs(off)
-        for size in (np.abs(off), jump):
-            lone &= size > np.hypot(_limit(size, noise), LONE_SIGMAS * resolution)
-        lags = reading if lagging is None else lagging
-        spikes = [_spikes(one[rows], new, swing * share, noise, resolution) for one in (reading, lags)]
-        lone |= spikes[0] & spikes[1]
-        implausible[rows] = np.repeat(lone, np.diff(np.append(new, rows.size)))
+        lone = _unusual(jump, noise, resolution)
+        if lone.any():
+            off = np.abs(around - median_filter(around, min(MEDIAN_WIDTH, new.size), mode="nearest"))
+            lone &= (jump > 0.5 * off) & _unusual(off, noise, resolution)
+        spiked = _spikes(reading[rows], new, swing * share, noise, resolution)
+        if lagging is not None and spiked.any():
+            spiked &= _spikes(lagging[rows], new, swing * share, noise, resolution)
+        implausible[rows] = np.repeat(lone | spiked, np.diff(np.append(new, rows.size)))
     believed &= ~implausible
     by_steps = stairs(reading[np.flatnonzero(believed)], resolution, noise)
     stretches = judge(reading, believed, resolution, noise, share, swing, lagging)
@@ -247,17 +247,23 @@ def _spikes(values: Array, new: NDArray[np.int64], swing: float, noise: float, r
     size = np.where(out * back > 0.0, np.minimum(np.abs(out), np.abs(back)), 0.0)
     usual = max(noise, 1.4826 * float(np.median(np.abs(np.diff(values)))))
     most = swing + float(np.hypot(LONE_SIGMAS * usual, SPIKE_STEPS * resolution))
-    off = np.abs(values - median_filter(values, AROUND_WIDTH, mode="nearest"))[new]
-    return np.asarray((size > most) & (off > most))
+    spiked = size > most
+    if spiked.any():
+        spiked &= np.abs(values - median_filter(values, AROUND_WIDTH, mode="nearest"))[new] > most
+    return np.asarray(spiked)
 
 
-def _limit(size: Array, noise: float) -> Array:
-    """Beyond which sizes (n,) are not usual: over the flight, or among the rows before or behind where that is more (in
-    a plume, at a cloud's edge)."""
-    half = (min(AROUND_WIDTH, size.size) - 1) // 2
-    beside = [median_filter(size, 2 * half + 1, mode="nearest", origin=side) for side in (half, -half)]
+def _unusual(size: Array, noise: float, resolution: float) -> Mask:
+    """Which sizes (n,) are beyond what is usual: over the flight, or among the rows before or behind where that is more
+    (in a plume, at a cloud's edge)."""
     over_all = LONE_SIGMAS * max(1.4826 * float(np.median(size)), noise)
-    return np.asarray(np.maximum(over_all, AROUND_SIGMAS * 1.4826 * np.max(beside, axis=0)))
+    unusual = size > np.hypot(over_all, LONE_SIGMAS * resolution)
+    if unusual.any():
+        half = (min(AROUND_WIDTH, size.size) - 1) // 2
+        beside = [median_filter(size, 2 * half + 1, mode="nearest", origin=side) for side in (half, -half)]
+        around = AROUND_SIGMAS * 1.4826 * np.max(beside, axis=0)
+        unusual &= size > np.hypot(around, LONE_SIGMAS * resolution)
+    return np.asarray(unusual)
 
 
 def _by_chance(reading: Array, rows: NDArray[np.int64], same_time: Mask, same_value: Mask, resolution: float) -> Mask:

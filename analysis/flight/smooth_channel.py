@@ -97,7 +97,7 @@ def estimate(
         return Estimate(nothing, nothing, nothing, 1.0)
     nearest = _carried(node_row)
     bridged = np.interp(node_time, node_time[rows], reading[node_row[rows]])
-    along = response.at(nearest)
+    along = response if np.array_equal(nearest, np.arange(time_s.size)) else response.at(nearest)
     broken = np.diff(node_time, prepend=-np.inf) > LONGEST_BRIDGE_S
     through = None if passing is None else replace(passing, sigma=passing.sigma[nearest])
     memory = SEGMENT + int(2.0 * max(MEMORY_LAGS * response.slowest_s, LEAST_MEMORY_S) / period)
@@ -153,7 +153,7 @@ def estimate(
         read = found.clean + noise * noise_factor * np.random.default_rng(0).standard_normal(noise.size)
         read = without(track, np.where(brief, read, bridged), found, jumps)
         local = priors(read, rows=np.flatnonzero(measured | brief))
-        found = swept(track, bridged, variance, local, jumps)
+        found = swept(track, bridged, variance, local, jumps, scored=False)
     if rounding is not None:
         steps = rounding[nearest]
         own = np.sqrt(np.maximum(noise_variance[nearest] - steps**2 / 12.0, 0.0))

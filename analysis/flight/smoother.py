@@ -93,6 +93,7 @@ def smooth(
     lag_spread: Array | None = None,
     jumps: Jumps | None = None,
     only_cost: bool = False,
+    scored: bool = True,
 ) -> Smoothed:
     """Smooth windows of readings.
 
@@ -116,12 +117,15 @@ def smooth(
         Of shape (w, n); what the air may do beside what the prior expects.
     only_cost : bool
         Nothing but `cost` is asked for: the rest is left undone.
+    scored : bool
+        Without it `jump` and `jump_score` are left undone, where there are no jumps.
     """
     own = spread[:, None] * np.ones(lags.shape) if lag_spread is None else lag_spread
     mean, p = _start(lags, np.nan_to_num(reading[:, 0]), prior, spread, own, passing)
     leaps = Jumps(np.zeros((*reading.shape, 2)), np.full(reading.shape, 0.5)) if jumps is None else jumps
-    recursion = plain if _kernel is None else compiled
-    return recursion(step_s, reading, noise_variance, response, prior, passing, leaps, mean, p, only_cost)
+    if _kernel is None:
+        return plain(step_s, reading, noise_variance, response, prior, passing, leaps, mean, p)
+    return compiled(step_s, reading, noise_variance, response, prior, passing, leaps, mean, p, only_cost, scored)
 
 
 def compiled(
@@ -135,21 +139,26 @@ def compiled(
     mean: Array,
     p: Array,
     only_cost: bool = False,
+    scored: bool = True,
 ) -> Smoothed:
     """`plain` by kernel.c."""
     lag_step = stepped(response.rate, step_s, response.cap, response.inside)
-    rest = step_s * (1.0 - jumps.place)
-    level, slope = _answers(response, rest)
+    leaps = bool(jumps.variance.any()) or (scored and not only_cost)
+    rest = level = slope = variance = np.zeros(0)
+    if leaps:
+        rest, variance = step_s * (1.0 - jumps.place), jumps.variance
+        level, slope = _answers(response, rest)
     through = np.zeros(0) if passing is None else passing.sigma
     nodes = reading.shape
-    pairs = (*nodes, 2)
-    out = Smoothed(*(np.full(pairs if name.startswith("jump") else nodes, np.nan) for name in Smoothed.__annotations__))
+    shapes = [(*nodes, 2) if name.startswith("jump") else nodes for name in Smoothed.__annotations__]
+    out = Smoothed(*(np.full(shape, np.nan) for shape in shapes))
     given = (step_s, reading, noise_variance, response.weight, lag_step.old, lag_step.new, lag_step.decay, lag_step.fed)
-    beside = (level, slope, rest, prior.turbulence, prior.bend, through, jumps.variance, mean, p)
-    answer = (out.air, out.variance, out.clean, out.clean_variance, out.surprise, out.jump, out.jump_score, out.cost)
+    beside = (level, slope, rest, prior.turbulence, prior.bend, through, variance, mean, p)
+    of_jumps = (out.jump, out.jump_score) if leaps else (np.zeros(0), np.zeros(0))
+    answer = (out.air, out.variance, out.clean, out.clean_variance, out.surprise, *of_jumps, out.cost)
     _kernel.smooth(
         (*nodes, response.rate.shape[-1], len(response.cap), response.inside)
-        + (prior.smooth, passing is not None, not only_cost),
+        + (prior.smooth, passing is not None, not only_cost, leaps),
         (0.0, 0.0) if passing is None else (passing.rate, passing.coupling),
         np.concatenate([RATES_PER_S, OU_VARIANCES]),
         (*(np.ascontiguousarray(one, dtype=float) for one in (*given, *beside)), *answer),
@@ -178,7 +187,6 @@ def plain(
     jumps: Jumps,
     mean: Array,
     p: Array,
-    only_cost: bool = False,
 ) -> Smoothed:
     """The recursions: forward from `mean` (w, size) and covariance `p` (w, size, size), and back."""
     windows, count = reading.shape
@@ -301,9 +309,10 @@ def _model(
 def _answers(response: Response, rest_s: Array) -> tuple[Array, Array]:
     """Where lags (..., K) stand `rest_s` (...) after a jump by one of the air, and of its slope."""
     after = stepped(response.rate, rest_s, response.cap, response.inside)
-    level = 1.0 - after.decay
+    level, slope = np.subtract(1.0, after.decay, out=after.decay), after.new
     level[..., response.within] -= after.fed.sum(axis=-1)
-    return level, after.new * rest_s[..., None]
+    slope *= rest_s[..., None]
+    return level, slope
 
 
 def _start(

@@ -36,10 +36,15 @@ class Step:
 def hold(rate: Array, step_s: Array) -> tuple[Array, Array, Array]:
     """(old, new, decay) of lags behind air that is straight over the step; shapes broadcast."""
     x = np.maximum(rate * step_s, 1e-12)
-    gone = -np.expm1(-x)
+    decay = np.expm1(-x)
+    gone = -decay
+    new = 1.0 - gone / x
     small = x < 1e-4  # the difference loses its digits there
-    new = np.where(small, x / 2 - x**2 / 6, 1.0 - gone / x)
-    return gone - new, new, 1.0 - gone
+    if small.any():
+        new = np.where(small, x / 2 - x**2 / 6, new)
+    decay += 1.0
+    gone -= new
+    return gone, new, decay
 
 
 def stepped(rate: Array, step_s: Array, cap: tuple[float, ...] = (), inside: int = 0) -> Step:

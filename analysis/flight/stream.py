@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -17,14 +18,16 @@ from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.files.disk import real_path
 from shockrig.files.errors import InputError
 from shockrig.files.flight import FLAGS, Corrected, Flight, FlightColumns, read_layout
+from shockrig.files.flight_cells import Rows, joined, read_blocks
 from shockrig.files.flight_csv import CsvWriter
 from shockrig.files.flight_netcdf import NetcdfWriter
-from shockrig.files.flight_rows import BLOCK_ROWS, look_over, read_blocks, to_flight
+from shockrig.files.flight_rows import BLOCK_ROWS, look_over, to_flight
 from shockrig.files.profile import Profile
 from shockrig.files.serials import of_log, serial_doubts
 
 MARGIN_S = 150.0  # of the neighbours that a block sees, and at least so many rows: what a sensor remembers
 MARGIN_ROWS, MOST_MARGIN_ROWS = 1500, 15_000
+MARGINS_A_BLOCK = 2  # at least: what is seen as a margin is corrected twice and thrice
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,7 @@ def correct_file(
     temperature_noise_k: float | None = None,
     humidity_noise_percent: float | None = None,
     history: str = "",
-    block_rows: int = BLOCK_ROWS,
+    block_rows: int | None = None,
     progress: Callable[[int], None] = lambda rows: None,
     gather: Sequence[Callable[[Flight, Corrected], None]] = (),
 ) -> Summary:
@@ -124,24 +127,29 @@ def correct_file(
 
 
 def _with_margins(
-    source: Path, layout: FlightColumns, block_rows: int
-) -> Iterator[tuple[list[list[str]], int, int, Flight]]:
+    source: Path, layout: FlightColumns, block_rows: int | None
+) -> Iterator[tuple[Rows, int, int, Flight]]:
     """Each block's rows, how many rows of margin lie before and after it, and the numbers of all of them."""
-    tail: list[list[str]] = []
-    current: list[list[str]] | None = None
+    tail: Rows | None = None
+    current: Rows | None = None
     margin = MARGIN_ROWS
-    for block in read_blocks(source, layout, block_rows):
-        if current is None:
-            rows = MARGIN_S / typical_period(to_flight(block[:MARGIN_ROWS], layout).time_s)
-            margin = int(np.clip(rows, MARGIN_ROWS, MOST_MARGIN_ROWS))
-        else:
-            head = block[:margin]
-            yield current, len(tail), len(head), to_flight(tail + current + head, layout)
-            tail = (tail + current)[-margin:]
+    for first in islice(read_blocks(source, layout, MARGIN_ROWS), 1):
+        rows = MARGIN_S / typical_period(to_flight(first, layout).time_s)
+        margin = int(np.clip(rows, MARGIN_ROWS, MOST_MARGIN_ROWS))
+    for block in read_blocks(source, layout, block_rows or max(BLOCK_ROWS, MARGINS_A_BLOCK * margin)):
+        if current is not None:
+            yield _between(tail, current, block[:margin], layout)
+            tail = joined([current] if tail is None else [tail, current])[-margin:]
         current = block
     if current is not None:
         # a last block too short to stand alone is still seen with its margin
-        yield current, len(tail), 0, to_flight(tail + current, layout)
+        yield _between(tail, current, None, layout)
+
+
+def _between(tail: Rows | None, rows: Rows, head: Rows | None, layout: FlightColumns) -> tuple[Rows, int, int, Flight]:
+    parts = [part for part in (tail, rows, head) if part is not None]
+    before, after = (0 if part is None else len(part) for part in (tail, head))
+    return rows, before, after, to_flight(joined(parts), layout)
 
 
 def _cut(found: Corrected, part: slice) -> Corrected:

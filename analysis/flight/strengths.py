@@ -196,8 +196,11 @@ def fit_windows(
     squares, weight = [one.astype(np.float32) for one in strengths], weight.astype(np.float32)
 
     def cost(k: int, rows: slice, columns: slice) -> NDArray[np.float32]:
-        model = squares[0][rows, None, None] * shapes[0][k] + squares[1][columns, None] * shapes[1][k] + np.float32(1.0)
-        return (np.log(model) + power[k] / model) @ weight
+        model = squares[0][rows, None, None] * shapes[0][k] + squares[1][columns, None] * shapes[1][k]
+        model += np.float32(1.0)
+        ratio = power[k] / model
+        ratio += np.log(model, out=model)
+        return ratio @ weight
 
     likely = np.zeros((len(reading), grids[0].size, grids[1].size), dtype=np.float32)
     every = slice(None, None, COARSER)

@@ -100,8 +100,12 @@ def judge(
         usual = max(float(np.median(third[~held])) if (~held).any() else 0.0, noise, resolution / np.sqrt(12.0))
         louder = np.ones(values.size)
         for window, times in LOUDER.items():
-            third, single = scatter(values, window), _scatter(values, 1, window) / NORM_1
-            loud = (third > times * usual) & (third > WHITE * single) & (single > ALONE * third) & ~held
+            third = third if window == WINDOW else scatter(values, window)
+            loud = (third > times * usual) & ~held
+            if not loud.any():
+                continue
+            single = _scatter(values, 1, window) / NORM_1
+            loud &= (third > WHITE * single) & (single > ALONE * third)
             # a window's median sees a burst from its middle to its middle; its rows at either end are as loud
             loud, wider = maximum_filter1d(loud, 5), maximum_filter1d(third, 5)
             louder = np.maximum(louder, np.where(loud, wider / noise, 1.0))

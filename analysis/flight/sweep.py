@@ -67,11 +67,18 @@ class Sweep:
 
 
 def swept(
-    track: Track, values: Array, variance: Array, local: Prior, jumps: Jumps, before: Sweep | None = None
+    track: Track,
+    values: Array,
+    variance: Array,
+    local: Prior,
+    jumps: Jumps,
+    before: Sweep | None = None,
+    scored: bool = True,
 ) -> Sweep:
     """Smooth all stretches, or where one was `before` those with jumps in them.
 
-    `values` (m,) are readings with gaps bridged, `variance` (m,) theirs, infinite where there is none.
+    `values` (m,) are readings with gaps bridged, `variance` (m,) theirs, infinite where there is none. Unless it is to
+    be `scored`, no jumps are looked for where there are none yet.
     """
     guess = lags_behind(values, track.along, track.period_s, track.broken)
     parts: list[Sweep] = []
@@ -80,9 +87,8 @@ def swept(
             parts.append(Sweep(*(getattr(before, f.name)[stretch] for f in fields(Sweep))))
             continue
         nodes = np.arange(stretch.start, stretch.stop)[None]
-        found = _smoothed(
-            track, values, variance, local, Jumps(jumps.variance[nodes], jumps.place[nodes]), nodes, guess
-        )
+        here = Jumps(jumps.variance[None, stretch], jumps.place[None, stretch])
+        found = _smoothed(track, values, variance, local, here, nodes, guess, scored=scored)
         part = Sweep(*(getattr(found, f.name)[0] for f in fields(Sweep)))
         wider = _inflation(found.surprise[0]) * part.variance + UNSEEN_VARIANCE * local.turbulence[stretch] ** 2
         parts.append(replace(part, variance=wider))
@@ -114,12 +120,15 @@ def _smoothed(
     at: NDArray[np.int64],
     guess: tuple[Array, Array],
     only_cost: bool = False,
+    scored: bool = True,
 ) -> Smoothed:
     """Rows of neighbouring nodes `at` (w, n) with jumps (w, n) in them; `guess` is where the lags stand
     (`lags_behind`)."""
-    step = np.diff(track.time_s[at], axis=1, prepend=track.time_s[at[:, :1]])
-    prior = local.each(lambda strength: strength[at])
-    noise = variance[at] + CUT_SHORT**2 * jumps.variance[..., 0]
+    # neighbours: of one row a part of the arrays does, which copies nothing
+    rows = (None, slice(int(at[0, 0]), int(at[0, -1]) + 1)) if len(at) == 1 else at
+    step = np.diff(track.time_s[rows], axis=1, prepend=track.time_s[at[:, :1]])
+    prior = local.each(lambda strength: strength[rows])
+    noise = variance[rows] + CUT_SHORT**2 * jumps.variance[..., 0]
     lags, apart = guess
     first = at[:, 0]
     spread = 2.0 * np.std(values[at[:, : track.memory]], axis=1)
@@ -127,11 +136,13 @@ def _smoothed(
     before = np.maximum(first - 1, 0)
     gone = np.abs(values[first] - values[before]) + REACH * apart[before].max(axis=1) + np.sqrt(np.mean(apart**2))
     spread = np.where(track.broken[first] & (first > 0), np.minimum(gone, spread), spread) + 5.0 * prior.noise[:, 0]
-    here = None if track.passing is None else replace(track.passing, sigma=track.passing.sigma[at])
+    here = None if track.passing is None else replace(track.passing, sigma=track.passing.sigma[rows])
     # what came before a flight is not known; later the readings tell how far the lags may be from their guess
     lag_spread = np.where(track.broken[first][:, None], spread[:, None], apart[first] + 5.0 * prior.noise[:, :1])
-    along = track.along.at(at)
-    return smooth(step, values[at], noise, along, lags[first], prior, spread, here, lag_spread, jumps, only_cost)
+    along = track.along.at(rows)
+    return smooth(
+        step, values[rows], noise, along, lags[first], prior, spread, here, lag_spread, jumps, only_cost, scored
+    )
 
 
 def lags_behind(

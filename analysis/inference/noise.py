@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, optimize
+from scipy import linalg
 
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.readings import white_noise
@@ -268,13 +268,15 @@ def estimate_noise(
     if not coarse:
         quick = [min(deviance(np.array(x), n) for x in QUICK) for n in range(1, longest_mean + 1)]
         wanted |= {int(n) + 1 for n in np.argsort(quick)[:3]}
+    from scipy.optimize import minimize  # a fifth of a second, which no correction of a flight needs
+
     promising = sorted(n for n in wanted if 1 <= n <= MAX_AVERAGED)
     best = np.full(MAX_AVERAGED, -np.inf)
     found: dict[int, Array] = {}
     for length in promising:
         starts = [[0.0, -1.5, 2.0], [0.0, -5.0, 0.0]] if length == 1 else [[0.0, -2.0, 1.5]]
         fits = [
-            optimize.minimize(
+            minimize(
                 deviance,
                 start,
                 args=(length,),

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 Array = NDArray[np.float64]
 
@@ -61,6 +60,8 @@ def noise_before_rounding(variance: float, step: float) -> float:
     Solves sigma^2 + sum_k q^2 / (2 pi^2 k^2) (1 - exp(-(2 pi k sigma / q)^2)) = variance, which for little noise is
     q sigma / sqrt(pi).
     """
+    from scipy.optimize import brentq  # a fifth of a second, which no correction of a flight needs
+
     k = np.arange(1, 400)
 
     def excess(sigma: float) -> float:

@@ -14,7 +14,7 @@ from shockrig.rig.errors import BenchError
 from shockrig.rig.keys import nearest
 from shockrig.rig.logs.changes import Channel, noise_of, without_spikes
 from shockrig.rig.logs.clocks import guess_clock, guess_format
-from shockrig.rig.logs.log import Column, Log, read_log
+from shockrig.rig.logs.log import Column, Log, over_time, read_rows
 from shockrig.rig.logs.mapping import LogMap, SensorMap, columns_of
 from shockrig.rig.logs.stamps import EPOCH, NUMBERS, Clock
 from shockrig.rig.logs.text import Scan, scan, unit_in_cells
@@ -103,10 +103,10 @@ def read_sensors(path: Path, map_: LogMap, scanned: Scan | None = None) -> Senso
                     f"{shown(map_.path)}: column {column.name!r} is named twice with different quantities or units; "
                     "state one unit for it"
                 )
-    log = read_log(
-        path, map_.layout, list(columns.values()), clock=_clock(map_, lines), scanned=lines, stamps=map_.stamps
-    )
+    rows = read_rows(path, map_.layout, list(columns.values()), clock=_clock(map_, lines), scanned=lines)
     del lines, scanned  # the text, which is most of what is held
+    log = over_time(rows, map_.stamps)
+    del rows
     readings = {}
     for name, of_sensor in sensors.items():
         sensor = map_.sensors.get(name, SensorMap(name, {}))

@@ -56,6 +56,13 @@ class Lines(Sequence[str]):
             for begin, end in zip(self.begins[places].tolist(), self.begins[places + 1].tolist(), strict=True):
                 yield self.content[begin : end - 1].decode()
 
+    def text(self) -> bytes | None:
+        """The lines, each with its end; None where others stand between them."""
+        if not len(self) or int(self.places[-1]) - int(self.places[0]) != len(self) - 1:
+            return None
+        content = self.content[int(self.begins[self.places[0]]) : int(self.begins[self.places[-1] + 1])]
+        return content if content.endswith(b"\n") else content + b"\n"
+
     def where(self, holds: NDArray[np.bool_]) -> Lines:
         """Those of the lines for which it holds."""
         return self if holds.all() else Lines(self.content, self.begins, self.places[holds])

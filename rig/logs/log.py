@@ -17,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.files.disk import shown
+from shockrig.files.flight_cells import plain_numbers
 from shockrig.files.ranges import RANGES, Range
 from shockrig.rig.errors import BenchError
 from shockrig.rig.keys import nearest
 from shockrig.rig.logs.clocks import guess_clock
-from shockrig.rig.logs.lines import Lines
+from shockrig.rig.logs.lines import Index, Lines
 from shockrig.rig.logs.order import in_order
 from shockrig.rig.logs.stamps import NUMBERS, OF_DAY, Clock, in_seconds, parsed
 from shockrig.rig.logs.text import BEHIND, MISSING, Layout, Scan, scan
@@ -30,6 +31,7 @@ from shockrig.rig.logs.units import UNITS, known_unit, unit_in_name
 Array = NDArray[np.float64]
 
 BLOCK_ROWS = 5_000  # that are read at a time
+PLAIN_ROWS = 50_000  # the same, of a log of nothing but numbers
 LIMITS = {
     "temperature": RANGES["temperature_c"],
     "humidity": RANGES["humidity_reading_percent"],
@@ -74,16 +76,28 @@ class Log:
         return float(np.median(steps)) if steps.size else 1.0
 
 
-def read_log(
+@dataclass(frozen=True)
+class Rows:
+    """A log's rows as they stand in it: as `Log`, and their lines' `numbers` in the file, from 1."""
+
+    path: Path
+    clock: Clock
+    origin_s: float
+    time_s: Array
+    values: Mapping[str, Array]
+    numbers: Index
+    remarks: tuple[str, ...]
+
+
+def read_rows(
     path: Path,
     layout: Layout,
     columns: Sequence[Column],
     *,
     clock: Clock | None = None,
     scanned: Scan | None = None,
-    stamps: str = "auto",
-) -> Log:
-    """Read columns of a log over time.
+) -> Rows:
+    """Read columns of a log.
 
     Parameters
     ----------
@@ -95,10 +109,6 @@ def read_log(
         Which columns tell the time and how; found out where it is not given.
     scanned : Scan, optional
         The log's lines, where they have been read already.
-    stamps : str
-        What is done with readings that differ and bear the same stamp: "spread" over the time to the next stamp,
-        "first" (keep the first), or "auto": spread where the stamps are coarser than the readings. Where they are
-        merely too coarse for how evenly rows come, "auto" takes times on a line, and the others the stamps.
 
     Raises
     ------
@@ -120,7 +130,7 @@ def read_log(
             at = f", line {lines.header_line}" if lines.header_line else ""
             raise BenchError(f"{shown(path)}{at}: no column {name!r}{nearest(name, lines.names)}")
     columns = list({column.name: column for column in columns}.values())
-    stamps_read, read = _read_columns(lines, layout, columns, clock)
+    stamps_read, read = _read_plain(lines, layout, columns, clock) or _read_columns(lines, layout, columns, clock)
     remarks = [_sentence(count, f"lines {reason}", where) for reason, (count, where) in lines.odd.items()]
     where = f"{shown(path)}, column {', '.join(clock.columns)}"
 
@@ -132,16 +142,19 @@ def read_log(
     for column in columns:
         values[column.name], said = _checked(read.pop(column.name), column, lines)
         remarks += said
-    ordered = in_order(time_s, values, lines.numbers, stamps)
-    return Log(
-        path,
-        clock,
-        origin_s,
-        ordered.time_s,
-        ordered.values,
-        ordered.pieces,
-        (*remarks, *ordered.remarks),
-    )
+    return Rows(path, clock, origin_s, time_s, values, lines.numbers, tuple(remarks))
+
+
+def over_time(rows: Rows, stamps: str = "auto") -> Log:
+    """A log's rows in order of time.
+
+    `stamps` is what is done with readings that differ and bear the same stamp: "spread" over the time to the next
+    stamp, "first" (keep the first), or "auto": spread where the stamps are coarser than the readings. Where they are
+    merely too coarse for how evenly rows come, "auto" takes times on a line, and the others the stamps.
+    """
+    ordered = in_order(rows.time_s, rows.values, rows.numbers, stamps)
+    remarks = (*rows.remarks, *ordered.remarks)
+    return Log(rows.path, rows.clock, rows.origin_s, ordered.time_s, ordered.values, ordered.pieces, remarks)
 
 
 @dataclass
@@ -152,6 +165,28 @@ class _Read:
     blocks: list[Array] = field(default_factory=list)
     wrong: int = 0
     first_wrong: int = 0
+
+
+def _read_plain(
+    lines: Scan, layout: Layout, columns: Sequence[Column], clock: Clock
+) -> tuple[list[NDArray[Any]], dict[str, _Read]] | None:
+    """As `_read_columns`, of a log of nothing but numbers between commas; None of any other."""
+    if lines.separator != "," or lines.decimal != "." or clock.format != NUMBERS:
+        return None
+    read = {column.name: _Read() for column in columns}
+    stamps: list[NDArray[Any]] = []
+    places = [lines.names.index(name) for name in (*clock.columns, *(column.name for column in columns))]
+    for first in range(0, len(lines.rows), PLAIN_ROWS):
+        rows = lines.rows[first : first + PLAIN_ROWS]
+        text = rows.text()
+        cells = None if text is None else plain_numbers(text, len(lines.names), places, len(rows))
+        if cells is None:
+            return None
+        if clock.columns:
+            stamps.append(cells[0].copy())
+        for column, numbers in zip(columns, cells[len(clock.columns) :], strict=True):
+            read[column.name].blocks.append(_numbers(numbers, column, layout, lines.decimal)[0])
+    return stamps, read
 
 
 def _read_columns(
@@ -212,12 +247,12 @@ def _numbers(
     cells: NDArray[np.object_], column: Column, layout: Layout, decimal: str
 ) -> tuple[Array, NDArray[np.intp]]:
     """Cells of a column in the campaign's unit, NaN where they hold none, and which of them hold anything else."""
-    import pandas as pd
-
     wrong = np.zeros(0, dtype=np.intp)
     if cells.dtype.kind in "fiu":
         numbers = cells.astype(float)
     else:
+        import pandas as pd
+
         texts = pd.Series(cells, dtype="str").str.strip()
         empty = texts.isna() | texts.str.lower().isin(MISSING)
         # Some loggers write the unit into every cell.

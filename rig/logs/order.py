@@ -45,7 +45,7 @@ class Even:
 
 
 def in_order(time_s: Array, values: Mapping[str, Array], lines: Sequence[int] | NDArray[Any], stamps: str) -> Ordered:
-    """Sort, drop, spread and divide; arguments as `read_log` has them, arrays of shape (n,).
+    """Sort, drop, spread and divide; arguments as `over_time` has them, arrays of shape (n,).
 
     Where the clock goes back for good (the logger started anew, or was set), the rows after it are a piece of their
     own; `time_s` is in order within each piece only.

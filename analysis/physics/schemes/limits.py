@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.optimize import brentq, least_squares
 
 from shockrig.analysis.physics.exchange import Stream, ventilation
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
@@ -110,6 +109,8 @@ def refit(modes: Modes, response: Callable[[np.ndarray], np.ndarray], free_start
         start = p[1] * t98 if free_start else 0.0
         return modes.step((time - start) * np.exp(-p[0])) - reading
 
+    from scipy.optimize import least_squares
+
     fit = least_squares(residual, [0.0, 0.03] if free_start else [0.0], xtol=1e-10, diff_step=np.array(1e-4))
     return float(np.exp(fit.x[0]))
 
@@ -155,6 +156,8 @@ def sphere_misfit(biot: float) -> float:
 
     def residual(p: np.ndarray) -> np.ndarray:
         return sphere_core().scaled(np.exp(p[0])).step(time) - reading
+
+    from scipy.optimize import least_squares
 
     fit = least_squares(residual, [np.log(start)])
     return float(np.sqrt(np.mean(fit.fun**2)))
@@ -228,6 +231,8 @@ def saturation_formula() -> Slip:
 
     span = np.linspace(-45.0, 50.0, 1901)
     largest = float(np.max(np.abs(error_percent(span))))
+    from scipy.optimize import brentq
+
     limit = brentq(lambda t: abs(float(error_percent(np.array([t]))[0])) - 0.5, -60.0, -45.0)
     return Slip(
         "saturation_formula",

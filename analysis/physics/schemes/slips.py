@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.optimize import brentq, least_squares
 
 from shockrig.analysis.physics.modes import Modes, film_mean, response_times, sphere_core
 from shockrig.analysis.physics.schemes import limits
@@ -50,6 +49,8 @@ def share_time(system: StateSpace, share: float = SHARE_63) -> float:
 
     def lack(time: float) -> float:
         return float(step_response(system, np.array([time]))[0]) - share
+
+    from scipy.optimize import brentq
 
     return brentq(lack, 1e-6 * slowest, 20 * slowest, xtol=1e-12)
 
@@ -123,6 +124,8 @@ def fitted_ratio(system: StateSpace, modes: Modes, t98_s: float) -> float:
 
     def residual(p: np.ndarray) -> np.ndarray:
         return step_response(system, np.exp(p[0]) * rate * time_s) - reading
+
+    from scipy.optimize import least_squares
 
     fit = least_squares(residual, [0.0], xtol=1e-12)
     return float(np.exp(fit.x[0]))

@@ -1,0 +1,1 @@
+../../shockrig/__init__.py

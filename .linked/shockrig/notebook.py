@@ -1,0 +1,1 @@
+../../shockrig/notebook.py

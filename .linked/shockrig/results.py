@@ -1,0 +1,1 @@
+../../shockrig/results.py
