@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from shockrig.analysis.flight.coarse import COARSE
-from shockrig.analysis.flight.stretches import judge
+from shockrig.analysis.flight.stretches import judge, within
 from shockrig.files.ranges import Range
 
 Array = NDArray[np.float64]
@@ -34,6 +34,7 @@ FEWEST_ROWS = 6  # that go on from a step of the clock; fewer are out of place
 FEWEST_CHANGES = 8  # of a reading, to judge the steps of its log by
 CAPPED = 0.02  # of the rows, that hold the largest reading and the one before it as well
 FEWEST_CAPPED = 10
+CEILING_SIGMAS = 5.0  # of chance, that a highest step is held longer
 AGAIN, FEWEST_LEVELS = 0.5, 20  # of the readings; fewer levels tell a log's step no better than those that occur once
 LATEST_S = 1e13  # since 1970 it is 2e9 s; beyond this a double's steps are no longer milliseconds
 
@@ -229,8 +230,8 @@ def screen(
     if stale is not None:
         repeated |= stale & believed
         usable &= ~stale
-    if limit is None and not by_steps:
-        limit = _ceiling(reading[believed])
+    if limit is None:
+        limit = _ceiling(reading[believed], within(0.5 * resolution, noise) if by_steps else None)
     capped = np.zeros(reading.shape, dtype=bool)
     if limit is not None:
         capped = believed & (reading >= limit - 0.5 * resolution)
@@ -278,14 +279,25 @@ def _by_chance(reading: Array, rows: NDArray[np.int64], same_time: Mask, same_va
     return allowed
 
 
-def _ceiling(values: Array) -> float | None:
-    """The largest reading, where more rows hold it than any below it could: the sensor stopped there; else None."""
+def _ceiling(values: Array, stays: float | None) -> float | None:
+    """The largest reading, where more rows hold it than any below it could: the sensor stopped there; else None.
+
+    Among coarse steps a reading `stays` by so much chance, and no step holds it as surely as the highest: a steady layer
+    is no ceiling, and may be the highest.
+    """
     if values.size == 0:
         return None
-    top = float(values.max())
-    held = values == top
-    again = np.flatnonzero(held[1:] & held[:-1])
-    return top if again.size > max(CAPPED * values.size, FEWEST_CAPPED) and np.ptp(values) > 0.0 else None
+    level, step = np.unique(values, return_inverse=True)
+    held = values[1:] == values[:-1]
+    again, rows = (np.bincount(step[:-1], weight, level.size) for weight in (held, None))
+    if stays is not None:
+        below = rows[:-1] > FEWEST_CHANGES
+        chance = max(stays, float(np.max((again[:-1] / np.maximum(rows[:-1], 1.0))[below], initial=0.0)))
+        spread = np.sqrt(rows[-1] * chance * max(1.0 - chance, 0.0))
+        if again[-1] - rows[-1] * chance <= CEILING_SIGMAS * max(spread, 1.0):
+            return None
+    enough = again[-1] > max(CAPPED * values.size, FEWEST_CAPPED)
+    return float(level[-1]) if enough and level.size > 1 else None
 
 
 def stairs(values: Array, resolution: float, noise: float = np.inf) -> bool:
