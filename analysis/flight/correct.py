@@ -20,6 +20,7 @@ from shockrig.analysis.flight.doubts import airspeed_doubt, doubts, slips
 from shockrig.analysis.flight.guard import held
 from shockrig.analysis.flight.humidity import correct_humidity
 from shockrig.analysis.flight.inverse import exact_inverse, paper
+from shockrig.analysis.flight.own_thermometer import seen_by_film, slow_against_fast
 from shockrig.analysis.flight.profile_doubts import profile_doubts
 from shockrig.analysis.flight.profile_effects import Acting, acting, not_undone, of_airspeed, of_pressure, unseen
 from shockrig.analysis.flight.readout import ceiling, noise_floor, not_known, stale, undone
@@ -132,26 +133,11 @@ def correct(
         known = told(part, bead, film_with(known)[0], known)
         film, said = film_with(known)
     notes.extend(said)
-    bead = _seen_by(bead, film, part.time_s, notes)
+    bead = seen_by_film(part, bead, film, notes)
     bead, film, widened = compared(part, bead, film, notes, known)
+    slow_against_fast(part, bead, notes)
     slower = {} if known is None else {film.name: known.slower}
     return _gather(flight.time_s.size, rows, bead, film, notes, widened, slower)
-
-
-def _seen_by(bead: Channel, film: Channel, time_s: Array, notes: list[str]) -> Channel:
-    """The temperature, as unsure as it went where the film did not."""
-    alone = film.temperature_alone
-    if alone is None or not alone.any():
-        return bead
-    off = np.abs(alone - np.median(alone))
-    first, last = time_s[np.flatnonzero(np.diff(alone))[[0, -1]]]
-    notes.append(
-        f"temperature: between {first:.4g} and {last:.4g} s it moves by up to {np.ptp(alone):.2g} K without the "
-        "humidity, which follows the air's at once: the sun, ice or a wake was at the thermometer, or the hygrometer's "
-        "own temperature is late (die_thermal_lag); humidity is corrected without these moves, and temperature's "
-        "uncertainty widened by them"
-    )
-    return bead.doubted(off)
 
 
 def _as_it_came(flight: Flight, why: str, notes: list[str]) -> tuple[Channel, Channel]:

@@ -109,6 +109,7 @@ def correct_humidity(
     own_air = bridged(time_s, flight.die_temperature_c)
     at_sensor = replace(stream, temperature_c=air if own_air is None else own_air)
     plain = undone(effects, raw, at_sensor, part.film_thickness_m, period)
+    read_air = air
     alone = np.zeros(raw.shape)
     if die is None and not any(one.meaning.by_activity for one in effects):
         believed = screened.usable & bead.screened.usable & (screened.louder <= 1.0)
@@ -153,7 +154,7 @@ def correct_humidity(
         "humidity", time_s, vapour, usable, response, variance, plain.delay_s, passing, steps, bead.jumps_s
     )
     found = solve(readings, cutoff_hz)
-    outside = ~part.covers(now) | beyond_discovered(part.discovered, stream.airflow_m_s, now)
+    outside = ~part.covers(read_air) | beyond_discovered(part.discovered, stream.airflow_m_s, read_air)
     channel = judged(readings, found, plain, screened, outside, raw, from_vapour, notes, SATURATED_PERCENT)
     channel = held(channel, readings, raw, from_vapour, notes, (0.0, SATURATED_PERCENT))
     channel = _as_read(channel, raw, unread & (screened.usable | screened.repeated) & ~channel.raw, notes)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
+from scipy.signal import lfilter
 
 from shockrig.analysis.flight.response import Response
 from shockrig.analysis.flight.smooth_channel import typical_period
@@ -26,6 +27,7 @@ FEWEST_WINDOWS = 20
 LEAST_TIMES = 3.0  # the usual change: smaller ones matter little, and nobody can tell whose they are
 MISSHAPEN = 0.1  # of what the corrected temperature moves, that it is off by on the way
 BELIEVED = 3.0  # of log-odds: one in twenty
+FORGOTTEN_LAGS = 50.0  # of the film
 ENDS_NOISE = np.sqrt(5.0)  # of white noise, of a change less half of those before and after
 TO_SIGMA = 1.4826  # of the median of absolute values
 LEAST_PERCENT = 1.0  # drier air says nothing
@@ -49,7 +51,8 @@ def unseen(
 
     Notes
     -----
-    Changes are summed, so a constant is left open behind them; it divides reading and result alike.
+    Changes are summed, so a constant is left open behind them, which divides reading and result alike. It is forgotten
+    so slowly that a film hardly lags behind it, or what many changes leave open would add up.
     """
     nothing = np.zeros(temperature_c.shape)
     period = typical_period(time_s)
@@ -73,7 +76,9 @@ def unseen(
     within = np.zeros(time_s.shape, dtype=bool)
     within[first[own] + rows // 2] = True
     within = maximum_filter1d(within, rows + 1)  # a window is judged as a whole
-    return np.concatenate([[0.0], np.cumsum(np.diff(temperature_c) * within[:-1])])
+    moves = np.concatenate([[0.0], np.diff(temperature_c) * within[:-1]])
+    keep = float(np.exp(-period / (FORGOTTEN_LAGS * response.slowest_s)))
+    return np.asarray(lfilter([1.0], [1.0, -keep], moves))
 
 
 def _rows(response: Response, period: float) -> int:
@@ -106,9 +111,9 @@ def _own(first: NDArray[np.int64], moved: Array, read: Array, size: Array, least
         + np.log1p((vapour[large] / of_air) ** 2) + np.log(of_air) + np.log(np.pi)
     )
     # windows that share readings say the same thing
-    event = np.cumsum(np.diff(first[large], prepend=first[large][0]) > rows)
-    told = np.bincount(event, odds) / rows
-    own[large] = told[event] > BELIEVED
+    before, after = (np.searchsorted(first[large], first[large] + beside) for beside in (-2 * rows, 2 * rows + 1))
+    total = np.concatenate([[0.0], np.cumsum(odds)])
+    own[large] = total[after] - total[before] > BELIEVED * rows
     return own
 
 

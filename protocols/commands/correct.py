@@ -118,6 +118,10 @@ def main(args: argparse.Namespace) -> int:
         except InputError as error:
             raise type(error)(str(error).replace(str(source), str(args.flight))) from error
     written = wmo.write(args.out, args.flight.name) if wmo else args.out
+    for note in [note for note in done.notes if note not in doubted]:
+        print(f"note: {note}", file=sys.stderr)
+    if "data" in profile.provenance:
+        print(f"note: the profile is not of real sensors: {profile.provenance['data']}", file=sys.stderr, flush=True)
     print(f"{written}: {done.rows} rows, method {args.method}")
     for name, unit, change, uncertainty in (
         ("temperature", "K", done.temperature_change_k, done.temperature_uncertainty_k),
@@ -132,8 +136,4 @@ def main(args: argparse.Namespace) -> int:
         print(f"  {path}: {layers.write(path)} layers of {args.layers:g} m")
     flagged = ", ".join(f"{name} {count}" for name, count in done.flags.items() if count)
     print(f"  flags: {flagged or 'none'}", flush=True)
-    if "data" in profile.provenance:
-        print(f"note: the profile is not of real sensors: {profile.provenance['data']}", file=sys.stderr)
-    for note in [note for note in done.notes if note not in doubted]:
-        print(f"note: {note}", file=sys.stderr)
     return 0
