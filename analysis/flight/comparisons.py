@@ -40,6 +40,7 @@ MOST = 1.0
 LARGEST_STEP = 0.5
 WORSE = 1.02  # times what ascent and descent of the readings differ by
 SURE_BESIDE_AIR = 3.0  # the same where all that the air may have moved counts as error
+PARTED = "the correction makes ascent and descent disagree more"
 UNITS = {"temperature": "K", "humidity": "%RH"}
 
 
@@ -155,9 +156,8 @@ def compared(
                 owned = doubted is not channel or channel.name in widened
                 notes.insert(
                     0,
-                    f"{channel.name}: the correction makes ascent and descent disagree more, {both.corrected:.2g} "
-                    f"{unit} instead of the {both.read:.2g} {unit} of the readings: use the readings, which stand "
-                    "beside it in what was written, "
+                    f"{channel.name}: {PARTED}, {both.corrected:.2g} {unit} instead of the {both.read:.2g} {unit} of "
+                    "the readings: use the readings, which stand beside it in what was written, "
                     + ("until the cause is found" if owned else "unless the air itself changed between the two ways"),
                 )
             channel = doubted

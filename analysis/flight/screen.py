@@ -282,8 +282,8 @@ def _by_chance(reading: Array, rows: NDArray[np.int64], same_time: Mask, same_va
 def _ceiling(values: Array, stays: float | None) -> float | None:
     """The largest reading, where more rows hold it than any below it could: the sensor stopped there; else None.
 
-    Among coarse steps a reading `stays` by so much chance, and no step holds it as surely as the highest: a steady layer
-    is no ceiling, and may be the highest.
+    Among coarse steps a reading `stays` by so much chance, and no step holds it as surely as the highest: a steady
+    layer is no ceiling, and may be the highest.
     """
     if values.size == 0:
         return None

@@ -2,9 +2,9 @@
 
 A film shows little of what the vapour does at once, while its relative humidity follows the air's temperature without
 lag. Let dx be what the temperature's change, over a time in which the film shows a share of at most `SHOWN` of a step,
-makes of the humidity, and dr what its reading did beside its drift. If the air went as the temperature says, the film's
-vapour dr + dx is that share of what the air's did, which may be anything of dx's size (Cauchy); if the thermometer alone
-moved, dr is noise. What a temperature does in one go is judged as one.
+makes of the humidity, and dr what its reading did beside its drift. If the air went as the temperature says, the
+film's vapour dr + dx is that share of what the air's did, which may be anything of dx's size (Cauchy); if the
+thermometer alone moved, dr is noise (Gauss). Changes that share readings are judged together.
 """
 
 from __future__ import annotations
@@ -105,11 +105,10 @@ def _own(first: NDArray[np.int64], moved: Array, read: Array, size: Array, least
     if not large.size:
         return own
     vapour = read + moved
-    by_itself, of_air = (np.hypot(max(_spread(v), least), share * size)[large] for v, share in ((read, MISSHAPEN), (vapour, SHOWN)))
-    odds = (
-        -0.5 * (read[large] / by_itself) ** 2 - np.log(by_itself) - 0.5 * np.log(2 * np.pi)
-        + np.log1p((vapour[large] / of_air) ** 2) + np.log(of_air) + np.log(np.pi)
-    )
+    by_itself = np.hypot(max(_spread(read), least), MISSHAPEN * size)[large]
+    of_air = np.hypot(max(_spread(vapour), least), SHOWN * size)[large]
+    odds = np.log1p((vapour[large] / of_air) ** 2) + np.log(np.pi * of_air)
+    odds -= 0.5 * (read[large] / by_itself) ** 2 + np.log(np.sqrt(2.0 * np.pi) * by_itself)
     # windows that share readings say the same thing
     before, after = (np.searchsorted(first[large], first[large] + beside) for beside in (-2 * rows, 2 * rows + 1))
     total = np.concatenate([[0.0], np.cumsum(odds)])
