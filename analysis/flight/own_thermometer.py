@@ -13,7 +13,7 @@ from shockrig.analysis.flight.smoother import followed
 from shockrig.files.flight import Flight
 
 Array = NDArray[np.float64]
-LAGS_S = (0.1, 120.0)
+SHORTEST_S, LONGEST_S = 0.1, 120.0  # of a lag
 SETTLED_LAGS, SETTLED_SHARE = 3.0, 0.3  # that the first rows are left out for: of the lag, and of the flight at most
 
 
@@ -40,7 +40,7 @@ def following(flight: Flight, air_c: Array) -> Following | None:
         lasting = min(SETTLED_LAGS * np.exp(log_s), SETTLED_SHARE * np.ptp(flight.time_s))
         return float(np.std(off[flight.time_s - flight.time_s[0] > lasting]))
 
-    best = minimize_scalar(left, bounds=np.log(LAGS_S), method="bounded")
+    best = minimize_scalar(left, bounds=(np.log(SHORTEST_S), np.log(LONGEST_S)), method="bounded")
     return Following(float(np.exp(best.x)), float(best.fun))
 
 
