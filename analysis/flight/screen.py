@@ -36,6 +36,7 @@ CAPPED = 0.02  # of the rows, that hold the largest reading and the one before i
 FEWEST_CAPPED = 10
 CEILING_SIGMAS = 5.0  # of chance, that a highest step is held longer
 AGAIN, FEWEST_LEVELS = 0.5, 20  # of the readings; fewer levels tell a log's step no better than those that occur once
+ENOUGH, ON_A_STEP = 0.8, 10.0  # of the readings, on levels that hold so many each: these are steps, however few
 LATEST_S = 1e13  # since 1970 it is 2e9 s; beyond this a double's steps are no longer milliseconds
 
 
@@ -311,11 +312,15 @@ def stairs(values: Array, resolution: float, noise: float = np.inf) -> bool:
 
 
 def resolution_of(values: Array) -> float:
-    """Smallest step between the values that occur, of those that occur again where that many do (what was put in
-    between is on no step of the log); 0 where there is but one."""
+    """Smallest step between the values that occur, of those that occur again where that many do, or of the few that
+    hold nearly all (what was put in between is on no step of the log); 0 where there is but one."""
     levels, counts = np.unique(np.round(values[:20000], 9), return_counts=True)
-    again = counts > 1
-    if counts[again].sum() > AGAIN * counts.sum() and np.count_nonzero(again) >= FEWEST_LEVELS:
-        levels = levels[again]
+    again, order = counts > 1, np.argsort(-counts, kind="stable")
+    few = order[: int(np.searchsorted(np.cumsum(counts[order]), ENOUGH * counts.sum())) + 1]
+    for some, least in ((few, 3), (np.flatnonzero(again), 3), (np.flatnonzero(again), FEWEST_LEVELS)):
+        enough = counts[some].sum() > AGAIN * counts.sum() and some.size >= least
+        if enough and (least == FEWEST_LEVELS or counts[some].mean() >= ON_A_STEP):
+            levels = np.sort(levels[some])
+            break
     steps = np.diff(levels)
     return float(np.quantile(steps, 0.05, method="lower")) if steps.size else 0.0
