@@ -64,6 +64,7 @@ def test_a_hygrometer_that_is_late_itself_leaves_the_temperature_alone():
     done = correct(late, PROFILE)
     assert any("die_thermal_lag" in note and "follows" in note for note in done.notes)
     assert np.nanmax(done.temperature_uncertainty_k) < 0.5
+    assert np.max(done.humidity_percent * 0.08 * 0.8) < np.max(done.humidity_uncertainty_percent)  # 8 %/K of 1 K
 
 
 def test_a_front_is_the_air_however_fast():

@@ -133,7 +133,7 @@ def correct(
         known = told(part, bead, film_with(known)[0], known)
         film, said = film_with(known)
     notes.extend(said)
-    bead = seen_by_film(part, bead, film, notes)
+    bead, film = seen_by_film(part, bead, film, notes)
     bead, film, widened = compared(part, bead, film, notes, known)
     slow_against_fast(part, bead, notes)
     slower = {} if known is None else {film.name: known.slower}

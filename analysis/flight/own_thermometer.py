@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from shockrig.analysis.flight.channel import Channel, bridged
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.flight.smoother import followed
+from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.flight import Flight
 
 Array = NDArray[np.float64]
@@ -55,12 +56,15 @@ def slow_against_fast(flight: Flight, bead: Channel, notes: list[str]) -> None:
     )
 
 
-def seen_by_film(flight: Flight, bead: Channel, film: Channel, notes: list[str]) -> Channel:
-    """The temperature, as unsure as it moved without the humidity; but not where the hygrometer's own thermometer
-    followed these moves: then it is late, and the air went."""
+def seen_by_film(flight: Flight, bead: Channel, film: Channel, notes: list[str]) -> tuple[Channel, Channel]:
+    """Both channels, as unsure as the temperature moved without the humidity.
+
+    Either the thermometer moved by itself, or the air did and the hygrometer's own temperature is late: what it then
+    says of the air is off by as much. Its own thermometer tells which, where it was logged.
+    """
     alone, air = film.temperature_alone, bridged(flight.time_s, bead.value)
     if alone is None or air is None or not alone.any():
-        return bead
+        return bead, film
     moved = np.flatnonzero(np.abs(np.diff(alone)) > np.finfo(np.float32).eps * np.ptp(alone))
     first, last = flight.time_s[moved[[0, -1]]]
     off = np.abs(alone - np.median(alone))
@@ -69,14 +73,22 @@ def seen_by_film(flight: Flight, bead: Channel, film: Channel, notes: list[str])
         "humidity, which follows the air's at once: "
     )
     with_them, without = following(flight, air), following(flight, air - alone)
-    if with_them is not None and without is not None and with_them.left_k < without.left_k:
-        notes.append(
-            f"{said}the hygrometer's own thermometer follows {with_them.lag_s:.2g} s later, so its temperature is late "
-            "and not the air's (die_thermal_lag); humidity is corrected without these moves"
+    # what the humidity is off by if the air did move
+    of_film = film.value * np.abs(np.log(saturation_pressure_hpa(air) / saturation_pressure_hpa(air - off)))
+    if with_them is None or without is None:
+        said += (
+            "the sun, ice or a wake was at the thermometer, or the hygrometer's own temperature is late "
+            "(die_thermal_lag); a log with the temperature of its own would tell"
         )
-        return bead
-    notes.append(
-        f"{said}the sun, ice or a wake was at the thermometer, or the hygrometer's own temperature is late "
-        "(die_thermal_lag); humidity is corrected without these moves, and temperature's uncertainty widened by them"
-    )
-    return bead.doubted(off)
+        bead, film = bead.doubted(off), film.doubted(of_film)
+    elif with_them.left_k < without.left_k:
+        said += (
+            f"the hygrometer's own thermometer follows {with_them.lag_s:.2g} s later, so its temperature is late and "
+            "not the air's (die_thermal_lag)"
+        )
+        film = film.doubted(of_film)
+    else:
+        said += "the sun, ice or a wake was at the thermometer, since the hygrometer's own does not follow them either"
+        bead = bead.doubted(off)
+    notes.append(f"{said}; humidity is corrected without these moves, and uncertainties are widened by them")
+    return bead, film
