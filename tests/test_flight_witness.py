@@ -78,9 +78,9 @@ def test_a_front_is_the_air_however_fast():
 
     vapour = 3.0 + 1.5 * behind(1.0 * (time_s > 30.0), 4.0)
     humidity = 100.0 * vapour / saturation(temperature) + 0.05 * rng.standard_normal(time_s.size)
-    assert not unseen(time_s, humidity, temperature, everywhere, response, 0.05).any()
+    assert not unseen(time_s, humidity, temperature, 0.01 * everywhere, everywhere, response, 0.05).any()
     stays = 50.0 + 0.05 * rng.standard_normal(time_s.size)
-    moved = unseen(time_s, stays, temperature, everywhere, response, 0.05)
+    moved = unseen(time_s, stays, temperature, 0.01 * everywhere, everywhere, response, 0.05)
     assert np.ptp(moved) == pytest.approx(6.0, abs=1.0)
 
 

@@ -112,10 +112,11 @@ def correct_humidity(
     read_air = air
     alone = np.zeros(raw.shape)
     if die is None and not any(one.meaning.by_activity for one in effects):
-        believed = screened.usable & bead.screened.usable & (screened.louder <= 1.0)
+        loud = np.maximum(screened.louder, bead.screened.louder) > 1.0  # of a burst of noise neither says anything
+        believed = screened.usable & bead.screened.usable & ~loud
         own_noise = float(np.hypot(noise, screened.resolution / np.sqrt(12)) / np.median(plain.gain))
         then = _earlier(time_s, air, plain.delay_s)
-        alone = unseen(time_s, plain.reading, then, believed, response, own_noise)
+        alone = unseen(time_s, plain.reading, then, sigma, believed, response, own_noise)
         alone = _earlier(time_s, alone, -plain.delay_s)
         air = air - alone
     # a late reading is of the air that was; the die's temperature comes from the same chip and is as late

@@ -37,6 +37,7 @@ FEWEST_CAPPED = 10
 CEILING_SIGMAS = 5.0  # of chance, that a highest step is held longer
 AGAIN, FEWEST_LEVELS = 0.5, 20  # of the readings; fewer levels tell a log's step no better than those that occur once
 ENOUGH, ON_A_STEP = 0.8, 10.0  # of the readings, on levels that hold so many each: these are steps, however few
+BESIDE_ONE_ANOTHER = 0.5  # of the steps between the lowest and the highest of these few are held
 LATEST_S = 1e13  # since 1970 it is 2e9 s; beyond this a double's steps are no longer milliseconds
 
 
@@ -315,12 +316,17 @@ def resolution_of(values: Array) -> float:
     """Smallest step between the values that occur, of those that occur again where that many do, or of the few that
     hold nearly all (what was put in between is on no step of the log); 0 where there is but one."""
     levels, counts = np.unique(np.round(values[:20000], 9), return_counts=True)
-    again, order = counts > 1, np.argsort(-counts, kind="stable")
-    few = order[: int(np.searchsorted(np.cumsum(counts[order]), ENOUGH * counts.sum())) + 1]
-    for some, least in ((few, 3), (np.flatnonzero(again), 3), (np.flatnonzero(again), FEWEST_LEVELS)):
-        enough = counts[some].sum() > AGAIN * counts.sum() and some.size >= least
-        if enough and (least == FEWEST_LEVELS or counts[some].mean() >= ON_A_STEP):
-            levels = np.sort(levels[some])
-            break
+    again, order = np.flatnonzero(counts > 1), np.argsort(-counts, kind="stable")
+    few = np.sort(order[: int(np.searchsorted(np.cumsum(counts[order]), ENOUGH * counts.sum())) + 1])
+    apart = np.diff(levels[few])
+    if few.size >= 3 and apart.min() * apart.size >= BESIDE_ONE_ANOTHER * apart.sum() and _steps(counts, few):
+        levels = levels[few]
+    elif counts[again].sum() > AGAIN * counts.sum() and (again.size >= FEWEST_LEVELS or _steps(counts, again)):
+        levels = levels[again]
     steps = np.diff(levels)
     return float(np.quantile(steps, 0.05, method="lower")) if steps.size else 0.0
+
+
+def _steps(counts: NDArray[np.int64], some: NDArray[np.int64]) -> bool:
+    """Whether some of the levels that occur so often are a log's steps, and hold many readings each."""
+    return some.size >= 3 and float(counts[some].mean()) >= ON_A_STEP

@@ -29,12 +29,19 @@ MISSHAPEN = 0.1  # of what the corrected temperature moves, that it is off by on
 BELIEVED = 3.0  # of log-odds: one in twenty
 FORGOTTEN_LAGS = 50.0  # of the film
 ENDS_NOISE = np.sqrt(5.0)  # of white noise, of a change less half of those before and after
+THIRDS_NOISE = 6.0 / np.sqrt(np.pi)  # and what three of them go in all
 TO_SIGMA = 1.4826  # of the median of absolute values
 LEAST_PERCENT = 1.0  # drier air says nothing
 
 
 def unseen(
-    time_s: Array, humidity: Array, temperature_c: Array, believed: Mask, response: Response, noise_percent: float
+    time_s: Array,
+    humidity: Array,
+    temperature_c: Array,
+    sigma_k: Array,
+    believed: Mask,
+    response: Response,
+    noise_percent: float,
 ) -> Array:
     """How far (n,) the temperature moved by itself, in K, 0 where the film agrees with it.
 
@@ -42,6 +49,8 @@ def unseen(
     ----------
     humidity, temperature_c : ndarray (n,)
         Readings of the film [%RH] and the corrected temperature of the air.
+    sigma_k : ndarray (n,)
+        Its standard uncertainty: of a thermometer in a burst of noise a film says nothing.
     believed : ndarray (n,)
         Rows where both were read.
     response : Response
@@ -70,7 +79,9 @@ def unseen(
     log_saturation = np.log(saturation_pressure_hpa(temperature_c))
     size = level * np.abs(np.diff(log_saturation[ends], axis=1)).sum(axis=1)
     moved, read = level * _beside(log_saturation, ends), _beside(humidity, ends)
-    own = _own(first, moved, read, size, ENDS_NOISE * noise_percent, rows)
+    per_k = np.log(saturation_pressure_hpa(temperature_c[first] + 1.0)) - log_saturation[first]
+    unsure = level * per_k * np.median(sigma_k[ends], axis=1)
+    own = _own(first, moved, read, size, unsure, ENDS_NOISE * noise_percent, rows)
     if not own.any():
         return nothing
     within = np.zeros(time_s.shape, dtype=bool)
@@ -95,12 +106,16 @@ def _beside(values: Array, ends: NDArray[np.int64]) -> Array:
     return np.asarray((last - first) - 0.5 * ((first - before) + (after - last)))
 
 
-def _own(first: NDArray[np.int64], moved: Array, read: Array, size: Array, least: float, rows: int) -> Mask:
+def _own(
+    first: NDArray[np.int64], moved: Array, read: Array, size: Array, unsure: Array, least: float, rows: int
+) -> Mask:
     """Changes (w,) of the temperature, in %RH, that are likelier its own than the air's.
 
-    They begin at row `first` and go `size` to and fro; `least` is a change's noise.
+    They begin at row `first` and go `size` to and fro, `unsure` by so much; `least` is a reading's noise in one.
     """
-    large = np.flatnonzero(np.abs(moved) > LEAST_TIMES * np.hypot(max(_spread(moved), least), MISSHAPEN * size))
+    usual = np.hypot(max(_spread(moved), least), MISSHAPEN * size)
+    unsure = THIRDS_NOISE * np.maximum(unsure - np.median(unsure), 0.0)  # what is usual is in what is usually moved
+    large = np.flatnonzero((np.abs(moved) > LEAST_TIMES * usual) & (size > LEAST_TIMES * unsure))
     own = np.zeros(moved.shape, dtype=bool)
     if not large.size:
         return own
