@@ -1,6 +1,6 @@
 """Where may a correction do harm? Fifty-two kinds of flights from a solver of their own, beside what others use.
 
-    python benchmarks/flight_harm.py [--kinds NAME ...] [--seeds N] [--first-seed N] [--no-peers] [--out FILE.jsonl]
+    python benchmarks/flight_harm.py [--kinds NAME ...] [--seeds N] [--first-seed N] [--no-peers] [--fresh] [--out FILE]
 
 One line a kind and channel: rms error of the reading, of the best peer (tuned in hindsight, flight by flight), of the
 smoother; its largest share of the reading's in one flight; what its 95 % interval covers, with the standard error that
@@ -20,6 +20,7 @@ import zlib
 from pathlib import Path
 
 import numpy as np
+from flight_fresh import FRESH
 from flight_kinds import KINDS
 from flight_worlds import BEAD_RATE, FILM_RATE, Flown, World, fly, saturation_hpa
 from scipy.ndimage import median_filter
@@ -142,7 +143,7 @@ def even(reading: Array) -> Array:
 
 def score(name: str, seed: int, with_peers: bool) -> list[dict]:
     """Both channels of one flight."""
-    world = KINDS[name](np.random.default_rng([seed, zlib.crc32(name.encode())]))
+    world = (KINDS | FRESH)[name](np.random.default_rng([seed, zlib.crc32(name.encode())]))
     flown = fly(world, seed + zlib.crc32(name.encode()))  # other sensors in each kind
     log = flown.log
     unknown = np.full(log["time_s"].size, np.nan)
@@ -245,6 +246,7 @@ def table(lines: list[dict]) -> None:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--kinds", nargs="+", default=list(KINDS))
+    parser.add_argument("--fresh", action="store_true", help="kinds of flight_fresh.py, which nothing was tuned to")
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--no-peers", action="store_true")
@@ -252,6 +254,8 @@ def main() -> int:
     parser.add_argument("--table", type=Path, help="print what this file holds, and fly nothing")
     args = parser.parse_args()
     warnings.simplefilter("ignore")
+    if args.fresh:
+        args.kinds = list(FRESH)
     if args.table:
         table([json.loads(text) for text in args.table.read_text().splitlines()])
         return 0

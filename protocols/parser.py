@@ -76,7 +76,7 @@ def whole_number(text: str) -> int:
     try:
         return int(text, 0)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"expected a whole number such as 40 or 0x28, found {text!r}") from None
+        raise argparse.ArgumentTypeError(f"expected a whole number such as 40 or 0x28, found {text[:40]!r}") from None
 
 
 def _number(kind: type[int] | type[float], words: str) -> Callable[[str], int | float]:

@@ -248,6 +248,26 @@ def test_what_is_not_the_reading_does_not_say_that_it_is():
     assert np.array_equal(alone.temperature_c, cold.temperature_c) and alone.flags["not_corrected"].any()
 
 
+def test_columns_that_change_back_where_they_meet_are_told_up_to_there():
+    """A stretch of exchanged columns of which one end lies where both are alike was taken to last to the log's end."""
+    row = np.arange(2000)
+    temperature = 19.0 + 0.02 * np.random.default_rng(4).standard_normal(row.size)
+    humidity = (
+        45.0 - 26.0 * np.clip((row - 500) / 300.0, 0.0, 1.0) + 0.05 * np.random.default_rng(5).standard_normal(2000)
+    )
+    there = (row >= 300) & (row < 900)
+    log = flight()
+    nothing = np.full(row.size, np.nan)
+    log = dataclasses.replace(
+        log, time_s=0.1 * row, temperature_c=np.where(there, humidity, temperature),
+        humidity_percent=np.where(there, temperature, humidity), airspeed_m_s=nothing, pressure_hpa=nothing,
+        die_temperature_c=nothing, altitude_m=None,
+    )  # fmt: skip
+    found = without_codes(log)[1][EXCHANGED]
+    assert found[300:700].all() and not found[:299].any()
+    assert not found[900:].any()  # before: all of them
+
+
 def test_damaged_flights_give_nothing_that_cannot_be():
     """A fixed sample of benchmarks/fuzz_flights.py, which flies a million rows."""
     fuzz = benchmark("fuzz_flights")

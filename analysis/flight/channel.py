@@ -95,6 +95,8 @@ class Channel:
         Times at which the air jumped.
     response : Response or None
         With a row for each of them.
+    temperature_alone : ndarray (n,) or None
+        How far the temperature moved by itself, which a film did not see [K].
     """
 
     name: str
@@ -110,6 +112,7 @@ class Channel:
     cutoff_hz: float | None = None
     jumps_s: Array | None = None
     response: Response | None = None
+    temperature_alone: Array | None = None
 
     @property
     def total_uncertainty(self) -> Array:
@@ -126,7 +129,7 @@ class Channel:
         more = np.where(self.raw, 0.0, relative * np.abs(self.lag))
         return replace(self, uncertainty=np.hypot(self.uncertainty, more), common=np.hypot(self.common, more))
 
-    def doubted(self, by: float) -> Channel:
+    def doubted(self, by: Array | float) -> Channel:
         """The same with an uncertainty `by` of every corrected value beside what is stated, common to the flight."""
         more = np.where(self.raw, 0.0, by)
         return replace(self, uncertainty=np.hypot(self.uncertainty, more), common=np.hypot(self.common, more))

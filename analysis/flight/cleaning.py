@@ -88,11 +88,14 @@ def _exchanged(temperature: Array, humidity: Array) -> Mask:
     ends = np.flatnonzero(np.diff(np.concatenate([[0], turns.astype(int), [0]])))
     middle = (ends[::2] + ends[1::2] - 1) // 2  # a median turns for some rows
     odd = np.searchsorted(middle, np.arange(rows.size), side="right") % 2 == 1
-    if odd.any():
+    if middle.size == 1:
+        odd = _from_one_end(temperature[rows], humidity[rows], int(middle[0]))
+    elif odd.any():
         hot = temperature[rows] > WARM_C
         hotter = np.mean(hot[odd]) - np.mean(hot[~odd])
         fewer = np.count_nonzero(odd) <= rows.size / 2
         odd = odd if hotter > HOT or (fewer and hotter > -HOT) else ~odd
+    if odd.any():
         # rows beside them in which one column is missing are of the kind that the other is like
         every = np.arange(temperature.size)
         wider = np.interp(every, rows, odd.astype(float))
@@ -100,6 +103,19 @@ def _exchanged(temperature: Array, humidity: Array) -> Mask:
         crossed = (np.abs(temperature - h) < np.abs(temperature - t)) | (np.abs(humidity - t) < np.abs(humidity - h))
         exchanged = (wider == 1.0) | ((wider > 0.0) & crossed)
     return exchanged
+
+
+def _from_one_end(temperature: Array, humidity: Array, turn: int) -> Mask:
+    """Rows (n,) of a stretch of which one end is seen: the other is where the columns meet, since nothing tells behind
+    that which is which; of the two sides the one with warmer rows than air mostly has, or else the shorter one."""
+    met = np.flatnonzero(np.abs(temperature - humidity) < LEAST_APART)
+    rows = np.arange(temperature.size)
+    first, last = np.max(met[met < turn], initial=-1), np.min(met[met >= turn], initial=rows.size)
+    before, after = (rows > first) & (rows < turn), (rows >= turn) & (rows < last)
+    hot = temperature > WARM_C
+    hotter = np.mean(hot[after]) - np.mean(hot[before]) if before.any() and after.any() else 0.0
+    shorter = np.count_nonzero(after) <= np.count_nonzero(before)
+    return after if hotter > HOT or (shorter and hotter > -HOT) else before
 
 
 def _turns(temperature: Array, humidity: Array, before: int, behind: int) -> Mask:

@@ -18,7 +18,6 @@ from scipy.ndimage import median_filter, uniform_filter1d
 from shockrig.analysis.flight.channel import Channel, bridged
 from shockrig.analysis.flight.disagreement import Difference, causes, excess, explained
 from shockrig.analysis.flight.smooth_channel import typical_period
-from shockrig.analysis.flight.smoother import followed
 from shockrig.analysis.flight.sweep import lags_behind
 from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA
 from shockrig.files.flight import Flight
@@ -39,7 +38,9 @@ BEYOND = 3.0  # times what the profile states
 EXPLAINED = 0.2  # of the difference's variance; less is the air's own, which changes between the two ways
 MOST = 1.0
 LARGEST_STEP = 0.5
+WORSE = 1.02  # times what ascent and descent of the readings differ by
 SURE_BESIDE_AIR = 3.0  # the same where all that the air may have moved counts as error
+PARTED = "the correction makes ascent and descent disagree more"
 UNITS = {"temperature": "K", "humidity": "%RH"}
 
 
@@ -151,17 +152,16 @@ def compared(
                 channel = channel.widened(wrong)
                 widened[channel.name] = wrong
             doubted = _owned(flight, bead, channel, notes)
-            # said first, and whichever of the two it was that owned it
-            if both.corrected > both.read and (doubted is not channel or channel.name in widened):
+            if both.corrected > WORSE * both.read:
+                owned = doubted is not channel or channel.name in widened
                 notes.insert(
                     0,
-                    f"{channel.name}: the correction makes ascent and descent disagree more, {both.corrected:.2g} "
-                    f"{unit} instead of the {both.read:.2g} {unit} of the readings: use the readings until the cause "
-                    "is found",
+                    f"{channel.name}: {PARTED}, {both.corrected:.2g} {unit} instead of the {both.read:.2g} {unit} of "
+                    "the readings: use the readings, which stand beside it in what was written, "
+                    + ("until the cause is found" if owned else "unless the air itself changed between the two ways"),
                 )
             channel = doubted
         found.append(channel)
-    _slow_against_fast(flight, bead, notes)
     return found[0], found[1], widened
 
 
@@ -274,27 +274,3 @@ def _slope(x: Array, y: Array) -> tuple[float, float]:
     each = np.array([slope(block != i) for i in range(BLOCKS)])
     error = float(np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((each - each.mean()) ** 2)))
     return slope(np.ones(x.size, dtype=bool)), error
-
-
-def _slow_against_fast(flight: Flight, bead: Channel, notes: list[str]) -> None:
-    """The humidity sensor's own thermometer is slow: the corrected air, lagged, should be what it read."""
-    die, air = bridged(flight.time_s, flight.die_temperature_c), bridged(flight.time_s, bead.value)
-    if die is None or air is None or bead.raw.all() or np.ptp(die) == 0.0:
-        return
-    from scipy.optimize import minimize_scalar
-
-    period = typical_period(flight.time_s)
-
-    def left(log_s: float) -> Array:
-        lagged = followed(air - air[0], float(np.exp(-period / np.exp(log_s))), 0.0)
-        off = die - lagged
-        settled = flight.time_s - flight.time_s[0] > min(3.0 * np.exp(log_s), 0.3 * np.ptp(flight.time_s))
-        return off[settled] - np.mean(off[settled])
-
-    best = minimize_scalar(
-        lambda log_s: float(np.mean(left(log_s) ** 2)), bounds=(np.log(0.1), np.log(120.0)), method="bounded"
-    )
-    notes.append(
-        f"temperature: the humidity sensor's own thermometer follows the corrected air {np.exp(best.x):.2g} s behind, "
-        f"to within {np.sqrt(best.fun):.2g} K rms beside a constant"
-    )

@@ -20,6 +20,7 @@ from shockrig.analysis.flight.doubts import airspeed_doubt, doubts, slips
 from shockrig.analysis.flight.guard import held
 from shockrig.analysis.flight.humidity import correct_humidity
 from shockrig.analysis.flight.inverse import exact_inverse, paper
+from shockrig.analysis.flight.own_thermometer import seen_by_film, slow_against_fast
 from shockrig.analysis.flight.profile_doubts import profile_doubts
 from shockrig.analysis.flight.profile_effects import Acting, acting, not_undone, of_airspeed, of_pressure, unseen
 from shockrig.analysis.flight.readout import ceiling, noise_floor, not_known, stale, undone
@@ -132,7 +133,9 @@ def correct(
         known = told(part, bead, film_with(known)[0], known)
         film, said = film_with(known)
     notes.extend(said)
+    bead, film = seen_by_film(part, bead, film, notes)
     bead, film, widened = compared(part, bead, film, notes, known)
+    slow_against_fast(part, bead, notes)
     slower = {} if known is None else {film.name: known.slower}
     return _gather(flight.time_s.size, rows, bead, film, notes, widened, slower)
 

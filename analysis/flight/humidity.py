@@ -27,7 +27,8 @@ from shockrig.analysis.flight.comparisons import Told
 from shockrig.analysis.flight.doubts import airspeed_doubt
 from shockrig.analysis.flight.guard import held
 from shockrig.analysis.flight.prior import Passing
-from shockrig.analysis.flight.profile_effects import Acting, acting, not_undone, unseen
+from shockrig.analysis.flight.profile_effects import Acting, acting, not_undone
+from shockrig.analysis.flight.profile_effects import unseen as beyond_discovered
 from shockrig.analysis.flight.readout import ceiling, noise_floor, not_known, stale, undone
 from shockrig.analysis.flight.response import Response, film_response, unsure_of_airspeed
 from shockrig.analysis.flight.screen import screen
@@ -35,6 +36,7 @@ from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
 from shockrig.analysis.flight.stretches import largest_share
 from shockrig.analysis.flight.sweep import lags_behind
 from shockrig.analysis.flight.typical import NOISE_PERCENT
+from shockrig.analysis.flight.witness import unseen
 from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.flight import Flight
@@ -107,6 +109,16 @@ def correct_humidity(
     own_air = bridged(time_s, flight.die_temperature_c)
     at_sensor = replace(stream, temperature_c=air if own_air is None else own_air)
     plain = undone(effects, raw, at_sensor, part.film_thickness_m, period)
+    read_air = air
+    alone = np.zeros(raw.shape)
+    if die is None and not any(one.meaning.by_activity for one in effects):
+        loud = np.maximum(screened.louder, bead.screened.louder) > 1.0  # of a burst of noise neither says anything
+        believed = screened.usable & bead.screened.usable & ~loud
+        own_noise = float(np.hypot(noise, screened.resolution / np.sqrt(12)) / np.median(plain.gain))
+        then = _earlier(time_s, air, plain.delay_s)
+        alone = unseen(time_s, plain.reading, then, sigma, believed, response, own_noise)
+        alone = _earlier(time_s, alone, -plain.delay_s)
+        air = air - alone
     # a late reading is of the air that was; the die's temperature comes from the same chip and is as late
     now, air, error = air, *(_earlier(time_s, values, plain.delay_s) for values in (air, sigma))
     own = air if die is None else die
@@ -143,7 +155,7 @@ def correct_humidity(
         "humidity", time_s, vapour, usable, response, variance, plain.delay_s, passing, steps, bead.jumps_s
     )
     found = solve(readings, cutoff_hz)
-    outside = ~part.covers(now) | unseen(part.discovered, stream.airflow_m_s, now)
+    outside = ~part.covers(read_air) | beyond_discovered(part.discovered, stream.airflow_m_s, read_air)
     channel = judged(readings, found, plain, screened, outside, raw, from_vapour, notes, SATURATED_PERCENT)
     channel = held(channel, readings, raw, from_vapour, notes, (0.0, SATURATED_PERCENT))
     channel = _as_read(channel, raw, unread & (screened.usable | screened.repeated) & ~channel.raw, notes)
@@ -158,7 +170,8 @@ def correct_humidity(
     left = not_known(effects)
     # nothing between dry and saturated is farther away than the farther of the two
     uncertainty = np.minimum(uncertainty, np.maximum(value, SATURATED_PERCENT - value))
-    return replace(channel, value=value, uncertainty=np.hypot(uncertainty, left), common=np.hypot(channel.common, left))
+    uncertainty, common = (np.hypot(sigma, left) for sigma in (uncertainty, channel.common))
+    return replace(channel, value=value, uncertainty=uncertainty, common=common, temperature_alone=alone)
 
 
 def _earlier(time_s: Array, values: Array, delay_s: float) -> Array:

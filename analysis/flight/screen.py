@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from shockrig.analysis.flight.coarse import COARSE
-from shockrig.analysis.flight.stretches import judge
+from shockrig.analysis.flight.stretches import judge, within
 from shockrig.files.ranges import Range
 
 Array = NDArray[np.float64]
@@ -34,7 +34,10 @@ FEWEST_ROWS = 6  # that go on from a step of the clock; fewer are out of place
 FEWEST_CHANGES = 8  # of a reading, to judge the steps of its log by
 CAPPED = 0.02  # of the rows, that hold the largest reading and the one before it as well
 FEWEST_CAPPED = 10
+CEILING_SIGMAS = 5.0  # of chance, that a highest step is held longer
 AGAIN, FEWEST_LEVELS = 0.5, 20  # of the readings; fewer levels tell a log's step no better than those that occur once
+ENOUGH, ON_A_STEP = 0.8, 10.0  # of the readings, on levels that hold so many each: these are steps, however few
+BESIDE_ONE_ANOTHER = 0.5  # of the steps between the lowest and the highest of these few are held
 LATEST_S = 1e13  # since 1970 it is 2e9 s; beyond this a double's steps are no longer milliseconds
 
 
@@ -229,8 +232,8 @@ def screen(
     if stale is not None:
         repeated |= stale & believed
         usable &= ~stale
-    if limit is None and not by_steps:
-        limit = _ceiling(reading[believed])
+    if limit is None:
+        limit = _ceiling(reading[believed], within(0.5 * resolution, noise) if by_steps else None)
     capped = np.zeros(reading.shape, dtype=bool)
     if limit is not None:
         capped = believed & (reading >= limit - 0.5 * resolution)
@@ -284,14 +287,25 @@ def _by_chance(reading: Array, rows: NDArray[np.int64], same_time: Mask, same_va
     return allowed
 
 
-def _ceiling(values: Array) -> float | None:
-    """The largest reading, where more rows hold it than any below it could: the sensor stopped there; else None."""
+def _ceiling(values: Array, stays: float | None) -> float | None:
+    """The largest reading, where more rows hold it than any below it could: the sensor stopped there; else None.
+
+    Among coarse steps a reading `stays` by so much chance, and no step holds it as surely as the highest: a steady
+    layer is no ceiling, and may be the highest.
+    """
     if values.size == 0:
         return None
-    top = float(values.max())
-    held = values == top
-    again = np.flatnonzero(held[1:] & held[:-1])
-    return top if again.size > max(CAPPED * values.size, FEWEST_CAPPED) and np.ptp(values) > 0.0 else None
+    level, step = np.unique(values, return_inverse=True)
+    held = values[1:] == values[:-1]
+    again, rows = (np.bincount(step[:-1], weight, level.size) for weight in (held, None))
+    if stays is not None:
+        below = rows[:-1] > FEWEST_CHANGES
+        chance = max(stays, float(np.max((again[:-1] / np.maximum(rows[:-1], 1.0))[below], initial=0.0)))
+        spread = np.sqrt(rows[-1] * chance * max(1.0 - chance, 0.0))
+        if again[-1] - rows[-1] * chance <= CEILING_SIGMAS * max(spread, 1.0):
+            return None
+    enough = again[-1] > max(CAPPED * values.size, FEWEST_CAPPED)
+    return float(level[-1]) if enough and level.size > 1 else None
 
 
 def stairs(values: Array, resolution: float, noise: float = np.inf) -> bool:
@@ -305,11 +319,20 @@ def stairs(values: Array, resolution: float, noise: float = np.inf) -> bool:
 
 
 def resolution_of(values: Array) -> float:
-    """Smallest step between the values that occur, of those that occur again where that many do (what was put in
-    between is on no step of the log); 0 where there is but one."""
+    """Smallest step between the values that occur, of those that occur again where that many do, or of the few that
+    hold nearly all (what was put in between is on no step of the log); 0 where there is but one."""
     levels, counts = np.unique(np.round(values[:20000], 9), return_counts=True)
-    again = counts > 1
-    if counts[again].sum() > AGAIN * counts.sum() and np.count_nonzero(again) >= FEWEST_LEVELS:
+    again, order = np.flatnonzero(counts > 1), np.argsort(-counts, kind="stable")
+    few = np.sort(order[: int(np.searchsorted(np.cumsum(counts[order]), ENOUGH * counts.sum())) + 1])
+    apart = np.diff(levels[few])
+    if few.size >= 3 and apart.min() * apart.size >= BESIDE_ONE_ANOTHER * apart.sum() and _steps(counts, few):
+        levels = levels[few]
+    elif counts[again].sum() > AGAIN * counts.sum() and (again.size >= FEWEST_LEVELS or _steps(counts, again)):
         levels = levels[again]
     steps = np.diff(levels)
     return float(np.quantile(steps, 0.05, method="lower")) if steps.size else 0.0
+
+
+def _steps(counts: NDArray[np.int64], some: NDArray[np.int64]) -> bool:
+    """Whether some of the levels that occur so often are a log's steps, and hold many readings each."""
+    return some.size >= 3 and float(counts[some].mean()) >= ON_A_STEP

@@ -209,7 +209,10 @@ def _brief(time_s: Array, measured: NDArray[np.bool_], longest_s: float) -> NDAr
     nodes, known = np.arange(time_s.size), np.flatnonzero(measured)
     after = known[np.minimum(np.searchsorted(known, nodes), known.size - 1)]
     before = known[np.maximum(np.searchsorted(known, nodes, side="right") - 1, 0)]
-    return (before < nodes) & (nodes < after) & (time_s[after] - time_s[before] <= longest_s)
+    apart = (np.diff(time_s, prepend=-np.inf) > 0) & (
+        time_s < time_s[after]
+    )  # two rows at one time are no two readings
+    return (before < nodes) & (nodes < after) & apart & (time_s[after] - time_s[before] <= longest_s)
 
 
 def _carried(node_row: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -213,9 +213,14 @@ def _stuck(values: Array, resolution: float, noise: float, scatter: Array) -> Ma
     return np.asarray(maximum_filter1d(narrow, 2 * half + 1))
 
 
-def fewest_by_chance(within: float, noise: float) -> float:
-    """How many readings in a row noise alone does not keep `within` so far of a level; infinite where it may."""
+def fewest_by_chance(size: float, noise: float) -> float:
+    """How many readings in a row noise alone does not keep so near to a level; infinite where it may."""
+    share = within(size, noise)
+    return max(float(np.ceil(np.log(BY_CHANCE) / np.log(share))), 5.0) if share < 0.999 else np.inf
+
+
+def within(size: float, noise: float) -> float:
+    """Share of readings that noise keeps within `size` of a level."""
     from scipy.special import erf
 
-    share = float(erf(within / (noise * np.sqrt(2.0)))) if noise > 0.0 else 1.0
-    return max(float(np.ceil(np.log(BY_CHANCE) / np.log(share))), 5.0) if share < 0.999 else np.inf
+    return float(erf(size / (noise * np.sqrt(2.0)))) if noise > 0.0 else 1.0

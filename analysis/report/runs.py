@@ -92,7 +92,8 @@ def _draw_run(top: Axes, low: Axes, panel: RunPanel, reach: float, noise: float 
     for axes in (top, low):
         axes.set_xscale("function", functions=(_root, _square))
         left, right = float(np.min(panel.time_s)), float(np.max(panel.time_s))
-        axes.set_xlim(max(left, -10.0), right)
+        if right > max(left, -10.0):
+            axes.set_xlim(max(left, -10.0), right)
         axes.set_xticks([t for t in (-5, 0, 1, 5, 20, 60, 150, 400, 1000) if max(left, -10.0) <= t <= right])
         axes.axvline(0.0, color=GREY, linewidth=0.6)
         axes.tick_params(labelsize=7, length=2)

@@ -61,6 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Correct the flight and print what was done."""
+    from shockrig.analysis.flight.comparisons import PARTED
     from shockrig.analysis.flight.layers import Layers
     from shockrig.analysis.flight.profile_doubts import profile_doubts
     from shockrig.analysis.flight.stream import correct_file
@@ -118,6 +119,9 @@ def main(args: argparse.Namespace) -> int:
         except InputError as error:
             raise type(error)(str(error).replace(str(source), str(args.flight))) from error
     written = wmo.write(args.out, args.flight.name) if wmo else args.out
+    notes = [note for note in done.notes if note not in doubted]
+    for note in (parted := [note for note in notes if PARTED in note]):
+        print(f"note: {note}", file=sys.stderr, flush=True)
     print(f"{written}: {done.rows} rows, method {args.method}")
     for name, unit, change, uncertainty in (
         ("temperature", "K", done.temperature_change_k, done.temperature_uncertainty_k),
@@ -134,6 +138,6 @@ def main(args: argparse.Namespace) -> int:
     print(f"  flags: {flagged or 'none'}", flush=True)
     if "data" in profile.provenance:
         print(f"note: the profile is not of real sensors: {profile.provenance['data']}", file=sys.stderr)
-    for note in [note for note in done.notes if note not in doubted]:
+    for note in [note for note in notes if note not in parted]:
         print(f"note: {note}", file=sys.stderr)
     return 0

@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _address(text: str) -> int:
     value = whole_number(text)
     if not 0 <= value <= 0x7F:
-        raise argparse.ArgumentTypeError(f"expected 0x00 to 0x7F, found {text}")
+        raise argparse.ArgumentTypeError(f"expected 0x00 to 0x7F, found {text[:40]}")
     return value
 
 

@@ -1,0 +1,113 @@
+"""Kinds of flights that nothing was tuned to: written after the correction, drawn and counted once (flight_harm.py
+--fresh). Whoever mends something by them moves them to flight_kinds.py, and writes others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from flight_kinds import FINE_S, Rng, lagged, profile, with_rows, with_sensors
+from flight_worlds import World, air, changed, clock, saturation_hpa, through
+
+Array = np.ndarray
+
+
+def _wake(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """A motor's warm wake over the bead, for a second or two, again and again while it hovers."""
+    time = np.arange(bead.size) * FINE_S
+    hit = np.zeros(bead.size)
+    for at in np.cumsum(rng.uniform(4.0, 12.0, 40)):
+        hit[(time > at) & (time < at + rng.uniform(0.5, 2.0))] = rng.uniform(0.3, 1.2)
+    return bead + lagged(hit, 0.3), humidity
+
+
+def _wet_bead(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """Drops on the bead: it is a wet bulb for a while, and dries within seconds."""
+    time = np.arange(bead.size) * FINE_S
+    start = rng.uniform(60, 120)
+    wet = (time > start) & (time < start + rng.uniform(20, 60))
+    depth = rng.uniform(0.2, 0.5) * (1.0 - np.minimum(humidity, 100.0) / 100.0) * 10.0
+    return bead - lagged(np.where(wet, depth, 0.0), 2.0), humidity
+
+
+def _late_die_at_a_door(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    die = lagged(world.temperature_c, rng.uniform(8, 15))
+    return bead, humidity * saturation_hpa(world.temperature_c) / saturation_hpa(die)
+
+
+def _warm_logger(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """The hygrometer warms by a kelvin or two within minutes of being switched on, and reads low by that."""
+    time = np.arange(bead.size) * FINE_S
+    over = rng.uniform(0.5, 2.0) * -np.expm1(-time / rng.uniform(60, 150))
+    return bead, humidity * saturation_hpa(world.temperature_c) / saturation_hpa(world.temperature_c + over)
+
+
+def _dust_cap(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """A cap of sintered metal over the film that the profile does not have."""
+    scale = saturation_hpa(world.temperature_c)
+    return bead, lagged(humidity * scale, rng.uniform(5, 12)) / scale
+
+
+def _supply(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """The supply sags when the motors draw: humidity has a step in its gain, and back."""
+    time = np.arange(bead.size) * FINE_S
+    start = rng.uniform(50, 100)
+    low = (time > start) & (time < start + rng.uniform(30, 90))
+    return bead, humidity * np.where(low, 1.0 - rng.uniform(0.01, 0.03), 1.0)
+
+
+def thermals(rng: Rng) -> World:
+    """Circling: in and out of moist thermals, every half minute."""
+    time, period = clock(), rng.uniform(20, 40)
+    inside = 1.0 / (1.0 + np.exp(-8.0 * np.sin(2 * np.pi * time / period)))
+    return air(rng, 18.0 + 1.2 * inside, 50.0 + 10.0 * inside, at_c=18.0, k=0.08, percent=0.4)
+
+
+def sea_breeze(rng: Rng) -> World:
+    """Low over a shore: cool and moist against warm and dry, three times, at any instant."""
+    time = clock()
+    at = np.sort(rng.uniform(30, 210, 6))
+    times = list(np.repeat(at, 2) + np.tile([0.0, rng.uniform(1.0, 4.0)], 6))
+    warm, cool = rng.uniform(24, 28), rng.uniform(19, 22)
+    temperature = through(time, times, [warm, cool, cool, warm] * 3, 0.3)
+    moist = through(time, times, [45.0, 70.0, 70.0, 45.0] * 3, 0.3)
+    return air(rng, temperature, moist, k=0.06, percent=0.3)
+
+
+def snow_hole(rng: Rng) -> World:
+    """A cold pool in a valley: 8 K colder within 20 m, passed twice."""
+    time = clock()
+    height = 1.5 * np.minimum(time, 240.0 - time)
+    temperature = -4.0 - 8.0 / (1.0 + np.exp((height - rng.uniform(60, 110)) / 4.0))
+    return air(rng, temperature, 80.0, k=0.04, percent=0.2, altitude_m=height)
+
+
+def _jitter(log: dict[str, Array], rng: Rng) -> None:
+    """Rows are written up to 40 ms late by a logger that has other things to do, and some never."""
+    log["time_s"] += rng.uniform(0.0, 0.04, log["time_s"].size)
+    lost = rng.random(log["time_s"].size) < 0.05
+    for name in ("time_s", "temperature_c", "humidity_percent"):
+        log[name][lost] = np.nan
+
+
+def _whole_seconds(log: dict[str, Array], rng: Rng) -> None:
+    """A clock that ticks in seconds beside rows that are a little faster."""
+    log["time_s"] = np.floor(log["time_s"] * rng.uniform(1.05, 1.25)) / 1.0
+
+
+FRESH: dict[str, Callable[[Rng], World]] = {
+    "a motor's wake": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _wake),
+    "wet bead": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _wet_bead),
+    "door, late die": lambda r: with_sensors(
+        air(r, 24.0 - 12.0 * (clock() > 100.0), 50.0, at_c=12.0, k=0.02, percent=0.1), _late_die_at_a_door
+    ),
+    "hygrometer warms up": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _warm_logger),
+    "dust cap": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _dust_cap),
+    "supply sags": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _supply),
+    "thermals": thermals,
+    "sea breeze": sea_breeze,
+    "cold pool, twice": snow_hole,
+    "jitter": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2), _jitter),
+    "clock in seconds": lambda r: changed(with_rows(profile(r, 40.0, 0.04, 0.2), _whole_seconds), period_s=1.0),
+}

@@ -1,0 +1,116 @@
+"""A temperature that moved by itself: told by the film's humidity, which follows the air's at once."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from shockrig.analysis.flight.correct import correct
+from shockrig.analysis.flight.response import film_response
+from shockrig.analysis.flight.scenes import to_flight
+from shockrig.analysis.flight.screen import screen
+from shockrig.analysis.flight.sensor import fly
+from shockrig.analysis.flight.smooth_channel import estimate
+from shockrig.analysis.flight.typical import typical_profile
+from shockrig.analysis.flight.weather import convective, frontal
+from shockrig.analysis.flight.witness import unseen
+from shockrig.analysis.physics.exchange import Stream
+from shockrig.files.ranges import RANGES
+
+PROFILE = typical_profile()
+COLD = {"temperature_c": -8.0}  # where the film is slow beside the bead
+
+
+def rms(error):
+    return float(np.sqrt(np.nanmean(np.square(error))))
+
+
+def behind(values, time_constant_s, period_s=0.1):
+    keep = np.exp(-period_s / time_constant_s)
+    return lfilter([1.0 - keep], [1.0, -keep], values, zi=[keep * values[0]])[0]
+
+
+def cold_air(seed=5):
+    """Turbulent air of -8 degC and a film that takes seconds in it."""
+    scene = convective(np.random.default_rng(seed), duration_s=120.0)
+    off = scene.temperature_c - scene.temperature_c.mean()
+    return dataclasses.replace(scene, temperature_c=COLD["temperature_c"] + 0.2 * off)
+
+
+def lit(time_s):
+    return behind(1.5 * (((time_s > 30) & (time_s < 42)) | ((time_s > 70) & (time_s < 77))), 0.5)
+
+
+def test_sun_on_the_thermometer_does_not_reach_the_humidity():
+    flown = fly(cold_air(), PROFILE, 5)
+    log, truth = to_flight(flown.log), flown.truth["humidity_percent"].to_numpy()
+    sunny = dataclasses.replace(log, temperature_c=log.temperature_c + lit(log.time_s))
+    done, plain = correct(sunny, PROFILE), correct(log, PROFILE)
+    clear = rms(plain.humidity_percent - truth)
+    assert rms(done.humidity_percent - truth) < 1.5 * clear
+    off = np.abs(done.temperature_c - flown.truth["temperature_c"].to_numpy())
+    assert np.mean(off < 1.96 * done.temperature_uncertainty_k) > 0.9
+    assert any("without the humidity" in note for note in done.notes)
+    assert not any("without the humidity" in note for note in plain.notes)
+
+
+def test_a_hygrometer_that_is_late_itself_leaves_the_temperature_alone():
+    """The thermometer is right and the hygrometer's own temperature late: its own thermometer tells."""
+    flown = fly(cold_air(), PROFILE, 5)
+    log = to_flight(flown.log)
+    rose = dataclasses.replace(log, temperature_c=log.temperature_c + lit(log.time_s))
+    late = dataclasses.replace(rose, die_temperature_c=behind(rose.temperature_c, 10.0))
+    done = correct(late, PROFILE)
+    assert any("die_thermal_lag" in note and "follows" in note for note in done.notes)
+    assert np.nanmax(done.temperature_uncertainty_k) < 0.5
+    assert np.max(done.humidity_percent * 0.08 * 0.8) < np.max(done.humidity_uncertainty_percent)  # 8 %/K of 1 K
+
+
+def test_a_front_is_the_air_however_fast():
+    time_s = np.arange(0.0, 60.0, 0.1)
+    rng = np.random.default_rng(1)
+    temperature = 5.0 - 6.0 / (1.0 + np.exp(-(time_s - 30.0) / 0.4))
+    stream = Stream(np.full(time_s.size, 5.0), np.full(time_s.size, 1013.0), temperature)
+    response = film_response(PROFILE.humidity, temperature, stream)
+    everywhere = np.ones(time_s.size, dtype=bool)
+    from shockrig.analysis.physics.humidity import saturation_pressure_hpa as saturation
+
+    vapour = 3.0 + 1.5 * behind(1.0 * (time_s > 30.0), 4.0)
+    humidity = 100.0 * vapour / saturation(temperature) + 0.05 * rng.standard_normal(time_s.size)
+    assert not unseen(time_s, humidity, temperature, 0.01 * everywhere, everywhere, response, 0.05).any()
+    stays = 50.0 + 0.05 * rng.standard_normal(time_s.size)
+    moved = unseen(time_s, stays, temperature, 0.01 * everywhere, everywhere, response, 0.05)
+    assert np.ptp(moved) == pytest.approx(6.0, abs=1.0)
+
+
+def test_rows_at_one_time_are_no_two_readings():
+    """An iMet-XQ2's clock ticks in seconds: rows of one time ended in a traceback."""
+    time_s = np.floor(np.arange(300) * 0.83)
+    rng = np.random.default_rng(2)
+    reading = 20.0 + 0.02 * np.cumsum(rng.standard_normal(time_s.size))
+    usable = np.diff(time_s, prepend=-1.0) > 0
+    stream = Stream(np.full(time_s.size, 5.0), np.full(time_s.size, 1013.0), np.full(time_s.size, 5.0))
+    response = film_response(PROFILE.humidity, stream.temperature_c, stream)
+    with np.errstate(divide="raise", invalid="raise"):
+        found = estimate(time_s, reading, usable, response, np.full(time_s.size, 1e-4))
+    assert np.isfinite(found.air).all()
+
+
+@pytest.mark.parametrize("clipped", [True, False])
+def test_a_ceiling_is_told_among_coarse_steps(clipped):
+    """Steps of 0.1 under a noise of 0.06: no honest level is held for seconds."""
+    time_s = np.arange(0.0, 120.0, 0.1)
+    rng = np.random.default_rng(3)
+    humidity = 45.0 + 2.0 * np.sin(time_s / 7.0) + 0.06 * rng.standard_normal(time_s.size)
+    humidity = np.round(np.minimum(humidity, 45.4 if clipped else np.inf), 1)
+    found = screen(time_s, humidity, RANGES["humidity_reading_percent"], 0.06)
+    assert found.capped.any() == clipped
+    steady = np.round(np.where(time_s < 60.0, humidity, 50.0), 1)  # a log whose noise is less than stated
+    assert not screen(time_s, np.round(steady), RANGES["humidity_reading_percent"], 0.06).capped.any()
+
+
+def test_real_scenes_have_no_moves_of_their_own():
+    for scene in (convective(np.random.default_rng(8), duration_s=60.0), frontal(np.random.default_rng(8))):
+        notes = correct(to_flight(fly(scene, PROFILE, 8).log), PROFILE).notes
+        assert not any("without the humidity" in note for note in notes)
