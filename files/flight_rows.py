@@ -106,7 +106,7 @@ def to_flight(rows: Rows | list[list[str]], layout: FlightColumns) -> Flight:
             nothing = np.logical_and.reduce([np.isnan(values) | (values == 0.0) for values in block])
             for values in block:
                 values[nothing] = np.nan
-    pressure = _in_hpa(pressure, layout)
+    pressure = _possible(pressure, layout)
     time_s = _apart(_times(rows, layout), np.stack([temperature, humidity, die]))
     return Flight(time_s, temperature, humidity, numbers("airspeed"), die, pressure, altitude, latitude, longitude)
 
@@ -131,13 +131,14 @@ def _apart(time_s: Array, readings: Array) -> Array:
     return apart[np.maximum(np.cumsum(~again) - 1, 0)]
 
 
-def _in_hpa(pressure: Array, layout: FlightColumns) -> Array:
-    """Pressures of a log in hPa: tens of thousands are pascal, and what can be no pressure is missing."""
+def _possible(pressure: Array, layout: FlightColumns) -> Array:
+    """Pressures of a log, what can be none missing. One in pascal throughout stays so: whoever corrects it says that."""
     possible = RANGES["pressure_hpa"]
-    known = np.isfinite(pressure)
-    if layout.raw_xq2 or (known.any() and np.median(pressure[known]) > possible.high):
+    if layout.raw_xq2:
         pressure = pressure / 100.0
-    return np.where((pressure >= possible.low) & (pressure <= possible.high), pressure, np.nan)
+    known = np.isfinite(pressure)
+    unit = 100.0 if known.any() and np.median(pressure[known]) > possible.high else 1.0
+    return np.where((pressure >= unit * possible.low) & (pressure <= unit * possible.high), pressure, np.nan)
 
 
 def numeric_places(path: Path, layout: FlightColumns) -> frozenset[int]:

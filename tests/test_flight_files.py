@@ -223,6 +223,19 @@ def test_damaged_rows_are_treated_as_missing_and_counted(folder, capsys):
     assert run(folder, out="out.nc") == 0 and f"3 of {count} rows" in capsys.readouterr().err
 
 
+def test_a_pressure_in_pascal_is_said_and_taken_as_such(folder, flown, capsys):
+    log = flown.log.assign(pressure_hpa=1000.0)
+    log.to_csv(folder / "flight.csv", index=False)
+    assert run(folder) == 0
+    right = pd.read_csv(folder / "out.csv")
+    log.assign(pressure_hpa=100000.0).to_csv(folder / "flight.csv", index=False)
+    assert run(folder, out="pascal.csv") == 0
+    assert "pressure_hpa: no air has so much; taken as Pa" in capsys.readouterr().err
+    found = pd.read_csv(folder / "pascal.csv")
+    for name in OUTPUT_COLUMNS[:2]:
+        assert np.allclose(found[name], right[name], equal_nan=True)
+
+
 def test_empty_cells_are_no_damage(folder, capsys):
     rows = cells(folder / "flight.csv")
     for line, cell in enumerate(("", " ", "NaN", "N/A", "--", "inf", "1e999"), start=5):
