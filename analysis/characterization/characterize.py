@@ -6,7 +6,7 @@ cross-check, then generalised least squares, which counts the noise's autocorrel
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 
 from shockrig.analysis.characterization.chosen_runs import choose_runs
@@ -39,6 +39,7 @@ def characterize(
     extensions: Mapping[ChannelName, Extension] | None = None,
     progress: Callable[[str], None] | None = None,
     quickly: bool = False,
+    channels: Collection[ChannelName] = tuple(QUANTITIES),
 ) -> Characterization:
     """Fit alpha and D(T) to a campaign.
 
@@ -53,6 +54,8 @@ def characterize(
     quickly : bool
         Whether generalised least squares begin from a rough scan and the two optimisers are not asked: for a look at
         a campaign that is still being recorded.
+    channels : collection of channel names
+        Which ones to look at; nothing is said of the others.
 
     Raises
     ------
@@ -66,7 +69,7 @@ def characterize(
         say(f"input: {finding.sentence}")
     found: dict[ChannelName, ChannelResult] = {}
     missing: dict[ChannelName, str] = {}
-    for name in QUANTITIES:
+    for name in (name for name in QUANTITIES if name in channels):
         try:
             extension = (extensions or {}).get(name, Extension())
             found[name] = characterize_channel(campaign, name, seed, extension, say, quickly)
