@@ -9,6 +9,7 @@ from shockrig.files.numbers import measured
 from shockrig.files.profile_data import DiffusivityRow, Profile, ResponseTime
 
 LUMPED = "lumped"
+SAME = 1e-2  # relative, within which a time to 63 % is tau again
 NEAREST_C = 20.0  # of a film's table the row that a headline shows
 
 
@@ -41,20 +42,27 @@ def headlines(profile: Profile) -> list[tuple[str, str]]:
             said.append(("tau of the thermometer", tau))
         else:
             said.append(("alpha of the bead", measured(alpha.value, alpha.standard_uncertainty, "m²/s")))
-        if t.response_time_s is not None and (t.effects or bodies["imet"] != LUMPED):
+        rate = first_order(t.bead_radius_m, alpha.value, 0.0)[0] if bodies["imet"] == LUMPED else None
+        if t.response_time_s is not None and is_more(t.response_time_s, rate):
             said.append(("time to 63 % of the thermometer", time_text(t.response_time_s, 0)))
     if (h := profile.humidity) is not None:
         row = min(h.diffusivity_table, key=lambda one: abs(one.ambient_temperature_c - NEAREST_C))
-        said += _film(row, h.film_thickness_m, bodies["hyt"] == LUMPED, bool(h.effects))
+        said += _film(row, h.film_thickness_m, bodies["hyt"] == LUMPED)
     return said
 
 
-def _film(row: DiffusivityRow, length_m: float, lumped: bool, effects: bool) -> list[tuple[str, str]]:
+def is_more(times: ResponseTime, tau_s: float | None) -> bool:
+    """Whether a time to 63 % says more than the time constant does: of a lumped sensor without effects they are one."""
+    return tau_s is None or abs(times.t63_s / tau_s - 1.0) > SAME
+
+
+def _film(row: DiffusivityRow, length_m: float, lumped: bool) -> list[tuple[str, str]]:
     where = f"at {round(row.ambient_temperature_c)} °C"
     if lumped:
         said = [(f"tau of the hygrometer {where}", tau_text(length_m, row.diffusivity_m2_s, row.standard_uncertainty))]
     else:
         said = [(f"D of the film {where}", measured(row.diffusivity_m2_s, row.standard_uncertainty, "m²/s"))]
-    if row.response_time_s is not None and (effects or not lumped):
+    tau_s = first_order(length_m, row.diffusivity_m2_s, 0.0)[0] if lumped else None
+    if row.response_time_s is not None and is_more(row.response_time_s, tau_s):
         said.append((f"time to 63 % of the hygrometer {where}", time_text(row.response_time_s, 0)))
     return said

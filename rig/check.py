@@ -16,6 +16,7 @@ from statistics import median
 from typing import Any
 
 from shockrig.files.disk import shown
+from shockrig.files.numbers import counted
 from shockrig.rig.bench import Bench
 from shockrig.rig.chambers.limits import UNITS
 from shockrig.rig.clock import VirtualClock
@@ -253,7 +254,7 @@ def _plan(folder: Path, bench: Bench, protocol: Protocol) -> Finding:
             check_folder(folder, protocol, bench.describe(), bench=bench.name, emulated=bench.emulated)
     except BenchError as error:
         return Finding(device, "", str(error), "shockrig run would refuse it")
-    return Finding(device, "; ".join([f"{len(protocol.runs)} runs", *warnings]))
+    return Finding(device, "; ".join([counted(len(protocol.runs), "run"), *warnings]))
 
 
 def _disk(folder: Path, protocol: Protocol, now: Callable[[], float] | None) -> Finding:

@@ -70,7 +70,7 @@ def read_campaign(path: PathLike, probe: str = "1") -> ChainedCampaign:
     >>> import shockrig
     >>> campaign = shockrig.read_campaign(shockrig.example("plain-rough"))
     >>> campaign
-    <Campaign 'plain rough': 33 runs, imet in 28, hyt in 33>
+    <Campaign 'plain-rough': 33 runs, imet in 33, hyt in 33>
     >>> round(campaign.runs[10].destination.temperature_c), campaign.runs[10].airflow_m_s
     (20, 6.0)
     """

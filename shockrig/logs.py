@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
@@ -16,6 +18,7 @@ from shockrig.files.errors import InputError
 from shockrig.flights import with_times
 from shockrig.protocols.folder import software_version, whole_folder
 from shockrig.remedies import as_python
+from shockrig.rig.errors import BenchError
 from shockrig.rig.logs.campaigns import Imported, SensorCampaign, describe, import_logs, write_runs
 from shockrig.rig.logs.first_map import look_at
 from shockrig.rig.logs.map_file import parse_map, read_map
@@ -25,6 +28,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 PathLike = str | os.PathLike[str]
+FRAME = "log.csv"  # what a DataFrame is called meanwhile
 QUANTITIES = ("time", *COLUMNS)
 
 
@@ -81,7 +85,7 @@ def import_log(
     >>> table.loc["temperature", ["t63_s", "t63_standard_uncertainty_s"]].astype(float).round(1).to_list()
     [4.0, 0.0]
     """
-    with as_python(), tempfile.TemporaryDirectory() as temporary:
+    with as_python(), tempfile.TemporaryDirectory() as temporary, _named(Path(temporary)):
         paths = _files(log, Path(temporary))
         said = _map(paths, columns, map, airflow_m_s, pressure_hpa, Path(temporary))
         imported = import_logs(paths, said, sensor)
@@ -98,6 +102,16 @@ def import_log(
         return chained(found) if out is not None else chained(found, path=Path(called))
 
 
+@contextmanager
+def _named(folder: Path) -> Iterator[None]:
+    """Errors name the DataFrame and what was recognised, not the files that they are in meanwhile."""
+    try:
+        yield
+    except (InputError, BenchError) as error:
+        said = str(error).replace(str(folder / FRAME), "the DataFrame")
+        raise InputError(re.sub(rf"{re.escape(str(folder))}/\S+\.toml", "what is recognised in it", said)) from error
+
+
 def _files(log: pd.DataFrame | PathLike | Sequence[PathLike], folder: Path) -> list[Path]:
     if isinstance(log, str | os.PathLike):
         return [Path(log)]
@@ -107,7 +121,7 @@ def _files(log: pd.DataFrame | PathLike | Sequence[PathLike], folder: Path) -> l
         return [Path(one) for one in log]
     if not hasattr(log, "to_csv"):
         raise InputError(f"log: expected a path, paths or a DataFrame, got {type(log).__name__}")
-    path = folder / "log.csv"
+    path = folder / FRAME
     with_times(log).to_csv(path, index=False)
     return [path]
 

@@ -39,6 +39,7 @@ WORDS: tuple[tuple[str, str], ...] = (
         "name the columns by columns={'time': ..., 'temperature': ...}",
     ),
     (r"run shockrig diagnose", "call shockrig.diagnose"),
+    (r"--cutoff-hz\b", "cutoff_hz="),
     (r"(?<![\w-])--(map|sensor|out|name|until)\b", r"\1="),
 )  # fmt: skip
 

@@ -200,7 +200,7 @@ def test_a_diagnosis_as_tables_has_a_row_for_each_parameter_and_for_each_channel
     assert gain.loc["temperature", "unit"] == "K" and gain.loc["temperature", "high_95"] == 1.0
     card = result_views.diagnosis_card(DIAGNOSIS)
     assert "0.210 K on unseen runs, 0.0210 with its causes (noise 0.0200)" in card
-    assert "&lt;i&gt;bench" in card and "1 runs" in card and "read in kelvin" in card
+    assert "&lt;i&gt;bench" in card and "1 run<" in card and "read in kelvin" in card
     panels = result_views.plot_diagnosis(DIAGNOSIS).axes
     assert [bar.get_width() for bar in panels[0].patches] == [0.21, 0.021]
 

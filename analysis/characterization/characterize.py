@@ -31,6 +31,7 @@ from shockrig.analysis.inference.rate_scatter import posterior_scatter
 from shockrig.analysis.inference.seen import by_itself
 from shockrig.files.campaign import Campaign
 from shockrig.files.errors import InputError
+from shockrig.files.numbers import counted
 
 
 def characterize(
@@ -133,7 +134,7 @@ def characterize_channel(
     for effect in extension.structure.effects:
         if effect.readout.dated and effect.readout.in_readings:
             whole = effect.readout.in_readings(Readings(whole))[0].channel
-    say(f"{name}: {whole.runs} runs, noise from the plateaus")
+    say(f"{name}: {counted(whole.runs, 'run')}, noise from the plateaus")
     noise = estimate_noise(whole)
     rounding = 0.0
     for effect in extension.structure.effects:

@@ -62,15 +62,19 @@ def usable_runs(campaign: Campaign, name: ChannelName) -> tuple[list[UsableRun],
     return _usable(campaign, QUANTITIES[name])[:2]
 
 
+def _none_of(runs: int) -> str:
+    return f"none of {runs} runs can" if runs > 1 else "the only run cannot"
+
+
 def why_none(left_out: Sequence[LeftOut]) -> str:
     """What keeps a channel's runs from being used, in one phrase: first what most of them lack."""
     reasons = Counter(entry.reason for entry in left_out).most_common()
     if len(reasons) == 1:
-        return f"none of {len(left_out)} runs can be used: {reasons[0][0]}"
+        return f"{_none_of(len(left_out))} be used: {reasons[0][0]}"
     shown = "; ".join(f"{reason} ({counted(runs, 'run')})" for reason, runs in reasons[:3])
     rest = len(reasons) - 3
     more = f"; and {counted(rest, 'other reason')}, of {counted(sum(n for _, n in reasons[3:]), 'run')}" * (rest > 0)
-    return f"none of {len(left_out)} runs can be used: {shown}{more}"
+    return f"{_none_of(len(left_out))} be used: {shown}{more}"
 
 
 def _usable(campaign: Campaign, quantity: Quantity) -> tuple[list[UsableRun], list[LeftOut], float, float]:

@@ -6,6 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from shockrig.files.numbers import counted
 from shockrig.protocols.probes import BY_WHICH
 
 
@@ -91,7 +92,7 @@ def main(args: argparse.Namespace) -> int:
     write_json(args.out.with_suffix(".json"), document)
     print("\n".join(lines(decision, document)))
     if decision.status == CONTINUE:
-        print(f"{len(decision.choices)} runs in {args.out}: shockrig run {args.out} --out {args.campaign}")
+        print(f"{counted(len(decision.choices), 'run')} in {args.out}: shockrig run {args.out} --out {args.campaign}")
     return 0
 
 

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from shockrig.files.numbers import counted
+
 ADAPTIVE = "adaptive"
 EXAMPLE = "alpha 0.2 %, D 0.3 %, ties decided, minutes 90"
 
@@ -219,7 +221,7 @@ def _print_plan(protocol: Any, bench: Any) -> None:
 
     print(f"{protocol.name}: {protocol.description}")
     invented = " (emulated instruments)" if bench.emulated else ""
-    print(f"{len(protocol.runs)} runs on {bench.name}{invented} with {', '.join(bench.describe())}")
+    print(f"{counted(len(protocol.runs), 'run')} on {bench.name}{invented} with {', '.join(bench.describe())}")
     steps: tuple[Any, ...] = ()
     for run in protocol.runs:
         if run.steps != steps:
@@ -264,7 +266,7 @@ def _record(args: argparse.Namespace, protocol: Any, bench: Any, sealed: _Sealed
             )
     state = read_state(args.out)
     spoilt = f", {len(state.set_aside)} attempts set aside" if state.set_aside else ""
-    print(f"{len(state.recorded)} runs in {args.out} ({len(recorded)} recorded now{spoilt})")
+    print(f"{counted(len(state.recorded), 'run')} in {args.out} ({len(recorded)} recorded now{spoilt})")
     if recorded:
         print(f"bench time: {duration(bench.clock.now())} on {bench.name}")
     if loop is not None and loop.decision is not None:
