@@ -2,7 +2,8 @@
 
 The log: a thermometer of 4 s and a hygrometer of 9 s (one lag each), carried four times between a room and a humid box
 of its temperature, and four times between the room and a warm, dry box. The flight: up through an
-inversion and down again, read by sensors with a known profile. All of it is simulated; the seeds are fixed.
+inversion and down again, read by sensors with a known profile. All of it is simulated; the seeds are fixed. The docs'
+picture of a flight is drawn from it.
 """
 
 from __future__ import annotations
@@ -18,13 +19,16 @@ import numpy as np
 import pandas as pd
 from scipy.signal import lfilter
 
+import shockrig
 from shockrig.analysis.flight.sensor import fly
 from shockrig.analysis.flight.typical import typical_profile
 from shockrig.analysis.flight.weather import Weather, inversion
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
+from shockrig.files.figures import figure_bytes
 from shockrig.files.profile import write_profile
 
 OUT = Path(__file__).parent.parent / "data" / "examples"
+PICTURE = OUT.parent.parent / "docs" / "images" / "flight_corrected.png"
 ROOM, HUMID_BOX, WARM_BOX = (22.0, 40.0), (22.0, 75.0), (35.0, 19.5)  # degC, %RH; the warm one has the room's vapour
 TAU_S = (4.0, 9.0)
 FINE_S = 0.01
@@ -68,6 +72,9 @@ def main() -> None:
     seconds = log["time_s"].to_numpy()
     write_netcdf(out / "flight.nc", flight, seconds)
     write_bin(out / "flight.bin", flight, seconds)
+    if out == OUT:
+        corrected = shockrig.correct(out / "flight.csv", out / "profile.json")
+        PICTURE.write_bytes(figure_bytes(corrected.plot("altitude"), dpi=100))
 
 
 def steps() -> pd.DataFrame:

@@ -1,6 +1,6 @@
 """What is known of a pair of sensors: alpha of the bead, D(T) of the film, response times, noise, the model's effects.
 
-Between the rows of its table D is read as ln D over 1/T. docs/flights.md says how a flight uses it.
+Between the rows of its table D is read as ln D over 1/T. docs/flights_method.md says how a flight uses it.
 """
 
 from __future__ import annotations
