@@ -74,11 +74,9 @@ def time_axis(time_s: Array) -> tuple[Array, str]:
 def has_altitude(flight: Flight) -> bool:
     """Whether a log has an altitude that changes."""
     altitude = flight.altitude_m
-    return (
-        altitude is not None
-        and np.isfinite(altitude).any()
-        and float(np.nanmax(altitude) - np.nanmin(altitude)) > (LEAST_CLIMB_M)
-    )
+    if altitude is None or not np.isfinite(altitude).any():
+        return False
+    return float(np.nanmax(altitude) - np.nanmin(altitude)) > LEAST_CLIMB_M
 
 
 @styled

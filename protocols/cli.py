@@ -41,6 +41,7 @@ COMMANDS = {
     "correct": ("correct", "correct a flight's temperature and humidity with a profile"),
     "simulate": ("simulate", "simulate weather and a sensor flown through it, to files"),
     "example": ("example", "list or copy samples that ship: campaigns, a log with steps, a flight with position"),
+    "tour": ("tour", "bench, log and flight in ten minutes, command by command"),
     "demo": ("demo", "hide an effect in virtual sensors, find it, extend the model, open the seal"),
     "demo-flights": ("demo_flights", "make the paper's flight figures again, three corrections side by side"),
     "emulate": ("emulate", "emulated instruments that unmodified programs open, or that play a flight"),

@@ -84,10 +84,11 @@ def write(args: argparse.Namespace, out: Path, extend: Path | None, made_at: str
     from shockrig.files.disk import shown, write_whole
     from shockrig.files.errors import InputError
     from shockrig.files.numbers import counted
-    from shockrig.protocols.commands.characterize import say
     from shockrig.protocols.folder import said_of_data, software_version, whole_folder
     from shockrig.protocols.made_before import newer_runs
+    from shockrig.protocols.time_left import CERTIFYING, Phases
 
+    say = Phases(CERTIFYING)
     air, traced, country = _air(args), _traced(args.traced), _country(args.country)
     extensions = None if extend is None else read_extension(extend)
     with whole_folder(out) as folder:

@@ -56,7 +56,9 @@ def write(
     from shockrig.files.plan import read_decisions
     from shockrig.files.profile import write_profile
     from shockrig.protocols.folder import said_of_data, software_version, whole_folder
+    from shockrig.protocols.time_left import CHARACTERIZING, Phases
 
+    say = Phases(CHARACTERIZING)
     extensions = None if extend is None else read_extension(extend)
     with whole_folder(out) as folder:
         result = characterize(read_campaign(campaign, probe), seed, extensions, say)

@@ -17,6 +17,7 @@ QUANTITIES = (
 )  # fmt: skip
 
 
+SAMPLE_BYTES = 65_536
 FIGURES = (".pdf", ".svg", ".jpg", ".jpeg", ".gif", ".tif", ".tiff", ".eps", ".webp")
 
 
@@ -80,6 +81,7 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.files.profile import read_profile
     from shockrig.protocols.flight_logs import to_csv
     from shockrig.protocols.folder import software_version
+    from shockrig.protocols.time_left import Rows
     from shockrig.protocols.wmo import demand_position, of_argument
 
     columns = {}
@@ -100,14 +102,6 @@ def main(args: argparse.Namespace) -> int:
     doubted = profile_doubts(profile)
     for note in doubted:
         print(f"note: {note}", file=sys.stderr)
-    shown = 0
-
-    def progress(rows: int) -> None:
-        nonlocal shown
-        if rows - shown >= 200_000:
-            shown = rows
-            print(f"{rows} rows corrected", file=sys.stderr)
-
     wmo = of_argument(args.wmo, datetime.now(UTC)) if args.wmo else None
     layers = Layers(args.layers) if args.layers else None
     as_figure = wmo is None and args.out.suffix.lower() == ".png"
@@ -132,7 +126,7 @@ def main(args: argparse.Namespace) -> int:
                 temperature_noise_k=args.temperature_noise_k,
                 humidity_noise_percent=args.humidity_noise_percent,
                 history=f"shockrig correct --method {args.method} --profile {args.profile.name}",
-                progress=progress,
+                progress=Rows(about_rows(source)),
                 gather=gather,
             )
         except InputError as error:
@@ -181,6 +175,16 @@ def main(args: argparse.Namespace) -> int:
     for note in [note for note in notes if note not in parted]:
         print(f"note: {note}", file=sys.stderr)
     return 0
+
+
+def about_rows(log: Path) -> int:
+    """How many rows a CSV file has, by its size and the length of its first lines; 0 where it cannot be read."""
+    try:
+        with log.open("rb") as stream:
+            lines = stream.readlines(SAMPLE_BYTES)
+        return round(log.stat().st_size * len(lines) / max(sum(map(len, lines)), 1))
+    except OSError:
+        return 0
 
 
 def write_figure(path: Path, drawn: FlightGathered) -> None:
