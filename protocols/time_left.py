@@ -1,7 +1,7 @@
 """How much longer a command takes, said with its progress: time spent so far over the share of the work that is done.
 
-A share is either counted (runs, rows) or, where nobody can know beforehand how long a search goes on, what the phases of
-a command usually take of it; such an estimate is a guess, and "about" says so. Nothing is said of what is over at once.
+A share is either counted (runs, rows) or, where nobody can know beforehand how long a search goes on, what the phases
+of a command usually take of it; such an estimate is a guess, and "about" says so. Nothing is said of what is soon over.
 """
 
 from __future__ import annotations

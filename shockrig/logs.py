@@ -9,7 +9,7 @@ import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from shockrig.campaigns import ChainedCampaign, chained
 from shockrig.files.campaign import read_campaign
@@ -153,7 +153,7 @@ def _map(
     if "time" in columns:
         lines.append(f"[log]\ntime = {json.dumps(columns['time'])}\n")
     lines.append("[sensor.sensor]\n")
-    lines += [f"{key} = {json.dumps(cast(str, columns[key]))}\n" for key in COLUMNS if key in columns]
+    lines += [f"{key} = {json.dumps(columns[key])}\n" for key in COLUMNS if key in columns]
     return parse_map("".join([*lines, "[runs]\n", *stated]), Path("columns"))
 
 

@@ -31,8 +31,8 @@ STOPS = (
     Stop(
         "The bench: how fast are these sensors?",
         "A bench moves the sensors from one air into another, and records how they follow. This one is emulated, down "
-        "to the bytes on the wire; with instruments of your own the same command takes --bench my.toml. `quick` makes two "
-        "such transfers.",
+        "to the bytes on the wire; with instruments of your own the same command takes --bench my.toml. `quick` makes "
+        "two such transfers.",
         ("shockrig run quick --out bench --seed 5", "shockrig characterize bench --out bench-first"),
         "bench-first/report.html shows each transfer with its fit. alpha and D are how fast heat and vapour get into "
         "the sensors; t63 is how long they take for the first 63 % of a step.",
@@ -56,12 +56,13 @@ STOPS = (
         "The diagnosis asks what the simple model gets wrong, which cause explains it best, and by how much unseen "
         "transfers are then predicted better. It may take half a minute.",
         ("shockrig diagnose log --out log-diagnosis",),
-        "log-diagnosis/report.html: the verdict in a sentence, residuals before and after, what to do about each cause.",
+        "log-diagnosis/report.html: the verdict in a sentence, residuals before and after, what to do about it.",
     ),
     Stop(
         "A flight: the lag taken out",
         "A drone flew up and down through a warm, dry layer. Its sensors met the layer too high on the way up, and too "
-        "low on the way down. The profile says how they lag; the correction undoes it, with an uncertainty for each value.",
+        "low on the way down. The profile says how they lag; the correction undoes it, with an uncertainty for each "
+        "value.",
         (
             "shockrig example flight.csv",
             "shockrig example profile.json",
@@ -107,9 +108,7 @@ def main(args: argparse.Namespace) -> int:
             print("\n" + textwrap.fill(f"Look at: {stop.look}", WIDTH), flush=True)
     finally:
         os.chdir(home)
-    print(
-        f"\nEverything is in {args.out}. In a notebook: import shockrig; shockrig.import_log(...).characterize().plot()"
-    )
+    print(f"\nAll of it is in {args.out}. In a notebook: shockrig.import_log(...).characterize().plot()")
     return 0
 
 
