@@ -147,7 +147,7 @@ def write_corrected_page(
             "lets it be seen. Turbulence falls with the power −5/3."
         )
         sections.append(Section("Spectra", [Figure(drawing, caption, "Power spectra as read and corrected")]))
-    flagged = [[flag, count, f"{100 * count / max(flight.rows, 1):.2g} %", MEANING[flag]]
+    flagged: list[list[Cell]] = [[flag, count, f"{100 * count / max(flight.rows, 1):.2g} %", MEANING[flag]]
                for flag, count in flight.flags.items() if count]  # fmt: skip
     table = Table(("flag", "rows", "share", "what it means, and the value that is given"), flagged)
     sections.append(Section("Flags", [table if flagged else Text("None: every row is corrected.")]))
