@@ -1,6 +1,7 @@
 """What somebody does in the first hour: a log in a notebook, a flight in whatever form, and what goes wrong there."""
 
 import dataclasses
+import json
 import re
 from pathlib import Path
 
@@ -219,3 +220,35 @@ def test_every_option_that_a_message_of_logs_names_has_pythons_words():
     assert left <= {"--wmo", "--cutoff-hz", "--probe"}, left
     assert all(not OPTION.search(re.sub("FILE --look", "", words)) for _, words in WORDS)
     assert in_python("name it with --column time=NAME") == "name it with columns={'time': ...}"
+
+
+def test_a_start_that_nobody_recorded_is_looked_for_once(log, monkeypatch):
+    """Looks, fits and diagnoses of one campaign ask for it again and again, and it is most of a plan's time."""
+    from shockrig.analysis.inference import gather
+
+    asked = []
+    monkeypatch.setattr(gather, "estimate_start", lambda time_s, value: asked.append(time_s) or 50.0)
+    fresh = shockrig.import_log(shockrig.example("steps.csv"))
+    for _ in range(2):
+        gather.usable_runs(fresh, "temperature")
+        gather.usable_runs(fresh, "humidity")
+    assert len(asked) == 2 * len(fresh.runs)
+
+
+def test_a_certificate_uses_the_diagnosis_beside_the_campaign(tmp_path, log):
+    from shockrig.analysis.diagnosis.remainder import Tolerance
+    from shockrig.protocols.made_before import KEY, current, made_from
+
+    kept = shockrig.import_log(shockrig.example("steps.csv"), out=tmp_path / "mine")
+    assert current(tmp_path / "mine", kept) is None
+    (tmp_path / "mine-diagnosis").mkdir()
+    document = {
+        "format": "shock-diagnosis/1",
+        "campaign": kept.name,
+        "channels": {"temperature": {"verdict": "adequate", "causes": []}},
+        KEY: made_from(kept, Tolerance()),
+    }
+    (tmp_path / "mine-diagnosis" / "diagnosis.json").write_text(json.dumps(document))
+    assert current(tmp_path / "mine", kept) == tmp_path / "mine-diagnosis" / "diagnosis.json"
+    more = dataclasses.replace(kept, runs=kept.runs[:-1])
+    assert current(tmp_path / "mine", more) is None

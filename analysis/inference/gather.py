@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import weakref
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,9 +130,26 @@ def _timed(run: Run, quantity: Quantity) -> UsableRun | str:
 def _found_start(run: Run) -> float | None:
     """Start of a run that nobody triggered: the earliest that its sensors show."""
     traces = [(quantity.recorded(run), quantity.column) for quantity in _BOTH]
-    found = [estimate_start(t.time_s, t.values[column]) for t, column in traces if t is not None]
+    found = [_start_of(trace, column) for trace, column in traces if trace is not None]
     told = [start for start in found if start is not None]
     return min(told) if told else None
+
+
+def _start_of(trace: Trace, column: str) -> float | None:
+    """As `estimate_start`, once for each trace: looks at a campaign, its fits and its diagnosis all ask for it."""
+    known = _STARTS.get(id(trace))
+    if known is not None and known[0]() is trace:
+        return known[1]
+    start = estimate_start(trace.time_s, trace.values[column])
+    _STARTS[id(trace)] = weakref.ref(trace, partial(_forget, id(trace))), start
+    return start
+
+
+def _forget(key: int, _: object) -> None:
+    _STARTS.pop(key, None)
+
+
+_STARTS: dict[int, tuple[weakref.ref[Trace], float | None]] = {}
 
 
 def _measured_air(run: Run, quantity: Quantity, start_s: float) -> MeasuredAir | str:
