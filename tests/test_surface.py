@@ -126,11 +126,6 @@ def test_examples_do_what_they_show(module):
         assert done.attempted > 10
 
 
-def test_the_notebook_page_does_what_it_shows():
-    done = doctest.testfile(str(ROOT / "docs" / "notebook.md"), module_relative=False)
-    assert done.failed == 0 and done.attempted > 15
-
-
 def test_an_example_that_does_not_ship_is_refused_with_those_that_do():
     with pytest.raises(shockrig.InputError, match="no example 'moon'; give one of .*ordinary-bench, plain-rough"):
         shockrig.example("moon")
