@@ -61,6 +61,7 @@ ACCURACY = {"temperature": 0.2, "humidity": 1.8}
 STRONG = 0.5  # correlation of two parameters from which on it is worth a word
 MOST_MODELS, FEWEST_MODELS = 12, 4  # in the table of what was weighed
 LEAST_WEIGHT = 0.001  # of a model in that table, beyond the fewest
+from shockrig.files.headline import time_text
 
 
 def write_diagnosis(
