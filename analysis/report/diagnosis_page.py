@@ -55,13 +55,13 @@ from shockrig.analysis.report.next_time import next_time
 from shockrig.analysis.report.numbers import measured, plain
 from shockrig.analysis.report.seen import seen_sentence
 from shockrig.analysis.report.style import save_figure
+from shockrig.files.headline import time_text
 
 # What data sheets of the HYT family promise (IST AHHYTM E2.2.1); a bead is calibrated to about the same.
 ACCURACY = {"temperature": 0.2, "humidity": 1.8}
 STRONG = 0.5  # correlation of two parameters from which on it is worth a word
 MOST_MODELS, FEWEST_MODELS = 12, 4  # in the table of what was weighed
 LEAST_WEIGHT = 0.001  # of a model in that table, beyond the fewest
-from shockrig.files.headline import time_text
 
 
 def write_diagnosis(
