@@ -149,7 +149,7 @@ def plot_plan(runs: Sequence[Mapping[str, Any]], reason: str = "") -> Figure:
     if not runs:
         axes.axis("off")
         axes.text(0.0, 0.5, literal(reason or "nothing is tied: no run would decide anything"), va="center", wrap=True)
-        axes.set_title("nothing more to record")
+        axes.set_title("nothing more to record" if reason else "nothing is tied")
         return figure
     worth = any("expected_worth" in run for run in runs)
     brings = [float(run.get("expected_worth" if worth else "expected_evidence") or np.nan) for run in runs]
