@@ -193,6 +193,7 @@ ARGUMENTS = {
     "correct": ["f.csv", "--profile", "p.json"],
     "simulate": ["frontal"],
     "demo": [],
+    "tour": [],
     "demo-flights": [],
     "emulate": ["imet-xf"],
     "import": ["--imet", "log.csv"],
