@@ -29,6 +29,7 @@ from shockrig.files.disk import is_there, shown
 from shockrig.files.errors import InputError
 from shockrig.files.json_files import JsonObject, read_json
 from shockrig.files.misspelt import CAMPAIGN_KEYS, RUN_KEYS, misspelt
+from shockrig.files.numbers import counted
 from shockrig.files.ranges import RANGES
 from shockrig.files.traces import Trace, read_air, read_sensor
 
@@ -86,7 +87,7 @@ class Run:
     `air` is the air beside the probes where it was measured (air.csv): then it is the input, not a step. `set_aside`
     maps a channel to the sentence of the check that keeps its readings from being fitted. `started_at` is the time of
     day at time_s = 0 as the file has it (ISO 8601). `misspelt` are keys that mean nothing, with the ones that they are
-    nearly.
+    nearly. Where `pressure_known` is false nobody stated the pressure, and `pressure_hpa` is the standard one.
     """
 
     id: str
@@ -104,9 +105,10 @@ class Run:
     set_aside: Mapping[str, str] = field(default_factory=dict)
     started_at: str | None = None
     misspelt: tuple[str, ...] = ()
+    pressure_known: bool = True
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Campaign:
     """A campaign: several runs on one pair of sensors, that of the probe which was read.
 
@@ -143,7 +145,7 @@ class Campaign:
                     "destination_temperature_c": run.destination.temperature_c,
                     "destination_humidity_percent": run.destination.humidity_percent,
                     "airflow_m_s": run.airflow_m_s,
-                    "pressure_hpa": run.pressure_hpa,
+                    "pressure_hpa": run.pressure_hpa if run.pressure_known else None,
                     "start_s": run.start_s,
                     "duration_s": run.duration_s,
                     "air_measured": run.air is not None,
@@ -162,9 +164,14 @@ class Campaign:
 
     def plot(self, runs: Sequence[str] | None = None) -> Figure:
         """Readings against the time since the transfer; `runs` are the ids to show, all where left out."""
-        from shockrig.files.views import plot_campaign
+        from shockrig.files.campaign_figure import plot_campaign
 
         return plot_campaign(self, runs)
+
+    def __repr__(self) -> str:
+        counts = {name: sum(getattr(run, name) is not None for run in self.runs) for name in ("imet", "hyt")}
+        said = [f"{name} in {count}" for name, count in counts.items() if count]
+        return f"<Campaign {self.name!r}: {counted(len(self.runs), 'run')}, {', '.join(said) or 'no readings'}>"
 
     def _repr_html_(self) -> str:
         from shockrig.files.views import campaign_card
@@ -289,6 +296,7 @@ def _read_run(folder: Path, probe: str) -> Run:
         reference=_read_reference(head.mapping("reference")),
         started_at=began if isinstance(began := head.get("started_at"), str) else None,
         misspelt=tuple(misspelt(head.content, RUN_KEYS)),
+        pressure_known=pressure is not None,
     )
 
 

@@ -212,7 +212,7 @@ def _facts(run: Run) -> dict[str, Any]:
         source=air("source"),
         destination=air("destination"),
         airflow_m_s=run.airflow_m_s,
-        pressure_hpa=run.pressure_hpa,
+        pressure_hpa=run.pressure_hpa if run.pressure_known else None,
         transfer=known(start_s=run.start_s, duration_s=run.duration_s) or None,
     )
 

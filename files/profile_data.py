@@ -1,6 +1,6 @@
 """What is known of a pair of sensors: alpha of the bead, D(T) of the film, response times, noise, the model's effects.
 
-Between the rows of its table D is read as ln D over 1/T. docs/flights.md says how a flight uses it.
+Between the rows of its table D is read as ln D over 1/T. docs/flights_method.md says how a flight uses it.
 """
 
 from __future__ import annotations
@@ -40,6 +40,15 @@ class ResponseTime:
     t90_s: float
     t98_s: float
     standard_uncertainties_s: tuple[float, float, float] | None = None
+
+
+def response_columns(times: ResponseTime | None) -> dict[str, float]:
+    """Columns that tables of response times have: each time [s] and its standard uncertainty; NaN where not known."""
+    names = ("t63", "t90", "t98")
+    seconds = (math.nan,) * 3 if times is None else (times.t63_s, times.t90_s, times.t98_s)
+    spread = (None if times is None else times.standard_uncertainties_s) or (math.nan,) * 3
+    columns = {f"{name}_s": value for name, value in zip(names, seconds, strict=True)}
+    return columns | {f"{name}_standard_uncertainty_s": u for name, u in zip(names, spread, strict=True)}
 
 
 @dataclass(frozen=True)
@@ -153,9 +162,6 @@ class HumidityProfile:
         """The table as a DataFrame, one row for each ambient temperature, columns as in the file."""
         import pandas as pd
 
-        def seconds(row: DiffusivityRow, name: str) -> float:
-            return getattr(row.response_time_s, name) if row.response_time_s else math.nan
-
         rows = self.diffusivity_table
         return pd.DataFrame(
             {
@@ -163,14 +169,12 @@ class HumidityProfile:
                 "diffusivity_m2_s": [r.diffusivity_m2_s for r in rows],
                 "standard_uncertainty": [r.standard_uncertainty for r in rows],
                 "runs": pd.array([r.runs for r in rows], dtype="Int64"),
-                "t63_s": [seconds(r, "t63_s") for r in rows],
-                "t90_s": [seconds(r, "t90_s") for r in rows],
-                "t98_s": [seconds(r, "t98_s") for r in rows],
             }
+            | {name: [response_columns(r.response_time_s)[name] for r in rows] for name in response_columns(None)}
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Profile:
     """A pair of sensors; either part may be missing."""
 
@@ -202,9 +206,14 @@ class Profile:
 
     def plot(self) -> Figure:
         """D over temperature with its uncertainty and as it is interpolated; response times."""
-        from shockrig.files.views import plot_profile
+        from shockrig.files.campaign_figure import plot_profile
 
         return plot_profile(self)
+
+    def __repr__(self) -> str:
+        from shockrig.files.headline import headlines
+
+        return f"<Profile: {'; '.join(f'{name} {value}' for name, value in headlines(self))}>"
 
     def _repr_html_(self) -> str:
         from shockrig.files.views import profile_card

@@ -9,7 +9,7 @@ import numpy as np
 
 from shockrig.files.figures import BLUE, INK, ORANGE, literal, notebook_figure, styled
 from shockrig.files.flight import Corrected, Flight
-from shockrig.files.numbers import plain
+from shockrig.files.numbers import counted, plain
 from shockrig.files.views import card, require_xarray
 
 if TYPE_CHECKING:
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 CHANNEL_UNITS = {"temperature": "K", "humidity": "%RH"}
+PLACES = {"pressure_hpa": "hPa", "altitude_m": "m", "latitude_deg": "degrees_north", "longitude_deg": "degrees_east"}
 CAUSE_COLUMNS = (
     "channel",
     "verdict",
@@ -68,6 +69,30 @@ def gain_frame(document: Mapping[str, Any]) -> pd.DataFrame:
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis("channel")
 
 
+def diagnosis_dataset(document: Mapping[str, Any]) -> xr.Dataset:
+    """The errors on unseen runs over the channel, and the causes' parameters one below the other, with their units."""
+    xarray = require_xarray()
+    gain, causes = gain_frame(document), causes_frame(document).reset_index()
+    variables: dict[str, Any] = {}
+    for name in gain.columns.drop("unit"):
+        variables[name] = ("channel", gain[name].to_numpy(dtype=float))
+    variables["unit"] = ("channel", gain["unit"].to_numpy(dtype=str))
+    variables["verdict"] = ("channel", [document["channels"][name]["verdict"] for name in gain.index])
+    for name in causes.columns:
+        numbers = name in ("probability", "value", "standard_uncertainty")
+        values = causes[name].to_numpy(dtype=float) if numbers else causes[name].to_numpy(dtype=str)
+        variables[f"cause_{name}"] = ("cause", values)
+    return xarray.Dataset(variables, {"channel": gain.index.to_list()}, {"campaign": str(document.get("campaign", ""))})
+
+
+def plan_dataset(runs: Sequence[Mapping[str, Any]]) -> xr.Dataset:
+    """The runs to record, a variable for each column of their table over the run's number."""
+    frame = plan_frame(runs)
+    frame.columns = [str(name).replace(".", "_") for name in frame.columns]
+    frame.index = frame.index.rename("run") + 1
+    return require_xarray().Dataset({name: ("run", frame[name].to_numpy()) for name in frame}, {"run": frame.index})
+
+
 def diagnosis_card(document: Mapping[str, Any]) -> str:
     """Verdict and error of each channel, and the causes."""
     facts = []
@@ -81,7 +106,7 @@ def diagnosis_card(document: Mapping[str, Any]) -> str:
     facts += [("note", str(note)) for note in document.get("input_findings") or ()]
     next_runs = document.get("next_experiments") or []
     if next_runs:
-        facts.append(("to measure next", f"{len(next_runs)} runs"))
+        facts.append(("to measure next", counted(len(next_runs), "run")))
     return card(f"Diagnosis of {document.get('campaign', '')}", facts, causes_frame(document).drop(columns="verdict"))
 
 
@@ -111,26 +136,35 @@ def plan_frame(runs: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     return pd.json_normalize([dict(run) for run in runs])
 
 
-def plan_card(runs: Sequence[Mapping[str, Any]], advice: Sequence[str]) -> str:
-    """The runs to record next, and what else to do."""
-    return card("To record next", [("to do", sentence) for sentence in advice], plan_frame(runs))
+def plan_card(runs: Sequence[Mapping[str, Any]], advice: Sequence[str], stands: Sequence[tuple[str, str]] = ()) -> str:
+    """Where the goals stand, the runs to record next, and what else to do."""
+    return card("To record next", [*stands, *(("to do", sentence) for sentence in advice)], plan_frame(runs))
 
 
 @styled
-def plot_plan(runs: Sequence[Mapping[str, Any]]) -> Figure:
-    """Evidence that each proposed run is expected to bring between the explanations that are tied."""
+def plot_plan(runs: Sequence[Mapping[str, Any]], reason: str = "") -> Figure:
+    """What each proposed run is expected to bring to the goals, or between the explanations that are tied."""
     figure = notebook_figure(6.4, 1.2 + 0.35 * max(len(runs), 1))
     axes = figure.subplots()
-    evidence = [float(run.get("expected_evidence", np.nan)) for run in runs]
-    axes.barh([f"run {i}" for i in range(1, len(runs) + 1)], evidence, color=BLUE, height=0.55)
+    if not runs:
+        axes.axis("off")
+        axes.text(0.0, 0.5, literal(reason or "nothing is tied: no run would decide anything"), va="center", wrap=True)
+        axes.set_title("nothing more to record" if reason else "nothing is tied")
+        return figure
+    worth = any("expected_worth" in run for run in runs)
+    brings = [float(run.get("expected_worth" if worth else "expected_evidence") or np.nan) for run in runs]
+    axes.barh([f"run {i}" for i in range(1, len(runs) + 1)], brings, color=BLUE, height=0.55)
     axes.invert_yaxis()
-    axes.set_xlabel("expected drop in deviance between what is tied")
-    axes.set_title("nothing is tied" if not runs else "runs that would decide")
+    axes.set_xlabel("what it is worth, in goals" if worth else "expected drop in deviance between what is tied")
+    axes.set_title("runs to record next, the first first")
     return figure
 
 
 def flight_frame(flight: Flight, corrected: Corrected) -> pd.DataFrame:
-    """Readings and corrected values of a flight row by row, columns as in the file; flags joined by "|"."""
+    """Readings and corrected values of a flight row by row, columns as in the file; flags joined by "|".
+
+    Pressure and position follow where the log has them.
+    """
     import pandas as pd
 
     return pd.DataFrame(
@@ -144,6 +178,11 @@ def flight_frame(flight: Flight, corrected: Corrected) -> pd.DataFrame:
             "humidity_uncertainty_percent": corrected.humidity_uncertainty_percent,
             "flags": corrected.flag_texts(),
         }
+        | {
+            name: values
+            for name in PLACES
+            if (values := getattr(flight, name)) is not None and np.isfinite(values).any()
+        }
     )
 
 
@@ -154,7 +193,7 @@ def flight_dataset(flight: Flight, corrected: Corrected) -> xr.Dataset:
     standard = {"temperature_corrected_c": "air_temperature", "humidity_corrected_percent": "relative_humidity"}
     frame = flight_frame(flight, corrected)
     variables = {}
-    for name in frame.columns.drop(["time_s", "flags"]):
+    for name in frame.columns.drop(["time_s", "flags", *PLACES], errors="ignore"):
         attributes = {"units": next(unit for ending, unit in units.items() if name.endswith(ending))}
         if name in standard:
             attributes["standard_name"] = standard[name]
@@ -167,55 +206,36 @@ def flight_dataset(flight: Flight, corrected: Corrected) -> xr.Dataset:
             after = {"units": unit, "independent_after_s": f"{corrected.independent_after_s[channel]:.4g}"}
             variables[f"{channel}_uncertainty_independent_{ending}"] = ("time", independent, after)
             variables[f"{channel}_uncertainty_common_{ending}"] = ("time", common, {"units": unit})
-    for name, unit in (
-        ("pressure_hpa", "hPa"),
-        ("altitude_m", "m"),
-        ("latitude_deg", "degrees_north"),
-        ("longitude_deg", "degrees_east"),
-    ):
-        if (values := getattr(flight, name)) is not None and np.isfinite(values).any():
-            variables[name] = ("time", values, {"units": unit})
+    for name, unit in PLACES.items():
+        if name in frame:
+            variables[name] = ("time", frame[name].to_numpy(), {"units": unit})
     variables |= {f"flag_{name}": ("time", mask, {}) for name, mask in corrected.flags.items()}
     return xarray.Dataset(variables, {"time": ("time", flight.time_s, {"units": "s"})})
 
 
-def flight_card(flight: Flight, corrected: Corrected) -> str:
-    """How long the flight is, by how much it was corrected, what the correction had to say."""
-    frame = flight_frame(flight, corrected)
-    facts = [("rows", str(len(frame)))]
-    for name, unit, corrected_column, column, uncertainty in (
-        ("temperature", "K", "temperature_corrected_c", "temperature_c", "temperature_uncertainty_k"),
-        ("humidity", "%RH", "humidity_corrected_percent", "humidity_percent", "humidity_uncertainty_percent"),
-    ):
-        change = np.abs(frame[corrected_column] - frame[column])
-        stated = frame[uncertainty]
-        if stated.notna().any():
-            words = f"changed by up to {plain(change.max(), 3)} {unit}"
-            words += f", standard uncertainty {plain(stated.median(), 2)} {unit}"
-            facts.append((name, words))
-    facts += [("note", note) for note in corrected.notes]
-    return card("Corrected flight", facts, frame, rows=5)
-
-
-@styled
-def plot_flight(flight: Flight, corrected: Corrected) -> Figure:
-    """Reading and corrected value with its 95 % band against time, a panel for each quantity."""
-    figure = notebook_figure(9.2, 4.6)
-    above, below = figure.subplots(2, 1, sharex=True)
-    for axes, reading, value, sigma, words in (
-        (above, flight.temperature_c, corrected.temperature_c, corrected.temperature_uncertainty_k, "temperature, °C"),
+def flight_facts(flight: Flight, corrected: Corrected) -> list[tuple[str, str]]:
+    """How many rows, and by how much each channel was corrected."""
+    facts = [("rows", str(flight.time_s.size))]
+    for name, unit, value, reading, sigma in (
+        ("temperature", "K", corrected.temperature_c, flight.temperature_c, corrected.temperature_uncertainty_k),
         (
-            below,
-            flight.humidity_percent,
+            "humidity",
+            "%RH",
             corrected.humidity_percent,
+            flight.humidity_percent,
             corrected.humidity_uncertainty_percent,
-            "relative humidity, %",
         ),
     ):
-        axes.plot(flight.time_s, reading, color=ORANGE, lw=0.9, label="reading")
-        axes.fill_between(flight.time_s, value - 1.96 * sigma, value + 1.96 * sigma, color=BLUE, alpha=0.2, lw=0)
-        axes.plot(flight.time_s, value, color=BLUE, lw=0.9, label="corrected, 95 %")
-        axes.set_ylabel(words)
-    above.legend(loc="best")
-    below.set_xlabel("time, s")
-    return figure
+        change = np.abs(value - reading)
+        if np.isfinite(sigma).any():
+            words = f"changed by up to {plain(float(np.nanmax(change)), 3)} {unit}"
+            facts.append((name, f"{words}, standard uncertainty {plain(float(np.nanmedian(sigma)), 2)} {unit}"))
+        elif np.isfinite(reading).any():
+            facts.append((name, "not corrected"))
+    return facts
+
+
+def flight_card(flight: Flight, corrected: Corrected) -> str:
+    """How long the flight is, by how much it was corrected, what the correction had to say."""
+    facts = [*flight_facts(flight, corrected), *(("note", note) for note in corrected.notes)]
+    return card("Corrected flight", facts, flight_frame(flight, corrected), rows=5)

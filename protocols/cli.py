@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 # command -> (module in protocols.commands, what it does)
 COMMANDS = {
     "scan": ("scan", "find sensors and stages on this computer and write a bench file to start from"),
+    "bench": ("bench", "print a bench file that ships, to copy and edit"),
     "check": ("check", "open every instrument of a bench and say what is well and what is not"),
     "run": ("run", "record a campaign on a bench (the embedded virtual bench by default)"),
     "import": ("import_csv", "turn other loggers' files, also one long log with many steps, into a campaign"),
@@ -39,6 +40,8 @@ COMMANDS = {
     "history": ("history", "chart the campaigns of one serial number, and say what changed and since when"),
     "correct": ("correct", "correct a flight's temperature and humidity with a profile"),
     "simulate": ("simulate", "simulate weather and a sensor flown through it, to files"),
+    "example": ("example", "list or copy samples that ship: campaigns, a log with steps, a flight with position"),
+    "tour": ("tour", "bench, log and flight in ten minutes, command by command"),
     "demo": ("demo", "hide an effect in virtual sensors, find it, extend the model, open the seal"),
     "demo-flights": ("demo_flights", "make the paper's flight figures again, three corrections side by side"),
     "emulate": ("emulate", "emulated instruments that unmodified programs open, or that play a flight"),

@@ -97,6 +97,11 @@ def outcomes(path: Path, seen: Sequence[Campaign], say: Callable[[str], None]) -
     return found
 
 
+def current(path: Path, campaign: Campaign) -> Path | None:
+    """The newest diagnosis in or beside a campaign's folder that is of it as it is; None where there is none."""
+    return next((file for file, stated in _of(path, campaign) if not outdated(stated, campaign)), None)
+
+
 def _of(path: Path, campaign: Campaign) -> Iterator[tuple[Path, StatedDiagnosis]]:
     """Diagnoses of a campaign's probe by name, in its folder, in folders in that and beside it; the newest first."""
     from shockrig.files.diagnosis import read_diagnosis

@@ -6,6 +6,7 @@ import contextlib
 import sys
 from typing import Any, TextIO
 
+from shockrig.protocols.time_left import TimeLeft
 from shockrig.rig.observer import SilentObserver
 from shockrig.rig.operator import Prompt
 from shockrig.rig.protocol import PlannedRun, Step
@@ -35,6 +36,8 @@ class LineObserver(SilentObserver):
 
     def __init__(self, stream: TextIO | None = None):
         self._stream = stream or sys.stderr
+        self._clock: TimeLeft | None = None
+        self._first = 1
 
     def __enter__(self) -> LineObserver:
         return self
@@ -44,7 +47,10 @@ class LineObserver(SilentObserver):
 
     def run_began(self, run: PlannedRun, number: int, total: int, now_s: float) -> None:
         flow = "" if run.airflow_m_s is None else f", {run.airflow_m_s:g} m/s"
-        self.say(f"run {run.id} ({number}/{total}): {words(run.source)} -> {words(run.destination)}{flow}")
+        if self._clock is None:  # a campaign that goes on began with another run
+            self._clock, self._first = TimeLeft(), number
+        left = self._clock.after((number - self._first) / max(total - self._first + 1, 1))
+        self.say(f"run {run.id} ({number}/{total}): {words(run.source)} -> {words(run.destination)}{flow}{left}")
 
     def say(self, text: str) -> None:
         with contextlib.suppress(OSError):  # the terminal is closed, which the recording need not end for
@@ -56,12 +62,13 @@ class BarObserver(SilentObserver):
 
     def __init__(self) -> None:
         from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
         self._progress = Progress(
             TextColumn("{task.description}"),
             BarColumn(bar_width=20),
             MofNCompleteColumn(),
+            TimeRemainingColumn(),
             TextColumn("{task.fields[text]}"),
             console=Console(stderr=True, highlight=False, markup=False),
             transient=True,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.physics.humidity import dew_point_c, saturation_pressure_hpa
 from shockrig.files.errors import InputError
-from shockrig.files.flight import Corrected, Flight
+from shockrig.files.flight import Corrected, Flight, read_layout
 from shockrig.files.flight_wmo import write_wmo
 
 Array = NDArray[np.float64]
@@ -41,10 +42,7 @@ class WmoFlight:
         lacking = [name for name, values in where.items() if values is None or not np.isfinite(values).any()]
         names = {"lat": "latitude", "lon": "longitude", "altitude": "altitude"}
         if lacking and not self._blocks:
-            raise InputError(
-                f"--wmo: the log has no {', '.join(names[n] for n in lacking)}; name the columns "
-                f"(--column {names[lacking[0]]}=NAME)"
-            )
+            raise _no_position([names[n] for n in lacking])
         for name, most in FURTHEST.items():
             values = where[name]
             if values is not None and np.isfinite(values).any() and np.nanmedian(np.abs(values)) > most:
@@ -79,6 +77,23 @@ def _elevation(altitude_m: Array) -> str:
     """Of the site: the first altitude that the log has, where the drone stood."""
     known = altitude_m[np.isfinite(altitude_m)]
     return f"{known[0]:.0f}m" if known.size else "not applicable"
+
+
+def demand_position(log: Path, columns: Mapping[str, str] | None = None) -> None:
+    """Look for columns of position before anything is computed.
+
+    Raises
+    ------
+    InputError
+        The log has no column of latitude, longitude or altitude.
+    """
+    place = read_layout(log, columns).place
+    if lacking := [name for name in ("latitude", "longitude", "altitude") if name not in place]:
+        raise _no_position(lacking)
+
+
+def _no_position(lacking: Sequence[str]) -> InputError:
+    return InputError(f"--wmo: the log has no {', '.join(lacking)}; name the columns (--column {lacking[0]}=NAME)")
 
 
 def moist_air(found: Corrected, pressure_hpa: Array) -> dict[str, Array]:

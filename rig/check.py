@@ -16,6 +16,7 @@ from statistics import median
 from typing import Any
 
 from shockrig.files.disk import shown
+from shockrig.files.numbers import counted
 from shockrig.rig.bench import Bench
 from shockrig.rig.chambers.limits import UNITS
 from shockrig.rig.clock import VirtualClock
@@ -138,6 +139,7 @@ def examine(
             findings.append(_judged(label[name], part, heard[name], bench.describe().get(name, {})))
         else:
             findings.append(Finding(label[name], "nothing to read before a run"))
+    findings.append(_serials(bench))
     findings.append(clock_finding(bench.clock, wall, jump_s) if real else Finding("clock", "virtual"))
     findings.append(_plan(folder, bench, protocol))
     findings.append(_disk(folder, protocol, bench.clock.now if real else None))
@@ -153,6 +155,26 @@ def tree(bench_name: str, findings: list[Finding]) -> str:
         lines += [f"             {finding.cause}"] if finding.cause else []
         lines += [f"                 {finding.remedy}"] if finding.remedy else []
     return "\n".join(lines)
+
+
+def lacking(findings: list[Finding]) -> str:
+    """What is missing before anything can be recorded, in a line; empty where nothing is."""
+    faults = [finding for finding in findings if not finding.well]
+    if not faults:
+        return ""
+    listed = "; ".join(f"{finding.device} ({finding.cause})" for finding in faults)
+    return f"not ready, {counted(len(faults), 'fault')}: {listed}"
+
+
+def _serials(bench: Bench) -> Finding:
+    """Which sensors can be told from others of their kind in a campaign that is looked at years later."""
+    stated = {name: entry.get("serial") for name, entry in bench.describe().items()}
+    known = ", ".join(f"{name} {serial}" for name, serial in stated.items() if serial)
+    silent = [name for name, serial in stated.items() if not serial]
+    if bench.emulated or not silent:
+        return Finding("serial numbers", known or "of emulated sensors")
+    said = f"none stated for {', '.join(silent)}; histories need one: serial = ... in the bench file"
+    return Finding("serial numbers", f"{known}; {said}" if known else said)
 
 
 def _listen(bench: Bench, parts: Mapping[str, Any]) -> dict[str, list[Reading]]:
@@ -253,7 +275,7 @@ def _plan(folder: Path, bench: Bench, protocol: Protocol) -> Finding:
             check_folder(folder, protocol, bench.describe(), bench=bench.name, emulated=bench.emulated)
     except BenchError as error:
         return Finding(device, "", str(error), "shockrig run would refuse it")
-    return Finding(device, "; ".join([f"{len(protocol.runs)} runs", *warnings]))
+    return Finding(device, "; ".join([counted(len(protocol.runs), "run"), *warnings]))
 
 
 def _disk(folder: Path, protocol: Protocol, now: Callable[[], float] | None) -> Finding:

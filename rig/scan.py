@@ -36,6 +36,7 @@ LISTEN_S = 2.6  # an XQ2 speaks once in a second; a GRBL board that opening rese
 REPORT_WITHIN_S = 0.5
 LOOK_EVERY_S = 0.02
 ENOUGH_LINES = 2
+ADAPTER = re.compile(r"/by-id/usb-.*_([A-Za-z0-9]{2,})-if\d+")
 BANNER = re.compile(rb"Grbl (\S+)|GrblHAL (\S+)")
 PRESSED = re.compile(rb"\|Pn:([A-Z]+)")
 REPORT = re.compile(rb"<[A-Z][a-z]*(:\d)?\|[MW]Pos:[^<>\r\n]*>")
@@ -287,7 +288,7 @@ def bench_toml(found: Iterable[Found], name: str = "found by scan") -> str:
     if not imets and not films:
         raise BenchError("found no sensor, so there is nothing to write a bench file from; check supply and cables")
     lines = [
-        "# Written by shockrig scan. Go through the lines marked SET, then run: shockrig check --bench THIS_FILE",
+        "# Written by shockrig scan. Go through the lines marked SET, then: shockrig check standard --bench THIS_FILE",
         *("# found " + "".join(c if c.isprintable() else "?" for c in str(item)) for item in found),
         "",
         "[bench]",
@@ -301,7 +302,7 @@ def bench_toml(found: Iterable[Found], name: str = "found by scan") -> str:
         lines += ["", f"[sensors.{unit}]"]
         lines += [f"kind = {_quoted(imet.kind)}", f"port = {_quoted(imet.port)}"]
         lines += [f"baud = {imet.baud}"] if imet.baud != IMET_BAUD else []
-        lines += ['# serial = "X00000" # SET: printed on the unit']
+        lines += [_serial_line(imet.port)]
         if SECOND_BEAD in imet.second:
             beads += 1
             lines += ["", f"[sensors.{sensor_name('imet', str(beads))}]"]
@@ -340,6 +341,14 @@ def bench_toml(found: Iterable[Found], name: str = "found by scan") -> str:
     else:
         lines += ['kind = "operator" # both airs are typed in; "set-points" takes them from the protocol']
     return "\n".join(lines) + "\n"
+
+
+def _serial_line(port: str) -> str:
+    """The number of the unit's USB adapter, where the port's lasting name has it, or a line to fill in."""
+    adapter = ADAPTER.search(port)
+    if adapter is None:
+        return '# serial = "X00000" # SET: printed on the unit'
+    return f"serial = {_quoted(adapter[1])} # of its USB adapter; the one printed on the unit may stand here as well"
 
 
 def _hyt_lines(film: FoundHyt) -> list[str]:

@@ -2,10 +2,11 @@
 
     import shockrig
 
-    found = shockrig.characterize("campaign")            # alpha of the bead, D(T) of the film
-    why = shockrig.diagnose("campaign")                  # what that model gets wrong, and which effects cause it
+    campaign = shockrig.import_log("steps.csv")          # or shockrig.read_campaign("campaign")
+    found = campaign.characterize()                      # how fast the sensors are
+    why = campaign.diagnose()                            # what that model gets wrong, and which effects cause it
     shockrig.plan(why)                                   # what to record next
-    sensors = shockrig.characterize("campaign", extend=why)
+    sensors = campaign.characterize(extend=why)
     flight = shockrig.correct("flight.csv", sensors)     # corrected, with uncertainty
     flight.plot()
 
@@ -21,17 +22,24 @@ TYPE_CHECKING = False  # as typing has it, whose import alone would take a tenth
 if TYPE_CHECKING:
     from typing import Any
 
-    from shockrig.files.campaign import Campaign, read_campaign
+    from shockrig.campaigns import ChainedCampaign, read_campaign
+    from shockrig.examples import example
+    from shockrig.files.campaign import Campaign
     from shockrig.files.errors import InputError
+    from shockrig.files.flight import Flight
     from shockrig.files.profile import Profile, read_profile, write_profile
-    from shockrig.notebook import characterize, correct, diagnose, example, plan
+    from shockrig.flights import read_flight
+    from shockrig.logs import import_log
+    from shockrig.notebook import characterize, correct, diagnose, plan
     from shockrig.results import Characterized, CorrectedFlight, Diagnosed, Planned
 
 __all__ = [
     "Campaign",
+    "ChainedCampaign",
     "Characterized",
     "CorrectedFlight",
     "Diagnosed",
+    "Flight",
     "InputError",
     "Planned",
     "Profile",
@@ -40,8 +48,10 @@ __all__ = [
     "correct",
     "diagnose",
     "example",
+    "import_log",
     "plan",
     "read_campaign",
+    "read_flight",
     "read_profile",
     "write_profile",
 ]
@@ -50,18 +60,22 @@ __version__: str
 
 _HOMES = {
     "Campaign": "files.campaign",
+    "ChainedCampaign": "campaigns",
     "Characterized": "results",
     "CorrectedFlight": "results",
     "Diagnosed": "results",
+    "Flight": "files.flight",
     "InputError": "files.errors",
     "Planned": "results",
     "Profile": "files.profile",
     "characterize": "notebook",
     "correct": "notebook",
     "diagnose": "notebook",
-    "example": "notebook",
+    "example": "examples",
+    "import_log": "logs",
     "plan": "notebook",
-    "read_campaign": "files.campaign",
+    "read_campaign": "campaigns",
+    "read_flight": "flights",
     "read_profile": "files.profile",
     "write_profile": "files.profile",
 }

@@ -1,12 +1,13 @@
-"""What `import shockrig` offers beside reading: characterize, diagnose, correct, as functions of data or of paths."""
+"""The functions of `import shockrig` that compute: characterize, diagnose, plan, correct; of data or of paths."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from shockrig.analysis.characterization.characterize import characterize as _characterize
 from shockrig.analysis.characterization.extension import Extension, extension_of, read_extension
@@ -16,66 +17,40 @@ from shockrig.analysis.diagnosis.export import stated_cause, to_json
 from shockrig.analysis.diagnosis.remainder import Tolerance
 from shockrig.analysis.flight.correct import correct as _correct
 from shockrig.analysis.report.next_time import next_time
+from shockrig.channels import ChannelName, Channels, of_campaign, of_profile, only
 from shockrig.files.campaign import Campaign, read_campaign
 from shockrig.files.errors import InputError
-from shockrig.files.flight import Flight, read_layout
-from shockrig.files.flight_cells import joined, read_blocks
-from shockrig.files.flight_rows import BLOCK_ROWS, to_flight
+from shockrig.files.flight import Flight
 from shockrig.files.profile import Profile, read_profile
+from shockrig.flights import PathLike, read_flight
+from shockrig.remedies import as_python, in_python
 from shockrig.results import Characterized, CorrectedFlight, Diagnosed, Planned
 
 if TYPE_CHECKING:
     import pandas as pd
 
-PathLike = str | os.PathLike[str]
-ChannelName = Literal["temperature", "humidity"]
-TRACES: dict[ChannelName, str] = {"temperature": "imet", "humidity": "hyt"}
+    from shockrig.analysis.diagnosis.outcome import Outcome
+    from shockrig.analysis.planning.places import Place
+
 Progress = Callable[[str], None]
-
-
-def example(name: str = "plain-rough") -> Path:
-    """The folder of a campaign that ships with the package.
-
-    Parameters
-    ----------
-    name : {"plain-rough", "ordinary-bench"}
-        Sensors as the plain model has them, with a rough bench's noise; or with what a real bench ordinarily has: an
-        air film around the bead, a transfer of half a second, heat through the support, a film read at its own die's
-        temperature.
-
-    Raises
-    ------
-    InputError
-        No campaign of that name ships.
-
-    Examples
-    --------
-    >>> import shockrig
-    >>> shockrig.example("plain-rough").name
-    'plain-rough'
-    """
-    from importlib.resources import files
-
-    folder = Path(str(files("shockrig.data") / "examples"))
-    names = sorted(entry.name for entry in folder.iterdir() if (entry / "campaign.json").exists())
-    if name not in names:
-        raise InputError(f"no example {name!r}; give one of {', '.join(names)}")
-    return folder / name
 
 
 def characterize(
     campaign: Campaign | PathLike,
     *,
+    channels: Channels = None,
     seed: int = 0,
     extend: Diagnosed | PathLike | None = None,
     progress: Progress | None = None,
 ) -> Characterized:
-    """Fit alpha of the bead and D(T) of the film to a campaign.
+    """Find how fast a campaign's sensors are: alpha of a bead, D(T) of a film, tau of what is one lag, response times.
 
     Parameters
     ----------
     campaign : Campaign or path
         A campaign, or the folder that holds campaign.json.
+    channels : {"temperature", "humidity"} or several of them, optional
+        Which sensors to look at; all that were recorded where it is left out.
     seed : int
         Of the differential evolution that finds the start of the fit.
     extend : Diagnosed or path, optional
@@ -107,14 +82,17 @@ def characterize(
     >>> film.round(0).head(3).to_numpy().tolist()
     [[0.0, 5.0], [10.0, 4.0], [20.0, 3.0]]
     """
-    result = _characterize(_campaign(campaign), seed=seed, extensions=_extensions(extend), progress=progress)
+    with as_python():
+        recorded = _campaign(campaign)
+        wanted = of_campaign(recorded, channels)
+        result = _characterize(recorded, seed=seed, extensions=_extensions(extend), progress=progress, channels=wanted)
     return Characterized(to_profile(result, {"software": f"shockrig {_version()}"}), result)
 
 
 def diagnose(
     campaign: Campaign | PathLike,
     *,
-    channels: Iterable[ChannelName] = ("temperature", "humidity"),
+    channels: Channels = None,
     tolerance_k: float = 0.03,
     tolerance_percent: float = 0.2,
     progress: Progress | None = None,
@@ -125,8 +103,8 @@ def diagnose(
     ----------
     campaign : Campaign or path
         A campaign, or the folder that holds campaign.json.
-    channels : iterable of {"temperature", "humidity"}
-        Which sensors to look at.
+    channels : {"temperature", "humidity"} or several of them, optional
+        Which sensors to look at; all that were recorded where it is left out.
     tolerance_k, tolerance_percent : float
         From which size on what is left spoils a verdict; by default a tenth of the sensors' stated accuracy.
     progress : function of a sentence, optional
@@ -151,40 +129,90 @@ def diagnose(
     >>> found.gain.loc["temperature", ["held_out_rmse_before", "noise_floor"]].astype(float).round(3).to_list()
     [0.023, 0.023]
     """
-    recorded, wanted = _campaign(campaign), set(channels)
-    for name, trace in TRACES.items():
-        if name not in wanted:
-            dropped: dict[str, Any] = {trace: None}
-            recorded = replace(recorded, runs=tuple(replace(run, **dropped) for run in recorded.runs))
     tolerance = Tolerance(tolerance_k, tolerance_percent)
-    result = _diagnose(recorded, progress=progress or (lambda text: None), tolerance=tolerance)
-    return Diagnosed(to_json(result), result)
+    with as_python():
+        recorded = _campaign(campaign)
+        recorded = only(recorded, of_campaign(recorded, channels))
+        result = _diagnose(recorded, progress=progress or (lambda text: None), tolerance=tolerance)
+    return Diagnosed(to_json(result), result, recorded)
 
 
-def plan(found: Diagnosed) -> Planned:
-    """Say which runs to record next, so that what a diagnosis could not tell can be told.
+def plan(
+    found: Diagnosed | Campaign | PathLike,
+    *,
+    until: str | None = None,
+    runs: int = 6,
+    progress: Progress | None = None,
+) -> Planned:
+    """Say which runs to record next: for goals, or so that what a diagnosis could not tell can be told.
 
     Parameters
     ----------
-    found : Diagnosed
-        What `diagnose` returned.
+    found : Diagnosed, Campaign or path
+        What `diagnose` returned, or a campaign or its folder; a diagnosis that is given, or that lies in or beside the
+        folder and is of the campaign as it is, is not made once more.
+    until : str, optional
+        Goals such as "alpha 0.2 %, D 0.3 %, ties decided"; "minutes 90" limits the bench time. A diagnosis can be
+        planned from without any: then the runs are those that would tell its tied explanations apart.
+    runs : int
+        How many to choose at most, for goals.
+    progress : function of a sentence, optional
 
     Returns
     -------
     Planned
-        Runs that would tell tied explanations apart, and advice on what was not recorded.
+        The runs, whether the goals are met and why, and advice on what was not recorded.
+
+    Raises
+    ------
+    InputError
+        A campaign without goals, or goals that cannot be read.
 
     Examples
     --------
     Five ambients, three airflows, both directions and repeats leave nothing tied where nothing is hidden.
 
     >>> import shockrig
-    >>> found = shockrig.diagnose(shockrig.example("plain-rough"), channels=["temperature"])
+    >>> found = shockrig.diagnose(shockrig.example("plain-rough"), channels="temperature")
     >>> shockrig.plan(found).runs
     ()
     """
-    channels = [channel.problem.channel for channel in found.result.channels]
-    return Planned(tuple(found.result.next_experiments), tuple(next_time(channels)))
+    if until is None:
+        if not isinstance(found, Diagnosed):
+            from shockrig.analysis.planning.goals import EXAMPLE
+
+            raise InputError(f"until: is missing; give goals such as {EXAMPLE!r}, or plan from a diagnosis")
+        channels = [channel.problem.channel for channel in found.result.channels]
+        return Planned(tuple(found.result.next_experiments), tuple(next_time(channels)))
+    return _planned(found, until, runs, progress or (lambda text: None))
+
+
+def _planned(found: Diagnosed | Campaign | PathLike, until: str, runs: int, say: Progress) -> Planned:
+    """The decision that goals lead to, with what is known already."""
+    from shockrig.analysis.diagnosis.outcome import outcome_of
+    from shockrig.analysis.planning.decide import decide
+    from shockrig.analysis.planning.export import plan_document
+    from shockrig.analysis.planning.goals import parse_goals
+    from shockrig.analysis.planning.places import place_of
+    from shockrig.protocols.made_before import outcomes
+
+    with as_python():
+        goals = parse_goals(until)
+        if not 1 <= runs <= 100:
+            raise InputError(f"runs={runs}: expected 1 to 100")
+        made: dict[Place, Outcome] = {}
+        advice: list[str] = []
+        if isinstance(found, Diagnosed):
+            campaign = found.campaign
+            made = {place_of(one.name, campaign.probe): outcome_of(one) for one in found.result.channels}
+            advice = next_time([channel.problem.channel for channel in found.result.channels])
+        else:
+            campaign = _campaign(found)
+            if campaign.path.is_dir():
+                made = outcomes(campaign.path, [campaign], say)
+        decision = decide(campaign, goals, count=runs, made=made, progress=say)
+    document = plan_document(decision, goals)
+    return Planned(tuple(document["runs"]), tuple(advice), decision.status, decision.reason, tuple(document["goals"]))
 
 
 def correct(
@@ -193,6 +221,8 @@ def correct(
     *,
     method: str = "smoother",
     columns: Mapping[str, str] | None = None,
+    map: PathLike | None = None,
+    channels: Channels = None,
     **settings: float | None,
 ) -> CorrectedFlight:
     """Correct a flight's temperature and humidity for the lag of the sensors that flew.
@@ -202,15 +232,19 @@ def correct(
     Parameters
     ----------
     flight : DataFrame, Flight or path
-        A log: its CSV file, or a DataFrame with `time_s`, `temperature_c`, `humidity_percent` and, where known,
-        `airspeed_m_s`.
+        A log as `read_flight` reads it: CSV, netCDF, ArduPilot's .bin, any text file by a map, or a DataFrame, whose
+        columns are recognised by their names as a file's are.
     profile : Profile, Characterized or path
         Of the sensors that flew; a channel that it lacks is given as it came and flagged `not_corrected`.
     method : {"smoother", "inverse", "paper"}
         The optimal smoother, or the published inverse, corrected or as printed.
     columns : mapping, optional
-        Quantity ("time", "temperature", "humidity", "airspeed", "die") -> the column's name in the file, where it is
-        not recognised.
+        Quantity ("time", "temperature", "humidity", "airspeed", "die", "pressure", "altitude", "latitude",
+        "longitude") -> the column's name where it is not recognised.
+    map : path, optional
+        A map (shock-map/1) by which any text log is read, or the name of one that ships.
+    channels : {"temperature", "humidity"} or several of them, optional
+        What to correct; all that the profile has where it is left out.
     **settings
         `cutoff_hz` of the inverses' low-pass; `temperature_noise_k`, `humidity_noise_percent` where they differ from
         the profile's.
@@ -244,44 +278,21 @@ def correct(
     known = {"cutoff_hz", "temperature_noise_k", "humidity_noise_percent"}
     if unknown := sorted(set(settings) - known):
         raise TypeError(f"correct() has no setting {unknown[0]!r}; known are {', '.join(sorted(known))}")
-    rows = _flight(flight, columns)
     if isinstance(profile, Characterized):
         profile = profile.profile
-    sensors = profile if isinstance(profile, Profile) else read_profile(profile)
-    return CorrectedFlight(rows, _correct(rows, sensors, method, **settings))
+    with as_python():
+        sensors = of_profile(profile if isinstance(profile, Profile) else read_profile(profile), channels)
+        rows = read_flight(flight, columns, map)
+        found = _correct(rows, sensors, method, **settings)
+    notes = [in_python(note) for note in found.notes]
+    for name, values in (("temperature", rows.temperature_c), ("humidity", rows.humidity_percent)):
+        if getattr(sensors, name) is not None and not np.isfinite(values).any():
+            notes.append(f"{name}: no column of it recognised; if there is one, columns={{{name!r}: ...}}")
+    return CorrectedFlight(rows, replace(found, notes=tuple(notes)), sensors)
 
 
 def _campaign(campaign: Campaign | PathLike) -> Campaign:
     return campaign if isinstance(campaign, Campaign) else read_campaign(Path(campaign))
-
-
-def _flight(flight: pd.DataFrame | Flight | PathLike, columns: Mapping[str, str] | None) -> Flight:
-    if isinstance(flight, Flight):
-        return flight
-    if isinstance(flight, str | os.PathLike):
-        layout = read_layout(Path(flight), columns)
-        blocks = list(read_blocks(Path(flight), layout, BLOCK_ROWS))
-        return to_flight(joined(blocks) if blocks else [], layout)
-    import numpy as np
-
-    given = columns or {}
-    names = {
-        "time": "time_s",
-        "temperature": "temperature_c",
-        "humidity": "humidity_percent",
-        "airspeed": "airspeed_m_s",
-        "die": "humidity_sensor_temperature_c",
-        "pressure": "pressure_hpa",
-        "altitude": "altitude_m",
-        "latitude": "latitude_deg",
-        "longitude": "longitude_deg",
-    }
-    unknown = np.full(len(flight), np.nan)
-    chosen = {quantity: given.get(quantity, name) for quantity, name in names.items()}
-    values = {q: flight[name].to_numpy(dtype=float) if name in flight else unknown for q, name in chosen.items()}
-    if not np.isfinite(values["time"]).any():
-        raise InputError(f"flight: no column {chosen['time']} with numbers; name it by columns={{'time': ...}}")
-    return Flight(*values.values())
 
 
 def _extensions(extend: Diagnosed | PathLike | None) -> dict[ChannelName, Extension] | None:

@@ -10,10 +10,18 @@ from typing import TYPE_CHECKING, Any
 
 from shockrig.analysis.characterization.result import Characterization
 from shockrig.analysis.diagnosis.diagnosed import Diagnosis
+from shockrig.analysis.report.characterize_page import hint
 from shockrig.files import result_views as views
+from shockrig.files.campaign import Campaign
 from shockrig.files.flight import Corrected, Flight
+from shockrig.files.flight_figure import Against, plot_flight
+from shockrig.files.headline import headlines
+from shockrig.files.numbers import counted
 from shockrig.files.profile import Profile, write_profile
 from shockrig.files.views import profile_card
+from shockrig.remedies import in_python
+
+PathLike = str | os.PathLike[str]
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -21,7 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Characterized:
     """What `characterize` found.
 
@@ -38,9 +46,10 @@ class Characterized:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was seen in the input before any fit, and why a sensor could not be characterized."""
-        seen = [finding.sentence for finding in self.result.findings]
-        return (*seen, *(f"{name}: {reason}" for name, reason in self.result.missing.items()))
+        """What was seen in the input before any fit, where the model is not enough, and what could not be had."""
+        seen = [in_python(finding.sentence) for finding in self.result.findings]
+        bad = [hint(name, found) for name, found in self.result.channels().items() if not found.explained]
+        return (*seen, *map(in_python, bad), *(f"{name}: {reason}" for name, reason in self.result.missing.items()))
 
     def to_frame(self) -> pd.DataFrame:
         """One row for the bead (alpha) and one for each ambient of the film (D), with uncertainty, response times."""
@@ -51,18 +60,30 @@ class Characterized:
         return self.profile.to_xarray()
 
     def plot(self) -> Figure:
-        """D over temperature with its uncertainty and as it is interpolated; response times."""
-        return self.profile.plot()
+        """The steps of each sensor with their fits, what is left of them, and D over temperature where it is known."""
+        from shockrig.analysis.report.fitted_figure import plot_characterized
+
+        return plot_characterized(self.result, self.profile)
+
+    def correct(self, flight: pd.DataFrame | Flight | PathLike, **settings: Any) -> CorrectedFlight:
+        """A flight of these sensors corrected: `shockrig.correct` with this profile and the same settings."""
+        from shockrig.notebook import correct
+
+        return correct(flight, self.profile, **settings)
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the profile to a file, whole or not at all."""
         write_profile(self.profile, path)
 
+    def __repr__(self) -> str:
+        campaign = self.result.campaign.name
+        return f"<Characterized {campaign!r}: {'; '.join(f'{a} {b}' for a, b in headlines(self.profile))}>"
+
     def _repr_html_(self) -> str:
         return profile_card(self.profile, self.notes)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Diagnosed:
     """What `diagnose` found.
 
@@ -72,10 +93,13 @@ class Diagnosed:
         The content of diagnosis.json (`shock-diagnosis/1`).
     result : Diagnosis
         All of it: searches, fits, what is left.
+    campaign : Campaign
+        What was diagnosed.
     """
 
     document: dict[str, Any]
     result: Diagnosis
+    campaign: Campaign
 
     @property
     def verdicts(self) -> dict[str, str]:
@@ -90,7 +114,7 @@ class Diagnosed:
     @property
     def notes(self) -> tuple[str, ...]:
         """What was seen in the input before any fit."""
-        return self.result.input_findings
+        return tuple(in_python(note) for note in self.result.input_findings)
 
     @property
     def gain(self) -> pd.DataFrame:
@@ -101,15 +125,32 @@ class Diagnosed:
         """One row for each parameter of each named cause."""
         return views.causes_frame(self.document)
 
+    def to_xarray(self) -> xr.Dataset:
+        """Errors on unseen runs over the channel, and the causes' parameters, as labelled arrays."""
+        return views.diagnosis_dataset(self.document)
+
     def plot(self) -> Figure:
         """The error on unseen runs before and after the extension, beside the noise."""
         return views.plot_diagnosis(self.document)
+
+    def plan(self, *, until: str | None = None, runs: int = 6) -> Planned:
+        """Which runs to record next: `shockrig.plan` of this diagnosis."""
+        from shockrig.notebook import plan
+
+        return plan(self, until=until, runs=runs)
+
+    def __repr__(self) -> str:
+        said = []
+        for name, verdict in self.verdicts.items():
+            causes = self.causes[name]
+            said.append(f"{name} {verdict}" + (f" by {', '.join(causes)}" if causes else ""))
+        return f"<Diagnosed {self.campaign.name!r}: {'; '.join(said)}>"
 
     def _repr_html_(self) -> str:
         return views.diagnosis_card(self.document)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Planned:
     """What `plan` proposes.
 
@@ -120,24 +161,40 @@ class Planned:
         of it and the reason; empty where nothing is tied.
     advice : tuple of str
         What to record otherwise, so that the rest can be told.
+    status, reason : str
+        Where goals were given: "continue", "done" or "inconclusive", and why.
+    goals : tuple of dict
+        Each goal with where it stands (`goal`, `now`, `met`).
     """
 
     runs: tuple[dict[str, Any], ...]
     advice: tuple[str, ...]
+    status: str = ""
+    reason: str = ""
+    goals: tuple[dict[str, Any], ...] = ()
 
     def to_frame(self) -> pd.DataFrame:
         """One row for each run."""
         return views.plan_frame(self.runs)
 
+    def to_xarray(self) -> xr.Dataset:
+        """The same as labelled arrays over the run's number."""
+        return views.plan_dataset(self.runs)
+
     def plot(self) -> Figure:
-        """The evidence that each run is expected to bring."""
-        return views.plot_plan(self.runs)
+        """What each run is expected to bring: to the goals, or to telling tied explanations apart."""
+        return views.plot_plan(self.runs, self.reason)
+
+    def __repr__(self) -> str:
+        said = [counted(len(self.runs), "run"), *([f"{self.status}: {self.reason}"] if self.status else [])]
+        return f"<Planned: {'; '.join(said)}>"
 
     def _repr_html_(self) -> str:
-        return views.plan_card(self.runs, self.advice)
+        stands = [(f"{self.status}", self.reason)] if self.status else []
+        return views.plan_card(self.runs, self.advice, stands)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CorrectedFlight:
     """A flight and its correction.
 
@@ -147,10 +204,13 @@ class CorrectedFlight:
         The readings.
     result : Corrected
         Corrected values, one standard uncertainty each, flags, and notes in plain words.
+    profile : Profile
+        Of the sensors that it was corrected with.
     """
 
     flight: Flight
     result: Corrected
+    profile: Profile
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -165,9 +225,19 @@ class CorrectedFlight:
         """The same as labelled arrays over time, with units and CF standard names."""
         return views.flight_dataset(self.flight, self.result)
 
-    def plot(self) -> Figure:
-        """Reading and corrected value with its 95 % band against time."""
-        return views.plot_flight(self.flight, self.result)
+    def plot(self, against: Against = "time") -> Figure:
+        """Reading and corrected value against "time" or "altitude", with its 95 % band.
+
+        Raises
+        ------
+        InputError
+            The log has no altitude that changes.
+        """
+        return plot_flight(self.flight, self.result, against)
+
+    def __repr__(self) -> str:
+        said = [f"{name} {words}" for name, words in views.flight_facts(self.flight, self.result)]
+        return f"<CorrectedFlight: {'; '.join(said)}>"
 
     def _repr_html_(self) -> str:
         return views.flight_card(self.flight, self.result)

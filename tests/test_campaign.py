@@ -135,5 +135,5 @@ def test_runs_that_cannot_be_used_say_why(tmp_path):
     (reason,) = (entry.reason for entry in usable_runs(campaign, "temperature")[1])
     assert "only 3 usable samples" in reason
     assert build_channel(campaign, "temperature") is None
-    with pytest.raises(InputError, match="temperature: none of 1 runs.*humidity: none of 1 runs"):
+    with pytest.raises(InputError, match="temperature: the only run cannot.*humidity: the only run cannot"):
         characterize(campaign)

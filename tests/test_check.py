@@ -26,7 +26,7 @@ def examined(tmp_path, faults=None, clock="virtual", wall=time.time, protocol=No
 def test_a_bench_that_is_well(tmp_path, capsys):
     assert main(["check", "--out", str(tmp_path / "new")]) == 0
     text = capsys.readouterr().out
-    assert text.endswith("all is well\n") and "FAULT" not in text
+    assert text.endswith(f"ready: shockrig run standard --out {tmp_path / 'new'}\n") and "FAULT" not in text
     # The emulated world rests at 20 degC and 50 %RH.
     assert "temperature 20.0" in text or "temperature 19.9" in text
     assert "humidity 50." in text or "humidity 49.9" in text
@@ -138,7 +138,7 @@ def test_exit_status(tmp_path, capsys):
     )
     assert main(["check", "--bench", str(bench), "--out", str(tmp_path / "c")]) == 1
     text = capsys.readouterr().out
-    assert text.endswith("2 faults\n") and "/dev/i2c-nowhere" in text and "/dev/ttyNowhere" in text
+    assert "\nnot ready, 2 faults: hyt (" in text and "/dev/i2c-nowhere" in text and "/dev/ttyNowhere" in text
     bench.write_text("[bench]\n")
     assert main(["check", "--bench", str(bench)]) == 2
     assert capsys.readouterr().err.count("\n") == 1
@@ -160,7 +160,7 @@ def test_check_finds_what_run_would_stumble_over(tmp_path, capsys):
         assert main(["check", *arguments]) == 1
         said = capsys.readouterr().out
         assert "FAULT  plan (standard into " in said and words in said and "1 fault" in said
-    for arguments in (["--out", str(out), "--protocol", "quick"], ["--out", str(tmp_path / "new")]):
+    for arguments in (["quick", "--out", str(out)], ["--out", str(tmp_path / "new")]):
         assert main(["check", *arguments]) == 0
         assert "ok     plan (" in capsys.readouterr().out
     assert (tmp_path / "thesis/chapter1.tex").read_text() == "years of work" and not (tmp_path / "new").exists()
@@ -169,12 +169,12 @@ def test_check_finds_what_run_would_stumble_over(tmp_path, capsys):
 def test_check_reads_chambers_and_fan_and_holds_the_plan_against_their_limits(tmp_path, capsys):
     from test_chambers import bench_file
 
-    assert main(["check", "--bench", str(bench_file(tmp_path)), "--protocol", "quick"]) == 0
+    assert main(["check", "--bench", str(bench_file(tmp_path)), "quick"]) == 0
     said = capsys.readouterr().out
     assert "source chamber (scpi on virtual)" in said and "temperature 20 degC, humidity 50 %RH" in said
     assert "fan (modbus on virtual)" in said and "airflow 5 m/s" in said
     bench = bench_file(tmp_path, "highest_c = 30.0")
-    assert main(["check", "--bench", str(bench), "--protocol", "quick"]) == 1
+    assert main(["check", "--bench", str(bench), "quick"]) == 1
     said = capsys.readouterr().out
     assert "run 0002: temperature 40 degC is beyond the source's limits (-40 to 30)" in said and "1 fault" in said
 

@@ -70,7 +70,7 @@ def test_every_column_and_row_is_kept_as_it_came_and_the_new_ones_follow(folder,
     result = correct(frame_to_flight(pd.read_csv(folder / "flight.csv").replace("n/a", np.nan)), PROFILE)
     given = np.array([float(row[-5]) for row in out[1:]])
     np.testing.assert_allclose(given, result.temperature_c, atol=1e-4)
-    assert sorted(p.name for p in folder.iterdir()) == ["flight.csv", "out.csv", "profile.json"]
+    assert sorted(p.name for p in folder.iterdir()) == ["flight.csv", "out.csv", "out.html", "profile.json"]
 
 
 def test_netcdf_says_the_same_with_its_units(folder):

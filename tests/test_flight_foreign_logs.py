@@ -138,7 +138,7 @@ def test_an_altitude_in_feet_comes_by_a_map_in_metres(tmp_path):
 
 @pytest.mark.parametrize("housed", [False, True])
 def test_the_stated_profile_of_the_documentation_is_one_and_its_lags_are_what_it_says(tmp_path, capsys, housed):
-    text = (Path(__file__).parent.parent / "docs" / "flights.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parent.parent / "docs" / "flights_reading.md").read_text(encoding="utf-8")
     profile, _, below = text.partition("```json\n")[2].partition("```")
     if housed:  # the second lag that is stated below it
         profile = profile.replace('"effects": []', below.partition("`")[2].partition("`")[0], 1)

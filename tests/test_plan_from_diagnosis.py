@@ -36,6 +36,6 @@ def test_nothing_tied_is_nothing_to_record():
 def test_the_proposals_are_those_of_the_diagnosis():
     campaign = read_campaign(shockrig.example("plain-rough"))
     few = diagnose(replace(campaign, runs=campaign.runs[:3]))
-    planned = shockrig.plan(Diagnosed(to_json(few), few))
+    planned = shockrig.plan(Diagnosed(to_json(few), few, campaign))
     assert planned.runs == few.next_experiments
     assert any("at least 6 transfers" in sentence for sentence in planned.advice)

@@ -139,6 +139,7 @@ def test_dry_run_prints_the_plan_and_touches_nothing(tmp_path, capsys, monkeypat
     assert "36 runs on virtual bench (emulated instruments) with imet, hyt" in plan
     assert "soak at the source until the reference is stable to 0.05 K and 0.3 %RH over 30 s, at most 20 min" in plan
     assert "bench time: 79 min where every soak is stable at once" in plan
+    assert plan.endswith("ready: shockrig run standard --out CAMPAIGN\n")  # what shockrig check says
     assert list(tmp_path.iterdir()) == []
 
 
@@ -186,11 +187,13 @@ def test_status_of_what_is_not_a_campaign(tmp_path, capsys):
 
 # command -> its arguments, without an --out
 ARGUMENTS = {
+    "example": ["steps.csv"],
     "characterize": ["c"],
     "diagnose": ["c"],
     "correct": ["f.csv", "--profile", "p.json"],
     "simulate": ["frontal"],
     "demo": [],
+    "tour": [],
     "demo-flights": [],
     "emulate": ["imet-xf"],
     "import": ["--imet", "log.csv"],
@@ -394,6 +397,7 @@ def test_the_question_at_a_terminal_takes_nothing_but_yes_for_yes(by_hand, capsy
 
 def test_shipped_benches_go_by_their_names(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert run("quick", "--bench", "raspberry-pi", "--dry-run") == 0
-    assert "2 runs on raspberry pi with imet, hyt" in capsys.readouterr().out
+    assert run("quick", "--bench", "raspberry-pi", "--dry-run") == 1  # its instruments are not here
+    said = capsys.readouterr().out
+    assert "2 runs on raspberry pi with imet, hyt" in said and "\nnot ready, " in said
     assert "or one of manual, raspberry-pi, virtual" in refused(capsys, "run", "quick", "--bench", "pi", "--dry-run")

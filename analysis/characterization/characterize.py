@@ -6,7 +6,7 @@ cross-check, then generalised least squares, which counts the noise's autocorrel
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 
 from shockrig.analysis.characterization.chosen_runs import choose_runs
@@ -31,6 +31,7 @@ from shockrig.analysis.inference.rate_scatter import posterior_scatter
 from shockrig.analysis.inference.seen import by_itself
 from shockrig.files.campaign import Campaign
 from shockrig.files.errors import InputError
+from shockrig.files.numbers import counted
 
 
 def characterize(
@@ -39,6 +40,7 @@ def characterize(
     extensions: Mapping[ChannelName, Extension] | None = None,
     progress: Callable[[str], None] | None = None,
     quickly: bool = False,
+    channels: Collection[ChannelName] = tuple(QUANTITIES),
 ) -> Characterization:
     """Fit alpha and D(T) to a campaign.
 
@@ -53,6 +55,8 @@ def characterize(
     quickly : bool
         Whether generalised least squares begin from a rough scan and the two optimisers are not asked: for a look at
         a campaign that is still being recorded.
+    channels : collection of channel names
+        Which ones to look at; nothing is said of the others.
 
     Raises
     ------
@@ -66,7 +70,7 @@ def characterize(
         say(f"input: {finding.sentence}")
     found: dict[ChannelName, ChannelResult] = {}
     missing: dict[ChannelName, str] = {}
-    for name in QUANTITIES:
+    for name in (name for name in QUANTITIES if name in channels):
         try:
             extension = (extensions or {}).get(name, Extension())
             found[name] = characterize_channel(campaign, name, seed, extension, say, quickly)
@@ -130,7 +134,7 @@ def characterize_channel(
     for effect in extension.structure.effects:
         if effect.readout.dated and effect.readout.in_readings:
             whole = effect.readout.in_readings(Readings(whole))[0].channel
-    say(f"{name}: {whole.runs} runs, noise from the plateaus")
+    say(f"{name}: {counted(whole.runs, 'run')}, noise from the plateaus")
     noise = estimate_noise(whole)
     rounding = 0.0
     for effect in extension.structure.effects:

@@ -24,6 +24,7 @@ from shockrig.analysis.inference.rate_scatter import UNVENTILATED_LIMIT
 from shockrig.analysis.inference.samples import rmse_over_samples
 from shockrig.analysis.inference.scan import RATE_BOUNDS_PER_S, rough_point
 from shockrig.files.diagnosis_data import Discovered
+from shockrig.files.numbers import counted
 from shockrig.files.profile import ResponseTime, StatedEffect, Uncertain
 
 Array = NDArray[np.float64]
@@ -46,13 +47,13 @@ def fit_part(
         for g, ambient_c in enumerate(channel.ambients_c):
             misfit = Misfit(channel.select(channel.ambient == g), extension.structure, dict(extension.starts or {}))
             where = "" if channel.quantity.pooled else f" at {round(ambient_c)} degC"
-            say(f"{channel.name}: differential evolution over {misfit.channel.runs} runs{where}")
+            say(f"{channel.name}: differential evolution over {counted(misfit.channel.runs, 'run')}{where}")
             optima.append((evolve(misfit, np.random.default_rng([seed, g])), cross_check(misfit)))
             late_s[channel.ambient == g] = misfit.late_s(optima[-1][0].log_rate)
         searched[basis] = optima, late_s
     basis = min(searched, key=lambda name: sum(first.rmse**2 for first, _ in searched[name][0]))
     extension, (optima, late_s) = models[basis], searched[basis]
-    say(f"{channel.name}: generalised least squares over {channel.runs} runs")
+    say(f"{channel.name}: generalised least squares over {counted(channel.runs, 'run')}")
     problem = make_problem(channel, whiteners(channel, noise), rounding=rounding)
     log_rates = np.array([first.log_rate for first, _ in optima])
     start = Model(channel, extension.structure).start(log_rates, dict(extension.starts or {}))

@@ -9,6 +9,7 @@ from shockrig.analysis.diagnosis.search import Search
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.fit import Fit
 from shockrig.analysis.inference.seen import FEW_RUNS
+from shockrig.files.numbers import counted
 
 SAME_AIRFLOW = 1.2  # ratio between airflows below which they are one
 
@@ -43,7 +44,9 @@ def cannot_tell(channel: Channel) -> tuple[str, ...]:
             "what makes it go so is not borne out by one run."
         )
     elif channel.runs <= FEW_RUNS:
-        said.append(f"{channel.runs} runs: only what is plain in each of them can be told, and uncertainties are wide.")
+        said.append(
+            f"{counted(channel.runs, 'run')}: only what is plain in each can be told, and uncertainties are wide."
+        )
     if channel.runs > 1 and not has_repeats(channel):
         said.append("No condition was repeated: how much runs differ by chance is taken from what sensors usually do.")
     if not c.start_known.all():

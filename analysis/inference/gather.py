@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import weakref
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,15 +64,19 @@ def usable_runs(campaign: Campaign, name: ChannelName) -> tuple[list[UsableRun],
     return _usable(campaign, QUANTITIES[name])[:2]
 
 
+def _none_of(runs: int) -> str:
+    return f"none of {runs} runs can" if runs > 1 else "the only run cannot"
+
+
 def why_none(left_out: Sequence[LeftOut]) -> str:
     """What keeps a channel's runs from being used, in one phrase: first what most of them lack."""
     reasons = Counter(entry.reason for entry in left_out).most_common()
     if len(reasons) == 1:
-        return f"none of {len(left_out)} runs can be used: {reasons[0][0]}"
+        return f"{_none_of(len(left_out))} be used: {reasons[0][0]}"
     shown = "; ".join(f"{reason} ({counted(runs, 'run')})" for reason, runs in reasons[:3])
     rest = len(reasons) - 3
     more = f"; and {counted(rest, 'other reason')}, of {counted(sum(n for _, n in reasons[3:]), 'run')}" * (rest > 0)
-    return f"none of {len(left_out)} runs can be used: {shown}{more}"
+    return f"{_none_of(len(left_out))} be used: {shown}{more}"
 
 
 def _usable(campaign: Campaign, quantity: Quantity) -> tuple[list[UsableRun], list[LeftOut], float, float]:
@@ -124,9 +130,26 @@ def _timed(run: Run, quantity: Quantity) -> UsableRun | str:
 def _found_start(run: Run) -> float | None:
     """Start of a run that nobody triggered: the earliest that its sensors show."""
     traces = [(quantity.recorded(run), quantity.column) for quantity in _BOTH]
-    found = [estimate_start(t.time_s, t.values[column]) for t, column in traces if t is not None]
+    found = [_start_of(trace, column) for trace, column in traces if trace is not None]
     told = [start for start in found if start is not None]
     return min(told) if told else None
+
+
+def _start_of(trace: Trace, column: str) -> float | None:
+    """As `estimate_start`, once for each trace: looks at a campaign, its fits and its diagnosis all ask for it."""
+    known = _STARTS.get(id(trace))
+    if known is not None and known[0]() is trace:
+        return known[1]
+    start = estimate_start(trace.time_s, trace.values[column])
+    _STARTS[id(trace)] = weakref.ref(trace, partial(_forget, id(trace))), start
+    return start
+
+
+def _forget(key: int, _: object) -> None:
+    _STARTS.pop(key, None)
+
+
+_STARTS: dict[int, tuple[weakref.ref[Trace], float | None]] = {}
 
 
 def _measured_air(run: Run, quantity: Quantity, start_s: float) -> MeasuredAir | str:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -122,8 +123,10 @@ def decide(
     if met and short and not first:
         first = _more_of_them(campaigns, goals, usual, allowed, short)
     if met and recorded and not unvaried and not first:
+        judged = verdicts
         looks, verdicts = _look(campaigns, verdicts, True, later, made, progress)
-        found = _measured(campaigns, verdicts)
+        if _carried(campaigns, verdicts) != _carried(campaigns, judged):
+            found = _measured(campaigns, verdicts)
         wanted = _wanted(goals, campaigns, found)
     chased = before.chased if before is not None else 0
     new = set(recorded) - set(before.recorded if before is not None else ())
@@ -226,8 +229,13 @@ def _look(
 
 def _measured(campaigns: Sequence[Campaign], verdicts: Mapping[Place, Verdict]) -> Found:
     """What is known by each probe, with what is named of it in the model."""
-    return {one.probe: measured(one, extended({n: verdicts[place_of(n, one.probe)] for n in QUANTITIES}))
-            for one in campaigns}  # fmt: skip
+    carried = _carried(campaigns, verdicts)
+    return {one.probe: measured(one, carried[one.probe]) for one in campaigns}
+
+
+def _carried(campaigns: Sequence[Campaign], verdicts: Mapping[Place, Verdict]) -> dict[str, Any]:
+    """The models of each probe, with what is named of it."""
+    return {one.probe: extended({n: verdicts[place_of(n, one.probe)] for n in QUANTITIES}) for one in campaigns}
 
 
 def _wanted(goals: Goals, campaigns: Sequence[Campaign], found: Found) -> list[Target]:

@@ -15,12 +15,13 @@ from shockrig.analysis.report.diagnosis_words import listed, named
 from shockrig.analysis.report.fitted import UNIT, panels, relative_runs, residuals, single_runs
 from shockrig.analysis.report.html import Block, Cell, Details, Figure, KeyNumber, Report, Section, Table, Text
 from shockrig.analysis.report.loop_page import chosen_section
-from shockrig.analysis.report.numbers import measured, plain
+from shockrig.analysis.report.numbers import counted, measured, plain
 from shockrig.analysis.report.parameters import Curve, diffusivity, parameter_by_condition
 from shockrig.analysis.report.residuals import residual_overview
 from shockrig.analysis.report.runs import run_panels
 from shockrig.analysis.report.seen import seen_sentence
 from shockrig.analysis.report.style import save_figure
+from shockrig.files.headline import LUMPED, first_order, time_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
@@ -67,11 +68,9 @@ def _names(found: ChannelResult) -> str:
 def draw_figures(result: Characterization) -> dict[str, tuple[Drawing, str]]:
     """All figures of the page by file name, each with its caption."""
     figures: dict[str, tuple[Drawing, str]] = {}
-    if result.humidity is not None and (profile := to_profile(result).humidity) is not None:
-        rows = result.humidity.rows
-        grid = (
-            np.linspace(rows[0].ambient_c, rows[-1].ambient_c, 120) if len(rows) > 1 else np.array([rows[0].ambient_c])
-        )
+    rows = () if result.humidity is None else result.humidity.rows
+    if result.humidity is not None and len(rows) > 1 and (profile := to_profile(result).humidity) is not None:
+        grid = np.linspace(rows[0].ambient_c, rows[-1].ambient_c, 120)
         value, spread = profile.diffusivity_m2_s(grid)
         table = Curve(*(np.array([getattr(r, k) for r in rows]) for k in _CURVE))
         single = single_runs(result.humidity)
@@ -90,12 +89,14 @@ def draw_figures(result: Characterization) -> dict[str, tuple[Drawing, str]]:
             "Every run's readings with the fit, each run's own start and airs included, and the residual under it "
             "(grey band: two standard deviations of the noise). Runs left out say why.",
         )
+        if len(found.runs) < 2:  # by what they were, runs can be told apart where there are some
+            continue
         figures[f"{name}_residuals"] = (
             residual_overview(residuals(found), UNIT[name], found.noise.standard_deviation),
             "The same residuals averaged in log time, coloured by what the runs were: a pattern is a missing effect.",
         )
         ratios = relative_runs(found)
-        title = f"{QUANTITIES[name].symbol}, run / joint"
+        title = f"{'rate' if lumped(found) else QUANTITIES[name].symbol}, run / joint"
         figures[f"{name}_by_condition"] = (
             parameter_by_condition(ratios, title, "", (1.0, 0.0), UNIT[name]),
             "The diffusivity of each run alone as a ratio to the joint fit, two standard uncertainties: it should not "
@@ -132,10 +133,12 @@ def write_characterization(
             f"{UNIT[name]} ({_noise_words(found)}). Residuals of all used samples: {plain(found.rmse, 3)} {UNIT[name]}."
         )
         blocks: list[Block] = [text, figure(f"{name}_runs", f"Every run of the {name} channel with fit and residual")]
-        blocks.append(figure(f"{name}_residuals", f"Residuals of the {name} channel by condition"))
-        blocks.append(figure(f"{name}_by_condition", f"Diffusivity of single runs of the {name} channel by condition"))
+        if len(found.runs) > 1:
+            blocks.append(figure(f"{name}_residuals", f"Residuals of the {name} channel by condition"))
+            of_runs = f"Diffusivity of single runs of the {name} channel by condition"
+            blocks.append(figure(f"{name}_by_condition", of_runs))
         blocks.append(Details("How the fit was made", [_search_table(found), Text(_METHOD)]))
-        sections.append(Section(f"{name.capitalize()}: {len(found.runs)} runs", blocks))
+        sections.append(Section(f"{name.capitalize()}: {counted(len(found.runs), 'run')}", blocks))
     sections += chosen_section(decisions, folder)
     sections.append(Section("What was left out, and why", [_left_out(result)]))
     bad = any(not found.explained for found in result.channels().values()) or bool(result.missing)
@@ -166,16 +169,16 @@ def _key_numbers(result: Characterization) -> list[KeyNumber]:
         row = t.rows[0]
         effective = "" if t.explained else "effective: the model does not explain the data"
         numbers += [
-            KeyNumber("alpha of the bead", measured(row.diffusivity_m2_s, row.standard_uncertainty, "m²/s"), effective),
-            KeyNumber("t63 / t90 / t98 of the bead", _times(row), "after a step of the air"),
+            KeyNumber("tau of the thermometer" if lumped(t) else "alpha of the bead", rate_text(t, row), effective),
+            KeyNumber("time to 63 % of the thermometer", time_text(row.response, 0), _later(row)),
         ]
     if (h := result.humidity) is not None:
         row = min(h.rows, key=lambda r: abs(r.ambient_c - 20.0))
-        label = f"D of the film at {round(row.ambient_c)} °C"
+        label = f"{'tau of the hygrometer' if lumped(h) else 'D of the film'} at {round(row.ambient_c)} °C"
         effective = "" if h.explained else "effective: the model does not explain the data"
         numbers += [
-            KeyNumber(label, measured(row.diffusivity_m2_s, row.standard_uncertainty, "m²/s"), effective),
-            KeyNumber(f"t63 / t90 / t98 at {round(row.ambient_c)} °C", _times(row), "after a step of the air"),
+            KeyNumber(label, rate_text(h, row), effective),
+            KeyNumber(f"time to 63 % at {round(row.ambient_c)} °C", time_text(row.response, 0), _later(row)),
         ]
     for name, found in result.channels().items():
         note = f"residuals {plain(found.rmse, 2)} {UNIT[name]}"
@@ -183,9 +186,21 @@ def _key_numbers(result: Characterization) -> list[KeyNumber]:
     return numbers
 
 
-def _times(row: Row) -> str:
-    r = row.response
-    return f"{plain(r.t63_s, 3)} / {plain(r.t90_s, 3)} / {plain(r.t98_s, 3)} s"
+def lumped(found: ChannelResult) -> bool:
+    """Whether a sensor is one first-order lag: then its time constant is what is known, and no length and no rate."""
+    return found.channel.body == LUMPED
+
+
+def rate_text(found: ChannelResult, row: Row, unit: str = "s") -> str:
+    """What was fitted at an ambient: the diffusivity, of a lumped sensor its time constant."""
+    if lumped(found):
+        tau = first_order(found.channel.length_m, row.diffusivity_m2_s, row.standard_uncertainty)
+        return measured(*tau, unit)
+    return measured(row.diffusivity_m2_s, row.standard_uncertainty, "m²/s")
+
+
+def _later(row: Row) -> str:
+    return f"90 % {time_text(row.response, 1)}, 98 % {time_text(row.response, 2)}"
 
 
 def _number_blocks(result: Characterization) -> list[Block]:
@@ -193,10 +208,11 @@ def _number_blocks(result: Characterization) -> list[Block]:
     for name, found in result.channels().items():
         for row in found.rows:
             label = QUANTITIES[name].diffusivity_label(row.ambient_c)
-            value = measured(row.diffusivity_m2_s, row.standard_uncertainty, "m²/s")
-            r = row.response
-            rows.append([label, value, r.t63_s, r.t90_s, r.t98_s, len(row.runs), row.basis])
-    columns = ("", "value ± standard uncertainty", "t63, s", "t90, s", "t98, s", "runs", "from")
+            if lumped(found):
+                label = label.replace(QUANTITIES[name].symbol, f"tau, {name}", 1)
+            times = [time_text(row.response, place) for place in range(3)]
+            rows.append([label, rate_text(found, row), *times, len(row.runs), row.basis])
+    columns = ("", "value ± standard uncertainty", "to 63 %", "to 90 %", "to 98 %", "runs", "from")
     blocks: list[Block] = [Table(columns, rows)]
     effects: list[list[Cell]] = []
     for name, found in result.channels().items():

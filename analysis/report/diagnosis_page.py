@@ -55,6 +55,7 @@ from shockrig.analysis.report.next_time import next_time
 from shockrig.analysis.report.numbers import measured, plain
 from shockrig.analysis.report.seen import seen_sentence
 from shockrig.analysis.report.style import save_figure
+from shockrig.files.headline import time_text
 
 # What data sheets of the HYT family promise (IST AHHYTM E2.2.1); a bead is calibrated to about the same.
 ACCURACY = {"temperature": 0.2, "humidity": 1.8}
@@ -377,7 +378,7 @@ def _material(views: Sequence[ChannelView]) -> list[Block]:
             of = QUANTITIES[view.found.name]
             label = of.diffusivity_label(ambient)
             change = _signed(100 * (b.diffusivity_m2_s / a.diffusivity_m2_s - 1)) + " %" if a and b else "–"
-            times = [None if r is None else r.response.t63_s for r in (b, a)]
+            times = ["–" if r is None else time_text(r.response, 0) for r in (b, a)]
             rows.append([label, *(_diffusivity(r) for r in (b, a)), change, *times])
         if not view.found.causes and not view.found.discovered:
             blocks.append(Text(f"The {SENSOR[view.found.name]} carries no effect: both columns are the plain model's."))
@@ -389,8 +390,8 @@ def _material(views: Sequence[ChannelView]) -> list[Block]:
         "plain model, effective, m²/s",
         "with the causes, the material's, m²/s",
         "effective off by",
-        "t63 plain, s",
-        "t63 with the sensor's effects, s",
+        "t63 plain",
+        "t63 with the sensor's effects",
     )
     return [Table(columns, rows), *blocks] if rows else [Text("No diffusivity is determined."), *blocks]
 
@@ -452,5 +453,5 @@ def _next(diagnosis: Diagnosis) -> list[Block]:
 def _left_out(diagnosis: Diagnosis, entries: Sequence[LeftOut]) -> list[Block]:
     rows = [[e.run, e.channel, e.reason] for e in entries]
     blocks: list[Block] = [Text(sentence, "warning") for sentence in missing(diagnosis)]
-    nothing = Text("Nothing: every run was used in both channels.")
+    nothing = Text("Every run was used in what was diagnosed.")
     return [*blocks, Table(("run", "channel", "why"), rows) if rows else nothing]

@@ -181,7 +181,9 @@ def _table(table: Table) -> str:
     numeric = [
         bool(table.rows) and all(not isinstance(row[i], str) for row in table.rows) for i in range(len(table.columns))
     ]
-    side = [' class="number"' if n else "" for n in numeric]
+    # A value with its uncertainty is one word: on a narrow screen the table scrolls.
+    whole = [bool(table.rows) and all(" ± " in plain(row[i]) for row in table.rows) for i in range(len(table.columns))]
+    side = [' class="number"' if n else ' class="whole"' if w else "" for n, w in zip(numeric, whole, strict=True)]
     head = "".join(f"<th{s}>{escape(c)}</th>" for c, s in zip(table.columns, side, strict=True))
     body = "\n".join(
         "<tr>" + "".join(f"<td{s}>{escape(plain(c))}</td>" for c, s in zip(row, side, strict=True)) + "</tr>"
@@ -224,10 +226,12 @@ a { color: var(--link); }
 table { border-collapse: collapse; font-size: .9rem; font-variant-numeric: tabular-nums; min-width: 50%; }
 caption { text-align: left; color: var(--quiet); padding-bottom: .4rem; }
 th, td { text-align: left; vertical-align: top; padding: .3rem .9rem .3rem 0; border-bottom: 1px solid var(--line);
-  overflow-wrap: anywhere; }
+  overflow-wrap: break-word; }
+footer th, footer td { overflow-wrap: anywhere; }
 thead th { font-weight: 600; border-bottom: 2px solid var(--line); vertical-align: bottom; }
 .number { text-align: right; white-space: nowrap; }
 th.number { white-space: normal; }
+td.whole { white-space: nowrap; }
 figure { margin: 1.5rem 0; }
 figure img { display: block; max-width: 100%; height: auto; background: #fff; border-radius: .4rem; padding: .25rem; }
 figcaption { font-size: .85rem; color: var(--quiet); max-width: 48rem; margin-top: .4rem; }

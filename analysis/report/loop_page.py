@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from shockrig.analysis.report.html import Details, Figure, KeyNumber, Report, Section, Table, Text, Tone
-from shockrig.analysis.report.numbers import plain
+from shockrig.analysis.report.numbers import counted, plain
 from shockrig.analysis.report.panels import panels
 from shockrig.analysis.report.style import BLUE, CYCLE, GREY, INK, save_figure, styled
 from shockrig.files.plan import where_it_stands
@@ -35,7 +35,7 @@ def loop_report(name: str, entries: Sequence[Entry], data: str = "") -> Report:
     wanted = [met for met, _ in stands.values() if met != "budget"]
     numbers = (
         KeyNumber("goals met", f"{wanted.count('met')} of {len(wanted)}"),
-        KeyNumber("bench time", f"{plain(last['minutes_spent'], 3)} min", f"{len(last['recorded'])} runs"),
+        KeyNumber("bench time", f"{plain(last['minutes_spent'], 3)} min", counted(len(last["recorded"]), "run")),
         KeyNumber("decisions", str(len(entries))),
     )
     blocks = [Figure(drawing, caption, alt) for drawing, caption, alt in drawings(entries).values()]
@@ -259,6 +259,6 @@ def _decision(entry: Entry) -> Details:
                 f"ln E {plain(came['evidence'], 2)} for {_number(came['expected_evidence'])}."
             )
         )
-    after = f"{len(entry['recorded'])} runs, {plain(entry['minutes_spent'], 3)} min"
+    after = f"{counted(len(entry['recorded']), 'run')}, {plain(entry['minutes_spent'], 3)} min"
     then = " and ".join(run["why"] for run in entry["runs"]) or entry["status"]
     return Details(f"{entry['number']}: after {after}: {then}", blocks)

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+ONE_VALUE = 0.02  # relative, within which a condition was the same in all runs
+
+
 @dataclass(frozen=True)
 class Curve:
     """Points with standard uncertainties over temperature, arrays (n,)."""
@@ -139,7 +142,12 @@ def parameter_by_condition(
             )  # fmt: skip
         axes.set_xlabel(label)
         if not known.size:
-            axes.text(0.5, 0.5, "unknown", transform=axes.transAxes, ha="center", color=GREY)
+            axes.text(0.5, 0.55, "unknown", transform=axes.transAxes, ha="center", color=GREY)
+            axes.set_xticks([])
+        elif np.ptp(known) < ONE_VALUE * max(abs(float(np.mean(known))), 1.0):
+            middle = round(float(np.mean(known)), 1)  # the runs' own small differences are no axis
+            axes.set_xlim(middle - 1.0, middle + 1.0)
+            axes.set_xticks([middle], [f"{middle:g}"])
     axes_of[2].set_xticks([0.0, 1.0], ["down", "up"])
     axes_of[2].set_xlim(-0.5, 1.5)
     # one run that says nothing must not flatten the others

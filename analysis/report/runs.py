@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+LEAST_WIDTH_IN = 6.4
+LETTERS_PER_IN = 12.5  # of a title
+
+
 @dataclass(frozen=True)
 class RunPanel:
     """One run of one channel. Times (n,) count from the start of the transfer; `reading` and `model` (n,) share a unit.
@@ -59,7 +63,8 @@ def run_panels(
     panels = sorted(panels, key=lambda p: order[p.condition])
     columns = min(columns, len(panels))
     rows = -(-len(panels) // columns)
-    width, height = 2.45 * columns + 0.3, 2.35 * rows + 0.75
+    # one run or two get wider panels, so that what stands above them has its place
+    width, height = max(2.45 * columns + 0.3, LEAST_WIDTH_IN), 2.35 * rows + 0.75
     # a fixed layout: fitting one to some hundred axes takes longer than drawing them
     figure = Figure(figsize=(width, height), layout="none")  # type: ignore[arg-type] # known, and not annotated
     outer = figure.add_gridspec(
@@ -79,8 +84,9 @@ def run_panels(
             low.set_ylabel("residual", fontsize=7.5)
         if index + columns >= len(panels):
             low.set_xlabel("s since transfer")
+    title = f"{quantity[:1].upper()}{quantity[1:]}: readings (dots) and model (line); residuals in {unit}, ±{reach:.2g}"
     figure.suptitle(
-        f"{quantity[:1].upper()}{quantity[1:]}: readings (dots) and model (line); residuals in {unit}, ±{reach:.2g}",
+        "\n".join(textwrap.wrap(title, int(LETTERS_PER_IN * width))),
         x=0.1 / width, y=1 - 0.1 / height, va="top", ha="left", fontsize=10,
     )  # fmt: skip
     return figure

@@ -56,7 +56,9 @@ function zoomed(points, transfer, zoom) {
 }
 
 function chart(trace, transfer, zoom) {
-  const [wide, high, left, right, top, bottom] = [720, 220, 56, 12, 10, 34];
+  // As wide as there is room for: letters keep their size on a small screen.
+  const wide = Math.max(300, Math.min(720, part("traces").clientWidth || 720));
+  const [high, left, right, top, bottom] = [220, 56, 12, 10, 34];
   const shown = zoomed(trace.points, transfer, zoom);
   const xs = shown.map((p) => p[0]);
   const ys = shown.map((p) => p[1]);
@@ -77,23 +79,28 @@ function chart(trace, transfer, zoom) {
     svg.append(drawn("line", { class: "grid", x1: left, x2: wide - right, y1: y(value), y2: y(value) }));
     svg.append(drawn("text", { class: "tick end", x: left - 6, y: y(value) + 4 }, value.toFixed(vertical.digits)));
   }
-  const horizontal = ticks(x0, x1, 8);
+  const horizontal = ticks(x0, x1, Math.max(3, Math.round(wide / 90)));
   for (const value of horizontal.found) {
     svg.append(drawn("text", { class: "tick middle", x: x(value), y: high - bottom + 16 }, value.toFixed(horizontal.digits)));
   }
   svg.append(drawn("text", { class: "tick end", x: wide - right, y: high - 4 }, "s since the recording began"));
-  for (const [value, place] of expected) {
+  for (const [value] of expected) {
     svg.append(drawn("line", { class: "expected", x1: left, x2: wide - right, y1: y(value), y2: y(value) }));
-    svg.append(drawn("text", { class: "tick end", x: wide - right - 4, y: y(value) - 4 }, `${place} ${value} ${unit}, planned`));
   }
   if (transfer && transfer[0] >= x0 && transfer[0] <= x1) {
     svg.append(drawn("line", { class: "transfer", x1: x(transfer[0]), x2: x(transfer[0]), y1: top, y2: high - bottom }));
-    svg.append(drawn("text", { class: "tick", x: x(transfer[0]) + 4, y: top + 10 }, "transfer"));
+    // To the left of the line where there is no room at its right.
+    const room = x(transfer[0]) + 60 < wide - right;
+    const [place, side] = room ? [x(transfer[0]) + 4, "tick"] : [x(transfer[0]) - 4, "tick end"];
+    svg.append(drawn("text", { class: side, x: place, y: top + 10 }, "transfer"));
   }
   const points = shown.map(([t, v]) => `${x(t).toFixed(1)},${y(v).toFixed(1)}`).join(" ");
   svg.append(drawn("polyline", { class: `trace ${trace.quantity === "humidity" ? "humidity" : "temperature"}`, points }));
   const figure = element("figure");
-  figure.append(element("figcaption", `${trace.sensor} ${trace.quantity} in ${unit}: ${last.toFixed(2)}`), svg);
+  // What is planned is said here: in the chart it would be printed over the readings.
+  const planned = expected.map(([value, place]) => `${place} ${value}`).join(", ");
+  const words = `${trace.sensor} ${trace.quantity} in ${unit}: ${last.toFixed(2)}`;
+  figure.append(element("figcaption", planned ? `${words} (dotted, planned: ${planned})` : words), svg);
   return figure;
 }
 

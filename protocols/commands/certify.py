@@ -34,8 +34,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="folder for certificate.html, .json, .xml (DCC), budget.csv",
     )
     parser.add_argument(
-        "--extend", metavar="DIAGNOSIS.json", type=Path, help="fit the model with the causes that this diagnosis names"
+        "--extend",
+        metavar="DIAGNOSIS.json",
+        type=Path,
+        help="fit the model with the causes that this diagnosis names (one of the campaign as it is, in or beside it)",
     )
+    parser.add_argument("--plain", action="store_true", help="fit the plain model, whatever a diagnosis named")
     air = "that response times are stated for (the campaign's median)"
     parser.add_argument("--airflow", metavar="M_S", type=float, help=f"airflow {air}")
     parser.add_argument("--pressure", metavar="HPA", type=float, help=f"pressure {air}")
@@ -84,14 +88,18 @@ def write(args: argparse.Namespace, out: Path, extend: Path | None, made_at: str
     from shockrig.files.disk import shown, write_whole
     from shockrig.files.errors import InputError
     from shockrig.files.numbers import counted
-    from shockrig.protocols.commands.characterize import say
     from shockrig.protocols.folder import said_of_data, software_version, whole_folder
-    from shockrig.protocols.made_before import newer_runs
+    from shockrig.protocols.made_before import current, newer_runs
+    from shockrig.protocols.time_left import CERTIFYING, Phases
 
+    say = Phases(CERTIFYING)
     air, traced, country = _air(args), _traced(args.traced), _country(args.country)
-    extensions = None if extend is None else read_extension(extend)
     with whole_folder(out) as folder:
-        campaign = with_common(read_campaign(args.campaign, probe))
+        recorded = read_campaign(args.campaign, probe)
+        if extend is None and not args.plain and (extend := current(args.campaign, recorded)) is not None:
+            say(f"{shown(extend)}: is a diagnosis of this campaign as it is, and is used; --plain leaves it out")
+        extensions = None if extend is None else read_extension(extend)
+        campaign = with_common(recorded)
         if extend is not None and (newer := newer_runs(read_diagnosis(extend), campaign)):
             say(f"--extend {shown(extend)}: is out of date, {counted(newer, 'run')} of {campaign.name} came later")
         result = characterize(campaign, args.seed, extensions, say)

@@ -56,7 +56,9 @@ def write(
     from shockrig.files.plan import read_decisions
     from shockrig.files.profile import write_profile
     from shockrig.protocols.folder import said_of_data, software_version, whole_folder
+    from shockrig.protocols.time_left import CHARACTERIZING, Phases
 
+    say = Phases(CHARACTERIZING)
     extensions = None if extend is None else read_extension(extend)
     with whole_folder(out) as folder:
         result = characterize(read_campaign(campaign, probe), seed, extensions, say)
@@ -81,27 +83,35 @@ def write(
 
 
 def summary(result: Characterization) -> str:
-    """What the command prints: alpha, the table D(T), response times, what does not fit."""
-    from shockrig.analysis.report.characterize_page import hint
-    from shockrig.analysis.report.numbers import measured, plain
+    """What the command prints: alpha or tau, the table D(T), response times, what does not fit."""
+    from shockrig.analysis.report.characterize_page import hint, rate_text
+    from shockrig.analysis.report.numbers import measured
+    from shockrig.files.headline import LUMPED, time_text
+
+    def bare(text: str) -> str:
+        """A value in a column that has the unit."""
+        return text.removesuffix(" s").removeprefix("(").removesuffix(")")
 
     lines: list[str] = []
     if (t := result.temperature) is not None:
         row = t.rows[0]
-        r = row.response
-        alpha = measured(row.diffusivity_m2_s, row.standard_uncertainty, "m²/s")
-        lines.append(f"alpha = {alpha}  ({counted(len(row.runs), 'run')})")
-        unsure = r.standard_uncertainties_s or (None, None, None)
-        three = zip(("t63", "t90", "t98"), (r.t63_s, r.t90_s, r.t98_s), unsure, strict=True)
-        shown = [f"{k} {measured(v, u, 's') if u else f'{plain(v, 3)} s'}" for k, v, u in three]
+        lumped = t.channel.body == LUMPED
+        lines.append(f"{'tau' if lumped else 'alpha'} = {rate_text(t, row)}  ({counted(len(row.runs), 'run')})")
+        shown = [f"{name} {time_text(row.response, place)}" for place, name in enumerate(("t63", "t90", "t98"))]
         lines.append(f"  {', '.join(shown)}")
     if (h := result.humidity) is not None:
-        lines.append("ambient, °C   D, 1e-12 m²/s       t63, s   t90, s   t98, s   runs")
+        lumped = h.channel.body == LUMPED
+        symbol = f"{'tau, s' if lumped else 'D, 1e-12 m²/s':<18}"
+        lines.append(f"ambient, °C   {symbol}{'t63, s':<18}{'t90, s':<18}{'t98, s':<18}runs")
         for row in h.rows:
-            value = measured(1e12 * row.diffusivity_m2_s, 1e12 * row.standard_uncertainty)
-            times = "".join(f"{plain(t, 3):>9}" for t in (row.response.t63_s, row.response.t90_s, row.response.t98_s))
+            value = (
+                rate_text(h, row, "")
+                if lumped
+                else measured(1e12 * row.diffusivity_m2_s, 1e12 * row.standard_uncertainty)
+            )
+            times = "".join(f"{bare(time_text(row.response, place)):<18}" for place in range(3))
             mark = " *" if row.basis.startswith("thermal") else ""
-            lines.append(f"{round(row.ambient_c, 1) + 0.0:>11.1f}   {value:<16}{times}{len(row.runs):>7}{mark}")
+            lines.append(f"{round(row.ambient_c, 1) + 0.0:>11.1f}   {bare(value):<18}{times}{len(row.runs):>4}{mark}")
         for basis in dict.fromkeys(row.basis for row in h.rows if row.basis.startswith("thermal")):
             lines.append(f"  * {basis}: this ambient has fewer than two isothermal shocks")
     lines += [f"input: {finding.sentence}" for finding in result.findings]

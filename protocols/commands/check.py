@@ -1,4 +1,4 @@
-"""shockrig check: what is well with a bench and what is not, all at once. Exit status 1 where something is wrong."""
+"""shockrig check: all that has to be well before a run, looked at at once: "ready", or what is missing (status 1)."""
 
 from __future__ import annotations
 
@@ -10,11 +10,17 @@ from pathlib import Path
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
         "A GRBL stage is reset and homed, as for a run: keep clear, or use --still. Exit status: 0 all is well, "
-        "1 something is wrong (the tree says what, why and the remedy), 2 bad bench file or arguments."
+        "1 something is missing (the tree says what, why and the remedy), 2 bad bench file or arguments."
+    )
+    parser.add_argument(
+        "protocol",
+        metavar="PROTOCOL",
+        nargs="?",
+        default="standard",
+        help="what shall be recorded, as in shockrig run (default: standard)",
     )
     parser.add_argument("--bench", metavar="BENCH.toml", type=Path, help="bench file (default: the virtual bench)")
     parser.add_argument("--out", metavar="CAMPAIGN", type=Path, default=Path(), help="where you mean to record to")
-    parser.add_argument("--protocol", default="standard", help="what the disk must have room for (default: standard)")
     parser.add_argument("--still", action="store_true", help="send nothing to the stage")
 
 
@@ -22,7 +28,7 @@ def main(args: argparse.Namespace) -> int:
     import time
 
     from shockrig.rig.bench import default_bench, load_bench, open_bench
-    from shockrig.rig.check import examine, tree
+    from shockrig.rig.check import examine, lacking, tree
     from shockrig.rig.protocol import load_protocol
 
     protocol = load_protocol(args.protocol)
@@ -31,6 +37,12 @@ def main(args: argparse.Namespace) -> int:
     with open_bench(config) as bench:
         findings = examine(bench, protocol, args.out, wall=time.time, may_move=not args.still)
     print(tree(bench.name, findings))
-    faults = sum(not finding.well for finding in findings)
-    print("all is well" if not faults else f"{faults} fault{'s' if faults > 1 else ''}")
-    return 1 if faults else 0
+    missing = lacking(findings)
+    print(missing or f"ready: {run_command(args.protocol, args.bench, args.out)}")
+    return 1 if missing else 0
+
+
+def run_command(protocol: str, bench: Path | None, out: Path) -> str:
+    """What to type next."""
+    words = ["shockrig run", protocol, *(["--bench", str(bench)] if bench is not None else []), "--out"]
+    return " ".join([*words, "CAMPAIGN" if out == Path() else str(out)])

@@ -7,10 +7,18 @@ import sys
 import tempfile
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from shockrig.analysis.report.corrected_page import FlightGathered
 
 QUANTITIES = (
     "time", "temperature", "humidity", "airspeed", "die", "pressure", "altitude", "latitude", "longitude",
 )  # fmt: skip
+
+
+SAMPLE_BYTES = 65_536
+FIGURES = (".pdf", ".svg", ".jpg", ".jpeg", ".gif", ".tif", ".tiff", ".eps", ".webp")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,8 +32,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         required=True,
         metavar="F",
-        help="corrected flight; netCDF if it ends in .nc; with --wmo a folder",
+        help="corrected flight: CSV, netCDF (.nc), or a figure of it (.png); with --wmo a folder",
     )
+    parser.add_argument("--report", type=Path, metavar="PAGE.html", help="where the page goes (default: beside --out)")
+    parser.add_argument("--no-report", action="store_true", help="write no page")
     parser.add_argument(
         "--method",
         choices=("smoother", "inverse", "paper"),
@@ -65,11 +75,14 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.analysis.flight.layers import Layers
     from shockrig.analysis.flight.profile_doubts import profile_doubts
     from shockrig.analysis.flight.stream import correct_file
+    from shockrig.analysis.report.corrected_page import FlightGathered, write_corrected_page
     from shockrig.files.disk import real_path
     from shockrig.files.errors import InputError
     from shockrig.files.profile import read_profile
     from shockrig.protocols.flight_logs import to_csv
-    from shockrig.protocols.wmo import of_argument
+    from shockrig.protocols.folder import software_version
+    from shockrig.protocols.time_left import Rows
+    from shockrig.protocols.wmo import demand_position, of_argument
 
     columns = {}
     for choice in args.column:
@@ -77,6 +90,10 @@ def main(args: argparse.Namespace) -> int:
         if not equals or quantity not in QUANTITIES:
             raise InputError(f"--column {choice}: expected QUANTITY=NAME with a quantity of {', '.join(QUANTITIES)}")
         columns[quantity] = name
+    if args.out.suffix.lower() in FIGURES and args.wmo is None:
+        raise InputError(f"--out {args.out}: figures are written as .png; the flight itself as .csv or .nc")
+    if args.no_report and args.report is not None:
+        raise InputError("--no-report: and --report is given; leave one of them out")
     for option in ("cutoff_hz", "temperature_noise_k", "humidity_noise_percent", "layers"):
         value = getattr(args, option)
         if value is not None and not 0 < value < 1e6:
@@ -85,17 +102,11 @@ def main(args: argparse.Namespace) -> int:
     doubted = profile_doubts(profile)
     for note in doubted:
         print(f"note: {note}", file=sys.stderr)
-    shown = 0
-
-    def progress(rows: int) -> None:
-        nonlocal shown
-        if rows - shown >= 200_000:
-            shown = rows
-            print(f"{rows} rows corrected", file=sys.stderr)
-
     wmo = of_argument(args.wmo, datetime.now(UTC)) if args.wmo else None
     layers = Layers(args.layers) if args.layers else None
-    gather = [one.add for one in (wmo, layers) if one is not None]
+    as_figure = wmo is None and args.out.suffix.lower() == ".png"
+    drawn = FlightGathered() if as_figure or not args.no_report else None
+    gather = [one.add for one in (wmo, layers, drawn) if one is not None]
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / args.flight.name  # as CSV, by the name that the result and messages carry
         if not to_csv(args.flight, source, columns=columns, map_path=args.map):
@@ -103,17 +114,19 @@ def main(args: argparse.Namespace) -> int:
         elif real_path(args.out) == real_path(args.flight):
             raise InputError(f"{args.out}: the log itself; name another file for the corrected flight")
         try:
+            if wmo is not None:
+                demand_position(source, columns if source is args.flight else None)
             done = correct_file(
                 source,
                 profile,
-                Path(folder) / "corrected.csv" if wmo else args.out,
+                Path(folder) / "corrected.csv" if wmo or as_figure else args.out,
                 args.method,
                 columns=columns if source is args.flight else None,
                 cutoff_hz=args.cutoff_hz,
                 temperature_noise_k=args.temperature_noise_k,
                 humidity_noise_percent=args.humidity_noise_percent,
                 history=f"shockrig correct --method {args.method} --profile {args.profile.name}",
-                progress=progress,
+                progress=Rows(about_rows(source)),
                 gather=gather,
             )
         except InputError as error:
@@ -122,6 +135,25 @@ def main(args: argparse.Namespace) -> int:
     notes = [note for note in done.notes if note not in doubted]
     for note in (parted := [note for note in notes if PARTED in note]):
         print(f"note: {note}", file=sys.stderr, flush=True)
+    if as_figure and drawn is not None:
+        write_figure(args.out, drawn)
+    page = None
+    if drawn is not None and not args.no_report:
+        page = write_corrected_page(
+            args.report or (args.out.with_name(f"{args.out.name}.html") if wmo else args.out.with_suffix(".html")),
+            args.flight.name,
+            drawn,
+            profile,
+            done.notes,
+            {
+                "log": str(args.flight),
+                "profile": str(args.profile),
+                "method": args.method,
+                "software": f"shockrig {software_version()}",
+                "made_at": datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z"),
+            }
+            | ({"data": str(profile.provenance["data"])} if "data" in profile.provenance else {}),
+        )
     print(f"{written}: {done.rows} rows, method {args.method}")
     for name, unit, change, uncertainty in (
         ("temperature", "K", done.temperature_change_k, done.temperature_uncertainty_k),
@@ -136,8 +168,35 @@ def main(args: argparse.Namespace) -> int:
         print(f"  {path}: {layers.write(path)} layers of {args.layers:g} m")
     flagged = ", ".join(f"{name} {count}" for name, count in done.flags.items() if count)
     print(f"  flags: {flagged or 'none'}", flush=True)
+    if page is not None:
+        print(f"report: {page}")
     if "data" in profile.provenance:
         print(f"note: the profile is not of real sensors: {profile.provenance['data']}", file=sys.stderr)
     for note in [note for note in notes if note not in parted]:
         print(f"note: {note}", file=sys.stderr)
     return 0
+
+
+def about_rows(log: Path) -> int:
+    """How many rows a CSV file has, by its size and the length of its first lines; 0 where it cannot be read."""
+    try:
+        with log.open("rb") as stream:
+            lines = stream.readlines(SAMPLE_BYTES)
+        return round(log.stat().st_size * len(lines) / max(sum(map(len, lines)), 1))
+    except OSError:
+        return 0
+
+
+def write_figure(path: Path, drawn: FlightGathered) -> None:
+    """The flight as a figure: over altitude where it has one that changes, else over time."""
+    from shockrig.files.disk import write_whole
+    from shockrig.files.errors import InputError
+    from shockrig.files.figures import figure_bytes
+    from shockrig.files.flight_figure import has_altitude, plot_flight
+
+    flight, found = drawn.whole()
+    content = figure_bytes(plot_flight(flight, found, "altitude" if has_altitude(flight) else "time"))
+    try:
+        write_whole(path, content)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}; name a file in a folder that can be written") from error

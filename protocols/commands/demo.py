@@ -10,7 +10,7 @@ import argparse
 import contextlib
 import sys
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -44,6 +44,7 @@ def main(args: argparse.Namespace) -> int:
     from datetime import UTC, datetime
 
     from shockrig.files.profile import read_profile
+    from shockrig.protocols.branch import branch, received
     from shockrig.protocols.commands import characterize, diagnose
     from shockrig.protocols.reveal import score
     from shockrig.rig.errors import BenchError
@@ -56,10 +57,12 @@ def main(args: argparse.Namespace) -> int:
         raise BenchError(f"--out {args.out}: {error.strerror}; name a folder that can be written") from None
     _step(1, "an effect is drawn, sealed and hidden in the sensors; shocks are recorded")
     _record(campaign, args.seed, args.hide)
+    # Neither needs the other's result, and one processor alone would wait for both.
     _step(2, "the plain model is fitted")
-    characterize.write(campaign, args.out / "plain", 0, None, made_at)
-    _step(3, "the diagnosis looks for what the plain model gets wrong")
-    diagnosis = diagnose.write(campaign, args.out / "diagnosis", 0, made_at)
+    with branch(_plain, campaign, args.out / "plain", made_at) as plain:
+        _step(3, "the diagnosis looks for what the plain model gets wrong")
+        diagnosis = diagnose.write(campaign, args.out / "diagnosis", 0, made_at)
+        received(plain)
     stated = args.out / "diagnosis" / "diagnosis.json"
     profiles = [read_profile(args.out / "plain" / "profile.json")]
     if any(found.causes for found in diagnosis.channels):
@@ -74,10 +77,31 @@ def main(args: argparse.Namespace) -> int:
     reports = [args.out / name / "report.html" for name in ("plain", "diagnosis", "extended")[: len(profiles) + 1]]
     figures = sorted(str(path) for path in (args.out / "diagnosis").glob("*_before_after.png"))
     print()
+    for line in what_next(args.out, args.seed):
+        print(line, file=sys.stderr)
     for label, paths in (("reports", [str(path) for path in reports]), ("before and after", figures)):
         if paths:
             print(f"{label}: {', '.join(paths)}")
     return 0
+
+
+def _plain(send: Callable[[object], None], campaign: Path, out: Path, made_at: str) -> None:
+    """The plain characterization, in a process of its own."""
+    from shockrig.protocols.commands import characterize
+
+    characterize.write(campaign, out, 0, None, made_at)
+    send(None)
+
+
+def what_next(out: Path, seed: int) -> list[str]:
+    """What to try after the demonstration."""
+    return [
+        "what to try next:",
+        f"  open {out / 'diagnosis' / 'report.html'}: what was found, and by how much it helps",
+        f"  shockrig demo --seed {seed + 1} --out another: another effect, other sensors; --hide none hides nothing",
+        "  shockrig tour: bench, log and flight in ten minutes, with what each command is for",
+        "  your own log or flight: shockrig example lists samples to begin with",
+    ]
 
 
 def story(diagnosis: Diagnosis, result: Score) -> str:

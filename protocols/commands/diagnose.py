@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from importlib import import_module
@@ -112,7 +112,9 @@ def write(
     from shockrig.analysis.inference.gather import usable_runs
     from shockrig.protocols.folder import said_of_data, software_version, whole_folder
     from shockrig.protocols.made_before import KEY, made_from
+    from shockrig.protocols.time_left import DIAGNOSING, Phases
 
+    _told[:] = [Phases(DIAGNOSING)]
     import_module("shockrig.analysis.report.diagnosis_view")  # the branches use it too
     with whole_folder(out) as folder, ExitStack() as stack:
         searching = stack.enter_context(branch(_read_and_search, campaign, probe, tolerance, earlier))
@@ -271,4 +273,12 @@ def summary(diagnosis: Diagnosis) -> str:
 
 
 def _say(text: str) -> None:
+    """Progress, on standard error; a branch that is forked goes by the clock that was started before it."""
+    (_told[-1] if _told else _plainly)(text)
+
+
+_told: list[Callable[[str], None]] = []  # the clock of the diagnosis under way
+
+
+def _plainly(text: str) -> None:
     print(text, file=sys.stderr, flush=True)

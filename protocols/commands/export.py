@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from shockrig.files.numbers import counted
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
@@ -42,5 +44,5 @@ def main(args: argparse.Namespace) -> int:
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"--out {out}: {reason}; name a file in a folder that can be written") from error
     readings = sum(trace.time_s.size for run in campaign.runs for trace in (run.imet, run.hyt, run.air) if trace)
-    print(f"{out}: {len(campaign.runs)} runs, {readings} readings")
+    print(f"{out}: {counted(len(campaign.runs), 'run')}, {readings} readings")
     return 0

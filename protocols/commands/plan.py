@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
+from shockrig.files.numbers import counted
 from shockrig.protocols.probes import BY_WHICH
 
 
@@ -43,13 +43,12 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.protocols.loop_page import write_loop_page
     from shockrig.protocols.made_before import outcomes
     from shockrig.protocols.probes import seen_by, wanted_probes
+    from shockrig.protocols.time_left import PLANNING, Phases
     from shockrig.rig.bench import open_bench
     from shockrig.rig.bench_file import load_bench
     from shockrig.rig.protocol_text import protocol_text
 
-    def say(text: str) -> None:
-        print(text, file=sys.stderr)
-
+    say = Phases(PLANNING)
     goals = parse_goals(args.until)
     if args.out.suffix != ".toml":
         raise InputError(f"--out {shown(args.out)}: a protocol's name ends in .toml; NEXT.json is written beside it")
@@ -91,7 +90,7 @@ def main(args: argparse.Namespace) -> int:
     write_json(args.out.with_suffix(".json"), document)
     print("\n".join(lines(decision, document)))
     if decision.status == CONTINUE:
-        print(f"{len(decision.choices)} runs in {args.out}: shockrig run {args.out} --out {args.campaign}")
+        print(f"{counted(len(decision.choices), 'run')} in {args.out}: shockrig run {args.out} --out {args.campaign}")
     return 0
 
 

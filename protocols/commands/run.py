@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from shockrig.files.numbers import counted
+
 ADAPTIVE = "adaptive"
 EXAMPLE = "alpha 0.2 %, D 0.3 %, ties decided, minutes 90"
 
@@ -52,7 +54,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--operator", metavar="NAME", help="who records, for campaign.json (asked once on a real bench)"
     )
-    parser.add_argument("--dry-run", action="store_true", help="check and print the plan; nothing moves")
+    parser.add_argument(
+        "--dry-run", action="store_true", help="print the plan and what shockrig check finds; nothing moves"
+    )
     parser.add_argument("--watch", action="store_true", help="show the live view of shockrig watch meanwhile")
     virtual = parser.add_argument_group("emulated instruments")
     virtual.add_argument("--seed", type=int, help="which sensors, noise and hidden effects")
@@ -99,7 +103,7 @@ def main(args: argparse.Namespace) -> int:
         print(f"warning: {warning}", file=sys.stderr)
     if args.dry_run:
         _print_plan(protocol, bench)
-        return 0
+        return _preflight(args, protocol, bench)
     if sealed is None or sealed.path.exists():
         return _record(args, protocol, bench, sealed)
     new = [folder for folder in real_path(sealed.path).parents if not folder.exists()]
@@ -219,7 +223,7 @@ def _print_plan(protocol: Any, bench: Any) -> None:
 
     print(f"{protocol.name}: {protocol.description}")
     invented = " (emulated instruments)" if bench.emulated else ""
-    print(f"{len(protocol.runs)} runs on {bench.name}{invented} with {', '.join(bench.describe())}")
+    print(f"{counted(len(protocol.runs), 'run')} on {bench.name}{invented} with {', '.join(bench.describe())}")
     steps: tuple[Any, ...] = ()
     for run in protocol.runs:
         if run.steps != steps:
@@ -231,6 +235,21 @@ def _print_plan(protocol: Any, bench: Any) -> None:
     shortest_s = sum(run.shortest_s() for run in protocol.runs)
     longest_s = sum(run.longest_s() for run in protocol.runs)
     print(f"bench time: {duration(shortest_s)} where every soak is stable at once, at most {duration(longest_s)}")
+
+
+def _preflight(args: argparse.Namespace, protocol: Any, bench: Any) -> int:
+    """What `shockrig check` says, the stage left alone; 0 where all is ready."""
+    import time
+
+    from shockrig.protocols.commands.check import run_command
+    from shockrig.rig.check import examine, lacking, tree
+
+    with bench:
+        findings = examine(bench, protocol, args.out or Path(), wall=time.time, may_move=False)
+    print(tree(bench.name, findings))
+    missing = lacking(findings)
+    print(missing or f"ready: {run_command(args.protocol, args.bench, args.out or Path())}")
+    return 1 if missing else 0
 
 
 def _record(args: argparse.Namespace, protocol: Any, bench: Any, sealed: _Sealed | None) -> int:
@@ -264,7 +283,7 @@ def _record(args: argparse.Namespace, protocol: Any, bench: Any, sealed: _Sealed
             )
     state = read_state(args.out)
     spoilt = f", {len(state.set_aside)} attempts set aside" if state.set_aside else ""
-    print(f"{len(state.recorded)} runs in {args.out} ({len(recorded)} recorded now{spoilt})")
+    print(f"{counted(len(state.recorded), 'run')} in {args.out} ({len(recorded)} recorded now{spoilt})")
     if recorded:
         print(f"bench time: {duration(bench.clock.now())} on {bench.name}")
     if loop is not None and loop.decision is not None:

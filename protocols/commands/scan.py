@@ -7,6 +7,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
+SWITCH_ON = (
+    "on a Raspberry Pi switch it on: sudo raspi-config nonint do_i2c 0, then restart; elsewhere: sudo modprobe i2c-dev"
+)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
@@ -56,8 +60,10 @@ def main(args: argparse.Namespace) -> int:
         items = [listener.found] if listener.found else []
         _say(listener.path, items, listener.trouble)
         found += items
-    if not buses and not ports:
-        print("no I2C bus and no serial port on this computer", file=sys.stderr)
+    if not buses and args.port is None:
+        print(f"no I2C bus on this computer; {SWITCH_ON}", file=sys.stderr)
+    if not ports and args.i2c is None:
+        print("no serial port on this computer; plug in the instrument's USB cable or adapter", file=sys.stderr)
     try:
         text = bench_toml(found)
     except BenchError as error:
@@ -71,7 +77,7 @@ def main(args: argparse.Namespace) -> int:
         write_whole(args.out, text)
     except OSError as error:
         raise BenchError(f"{args.out}: {error.strerror}; give another --out") from None
-    print(f"wrote {args.out}: go through the lines marked SET, then run shockrig check --bench {args.out}")
+    print(f"wrote {args.out}: go through the lines marked SET, then run shockrig check standard --bench {args.out}")
     return 0
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from shockrig.files.numbers import counted
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("campaign", metavar="CAMPAIGN", type=Path, help="campaign folder")
@@ -16,7 +18,7 @@ def main(args: argparse.Namespace) -> int:
 
     state = read_state(args.campaign)
     planned = f" of {len(state.planned)} planned" if state.planned else ""
-    print(f"{state.name}: {len(state.recorded)} runs recorded{planned}")
+    print(f"{state.name}: {counted(len(state.recorded), 'run')} recorded{planned}")
     if state.emulated:
         print(EMULATED)
     if state.missing:

@@ -1,0 +1,95 @@
+"""Flights as `shockrig.correct` takes them: whatever the command reads, and DataFrames with the same guessing."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from shockrig.files.errors import InputError
+from shockrig.files.flight import Flight, read_layout
+from shockrig.files.flight_cells import joined, read_blocks
+from shockrig.files.flight_rows import BLOCK_ROWS, to_flight
+from shockrig.protocols.flight_logs import to_csv
+from shockrig.remedies import as_python
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+PathLike = str | os.PathLike[str]
+
+
+def read_flight(
+    flight: pd.DataFrame | Flight | PathLike,
+    columns: Mapping[str, str] | None = None,
+    map: PathLike | None = None,
+) -> Flight:
+    """A flight's rows from a file (CSV, netCDF, ArduPilot's .bin, any text log by a map) or a DataFrame.
+
+    Parameters
+    ----------
+    flight : DataFrame, Flight or path
+        A DataFrame's columns are recognised by their names as a file's are; times in its index are taken where no
+        column has any.
+    columns : mapping, optional
+        Quantity ("time", "temperature", "humidity", "airspeed", "die", "pressure", "altitude", "latitude",
+        "longitude") -> the column's name where it is not recognised; in a .bin log MESSAGE.FIELD.
+    map : path, optional
+        A map (shock-map/1) by which any text log is read, or the name of one that ships.
+
+    Returns
+    -------
+    Flight
+
+    Raises
+    ------
+    InputError
+        The log cannot be read, or has no time, or neither temperature nor humidity.
+
+    Examples
+    --------
+    >>> import shockrig
+    >>> flight = shockrig.read_flight(shockrig.example("flight.csv"))
+    >>> bool(flight.altitude_m.max() > 300.0)
+    True
+    """
+    if isinstance(flight, Flight):
+        return flight
+    with as_python(), tempfile.TemporaryDirectory() as folder:
+        if isinstance(flight, str | os.PathLike):
+            source = Path(flight)
+            called = str(source)
+        else:
+            source, called = Path(folder) / "frame.csv", "the DataFrame"
+            with_times(flight).to_csv(source, index=False)
+        made = Path(folder) / "rows.csv"
+        try:
+            if to_csv(source, made, columns=columns, map_path=None if map is None else Path(map)):
+                return _rows(made, None)
+            return _rows(source, columns)
+        except InputError as error:
+            said = str(error).replace(str(made), called).replace(str(source), called)
+            raise InputError(said.replace(f"{called}, line 1:", f"{called}:")) from error
+
+
+def with_times(frame: pd.DataFrame) -> pd.DataFrame:
+    """A DataFrame with its index as a column where the index says something: a name, or times."""
+    import pandas as pd
+
+    index = frame.index
+    timed = isinstance(index, pd.DatetimeIndex | pd.TimedeltaIndex)
+    if not timed and index.name is None:
+        return frame
+    frame = frame.reset_index(names=str(index.name or "time"))
+    first = frame.columns[0]
+    if isinstance(index, pd.TimedeltaIndex):
+        frame[first] = frame[first].dt.total_seconds()
+    return frame
+
+
+def _rows(path: Path, columns: Mapping[str, str] | None) -> Flight:
+    layout = read_layout(path, columns)
+    blocks = list(read_blocks(path, layout, BLOCK_ROWS))
+    return to_flight(joined(blocks) if blocks else [], layout)
