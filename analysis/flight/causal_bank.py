@@ -1,9 +1,9 @@
 """The smoother's filter run forward: a few of them side by side, one for each strength of the air's course.
 
 Interacting multiple models (Blom and Bar-Shalom 1988, doi 10.1109/9.1299) on the states of the smoother: level and
-slope, three Ornstein-Uhlenbeck processes (`prior`), the sensor's lags (`stepping`), and what passes sensor and air alike
-(`prior.Passing`). What the smoother judges from the whole flight, the strengths, is here the probability of each filter.
-Past air is kept beside the states, so that an estimate may wait for N more readings (fixed lag).
+slope, three Ornstein-Uhlenbeck processes (`prior`), the sensor's lags (`stepping`), and what passes sensor and air
+alike (`prior.Passing`). What the smoother judges from the whole flight, the strengths, is here the probability of each
+filter. Past air is kept beside the states, so that an estimate may wait for N more readings (fixed lag).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """What a causal corrector needs of a profile, as small tables: lags, readout and their uncertainty along the air.
 
 The physics is that of the smoother (`response`, `readout`); here it is taken at the nodes of a grid over temperature,
-airspeed and pressure, and between them it is interpolated linearly (rates in their logarithm). A quantity on which
-nothing depends has one node. The same tables go into generated programs.
+airspeed and pressure, and between them it is interpolated linearly (rates, airspeed and pressure in their logarithms).
+A quantity on which nothing depends has one node. The same tables go into generated programs.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
+from math import log
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,26 +52,27 @@ class Ladder:
     door: float
 
 
-# The ranges are what the smoother finds in the segments of the flights of benchmarks/flight_harm.py, and a factor beyond.
+# What the smoother finds in the segments of the flights of benchmarks/flight_harm.py, and a factor beyond.
 TEMPERATURE_LADDER = Ladder(0.003, 0.4, 1.0)
 HUMIDITY_LADDER = Ladder(0.015, 2.0, 5.0)
 
 
 @dataclass(frozen=True)
 class Table:
-    """Values (t, v, p, c) at the nodes of a grid over temperature, airspeed and pressure; an axis of one node stands
-    for a quantity on which nothing depends."""
+    """Values (t, v, p, c) at the nodes of a grid over temperature, ln of the airspeed and ln of the pressure; an axis of
+    one node stands for a quantity on which nothing depends."""
 
     temperature_c: Array
-    airspeed_m_s: Array
-    pressure_hpa: Array
+    ln_airspeed: Array
+    ln_pressure: Array
     values: Array
 
     def at(self, temperature_c: float, airspeed_m_s: float, pressure_hpa: float) -> Array:
         """Interpolated values (c,); beyond the grid those at its edge."""
         values = self.values
-        axes = (self.temperature_c, self.airspeed_m_s, self.pressure_hpa)
-        for axis, wanted in zip(axes, (temperature_c, airspeed_m_s, pressure_hpa), strict=True):
+        axes = (self.temperature_c, self.ln_airspeed, self.ln_pressure)
+        place_in = (temperature_c, log(max(airspeed_m_s, AIRSPEEDS_M_S[0])), log(pressure_hpa))
+        for axis, wanted in zip(axes, place_in, strict=True):
             if axis.size == 1:
                 values = values[0]
                 continue
@@ -316,7 +318,7 @@ def _collapsed(temperature: Array, speed: Array, pressure: Array, values: Array)
     for i, axis in enumerate(axes):
         if np.allclose(values, np.take(values, [0], axis=i), rtol=1e-9, atol=1e-12):
             axes[i], values = axis[:1], np.take(values, [0], axis=i)
-    return Table(axes[0], axes[1], axes[2], values)
+    return Table(axes[0], np.log(axes[1]), np.log(axes[2]), values)
 
 
 def _resolved_rate(strength: float, response: Response, period: float, noise: float) -> float:
