@@ -231,7 +231,7 @@ def _film(part: HumidityProfile, body: str, period: float, given: float | None) 
         part.film_thickness_m,
         period,
         noise,
-        np.array([low, high]),
+        np.array([low, *(row.ambient_temperature_c for row in part.diffusivity_table), high]),
         (low, high),
         "humidity_reading_percent",
         LIKELY["swing_percent"].high,
@@ -246,13 +246,20 @@ def _channel(
     length_m: float,
     period: float,
     noise: float,
-    range_c: Array,
+    corners_c: Array,
     covers_c: tuple[float, float],
     possible: str,
     swing: float,
     ladder: tuple[tuple[float, float], ...],
 ) -> ChannelDesign:
-    temperature = np.linspace(*range_c, max(int(np.ceil(np.ptp(range_c) / TEMPERATURE_STEP_K)), 1) + 1)
+    temperature = np.unique(
+        np.concatenate(
+            [
+                np.linspace(low, high, int(np.ceil((high - low) / TEMPERATURE_STEP_K)) + 1)
+                for low, high in zip(corners_c[:-1], corners_c[1:], strict=True)
+            ]
+        )
+    )
     speed = np.array(AIRSPEEDS_M_S if of_airspeed(effects, length_m) else [REFERENCE_AIRFLOW_M_S])
     pressure = np.array(PRESSURES_HPA if of_pressure(effects, length_m) else [STANDARD_PRESSURE_HPA])
     nodes = np.array(list(product(temperature, speed, pressure)))
@@ -264,7 +271,7 @@ def _channel(
     axes = (temperature, speed, pressure)
     delay = sum(one.meaning.delay_s(one.values, period) for one in effects if one.meaning.delay_s is not None)
     limit = ceiling(effects)
-    there = Stream(np.array([REFERENCE_AIRFLOW_M_S]), np.array([STANDARD_PRESSURE_HPA]), range_c.mean(keepdims=True))
+    there = Stream(np.array([REFERENCE_AIRFLOW_M_S]), np.array([STANDARD_PRESSURE_HPA]), np.median(corners_c, keepdims=True))
     middle, strengths = respond(there), np.geomspace(ladder.lowest, ladder.highest, STRENGTHS)
     return ChannelDesign(
         weight.shape[1],
