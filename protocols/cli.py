@@ -38,6 +38,7 @@ COMMANDS = {
     "certify": ("certify", "write uncertainty budgets and a calibration certificate, also as DCC XML"),
     "history": ("history", "chart the campaigns of one serial number, and say what changed and since when"),
     "correct": ("correct", "correct a flight's temperature and humidity with a profile"),
+    "onboard": ("onboard", "write a profile's correction as a C and a Lua program for autopilots"),
     "simulate": ("simulate", "simulate weather and a sensor flown through it, to files"),
     "demo": ("demo", "hide an effect in virtual sensors, find it, extend the model, open the seal"),
     "demo-flights": ("demo_flights", "make the paper's flight figures again, three corrections side by side"),

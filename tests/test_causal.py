@@ -18,7 +18,6 @@ from shockrig.analysis.flight.smoother import smooth
 from shockrig.analysis.flight.typical import typical_profile
 from shockrig.analysis.flight.weather import inversion
 from shockrig.analysis.physics.exchange import Stream
-from shockrig.files.flight import Flight
 from shockrig.files.profile import StatedEffect, Uncertain
 from shockrig.protocols.cli import main
 

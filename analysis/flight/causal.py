@@ -24,7 +24,11 @@ from shockrig.files.ranges import RANGES
 Array = NDArray[np.float64]
 START_K, START_PERCENT = 2.0, 10.0  # within which a sensor is of the air at a start, and the slope [1/s] of nothing
 REFERENCE_C = 20.0  # vapour is carried as relative humidity at this temperature
-UNREAD_S = 3.0  # without a thermometer a hygrometer's reading is none of vapour
+FAR_C = 25.0  # beyond its table, where humidity is the reading, vapour is reckoned so far and no farther
+UNREAD_S, UNREAD_PERIODS = (
+    3.0,
+    5.0,
+)  # without a thermometer for the longer of both a hygrometer's reading is none of vapour
 SATURATED_PERCENT = 100.0
 TEMPERATURE_C = RANGES["temperature_c"]
 NOTHING = Judged(usable=False, missing=True)
@@ -94,8 +98,10 @@ class _Seen:
 class Channel:
     """One sensor on its way: its guard, its filters, and when it was last read."""
 
-    def __init__(self, design: ChannelDesign, quantity: str, passing: bool, wait: int, spread: float) -> None:
-        self.design, self.spread = design, spread
+    def __init__(
+        self, design: ChannelDesign, quantity: str, passing: bool, wait: int, spread: float, period_s: float
+    ) -> None:
+        self.design, self.spread, self.period_s = design, spread, period_s
         self.guard = Guard(design, CODES_WITHIN[quantity])
         self.bank = Bank(design.ladder, design.modes, passing, wait)
         self.forget()
@@ -166,16 +172,15 @@ class Channel:
         nodes = np.linspace(np.log(ladder.lowest), np.log(ladder.highest), rates.size)
         return float(np.exp(np.interp(np.log(self.bank.middle), nodes, rates)))
 
-    def air(self, kept: int, late_s: float = 0.0, period_s: float = 1.0) -> tuple[float, float] | None:
+    def air(self, kept: int, late_s: float = 0.0) -> tuple[float, float] | None:
         """The air `late_s` before the row that was `kept` under that number, and its variance; None where that is of
         before a start."""
-        bank, behind_s = self.bank, late_s - self.design.delay_s
+        bank = self.bank
         if not self.started or kept < bank.first:
             return None
         rows = bank.count - 1 - kept
-        if behind_s and (shift := rows + round(behind_s / period_s)) < 0:
-            return bank.ahead(-behind_s - rows * period_s)
-        return bank.ago(rows if not behind_s else shift)
+        behind_s = rows * self.period_s + late_s - self.design.delay_s
+        return bank.ahead(-behind_s) if behind_s < 0.0 else bank.ago(round(behind_s / self.period_s))
 
     def common(self, told: _Told, air: float) -> float:
         """What the sensor's time scale and slow shares leave of the air, standard uncertainty."""
@@ -203,9 +208,11 @@ class Corrector:
         t, h = design.temperature, design.humidity
         self.after = round(share * self.wait) if t is not None and h is not None else 0
         late = 0 if h is None else round(h.delay_s / design.period_s)
-        self.bead = None if t is None else Channel(t, "temperature", False, self.wait + late, START_K)
+        self.bead = None if t is None else Channel(t, "temperature", False, self.wait + late, START_K, design.period_s)
         rest = self.wait - self.after
-        self.film = None if h is None else Channel(h, "humidity", not design.by_activity, rest, START_PERCENT)
+        self.film = None
+        if h is not None:
+            self.film = Channel(h, "humidity", not design.by_activity, rest, START_PERCENT, design.period_s)
         self.on_the_way: deque[_Seen] = deque()
         self.unreckoned: deque[_Seen] = deque()
         self.time_s = self.stray_s = -np.inf
@@ -289,19 +296,22 @@ class Corrector:
 
     def _humid(self, seen: _Seen) -> None:
         """The hygrometer's part of a row, at the temperature that is known by now."""
-        film, row, period = self.film, seen.row, self.design.period_s
+        film, row = self.film, seen.row
         if film is None:
             return
         now, then = seen.bead.air, seen.bead.air
         if self.bead is not None and now is not None:
-            now = self.bead.air(seen.bead.kept, 0.0, period) or now
-            then = self.bead.air(seen.bead.kept, film.design.delay_s, period) or now
+            now = self.bead.air(seen.bead.kept) or now
+            then = self.bead.air(seen.bead.kept, film.design.delay_s) or now
         if now is None or then is None:
             seen.film.judged = NOTHING
             return
-        now_c, then_c = (float(np.clip(one[0], TEMPERATURE_C.low, TEMPERATURE_C.high)) for one in (now, then))
-        die_c, share = row.die_temperature_c, self.design.die_share
-        read = TEMPERATURE_C.holds(die_c)
+        coldest, warmest = film.design.covers_c[0] - FAR_C, film.design.covers_c[1] + FAR_C
+        read = TEMPERATURE_C.holds(row.die_temperature_c)
+        now_c, then_c, die_c = (
+            min(max(one, coldest), warmest) for one in (now[0], then[0], row.die_temperature_c if read else now[0])
+        )
+        share = self.design.die_share
         seen.at_die = share > 0.0 and read
         own = _saturation(then_c + share * (die_c - then_c) if seen.at_die else then_c)
         held = own if self.design.by_activity else _saturation(REFERENCE_C)
@@ -313,7 +323,7 @@ class Corrector:
             level = film.bank.expected()[0] if film.started else row.humidity_percent * own / held
             error = float(np.hypot(seen.sigma_k, bend if np.isfinite(bend) else 0.0))
             passing = abs(level) * _steepness(now_c) * error if np.isfinite(level) else 0.0
-        read_lately = seen.bead.since_read_s <= max(UNREAD_S, 5.0 * period)
+        read_lately = seen.bead.since_read_s <= max(UNREAD_S, UNREAD_PERIODS * self.design.period_s)
         film.take(
             seen.film,
             seen,
@@ -333,7 +343,7 @@ class Corrector:
         told, raw = seen.bead, seen.row.temperature_c
         if self.bead is None:
             return Value(raw if told.judged.usable else np.nan, np.nan, np.nan, told.judged, as_read=True)
-        found = self.bead.air(told.kept, 0.0, self.design.period_s) or told.air
+        found = self.bead.air(told.kept) or told.air
         if found is None or _stale(told):
             return Value(np.nan, np.nan, np.nan, told.judged)
         left = self.bead.design.left
@@ -347,7 +357,7 @@ class Corrector:
             held = RANGES["humidity_reading_percent"].holds(raw)
             judged = Judged(usable=held, missing=not np.isfinite(raw), implausible=bool(np.isfinite(raw)) and not held)
             return Value(raw if held else np.nan, np.nan, np.nan, judged, as_read=True)
-        found = film.air(told.kept, 0.0, self.design.period_s) or told.air
+        found = film.air(told.kept) or told.air
         if found is None or _stale(told):
             return Value(np.nan, np.nan, np.nan, told.judged)
         value = found[0] * seen.back
@@ -361,9 +371,9 @@ class Corrector:
             # the profile does not speak for such air: the reading, as unsure as what the correction would have made
             if not (told.judged.usable or told.judged.repeated):
                 return Value(np.nan, np.nan, np.nan, told.judged, outside=True)
-            away = raw - value
-            total = float(np.sqrt(own + of_readout**2 + away**2))
-            return Value(raw, total, float(np.sqrt(shared**2 + of_readout**2 + away**2)), told.judged, True, True)
+            away, farthest = raw - value, max(raw, SATURATED_PERCENT - raw)
+            total, common = (float(np.sqrt(one + of_readout**2 + away**2)) for one in (own, shared**2))
+            return Value(raw, min(total, farthest), min(common, farthest), told.judged, True, True)
         value = float(np.clip(value, 0.0, SATURATED_PERCENT))
         # nothing between dry and saturated is farther away than the farther of the two
         sigma = float(np.hypot(min(float(np.sqrt(own)), max(value, SATURATED_PERCENT - value)), of_readout))

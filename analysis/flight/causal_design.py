@@ -54,13 +54,15 @@ class Ladder:
 
 # What the smoother finds in the segments of the flights of benchmarks/flight_harm.py, and a factor beyond.
 TEMPERATURE_LADDER = Ladder(0.003, 0.4, 1.0)
-HUMIDITY_LADDER = Ladder(0.015, 2.0, 5.0)
+HUMIDITY_LADDER = Ladder(0.002, 2.0, 5.0)  # in the cold little vapour is much humidity
 
 
 @dataclass(frozen=True)
 class Table:
-    """Values (t, v, p, c) at the nodes of a grid over temperature, ln of the airspeed and ln of the pressure; an axis of
-    one node stands for a quantity on which nothing depends."""
+    """Values (t, v, p, c) at the nodes of a grid over temperature, ln of the airspeed and ln of the pressure.
+
+    An axis of one node stands for a quantity on which nothing depends.
+    """
 
     temperature_c: Array
     ln_airspeed: Array
@@ -156,6 +158,7 @@ def design_of(
     period_s: float | None = None,
     temperature_noise_k: float | None = None,
     humidity_noise_percent: float | None = None,
+    most_modes: int = MOST_MODES,
 ) -> Design:
     """Tables of a profile for rows `period_s` apart (the profile's own sampling period, or 0.1 s).
 
@@ -167,10 +170,10 @@ def design_of(
     t, h = profile.temperature, profile.humidity
     stated = [part.sampling_period_s for part in (t, h) if part is not None and part.sampling_period_s]
     period = period_s or (stated[0] if stated else 0.1)
-    bead = None if t is None else _bead(t, profile.bodies["imet"], period, temperature_noise_k)
+    bead = None if t is None else _bead(t, profile.bodies["imet"], period, temperature_noise_k, most_modes)
     film, share, by_activity = None, 0.0, False
     if h is not None:
-        film = _film(h, profile.bodies["hyt"], period, humidity_noise_percent)
+        film = _film(h, profile.bodies["hyt"], period, humidity_noise_percent, most_modes)
         effects = acting(h.effects, "humidity", h.discovered)
         asking = [one for one in effects if one.meaning.at_die]
         shares = [1.0 if one.meaning.die_share is None else one.meaning.die_share(one.values) for one in asking]
@@ -179,7 +182,7 @@ def design_of(
     return Design(bead, film, period, share, by_activity)
 
 
-def _bead(part: TemperatureProfile, body: str, period: float, given: float | None) -> ChannelDesign:
+def _bead(part: TemperatureProfile, body: str, period: float, given: float | None, most_modes: int) -> ChannelDesign:
     effects = acting(part.effects, "temperature", part.discovered)
     noise = noise_floor(effects, given or (NOISE_K if part.noise_k is None else part.noise_k))
 
@@ -195,6 +198,7 @@ def _bead(part: TemperatureProfile, body: str, period: float, given: float | Non
         part.bead_radius_m,
         period,
         noise,
+        most_modes,
         np.array(BEAD_RANGE_C),
         (-np.inf, np.inf),
         "temperature_c",
@@ -203,7 +207,7 @@ def _bead(part: TemperatureProfile, body: str, period: float, given: float | Non
     )
 
 
-def _film(part: HumidityProfile, body: str, period: float, given: float | None) -> ChannelDesign:
+def _film(part: HumidityProfile, body: str, period: float, given: float | None, most_modes: int) -> ChannelDesign:
     effects = acting(part.effects, "humidity", part.discovered)
     own = NOISE_PERCENT if part.noise_percent is None else part.noise_percent
     noise = noise_floor(effects, given or own)
@@ -231,6 +235,7 @@ def _film(part: HumidityProfile, body: str, period: float, given: float | None) 
         part.film_thickness_m,
         period,
         noise,
+        most_modes,
         np.array([low, *(row.ambient_temperature_c for row in part.diffusivity_table), high]),
         (low, high),
         "humidity_reading_percent",
@@ -246,6 +251,7 @@ def _channel(
     length_m: float,
     period: float,
     noise: float,
+    most_modes: int,
     corners_c: Array,
     covers_c: tuple[float, float],
     possible: str,
@@ -264,14 +270,16 @@ def _channel(
     pressure = np.array(PRESSURES_HPA if of_pressure(effects, length_m) else [STANDARD_PRESSURE_HPA])
     nodes = np.array(list(product(temperature, speed, pressure)))
     stream = Stream(nodes[:, 1], nodes[:, 2], nodes[:, 0])
-    weight, rate, relative, slow = _parallel(respond(stream))
+    weight, rate, relative, slow = _parallel(respond(stream), most_modes)
     shape = (temperature.size, speed.size, pressure.size, -1)
     lags = np.concatenate([weight, np.log(rate), relative[:, None]], axis=1).reshape(shape)
     readout = np.stack(readings(stream), axis=1).reshape(shape)
     axes = (temperature, speed, pressure)
     delay = sum(one.meaning.delay_s(one.values, period) for one in effects if one.meaning.delay_s is not None)
     limit = ceiling(effects)
-    there = Stream(np.array([REFERENCE_AIRFLOW_M_S]), np.array([STANDARD_PRESSURE_HPA]), np.median(corners_c, keepdims=True))
+    there = Stream(
+        np.array([REFERENCE_AIRFLOW_M_S]), np.array([STANDARD_PRESSURE_HPA]), np.median(corners_c, keepdims=True)
+    )
     middle, strengths = respond(there), np.geomspace(ladder.lowest, ladder.highest, STRENGTHS)
     return ChannelDesign(
         weight.shape[1],
@@ -293,7 +301,7 @@ def _channel(
     )
 
 
-def _parallel(response: Response) -> tuple[Array, Array, Array, Array]:
+def _parallel(response: Response, most: int) -> tuple[Array, Array, Array, Array]:
     """Weights and rates (n, K) of lags that all follow the air itself, relative uncertainty (n,), and that of the slow
     shares, which are the last."""
     slow = response.slow_uncertainty
@@ -305,8 +313,8 @@ def _parallel(response: Response) -> tuple[Array, Array, Array, Array]:
         rate = np.stack([one.rate[:count] for one in both])
         # slow shares are among them, and their uncertainty is taken with the time scale's
         relative = np.hypot(response.relative_uncertainty, float(np.sqrt(np.sum(slow**2))))
-        return (*_merged(weight, rate, 0, MOST_MODES + 2), relative, np.zeros(0))
-    return (*_merged(weight, rate, slow.size, MOST_MODES), response.relative_uncertainty, slow)
+        return (*_merged(weight, rate, 0, most + 2), relative, np.zeros(0))
+    return (*_merged(weight, rate, slow.size, most), response.relative_uncertainty, slow)
 
 
 def _merged(weight: Array, rate: Array, slow: int, most: int) -> tuple[Array, Array]:

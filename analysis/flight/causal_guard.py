@@ -27,6 +27,7 @@ REPEATS_ROWS = 50.0
 TIMES_BY_CHANCE = 2.0  # as many repeats as rounding alone makes
 LASTING_ROWS = 10  # refused readings in a row, after which they are the sensor's
 NEAR_CODE = 1e-4
+ROUNDING = 1.001  # of a step, what single precision makes of two readings that differ by it
 CODES_WITHIN: dict[str, tuple[float, ...]] = {
     name: tuple(sorted(code for code in CODES[name] if low <= code <= high))
     for name, low, high in (("temperature", -100.0, 150.0), ("humidity", -10.0, 130.0))
@@ -135,7 +136,7 @@ class Guard:
             self.step = min(self.smallest, self.smallest_before)
             if self.step == np.inf:
                 self.step = change
-        if abs(reading - self.anchor) <= LEVELS * 1.001 * self.resolution:
+        if abs(reading - self.anchor) <= LEVELS * ROUNDING * self.resolution:
             self.stays += 1
         else:
             self.anchor, self.stays = reading, 0
