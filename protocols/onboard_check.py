@@ -114,6 +114,6 @@ def reference(design: Design, flight: Flight) -> np.ndarray:
 def difference(found: np.ndarray, wanted: np.ndarray) -> Difference:
     """How far values (n, 4) are from the reference's."""
     off = np.abs(found[:, :4] - wanted)
-    largest = [float(np.nanmax(column)) if np.isfinite(column).any() else 0.0 for column in off.T]
+    bead, of_bead, film, of_film = (float(np.nanmax(v)) if np.isfinite(v).any() else 0.0 for v in off.T)
     one_sided = int(np.count_nonzero(np.isnan(found[:, :4]) != np.isnan(wanted)))
-    return Difference(len(wanted), *largest, one_sided)
+    return Difference(len(wanted), bead, of_bead, film, of_film, one_sided)

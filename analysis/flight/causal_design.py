@@ -256,7 +256,7 @@ def _channel(
     covers_c: tuple[float, float],
     possible: str,
     swing: float,
-    ladder: tuple[tuple[float, float], ...],
+    ladder: Ladder,
 ) -> ChannelDesign:
     temperature = np.unique(
         np.concatenate(

@@ -72,7 +72,7 @@ def correct(
     cutoff_hz: float | None = None,
     temperature_noise_k: float | None = None,
     humidity_noise_percent: float | None = None,
-    lag_s: float = 0.0,
+    lag_s: float | None = None,
 ) -> Corrected:
     """Correct a flight.
 
@@ -87,8 +87,8 @@ def correct(
         Of the two inverses' low-pass; suggested from the noise floor when left out. The smoother needs none.
     temperature_noise_k, humidity_noise_percent : float, optional
         Noise floors where they differ from the profile's.
-    lag_s : float
-        Of "causal": how long each row may wait for those after it.
+    lag_s : float, optional
+        Of "causal": how long each row may wait for those after it; not at all when left out.
 
     Returns
     -------
@@ -102,7 +102,7 @@ def correct(
         stable.
     """
     if method == "causal":
-        return causal(flight, profile, lag_s, temperature_noise_k, humidity_noise_percent)
+        return causal(flight, profile, lag_s or 0.0, temperature_noise_k, humidity_noise_percent)
     if method not in METHODS:
         raise InputError(f"method {method!r}: expected one of {', '.join([*METHODS, 'causal'])}")
     flight, codes = without_codes(flight)

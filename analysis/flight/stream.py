@@ -55,7 +55,7 @@ def correct_file(
     cutoff_hz: float | None = None,
     temperature_noise_k: float | None = None,
     humidity_noise_percent: float | None = None,
-    lag_s: float = 0.0,
+    lag_s: float | None = None,
     history: str = "",
     block_rows: int | None = None,
     progress: Callable[[int], None] = lambda rows: None,

@@ -118,7 +118,7 @@ def main(args: argparse.Namespace) -> int:
                 cutoff_hz=args.cutoff_hz,
                 temperature_noise_k=args.temperature_noise_k,
                 humidity_noise_percent=args.humidity_noise_percent,
-                lag_s=args.lag_s or 0.0,
+                lag_s=args.lag_s,
                 history=f"shockrig correct --method {args.method} --profile {args.profile.name}",
                 progress=progress,
                 gather=gather,
