@@ -168,3 +168,15 @@ def test_the_command_corrects_causally_and_refuses_a_lag_of_the_smoother(tmp_pat
     assert "299 rows, method causal" in capsys.readouterr().out
     assert main(["correct", log, "--profile", profile, "--out", out, "--method", "causal", "--lag-s", "200"]) == 2
     assert "smoother is for" in capsys.readouterr().err
+
+
+def test_what_cannot_be_corrected_is_given_as_it_came(flown):
+    flight, profile, _ = flown
+    nothing = np.full(ROWS, np.nan)
+    done = correct(replace(flight, temperature_c=nothing), profile, "causal")
+    np.testing.assert_array_equal(done.humidity_percent, flight.humidity_percent)
+    assert done.flags["not_corrected"].all() and any("no temperature of the air" in note for note in done.notes)
+    for part, other in (("temperature", "humidity_percent"), ("humidity", "temperature_c")):
+        done = correct(flight, replace(profile, **{part: None}), "causal")
+        assert done.flags[f"{part}_not_corrected"].all() and not done.flags["not_corrected"].any()
+        assert np.isfinite(getattr(done, other)).all()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +46,8 @@ def causal(
         longest = min(LONGEST_LAG_S, MOST_WAITING * period)
         raise InputError(f"a lag of {lag_s:g} s: expected 0 to {longest:g} s; more is what --method smoother is for")
     design = design_of(profile, period, temperature_noise_k, humidity_noise_percent)
+    if not np.isfinite(flight.temperature_c).any():
+        design = replace(design, humidity=None)  # what is not known to be vapour is given as it came
     corrector = Corrector(design, lag_s)
     given: list[tuple[Value, Value]] = []
     for row in rows_of(flight):
@@ -115,6 +118,8 @@ def _notes(profile: Profile, design: Design, given: list[tuple[Value, Value]], f
             notes.append(f"{name}: given as it came: the profile has no {name} part")
         else:
             notes += not_undone(part.effects, name, part.discovered)
+    if profile.humidity is not None and design.humidity is None and np.isfinite(flight.humidity_percent).any():
+        notes.append("humidity: given as it came: no temperature of the air in the log")
     for one, name in ((design.temperature, "temperature"), (design.humidity, "humidity")):
         if one is not None and one.unsure_of_airspeed and not np.isfinite(flight.airspeed_m_s).any():
             notes.append(f"no airspeed in the log: {name} taken at 5 m/s")
