@@ -192,6 +192,7 @@ ARGUMENTS = {
     "simulate": ["frontal"],
     "demo": [],
     "demo-flights": [],
+    "onboard": ["p.json"],
     "emulate": ["imet-xf"],
     "import": ["--imet", "log.csv"],
     "plan": ["c", "--until", "alpha 1 %"],
