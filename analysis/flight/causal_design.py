@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.flight.doubts import NO_SPEED
-from shockrig.analysis.flight.prior import gain_squared, spectra
+from shockrig.analysis.flight.prior import Prior
 from shockrig.analysis.flight.profile_effects import Acting, acting, of_airspeed, of_pressure
 from shockrig.analysis.flight.readout import ceiling, noise_floor, not_known, undone
 from shockrig.analysis.flight.response import Response, bead_response, film_response, unsure_of_airspeed
+from shockrig.analysis.flight.smooth_channel import resolved_rate
 from shockrig.analysis.flight.stretches import largest_share
 from shockrig.analysis.flight.typical import NOISE_K, NOISE_PERCENT
 from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S, Stream
@@ -295,7 +296,7 @@ def _channel(
         not_known(effects),
         delay,
         ladder,
-        tuple(_resolved_rate(one, middle, period, noise) for one in strengths.tolist()),
+        tuple(resolved_rate(Prior(one, one, np.array([noise])), middle, period) for one in strengths[:, None]),
         covers_c,
         unsure_of_airspeed(respond, there, NO_SPEED) if speed.size > 1 else 0.0,
     )
@@ -334,12 +335,3 @@ def _collapsed(temperature: Array, speed: Array, pressure: Array, values: Array)
         if np.allclose(values, np.take(values, [0], axis=i), rtol=1e-9, atol=1e-12):
             axes[i], values = axis[:1], np.take(values, [0], axis=i)
     return Table(axes[0], np.log(axes[1]), np.log(axes[2]), values)
-
-
-def _resolved_rate(strength: float, response: Response, period: float, noise: float) -> float:
-    """Angular frequency at which the reading's signal sinks into its noise."""
-    frequency = np.geomspace(0.01, 0.5 / period, 60)
-    turbulence, bend = spectra(frequency, period)
-    signal = gain_squared(response, frequency, period)[0] * strength**2 * (turbulence + bend)
-    below = np.flatnonzero(signal < 2 * period * noise**2)
-    return float(2 * np.pi * frequency[below[0] if below.size else -1])
