@@ -132,7 +132,7 @@ def _apart(time_s: Array, readings: Array) -> Array:
 
 
 def _possible(pressure: Array, layout: FlightColumns) -> Array:
-    """Pressures of a log, what can be none missing. One in pascal throughout stays so: whoever corrects it says that."""
+    """Pressures of a log, what can be none missing. In pascal throughout they stay so: whoever corrects them says it."""
     possible = RANGES["pressure_hpa"]
     if layout.raw_xq2:
         pressure = pressure / 100.0

@@ -39,6 +39,7 @@ COMMANDS = {
     "certify": ("certify", "write uncertainty budgets and a calibration certificate, also as DCC XML"),
     "history": ("history", "chart the campaigns of one serial number, and say what changed and since when"),
     "correct": ("correct", "correct a flight's temperature and humidity with a profile"),
+    "onboard": ("onboard", "write a profile's correction as a C and a Lua program for autopilots"),
     "simulate": ("simulate", "simulate weather and a sensor flown through it, to files"),
     "example": ("example", "list or copy samples that ship: campaigns, a log with steps, a flight with position"),
     "tour": ("tour", "bench, log and flight in ten minutes, command by command"),

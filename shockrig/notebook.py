@@ -275,7 +275,7 @@ def correct(
     >>> bool(done.temperature_corrected_c[30.3] > done.temperature_c[30.3])
     True
     """
-    known = {"cutoff_hz", "temperature_noise_k", "humidity_noise_percent"}
+    known = {"cutoff_hz", "temperature_noise_k", "humidity_noise_percent", "lag_s"}
     if unknown := sorted(set(settings) - known):
         raise TypeError(f"correct() has no setting {unknown[0]!r}; known are {', '.join(sorted(known))}")
     if isinstance(profile, Characterized):

@@ -195,6 +195,7 @@ ARGUMENTS = {
     "demo": [],
     "tour": [],
     "demo-flights": [],
+    "onboard": ["p.json"],
     "emulate": ["imet-xf"],
     "import": ["--imet", "log.csv"],
     "plan": ["c", "--until", "alpha 1 %"],

@@ -1,4 +1,4 @@
-"""A flight corrected: screening, readout undone, one of three methods, uncertainty, and an honest word where it fails.
+"""A flight corrected: screening, readout undone, one of four methods, uncertainty, and an honest word where it fails.
 
 Temperature first; humidity then goes from %RH to vapour pressure with the temperature that the film has, through the
 method, and back with the air's corrected temperature; D follows that temperature sample by sample.
@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.analysis.flight.causal_flight import causal
 from shockrig.analysis.flight.channel import Channel, Readings, coarse, judged, lacking, too_few, untouched
 from shockrig.analysis.flight.cleaning import code_notes, without_codes
 from shockrig.analysis.flight.comparisons import Told, compared, told
@@ -71,6 +72,7 @@ def correct(
     cutoff_hz: float | None = None,
     temperature_noise_k: float | None = None,
     humidity_noise_percent: float | None = None,
+    lag_s: float | None = None,
 ) -> Corrected:
     """Correct a flight.
 
@@ -80,11 +82,13 @@ def correct(
     profile : Profile
         A channel that it lacks is given as it came and flagged `not_corrected`. Its sensors may have any body and any
         effects: what they mean in a flight is the catalogue's.
-    method : one of METHODS
+    method : one of METHODS, or "causal"
     cutoff_hz : float, optional
         Of the two inverses' low-pass; suggested from the noise floor when left out. The smoother needs none.
     temperature_noise_k, humidity_noise_percent : float, optional
         Noise floors where they differ from the profile's.
+    lag_s : float, optional
+        Of "causal": how long each row may wait for those after it; not at all when left out.
 
     Returns
     -------
@@ -97,8 +101,10 @@ def correct(
         Unknown method, no usable row, an effect without one of its parameters; RefusedError where an inverse is not
         stable.
     """
+    if method == "causal":
+        return causal(flight, profile, lag_s or 0.0, temperature_noise_k, humidity_noise_percent)
     if method not in METHODS:
-        raise InputError(f"method {method!r}: expected one of {', '.join(METHODS)}")
+        raise InputError(f"method {method!r}: expected one of {', '.join([*METHODS, 'causal'])}")
     flight, codes = without_codes(flight)
     clock = put_in_order(flight.time_s, PARTED_S, (flight.temperature_c, flight.humidity_percent))
     if np.count_nonzero(clock.good) < 2 or np.ptp(flight.time_s[clock.good]) == 0:

@@ -175,7 +175,7 @@ def estimate(
         found = replace(found, variance=np.maximum(found.variance, least))
     air, node_variance, clean = (np.interp(time_s, node_time, v) for v in (found.air, found.variance, found.clean))
     typical = local.each(lambda strength: np.median(strength, keepdims=True))
-    rate = _resolved_rate(typical, along.at(slice(len(along.rate) // 2, len(along.rate) // 2 + 1)), period)
+    rate = resolved_rate(typical, along.at(slice(len(along.rate) // 2, len(along.rate) // 2 + 1)), period)
     if rounding is not None:
         # for as long as a rounded reading stays, so does what it is off by
         changes = np.count_nonzero(np.diff(reading[usable]))
@@ -220,7 +220,7 @@ def _carried(node_row: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.maximum.accumulate(np.maximum(node_row, 0))
 
 
-def _resolved_rate(prior: Prior, response: Response, period: float) -> float:
+def resolved_rate(prior: Prior, response: Response, period: float) -> float:
     """Angular frequency at which the reading's signal sinks into its noise."""
     frequency = np.geomspace(0.01, 0.5 / period, 60)
     turbulence, bend = spectra(frequency, period, prior.smooth)

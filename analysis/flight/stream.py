@@ -55,6 +55,7 @@ def correct_file(
     cutoff_hz: float | None = None,
     temperature_noise_k: float | None = None,
     humidity_noise_percent: float | None = None,
+    lag_s: float | None = None,
     history: str = "",
     block_rows: int | None = None,
     progress: Callable[[int], None] = lambda rows: None,
@@ -102,6 +103,7 @@ def correct_file(
                 cutoff_hz=cutoff_hz,
                 temperature_noise_k=temperature_noise_k,
                 humidity_noise_percent=humidity_noise_percent,
+                lag_s=lag_s,
             )
             own = slice(before, flight.time_s.size - after)
             totals.count(codes, own)

@@ -38,9 +38,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--no-report", action="store_true", help="write no page")
     parser.add_argument(
         "--method",
-        choices=("smoother", "inverse", "paper"),
+        choices=("smoother", "causal", "inverse", "paper"),
         default="smoother",
-        help="how: optimal smoother (default), or the paper's inverse, corrected or as printed",
+        help="how: optimal smoother (default), its causal form (with what came before a row alone), or the paper's "
+        "inverse, corrected or as printed",
+    )
+    parser.add_argument(
+        "--lag-s", type=float, metavar="S", help="of causal: how long each row waits for those after it (default 0)"
     )
     parser.add_argument(
         "--column",
@@ -98,6 +102,8 @@ def main(args: argparse.Namespace) -> int:
         value = getattr(args, option)
         if value is not None and not 0 < value < 1e6:
             raise InputError(f"--{option.replace('_', '-')} {value:g}: expected a positive number")
+    if args.lag_s is not None and args.method != "causal":
+        raise InputError(f"--lag-s {args.lag_s:g}: only --method causal waits; the smoother has the whole flight")
     profile = read_profile(args.profile)
     doubted = profile_doubts(profile)
     for note in doubted:
@@ -125,6 +131,7 @@ def main(args: argparse.Namespace) -> int:
                 cutoff_hz=args.cutoff_hz,
                 temperature_noise_k=args.temperature_noise_k,
                 humidity_noise_percent=args.humidity_noise_percent,
+                lag_s=args.lag_s,
                 history=f"shockrig correct --method {args.method} --profile {args.profile.name}",
                 progress=Rows(about_rows(source)),
                 gather=gather,

@@ -1,0 +1,394 @@
+"""A flight corrected while it is flown: each row when it comes, or after a fixed wait.
+
+Per row: the clock, the guards of both readings (`causal_guard`), temperature through its filters (`causal_bank`), then
+humidity, as vapour at the corrected temperature, through its own. What a generated program does is this, row by row.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.flight.causal_bank import Bank
+from shockrig.analysis.flight.causal_design import ChannelDesign, Design
+from shockrig.analysis.flight.causal_guard import CODES_WITHIN, Guard, Judged
+from shockrig.analysis.flight.channel import LONGEST_FILL_S, LONGEST_REPEAT_S
+from shockrig.analysis.flight.screen import FEWEST_ROWS, GAP_PERIODS, LONGEST_GAP_S
+from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S
+from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA, saturation_pressure_hpa
+from shockrig.files.ranges import RANGES
+
+Array = NDArray[np.float64]
+START_K, START_PERCENT = 2.0, 10.0  # within which a sensor is of the air at a start, and the slope [1/s] of nothing
+REFERENCE_C = 20.0  # vapour is carried as relative humidity at this temperature
+FAR_C = 25.0  # beyond its table, where humidity is the reading, vapour is reckoned so far and no farther
+UNREAD_S, UNREAD_PERIODS = (
+    3.0,
+    5.0,
+)  # without a thermometer for the longer of both a hygrometer's reading is none of vapour
+SATURATED_PERCENT = 100.0
+TEMPERATURE_C = RANGES["temperature_c"]
+NOTHING = Judged(usable=False, missing=True)
+STRAY = Judged(usable=False, implausible=True)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of a log; NaN where a value is missing."""
+
+    time_s: float
+    temperature_c: float
+    humidity_percent: float
+    airspeed_m_s: float = np.nan
+    pressure_hpa: float = np.nan
+    die_temperature_c: float = np.nan
+
+
+@dataclass(frozen=True)
+class Value:
+    """One channel of one row: the air, its standard uncertainty and the part of it that is common to the flight, NaN
+    where nothing can be given; what was found of the reading; `as_read`: the reading itself is given."""
+
+    value: float
+    uncertainty: float
+    common: float
+    judged: Judged
+    outside: bool = False
+    as_read: bool = False
+
+
+@dataclass
+class _Told:
+    """One channel of a row on its way: what was found of its reading, and what the filters knew when it came."""
+
+    judged: Judged = STRAY
+    kept: int = -1
+    air: tuple[float, float] | None = None
+    clean: float = np.nan
+    slow: tuple[float, ...] = ()
+    relative: float = 0.0
+    readout: float = 0.0
+    since_used_s: float = np.inf
+    since_read_s: float = np.inf
+    step: float = 0.0
+
+
+@dataclass
+class _Seen:
+    """A row on its way."""
+
+    row: Row
+    time_s: float = np.nan
+    step_s: float = 0.0
+    begins: bool = False
+    airspeed: float = REFERENCE_AIRFLOW_M_S
+    pressure: float = STANDARD_PRESSURE_HPA
+    unsure: bool = False
+    bead: _Told = field(default_factory=_Told)
+    film: _Told = field(default_factory=_Told)
+    now_c: float = np.nan  # the air's temperature that humidity was reckoned with, and its uncertainty
+    sigma_k: float = 0.0
+    back: float = np.nan  # from what the film holds to humidity
+    at_die: bool = False
+
+
+class Channel:
+    """One sensor on its way: its guard, its filters, and when it was last read."""
+
+    def __init__(
+        self, design: ChannelDesign, quantity: str, passing: bool, wait: int, spread: float, period_s: float
+    ) -> None:
+        self.design, self.spread, self.period_s = design, spread, period_s
+        self.guard = Guard(design, CODES_WITHIN[quantity])
+        self.bank = Bank(design.ladder, design.modes, passing, wait)
+        self.forget()
+
+    def forget(self) -> None:
+        """Before a start."""
+        self.started = False
+        self.guard.reset()
+        self.used_s = self.read_s = self.time_s = -np.inf
+
+    def take(
+        self,
+        told: _Told,
+        seen: _Seen,
+        reading: float,
+        air_c: float,
+        own_c: float,
+        unit: float,
+        passing: float = 0.0,
+        speed: float = 1.0,
+        usable: bool = True,
+    ) -> None:
+        """Step to a row and take its reading in.
+
+        Parameters
+        ----------
+        air_c, own_c : float
+            Temperatures that the lags, and the readout, are of.
+        unit : float
+            Of the filters over the reading's.
+        passing : float
+            Standard deviation of what passes sensor and air alike, in the filters' unit.
+        usable : bool
+            Whether a reading can say anything.
+        """
+        d, bank = self.design, self.bank
+        table = d.response.at(air_c, seen.airspeed, seen.pressure)
+        weight, rate = table[: d.modes], np.exp(table[d.modes : 2 * d.modes])
+        offset, gain, told.readout = (float(v) for v in d.readout.at(own_c, seen.airspeed, seen.pressure))
+        told.relative = float(np.hypot(table[-1], d.unsure_of_airspeed if seen.unsure else 0.0))
+        shown, open_to = reading, 0.0
+        if self.started:
+            bank.predict(seen.time_s - self.time_s, weight, rate, passing, speed)
+            expected, variance = bank.expected()
+            shown, open_to = (expected / unit - offset) / gain, float(np.sqrt(variance)) / (gain * unit)
+        self.time_s = seen.time_s
+        told.judged = judged = self.guard.judge(reading if usable else np.nan, shown, open_to)
+        if judged.usable or judged.repeated:
+            self.read_s = seen.time_s
+        if judged.usable:
+            self.used_s = seen.time_s
+            level = (offset + gain * reading) * unit
+            if judged.restart or not self.started:
+                bank.start(level, self.spread, weight, passing, speed)
+                self.started = True
+            bank.update(level, judged.variance * (gain * unit) ** 2)
+        told.since_used_s, told.since_read_s = seen.time_s - self.used_s, seen.time_s - self.read_s
+        told.step = self.guard.resolution * gain * unit if self.guard.coarse else 0.0
+        if self.started:
+            told.kept = bank.keep()
+            told.clean, lags = bank.lagging()
+            told.slow = tuple(lags[d.modes - d.slow :].tolist())
+            told.air = self.air(told.kept)
+
+    def resolved_rate(self) -> float:
+        """Angular frequency above which the air is not resolved now [1/s]."""
+        rates, ladder = np.log(self.design.resolved_rate), self.design.ladder
+        nodes = np.linspace(np.log(ladder.lowest), np.log(ladder.highest), rates.size)
+        return float(np.exp(np.interp(np.log(self.bank.middle), nodes, rates)))
+
+    def air(self, kept: int, late_s: float = 0.0) -> tuple[float, float] | None:
+        """The air `late_s` before the row that was `kept` under that number, and its variance; None where that is of
+        before a start."""
+        bank = self.bank
+        if not self.started or kept < bank.first:
+            return None
+        rows = bank.count - 1 - kept
+        behind_s = rows * self.period_s + late_s - self.design.delay_s
+        return bank.ahead(-behind_s) if behind_s < 0.0 else bank.ago(round(behind_s / self.period_s))
+
+    def common(self, told: _Told, air: float) -> float:
+        """What the sensor's time scale and slow shares leave of the air, standard uncertainty."""
+        left = (told.relative * (air - told.clean)) ** 2
+        for share, lag in zip(self.design.slow_uncertainty, told.slow, strict=True):
+            left += (share * (air - lag)) ** 2
+        return float(np.sqrt(left))
+
+
+class Corrector:
+    """Corrects rows one by one: a life from the first row of a flight to the last.
+
+    Parameters
+    ----------
+    design : Design
+    lag_s : float
+        How long an estimate waits for readings behind it.
+    share : float
+        Of that, the temperature has so much before humidity is reckoned with it, humidity the rest.
+    """
+
+    def __init__(self, design: Design, lag_s: float = 0.0, share: float = 0.5) -> None:
+        self.design = design
+        self.wait = round(lag_s / design.period_s)
+        t, h = design.temperature, design.humidity
+        self.after = round(share * self.wait) if t is not None and h is not None else 0
+        late = 0 if h is None else round(h.delay_s / design.period_s)
+        self.bead = None if t is None else Channel(t, "temperature", False, self.wait + late, START_K, design.period_s)
+        rest = self.wait - self.after
+        self.film = None
+        if h is not None:
+            self.film = Channel(h, "humidity", not design.by_activity, rest, START_PERCENT, design.period_s)
+        self.on_the_way: deque[_Seen] = deque()
+        self.unreckoned: deque[_Seen] = deque()
+        self.time_s = self.stray_s = -np.inf
+        self.strays = 0
+        self.airspeed = self.pressure = self.reading_c = np.nan
+        self.before_c = self.last_c = np.nan
+
+    def step(self, row: Row) -> list[tuple[Value, Value]]:
+        """Take a row in; temperature and humidity of the rows that are given now, oldest first: with a wait of N rows
+        that is the one N before."""
+        seen, given = _Seen(row), []
+        if self._in_order(seen):
+            if seen.begins:
+                given = self.flush()
+                for channel in (self.bead, self.film):
+                    if channel is not None:
+                        channel.forget()
+                self.before_c = self.last_c = np.nan
+            self._surroundings(seen)
+            self._warm(seen)
+            self.unreckoned.append(seen)
+        self.on_the_way.append(seen)
+        while len(self.unreckoned) > self.after:
+            self._humid(self.unreckoned.popleft())
+        while len(self.on_the_way) > self.wait:
+            given.append(self._given(self.on_the_way.popleft()))
+        return given
+
+    def flush(self) -> list[tuple[Value, Value]]:
+        """The rows that are still on their way, at a flight's end or before a gap."""
+        while self.unreckoned:
+            self._humid(self.unreckoned.popleft())
+        given = [self._given(seen) for seen in self.on_the_way]
+        self.on_the_way.clear()
+        return given
+
+    def _in_order(self, seen: _Seen) -> bool:
+        """The clock: whether a row follows the ones before. One that does not is out of place, unless more follow it;
+        beyond a long gap nothing is known of before."""
+        time_s = seen.row.time_s
+        if not np.isfinite(time_s):
+            return False
+        longest = max(LONGEST_GAP_S, GAP_PERIODS * self.design.period_s)
+        ahead = time_s - self.time_s
+        if ahead <= 0.0:
+            self.strays = self.strays + 1 if 0.0 < time_s - self.stray_s <= longest else 1
+            self.stray_s = time_s
+            if self.strays < FEWEST_ROWS:
+                return False
+        seen.begins = not 0.0 < ahead <= longest
+        self.strays, self.stray_s = 0, -np.inf
+        self.time_s = seen.time_s = time_s
+        return True
+
+    def _surroundings(self, seen: _Seen) -> None:
+        """Airspeed and pressure, held where a row has none."""
+        row = seen.row
+        if RANGES["airflow_m_s"].holds(row.airspeed_m_s):
+            self.airspeed = row.airspeed_m_s
+        if RANGES["pressure_hpa"].holds(row.pressure_hpa):
+            self.pressure = row.pressure_hpa
+        if TEMPERATURE_C.holds(row.temperature_c):
+            self.reading_c = row.temperature_c
+        seen.unsure = not np.isfinite(self.airspeed)
+        seen.airspeed = REFERENCE_AIRFLOW_M_S if seen.unsure else self.airspeed
+        seen.pressure = self.pressure if np.isfinite(self.pressure) else STANDARD_PRESSURE_HPA
+
+    def _warm(self, seen: _Seen) -> None:
+        """The thermometer's part of a row."""
+        raw, told = seen.row.temperature_c, seen.bead
+        if self.bead is not None:
+            # the reading itself, which may be absurd, is no place in a table
+            shown = self.bead.bank.lagging()[0] if self.bead.started else self.reading_c
+            shown = shown if np.isfinite(shown) else REFERENCE_C
+            self.bead.take(told, seen, raw, shown, shown, 1.0)
+            return
+        held = TEMPERATURE_C.holds(raw)
+        told.judged = Judged(usable=held, missing=not np.isfinite(raw), implausible=bool(np.isfinite(raw)) and not held)
+        if held:
+            told.air, told.since_used_s, told.since_read_s = (raw, 0.0), 0.0, 0.0
+
+    def _humid(self, seen: _Seen) -> None:
+        """The hygrometer's part of a row, at the temperature that is known by now."""
+        film, row = self.film, seen.row
+        if film is None:
+            return
+        now, then = seen.bead.air, seen.bead.air
+        if self.bead is not None and now is not None:
+            now = self.bead.air(seen.bead.kept) or now
+            then = self.bead.air(seen.bead.kept, film.design.delay_s) or now
+        if now is None or then is None:
+            seen.film.judged = NOTHING
+            return
+        coldest, warmest = film.design.covers_c[0] - FAR_C, film.design.covers_c[1] + FAR_C
+        read = TEMPERATURE_C.holds(row.die_temperature_c)
+        now_c, then_c, die_c = (
+            min(max(one, coldest), warmest) for one in (now[0], then[0], row.die_temperature_c if read else now[0])
+        )
+        share = self.design.die_share
+        seen.at_die = share > 0.0 and read
+        own = _saturation(then_c + share * (die_c - then_c) if seen.at_die else then_c)
+        held = own if self.design.by_activity else _saturation(REFERENCE_C)
+        seen.now_c, seen.sigma_k, seen.back = now_c, float(np.sqrt(now[1])), held / _saturation(now_c)
+        bend = abs(now_c - 2.0 * self.last_c + self.before_c) / 2.0
+        self.before_c, self.last_c = self.last_c, now_c
+        passing = 0.0
+        if not seen.at_die and not self.design.by_activity:
+            level = film.bank.expected()[0] if film.started else row.humidity_percent * own / held
+            error = float(np.hypot(seen.sigma_k, bend if np.isfinite(bend) else 0.0))
+            passing = abs(level) * _steepness(now_c) * error if np.isfinite(level) else 0.0
+        read_lately = seen.bead.since_read_s <= max(UNREAD_S, UNREAD_PERIODS * self.design.period_s)
+        film.take(
+            seen.film,
+            seen,
+            row.humidity_percent,
+            now_c,
+            die_c if read else now_c,
+            own / held,
+            passing,
+            1.0 if self.bead is None else self.bead.resolved_rate(),
+            read_lately,
+        )
+
+    def _given(self, seen: _Seen) -> tuple[Value, Value]:
+        return self._temperature(seen), self._humidity(seen)
+
+    def _temperature(self, seen: _Seen) -> Value:
+        told, raw = seen.bead, seen.row.temperature_c
+        if self.bead is None:
+            return Value(raw if told.judged.usable else np.nan, np.nan, np.nan, told.judged, as_read=True)
+        found = self.bead.air(told.kept) or told.air
+        if found is None or _stale(told):
+            return Value(np.nan, np.nan, np.nan, told.judged)
+        left = self.bead.design.left
+        common = float(np.hypot(self.bead.common(told, found[0]), np.hypot(told.readout, left)))
+        own = max(found[1], told.step**2 / 12.0)
+        return Value(found[0], float(np.hypot(np.sqrt(own), common)), common, told.judged)
+
+    def _humidity(self, seen: _Seen) -> Value:
+        told, raw, film = seen.film, seen.row.humidity_percent, self.film
+        if film is None:
+            held = RANGES["humidity_reading_percent"].holds(raw)
+            judged = Judged(usable=held, missing=not np.isfinite(raw), implausible=bool(np.isfinite(raw)) and not held)
+            return Value(raw if held else np.nan, np.nan, np.nan, judged, as_read=True)
+        found = film.air(told.kept) or told.air
+        if found is None or _stale(told):
+            return Value(np.nan, np.nan, np.nan, told.judged)
+        value = found[0] * seen.back
+        of_readout = float(np.hypot(told.readout, film.design.left))
+        shared = film.common(told, found[0]) * seen.back
+        own = max(found[1], told.step**2 / 12.0) * seen.back**2 + shared**2
+        if seen.at_die or self.design.by_activity:
+            own += (value * _steepness(seen.now_c) * seen.sigma_k) ** 2
+        low, high = film.design.covers_c
+        if not low <= seen.now_c <= high:
+            # the profile does not speak for such air: the reading, as unsure as what the correction would have made
+            if not (told.judged.usable or told.judged.repeated):
+                return Value(np.nan, np.nan, np.nan, told.judged, outside=True)
+            away, farthest = raw - value, max(raw, SATURATED_PERCENT - raw)
+            total, common = (float(np.sqrt(one + of_readout**2 + away**2)) for one in (own, shared**2))
+            return Value(raw, min(total, farthest), min(common, farthest), told.judged, True, True)
+        value = float(np.clip(value, 0.0, SATURATED_PERCENT))
+        # nothing between dry and saturated is farther away than the farther of the two
+        sigma = float(np.hypot(min(float(np.sqrt(own)), max(value, SATURATED_PERCENT - value)), of_readout))
+        return Value(value, sigma, float(np.hypot(shared, of_readout)), told.judged)
+
+
+def _stale(told: _Told) -> bool:
+    """Whether the last reading that was used is so long ago that no value is given."""
+    return told.since_used_s > LONGEST_FILL_S and not (told.judged.repeated and told.since_used_s <= LONGEST_REPEAT_S)
+
+
+def _saturation(temperature_c: float) -> float:
+    return float(saturation_pressure_hpa(temperature_c))
+
+
+def _steepness(temperature_c: float) -> float:
+    """Relative change of saturation pressure per kelvin."""
+    return float(np.log(_saturation(temperature_c + 0.5) / _saturation(temperature_c - 0.5)))

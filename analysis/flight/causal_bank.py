@@ -1,0 +1,219 @@
+"""The smoother's filter run forward: a few of them side by side, one for each strength of the air's course.
+
+Interacting multiple models (Blom and Bar-Shalom 1988, doi 10.1109/9.1299) on the states of the smoother: level and
+slope, three Ornstein-Uhlenbeck processes (`prior`), the sensor's lags (`stepping`), and what passes sensor and air
+alike (`prior.Passing`). What the smoother judges from the whole flight, the strengths, is here the probability of each
+filter. Past air is kept beside the states, so that an estimate may wait for N more readings (fixed lag).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.flight.causal_design import Ladder
+from shockrig.analysis.flight.prior import OU_VARIANCES, RATES_PER_S
+from shockrig.analysis.flight.stepping import hold
+
+Array = NDArray[np.float64]
+WALK = 2  # level and slope; where the air's course is not smooth the smoother's third state of the trend is zero
+AIR_STATES = WALK + RATES_PER_S.size
+AIR = np.array([1.0, 0.0] + [1.0] * RATES_PER_S.size)
+APART = 3.0  # factor from the middle strength to that of the first two filters
+CHANGE_S = 60.0  # the air keeps its strength for so long,
+DOORS_S, DOOR_S = 1000.0, 5.0  # and so long lies between two doors, and one lasts
+LEARNING_PER_S = 0.1  # ln by which the middle strength moves where one filter is sure
+LEAST_LIKELY = 1e-6
+LEAST_VARIANCE = 1e-9
+MOST_UNLIKELY = 60.0  # ln
+# The strength is known from a minute alone, to a third or so: errors are wider than each filter says.
+UNSURE_OF_STRENGTH = 1.35  # of the variance
+
+
+class Bank:
+    """The filters of one channel: a life from one start to the next.
+
+    Parameters
+    ----------
+    ladder : Ladder
+    modes : int
+        Lags of the sensor.
+    passing : bool
+        Whether something passes sensor and air alike.
+    wait : int
+        Rows that an estimate may wait for.
+
+    Attributes
+    ----------
+    middle : float
+        Strength of the air between those of the first two filters.
+    likely : ndarray (3,)
+        Probabilities of the filters.
+    count, first : int
+        Numbers of the next air that is kept and of the first one since the start.
+    """
+
+    def __init__(self, ladder: Ladder, modes: int, passing: bool, wait: int = 0) -> None:
+        self.ladder, self.modes, self.passing, self.wait = ladder, modes, passing, wait
+        self.middle = float(np.sqrt(ladder.lowest * ladder.highest))
+        self.size = AIR_STATES + modes + 2 * passing
+        self.lags = slice(AIR_STATES, AIR_STATES + modes)
+        self.h = np.concatenate([AIR, np.zeros(self.size - AIR_STATES)])
+        self.c = np.zeros(self.size)
+        if passing:
+            self.h[-1] = self.c[-1] = 1.0
+        self.index = np.arange(self.size)
+        self.count = self.first = 0
+
+    def start(self, level: float, spread: float, weight: Array, passing_sigma: float = 0.0, speed: float = 1.0) -> None:
+        """Air, slope and lags anywhere within `spread` of a reading; turbulence as it is on the long run."""
+        self.middle = float(np.sqrt(self.ladder.lowest * self.ladder.highest))
+        self.likely = np.full(3, 1.0 / 3.0)
+        self.mean = np.zeros((3, self.size))
+        self.mean[:, 0] = level
+        self.mean[:, self.lags] = level
+        diagonal = np.full((3, self.size), spread**2)
+        diagonal[:, WALK:AIR_STATES] = self._strengths()[:, None] * OU_VARIANCES
+        if self.passing:
+            diagonal[:, -1] = passing_sigma**2
+            diagonal[:, -2] = (passing_sigma / speed) ** 2
+        self.p = diagonal[:, :, None] * np.eye(self.size)
+        self.c[self.lags] = weight
+        self.count += 1  # nothing that was kept before is told of any more
+        self.first = self.count
+        self.past, self.past_p = np.zeros((3, 0)), np.zeros((3, 0))
+        self.past_with = np.zeros((3, 0, self.size))
+
+    def predict(
+        self, step_s: float, weight: Array, rate: Array, passing_sigma: float = 0.0, speed: float = 1.0
+    ) -> None:
+        """One step ahead; lags of `rate` (K,) and `weight` (K,) behind the air."""
+        ladder = self.ladder
+        learnt = self.middle * np.exp(LEARNING_PER_S * step_s * (1.0 - 2.0 * self.likely[0]))
+        self.middle = float(min(max(learnt, ladder.lowest), ladder.highest))
+        self._mix(step_s)
+        strengths = self._strengths()
+        old, new, decay = hold(rate, np.array(step_s))
+        gone = np.exp(-RATES_PER_S * step_s)
+        air = self.index[WALK:AIR_STATES]
+        phi = np.zeros((self.size, self.size))
+        phi[self.index, self.index] = 1.0
+        phi[0, 1] = step_s
+        phi[air, air] = gone
+        after = AIR @ phi[:AIR_STATES, :AIR_STATES]
+        phi[self.lags, :AIR_STATES] = old[:, None] * AIR + new[:, None] * after
+        phi[self.index[self.lags], self.index[self.lags]] = decay
+        q = np.zeros((self.size, self.size))  # at unit strength
+        q[0, 0], q[1, 1], q[0, 1] = step_s**3 / 3, step_s, step_s**2 / 2
+        q[1, 0] = q[0, 1]
+        q[air, air] = OU_VARIANCES * (1.0 - gone**2)
+        to_air = q[:AIR_STATES, :AIR_STATES] @ AIR
+        q[self.lags, :AIR_STATES] = new[:, None] * to_air
+        q[:AIR_STATES, self.lags] = q[self.lags, :AIR_STATES].T
+        q[self.lags, self.lags] = new[:, None] * new * (to_air @ AIR)
+        added = strengths[:, None, None] * q
+        if self.passing:
+            x = speed * step_s
+            swing = np.exp(-x) * np.array([[1 + x, step_s], [-speed * x, 1 - x]])
+            phi[-2:, -2:] = swing
+            rest = np.array([[1.0 / speed**2, 0.0], [0.0, 1.0]])
+            added[:, -2:, -2:] = passing_sigma**2 * (rest - swing @ rest @ swing.T)
+        self.mean = self.mean @ phi.T
+        self.p = phi @ self.p @ phi.T + added
+        if self.wait:
+            self.past_with = self.past_with @ phi.T
+        self.c[self.lags] = weight
+
+    def expected(self) -> tuple[float, float]:
+        """The reading that is expected, and its variance without its noise."""
+        each, spread = self.mean @ self.c, np.maximum((self.p @ self.c) @ self.c, 0.0)
+        return self._together(each, spread)
+
+    def update(self, reading: float, noise_variance: float) -> None:
+        """Take a reading in."""
+        pc = self.p @ self.c
+        s = np.maximum(pc @ self.c, 0.0) + noise_variance
+        v = reading - self.mean @ self.c
+        gain = pc / s[:, None]
+        if self.past.shape[1]:
+            with_reading = self.past_with @ self.c
+            self.past = self.past + with_reading * (v / s)[:, None]
+            self.past_p = self.past_p - with_reading**2 / s[:, None]
+            self.past_with = self.past_with - with_reading[:, :, None] * gain[:, None, :]
+        self.mean = self.mean + gain * v[:, None]
+        self.p = self.p - gain[:, :, None] * pc[:, None, :]
+        index = self.index
+        self.p[:, index, index] = np.maximum(self.p[:, index, index], LEAST_VARIANCE)
+        cost = 0.5 * (v**2 / s + np.log(s))
+        likely = self.likely * np.exp(np.maximum(cost.min() - cost, -MOST_UNLIKELY))
+        self.likely = np.maximum(likely / likely.sum(), LEAST_LIKELY)
+        self.likely /= self.likely.sum()
+
+    def keep(self) -> int:
+        """Remember the air as it is now, to be told better by what follows; the oldest beyond `wait` is dropped.
+
+        Returns its number.
+        """
+        self.count += 1
+        if not self.wait:
+            return self.count - 1
+        with_air = self.p @ self.h
+        keep = slice(max(self.past.shape[1] - self.wait, 0), None)
+        self.past = np.append(self.past, (self.mean @ self.h)[:, None], axis=1)[:, keep]
+        self.past_p = np.append(self.past_p, (with_air @ self.h)[:, None], axis=1)[:, keep]
+        self.past_with = np.append(self.past_with, with_air[:, None], axis=1)[:, keep]
+        return self.count - 1
+
+    def now(self) -> tuple[float, float]:
+        """The air and its variance."""
+        return self._together(self.mean @ self.h, np.maximum((self.p @ self.h) @ self.h, 0.0))
+
+    def ago(self, rows: int) -> tuple[float, float]:
+        """The air so many `keep`s ago (0: the last)."""
+        if not self.wait or not self.past.shape[1]:
+            return self.now()
+        place = -1 - min(rows, self.past.shape[1] - 1)
+        return self._together(self.past[:, place], np.maximum(self.past_p[:, place], 0.0))
+
+    def ahead(self, step_s: float) -> tuple[float, float]:
+        """The air that much later than the last reading tells of."""
+        gone = np.exp(-RATES_PER_S * step_s)
+        h = self.h.copy()
+        h[1], h[WALK:AIR_STATES] = step_s, gone
+        added = self._strengths() * (step_s**3 / 3 + OU_VARIANCES @ (1.0 - gone**2))
+        return self._together(self.mean @ h, np.maximum((self.p @ h) @ h, 0.0) + added)
+
+    def lagging(self) -> tuple[float, Array]:
+        """The reading without noise, and where each lag stands."""
+        lags = self.likely @ self.mean[:, self.lags]
+        return float(self.c[self.lags] @ lags), lags
+
+    def _strengths(self) -> Array:
+        """Squares of the three filters' strengths."""
+        return np.square([self.middle / APART, self.middle * APART, self.ladder.door])
+
+    def _together(self, each: Array, spread: Array) -> tuple[float, float]:
+        air = float(self.likely @ each)
+        return air, float(self.likely @ (UNSURE_OF_STRENGTH * spread + (each - air) ** 2))
+
+    def _mix(self, step_s: float) -> None:
+        """Before each step every filter takes over from the others what they are worth."""
+        change, door, over = (1.0 - np.exp(-step_s / time_s) for time_s in (CHANGE_S, DOORS_S, DOOR_S))
+        stay = 1.0 - change - door
+        move = np.array([[stay, change, door], [change, stay, door], [0.5 * over, 0.5 * over, 1.0 - over]])
+        share = move * self.likely[:, None]  # from, to
+        self.likely = share.sum(axis=0)
+        share = (share / self.likely).T  # to, from
+        mean = share @ self.mean
+        off = self.mean - mean[:, None]  # to, from, state
+        weighted = share[:, :, None] * off
+        size = self.size
+        together = (share @ self.p.reshape(3, -1)).reshape(3, size, size)
+        if self.wait and self.past.shape[1]:
+            past = share @ self.past
+            past_off = self.past - past[:, None]
+            self.past_p = share @ self.past_p + (share[:, :, None] * past_off**2).sum(axis=1)
+            with_past = (share @ self.past_with.reshape(3, -1)).reshape(self.past_with.shape)
+            self.past_with = with_past + past_off.swapaxes(1, 2) @ weighted
+            self.past = past
+        self.mean, self.p = mean, together + off.swapaxes(1, 2) @ weighted

@@ -1,0 +1,301 @@
+"""A causal design as the source of a program: templates of data/onboard filled with numbers and tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from importlib.resources import files
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.flight import causal, causal_bank, causal_guard
+from shockrig.analysis.flight.causal_bank import AIR_STATES
+from shockrig.analysis.flight.causal_design import AIRSPEEDS_M_S, STRENGTHS, ChannelDesign, Design, Table, design_of
+from shockrig.analysis.flight.channel import LONGEST_FILL_S, LONGEST_REPEAT_S
+from shockrig.analysis.flight.coarse import COARSE
+from shockrig.analysis.flight.prior import OU_VARIANCES, RATES_PER_S
+from shockrig.analysis.flight.screen import (
+    FEWEST_CHANGES,
+    FEWEST_ROWS,
+    GAP_PERIODS,
+    LONE_SIGMAS,
+    LONGEST_GAP_S,
+    SPIKE_STEPS,
+)
+from shockrig.analysis.flight.stretches import BY_CHANCE, LEVELS, LOUDER, MOST_SHARE, NORM_1, NORM_3, WHITE, WINDOW
+from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S
+from shockrig.files.errors import InputError
+from shockrig.files.profile import Profile
+from shockrig.files.sentinels import LEAST_JUMP
+
+Array = NDArray[np.float64]
+MOST_STATE_BYTES = 2048
+REST_BYTES = 320  # of a state beside its filters: two guards, the clock, what is held, and padding
+FEWEST_MODES = 2
+TABLES, LUA_TABLES = "/*@TABLES@*/", "@TABLES@"
+C_FILES = ("shock_correct.h", "shock_correct.c", "csv_main.c", "Makefile")
+
+
+def flown(profile: Profile, period_s: float | None = None) -> Design:
+    """The design that a generated program holds: as many of the bodies' modes as fit into its state.
+
+    Raises
+    ------
+    InputError
+        The profile lacks a sensor, its hygrometer is read later than its thermometer, or it has too many lags.
+    """
+    if profile.temperature is None or profile.humidity is None:
+        lacking = "temperature" if profile.temperature is None else "humidity"
+        raise InputError(
+            f"profile: no {lacking} part; a program on board needs both sensors, because humidity is reckoned with the "
+            "corrected temperature; correct such a log with shockrig correct"
+        )
+    for modes in range(4, FEWEST_MODES - 1, -1):
+        design = design_of(profile, period_s, most_modes=modes)
+        if state_bytes(design) <= MOST_STATE_BYTES:
+            break
+    else:
+        raise InputError(
+            f"profile: its lags need {state_bytes(design)} bytes of state, and {MOST_STATE_BYTES} are the most; take a "
+            "slow share out of the profile"
+        )
+    bead, film = design.temperature, design.humidity
+    assert bead is not None and film is not None
+    if film.delay_s - bead.delay_s >= 0.5 * design.period_s:
+        raise InputError(
+            f"profile: the hygrometer is read {film.delay_s - bead.delay_s:.2g} s later than the thermometer, which a "
+            "program on board cannot wait for; correct the log with shockrig correct"
+        )
+    return design
+
+
+def states(channel: ChannelDesign, passing: bool) -> int:
+    """How many states each filter of a channel has."""
+    return AIR_STATES + channel.modes + 2 * passing
+
+
+def state_bytes(design: Design) -> int:
+    """Memory that a program needs, at most."""
+    assert design.temperature is not None and design.humidity is not None
+    sizes = states(design.temperature, False), states(design.humidity, not design.by_activity)
+    return sum(4 * 3 * (n + n * (n + 1) // 2) for n in sizes) + REST_BYTES
+
+
+def c_source(design: Design, profile_name: str, note: str) -> dict[str, str]:
+    """The C files by name."""
+    values = _numbers(design, _single) | {"PROFILE": _comment(profile_name), "NOTE": _comment(note)}
+    sources = {}
+    for name in C_FILES:
+        text = (files("shockrig.data") / "onboard" / name).read_text(encoding="utf-8")
+        for key, value in values.items():
+            text = text.replace(f"@{key}@", value)
+        sources[name] = text.replace(TABLES, _c_tables(design)) if TABLES in text else text
+    return sources
+
+
+def lua_source(design: Design, profile_name: str) -> str:
+    """The Lua file."""
+    text = (files("shockrig.data") / "onboard" / "shock_correct.lua").read_text(encoding="utf-8")
+    for key, value in (_numbers(design, _lua_number) | {"PROFILE": _comment(profile_name)}).items():
+        text = text.replace(f"@{key}@", value)
+    return text.replace(f"--{LUA_TABLES}", _lua_tables(design))
+
+
+def _comment(text: str) -> str:
+    """Text that ends no comment and no line."""
+    return " ".join(text.replace("*/", "* /").replace("/*", "/ *").split())
+
+
+def _single(value: float) -> str:
+    """A number of single precision in C."""
+    if not np.isfinite(value):
+        return "INFINITY" if value > 0 else "-INFINITY"
+    text = f"{float(np.float32(value)):.9g}"
+    return text + ("f" if any(mark in text for mark in ".e") else ".0f")
+
+
+def _numbers(design: Design, number: Callable[[float], str]) -> dict[str, str]:
+    """What templates name, as text."""
+    bead, film = design.temperature, design.humidity
+    assert bead is not None and film is not None
+    longest = max(LONGEST_GAP_S, GAP_PERIODS * design.period_s)
+    size = causal_guard.MEAN_SIZE
+    decimals = {
+        "LEAST_AIRSPEED": AIRSPEEDS_M_S[0],
+        "APART": causal_bank.APART,
+        "UNSURE": causal_bank.UNSURE_OF_STRENGTH,
+        "CHANGE_S": causal_bank.CHANGE_S,
+        "DOORS_S": causal_bank.DOORS_S,
+        "DOOR_S": causal_bank.DOOR_S,
+        "LEARNING": causal_bank.LEARNING_PER_S,
+        "LEAST_VARIANCE": causal_bank.LEAST_VARIANCE,
+        "MOST_UNLIKELY": causal_bank.MOST_UNLIKELY,
+        "LEAST_LIKELY": causal_bank.LEAST_LIKELY,
+        "COARSE": COARSE,
+        "WHITE": WHITE,
+        "SOFT": causal_guard.SOFT,
+        "LEAST_NOISE": causal_guard.LEAST_NOISE,
+        "MOST_NOISE": causal_guard.MOST_NOISE,
+        "LOUD": LOUDER[WINDOW],
+        "MOST_SHARE": MOST_SHARE,
+        "THIRD": float(NORM_3) * size,
+        "FIRST": float(NORM_1) * size,
+        "MOST_DIFFERENCE": causal_guard.MOST_DIFFERENCE,
+        "BURST_ROWS": causal_guard.BURST_ROWS,
+        "NOISE_ROWS": causal_guard.NOISE_ROWS,
+        "REPEATS_ROWS": causal_guard.REPEATS_ROWS,
+        "LEVELS": LEVELS * causal_guard.ROUNDING,
+        "LEVELS_PLAIN": LEVELS,
+        "MEAN_SIZE": size,
+        "TIMES_BY_CHANCE": causal_guard.TIMES_BY_CHANCE,
+        "LN_BY_CHANCE": float(np.log(BY_CHANCE)),
+        "LONE": LONE_SIGMAS,
+        "SPIKE": SPIKE_STEPS,
+        "LEAST_JUMP": LEAST_JUMP,
+        "NEAR_CODE": causal_guard.NEAR_CODE,
+        "FAR_C": causal.FAR_C,
+        "REFERENCE_AIRSPEED": REFERENCE_AIRFLOW_M_S,
+        "LONGEST_FILL": LONGEST_FILL_S,
+        "LONGEST_REPEAT": LONGEST_REPEAT_S,
+        "LONGEST_S": longest,
+        "UNREAD": max(causal.UNREAD_S, causal.UNREAD_PERIODS * design.period_s),
+    }
+    counts = {
+        "BEAD_STATES": states(bead, False),
+        "FILM_STATES": states(film, not design.by_activity),
+        "STATE_BYTES": state_bytes(design),
+        "FEWEST_CHANGES": FEWEST_CHANGES,
+        "CHANGES_KEPT": causal_guard.CHANGES_KEPT,
+        "LASTING": causal_guard.LASTING_ROWS,
+        "STRENGTHS": STRENGTHS,
+        "LONGEST_US": round(longest * 1e6),
+        "LONGEST_MS": round(longest * 1e3),
+        "FEWEST_ROWS": FEWEST_ROWS,
+    }
+    lists = {"RATES": RATES_PER_S, "OU_VARIANCES": OU_VARIANCES}
+    return (
+        {name: number(float(value)) for name, value in decimals.items()}
+        | {name: str(value) for name, value in counts.items()}
+        | {name: ", ".join(number(float(v)) for v in values) for name, values in lists.items()}
+    )
+
+
+def _c_tables(design: Design) -> str:
+    """The profile's tables and numbers as constants."""
+    bead, film = design.temperature, design.humidity
+    assert bead is not None and film is not None
+    parts = [
+        f"#define DIE_SHARE {_single(design.die_share)}",
+        f"#define BY_ACTIVITY {int(design.by_activity)}",
+        f"#define UNREAD_S {_single(max(causal.UNREAD_S, causal.UNREAD_PERIODS * design.period_s))}",
+        "",
+    ]
+    channels = (
+        ("BEAD", bead, False, "temperature", causal.START_K),
+        ("FILM", film, not design.by_activity, "humidity", causal.START_PERCENT),
+    )
+    for name, channel, passing, quantity, spread in channels:
+        tables = []
+        for what, table in (("RESPONSE", channel.response), ("READOUT", channel.readout)):
+            parts += _c_table(f"{name}_{what}", table)
+            axes = table.temperature_c, table.ln_airspeed, table.ln_pressure
+            nodes = ", ".join(str(axis.size) for axis in axes)
+            places = ", ".join(f"{name}_{what}_{axis}" for axis in ("C", "AIRSPEED", "PRESSURE"))
+            tables.append(f"{{{{{nodes}}}, {table.values.shape[-1]}, {{{places}}}, {name}_{what}_VALUES}}")
+        codes = causal_guard.CODES_WITHIN[quantity]
+        parts += _c_array(f"{name}_SLOW", channel.slow_uncertainty or (0.0,))
+        parts += _c_array(f"{name}_CODES", codes)
+        parts += _c_array(f"{name}_RESOLVED", np.log(channel.resolved_rate))
+        numbers = (
+            channel.noise,
+            min(channel.share, 1.0),
+            *channel.possible,
+            channel.swing,
+            channel.ceiling,
+            channel.left,
+            channel.delay_s,
+            channel.ladder.lowest,
+            channel.ladder.highest,
+            channel.ladder.door,
+            *channel.covers_c,
+            channel.unsure_of_airspeed,
+            spread,
+        )
+        counts = (channel.modes, channel.slow, int(passing), states(channel, passing), len(codes))
+        parts.append(
+            f"static const design {name} = {{{', '.join(map(str, counts))},\n  {tables[0]},\n  {tables[1]},\n"
+            f"  {name}_SLOW, {name}_CODES, {name}_RESOLVED,\n  {', '.join(_single(v) for v in numbers)}}};\n"
+        )
+    return "\n".join(parts)
+
+
+def _c_table(name: str, table: Table) -> list[str]:
+    axes = {"C": table.temperature_c, "AIRSPEED": table.ln_airspeed, "PRESSURE": table.ln_pressure}
+    parts = []
+    for axis, values in axes.items():
+        parts += _c_array(f"{name}_{axis}", values)
+    return parts + _c_array(f"{name}_VALUES", table.values.ravel())
+
+
+def _c_array(name: str, values: Sequence[float] | Array) -> list[str]:
+    lines, line = [f"static const float {name}[] = {{"], ""
+    for value in np.asarray(values, dtype=float).tolist():
+        text = f"{_single(value)}, "
+        if len(line) + len(text) > 110:
+            lines.append("  " + line.rstrip())
+            line = ""
+        line += text
+    return [*lines, "  " + line.rstrip(", ") + "};"]
+
+
+def _lua_number(value: float) -> str:
+    if not np.isfinite(value):
+        return "math.huge" if value > 0 else "-math.huge"
+    text = f"{float(np.float32(value)):.9g}"
+    return text if any(mark in text for mark in ".e") else f"{text}.0"
+
+
+def _lua_list(values: Sequence[float] | Array) -> str:
+    return "{" + ", ".join(_lua_number(v) for v in np.asarray(values, dtype=float).ravel().tolist()) + "}"
+
+
+def _lua_tables(design: Design) -> str:
+    """The profile's tables and numbers as Lua's."""
+    bead, film = design.temperature, design.humidity
+    assert bead is not None and film is not None
+    by_activity = "true" if design.by_activity else "false"
+    parts = [f"local DIE_SHARE, BY_ACTIVITY = {_lua_number(design.die_share)}, {by_activity}"]
+    channels = (
+        ("BEAD", bead, False, "temperature", causal.START_K),
+        ("FILM", film, not design.by_activity, "humidity", causal.START_PERCENT),
+    )
+    for name, channel, passing, quantity, spread in channels:
+        numbers = {
+            "noise": channel.noise,
+            "share": min(channel.share, 1.0),
+            "low": channel.possible[0],
+            "high": channel.possible[1],
+            "swing": channel.swing,
+            "ceiling": channel.ceiling,
+            "left": channel.left,
+            "delay_s": channel.delay_s,
+            "lowest": channel.ladder.lowest,
+            "highest": channel.ladder.highest,
+            "door": channel.ladder.door,
+            "low_c": channel.covers_c[0],
+            "high_c": channel.covers_c[1],
+            "unsure_of_airspeed": channel.unsure_of_airspeed,
+            "spread": spread,
+        }
+        fields = [f"modes = {channel.modes}, slow = {channel.slow}, size = {states(channel, passing)}"]
+        fields.append(f"passing = {'true' if passing else 'false'}")
+        fields += [f"{key} = {_lua_number(value)}" for key, value in numbers.items()]
+        fields.append(f"codes = {_lua_list(causal_guard.CODES_WITHIN[quantity])}")
+        fields.append(f"slow_uncertainty = {_lua_list(channel.slow_uncertainty)}")
+        fields.append(f"ln_resolved = {_lua_list(np.log(channel.resolved_rate))}")
+        for what, table in (("response", channel.response), ("readout", channel.readout)):
+            axes = ", ".join(_lua_list(axis) for axis in (table.temperature_c, table.ln_airspeed, table.ln_pressure))
+            columns = table.values.shape[-1]
+            fields.append(f"{what} = {{columns = {columns}, axes = {{{axes}}}, values = {_lua_list(table.values)}}}")
+        parts.append(f"local {name} = {{\n  " + ",\n  ".join(fields) + "\n}")
+    return "\n".join(parts)

@@ -1,0 +1,580 @@
+-- Temperature and humidity of the air from a thermometer and a hygrometer that lag, row by row, with uncertainties.
+--
+-- Written by `shockrig onboard` from @PROFILE@. Lua 5.3, numbers of 32 or 64 bits. README.md says what it can and cannot.
+--
+--   local shock = require("shock_correct")
+--   local state = shock.begin()
+--   local air = shock.step(state, {time_ms = 100, temperature_c = 20.1, humidity_percent = 45.2})
+--   air.temperature_c, air.temperature_uncertainty_k, air.humidity_percent, air.humidity_uncertainty_percent (nil: none)
+--
+-- A row may also hold airspeed_m_s, pressure_hpa and die_temperature_c; what is missing is nil. time_ms is an integer.
+local shock = {MISSING = 1, REPEATED = 2, IMPLAUSIBLE = 4, OUTSIDE = 8, AS_READ = 16}
+
+--@TABLES@
+
+local WALK, TURBULENT, AIR, FILTERS = 2, 3, 5, 3
+local RATE, VARIANCE = {@RATES@}, {@OU_VARIANCES@}
+local INFINITE = math.huge
+local exp, log, sqrt, abs, min, max, floor = math.exp, math.log, math.sqrt, math.abs, math.min, math.max, math.floor
+
+local function within(x, low, high) return max(min(x, high), low) end
+local function length(a, b) return sqrt(a * a + b * b) end
+local function holds(x, low, high) return x ~= nil and x >= low and x <= high end
+
+local function saturation(temperature_c)
+  local t = 1.0 - 373.15 / (temperature_c + 273.15)
+  return 1013.25 * exp(t * (13.3185 + t * (-1.9760 + t * (-0.6445 - 0.1299 * t))))
+end
+
+local function steepness(temperature_c)
+  return log(saturation(temperature_c + 0.5) / saturation(temperature_c - 0.5))
+end
+
+local function look_up(from, temperature_c, airspeed, pressure)
+  local wanted = {temperature_c, log(max(airspeed, @LEAST_AIRSPEED@)), log(pressure)}
+  local left, place, out = {}, {}, {}
+  for a = 1, 3 do
+    local axis, i = from.axes[a], 1
+    place[a] = 0.0
+    if #axis > 1 then
+      while i + 1 < #axis and wanted[a] >= axis[i + 1] do i = i + 1 end
+      place[a] = within((wanted[a] - axis[i]) / (axis[i + 1] - axis[i]), 0.0, 1.0)
+    end
+    left[a] = i - 1
+  end
+  for c = 1, from.columns do out[c] = 0.0 end
+  for corner = 0, 7 do
+    local share, at, there = 1.0, 0, true
+    for a = 1, 3 do
+      local upper, count = (corner >> (a - 1)) & 1, #from.axes[a]
+      if upper == 1 and count == 1 then there = false end
+      share = share * (upper == 1 and place[a] or 1.0 - place[a])
+      at = at * count + left[a] + upper
+    end
+    if there and share ~= 0.0 then
+      for c = 1, from.columns do out[c] = out[c] + share * from.values[at * from.columns + c] end
+    end
+  end
+  return out
+end
+
+local function hold(x)
+  if x < 0.1 then
+    local rest = 1.0 - x / 3.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0))
+    return x * (1.0 - x / 2.0 * rest), x / 2.0 * rest
+  end
+  local gone = 1.0 - exp(-x)
+  return gone, 1.0 - gone / x
+end
+
+local function strengths(b)
+  local low, high, door = b.middle / @APART@, b.middle * @APART@, b.d.door
+  return {low * low, high * high, door * door}
+end
+
+local function packed(i, j)
+  if i < j then i, j = j, i end
+  return i * (i - 1) // 2 + j
+end
+
+local function carried(b, m, x, y)
+  local d, before = b.d, x[1]
+  y[1] = x[1] + m.step_s * x[2]
+  y[2] = x[2]
+  local after = y[1]
+  for i = 1, TURBULENT do
+    before = before + x[WALK + i]
+    y[WALK + i] = m.gone[i] * x[WALK + i]
+    after = after + y[WALK + i]
+  end
+  for i = 1, d.modes do y[AIR + i] = m.decay[i] * x[AIR + i] + m.old[i] * before + m.new[i] * after end
+  if d.passing then
+    local n, s = d.size, m.swing
+    y[n - 1], y[n] = s[1] * x[n - 1] + s[2] * x[n], s[3] * x[n - 1] + s[4] * x[n]
+  end
+end
+
+local function spread(b, p, on)
+  local n, out, total = b.d.size, {}, 0.0
+  for i = 1, n do
+    local sum = 0.0
+    for j = 1, n do
+      if on[j] ~= 0.0 then sum = sum + p[packed(i, j)] * on[j] end
+    end
+    out[i] = sum
+    total = total + on[i] * sum
+  end
+  return total, out
+end
+
+local function dot(a, b, n)
+  local sum = 0.0
+  for i = 1, n do sum = sum + a[i] * b[i] end
+  return sum
+end
+
+local function direction(b, weight, slope, gone)
+  local d, on = b.d, {}
+  for i = 1, d.size do on[i] = 0.0 end
+  if weight then
+    for i = 1, d.modes do on[AIR + i] = weight[i] end
+  else
+    on[1], on[2] = 1.0, slope
+    for i = 1, TURBULENT do on[WALK + i] = gone and gone[i] or 1.0 end
+  end
+  if d.passing then on[d.size] = 1.0 end
+  return on
+end
+
+local function together(b, on, added)
+  local value, variance, each, n = 0.0, 0.0, {}, b.d.size
+  for f = 1, FILTERS do
+    each[f] = dot(on, b.mean[f], n)
+    value = value + b.likely[f] * each[f]
+  end
+  for f = 1, FILTERS do
+    local own, off = max(spread(b, b.p[f], on), 0.0) + (added and added[f] or 0.0), each[f] - value
+    variance = variance + b.likely[f] * (@UNSURE@ * own + off * off)
+  end
+  return value, variance
+end
+
+local function air_ahead(b, ahead)
+  if not (ahead > 0.0) then return together(b, direction(b, nil, 0.0)) end
+  local gone, extra, added = {}, ahead * ahead * ahead / 3.0, strengths(b)
+  for i = 1, TURBULENT do
+    gone[i] = exp(-RATE[i] * ahead)
+    extra = extra + VARIANCE[i] * (1.0 - gone[i] * gone[i])
+  end
+  for f = 1, FILTERS do added[f] = added[f] * extra end
+  return together(b, direction(b, nil, ahead, gone), added)
+end
+
+local function start(b, level, passing, speed)
+  local d = b.d
+  b.middle = sqrt(d.lowest * d.highest)
+  local square, n = strengths(b), d.size
+  b.mean, b.p, b.likely = {}, {}, {}
+  for f = 1, FILTERS do
+    local mean, p = {}, {}
+    for k = 1, packed(n, n) do p[k] = 0.0 end
+    for i = 1, n do
+      mean[i] = (i == 1 or (i > AIR and i <= AIR + d.modes)) and level or 0.0
+      p[packed(i, i)] = (i > WALK and i <= AIR) and square[f] * VARIANCE[i - WALK] or d.spread * d.spread
+    end
+    if d.passing then
+      p[packed(n, n)] = passing * passing
+      p[packed(n - 1, n - 1)] = passing / speed * (passing / speed)
+    end
+    b.mean[f], b.p[f], b.likely[f] = mean, p, 1.0 / FILTERS
+  end
+  b.started = true
+end
+
+local function mix(b, step_s)
+  local change, door, over = hold(step_s / @CHANGE_S@), hold(step_s / @DOORS_S@), hold(step_s / @DOOR_S@)
+  local n, share, likely, mean, p = b.d.size, {}, {}, {}, {}
+  for to = 1, FILTERS do
+    share[to], likely[to], mean[to], p[to] = {}, 0.0, {}, {}
+    for from = 1, FILTERS do
+      local moves
+      if from == 3 then
+        moves = to == 3 and 1.0 - over or 0.5 * over
+      elseif to == 3 then
+        moves = door
+      else
+        moves = to == from and 1.0 - change - door or change
+      end
+      share[to][from] = moves * b.likely[from]
+      likely[to] = likely[to] + share[to][from]
+    end
+    for from = 1, FILTERS do share[to][from] = share[to][from] / likely[to] end
+    for i = 1, n do
+      local first, sum = b.mean[1][i], 0.0
+      for from = 2, FILTERS do sum = sum + share[to][from] * (b.mean[from][i] - first) end
+      mean[to][i] = first + sum
+    end
+    for i = 1, n do
+      for j = 1, i do
+        local k, own = packed(i, j), 0.0
+        for from = 1, FILTERS do
+          local x = b.mean[from]
+          own = own + share[to][from] * (b.p[from][k] + (x[i] - mean[to][i]) * (x[j] - mean[to][j]))
+        end
+        p[to][k] = own
+      end
+    end
+  end
+  b.mean, b.p, b.likely = mean, p, likely
+end
+
+local function predict(b, step_s, values, passing, speed)
+  local d = b.d
+  local n, modes = d.size, d.modes
+  local learnt = b.middle * exp(@LEARNING@ * step_s * (1.0 - 2.0 * b.likely[1]))
+  b.middle = within(learnt, d.lowest, d.highest)
+  mix(b, step_s)
+  local square, q, level_slope = strengths(b), {step_s * step_s * step_s / 3.0, step_s}, step_s * step_s / 2.0
+  local m, total, own = {step_s = step_s, gone = {}, old = {}, new = {}, decay = {}}, q[1], {0.0, 0.0, 0.0}
+  for i = 1, TURBULENT do
+    m.gone[i] = exp(-RATE[i] * step_s)
+    q[WALK + i] = VARIANCE[i] * (1.0 - m.gone[i] * m.gone[i])
+    total = total + q[WALK + i]
+  end
+  for i = 1, modes do
+    local gone
+    gone, m.new[i] = hold(exp(values[modes + i]) * step_s)
+    m.old[i], m.decay[i] = gone - m.new[i], 1.0 - gone
+  end
+  if d.passing then
+    local w, r, v = speed * step_s, 1.0 / (speed * speed), passing * passing
+    local fade = exp(-w)
+    local s = {fade * (1.0 + w), fade * step_s, -fade * speed * w, fade * (1.0 - w)}
+    m.swing = s
+    own[1] = v * max(r - (s[1] * s[1] * r + s[2] * s[2]), 0.0)
+    own[2] = -v * (s[3] * s[1] * r + s[4] * s[2])
+    own[3] = v * max(1.0 - (s[3] * s[3] * r + s[4] * s[4]), 0.0)
+  end
+  for f = 1, FILTERS do
+    local mean, p, work, x, y = b.mean[f], b.p[f], {}, {}, {}
+    carried(b, m, mean, x)
+    b.mean[f] = x
+    for i = 1, n do work[i] = {} end
+    local column = {}
+    for j = 1, n do
+      for i = 1, n do column[i] = p[packed(i, j)] end
+      carried(b, m, column, y)
+      for i = 1, n do work[i][j] = y[i] end
+    end
+    for i = 1, n do
+      carried(b, m, work[i], y)
+      for j = 1, i do
+        local added = 0.0
+        if i > AIR and i <= AIR + modes then
+          local into = m.new[i - AIR]
+          if j == 2 then
+            added = into * level_slope
+          elseif j <= AIR then
+            added = into * q[j]
+          else
+            added = into * m.new[j - AIR] * total
+          end
+        elseif i <= AIR and i == j then
+          added = q[i]
+        elseif i == 2 and j == 1 then
+          added = level_slope
+        end
+        added = added * square[f]
+        if i > AIR + modes and j > AIR + modes then added = own[i + j - 2 * (AIR + modes) - 1] end
+        p[packed(i, j)] = y[j] + added
+      end
+    end
+  end
+end
+
+local function update(b, on, reading, noise_variance)
+  local cost, low, sum, n = {}, INFINITE, 0.0, b.d.size
+  for f = 1, FILTERS do
+    local mean, p = b.mean[f], b.p[f]
+    local own, pc = spread(b, p, on)
+    local s, v = max(own, 0.0) + noise_variance, reading - dot(on, mean, n)
+    for i = 1, n do
+      local gain = pc[i] / s
+      mean[i] = mean[i] + gain * v
+      for j = 1, i do
+        local k = packed(i, j)
+        p[k] = p[k] - gain * pc[j]
+      end
+      local k = packed(i, i)
+      p[k] = max(p[k], @LEAST_VARIANCE@)
+    end
+    cost[f] = 0.5 * (v * v / s + log(s))
+    low = min(low, cost[f])
+  end
+  for f = 1, FILTERS do
+    b.likely[f] = b.likely[f] * exp(max(low - cost[f], -@MOST_UNLIKELY@))
+    sum = sum + b.likely[f]
+  end
+  local whole = 0.0
+  for f = 1, FILTERS do
+    b.likely[f] = max(b.likely[f] / sum, @LEAST_LIKELY@)
+    whole = whole + b.likely[f]
+  end
+  for f = 1, FILTERS do b.likely[f] = b.likely[f] / whole end
+end
+
+local function resolution(g) return g.changes >= @FEWEST_CHANGES@ and g.step or 0.0 end
+local function is_coarse(d, g) return resolution(g) > @COARSE@ * d.noise end
+local function white(m) return within((m[1] / max(m[2], 1e-9) - @WHITE@ + @SOFT@) / @SOFT@, 0.0, 1.0) end
+local function usual_noise(m) return within(1.0 + white(m) * (m[1] - 1.0), @LEAST_NOISE@, @MOST_NOISE@) end
+
+local function bursting(g)
+  local times = g.burst[1] / usual_noise(g.usual)
+  return 1.0 + within(times / @LOUD@ - 1.0, 0.0, 1.0) * white(g.burst) * (times - 1.0)
+end
+
+local function fresh_guard()
+  return {
+    step = 0.0, smallest = INFINITE, smallest_before = INFINITE, often = 0.0, width = 0.0, burst = {1.0, 1.0},
+    usual = {1.0, 1.0}, changes = 0, stays = 0, equal = 0, unused = 0, refused = 0
+  }
+end
+
+local function differences(d, g, reading)
+  if d.share > @MOST_SHARE@ or not g.third then return end
+  local noise = length(d.noise, resolution(g) / 3.4641016)
+  local third = abs((reading - g.last) - 2.0 * (g.last - g.before) + (g.before - g.third)) / (@THIRD@ * noise)
+  local size = {third, abs(reading - g.last) / (@FIRST@ * noise)}
+  for i = 1, 2 do
+    g.burst[i] = g.burst[i] + (min(size[i], @MOST_DIFFERENCE@) - g.burst[i]) / @BURST_ROWS@
+    g.usual[i] = g.usual[i] + (min(size[i], @MOST_DIFFERENCE@) - g.usual[i]) / @NOISE_ROWS@
+  end
+end
+
+local function believed(d, g, reading)
+  if not g.last then
+    g.last, g.anchor = reading, reading
+    return false
+  end
+  local change = abs(reading - g.last)
+  local same = change == 0.0
+  g.equal = same and g.equal + 1 or 0
+  g.often = g.often + ((same and 1.0 or 0.0) - g.often) / @REPEATS_ROWS@
+  if not same then
+    differences(d, g, reading)
+    g.changes = g.changes + 1
+    g.width = g.width + (change - g.width) / min(g.changes, @REPEATS_ROWS@)
+    g.smallest = min(g.smallest, change)
+    if g.changes % @CHANGES_KEPT@ == 0 then g.smallest_before, g.smallest = g.smallest, INFINITE end
+    g.step = min(g.smallest, g.smallest_before)
+    if g.step == INFINITE then g.step = change end
+  end
+  if abs(reading - g.anchor) <= @LEVELS@ * resolution(g) then
+    g.stays = g.stays + 1
+  else
+    g.anchor, g.stays = reading, 0
+  end
+  g.third, g.before, g.last = g.before, g.last, reading
+  local step = resolution(g)
+  if not same or step >= 1.5 * d.noise or g.changes < @FEWEST_CHANGES@ then return false end
+  local by_chance = min(step * @MEAN_SIZE@ / (2.5066283 * max(g.width, 1e-9)), 1.0)
+  return g.equal > 1 or g.often > @TIMES_BY_CHANCE@ * max(by_chance, 1.0 / @REPEATS_ROWS@)
+end
+
+local function kept_by_chance(d, g)
+  local step = resolution(g)
+  if step == 0.0 then return INFINITE end
+  local x = @LEVELS_PLAIN@ * step / (d.noise * 1.4142136)
+  local twice = exp(-2.0 * x * (1.12838 + 0.10277 * x * x))
+  local share = x > 3.0 and 1.0 or (1.0 - twice) / (1.0 + twice)
+  if not (share > 0.0 and share < 0.999) then return INFINITE end
+  return max(math.ceil(@LN_BY_CHANCE@ / log(share)), 5)
+end
+
+local function judge(d, g, reading, expected, open_to)
+  local v = {usable = false, missing = false, repeated = false, implausible = false, restart = false, variance = 0.0}
+  if not reading then
+    v.missing = true
+    g.unused = g.unused + 1
+    return v
+  end
+  local away = abs(reading - expected)
+  local usual = length(d.noise, resolution(g) / 3.4641016) * usual_noise(g.usual)
+  local share = 1.0 - (1.0 - min(d.share, 0.999)) ^ (g.unused + 1)
+  local farthest = d.swing * share + length(@LONE@ * usual, @SPIKE@ * resolution(g)) + 4.0 * open_to
+  v.implausible = not holds(reading, d.low, d.high)
+  if not v.implausible and away > max(@LEAST_JUMP@, @LONE@ * usual + 4.0 * open_to) then
+    for _, code in ipairs(d.codes) do
+      if abs(reading - code) <= @NEAR_CODE@ then v.implausible = true end
+    end
+  end
+  if not v.implausible and away > farthest then
+    g.refused = g.refused + 1
+    if g.refused >= @LASTING@ then
+      for key in pairs(g) do g[key] = nil end
+      for key, value in pairs(fresh_guard()) do g[key] = value end
+      believed(d, g, reading)
+      v.usable, v.restart, v.variance = true, true, d.noise * d.noise
+      return v
+    end
+    v.implausible = true
+  end
+  if v.implausible then
+    g.unused = g.unused + 1
+    return v
+  end
+  g.refused = 0
+  local capped = reading >= d.ceiling - 0.5 * resolution(g)
+  v.repeated = believed(d, g, reading)
+  local step, noise = resolution(g), d.noise * usual_noise(g.usual) * bursting(g)
+  v.variance = noise * noise + step * step / 12.0 * (is_coarse(d, g) and 1.0 + g.equal or 1.0)
+  if g.stays >= kept_by_chance(d, g) then v.repeated = true end
+  v.usable = not capped and not v.repeated
+  g.unused = v.usable and 0 or g.unused + 1
+  return v
+end
+
+local function take(b, here, step_s, reading, air_c, own_c, unit, passing, speed)
+  local d, found = b.d, {}
+  local airspeed, pressure = here.airspeed or @REFERENCE_AIRSPEED@, here.pressure or 1013.25
+  local values = look_up(d.response, air_c, airspeed, pressure)
+  local readout = look_up(d.readout, own_c, airspeed, pressure)
+  found.readout = readout[3]
+  found.relative = length(values[2 * d.modes + 1], here.airspeed and 0.0 or d.unsure_of_airspeed)
+  local on, shown, open_to = direction(b, values), reading, 0.0
+  b.since_used_s, b.since_read_s = b.since_used_s + step_s, b.since_read_s + step_s
+  if b.started then
+    predict(b, step_s, values, passing, speed)
+    local expected, variance = together(b, on)
+    shown, open_to = (expected / unit - readout[1]) / readout[2], sqrt(variance) / (readout[2] * unit)
+  end
+  local judged = judge(d, b.guard, reading, shown, open_to)
+  found.judged = judged
+  if judged.usable or judged.repeated then b.since_read_s = 0.0 end
+  if judged.usable then
+    local level, scale = (readout[1] + readout[2] * reading) * unit, readout[2] * unit
+    b.since_used_s = 0.0
+    if judged.restart or not b.started then start(b, level, passing, speed) end
+    update(b, on, level, judged.variance * scale * scale)
+  end
+  found.step = is_coarse(d, b.guard) and resolution(b.guard) * readout[2] * unit or 0.0
+  if not b.started then return found end
+  found.air, found.variance = air_ahead(b, d.delay_s)
+  found.clean, found.slow = 0.0, {}
+  for i = 1, d.modes do
+    local lag = 0.0
+    for f = 1, FILTERS do lag = lag + b.likely[f] * b.mean[f][AIR + i] end
+    found.clean = found.clean + values[i] * lag
+    if i > d.modes - d.slow then found.slow[i - d.modes + d.slow] = lag end
+  end
+  b.shown = found.clean
+  if d.passing then
+    for f = 1, FILTERS do b.shown = b.shown + b.likely[f] * b.mean[f][d.size] end
+  end
+  return found
+end
+
+local function common(d, found)
+  local total = (found.relative * (found.air - found.clean)) ^ 2
+  for i = 1, d.slow do total = total + (d.slow_uncertainty[i] * (found.air - found.slow[i])) ^ 2 end
+  return sqrt(total)
+end
+
+local function is_stale(b, found)
+  return b.since_used_s > @LONGEST_FILL@ and not (found.judged.repeated and b.since_used_s <= @LONGEST_REPEAT@)
+end
+
+local function said(v)
+  return (v.missing and shock.MISSING or 0) + (v.repeated and shock.REPEATED or 0)
+    + (v.implausible and shock.IMPLAUSIBLE or 0)
+end
+
+local function resolved_rate(b)
+  local low, high = log(b.d.lowest), log(b.d.highest)
+  local at = within((log(b.middle) - low) / (high - low), 0.0, 1.0) * (@STRENGTHS@ - 1)
+  local i = min(floor(at), @STRENGTHS@ - 2)
+  local rates = b.d.ln_resolved
+  return exp(rates[i + 1] + (at - i) * (rates[i + 2] - rates[i + 1]))
+end
+
+local function fresh(d)
+  return {d = d, started = false, since_used_s = INFINITE, since_read_s = INFINITE, guard = fresh_guard(), middle = 1.0}
+end
+
+function shock.begin()
+  return {bead = fresh(BEAD), film = fresh(FILM), strays = 0}
+end
+
+local function in_order(state, time_ms)
+  local ahead = state.time_ms and time_ms - state.time_ms
+  if ahead and ahead <= 0 then
+    local on = state.stray_ms and time_ms - state.stray_ms
+    state.strays = on and on > 0 and on <= @LONGEST_MS@ and state.strays + 1 or 1
+    state.stray_ms = time_ms
+    if state.strays < @FEWEST_ROWS@ then return nil end
+  end
+  local begins = not ahead or ahead <= 0 or ahead > @LONGEST_MS@
+  state.strays, state.stray_ms, state.time_ms = 0, nil, time_ms
+  if begins then
+    state.bead, state.film, state.last_c, state.before_c = fresh(BEAD), fresh(FILM), nil, nil
+    return 0.0
+  end
+  return ahead * 0.001
+end
+
+local function humid(state, row, step_s, bead, air)
+  local b, warmth, die_c = state.film, state.bead, row.die_temperature_c
+  if not warmth.started then
+    air.humidity_flags = shock.MISSING
+    return
+  end
+  local coldest, warmest = b.d.low_c - @FAR_C@, b.d.high_c + @FAR_C@
+  local then_c = within((air_ahead(warmth, warmth.d.delay_s - b.d.delay_s)), coldest, warmest)
+  local now_c, sigma = within(bead.air, coldest, warmest), sqrt(bead.variance)
+  local read = holds(die_c, -100.0, 150.0)
+  die_c = read and within(die_c, coldest, warmest) or nil
+  local at_die = DIE_SHARE > 0.0 and read
+  local own = saturation(at_die and then_c + DIE_SHARE * (die_c - then_c) or then_c)
+  local held = BY_ACTIVITY and own or saturation(20.0)
+  local back, bend, passing = held / saturation(now_c), 0.0, 0.0
+  if state.before_c then bend = abs((now_c - state.last_c) - (state.last_c - state.before_c)) / 2.0 end
+  state.before_c, state.last_c = state.last_c, now_c
+  if not at_die and not BY_ACTIVITY then
+    local level = b.started and b.shown or row.humidity_percent and row.humidity_percent * own / held
+    if level then passing = abs(level) * steepness(now_c) * length(sigma, bend) end
+  end
+  local reading = warmth.since_read_s <= @UNREAD@ and row.humidity_percent or nil
+  local found = take(b, state, step_s, reading, now_c, read and die_c or now_c, own / held, passing,
+    resolved_rate(warmth))
+  air.humidity_flags = said(found.judged)
+  if not b.started or is_stale(b, found) then return end
+  local value, readout = found.air * back, length(found.readout, b.d.left)
+  local shared = common(b.d, found) * back
+  local total = max(found.variance, found.step * found.step / 12.0) * back * back + shared * shared
+  if at_die or BY_ACTIVITY then total = total + (value * steepness(now_c) * sigma) ^ 2 end
+  if not holds(now_c, b.d.low_c, b.d.high_c) then
+    air.humidity_flags = air.humidity_flags + shock.OUTSIDE
+    if not (found.judged.usable or found.judged.repeated) then return end
+    air.humidity_flags = air.humidity_flags + shock.AS_READ
+    local away = row.humidity_percent - value
+    air.humidity_percent = row.humidity_percent
+    total = sqrt(total + readout * readout + away * away)
+    air.humidity_uncertainty_percent = min(total, max(air.humidity_percent, 100.0 - air.humidity_percent))
+    return
+  end
+  value = within(value, 0.0, 100.0)
+  air.humidity_percent = value
+  air.humidity_uncertainty_percent = length(min(sqrt(total), max(value, 100.0 - value)), readout)
+end
+
+local function number(x)
+  if x == nil or x ~= x or x == INFINITE or x == -INFINITE then return nil end
+  return x
+end
+
+function shock.step(state, row)
+  local air = {temperature_flags = shock.IMPLAUSIBLE, humidity_flags = shock.IMPLAUSIBLE}
+  local step_s = in_order(state, row.time_ms)
+  if not step_s then return air end
+  local here = {
+    temperature_c = number(row.temperature_c), humidity_percent = number(row.humidity_percent),
+    die_temperature_c = number(row.die_temperature_c)
+  }
+  if holds(number(row.airspeed_m_s), 0.0, 150.0) then state.airspeed = row.airspeed_m_s end
+  if holds(number(row.pressure_hpa), 1.0, 2000.0) then state.pressure = row.pressure_hpa end
+  if holds(here.temperature_c, -100.0, 150.0) then state.reading_c = here.temperature_c end
+  local b = state.bead
+  local shown = b.started and b.shown or state.reading_c or 20.0
+  local found = take(b, state, step_s, here.temperature_c, shown, shown, 1.0, 0.0, 1.0)
+  air.temperature_flags = said(found.judged)
+  if b.started and not is_stale(b, found) then
+    local shared = length(common(b.d, found), length(found.readout, b.d.left))
+    air.temperature_c = found.air
+    local own = max(found.variance, found.step * found.step / 12.0)
+    air.temperature_uncertainty_k = sqrt(own + shared * shared)
+  end
+  humid(state, here, step_s, found, air)
+  return air
+end
+
+return shock
