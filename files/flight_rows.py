@@ -132,7 +132,7 @@ def _apart(time_s: Array, readings: Array) -> Array:
 
 
 def _possible(pressure: Array, layout: FlightColumns) -> Array:
-    """Pressures of a log, what can be none missing. In pascal throughout they stay so: whoever corrects them says it."""
+    """Pressures of a log, missing where none can be. In pascal they stay so: whoever corrects them says so."""
     possible = RANGES["pressure_hpa"]
     if layout.raw_xq2:
         pressure = pressure / 100.0
