@@ -25,7 +25,7 @@ from shockrig.analysis.characterization import curvature
 from shockrig.analysis.characterization.budget import Budget, budgets, log_figure
 from shockrig.analysis.characterization.characterize import characterize
 from shockrig.analysis.characterization.extension import Extension
-from shockrig.analysis.characterization.response_times import Air, response_slopes
+from shockrig.analysis.characterization.response_times import ResponseAir, response_slopes
 from shockrig.analysis.characterization.result import Part
 from shockrig.analysis.characterization.shifts import (
     airflow_exponent,
@@ -131,7 +131,7 @@ def along(part: Part, ridge: curvature.Ridge, draws: list[Draw]) -> tuple[np.nda
     return curvature.fits(ridge, np.array(readings), np.array([one.beforehand for one in draws]))
 
 
-def figures_of(part: Part, ambient: int, air: Air, error: np.ndarray) -> dict[str, float]:
+def figures_of(part: Part, ambient: int, air: ResponseAir, error: np.ndarray) -> dict[str, float]:
     """Logarithms of an ambient's figures where theta is off by `error`."""
     theta = part.fit.theta + error
     t63, t90, _ = response_slopes(part.channel, replace(part.fit, theta=theta), ambient, air)[0]

@@ -27,7 +27,7 @@ from shockrig.analysis.characterization.characterize import characterize
 from shockrig.analysis.characterization.extension import Extension
 from shockrig.analysis.diagnosis.diagnose import diagnose
 from shockrig.analysis.effects import structure_of
-from shockrig.files.campaign import Air, Campaign, Run, read_campaign
+from shockrig.files.campaign import Campaign, Run, RunAir, read_campaign
 from shockrig.files.common_uncertainty import INPUTS, CommonUncertainty
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.hide import draw_effect
@@ -49,8 +49,8 @@ WIDTHS = (10, 12, 10, 8, 9)
 def falsified(campaign: Campaign, errors: dict[str, float], stated: CommonUncertainty | None) -> Campaign:
     """The campaign as a bench would have written it whose inputs are all off by `errors` (true less written)."""
 
-    def air(given: Air) -> Air:
-        return Air(
+    def air(given: RunAir) -> RunAir:
+        return RunAir(
             None if given.temperature_c is None else given.temperature_c - errors["air_temperature_k"],
             None if given.humidity_percent is None else given.humidity_percent - errors["air_humidity_percent"],
         )

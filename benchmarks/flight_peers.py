@@ -19,7 +19,7 @@ import numpy as np
 
 from shockrig.analysis.flight.correct import METHODS
 from shockrig.analysis.flight.low_pass import low_pass, suggest_cutoff_hz
-from shockrig.analysis.flight.response import Response, bead_response, film_response
+from shockrig.analysis.flight.response import LagResponse, bead_response, film_response
 from shockrig.analysis.flight.sampled import mean_response, response_time_s
 from shockrig.analysis.flight.scenes import try_scene
 from shockrig.analysis.flight.typical import typical_profile
@@ -40,7 +40,7 @@ def running_mean(values: np.ndarray, width: int) -> np.ndarray:
     return np.convolve(padded, np.full(width, 1 / width), mode="valid")
 
 
-def first_order(reading: np.ndarray, response: Response, width: int) -> np.ndarray:
+def first_order(reading: np.ndarray, response: LagResponse, width: int) -> np.ndarray:
     """x = (y_k - y_{k-1} e^(-dt/tau)) / (1 - e^(-dt/tau)), tau = t63, at the step's middle; then a mean."""
     decay = np.exp(-PERIOD_S / response_time_s(response))
     air = np.empty_like(reading)
@@ -50,7 +50,7 @@ def first_order(reading: np.ndarray, response: Response, width: int) -> np.ndarr
     return running_mean(np.interp(time, time + 0.5, air), width)
 
 
-def impulse(response: Response, count: int) -> np.ndarray:
+def impulse(response: LagResponse, count: int) -> np.ndarray:
     """Reading after each sample of a unit triangle of air, straight between samples (shape (count,))."""
     from shockrig.analysis.flight.stepping import hold
 
@@ -65,7 +65,7 @@ def impulse(response: Response, count: int) -> np.ndarray:
 class Tikhonov:
     """min |H x - y|^2 + s |second differences of x|^2, solved banded; s by the L-curve's corner or given."""
 
-    def __init__(self, reading: np.ndarray, response: Response) -> None:
+    def __init__(self, reading: np.ndarray, response: LagResponse) -> None:
         from scipy.sparse import csc_matrix, diags_array, eye_array
 
         n = reading.size
@@ -104,7 +104,7 @@ class Tikhonov:
         return float(strengths[2:-2][np.argmax(np.abs(bend[2:-2]))])
 
 
-def pydynamic(reading: np.ndarray, response: Response, cutoff_hz: float, order: int = 60) -> np.ndarray:
+def pydynamic(reading: np.ndarray, response: LagResponse, cutoff_hz: float, order: int = 60) -> np.ndarray:
     """PyDynamic's least-squares inverse FIR of the sensor's frequency response, behind a zero-phase low-pass."""
     from PyDynamic.model_estimation.fit_filter import LSFIR
     from scipy.signal import lfilter
@@ -119,7 +119,7 @@ def pydynamic(reading: np.ndarray, response: Response, cutoff_hz: float, order: 
     return lfilter(taps, 1.0, padded)[order + delay :][: reading.size]
 
 
-def peers(reading: np.ndarray, response: Response, noise: float) -> dict[str, list[np.ndarray]]:
+def peers(reading: np.ndarray, response: LagResponse, noise: float) -> dict[str, list[np.ndarray]]:
     """Each peer's corrections, one for each setting of its knob."""
     found = {"first order, running mean": [first_order(reading, response, w) for w in WIDTHS]}
     problem = Tikhonov(reading, response)

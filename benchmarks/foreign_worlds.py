@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from shockrig.rig.virtual.foreign import KINDS, Approach, Bench, Logger, Reference, Transfer, Written, make_body
+from shockrig.rig.virtual.foreign import KINDS, Arrival, Lab, LabLogger, LabReference, LabRun, Written, make_body
 
 DEFAULT_BODY = {"temperature": "sphere", "humidity": "film"}
 NORMAL_STEP = {"temperature": 0.01, "humidity": 100.0 / 16383.0}  # roundings that nobody calls coarse
@@ -37,8 +37,8 @@ class World:
 
     name: str
     seed: int
-    bench: Bench
-    fresh: Bench
+    bench: Lab
+    fresh: Lab
     allowed: tuple[str, ...]
     deviates: bool
     words: str
@@ -59,8 +59,7 @@ def draw(name: str, seed: int) -> World:
         slow = draw(PAIRED[name], seed)
         written = replace(slow.bench.written, start=True, airs=True, airflow=True)
         bench, fresh = (
-            replace(b, name=name, approach=Approach(), reference=None, written=written)
-            for b in (slow.bench, slow.fresh)
+            replace(b, name=name, approach=Arrival(), reference=None, written=written) for b in (slow.bench, slow.fresh)
         )
         return replace(slow, name=name, bench=bench, fresh=fresh, words=slow.words.split(", air ")[0] + ", steps")
     rng = np.random.default_rng([zlib.crc32(name.encode()), seed])
@@ -72,7 +71,7 @@ def draw(name: str, seed: int) -> World:
     t63 = _log_uniform(rng, 0.5, 60.0)
     period = float(np.clip(t63 / rng.uniform(8.0, 60.0), 0.01, 1.0))
     runs, known, sheath, slow, pace = 6, Written(), None, None, 1.0
-    approach, allowed, reference = Approach(), (), None
+    approach, allowed, reference = Arrival(), (), None
     if name in ("no_trigger", "no_airs", "no_airflow"):
         known = replace(known, **{{"no_trigger": "start", "no_airs": "airs", "no_airflow": "airflow"}[name]: False})
     elif name == "nothing":
@@ -105,7 +104,7 @@ def draw(name: str, seed: int) -> World:
     elif name in ("chamber_air", "chamber_60"):
         known, tau = BARE, 60.0 if name == "chamber_60" else _log_uniform(rng, 5.0, 120.0)
         how = "one" if name == "chamber_60" else str(rng.choice(["one", "ramp", "two"]))
-        approach = Approach(how, tau, tau * float(rng.uniform(3.0, 8.0)), float(rng.uniform(0.1, 0.4)))
+        approach = Arrival(how, tau, tau * float(rng.uniform(3.0, 8.0)), float(rng.uniform(0.1, 0.4)))
         reference = _reference(rng, channel, min(t63, tau))
     elif name == "two_places":
         known, pace = BARE, float(rng.uniform(1.2, 2.5)) ** float(rng.choice([-1.0, 1.0]))
@@ -128,7 +127,7 @@ def draw(name: str, seed: int) -> World:
         words_of_pace = f", {pace:.1f} times as fast in water"
     else:
         words_of_pace = ""
-    bench = Bench(channel, body, approach, logger, plan[:runs], replace(known, body=declared), reference, name=name)
+    bench = Lab(channel, body, approach, logger, plan[:runs], replace(known, body=declared), reference, name=name)
     wrong = "" if declared in (None, kind) else f" called {declared}"
     extra = (" in a sheath" if sheath else "") + (" with a slow share" if slow else "")
     words = (
@@ -154,26 +153,26 @@ def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
-def _logger(rng: np.random.Generator, channel: str, period: float, t63: float) -> Logger:
+def _logger(rng: np.random.Generator, channel: str, period: float, t63: float) -> LabLogger:
     """Noise as other loggers have it, a fifth of them with a rounding coarser than usual."""
     unit = 1.0 if channel == "temperature" else 4.0
     white = unit * _log_uniform(rng, 0.005, 0.05)
     coarse = rng.random() < 0.2
     rounding = float(rng.choice([0.0625, 0.1] if coarse else [0.001, 0.01]))
     correlated = white * float(rng.uniform(0.0, 1.0)) * (rng.random() < 0.6)
-    return Logger(period, rounding, white, correlated, period * float(rng.uniform(1.0, 10.0)), 0.02 * rng.random())
+    return LabLogger(period, rounding, white, correlated, period * float(rng.uniform(1.0, 10.0)), 0.02 * rng.random())
 
 
-def _reference(rng: np.random.Generator, channel: str, shortest_s: float) -> Reference:
+def _reference(rng: np.random.Generator, channel: str, shortest_s: float) -> LabReference:
     """An instrument beside the sensor: faster than it, with an uncertainty of its own, and stated."""
     unit = 1.0 if channel == "temperature" else 5.0
     lag = shortest_s * float(rng.choice([0.0, 0.02, 0.1, 0.3]))
     period = float(np.clip(shortest_s / rng.uniform(10.0, 40.0), 0.05, 2.0))
     noise = unit * _log_uniform(rng, 0.003, 0.02)
-    return Reference(lag, unit * float(rng.choice([0.01, 0.02, 0.05])), Logger(period, 0.001, noise))
+    return LabReference(lag, unit * float(rng.choice([0.01, 0.02, 0.05])), LabLogger(period, 0.001, noise))
 
 
-def _plan(rng: np.random.Generator, channel: str, runs: int, slowest_s: float, period_s: float) -> tuple[Transfer, ...]:
+def _plan(rng: np.random.Generator, channel: str, runs: int, slowest_s: float, period_s: float) -> tuple[LabRun, ...]:
     """There and back, steps of some sizes, the transfer anywhere in the record."""
     low, high = (0.0, 45.0) if channel == "temperature" else (10.0, 85.0)
     least, most = (5.0, 30.0) if channel == "temperature" else (15.0, 60.0)
@@ -186,6 +185,6 @@ def _plan(rng: np.random.Generator, channel: str, runs: int, slowest_s: float, p
         ends = (middle - half, middle + half) if up else (middle + half, middle - half)
         tail = slowest_s * float(rng.uniform(1.3, 3.0)) + 10.0 * period_s
         start = float(rng.uniform(0.05, 2.0)) * tail * 0.5 + 8.0 * period_s
-        plan.append(Transfer(*ends, start_s=start, length_s=start + tail))
+        plan.append(LabRun(*ends, start_s=start, length_s=start + tail))
         up = not up
     return tuple(plan)

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from shockrig.files.campaign import Air, Campaign, Run, Trace
+from shockrig.files.campaign import Campaign, Run, RunAir, Trace
 
 Make = Callable[[Campaign, Campaign, np.random.Generator], Campaign]
 COPIES = 10
@@ -58,8 +58,8 @@ def later(trace: Trace | None, change) -> Trace | None:
 def of_airs(run: Run, temperature=lambda x: x, humidity=lambda x: x) -> Run:
     return replace(
         run,
-        source=Air(temperature(run.source.temperature_c), humidity(run.source.humidity_percent)),
-        destination=Air(temperature(run.destination.temperature_c), humidity(run.destination.humidity_percent)),
+        source=RunAir(temperature(run.source.temperature_c), humidity(run.source.humidity_percent)),
+        destination=RunAir(temperature(run.destination.temperature_c), humidity(run.destination.humidity_percent)),
     )
 
 
@@ -103,7 +103,7 @@ def without(*what: str) -> Callable[[Run], Run]:
         if "start" in what:
             run = replace(run, start_s=None, duration_s=None)
         if "airs" in what:
-            run = replace(run, source=Air(None, None), destination=Air(None, None))
+            run = replace(run, source=RunAir(None, None), destination=RunAir(None, None))
         if "airflow" in what:
             run = replace(run, airflow_m_s=None)
         if "die" in what and run.hyt is not None:

@@ -31,7 +31,7 @@ from shockrig.analysis.planning.decide import decide
 from shockrig.analysis.planning.decision import CONTINUE
 from shockrig.analysis.planning.export import log_entry
 from shockrig.analysis.planning.goals import parse_goals
-from shockrig.analysis.planning.shock import Shock, Surroundings, Usual, deciding_menu
+from shockrig.analysis.planning.shock import PlannedShock, Surroundings, Usual, deciding_menu
 from shockrig.rig.virtual.hide import draw_effect
 from shockrig.rig.virtual.truth import ROUGH, draw_truth
 
@@ -53,7 +53,7 @@ PAIRS = (
     (RH, "concentration_dependent_diffusivity", "slow_relaxation"),
     (RH, "clock_drift", "dead_time"),
 )
-START = {RH: Shock(20.0, 20.0, 20.0, 80.0, why="start"), T: Shock(40.0, 17.0, 20.0, 55.0, why="start")}
+START = {RH: PlannedShock(20.0, 20.0, 20.0, 80.0, why="start"), T: PlannedShock(40.0, 17.0, 20.0, 55.0, why="start")}
 RUNS_OF_START = 4
 MOST = 12
 OTHER = {T: "hyt", RH: "imet"}  # the sensor that is not there
@@ -74,7 +74,7 @@ def world(pair: int, seed: int, how: str) -> dict:
         light = 800.0 if "radiative_heating" in both else 0.0
         start = replace(START[channel], irradiance_w_m2=light)
 
-        def record(shock: Shock) -> None:
+        def record(shock: PlannedShock) -> None:
             bench.record_run(shock.as_run())
             (bench.folder / "runs" / f"{bench.runs:04d}" / f"{OTHER[channel]}.csv").unlink(missing_ok=True)
             head = json.loads((bench.folder / "campaign.json").read_text())

@@ -117,18 +117,18 @@ def _rbr_set(which: int, cuts: tuple, air: int | None, label: str) -> RealSet:
 
 def plunges(name: str, seed: int, scatter: float, transfer_s: float, start: bool, air_error: float) -> RealSet:
     """Six plunges of an RTD by hand: 10 ms samples, airs known, no airflow; a tenth of the reading follows slowly."""
-    from shockrig.rig.virtual.foreign import Approach, Bench, Logger, Transfer, Written, make_body
+    from shockrig.rig.virtual.foreign import Arrival, Lab, LabLogger, LabRun, Written, make_body
 
     rng = np.random.default_rng(seed)
     body = make_body(
         "lumped", float(rng.uniform(1.0, 3.0)), slow=(float(rng.uniform(0.08, 0.2)), float(rng.uniform(4, 8)))
     )
     hot = [float(x) for x in rng.uniform(55.0, 95.0, 6)]
-    plan = tuple(Transfer(23.0, h, float(rng.uniform(2.0, 12.0)), float(rng.uniform(45.0, 70.0))) for h in hot)
-    approach = Approach("ramp", transfer_s) if transfer_s else Approach()
+    plan = tuple(LabRun(23.0, h, float(rng.uniform(2.0, 12.0)), float(rng.uniform(45.0, 70.0))) for h in hot)
+    approach = Arrival("ramp", transfer_s) if transfer_s else Arrival()
     written = Written(start=start, airflow=False, air_error=air_error)
-    bench = Bench(
-        "temperature", body, approach, Logger(0.01, 0.01, 0.03, 0.02, 0.1), plan, written, rate_scatter=scatter
+    bench = Lab(
+        "temperature", body, approach, LabLogger(0.01, 0.01, 0.03, 0.02, 0.1), plan, written, rate_scatter=scatter
     )
 
     def make(_: Path, out: Path) -> None:

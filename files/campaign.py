@@ -17,7 +17,7 @@ from shockrig.files.campaign_names import (
     DEFAULT_BODIES,
     FIRST_PROBE,
     RUN_FORMAT,
-    Reference,
+    ReferenceResponse,
     is_run_id,
     probes_of,
     read_body,
@@ -48,9 +48,9 @@ __all__ = [
     "DEFAULT_FILM_THICKNESS_M",
     "DEFAULT_PRESSURE_HPA",
     "RUN_FORMAT",
-    "Air",
+    "RunAir",
     "Campaign",
-    "Reference",
+    "ReferenceResponse",
     "Run",
     "Trace",
     "is_run_id",
@@ -65,7 +65,7 @@ REMEDY = "fix or restore the file"
 
 
 @dataclass(frozen=True)
-class Air:
+class RunAir:
     """One air of a run; None where it is not known."""
 
     temperature_c: float | None
@@ -91,8 +91,8 @@ class Run:
     """
 
     id: str
-    source: Air
-    destination: Air
+    source: RunAir
+    destination: RunAir
     airflow_m_s: float | None
     pressure_hpa: float
     start_s: float | None
@@ -101,7 +101,7 @@ class Run:
     hyt: Trace | None
     extra: dict[str, Any] = field(default_factory=dict)
     air: Trace | None = None
-    reference: Reference = Reference()
+    reference: ReferenceResponse = ReferenceResponse()
     set_aside: Mapping[str, str] = field(default_factory=dict)
     started_at: str | None = None
     misspelt: tuple[str, ...] = ()
@@ -311,10 +311,10 @@ def _read_id(head: JsonObject, folder: str) -> str:
     return str(id_)
 
 
-def _read_airs(air: JsonObject) -> Air:
-    return Air(*(air.number(name, RANGES[name]) for name in ("temperature_c", "humidity_percent")))
+def _read_airs(air: JsonObject) -> RunAir:
+    return RunAir(*(air.number(name, RANGES[name]) for name in ("temperature_c", "humidity_percent")))
 
 
-def _read_reference(given: JsonObject) -> Reference:
+def _read_reference(given: JsonObject) -> ReferenceResponse:
     stated = {name: given.number(name, limits) for name, limits in _REFERENCE_RANGES.items()}
-    return Reference(**{name: value for name, value in stated.items() if value is not None})
+    return ReferenceResponse(**{name: value for name, value in stated.items() if value is not None})

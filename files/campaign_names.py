@@ -23,7 +23,7 @@ _SENSOR = re.compile(rf"({'|'.join(DEFAULT_BODIES)})(?:-([A-Za-z0-9]{{1,20}}))?"
 
 
 @dataclass(frozen=True)
-class Reference:
+class ReferenceResponse:
     """What is known of the instrument that measured the airs: its lag and its standard uncertainty (one sigma)."""
 
     temperature_time_constant_s: float = 0.0

@@ -11,7 +11,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from shockrig.files.campaign_names import CAMPAIGN_FORMAT, RUN_FORMAT, Reference, sensor_and_probe
+from shockrig.files.campaign_names import CAMPAIGN_FORMAT, RUN_FORMAT, ReferenceResponse, sensor_and_probe
 from shockrig.files.disk import write_whole
 from shockrig.files.json_files import json_text, known
 
@@ -50,7 +50,7 @@ def run_document(
     pressure_hpa: float | None = None,
     start_s: float | None = None,
     duration_s: float | None = None,
-    reference: Reference | Mapping[str, float] | None = None,
+    reference: ReferenceResponse | Mapping[str, float] | None = None,
     **more: Any,
 ) -> dict[str, Any]:
     """Content of run.json; None is left out.
@@ -80,7 +80,7 @@ def run_document(
         airflow_m_s=airflow_m_s,
         pressure_hpa=pressure_hpa,
         transfer=known(start_s=start_s, duration_s=duration_s) or None,
-        reference=asdict(reference) if isinstance(reference, Reference) else reference,
+        reference=asdict(reference) if isinstance(reference, ReferenceResponse) else reference,
         **more,
     )
 

@@ -74,7 +74,7 @@ class StatedRemainder:
 
 
 @dataclass(frozen=True)
-class Size:
+class EffectSize:
     """How strong a discovered effect is, with the unit ("1" for a share)."""
 
     value: float
@@ -114,7 +114,7 @@ class Discovered:
     time_constant_s: Uncertain | None = None
     period_s: Uncertain | None = None
     phase_rad: Uncertain | None = None
-    size: Size | None = None
+    size: EffectSize | None = None
     depends_on: tuple[Dependence, ...] = ()
     does_not_depend_on: tuple[str, ...] = ()
     alternatives: tuple[Discovered, ...] = ()

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from shockrig.files.causes import PROBABILITY, read_uncertain
-from shockrig.files.diagnosis_data import BEHAVIOURS, DRIVERS, FACTORS, Dependence, Discovered, Likeness, Size
+from shockrig.files.diagnosis_data import BEHAVIOURS, DRIVERS, FACTORS, Dependence, Discovered, EffectSize, Likeness
 from shockrig.files.json_files import JsonObject, is_number, measured
 
 
@@ -45,7 +45,7 @@ def read_discovered(item: JsonObject) -> Discovered:
         phase_rad=read_uncertain(item, "phase_rad"),
         size=None
         if size is None
-        else Size(
+        else EffectSize(
             size.demand("value", size.number("value")),
             size.number("standard_uncertainty", at_least=0.0) or 0.0,
             size.text("unit") or "1",

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from difflib import get_close_matches
 
-from shockrig.files.campaign_names import Reference
+from shockrig.files.campaign_names import ReferenceResponse
 from shockrig.files.common_uncertainty import INPUTS
 
 ALIKE = 0.72  # of difflib's ratio: "airflow" and "airflow_m_s" are, "note" and "name" are not
@@ -21,7 +21,7 @@ RUN_KEYS = {
     "source.": _AIR,
     "destination.": _AIR,
     "transfer.": frozenset({"start_s", "duration_s"}),
-    "reference.": frozenset(one.name for one in fields(Reference)),
+    "reference.": frozenset(one.name for one in fields(ReferenceResponse)),
 }
 _SENSOR = frozenset({"kind", "serial", "body"})
 CAMPAIGN_KEYS = {

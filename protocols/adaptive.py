@@ -23,11 +23,11 @@ from shockrig.rig.recorder.campaign import planned_entry
 from shockrig.rig.recorder.state import read_head
 
 if TYPE_CHECKING:
-    from shockrig.analysis.diagnosis.outcome import Outcome
+    from shockrig.analysis.diagnosis.outcome import ChannelOutcome
     from shockrig.analysis.planning.decision import Decision
     from shockrig.analysis.planning.goals import Goals
     from shockrig.analysis.planning.places import Place
-    from shockrig.analysis.planning.shock import Shock
+    from shockrig.analysis.planning.shock import PlannedShock
     from shockrig.rig.bench import Bench
 
 NAME = "adaptive"
@@ -71,7 +71,7 @@ class Loop:
         self.waited_s = 0.0  # that the bench stood still for decisions, by its own clock
         self._later = not isinstance(bench.clock, VirtualClock)
         self._background = Background()
-        self._made: dict[Place, Outcome] | None = None  # by a diagnosis that lay beside the campaign
+        self._made: dict[Place, ChannelOutcome] | None = None  # by a diagnosis that lay beside the campaign
 
     def __call__(self, left_out: str | None, now_s: float) -> Protocol | None:
         """The protocol with the next run, or None where the campaign is done; `left_out` was vetoed at a prompt."""
@@ -106,7 +106,7 @@ class Loop:
         """By which it is decided."""
         return wanted_probes(self._path, self._probe)
 
-    def _pending(self, log: list[dict[str, Any]], recorded: Sequence[str]) -> Shock | None:
+    def _pending(self, log: list[dict[str, Any]], recorded: Sequence[str]) -> PlannedShock | None:
         """The run that was decided on and is not recorded; None where it is, or the decision was for another goal."""
         from shockrig.analysis.planning.export import chosen
 
@@ -115,7 +115,7 @@ class Loop:
         runs = chosen(log[-1])
         return runs[0] if runs else None
 
-    def _decide(self, state: Any, log: list[dict[str, Any]], vetoed: list[Shock]) -> Protocol | None:
+    def _decide(self, state: Any, log: list[dict[str, Any]], vetoed: list[PlannedShock]) -> Protocol | None:
         from shockrig.analysis.planning.decide import decide
         from shockrig.analysis.planning.decision import CONTINUE
         from shockrig.analysis.planning.export import log_entry, plan_document, remembered
@@ -175,7 +175,7 @@ class Loop:
         """End what is thought beside the recording."""
         self._background.close()
 
-    def _agreed(self, shock: Shock) -> bool:
+    def _agreed(self, shock: PlannedShock) -> bool:
         """Whether the operator lets a choice pass. Raises what the person wants instead, but for a veto."""
         from shockrig.rig.errors import RunRepeated, RunSkipped
 
@@ -191,7 +191,7 @@ class Loop:
             else:
                 return True
 
-    def _next(self, shock: Shock, state: Any) -> Protocol:
+    def _next(self, shock: PlannedShock, state: Any) -> Protocol:
         return as_protocol([shock], self._behind(state), NAME, str(self._goals), self._bench.pressures_hpa)
 
     @staticmethod

@@ -11,7 +11,7 @@ from shockrig.rig.seams import Air
 
 if TYPE_CHECKING:
     from shockrig.analysis.planning.decision import Decision
-    from shockrig.analysis.planning.shock import Shock, Surroundings
+    from shockrig.analysis.planning.shock import PlannedShock, Surroundings
     from shockrig.rig.bench import Bench
 
 TRANSFER_AT_MOST_S = 60.0  # a person may carry the probes; a stage has deadlines of its own
@@ -27,7 +27,7 @@ def soak_over_s(dwell_s: float) -> float:
 
 
 def as_protocol(
-    shocks: Sequence[Shock], continues: int, name: str, goals: str, pressures_hpa: Sequence[float] = ()
+    shocks: Sequence[PlannedShock], continues: int, name: str, goals: str, pressures_hpa: Sequence[float] = ()
 ) -> Protocol:
     """A protocol of some shocks, to follow `continues` runs of a campaign.
 
@@ -53,12 +53,12 @@ def as_protocol(
     return Protocol(name, f"chosen for: {goals}", tuple(runs), continues=continues)
 
 
-def feasible_on(bench: Bench) -> Callable[[Shock], bool]:
+def feasible_on(bench: Bench) -> Callable[[PlannedShock], bool]:
     """Whether a bench can make a shock: its airs, transfer, pressure and light."""
 
     from shockrig.analysis.planning.varied import OTHER_PRESSURE
 
-    def feasible(shock: Shock) -> bool:
+    def feasible(shock: PlannedShock) -> bool:
         airs = Air(shock.source_c, shock.source_percent), Air(shock.destination_c, shock.destination_percent)
         try:
             if bench.chambers is not None:
@@ -81,7 +81,7 @@ def surroundings_of(bench: Bench) -> Surroundings:
     return Surroundings(bench.pressures_hpa, bench.irradiances_w_m2)
 
 
-def in_words(shock: Shock) -> str:
+def in_words(shock: PlannedShock) -> str:
     """A run in words: its airs, airflow, how long it is recorded, and in how long it is carried where that is set."""
     from shockrig.protocols.run_progress import words
 

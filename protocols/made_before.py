@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from shockrig.files.disk import shown
 
 if TYPE_CHECKING:
-    from shockrig.analysis.diagnosis.outcome import Outcome
+    from shockrig.analysis.diagnosis.outcome import ChannelOutcome
     from shockrig.analysis.diagnosis.remainder import Tolerance
     from shockrig.analysis.planning.places import Place
     from shockrig.files.campaign import Campaign
@@ -64,7 +64,7 @@ def _runs(then: dict[str, Any]) -> set[str]:
     return set(map(str, runs)) if isinstance(runs, list) else set()
 
 
-def outcomes(path: Path, seen: Sequence[Campaign], say: Callable[[str], None]) -> dict[Place, Outcome]:
+def outcomes(path: Path, seen: Sequence[Campaign], say: Callable[[str], None]) -> dict[Place, ChannelOutcome]:
     """What diagnoses in and beside the campaign's folder found of it as it is, by place; `say` is told of each.
 
     `seen` is the campaign as each of its probes saw it.
@@ -73,7 +73,7 @@ def outcomes(path: Path, seen: Sequence[Campaign], say: Callable[[str], None]) -
     from shockrig.analysis.inference.quantity import QUANTITIES
     from shockrig.analysis.planning.places import place_of
 
-    found: dict[Place, Outcome] = {}
+    found: dict[Place, ChannelOutcome] = {}
     for campaign in seen:
         old = ""
         for file, stated in _of(path, campaign):

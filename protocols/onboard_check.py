@@ -30,7 +30,7 @@ COLUMNS = (
 
 
 @dataclass(frozen=True)
-class Difference:
+class ProgramDifference:
     """Largest differences of values and uncertainties over a flight's rows, and values that one of both gave alone."""
 
     rows: int
@@ -112,9 +112,9 @@ def reference(design: Design, flight: Flight) -> np.ndarray:
     return np.array([[v for one in pair for v in (one.value, one.uncertainty)] for pair in given])
 
 
-def difference(found: np.ndarray, wanted: np.ndarray) -> Difference:
+def difference(found: np.ndarray, wanted: np.ndarray) -> ProgramDifference:
     """How far values (n, 4) are from the reference's."""
     off = np.abs(found[:, :4] - wanted)
     bead, of_bead, film, of_film = (float(np.nanmax(v)) if np.isfinite(v).any() else 0.0 for v in off.T)
     one_sided = int(np.count_nonzero(np.isnan(found[:, :4]) != np.isnan(wanted)))
-    return Difference(len(wanted), bead, of_bead, film, of_film, one_sided)
+    return ProgramDifference(len(wanted), bead, of_bead, film, of_film, one_sided)

@@ -60,7 +60,7 @@ class ChannelScore:
 
 
 @dataclass(frozen=True)
-class Score:
+class RevealScore:
     """Both channels; a channel that the diagnosis does not hold is not judged."""
 
     truth: Truth
@@ -72,7 +72,7 @@ class Score:
         return all(channel.exact for channel in self.channels.values())
 
 
-def score(sealed: Path, diagnosis: Path | Mapping[str, Any], probe: str = FIRST_PROBE) -> Score:
+def score(sealed: Path, diagnosis: Path | Mapping[str, Any], probe: str = FIRST_PROBE) -> RevealScore:
     """Score a diagnosis (diagnosis.json's path or content) of a probe against a sealed truth.
 
     Raises InputError where the diagnosis cannot be read, BenchError where the seal cannot.
@@ -82,7 +82,7 @@ def score(sealed: Path, diagnosis: Path | Mapping[str, Any], probe: str = FIRST_
     stated = diagnosis_from_document(dict(diagnosis)) if isinstance(diagnosis, Mapping) else read_diagnosis(diagnosis)
     where = "diagnosis" if isinstance(diagnosis, Mapping) else str(diagnosis)
     judged = {name: _score_channel(truth, name, channel, where) for name, channel in stated.channels.items()}
-    return Score(truth, seed, judged)
+    return RevealScore(truth, seed, judged)
 
 
 def _score_channel(truth: Truth, channel: str, found: StatedChannel, where: str) -> ChannelScore:
@@ -118,7 +118,7 @@ def _score_channel(truth: Truth, channel: str, found: StatedChannel, where: str)
     )
 
 
-def table(result: Score) -> str:
+def table(result: RevealScore) -> str:
     """The score as text for people."""
     truth = result.truth
     lines = [

@@ -78,7 +78,7 @@ class Phases:
         print(f"{text}{left}", file=self._stream or sys.stderr, flush=True)
 
 
-class Rows:
+class CountedRows:
     """Progress over rows of a file whose number is estimated from its size; a line every few seconds."""
 
     def __init__(self, total: int, clock: TimeLeft | None = None, now: Callable[[], float] = time.monotonic) -> None:

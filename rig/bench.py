@@ -19,7 +19,7 @@ from typing import Any
 from shockrig.files.campaign_names import FIRST_PROBE, probes_of
 from shockrig.files.disk import read_text
 from shockrig.files.errors import InputError
-from shockrig.rig.bench_file import CHAMBERS, BenchConfig, Part, check_bench, load_bench
+from shockrig.rig.bench_file import CHAMBERS, BenchConfig, InstrumentPart, check_bench, load_bench
 from shockrig.rig.buses.i2c import SmbusBus
 from shockrig.rig.buses.serial_port import OpenPort, PyserialPort, pyserial_opener
 from shockrig.rig.chambers.devices import DeviceChambers
@@ -268,7 +268,7 @@ def _snapshot(config: BenchConfig) -> dict[str, Any]:
     return {"bench": asdict(config.general), **parts}
 
 
-def _build(name: str, part: Part, parts: _Parts, config: BenchConfig) -> Any:
+def _build(name: str, part: InstrumentPart, parts: _Parts, config: BenchConfig) -> Any:
     parts.name, parts.kind, parts.settings = name, part.kind, part.settings
     try:
         return part.backend.build(name, part.settings, parts)
@@ -276,7 +276,7 @@ def _build(name: str, part: Part, parts: _Parts, config: BenchConfig) -> Any:
         raise BenchError(f"{config.path}: {name}: {error}") from None
 
 
-def _described(name: str, part: Part, parts: _Parts, config: BenchConfig, truth: Any) -> dict[str, Any]:
+def _described(name: str, part: InstrumentPart, parts: _Parts, config: BenchConfig, truth: Any) -> dict[str, Any]:
     """The campaign's entry of a sensor; an emulated one has the lengths that its truth is quoted for."""
     entry = parts.sensors[name].describe()
     if truth is not None and config.is_virtual(config.sensors.get(getattr(part.settings, "through", ""), part)):
@@ -286,7 +286,7 @@ def _described(name: str, part: Part, parts: _Parts, config: BenchConfig, truth:
     return {key: value for key, value in entry.items() if value is not None}
 
 
-def _device(name: str, part: Part) -> str:
+def _device(name: str, part: InstrumentPart) -> str:
     where = getattr(part.settings, "port", getattr(part.settings, "bus", None))
     if isinstance(where, int):
         where = f"/dev/i2c-{where}"
@@ -298,7 +298,7 @@ def _device(name: str, part: Part) -> str:
     return f"{name} ({part.kind}{place}{'' if address is None else f' at {address:#04x}'})"
 
 
-def _fitted(stage: Part, instruments: Any) -> Part:
+def _fitted(stage: InstrumentPart, instruments: Any) -> InstrumentPart:
     """The emulated carriage moves as fast as the truth says; the driver is told the same speed."""
     return replace(stage, settings=replace(stage.settings, feed_mm_min=instruments.feed_mm_min(stage.settings)))
 

@@ -61,7 +61,7 @@ POSITIVE_UNITS = ("_s", "_m", "_hpa", "_mm_min", "baud")
 
 
 @dataclass(frozen=True)
-class Part:
+class InstrumentPart:
     """One instrument of a bench: its kind, the class behind it, that class's settings, and what is known of its
     calibration ("certificate", "calibrated")."""
 
@@ -118,14 +118,14 @@ class BenchConfig:
 
     path: str
     general: GeneralSettings
-    sensors: Mapping[str, Part]
-    stage: Part
-    reference: Part
+    sensors: Mapping[str, InstrumentPart]
+    stage: InstrumentPart
+    reference: InstrumentPart
     virtual: VirtualSettings = field(default_factory=VirtualSettings)
-    chambers: Mapping[str, Part] = field(default_factory=dict)
+    chambers: Mapping[str, InstrumentPart] = field(default_factory=dict)
     common: Mapping[str, float] = field(default_factory=dict)
 
-    def is_virtual(self, part: Part) -> bool:
+    def is_virtual(self, part: InstrumentPart) -> bool:
         """Whether a part is emulated: its port or bus is called "virtual"."""
         return "virtual" in (getattr(part.settings, "port", None), getattr(part.settings, "bus", None))
 
@@ -134,7 +134,7 @@ class BenchConfig:
         """Whether any part is emulated."""
         return any(self.is_virtual(part) for part in self.parts().values())
 
-    def parts(self) -> dict[str, Part]:
+    def parts(self) -> dict[str, InstrumentPart]:
         """All instruments by name."""
         chambers = {CHAMBERS[name]: part for name, part in self.chambers.items()}
         return {**self.sensors, **chambers, "stage": self.stage, "reference": self.reference}
@@ -211,7 +211,7 @@ def _demand_names(sensors: Mapping[str, Any], where: str) -> None:
         raise BenchError(f"{where}: {of_first}; name one so" if sensors else f"{where} is empty; {of_first}, give one")
 
 
-def _part(section: str, table: Any, where: str) -> Part:
+def _part(section: str, table: Any, where: str) -> InstrumentPart:
     if not isinstance(table, Mapping):
         raise BenchError(f"{where} must be a table")
     kind = table.get("kind")
@@ -225,7 +225,7 @@ def _part(section: str, table: Any, where: str) -> Part:
     backend = _backend(section, kind, where)
     calibration = {key: str(table[key]) for key in CALIBRATION if key in table}
     own = {key: value for key, value in table.items() if key != "kind" and key not in calibration}
-    return Part(kind, backend, settings_from(backend.Settings, own, where), calibration)
+    return InstrumentPart(kind, backend, settings_from(backend.Settings, own, where), calibration)
 
 
 def _backend(section: str, kind: str, where: str) -> Any:

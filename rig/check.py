@@ -51,7 +51,7 @@ REMEDIES = {
 
 
 @dataclass(frozen=True)
-class Finding:
+class DeviceFinding:
     """What is known of one device. It is well where `cause` is empty; `says` is what it said either way."""
 
     device: str
@@ -94,7 +94,7 @@ class LeftAlone:
 
 def examine(
     bench: Bench, protocol: Protocol, folder: Path, *, wall: Callable[[], float], may_move: bool = True
-) -> list[Finding]:
+) -> list[DeviceFinding]:
     """Examine a bench that is not opened yet; the caller closes it.
 
     Parameters
@@ -130,23 +130,23 @@ def examine(
     findings = []
     for name, part in bench.parts().items():
         if label[name] in faults:
-            findings.append(Finding(label[name], "", faults[label[name]].cause, faults[label[name]].remedy))
+            findings.append(DeviceFinding(label[name], "", faults[label[name]].cause, faults[label[name]].remedy))
         elif name == "stage":
-            findings.append(Finding(label[name], "answers" if may_move else "left alone, as asked"))
+            findings.append(DeviceFinding(label[name], "answers" if may_move else "left alone, as asked"))
         elif name in bench.climate:
             findings.append(_climate(label[name], part))
         elif name in bench.describe() or heard[name]:
             findings.append(_judged(label[name], part, heard[name], bench.describe().get(name, {})))
         else:
-            findings.append(Finding(label[name], "nothing to read before a run"))
+            findings.append(DeviceFinding(label[name], "nothing to read before a run"))
     findings.append(_serials(bench))
-    findings.append(clock_finding(bench.clock, wall, jump_s) if real else Finding("clock", "virtual"))
+    findings.append(clock_finding(bench.clock, wall, jump_s) if real else DeviceFinding("clock", "virtual"))
     findings.append(_plan(folder, bench, protocol))
     findings.append(_disk(folder, protocol, bench.clock.now if real else None))
     return findings
 
 
-def tree(bench_name: str, findings: list[Finding]) -> str:
+def tree(bench_name: str, findings: list[DeviceFinding]) -> str:
     """The findings as text: device, then what it says, then the cause and below it the remedy."""
     lines = [bench_name]
     for finding in findings:
@@ -157,7 +157,7 @@ def tree(bench_name: str, findings: list[Finding]) -> str:
     return "\n".join(lines)
 
 
-def lacking(findings: list[Finding]) -> str:
+def lacking(findings: list[DeviceFinding]) -> str:
     """What is missing before anything can be recorded, in a line; empty where nothing is."""
     faults = [finding for finding in findings if not finding.well]
     if not faults:
@@ -166,15 +166,15 @@ def lacking(findings: list[Finding]) -> str:
     return f"not ready, {counted(len(faults), 'fault')}: {listed}"
 
 
-def _serials(bench: Bench) -> Finding:
+def _serials(bench: Bench) -> DeviceFinding:
     """Which sensors can be told from others of their kind in a campaign that is looked at years later."""
     stated = {name: entry.get("serial") for name, entry in bench.describe().items()}
     known = ", ".join(f"{name} {serial}" for name, serial in stated.items() if serial)
     silent = [name for name, serial in stated.items() if not serial]
     if bench.emulated or not silent:
-        return Finding("serial numbers", known or "of emulated sensors")
+        return DeviceFinding("serial numbers", known or "of emulated sensors")
     said = f"none stated for {', '.join(silent)}; histories need one: serial = ... in the bench file"
-    return Finding("serial numbers", f"{known}; {said}" if known else said)
+    return DeviceFinding("serial numbers", f"{known}; {said}" if known else said)
 
 
 def _listen(bench: Bench, parts: Mapping[str, Any]) -> dict[str, list[Reading]]:
@@ -198,14 +198,14 @@ def _good(readings: list[Reading]) -> list[Reading]:
     return [reading for reading in readings if reading.outcome is Outcome.OK]
 
 
-def _judged(device: str, part: Any, readings: list[Reading], entry: Mapping[str, Any]) -> Finding:
+def _judged(device: str, part: Any, readings: list[Reading], entry: Mapping[str, Any]) -> DeviceFinding:
     good = _good(readings)
     outcomes = Counter(reading.outcome for reading in readings)
     failed = {outcome: n for outcome, n in outcomes.items() if outcome is not Outcome.OK}
     counted = ", ".join(f"{n} {outcome}" for outcome, n in sorted(failed.items()))
     if not good:
         worst = max(failed, key=failed.__getitem__, default=Outcome.TIMED_OUT)
-        return Finding(device, "", f"no good reading in {LISTEN_S:g} s ({counted or 'silence'})", REMEDIES[worst])
+        return DeviceFinding(device, "", f"no good reading in {LISTEN_S:g} s ({counted or 'silence'})", REMEDIES[worst])
     says = [f"serial {entry['serial']}"] if entry.get("serial") else []
     says.append(", ".join(_words(name, value) for name, value in good[-1].values.items()))
     if len(good) > 1:
@@ -219,8 +219,8 @@ def _judged(device: str, part: Any, readings: list[Reading], entry: Mapping[str,
     lost = sum(failed.values()) - (readings[0].outcome is Outcome.REJECTED)
     if lost and 100.0 * lost / len(readings) > FAILED_PERCENT_AT_MOST:
         worst = max(failed, key=failed.__getitem__)
-        return Finding(device, "; ".join(says), f"{counted} of {len(readings)} readings", REMEDIES[worst])
-    return Finding(device, "; ".join(says))
+        return DeviceFinding(device, "; ".join(says), f"{counted} of {len(readings)} readings", REMEDIES[worst])
+    return DeviceFinding(device, "; ".join(says))
 
 
 def _words(name: str, value: float) -> str:
@@ -231,7 +231,7 @@ def _words(name: str, value: float) -> str:
     return f"{name} {value:.5g}"
 
 
-def clock_finding(clock: Any, wall: Callable[[], float], jump_s: float) -> Finding:
+def clock_finding(clock: Any, wall: Callable[[], float], jump_s: float) -> DeviceFinding:
     """Whether a clock never steps back, is fine enough and wakes in time, and the time of day can date a run."""
     times_s = [clock.now() for _ in range(2000)]
     steps_s = [late - early for early, late in zip(times_s, times_s[1:], strict=False)]
@@ -243,30 +243,36 @@ def clock_finding(clock: Any, wall: Callable[[], float], jump_s: float) -> Findi
         late_s.append(clock.now() - due_s)
     says = f"steps of {resolution_s * 1e6:.2g} us, wakes {1e3 * max(late_s):.2g} ms late at most"
     if min(steps_s) < 0:
-        return Finding("clock", says, "it steps back", "this host's monotonic clock is broken: use another host")
+        return DeviceFinding("clock", says, "it steps back", "this host's monotonic clock is broken: use another host")
     if resolution_s > CLOCK_STEP_S:
-        return Finding("clock", says, f"it is coarser than {CLOCK_STEP_S:g} s", "use another host or kernel")
+        return DeviceFinding("clock", says, f"it is coarser than {CLOCK_STEP_S:g} s", "use another host or kernel")
     if max(late_s) > SLEEP_LATE_S:
-        return Finding("clock", says, f"it wakes up to {max(late_s):.2g} s late", "end what else keeps this host busy")
+        return DeviceFinding(
+            "clock", says, f"it wakes up to {max(late_s):.2g} s late", "end what else keeps this host busy"
+        )
     if wall() < OLDEST_TIME_OF_DAY_S:
-        return Finding("clock", says, "the time of day is not set", "set it, or wait for NTP: runs are dated by it")
+        return DeviceFinding(
+            "clock", says, "the time of day is not set", "set it, or wait for NTP: runs are dated by it"
+        )
     if abs(jump_s) > JUMP_S:
         remedy = "wait until NTP has settled: samples are not touched, but runs are dated by it"
-        return Finding("clock", says, f"the time of day jumped by {jump_s:+.1f} s while this listened", remedy)
-    return Finding("clock", says)
+        return DeviceFinding("clock", says, f"the time of day jumped by {jump_s:+.1f} s while this listened", remedy)
+    return DeviceFinding("clock", says)
 
 
-def _climate(device: str, part: Any) -> Finding:
+def _climate(device: str, part: Any) -> DeviceFinding:
     """What a chamber or fan reads; its set points are left alone."""
     try:
         found = {quantity: part.get(quantity) for quantity in UNITS if part.has(quantity)}
     except OSError as error:
-        return Finding(device, "", error.strerror or str(error), "check the commands or registers in the bench file")
+        return DeviceFinding(
+            device, "", error.strerror or str(error), "check the commands or registers in the bench file"
+        )
     said = [f"{name} {value:.4g} {UNITS[name]}" for name, value in found.items() if value is not None]
-    return Finding(device, ", ".join(said) or f"answers; takes {', '.join(found)}, and reads none of it")
+    return DeviceFinding(device, ", ".join(said) or f"answers; takes {', '.join(found)}, and reads none of it")
 
 
-def _plan(folder: Path, bench: Bench, protocol: Protocol) -> Finding:
+def _plan(folder: Path, bench: Bench, protocol: Protocol) -> DeviceFinding:
     """Whether a run of this protocol into this folder would be begun."""
     device = f"plan ({protocol.name} into {shown(folder)})"
     try:
@@ -274,11 +280,11 @@ def _plan(folder: Path, bench: Bench, protocol: Protocol) -> Finding:
         if folder != Path():
             check_folder(folder, protocol, bench.describe(), bench=bench.name, emulated=bench.emulated)
     except BenchError as error:
-        return Finding(device, "", str(error), "shockrig run would refuse it")
-    return Finding(device, "; ".join([counted(len(protocol.runs), "run"), *warnings]))
+        return DeviceFinding(device, "", str(error), "shockrig run would refuse it")
+    return DeviceFinding(device, "; ".join([counted(len(protocol.runs), "run"), *warnings]))
 
 
-def _disk(folder: Path, protocol: Protocol, now: Callable[[], float] | None) -> Finding:
+def _disk(folder: Path, protocol: Protocol, now: Callable[[], float] | None) -> DeviceFinding:
     """Room for the protocol, and how fast small writes reach the disk (`now` None: not timed)."""
     home = next(parent for parent in (folder, *Path(os.path.realpath(folder)).parents) if parent.is_dir())
     device = f"disk ({home})"
@@ -287,7 +293,7 @@ def _disk(folder: Path, protocol: Protocol, now: Callable[[], float] | None) -> 
         free_bytes = disk.f_bavail * disk.f_frsize
         times_s = _timed_writes(home, now or (lambda: 0.0))
     except OSError as error:
-        return Finding(device, "", error.strerror or str(error), "give an --out that can be written to")
+        return DeviceFinding(device, "", error.strerror or str(error), "give an --out that can be written to")
     says = f"{free_bytes / 1e9:.1f} GB free"
     if now is not None:
         says += f"; {BLOCK_BYTES // 1024} kB reach the disk in {1e3 * median(times_s):.2g} ms"
@@ -295,10 +301,12 @@ def _disk(folder: Path, protocol: Protocol, now: Callable[[], float] | None) -> 
     try:
         demand_room(protocol, free_bytes)
     except BenchError as error:
-        return Finding(device, says, str(error), "free some space, or give an --out on another disk")
+        return DeviceFinding(device, says, str(error), "free some space, or give an --out on another disk")
     if max(times_s) > SYNC_S:
-        return Finding(device, says, "it stalls", "record to another disk (worn SD cards and network disks stall)")
-    return Finding(device, says)
+        return DeviceFinding(
+            device, says, "it stalls", "record to another disk (worn SD cards and network disks stall)"
+        )
+    return DeviceFinding(device, says)
 
 
 def _timed_writes(home: Path, now: Callable[[], float]) -> list[float]:

@@ -29,7 +29,7 @@ from shockrig.results import Characterized, CorrectedFlight, Diagnosed, Planned
 if TYPE_CHECKING:
     import pandas as pd
 
-    from shockrig.analysis.diagnosis.outcome import Outcome
+    from shockrig.analysis.diagnosis.outcome import ChannelOutcome
     from shockrig.analysis.planning.places import Place
 
 Progress = Callable[[str], None]
@@ -200,7 +200,7 @@ def _planned(found: Diagnosed | Campaign | PathLike, until: str, runs: int, say:
         goals = parse_goals(until)
         if not 1 <= runs <= 100:
             raise InputError(f"runs={runs}: expected 1 to 100")
-        made: dict[Place, Outcome] = {}
+        made: dict[Place, ChannelOutcome] = {}
         advice: list[str] = []
         if isinstance(found, Diagnosed):
             campaign = found.campaign

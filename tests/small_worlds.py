@@ -8,14 +8,14 @@ from shockrig.files.campaign import read_campaign
 from shockrig.rig.seams import Air
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.plans import Shock, wide_plan
-from shockrig.rig.virtual.truth import SMOOTH, Noise, Truth, draw_truth
+from shockrig.rig.virtual.truth import SMOOTH, TrueNoise, Truth, draw_truth
 
 # Sensors without noise, rounding or scatter: what is read is what the equations say.
 QUIET = Truth(
     thermal_diffusivity_m2_s=9e-8,
     diffusivity_20c_m2_s=8e-12,
-    temperature_noise=Noise(0.0),
-    humidity_noise=Noise(0.0),
+    temperature_noise=TrueNoise(0.0),
+    humidity_noise=TrueNoise(0.0),
     die_noise_k=0.0,
     chamber_scatter_k=0.0,
     chamber_scatter_percent=0.0,

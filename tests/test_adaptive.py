@@ -12,7 +12,7 @@ from small_worlds import QUIET
 
 from shockrig.analysis.planning.export import remembered
 from shockrig.analysis.planning.goals import parse_goals
-from shockrig.analysis.planning.shock import Shock
+from shockrig.analysis.planning.shock import PlannedShock
 from shockrig.analysis.report.loop_page import chosen_section
 from shockrig.files.plan import read_decisions
 from shockrig.protocols.adaptive import Loop
@@ -210,7 +210,10 @@ def two_probes(tmp_path, monkeypatch):
     """A campaign of two films, of which only the second one has recorded anything: two runs by which D is known."""
     monkeypatch.chdir(tmp_path)
     bench = benchmark("loop_bench").FileBench(QUIET, tmp_path / "c", 0)
-    for shock in (Shock(20.0, 20.0, 20.0, 80.0, dwell_s=30.0), Shock(20.0, 80.0, 20.0, 20.0, dwell_s=30.0)):
+    for shock in (
+        PlannedShock(20.0, 20.0, 20.0, 80.0, dwell_s=30.0),
+        PlannedShock(20.0, 80.0, 20.0, 20.0, dwell_s=30.0),
+    ):
         bench.record_run(shock.as_run())
         run = bench.folder / "runs" / f"{bench.runs:04d}"
         (run / "hyt.csv").rename(run / "hyt-2.csv")
@@ -263,17 +266,17 @@ def ventilation(airflow_m_s):
 
 
 def test_a_plan_keeps_to_what_a_bench_can_do():
-    from shockrig.analysis.planning.shock import Shock
+    from shockrig.analysis.planning.shock import PlannedShock
     from shockrig.protocols.decided import feasible_on
 
     bench = virtual_bench(QUICK_SENSORS)
     feasible = feasible_on(bench)
-    assert feasible(Shock(20.0, 20.0, 20.0, 80.0, transfer_s=2.0))
-    assert not feasible(Shock(20.0, 20.0, 20.0, 80.0, irradiance_w_m2=800.0))
-    assert not feasible(Shock(20.0, 20.0, 20.0, 80.0, transfer_s=1e-4))
+    assert feasible(PlannedShock(20.0, 20.0, 20.0, 80.0, transfer_s=2.0))
+    assert not feasible(PlannedShock(20.0, 20.0, 20.0, 80.0, irradiance_w_m2=800.0))
+    assert not feasible(PlannedShock(20.0, 20.0, 20.0, 80.0, transfer_s=1e-4))
 
     def refuses(*airs):
         raise BenchError("too cold")
 
     bench.chambers.demand = refuses
-    assert not feasible(Shock(20.0, 20.0, 20.0, 80.0))
+    assert not feasible(PlannedShock(20.0, 20.0, 20.0, 80.0))

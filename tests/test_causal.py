@@ -11,7 +11,7 @@ from shockrig.analysis.flight.causal_bank import UNSURE_OF_STRENGTH, Bank
 from shockrig.analysis.flight.causal_design import Ladder, design_of
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.prior import Prior
-from shockrig.analysis.flight.response import Response, bead_response, film_response
+from shockrig.analysis.flight.response import LagResponse, bead_response, film_response
 from shockrig.analysis.flight.scenes import to_flight
 from shockrig.analysis.flight.sensor import fly
 from shockrig.analysis.flight.smoother import smooth
@@ -46,7 +46,7 @@ def test_at_one_strength_the_last_row_is_the_smoother_s(monkeypatch):
     air, variance = bank.now()
 
     one = np.ones((1, count))
-    response = Response(one[..., None] * weight, one[..., None] * rate, one)
+    response = LagResponse(one[..., None] * weight, one[..., None] * rate, one)
     prior = Prior(strength * one, strength * one, 0.1 * one)
     lags = np.full((1, 2), reading[0])
     whole = smooth(0.1 * one, reading[None], 0.01 * one, response, lags, prior, np.array([2.0]))

@@ -20,8 +20,8 @@ from shockrig.analysis.characterization.budget import Budget, budgets
 from shockrig.analysis.characterization.certified import calibrations, certified, with_common
 from shockrig.analysis.characterization.characterize import characterize, characterize_channel
 from shockrig.analysis.characterization.extension import Extension
-from shockrig.analysis.characterization.response_times import Air
-from shockrig.analysis.characterization.sources import Line
+from shockrig.analysis.characterization.response_times import ResponseAir
+from shockrig.analysis.characterization.sources import Component
 from shockrig.analysis.effects import structure_of
 from shockrig.analysis.report.certificate_page import write_certificate_page
 from shockrig.files.campaign import read_campaign
@@ -38,8 +38,8 @@ STATED = CommonUncertainty(0.05, 0.5, 2.0, 5.0, 0.01, 50.0)
 def test_degrees_of_freedom_of_the_published_example_of_an_end_gauge():
     """JCGM 100:2008, H.1: u = 32 nm of four components, effective degrees of freedom 16 (16.7)."""
     parts = ((25.0, 18.0), (9.7, 25.6), (2.9, 50.0), (16.6, 2.0))
-    lines = tuple(Line(f"u{i}", "A", "normal", u, "nm", 1.0, nu) for i, (u, nu) in enumerate(parts))
-    budget = Budget("l", "temperature", "nm", 50.000838e6, Air(), lines)
+    lines = tuple(Component(f"u{i}", "A", "normal", u, "nm", 1.0, nu) for i, (u, nu) in enumerate(parts))
+    budget = Budget("l", "temperature", "nm", 50.000838e6, ResponseAir(), lines)
     assert budget.standard_uncertainty == pytest.approx(32.0, abs=0.4)
     assert budget.degrees == pytest.approx(16.7, abs=0.2)
     assert sum(budget.share(line) for line in lines) == pytest.approx(1.0, abs=1e-12)
@@ -51,7 +51,9 @@ def test_degrees_of_freedom_of_the_published_example_of_an_end_gauge():
 )
 def test_coverage_factor_is_that_of_the_published_table(degrees, factor):
     """JCGM 100:2008, table G.2, p = 95.45 %; degrees of freedom are cut to a whole number."""
-    budget = Budget("x", "temperature", "s", 1.0, Air(), (Line("a", "A", "normal", 0.1, "s", 1.0, degrees),))
+    budget = Budget(
+        "x", "temperature", "s", 1.0, ResponseAir(), (Component("a", "A", "normal", 0.1, "s", 1.0, degrees),)
+    )
     assert budget.coverage_factor == pytest.approx(factor, abs=0.006)
 
 
@@ -127,7 +129,7 @@ def test_what_all_runs_share_is_held_where_runs_are_looked_at_alone(behind_a_fil
 def test_a_figure_whose_interval_reaches_0_is_not_certified(behind_a_film):
     (alpha, *_) = budgets(bead(behind_a_film))
     assert alpha.determined
-    lines = (Line("one run", "A", "normal", 0.2, "1", alpha.value, 1.0),)
+    lines = (Component("one run", "A", "normal", 0.2, "1", alpha.value, 1.0),)
     once = replace(alpha, lines=lines, interval=None)
     assert once.standard_uncertainty == pytest.approx(0.2 * alpha.value)
     assert once.coverage_factor == pytest.approx(13.97, abs=0.01)  # JCGM 100, table G.2
@@ -148,8 +150,8 @@ def test_the_page_says_at_its_top_that_figures_are_effective(certificate, tmp_pa
 def test_times_are_those_of_the_air_that_is_asked_for(behind_a_film):
     """Behind an air film a bead is slower in a slower airflow, and what dominates is the anemometer."""
     found = bead(behind_a_film, "convective_film")
-    _, slow, _ = budgets(found, Air(airflow_m_s=2.0))
-    _, fast, _ = budgets(found, Air(airflow_m_s=12.0))
+    _, slow, _ = budgets(found, ResponseAir(airflow_m_s=2.0))
+    _, fast, _ = budgets(found, ResponseAir(airflow_m_s=12.0))
     assert slow.value > 1.1 * fast.value
     assert slow.air.airflow_m_s == 2.0
     assert slow.lines[0].key == fast.lines[0].key == "airflow_percent"
@@ -160,7 +162,7 @@ def test_times_are_those_of_the_air_that_is_asked_for(behind_a_film):
 def test_an_effective_figure_for_another_airflow_says_so(result):
     """The plain model knows no airflow: what it may do between that of the runs and another one is counted."""
     _, here, _ = budgets(result.temperature)
-    _, there, _ = budgets(result.temperature, Air(airflow_m_s=40.0))
+    _, there, _ = budgets(result.temperature, ResponseAir(airflow_m_s=40.0))
     assert there.standard_uncertainty > 1.05 * here.standard_uncertainty
     assert any(line.component == "airflow other than the runs'" for line in there.lines)
 
@@ -168,7 +170,9 @@ def test_an_effective_figure_for_another_airflow_says_so(result):
 @pytest.fixture(scope="module")
 def certificate(result):
     named = {"laboratory": "Bench & Sons", "person": "A. Nobody", "country": "DE", "software": "0.1"}
-    return certified(result, Air(airflow_m_s=5.0), "2026-06-01", traced=[Traced("reference", "K-1 <2>")], **named)
+    return certified(
+        result, ResponseAir(airflow_m_s=5.0), "2026-06-01", traced=[Traced("reference", "K-1 <2>")], **named
+    )
 
 
 def validated(text):

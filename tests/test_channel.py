@@ -8,15 +8,15 @@ from shockrig.analysis.inference.bins import bin_means
 from shockrig.analysis.inference.channel import group_ambients
 from shockrig.analysis.inference.gather import build_channel, usable_runs
 from shockrig.analysis.inference.starts import estimate_start
-from shockrig.files.campaign import Air, Campaign, Reference, Run, Trace
+from shockrig.files.campaign import Campaign, ReferenceResponse, Run, RunAir, Trace
 
 
 def run_of(value, time, start_s=10.0, **changes):
     trace = Trace(np.asarray(time, dtype=float), {"temperature_c": np.asarray(value, dtype=float)})
     given = {
         "id": "1",
-        "source": Air(20.0, 50.0),
-        "destination": Air(30.0, 50.0),
+        "source": RunAir(20.0, 50.0),
+        "destination": RunAir(30.0, 50.0),
         "airflow_m_s": 5.0,
         "pressure_hpa": 1000.0,
     }
@@ -107,7 +107,7 @@ def test_selecting_runs_selects_everything_that_belongs_to_them():
 
 
 def test_a_slight_step_in_airs_that_nobody_recorded_is_left_out():
-    nobody = {"start_s": None, "source": Air(None, None), "destination": Air(None, None)}
+    nobody = {"start_s": None, "source": RunAir(None, None), "destination": RunAir(None, None)}
     slight = 20.0 + 0.08 * (lag(TIME) - 20.0)
     full = run_of(lag(TIME), TIME, id="full", **nobody)
     usable, left_out = usable_runs(campaign_of(full, run_of(slight, TIME, id="slight", **nobody)), "temperature")
@@ -121,7 +121,7 @@ def test_a_slight_step_in_airs_that_nobody_recorded_is_left_out():
 def test_ambients_that_nobody_recorded_are_as_wide_as_rooms_are(recorded, ambients):
     def run(warmer_k, id_):
         columns = {"humidity_percent": lag(TIME, tau_s=5.0), "temperature_c": np.full(TIME.size, np.nan)}
-        air = Air(30.0 + warmer_k if recorded else None, None)
+        air = RunAir(30.0 + warmer_k if recorded else None, None)
         return run_of(lag(TIME) + warmer_k, TIME, id=id_, source=air, destination=air, hyt=Trace(TIME, columns))
 
     assert build_channel(campaign_of(run(0.0, "1"), run(3.0, "2")), "humidity").ambients_c.size == ambients
@@ -140,7 +140,7 @@ def test_what_nobody_recorded_is_said_before_any_fit():
 
     def beside(lag_s):
         air = Trace(TIME, {"temperature_c": np.where(TIME > 10.0, 30.0, 20.0)})
-        run = run_of(lag(TIME), TIME, air=air, reference=Reference(temperature_time_constant_s=lag_s))
+        run = run_of(lag(TIME), TIME, air=air, reference=ReferenceResponse(temperature_time_constant_s=lag_s))
         return " ".join(cannot_tell(build_channel(campaign_of(run), "temperature")))
 
     assert "own lag was not stated" in beside(0.0)

@@ -20,7 +20,7 @@ from shockrig.analysis.checks.groups import two_groups
 from shockrig.analysis.checks.response import begins_after, responses
 from shockrig.analysis.checks.signals import look
 from shockrig.analysis.checks.thresholds import THRESHOLDS, limit
-from shockrig.files.campaign import Air, Campaign, Run, Trace, read_campaign
+from shockrig.files.campaign import Campaign, Run, RunAir, Trace, read_campaign
 from shockrig.files.errors import InputError
 from shockrig.rig.virtual.hide import draw_hidden
 from shockrig.rig.virtual.plans import wide_plan
@@ -46,7 +46,7 @@ def lag(tau_s, *, noise=0.0, step=20.0, start=10.0, length=60.0, period=0.1, see
     time = np.arange(0.03, length, period)
     value = 10.0 + step * np.where(time > start, 1.0 - np.exp(-np.maximum(time - start, 0.0) / tau_s), 0.0)
     value = value + noise * np.random.default_rng(seed).standard_normal(time.size)
-    airs = Air(10.0, 40.0), Air(10.0 + step, 40.0)
+    airs = RunAir(10.0, 40.0), RunAir(10.0 + step, 40.0)
     return Run(name, *airs, 5.0, 1013.25, start, None, Trace(time, {"temperature_c": value}), None)
 
 
@@ -282,7 +282,7 @@ def test_the_document_names_every_kind():
 
 
 def test_an_empty_campaign_is_silent():
-    bare = Run("1", Air(None, None), Air(None, None), None, 1013.25, None, None, None, None)
+    bare = Run("1", RunAir(None, None), RunAir(None, None), None, 1013.25, None, None, None, None)
     assert check_campaign(thermometer(bare)) == ()
 
 

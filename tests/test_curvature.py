@@ -14,7 +14,7 @@ from test_certificate import STATED, bead, validated
 from shockrig.analysis.characterization import curvature
 from shockrig.analysis.characterization.budget import budgets, log_figure
 from shockrig.analysis.characterization.certified import certified
-from shockrig.analysis.characterization.response_times import Air
+from shockrig.analysis.characterization.response_times import ResponseAir
 from shockrig.analysis.characterization.result import Characterization
 from shockrig.analysis.characterization.shifts import disturbances
 from shockrig.analysis.inference.fit import fit
@@ -124,7 +124,7 @@ def test_alpha_behind_a_film_has_two_ends_and_shares_that_add_up(of_film):
 def test_a_certificate_carries_both_ends_and_pydcc_reads_them(found, monkeypatch):
     campaign, result = found
     whole = Characterization(campaign, 0, result, None, {})
-    certificate = certified(whole, Air(), "2026-06-01")
+    certificate = certified(whole, ResponseAir(), "2026-06-01")
     alpha = certificate.figures[0]
     assert alpha.coverage_interval is not None
     content = certificate_document(certificate)["figures"][0]

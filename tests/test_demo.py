@@ -8,7 +8,7 @@ import pytest
 
 from shockrig.protocols.cli import main
 from shockrig.protocols.commands import demo
-from shockrig.protocols.reveal import ChannelScore, Score
+from shockrig.protocols.reveal import ChannelScore, RevealScore
 from shockrig.rig.virtual.hide import open_seal
 from shockrig.rig.virtual.truth import draw_truth
 
@@ -88,7 +88,7 @@ def test_progress_is_on_standard_error_and_every_path_that_is_printed_exists(sho
 
 
 def ended(**channels):
-    return demo.ending(Score(TRUTH, 1, {name: ChannelScore(name, *judged) for name, judged in channels.items()}))
+    return demo.ending(RevealScore(TRUTH, 1, {name: ChannelScore(name, *judged) for name, judged in channels.items()}))
 
 
 NOTHING = ((), "adequate", "adequate")

@@ -17,7 +17,7 @@ from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.noise import estimate_noise, whiteners
 from shockrig.analysis.inference.problem import make_problem
 from shockrig.rig.virtual.plans import standard_plan
-from shockrig.rig.virtual.truth import ROUGH, Noise
+from shockrig.rig.virtual.truth import ROUGH, TrueNoise
 
 trials = benchmark("diagnosis_trials")
 
@@ -53,7 +53,7 @@ def test_an_average_that_hides_its_own_noise_is_no_ramp():
 
 def test_a_wrong_noise_model_is_caught(tmp_path):
     """Guards the calibration: were correlated noise taken for white, plain campaigns would raise false alarms."""
-    noisy = {"temperature_noise": Noise(0.012, 0.012, 1.0)}
+    noisy = {"temperature_noise": TrueNoise(0.012, 0.012, 1.0)}
     campaign = record(tmp_path / "campaign", 7040, tier=ROUGH, plan=standard_plan(), **noisy)
     channel = build_channel(campaign, "temperature")
     noise = estimate_noise(channel)

@@ -24,7 +24,7 @@ from shockrig.analysis.effects.described_in_flight import as_listed
 from shockrig.analysis.effects.laws import LAWS, laws_of
 from shockrig.analysis.flight.profile_effects import not_undone
 from shockrig.analysis.inference.bins import rebin
-from shockrig.analysis.inference.effect import Readings
+from shockrig.analysis.inference.effect import SingleReadings
 from shockrig.analysis.inference.fit import fit
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.model import Held, Model, Point, Structure
@@ -221,7 +221,7 @@ def test_readings_over_again_are_no_mean(late):
     assert not mostly_repeats(rounded, 0.5)
     noise = replace(late[0].noise, averaged=4)
     seen = CATALOGUE["moving_average"].readout.in_noise
-    assert seen(Readings(channel, 0.001, noise)) is not None and seen(Readings(held, 0.001, noise)) is None
+    assert seen(SingleReadings(channel, 0.001, noise)) is not None and seen(SingleReadings(held, 0.001, noise)) is None
 
 
 def test_a_mean_that_the_noise_denies_is_none_whatever_the_response_says(tmp_path, monkeypatch):

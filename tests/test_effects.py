@@ -19,7 +19,7 @@ from shockrig.analysis.diagnosis.priors import log_prior
 from shockrig.analysis.diagnosis.refitting import plain_fit
 from shockrig.analysis.diagnosis.search import Race
 from shockrig.analysis.effects import CATALOGUE, structure_of
-from shockrig.analysis.inference.effect import Readings, unchanged
+from shockrig.analysis.inference.effect import SingleReadings, unchanged
 from shockrig.analysis.inference.fit import fit, run_misfit
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.model import PLAIN, Model, Point
@@ -438,7 +438,7 @@ def recovered(values, true):
 
 def shown(channel, entry, true):
     """What the single readings show, and the fit that has it in."""
-    known = Readings(channel, rounding_step(channel))
+    known = SingleReadings(channel, rounding_step(channel))
     if entry.readout.in_readings:
         known, finding = entry.readout.in_readings(known)
     noise = estimate_noise(known.channel, known.step)
@@ -457,9 +457,9 @@ def shown(channel, entry, true):
 
 def foreign_channel(folder, body, stated):
     """A thermometer of another lab: 20 K steps both ways, logged every 0.1 s with little noise."""
-    plan = tuple(foreign.Transfer(*(ends[::turn]), 10.0 + 0.13 * i, 80.0) for i, (ends, turn) in enumerate(STEPS))
-    logger = foreign.Logger(period_s=0.1, rounding=0.001, white=0.01)
-    bench = foreign.Bench("temperature", body, foreign.Approach(), logger, plan, foreign.Written(body=stated))
+    plan = tuple(foreign.LabRun(*(ends[::turn]), 10.0 + 0.13 * i, 80.0) for i, (ends, turn) in enumerate(STEPS))
+    logger = foreign.LabLogger(period_s=0.1, rounding=0.001, white=0.01)
+    bench = foreign.Lab("temperature", body, foreign.Arrival(), logger, plan, foreign.Written(body=stated))
     truth = foreign.record(bench, 7, folder)
     return build_channel(read_campaign(folder), "temperature"), truth
 

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from shockrig.files.campaign import Air, Reference, read_campaign
+from shockrig.files.campaign import ReferenceResponse, RunAir, read_campaign
 from shockrig.files.errors import InputError
 
 
@@ -204,8 +204,8 @@ def test_the_air_as_it_was_measured_is_read_with_what_is_known_of_its_instrument
     np.testing.assert_array_equal(run.air.values["humidity_percent"], [20.0, np.nan, np.nan, 21.0])
     np.testing.assert_array_equal(run.air.values["airflow_m_s"], [6.0, np.nan, 6.1, np.nan])
     assert run.air.dropped == {"empty": 1, "implausible": 1, "repeated_time": 1}
-    assert run.reference == Reference(0.05, 0.02, 0.0, 0.3)
-    assert run.source == run.destination == Air(None, None) and run.start_s is None
+    assert run.reference == ReferenceResponse(0.05, 0.02, 0.0, 0.3)
+    assert run.source == run.destination == RunAir(None, None) and run.start_s is None
     assert campaign.to_frame().air_measured.tolist() == [True]
     (small / "runs/0001/air.csv").unlink()
     assert read_campaign(small).to_frame().air_measured.tolist() == [False]
@@ -230,7 +230,7 @@ def test_the_body_of_each_sensor_is_read_and_has_its_usual_shape_where_none_is_n
     set_body(small, "imet", "cylinder_mean")
     set_body(small, "hyt", "lumped")
     assert read_campaign(small).bodies == {"imet": "cylinder_mean", "hyt": "lumped"}
-    assert read_campaign(small).runs[0].reference == Reference(0.0, 0.02, 0.0, 0.1)
+    assert read_campaign(small).runs[0].reference == ReferenceResponse(0.0, 0.02, 0.0, 0.1)
 
 
 def test_no_folder_says_what_to_give(tmp_path):

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from shockrig.files.diagnosis import (
     Dependence,
     Discovered,
+    EffectSize,
     Likeness,
-    Size,
     StatedCause,
     StatedChannel,
     StatedDiagnosis,
@@ -123,7 +123,7 @@ def test_the_formats_own_example_is_read_and_written_alike(tmp_path):
     assert temperature.remainder == StatedRemainder(0.018, 0.14, "K", True, False, 0.2, 0.15, 0.6, ("airflow",))
     assert temperature.extra == {"untestable": ["clock_drift"]} and found.extra == {"made_by": "hand"}
     (unlisted,) = humidity.discovered
-    assert unlisted.time_constant_s == Uncertain(1.4, 0.1) and unlisted.size == Size(1.0, 0.02, "1")
+    assert unlisted.time_constant_s == Uncertain(1.4, 0.1) and unlisted.size == EffectSize(1.0, 0.02, "1")
     assert unlisted.depends_on == (Dependence("airflow", "power", -0.5, 0.1),)
     assert unlisted.nearest_catalogued.likeness == 0.93 and unlisted.seen_over["airflow_m_s"] == (2.5, 12.0)
     assert humidity.gain is None and humidity.remainder is None
@@ -146,7 +146,7 @@ alone = dict(
     driver=st.sampled_from(DRIVERS),
     time_constant_s=maybe(uncertain),
     period_s=maybe(uncertain),
-    size=maybe(st.builds(Size, digits, sizes, words)),
+    size=maybe(st.builds(EffectSize, digits, sizes, words)),
     depends_on=st.lists(
         st.builds(Dependence, st.sampled_from(FACTORS), words, maybe(digits), maybe(sizes)), max_size=2
     ).map(tuple),

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 import shockrig
-from shockrig.files.campaign import Air
+from shockrig.files.campaign import RunAir
 from shockrig.files.flight_figure import plot_flight
 from shockrig.files.headline import headlines
 from shockrig.remedies import WORDS, in_python
@@ -157,7 +157,7 @@ def test_a_campaigns_axis_is_what_its_runs_know(log):
     assert drawn(log.plot())[0].get_xlabel() == "time since the step was seen, s"
     first = shockrig.read_campaign(shockrig.example("plain-rough"))
     assert drawn(first.plot(["0001"]))[0].get_xlabel() == "time since the transfer, s"
-    run = dataclasses.replace(first.runs[0], start_s=None, hyt=None, destination=Air(None, None))
+    run = dataclasses.replace(first.runs[0], start_s=None, hyt=None, destination=RunAir(None, None))
     alone = dataclasses.replace(first, runs=(run,)).plot()
     assert len(drawn(alone)) == 1 and alone.axes[0].get_xlabel() == "time since the first reading, s"
 

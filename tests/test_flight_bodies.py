@@ -10,7 +10,7 @@ from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.element import SHAPES, cells, march
 from shockrig.analysis.flight.inverse import RefusedError, paper_layers
 from shockrig.analysis.flight.prior import gain_squared
-from shockrig.analysis.flight.response import Response, bead_response, film_response, slowest
+from shockrig.analysis.flight.response import LagResponse, bead_response, film_response, slowest
 from shockrig.analysis.flight.sampled import response_time_s, sampled, transfer_function
 from shockrig.analysis.flight.scenes import to_flight
 from shockrig.analysis.flight.sensor import fly
@@ -198,7 +198,7 @@ def test_sampled_gains_tend_to_the_continuous_ones():
 
 
 def test_a_transfer_function_does_not_mind_equal_rates():
-    equal = Response(np.array([[0.0, 1.0]]), np.array([[0.5, 0.5]]), np.zeros(1), cap=(1.0,), inside=1)
+    equal = LagResponse(np.array([[0.0, 1.0]]), np.array([[0.5, 0.5]]), np.zeros(1), cap=(1.0,), inside=1)
     frequency = np.array([0.01, 0.1, 0.4])
     z, system = np.exp(2j * np.pi * frequency), sampled(equal, 0.1, 0)
     d = np.exp(-0.05)
@@ -208,7 +208,7 @@ def test_a_transfer_function_does_not_mind_equal_rates():
 
 
 def test_lags_behind_a_series_pass_through_the_sheath():
-    response = Response(np.array([[0.0, 1.0]]), np.array([[0.25, 0.5]]), np.zeros(1), cap=(1.0,), inside=1)
+    response = LagResponse(np.array([[0.0, 1.0]]), np.array([[0.25, 0.5]]), np.zeros(1), cap=(1.0,), inside=1)
     ramp = np.arange(4000) * 0.1
     lags, _ = lags_behind(ramp, response, 0.1)
     assert ramp[-1] - lags[-1] == pytest.approx([4.0, 6.0], abs=0.11)  # a sample early, as readings are held

@@ -11,7 +11,7 @@ from shockrig.analysis.flight.inverse import RefusedError, paper_layers
 from shockrig.analysis.flight.judging import power_spectrum, slope, structure_function
 from shockrig.analysis.flight.low_pass import low_pass, suggest_cutoff_hz
 from shockrig.analysis.flight.prior import AIR, OU_VARIANCES, Passing, Prior, innovation, spectra, transition
-from shockrig.analysis.flight.response import Response, bead_response, film_response
+from shockrig.analysis.flight.response import LagResponse, bead_response, film_response
 from shockrig.analysis.flight.sampled import sampled
 from shockrig.analysis.flight.scenes import scores, to_flight, try_scene
 from shockrig.analysis.flight.screen import clock, screen
@@ -122,7 +122,7 @@ def test_what_passes_may_carry_vapour_that_lags():
     rng = np.random.default_rng(5)
     n = 40
     reading = np.cumsum(rng.standard_normal(n))[None]
-    quick = Response(np.ones((1, n, 1)), np.full((1, n, 1), 1e4), np.zeros((1, n)))
+    quick = LagResponse(np.ones((1, n, 1)), np.full((1, n, 1), 1e4), np.zeros((1, n)))
     prior = Prior(*(np.full((1, n), v) for v in (0.3, 0.2, 1e-4)))
 
     def found(coupling):
@@ -135,7 +135,7 @@ def test_what_passes_may_carry_vapour_that_lags():
         result = found(coupling)
         np.testing.assert_allclose(result.air[0, 1:], reading[0, 1:], atol=5e-3)
         assert np.sqrt(result.variance[0, 1:]).max() < 5e-3
-    slow = Response(np.ones((1, n, 1)), np.full((1, n, 1), 0.5), np.zeros((1, n)))
+    slow = LagResponse(np.ones((1, n, 1)), np.full((1, n, 1), 0.5), np.zeros((1, n)))
     spread = []
     for coupling in (-0.8, 0.0, 0.8):
         passing = Passing(np.full((1, n), 0.5), 2.0, coupling)

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from shockrig.analysis.flight.channel import Channel
+from shockrig.analysis.flight.channel import FlightChannel
 from shockrig.analysis.flight.coarse import within, within_a_step
 from shockrig.analysis.flight.comparisons import PARTED, compared, up_and_down
 from shockrig.analysis.flight.correct import correct
-from shockrig.analysis.flight.disagreement import Cause, explained
+from shockrig.analysis.flight.disagreement import LikelyCause, explained
 from shockrig.analysis.flight.prior import OU_VARIANCES, RATES_PER_S, Prior, spectra
-from shockrig.analysis.flight.response import Response, bead_response
+from shockrig.analysis.flight.response import LagResponse, bead_response
 from shockrig.analysis.flight.scenes import to_flight
 from shockrig.analysis.flight.screen import Screened
 from shockrig.analysis.flight.sensor import fly
@@ -109,7 +109,7 @@ def test_variance_of_the_clean_reading_is_its_answer_to_the_reading():
 def test_a_jump_is_scored_by_what_taking_it_out_gains():
     """Of a linear Gaussian model: size and score from the residuals are those of a regression on the jump."""
     count, k = 60, 30
-    response = Response(np.ones((1, count, 1)), np.full((1, count, 1), 1.5), np.zeros((1, count)))
+    response = LagResponse(np.ones((1, count, 1)), np.full((1, count, 1), 1.5), np.zeros((1, count)))
     row = np.full((1, count), 0.1)
     prior = Prior(0.05 * np.ones((1, count)), 0.01 * np.ones((1, count)), 0.03 * np.ones((1, count)))
     time_s = 0.1 * np.arange(count)
@@ -138,7 +138,7 @@ def test_a_jump_is_scored_by_what_taking_it_out_gains():
 
 def test_readings_fold_what_is_faster_than_they_are():
     """An Ornstein-Uhlenbeck process sampled coarsely has the spectrum of one sampled coarsely, not finely."""
-    at_once = Response(np.ones((1, 1)), np.full((1, 1), 1e9), np.zeros(1))
+    at_once = LagResponse(np.ones((1, 1)), np.full((1, 1), 1e9), np.zeros(1))
     frequency = np.array([0.03, 0.2, 0.45])
     turbulence, _ = seen(at_once, frequency, 1.0, parts=5)
     np.testing.assert_allclose(turbulence[0], spectra(frequency, 1.0)[0], rtol=1e-6)
@@ -212,7 +212,7 @@ def climbing(slower):
     noise = 0.02 * np.random.default_rng(2).standard_normal(time_s.size)
     nothing, none = np.full(time_s.size, np.nan), np.zeros(time_s.size, dtype=bool)
     flight = Flight(time_s, air, air, nothing, nothing, nothing, altitude_m=height)
-    channel = Channel(
+    channel = FlightChannel(
         "humidity", air - slower * lag + noise, np.full(time_s.size, 0.05), 0.02 * np.abs(lag), lag,
         np.zeros(time_s.size), Screened(~none, none, none, none, 0.0), none, none,
     )  # fmt: skip
@@ -252,7 +252,7 @@ def test_ways_that_disagree_by_more_than_is_stated_are_owned(steady):
     flight, channel = climbing(0.0)
     up = np.where(np.arange(flight.time_s.size) < flight.time_s.size // 2, 1.0, -1.0)
     rate = np.full((flight.time_s.size, 1), 0.2)
-    response = Response(np.ones(rate.shape), rate, np.zeros(rate.size))
+    response = LagResponse(np.ones(rate.shape), rate, np.zeros(rate.size))
     lag = 0.1 * channel.lag
     off = dataclasses.replace(channel, value=channel.value + steady * up, lag=lag, common=0.02 * lag, response=response)
     bead = dataclasses.replace(channel, name="temperature", value=flight.temperature_c, response=None)
@@ -290,7 +290,7 @@ def test_a_lag_that_parts_the_ways_is_said_first_though_it_is_owned():
 def test_what_a_disagreement_looks_like_is_named_where_it_explains_it():
     rng = np.random.default_rng(1)
     lag, die = rng.standard_normal((2, 40))
-    found = [Cause(lag, True, "a second lag"), Cause(die, False, "a slow die")]
+    found = [LikelyCause(lag, True, "a second lag"), LikelyCause(die, False, "a slow die")]
     assert explained(-0.2 * lag + 0.02 * die, [lag, die], found) == "a second lag"
     assert explained(0.9 * die, [lag, die], found) == "a slow die"
     for other in (0.2 * lag, 5.0 * die, rng.standard_normal(40)):  # a lag leads nothing, and a die has its own size
@@ -376,7 +376,7 @@ def test_weak_turbulence_that_no_segment_shows_alone_is_found_by_all_together():
         values = lagged + noise * rng.standard_normal(2400)
         starts = np.arange(0, 2400 - size + 1, size // 2)
         segments, rows = values[starts[:, None] + np.arange(size)], np.ones((starts.size, 1))
-        response = Response(rows, rate * rows, np.zeros(starts.size))
+        response = LagResponse(rows, rate * rows, np.zeros(starts.size))
         common = fit_prior(segments, response, period, noise, spread=0.3)
         ratios.append(np.log(np.median(fit_windows(segments, response, period, common).turbulence) / strength))
     assert abs(np.mean(ratios)) < 0.25
@@ -396,7 +396,7 @@ def test_behind_a_gap_over_which_nothing_moved_the_sensor_is_taken_to_have_settl
         for weight, decay in zip(weights, np.exp(-rates * period), strict=True):
             reading += weight * lfilter([1.0 - decay], [1.0, -decay], air, zi=[decay * air[0]])[0]
         time_s = np.concatenate([period * np.arange(900), 190.0 + since])
-        response = Response(np.tile(weights, (2100, 1)), np.tile(rates, (2100, 1)), np.zeros(2100))
+        response = LagResponse(np.tile(weights, (2100, 1)), np.tile(rates, (2100, 1)), np.zeros(2100))
         found = estimate(time_s, reading, np.ones(2100, dtype=bool), response, np.full(2100, noise**2))
         errors.append(np.abs(found.air - air)[900:910].max())
     assert max(errors) < 1.5
@@ -416,7 +416,7 @@ def test_only_waves_make_a_smooth_course(course):
         values = air + 0.02 * rng.standard_normal(2400)
         starts = np.arange(0, 2400 - size + 1, size // 2)
         rows = np.ones((starts.size, 1))
-        response = Response(rows, 1e6 * rows, np.zeros(starts.size))
+        response = LagResponse(rows, 1e6 * rows, np.zeros(starts.size))
         found = fit_prior(values[starts[:, None] + np.arange(size)], response, period, 0.02, spread=0.3)
         assert found.smooth == (course == "waves")
 
@@ -431,7 +431,7 @@ def test_turbulence_beside_a_wave_is_not_taken_for_a_part_of_it():
         wave = 1.0 * np.sin(phase * time_s) + 0.05 * np.sin(2 * phase * time_s + 1.0)
         air, decay = _air(strength, period, 2400, rng) + wave, np.exp(-rate * period)
         lagged = lfilter([1.0 - decay], [1.0, -decay], air, zi=[decay * air[0]])[0]
-        response = Response(np.ones((2400, 1)), np.full((2400, 1), rate), np.zeros(2400))
+        response = LagResponse(np.ones((2400, 1)), np.full((2400, 1), rate), np.zeros(2400))
         reading = lagged + noise * rng.standard_normal(2400)
         found = estimate(time_s, reading, np.ones(2400, dtype=bool), response, np.full(2400, noise**2))
         covered.append(np.mean(np.abs(found.air - air) < 1.96 * np.sqrt(found.variance)))
@@ -444,7 +444,7 @@ def test_where_another_sensor_saw_the_air_jump_a_small_jump_is_believed():
     air = size * (time_s > at_s)
     since = np.maximum(time_s - at_s, 0.0)
     reading = size * (1.0 - np.exp(-0.3 * since)) + 0.02 * rng.standard_normal(600)
-    response = Response(np.ones((600, 1)), np.full((600, 1), 0.3), np.zeros(600))
+    response = LagResponse(np.ones((600, 1)), np.full((600, 1), 0.3), np.zeros(600))
 
     def found(**known):
         return estimate(time_s, reading, np.ones(600, dtype=bool), response, np.full(600, 0.02**2), **known)

@@ -219,7 +219,7 @@ def test_a_jump_in_a_gap_is_one_and_no_strength_of_the_air():
 
 
 def test_the_air_lies_within_the_reach_of_the_readings():
-    from shockrig.analysis.flight.channel import Readings
+    from shockrig.analysis.flight.channel import FlightReadings
     from shockrig.analysis.flight.response import bead_response
     from shockrig.analysis.physics.exchange import Stream
 
@@ -228,7 +228,7 @@ def test_the_air_lies_within_the_reach_of_the_readings():
     reading = FLOWN.log["temperature_c"].to_numpy()
     usable = np.ones(count, dtype=bool)
     usable[200:260] = False
-    readings = Readings("temperature", np.arange(count) * 0.1, reading, usable, response, np.full(count, 4e-4))
+    readings = FlightReadings("temperature", np.arange(count) * 0.1, reading, usable, response, np.full(count, 4e-4))
     low, high = reach(readings, 6.0)
     resolved = np.convolve(np.pad(TRUTH["temperature_c"], 2, mode="edge"), np.full(5, 0.2), mode="valid")
     assert np.all(((resolved > low) & (resolved < high))[usable])

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from shockrig.analysis.flight import smoother
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.prior import Passing, Prior
-from shockrig.analysis.flight.response import Response
+from shockrig.analysis.flight.response import LagResponse
 from shockrig.analysis.flight.scenes import to_flight
 from shockrig.analysis.flight.sensor import fly
 from shockrig.analysis.flight.smooth_channel import estimate
@@ -30,7 +30,7 @@ def test_the_compiled_recursion_is_the_one_written_down(modes, cap, inside, pass
     rate = np.sort(rng.uniform(0.05, 3.0, (*nodes, modes)), axis=-1)
     weight = rng.normal(size=rate.shape)
     rate[..., : len(cap)], weight[..., : len(cap)] = (5.0, 9.0)[: len(cap)], 0.0
-    response = Response(weight / weight.sum(axis=-1, keepdims=True), rate, np.zeros(nodes), cap=cap, inside=inside)
+    response = LagResponse(weight / weight.sum(axis=-1, keepdims=True), rate, np.zeros(nodes), cap=cap, inside=inside)
     step, noise = np.full(nodes, 0.1), np.full(nodes, 0.02**2)
     step[:, 50], noise[:, 20:25] = 1.7, np.inf
     reading = np.cumsum(0.1 * rng.normal(size=nodes), axis=1)
@@ -74,7 +74,7 @@ def test_a_film_slower_than_minutes_is_followed_at_ten_readings_a_second():
     lags = [lfilter([1 - d], [1.0, -d], air, zi=[d * air[0]])[0] for d in decay]
     reading = weight @ lags + 0.06 * rng.standard_normal(air.size)
     one = np.ones(air.size)
-    response = Response(one[:, None] * weight, one[:, None] * rate, 0 * one)
+    response = LagResponse(one[:, None] * weight, one[:, None] * rate, 0 * one)
     found = estimate(time_s, reading, one > 0, response, 0.06**2 * one)
     off = found.air - air
     assert np.mean(np.abs(off) < 1.96 * np.sqrt(found.variance)) > 0.9

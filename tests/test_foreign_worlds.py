@@ -11,11 +11,11 @@ from shockrig.files.campaign import read_campaign
 from shockrig.rig.errors import BenchError
 from shockrig.rig.virtual.foreign import (
     KINDS,
-    Approach,
-    Bench,
-    Logger,
-    Reference,
-    Transfer,
+    Arrival,
+    Lab,
+    LabLogger,
+    LabReference,
+    LabRun,
     Written,
     ideal_step,
     make_body,
@@ -27,7 +27,7 @@ from shockrig.rig.virtual.foreign import (
 )
 
 OF_A_STEP = 1e-4
-QUIET = Logger(period_s=0.1, rounding=0.0, white=0.0)
+QUIET = LabLogger(period_s=0.1, rounding=0.0, white=0.0)
 N = np.arange(200)
 BETA = jn_zeros(0, 200)
 
@@ -147,8 +147,8 @@ def test_body_refuses_a_kind_it_does_not_know():
 
 
 def bench(channel="temperature", **changed):
-    plan = (Transfer(40.0, 20.0, 12.5, 60.0), Transfer(20.0, 40.0, 31.0, 80.0))
-    return Bench(channel, make_body("plate", 3.0), Approach(), changed.pop("logger", QUIET), plan, **changed)
+    plan = (LabRun(40.0, 20.0, 12.5, 60.0), LabRun(20.0, 40.0, 31.0, 80.0))
+    return Lab(channel, make_body("plate", 3.0), Arrival(), changed.pop("logger", QUIET), plan, **changed)
 
 
 def test_a_campaign_says_only_what_the_lab_wrote_down(tmp_path):
@@ -176,9 +176,9 @@ def test_readings_are_the_body_at_the_stamps(tmp_path):
 
 
 def test_noise_is_as_loud_and_as_long_as_asked_for(tmp_path):
-    logger = Logger(period_s=0.5, rounding=0.0, white=0.03, correlated=0.04, correlation_time_s=2.0, lost=0.1)
-    plan = (Transfer(20.0, 20.0, 10.0, 20_000.0),)
-    record(Bench("temperature", make_body("lumped", 1.0), Approach(), logger, plan), 3, tmp_path / "c")
+    logger = LabLogger(period_s=0.5, rounding=0.0, white=0.03, correlated=0.04, correlation_time_s=2.0, lost=0.1)
+    plan = (LabRun(20.0, 20.0, 10.0, 20_000.0),)
+    record(Lab("temperature", make_body("lumped", 1.0), Arrival(), logger, plan), 3, tmp_path / "c")
     trace = read_campaign(tmp_path / "c").runs[0].imet
     noise = trace.values["temperature_c"] - 20.0
     assert noise.std() == pytest.approx(0.05, rel=0.03)
@@ -189,13 +189,13 @@ def test_noise_is_as_loud_and_as_long_as_asked_for(tmp_path):
 
 
 def test_rounded_readings_lie_on_their_steps(tmp_path):
-    record(bench(logger=Logger(0.1, 0.0625, 0.01)), 3, tmp_path / "c")
+    record(bench(logger=LabLogger(0.1, 0.0625, 0.01)), 3, tmp_path / "c")
     value = read_campaign(tmp_path / "c").runs[0].imet.values["temperature_c"]
     assert np.abs(value / 0.0625 - np.rint(value / 0.0625)).max() < 1e-6
 
 
 def test_measured_air_is_the_course_behind_the_references_own_lag(tmp_path):
-    reference = Reference(2.0, 0.0, Logger(0.25, 0.0, 0.0))
+    reference = LabReference(2.0, 0.0, LabLogger(0.25, 0.0, 0.0))
     made = bench(reference=reference, written=Written(start=False, airs=False, airflow=False))
     record(made, 1, tmp_path / "c")
     folder = tmp_path / "c/runs/0001"
@@ -207,11 +207,9 @@ def test_measured_air_is_the_course_behind_the_references_own_lag(tmp_path):
 
 
 def test_rates_scatter_from_run_to_run_as_asked_for(tmp_path):
-    plan = (Transfer(0.0, 1.0, 1.0, 4.0),) * 60
-    quiet = Logger(0.5, 0.0, 0.0)
-    record(
-        Bench("temperature", make_body("lumped", 2.0), Approach(), quiet, plan, rate_scatter=0.05), 2, tmp_path / "c"
-    )
+    plan = (LabRun(0.0, 1.0, 1.0, 4.0),) * 60
+    quiet = LabLogger(0.5, 0.0, 0.0)
+    record(Lab("temperature", make_body("lumped", 2.0), Arrival(), quiet, plan, rate_scatter=0.05), 2, tmp_path / "c")
     rates = []
     for run in read_campaign(tmp_path / "c").runs:
         late = run.imet.time_s > 1.5
@@ -221,7 +219,7 @@ def test_rates_scatter_from_run_to_run_as_asked_for(tmp_path):
 
 
 def test_the_same_seed_gives_the_same_files(tmp_path):
-    loud = Logger(0.1, 0.01, 0.03, 0.02, 1.0, 0.05)
+    loud = LabLogger(0.1, 0.01, 0.03, 0.02, 1.0, 0.05)
     for name in "ab":
         record(bench(logger=loud), 9, tmp_path / name)
     record(bench(logger=loud), 10, tmp_path / "c")
@@ -230,4 +228,4 @@ def test_the_same_seed_gives_the_same_files(tmp_path):
     with pytest.raises(BenchError, match="exists already"):
         record(bench(), 9, tmp_path / "a")
     with pytest.raises(BenchError, match="no runs"):
-        record(Bench("humidity", make_body("film", 1.0), Approach(), loud, ()), 9, tmp_path / "d")
+        record(Lab("humidity", make_body("film", 1.0), Arrival(), loud, ()), 9, tmp_path / "d")

@@ -12,7 +12,7 @@ from shockrig.rig.buses.serial_port import PyserialPort, pyserial_opener
 from shockrig.rig.clock import RealClock, VirtualClock
 from shockrig.rig.errors import StageError
 from shockrig.rig.seams import Air, Move
-from shockrig.rig.stages.grbl import GrblSettings, GrblStage, Report, why_late
+from shockrig.rig.stages.grbl import GrblSettings, GrblStage, StatusReport, why_late
 from shockrig.rig.stages.manual import ManualSettings, ManualStage, PromptedChambers
 from shockrig.rig.virtual.chips.grbl import GrblController
 from shockrig.rig.virtual.faults import Fault, FaultySerial
@@ -356,5 +356,5 @@ def test_a_late_stage_names_the_cause(case):
     """Each as the controller would report it when the time is over."""
     state, words = LATE[case]
     settings = GrblSettings("memory", 0.0, 300.0, 30000.0)
-    report = Report(0.0, state.get("state", "Idle"), state.get("position_mm", 0.0), state.get("pressed", False))
+    report = StatusReport(0.0, state.get("state", "Idle"), state.get("position_mm", 0.0), state.get("pressed", False))
     assert re.search(words, why_late(report, state.get("left_s"), settings))

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from shockrig.files.campaign import read_campaign
 from shockrig.protocols.cli import main
-from shockrig.rig.logs.changes import Channel, noise_of, without_spikes
+from shockrig.rig.logs.changes import LogPiece, noise_of, without_spikes
 from shockrig.rig.logs.channels import LEAST_SHARE
 from shockrig.rig.logs.first_map import look_at
 from shockrig.rig.logs.steps import find_steps
@@ -31,7 +31,7 @@ def channel_of(time_s, value, quantity):
     noise = noise_of(value)
     low, high = np.quantile(value, [0.002, 0.998])
     least = max(LEAST[quantity], LEAST_SHARE * (high - low))
-    return Channel("sensor." + quantity, quantity, *without_spikes(time_s, value, noise, least), noise, least)
+    return LogPiece("sensor." + quantity, quantity, *without_spikes(time_s, value, noise, least), noise, least)
 
 
 def random_log(seed):

@@ -8,7 +8,7 @@ import pytest
 from shockrig.analysis.inference.bins import rebin
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.noise import estimate_noise, plateau_pieces, whiteners
-from shockrig.files.campaign import Air, Campaign, Run, Trace
+from shockrig.files.campaign import Campaign, Run, RunAir, Trace
 
 PERIOD = 0.1
 
@@ -29,7 +29,7 @@ def noisy_channel(seed, white, correlated=0.0, memory_s=1.0, averaged=1, runs=24
         noise = np.convolve(noise, np.ones(averaged) / averaged, mode="valid")[:800]
         time = 0.02 + PERIOD * np.arange(800)
         trace = Trace(time, {"temperature_c": 20.0 + 10.0 * (time > 30.0) + noise})
-        made.append(Run(str(k), Air(20.0, 50.0), Air(30.0, 50.0), 5.0, 1000.0, 30.0, None, trace, None))
+        made.append(Run(str(k), RunAir(20.0, 50.0), RunAir(30.0, 50.0), 5.0, 1000.0, 30.0, None, trace, None))
     return build_channel(Campaign("n", None, {}, 4e-4, 1e-5, tuple(made)), "temperature")
 
 
@@ -134,7 +134,9 @@ def test_a_slow_chamber_is_no_noise_with_a_memory(lag_s, period_s):
         shown = 1.0 - (chamber * np.exp(-since / chamber) - lag_s * np.exp(-since / lag_s)) / (chamber - lag_s)
         imet = Trace(time, {"temperature_c": 20.0 + 20.0 * shown + white * rng.standard_normal(time.size)})
         measured = Trace(time, {"temperature_c": air})
-        made.append(Run(str(k), Air(20.0, 50.0), Air(40.0, 50.0), None, 1000.0, None, None, imet, None, {}, measured))
+        made.append(
+            Run(str(k), RunAir(20.0, 50.0), RunAir(40.0, 50.0), None, 1000.0, None, None, imet, None, {}, measured)
+        )
     channel = build_channel(Campaign("n", None, {}, 4e-4, 1e-5, tuple(made)), "temperature")
     assert channel.measured.all()
     found = estimate_noise(channel).autocovariance(400)

@@ -11,7 +11,7 @@ from shockrig.analysis.inference.bins import FINE, edges_after_transfer, fine_wi
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.physics import concentration
 from shockrig.files.campaign import read_campaign
-from shockrig.rig.virtual.foreign import Approach, Bench, Logger, Transfer, Written, make_body, record
+from shockrig.rig.virtual.foreign import Arrival, Lab, LabLogger, LabRun, Written, make_body, record
 
 
 @pytest.mark.parametrize(
@@ -22,9 +22,9 @@ def test_a_slow_share_beside_a_lump_is_found_whichever_is_called_the_body(t63_s,
     body = make_body("lumped", t63_s, slow=(fraction, ratio))
     tail = 1.5 * body.time_to_s(0.99)
     plan = tuple(
-        Transfer(*((30.0, 10.0) if i % 2 else (10.0, 30.0)), start_s=0.2 * tail, length_s=1.2 * tail) for i in range(6)
+        LabRun(*((30.0, 10.0) if i % 2 else (10.0, 30.0)), start_s=0.2 * tail, length_s=1.2 * tail) for i in range(6)
     )
-    bench = Bench("temperature", body, Approach(), Logger(period_s, 0.001, 0.02), plan, Written(body="lumped"))
+    bench = Lab("temperature", body, Arrival(), LabLogger(period_s, 0.001, 0.02), plan, Written(body="lumped"))
     record(bench, 5, tmp_path / "campaign")
     found = diagnose_channel(build_channel(read_campaign(tmp_path / "campaign"), "temperature"))
     assert found.verdict == "explained" and [c.effect for c in found.causes] == ["stem_conduction"]
@@ -34,9 +34,9 @@ def test_a_slow_share_beside_a_lump_is_found_whichever_is_called_the_body(t63_s,
 
 
 def test_a_lump_is_no_lag_before_a_body_that_follows_at_once(tmp_path):
-    plan = tuple(Transfer(*((60.0, 20.0) if i % 2 else (20.0, 60.0)), start_s=3.0, length_s=9.0) for i in range(6))
+    plan = tuple(LabRun(*((60.0, 20.0) if i % 2 else (20.0, 60.0)), start_s=3.0, length_s=9.0) for i in range(6))
     lump = make_body("lumped", 0.6)
-    bench = Bench("humidity", lump, Approach(), Logger(0.012, 0.01, 0.03), plan, Written(body="cylinder_mean"))
+    bench = Lab("humidity", lump, Arrival(), LabLogger(0.012, 0.01, 0.03), plan, Written(body="cylinder_mean"))
     record(bench, 5, tmp_path / "campaign")
     channel = build_channel(read_campaign(tmp_path / "campaign"), "humidity")
     assert [c.effect for c in diagnose_channel(channel).causes] == ["body_lumped"]

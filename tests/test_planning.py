@@ -29,26 +29,26 @@ from shockrig.analysis.planning.export import chosen, log_entry, plan_document, 
 from shockrig.analysis.planning.foretold import expected_evidence
 from shockrig.analysis.planning.goals import Goals, Precision, parse_goals
 from shockrig.analysis.planning.information import information, nats, separations
-from shockrig.analysis.planning.judged import Look, look_at, spending
+from shockrig.analysis.planning.judged import ChannelLook, look_at, spending
 from shockrig.analysis.planning.minutes import USUAL, airs_of, learn, spent_minutes
 from shockrig.analysis.planning.precision import Target, gained_by, measured, targets
-from shockrig.analysis.planning.shock import Shock, Surroundings, Usual, deciding_menu, opening, precision_menu
+from shockrig.analysis.planning.shock import PlannedShock, Surroundings, Usual, deciding_menu, opening, precision_menu
 from shockrig.analysis.planning.varied import variety
 from shockrig.analysis.planning.verdict import Verdict
 from shockrig.analysis.report.loop_page import chosen_section
-from shockrig.files.campaign import Air, Run
+from shockrig.files.campaign import Run, RunAir
 from shockrig.files.errors import InputError
 from shockrig.files.plan import append_decision, read_decisions, where_it_stands
 from shockrig.rig.virtual.hide import draw_effect
-from shockrig.rig.virtual.truth import ROUGH, Hidden, Noise, draw_truth
+from shockrig.rig.virtual.truth import ROUGH, Hidden, TrueNoise, draw_truth
 
 bench_script = benchmark("loop_bench")
-UP, DOWN = Shock(20.0, 20.0, 20.0, 80.0, dwell_s=30.0), Shock(20.0, 80.0, 20.0, 20.0, dwell_s=30.0)
-COOL, WARM = Shock(40.0, 17.0, 20.0, 55.0, dwell_s=20.0), Shock(20.0, 55.0, 40.0, 17.0, dwell_s=20.0)
+UP, DOWN = PlannedShock(20.0, 20.0, 20.0, 80.0, dwell_s=30.0), PlannedShock(20.0, 80.0, 20.0, 20.0, dwell_s=30.0)
+COOL, WARM = PlannedShock(40.0, 17.0, 20.0, 55.0, dwell_s=20.0), PlannedShock(20.0, 55.0, 40.0, 17.0, dwell_s=20.0)
 LIVELY = replace(
     QUIET,
-    temperature_noise=Noise(0.015),
-    humidity_noise=Noise(0.07),
+    temperature_noise=TrueNoise(0.015),
+    humidity_noise=TrueNoise(0.07),
     temperature_step_k=0.01,
     humidity_step_percent=100 / 16383,
 )
@@ -114,7 +114,7 @@ def test_the_menu_varies_everything_that_a_bench_can_vary():
 
 def test_minutes_are_learnt_from_the_bench_itself(tmp_path):
     """A chamber of 5 s/K; a film that settles by 60 %RH to 0.1 %RH after a soak of 12 s and a way back of 2 s."""
-    near, far = replace(UP, dwell_s=8.0), Shock(30.0, 20.0, 30.0, 80.0, dwell_s=8.0)
+    near, far = replace(UP, dwell_s=8.0), PlannedShock(30.0, 20.0, 30.0, 80.0, dwell_s=8.0)
     bench = recorded(tmp_path, QUIET, [near, far, near, far, near, near, near], travel_s_per_k=5.0)
     learnt = learn(bench.campaign())
     here = (20.0, 20.0, 20.0, 80.0)
@@ -174,7 +174,7 @@ def test_what_a_run_brought_is_told_by_its_own_record(tmp_path):
     assert later.gained == pytest.approx(well, rel=1e-6)
     assert well == pytest.approx(0.5 * np.log(6 / 5), rel=0.05)  # runs that are as good as one another
     noisy = recorded(tmp_path / "noisy", LIVELY, [UP, DOWN, UP, DOWN, UP])
-    noisy.truth = replace(LIVELY, humidity_noise=Noise(0.7))
+    noisy.truth = replace(LIVELY, humidity_noise=TrueNoise(0.7))
     noisy.record_run(DOWN.as_run())
     assert gained_by({"0006"}, measured(noisy.campaign()), wanted) < 0.5 * well
     assert gained_by({"0007"}, measured(bench.campaign()), wanted) == 0.0
@@ -183,7 +183,7 @@ def test_what_a_run_brought_is_told_by_its_own_record(tmp_path):
 def test_an_ambient_without_runs_is_worth_most(tmp_path):
     campaign = recorded(tmp_path, LIVELY, [UP, DOWN, UP, COOL]).campaign()
     part = measured(campaign).humidity
-    there, elsewhere = UP, Shock(0.0, 20.0, 0.0, 80.0, dwell_s=60.0)
+    there, elsewhere = UP, PlannedShock(0.0, 20.0, 0.0, 80.0, dwell_s=60.0)
     told = information(part.parts[0].problem, part.parts[0].fit, part.noise, [there, elsewhere], [0.0, 20.0])
     assert told.ambients_c == pytest.approx([20.0, 0.0], abs=0.1)
     now = told.variances(told.known)
@@ -228,9 +228,9 @@ def test_evidence_comes_from_runs_that_tell_the_explanations_apart(tmp_path):
     expected = student(0.5 * separations(problem, ready.noise, *fits, [slow, COOL])[0], 5)
     assert told[1] == pytest.approx(expected, rel=0.35)
     verdict = Verdict("explained", 6, HEATING, Dispute((HEATING, OFFSET), old), (0.0, 0.0))
-    slowly, same = expected_evidence([Look(verdict, problem, ready.noise, tuple(fits))], [slow, COOL])
+    slowly, same = expected_evidence([ChannelLook(verdict, problem, ready.noise, tuple(fits))], [slow, COOL])
     assert told[1] == pytest.approx(slowly, rel=0.5) and same < 2.0
-    assert expected_evidence([Look(Verdict())], [slow]) == [0.0]
+    assert expected_evidence([ChannelLook(Verdict())], [slow]) == [0.0]
 
 
 def test_what_nobody_listed_is_held_against_what_is_catalogued(tmp_path):
@@ -298,7 +298,7 @@ def late_film(folder, seed, pair):
     """A film that is logged late, in four equal runs: its kink lies between other samples in each of them."""
     rng = np.random.default_rng([seed, pair])
     late = draw_truth(rng, ROUGH, [draw_effect(rng, "dead_time", "comfortable", "humidity")])
-    runs = [Shock(20.0, 20.0, 20.0, 80.0)] * 4
+    runs = [PlannedShock(20.0, 20.0, 20.0, 80.0)] * 4
     channel = build_channel(recorded(folder, late, runs, 1000 * seed + pair).campaign(), "humidity")
     return channel, late.effects[0].parameters["delay_s"]
 
@@ -495,13 +495,13 @@ def test_where_the_first_runs_cannot_be_another_of_the_menu_begins():
 
 def test_one_run_in_another_direction_or_airflow_is_not_enough(tmp_path):
     """Runs differ, so one says nothing; a small step says less."""
-    small = Shock(20.0, 35.0, 20.0, 20.0)
+    small = PlannedShock(20.0, 35.0, 20.0, 20.0)
     menu = (DOWN, UP, replace(UP, airflow_m_s=12.0), small)
     bench = recorded(tmp_path, QUIET, [UP, UP, UP])
 
     def worth():
         ready = prepare(build_channel(bench.campaign(), "humidity"))
-        return variety({"humidity": Look(Verdict(), ready.problem, ready.noise)}, menu, planned)
+        return variety({"humidity": ChannelLook(Verdict(), ready.problem, ready.noise)}, menu, planned)
 
     planned, both = [], replace(DOWN, airflow_m_s=12.0)
     wanted = np.array([0.5, 0.0, 0.5, 0.125])
@@ -532,7 +532,7 @@ def test_a_run_is_worth_what_two_of_its_kind_bring():
     there = [minutes.of(airs_of(UP), shock) for shock in menu]
     assert 0.27 / there[0] > 0.5 / there[1]
     designs = Designs(menu, None, (), (), np.zeros(0), lambda planned: worth)
-    here = Run("0001", Air(20.0, 20.0), Air(20.0, 80.0), 6.0, 1013.25, 6.0, None, None, None)
+    here = Run("0001", RunAir(20.0, 20.0), RunAir(20.0, 80.0), 6.0, 1013.25, 6.0, None, None, None)
     assert choose_runs(designs, minutes, [here], 1)[0][0].shock.why == "far"
 
 
@@ -542,7 +542,7 @@ def test_the_first_run_comes_again_at_every_sixth_place_and_not_behind_one_that_
 
     def planned(*recorded):
         runs = [
-            Run(f"{i}", Air(20.0, 80.0 if a == "A" else 20.0), Air(20.0, 20.0 if a == "A" else 80.0),
+            Run(f"{i}", RunAir(20.0, 80.0 if a == "A" else 20.0), RunAir(20.0, 20.0 if a == "A" else 80.0),
                 None, 1013.25, 6.0, None, None, None) for i, a in enumerate("".join(recorded))
         ]  # fmt: skip
         chosen, _ = choose_runs(designs, learn(None), runs, 8)

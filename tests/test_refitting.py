@@ -9,7 +9,7 @@ from shockrig.analysis.inference.fit import fit
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.model import PLAIN
 from shockrig.analysis.inference.quantity import RunEffect
-from shockrig.files.campaign import Air, Campaign, Run, Trace
+from shockrig.files.campaign import Campaign, Run, RunAir, Trace
 
 PERIOD_S = 10.0
 
@@ -22,7 +22,7 @@ def untriggered(seed):
         late = np.maximum(time - 100.0 - rng.uniform(0.0, PERIOD_S), 0.0)
         shown = 1.0 - 0.6 * np.exp(-late / 40.0) - 0.4 * np.exp(-late / 400.0)
         value = 20.0 + (10.0 if k % 2 else -10.0) * shown + 0.02 * rng.standard_normal(time.size)
-        nobody = Air(None, None)
+        nobody = RunAir(None, None)
         trace = Trace(time, {"temperature_c": value})
         made.append(Run(str(k), nobody, nobody, None, 1000.0, None, None, trace, None))
     return build_channel(Campaign("n", None, {}, 4e-4, 1e-5, tuple(made)), "temperature")

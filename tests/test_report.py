@@ -15,8 +15,8 @@ from shockrig.analysis.report import (
     Details,
     Equation,
     Figure,
+    HtmlPage,
     KeyNumber,
-    Report,
     Section,
     Table,
     Text,
@@ -62,8 +62,8 @@ def small_figure():
     return autocorrelation({"temperature": (np.array([0.5, 0.2, 0.01]), 400)}, 0.1)
 
 
-def full_report(name: str) -> Report:
-    return Report(
+def full_report(name: str) -> HtmlPage:
+    return HtmlPage(
         name,
         name,
         [KeyNumber(name, name, name)],
@@ -88,7 +88,7 @@ def test_names_from_files_are_shown_and_never_run():
 
 @given(st.text(max_size=40))
 def test_any_name_comes_back_as_text(name):
-    table = Report("t", "v", [], [Section("s", [Table(["c"], [["[" + name + "]"]])])])
+    table = HtmlPage("t", "v", [], [Section("s", [Table(["c"], [["[" + name + "]"]])])])
     page = Page(render(table))
     assert [tag for tag, _ in page.tags if tag not in ("meta", "br")] == [
         "html", "head", "title", "style", "body", "main", "h1", "p", "section", "h2", "div", "table", "thead", "tr",
@@ -114,7 +114,7 @@ def test_figures_are_embedded_whole(tmp_path):
     assert png.read_bytes().startswith(b"\x89PNG")
     assert not list((tmp_path / "plots").glob("*.part"))
     for block in (Figure(png, "c", "a"), Figure(small_figure(), "c", "a")):
-        page = Page(render(Report("t", "v", [], [Section("s", [block])])))
+        page = Page(render(HtmlPage("t", "v", [], [Section("s", [block])])))
         source = next(a["src"] for tag, a in page.tags if tag == "img")
         assert base64.b64decode(source.split(",")[1]) == png.read_bytes()
 
@@ -122,7 +122,7 @@ def test_figures_are_embedded_whole(tmp_path):
 def test_a_table_must_be_rectangular_and_its_numbers_stand_right():
     with pytest.raises(ValueError, match="row 1 has 1 cells for 2"):
         Table(["a", "b"], [[1, 2], [3]])
-    page = render(Report("t", "v", [], [Section("s", [Table(["run", "D"], [["a", 2.345678e-12], ["b", None]])])]))
+    page = render(HtmlPage("t", "v", [], [Section("s", [Table(["run", "D"], [["a", 2.345678e-12], ["b", None]])])]))
     assert '<td>a</td><td class="number">2.346 × 10⁻¹²</td>' in page and '<td class="number">–</td>' in page
 
 

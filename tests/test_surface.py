@@ -18,7 +18,7 @@ import pytest
 import shockrig
 import shockrig.files
 from shockrig.files import result_views, views
-from shockrig.files.campaign import Air
+from shockrig.files.campaign import RunAir
 from shockrig.files.flight import FLAGS, Corrected, Flight
 from shockrig.files.flight_figure import plot_flight
 from shockrig.files.profile import (
@@ -145,7 +145,7 @@ def test_a_campaign_as_arrays_holds_every_reading_in_its_place(campaign):
 
 
 def test_a_campaign_with_one_sensor_and_unknown_airs_shows_itself(campaign):
-    run = dataclasses.replace(campaign.runs[0], hyt=None, destination=Air(None, None), start_s=None)
+    run = dataclasses.replace(campaign.runs[0], hyt=None, destination=RunAir(None, None), start_s=None)
     alone = dataclasses.replace(campaign, runs=(run,), name="<b>&")
     assert "&lt;b&gt;&amp;" in alone._repr_html_() and "<b>&" not in alone._repr_html_()
     assert alone.plot()._repr_png_().startswith(b"\x89PNG")

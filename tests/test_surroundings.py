@@ -11,7 +11,7 @@ from small_worlds import QUIET
 
 from shockrig.analysis.planning.decide import decide
 from shockrig.analysis.planning.goals import parse_goals
-from shockrig.analysis.planning.shock import Shock, Surroundings
+from shockrig.analysis.planning.shock import PlannedShock, Surroundings
 from shockrig.files.campaign import read_campaign
 from shockrig.protocols.decided import as_protocol, feasible_on, surroundings_of
 from shockrig.rig.bench import default_bench, open_bench, virtual_bench
@@ -21,11 +21,11 @@ from shockrig.rig.planning import check_plan
 from shockrig.rig.protocol import parse_protocol
 from shockrig.rig.protocol_text import protocol_text
 from shockrig.rig.runner import record_campaign
-from shockrig.rig.stages.manual import Surroundings as Prompted
+from shockrig.rig.stages.manual import AskedSurroundings as Prompted
 from shockrig.rig.virtual.truth import Hidden
 
 HEATED = replace(QUIET, effects=(Hidden("radiative_heating", {"kelvin_per_w_m2_at_5_m_s": 5e-4}),))
-COOL = Shock(30.0, 30.0, 20.0, 55.0, dwell_s=8.0, why="cool")
+COOL = PlannedShock(30.0, 30.0, 20.0, 55.0, dwell_s=8.0, why="cool")
 LIT, HIGH = replace(COOL, irradiance_w_m2=1000.0, airflow_m_s=5.0), replace(COOL, pressure_hpa=700.0)
 
 

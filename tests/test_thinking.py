@@ -12,14 +12,14 @@ from small_worlds import QUIET
 from shockrig.analysis.planning.decide import decide, of_decision, with_due
 from shockrig.analysis.planning.export import log_entry, remembered
 from shockrig.analysis.planning.goals import parse_goals
-from shockrig.analysis.planning.shock import Shock
+from shockrig.analysis.planning.shock import PlannedShock
 from shockrig.protocols.adaptive import Loop
 from shockrig.protocols.background import Background
 from shockrig.rig.bench import virtual_bench
-from shockrig.rig.virtual.truth import Hidden, Noise
+from shockrig.rig.virtual.truth import Hidden, TrueNoise
 
-HEATED = replace(QUIET, temperature_noise=Noise(0.015), effects=(Hidden("self_heating", {"rise_k_at_5_m_s": 0.2}),))
-COOL, WARM = Shock(40.0, 17.0, 20.0, 55.0, dwell_s=20.0), Shock(20.0, 55.0, 40.0, 17.0, dwell_s=20.0)
+HEATED = replace(QUIET, temperature_noise=TrueNoise(0.015), effects=(Hidden("self_heating", {"rise_k_at_5_m_s": 0.2}),))
+COOL, WARM = PlannedShock(40.0, 17.0, 20.0, 55.0, dwell_s=20.0), PlannedShock(20.0, 55.0, 40.0, 17.0, dwell_s=20.0)
 GOALS = parse_goals("alpha 0.01 %, ties decided, minutes 60")
 
 

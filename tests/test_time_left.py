@@ -6,7 +6,7 @@ import pytest
 
 from shockrig.protocols.cli import main
 from shockrig.protocols.run_progress import LineObserver
-from shockrig.protocols.time_left import Phases, Rows, TimeLeft, in_words
+from shockrig.protocols.time_left import CountedRows, Phases, TimeLeft, in_words
 
 
 class Clock:
@@ -51,7 +51,7 @@ def test_a_phase_says_what_is_left_by_what_phases_usually_take():
 
 def test_rows_are_told_every_few_seconds(capsys):
     now = Clock()
-    progress = Rows(1000, TimeLeft(now), now)
+    progress = CountedRows(1000, TimeLeft(now), now)
     for s, rows in ((2.0, 100), (6.0, 200), (8.0, 300), (12.0, 400)):
         now.s = s
         progress(rows)

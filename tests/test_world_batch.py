@@ -23,7 +23,7 @@ from shockrig.rig.virtual.plans import (
     standard_plan,
     wide_plan,
 )
-from shockrig.rig.virtual.truth import Hidden, Noise, Truth, draw_truth, with_effects
+from shockrig.rig.virtual.truth import Hidden, TrueNoise, Truth, draw_truth, with_effects
 
 WARM = Shock("up", Air(10.0, 50.0), Air(30.0, 20.0), 6.0, duration_s=50.0, lead_s=10.037)
 COOL = Shock("down", Air(30.0, 20.0), Air(10.0, 60.0), 2.5, duration_s=50.0, lead_s=10.061)
@@ -220,7 +220,7 @@ def test_die_lag_reads_a_cold_die_as_moist(simulate):
 
 
 def test_logger_effects_are_seen_in_the_files(simulate):
-    noisy = dataclasses.replace(QUIET, temperature_noise=Noise(0.02), humidity_noise=Noise(0.1))
+    noisy = dataclasses.replace(QUIET, temperature_noise=TrueNoise(0.02), humidity_noise=TrueNoise(0.1))
     averaged, _ = read(simulate(Hidden("moving_average", {"samples": 5}), truth=noisy), "wet")
     before = averaged["temperature_c"][10:100] - 20
     assert before.std() == pytest.approx(0.02 / 5**0.5, rel=0.35)
@@ -233,7 +233,7 @@ def test_logger_effects_are_seen_in_the_files(simulate):
 
 
 def test_correlated_noise_has_its_size_and_time_constant(simulate):
-    truth = dataclasses.replace(QUIET, temperature_noise=Noise(0.0, 0.02, 0.5))
+    truth = dataclasses.replace(QUIET, temperature_noise=TrueNoise(0.0, 0.02, 0.5))
     run = Shock("long", Air(20.0, 50.0), Air(20.0, 50.0), duration_s=300.0)
     imet, _ = read(simulate(truth=truth, plan=[run]), "long")
     noise = imet["temperature_c"] - 20.0

@@ -15,7 +15,7 @@ from shockrig.rig.virtual.effects import KINDS
 from shockrig.rig.virtual.hide import draw_effect, draw_hidden
 from shockrig.rig.virtual.physics import chains, course
 from shockrig.rig.virtual.plans import Shock
-from shockrig.rig.virtual.truth import ROUGH, Hidden, Noise, draw_truth, with_effects
+from shockrig.rig.virtual.truth import ROUGH, Hidden, TrueNoise, draw_truth, with_effects
 from shockrig.rig.virtual.world import RECORDED_BEFORE_S, ROOM, World
 
 SOURCE, DESTINATION = Air(12.0, 55.0), Air(27.0, 78.0)
@@ -241,7 +241,9 @@ def test_looking_always_comes_to_an_end(first_seed, monkeypatch):
 
 
 def test_noise_is_there_and_is_seeded():
-    noisy = dataclasses.replace(QUIET, temperature_noise=Noise(0.02), humidity_noise=Noise(0.1), die_noise_k=0.02)
+    noisy = dataclasses.replace(
+        QUIET, temperature_noise=TrueNoise(0.02), humidity_noise=TrueNoise(0.1), die_noise_k=0.02
+    )
     readings = []
     for _ in range(2):
         live, _ = world(noisy)

@@ -137,7 +137,7 @@ def test_lag_is_first_order():
 def test_sealed_film_keeps_its_vapour():
     edges = chains.film_edges()
     block = chains.film(RUNS, np.full(3, np.inf), edges)
-    closed = chains.Chain(block.capacity, block.link, np.zeros(3))
+    closed = chains.CellChain(block.capacity, block.link, np.zeros(3))
     start = np.random.default_rng(1).random(block.capacity.shape)
     stepper = chains.Stepper([closed], lambda t: [np.full(3, 99.0)], [start])
     for _ in range(2500):

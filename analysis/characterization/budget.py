@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from shockrig.analysis.characterization import curvature
-from shockrig.analysis.characterization.response_times import USUAL, Air, response_slopes
-from shockrig.analysis.characterization.result import ChannelResult, Part, Row
+from shockrig.analysis.characterization.response_times import USUAL, ResponseAir, response_slopes
+from shockrig.analysis.characterization.result import ChannelResult, Part, TableRow
 from shockrig.analysis.characterization.shifts import (
     airflow_exponent,
     disturbances,
     knows_airflow,
     temperature_slopes,
 )
-from shockrig.analysis.characterization.sources import Line, Source, sources
+from shockrig.analysis.characterization.sources import Component, Source, sources
 from shockrig.analysis.inference.channel import AMBIENT_WIDTH_K, Channel
 from shockrig.analysis.inference.noise import Noise
 
@@ -50,8 +50,8 @@ class Budget:
     channel: str
     unit: str
     value: float
-    air: Air
-    lines: tuple[Line, ...]
+    air: ResponseAir
+    lines: tuple[Component, ...]
     interval: tuple[float, float] | None = None
 
     @property
@@ -79,7 +79,7 @@ class Budget:
         """U = k u: half the interval that holds 95.45 %."""
         return self.coverage_factor * self.standard_uncertainty
 
-    def share(self, line: Line) -> float:
+    def share(self, line: Component) -> float:
         """Of the variance, from 0 to 1."""
         return (line.contribution / self.standard_uncertainty) ** 2 if self.standard_uncertainty > 0 else 0.0
 
@@ -95,7 +95,7 @@ class Budget:
         return math.sqrt(sum(line.contribution**2 for line in self.lines if not line.key))
 
 
-def budgets(result: ChannelResult, air: Air | None = None) -> list[Budget]:
+def budgets(result: ChannelResult, air: ResponseAir | None = None) -> list[Budget]:
     """Budgets of alpha or of each D, and of t63 and t90 in an air; a film's are at each row's own temperature."""
     found: list[Budget] = []
     ridges = [curvature.ridge(p.problem, p.fit, list(disturbances(p.problem, p.fit).values())) for p in result.parts]
@@ -104,7 +104,7 @@ def budgets(result: ChannelResult, air: Air | None = None) -> list[Budget]:
         place = next(i for i, part in enumerate(result.parts) if row.runs[0] in part.channel.run_ids)
         part = result.parts[place]
         ambient = int(np.argmin(np.abs(part.channel.ambients_c - row.ambient_c)))
-        found += _of_ambient(part, result.noise, inputs[place], ambient, row, air or Air(), ridges[place])
+        found += _of_ambient(part, result.noise, inputs[place], ambient, row, air or ResponseAir(), ridges[place])
     return found
 
 
@@ -127,7 +127,7 @@ def diffusivity_at(result: ChannelResult, temperature_c: float) -> Budget | None
             share = float((at - x[left]) / (x[left + 1] - x[left]))
             weights[order[left]], weights[order[left + 1]] = 1.0 - share, share
         value = float(np.exp(weights @ found.theta) * channel.length_m**2)
-        stated_air = replace(_stated(channel, 0, Air()), temperature_c=temperature_c)
+        stated_air = replace(_stated(channel, 0, ResponseAir()), temperature_c=temperature_c)
         figures = [(channel.quantity.symbol, "m²/s", value, value * weights)]
         inputs = sources(part, result.noise)
         return _budgets(part, result.noise, inputs, figures, stated_air, _apart_at_most(result, part, inputs))[0]
@@ -146,7 +146,7 @@ def mean_diffusivity(result: ChannelResult) -> tuple[Budget, tuple[float, ...]] 
     value = float(np.exp(logs.mean()) * channel.length_m**2)
     slope = np.zeros(found.theta.size)
     slope[found.model.rates] = value / channel.rates
-    air = replace(_stated(channel, 0, Air()), temperature_c=float(wholes.mean()))
+    air = replace(_stated(channel, 0, ResponseAir()), temperature_c=float(wholes.mean()))
     figure = (channel.quantity.symbol, "m²/s", value, slope)
     inputs = sources(part, result.noise)
     whole = _budgets(part, result.noise, inputs, [figure], air, _apart_at_most(result, part, inputs))[0]
@@ -158,8 +158,8 @@ def _of_ambient(
     noise: Noise,
     inputs: list[Source],
     ambient: int,
-    row: Row,
-    air: Air,
+    row: TableRow,
+    air: ResponseAir,
     ridge: curvature.Ridge | None,
 ) -> list[Budget]:
     channel, theta = part.channel, part.fit.theta
@@ -202,19 +202,19 @@ def _propagated(budget: Budget, inputs: list[Source], drawn: curvature.Drawn) ->
     ):
         return budget
     lines = [source.giving(budget.value * given) for source, given in zip(inputs, drawn.contributions, strict=True)]
-    lines.append(Line("curvature of the response", "A", "propagated", drawn.beyond, "1", budget.value))
+    lines.append(Component("curvature of the response", "A", "propagated", drawn.beyond, "1", budget.value))
     ends = budget.value * (1.0 + low), budget.value * (1.0 + high)
     return replace(budget, lines=_kept(lines + others), interval=ends)
 
 
-def _kept(lines: list[Line]) -> tuple[Line, ...]:
+def _kept(lines: list[Component]) -> tuple[Component, ...]:
     """Lines that are any part of the whole, by falling contribution."""
     variance = sum(line.contribution**2 for line in lines)
     kept = [line for line in lines if line.contribution**2 > LEAST_SHARE * variance]
     return tuple(sorted(kept, key=lambda line: -line.contribution))
 
 
-def _apart(part: Part, noise: Noise, inputs: list[Source], ambient: int, row: Row) -> float:
+def _apart(part: Part, noise: Noise, inputs: list[Source], ambient: int, row: TableRow) -> float:
     """By how much, relatively, runs that the model misses are apart: what of a row's uncertainty no input explains."""
     slope = np.zeros(part.fit.theta.size)
     slope[ambient] = 1.0
@@ -236,7 +236,7 @@ def _budgets(
     noise: Noise,
     inputs: list[Source],
     figures: list[tuple[str, str, float, Array]],
-    stated: Air,
+    stated: ResponseAir,
     apart: float,
 ) -> list[Budget]:
     """Budgets of figures, each as its name, unit, value, and by how much theta moves it (P,)."""
@@ -246,17 +246,19 @@ def _budgets(
         lines = [source.line(slope) for source in inputs]
         variance = sum(line.contribution**2 for line in lines)
         if beyond := _other_airflow(part, stated):
-            lines.append(Line("airflow other than the runs'", "B", "normal", beyond, "1", value))
+            lines.append(Component("airflow other than the runs'", "B", "normal", beyond, "1", value))
             variance += lines[-1].contribution ** 2
         if misfit > 1.0:
             lines.append(_misfit_line(misfit, math.sqrt(variance), channel.runs))
         if apart > 0.0:
-            lines.append(Line("disagreement of the runs", "A", "normal", apart, "1", value, max(channel.runs - 1, 1)))
+            lines.append(
+                Component("disagreement of the runs", "A", "normal", apart, "1", value, max(channel.runs - 1, 1))
+            )
         made.append(Budget(figure, channel.name, unit, value, stated, _kept(lines)))
     return made
 
 
-def _other_airflow(part: Part, air: Air) -> float:
+def _other_airflow(part: Part, air: ResponseAir) -> float:
     """By how much, relatively, an effective figure may differ in an airflow that is not the runs'; 0 where the model
     knows what the airflow does, or it is theirs."""
     conditions = part.channel.conditions
@@ -266,7 +268,7 @@ def _other_airflow(part: Part, air: Air) -> float:
     return airflow_exponent(part.fit) * apart
 
 
-def _stated(channel: Channel, ambient: int, air: Air) -> Air:
+def _stated(channel: Channel, ambient: int, air: ResponseAir) -> ResponseAir:
     """The air that figures are stated for, nothing left open but an airflow that nobody recorded."""
     conditions = channel.conditions
     airflow, temperature, pressure = air.airflow_m_s, air.temperature_c, air.pressure_hpa
@@ -276,10 +278,12 @@ def _stated(channel: Channel, ambient: int, air: Air) -> Air:
         temperature = float(channel.ambients_c[ambient])
     elif temperature is None:
         temperature = USUAL["temperature_c"]
-    return Air(airflow, temperature, float(np.median(conditions.pressure_hpa)) if pressure is None else pressure)
+    return ResponseAir(
+        airflow, temperature, float(np.median(conditions.pressure_hpa)) if pressure is None else pressure
+    )
 
 
-def _misfit_line(enlarged: float, uncertainty: float, runs: int) -> Line:
+def _misfit_line(enlarged: float, uncertainty: float, runs: int) -> Component:
     """What the uncertainty is enlarged by, because the model leaves more than the noise."""
     beyond = math.sqrt(enlarged**2 - 1.0)
-    return Line("misfit of the model", "A", "normal", beyond, "1", uncertainty, max(runs - 1, 1))
+    return Component("misfit of the model", "A", "normal", beyond, "1", uncertainty, max(runs - 1, 1))

@@ -10,7 +10,7 @@ from datetime import date
 from typing import Any
 
 from shockrig.analysis.characterization.budget import Budget, budgets
-from shockrig.analysis.characterization.response_times import Air
+from shockrig.analysis.characterization.response_times import ResponseAir
 from shockrig.analysis.characterization.result import Characterization
 from shockrig.analysis.inference.quantity import QUANTITIES
 from shockrig.files.campaign import Campaign
@@ -42,7 +42,7 @@ def with_common(campaign: Campaign) -> Campaign:
 
 def certified(
     result: Characterization,
-    air: Air,
+    air: ResponseAir,
     issued_on: str,
     *,
     traced: Sequence[Traced] = (),

@@ -20,9 +20,9 @@ from shockrig.analysis.characterization.part_fit import (
     make_part,
     quick_part,
 )
-from shockrig.analysis.characterization.result import ChannelResult, Characterization, Part, Row, channel_result
+from shockrig.analysis.characterization.result import ChannelResult, Characterization, Part, TableRow, channel_result
 from shockrig.analysis.checks.checked import checked
-from shockrig.analysis.inference.effect import Readings
+from shockrig.analysis.inference.effect import SingleReadings
 from shockrig.analysis.inference.fit import fit
 from shockrig.analysis.inference.gather import build_channel, usable_runs, why_none
 from shockrig.analysis.inference.noise import estimate_noise
@@ -133,7 +133,7 @@ def characterize_channel(
         raise _Unusable(why_none(usable_runs(campaign, name)[1]))
     for effect in extension.structure.effects:
         if effect.readout.dated and effect.readout.in_readings:
-            whole = effect.readout.in_readings(Readings(whole))[0].channel
+            whole = effect.readout.in_readings(SingleReadings(whole))[0].channel
     say(f"{name}: {counted(whole.runs, 'run')}, noise from the plateaus")
     noise = estimate_noise(whole)
     rounding = 0.0
@@ -142,7 +142,7 @@ def characterize_channel(
             rounding = effect.readout.rounded_to(extension.structure.held_values(effect.id))
             noise = noise.with_rounding(rounding)
     groups, set_aside = choose_runs(whole, noise, extension)
-    rows: list[Row] = []
+    rows: list[TableRow] = []
     parts: list[Part] = []
     for channel, models in groups:
         fitted = quick_part if quickly else fit_part

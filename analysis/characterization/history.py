@@ -57,7 +57,7 @@ class Observation:
 
 
 @dataclass(frozen=True)
-class Change:
+class HistoryStep:
     """A step: the first campaign after it (its index), the relative change with its standard uncertainty, and the
     probability of one as large by accident, at any place and in any figure."""
 
@@ -78,7 +78,7 @@ class Chart:
     serial: str
     unit: str
     observations: tuple[Observation, ...]
-    changes: tuple[Change, ...]
+    changes: tuple[HistoryStep, ...]
     level: Array
     low: Array
     high: Array
@@ -132,7 +132,7 @@ def _pooled(observations: Sequence[Observation]) -> list[Observation]:
     return [replace(one, random=size, degrees=float(degrees.sum())) for one in observations]
 
 
-def _changes(observations: Sequence[Observation], first: int, last: int) -> list[Change]:
+def _changes(observations: Sequence[Observation], first: int, last: int) -> list[HistoryStep]:
     """Steps between `first` and `last`, the plainest first."""
     if last - first < 2:
         return []
@@ -145,7 +145,7 @@ def _changes(observations: Sequence[Observation], first: int, last: int) -> list
     if anywhere > FALSE_ALARMS:
         return []
     at = first + place + 1
-    own = Change(at, math.expm1(relative), uncertainty * math.exp(relative), anywhere)
+    own = HistoryStep(at, math.expm1(relative), uncertainty * math.exp(relative), anywhere)
     return [own, *_changes(observations, first, at), *_changes(observations, at, last)]
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.characterization.extension import Extension
 from shockrig.analysis.characterization.response_times import response_time
-from shockrig.analysis.characterization.result import FAR_DEVIATED, Part, Row
+from shockrig.analysis.characterization.result import FAR_DEVIATED, Part, TableRow
 from shockrig.analysis.characterization.shifts import widened
 from shockrig.analysis.effects.described import entry_of, with_values
 from shockrig.analysis.inference.channel import Channel, LeftOut
@@ -39,7 +39,7 @@ def fit_part(
     seed: int,
     rounding: float,
     say: Callable[[str], None],
-) -> tuple[Part, list[Row], list[LeftOut]]:
+) -> tuple[Part, list[TableRow], list[LeftOut]]:
     """Fit runs together with the model that leaves the least; rows of what is determined, runs of what is not."""
     searched = {}
     for basis, extension in models.items():
@@ -77,7 +77,7 @@ def quick_part(
     seed: int,
     rounding: float,
     say: Callable[[str], None],
-) -> tuple[Part, list[Row], list[LeftOut]]:
+) -> tuple[Part, list[TableRow], list[LeftOut]]:
     """As `fit_part`, from a rough scan of the rates in place of the two optimisers."""
     problem = make_problem(channel, whiteners(channel, noise), rounding=rounding)
     parts = {}
@@ -93,7 +93,7 @@ def quick_part(
 
 def joint_rows(
     part: Part, noise: Noise, basis: str, optima: Sequence[tuple[Optimum | None, Optimum | None]] | None = None
-) -> tuple[list[Row], list[LeftOut]]:
+) -> tuple[list[TableRow], list[LeftOut]]:
     """Rows of the ambients whose diffusivity a joint fit determines, and the runs of those that it does not.
 
     `optima` are each ambient's findings of the two optimisers, where they were asked.
@@ -103,7 +103,7 @@ def joint_rows(
     most = min(FAR_DEVIATED * part.problem.rate_scatter_limit, UNVENTILATED_LIMIT)
     scattered = found.deviations[:, RunEffect.RATE].std() > most
     apart = _apart(part) if enlarged > 1.0 or scattered else np.zeros(channel.ambients_c.size)
-    rows: list[Row] = []
+    rows: list[TableRow] = []
     undetermined: list[LeftOut] = []
     for g, (first, check) in enumerate(optima or [(None, None)] * channel.ambients_c.size):
         runs = tuple(channel.run_ids[i] for i in np.flatnonzero(channel.ambient == g))
@@ -119,7 +119,7 @@ def joint_rows(
             continue
         value = float(np.exp(found.theta[g]) * channel.length_m**2)
         rows.append(
-            Row(
+            TableRow(
                 ambient_c=round(float(channel.ambients_c[g]), 3),
                 diffusivity_m2_s=value,
                 standard_uncertainty=value * relative,
@@ -161,7 +161,7 @@ def _wider(response: ResponseTime, relative: float) -> ResponseTime:
     return replace(response, standard_uncertainties_s=(first, second, third))
 
 
-def as_far_off(row: Row, t63_s: float) -> Row:
+def as_far_off(row: TableRow, t63_s: float) -> TableRow:
     """A row of a model that misses its only run, as uncertain as its time to 63 % is away from the run's own [s]:
     with no other run nothing else tells how wrong the model is."""
     away = abs(float(np.log(row.response.t63_s / t63_s)))

@@ -28,7 +28,7 @@ LONGER = 8  # times at most that it is looked at for longer
 
 
 @dataclass(frozen=True)
-class Air:
+class ResponseAir:
     """The air that a response time is stated for; None is the campaign's: its median airflow and pressure, and of
     temperature what the step goes through (a film: the ambient)."""
 
@@ -49,9 +49,9 @@ def response_time(channel: Channel, found: Fit, ambient: int, enlarged: float = 
     return ResponseTime(t63, t90, t98, (float(first), float(second), float(third)))
 
 
-def response_slopes(channel: Channel, found: Fit, ambient: int, air: Air | None = None) -> tuple[Array, Array]:
+def response_slopes(channel: Channel, found: Fit, ambient: int, air: ResponseAir | None = None) -> tuple[Array, Array]:
     """The times [s] (3,) in an air, and by how much theta moves them (3, P)."""
-    air = air or Air()
+    air = air or ResponseAir()
     times = np.array(_times(channel, found.structure, found.theta, ambient, air))
     of_sensor = set(found.structure.of_sensor().names)
     moving = [found.model.place(name) for name in found.structure.names if name in of_sensor]
@@ -72,7 +72,9 @@ def response_slopes(channel: Channel, found: Fit, ambient: int, air: Air | None 
     return times, slopes
 
 
-def _times(channel: Channel, structure: Structure, theta: Array, ambient: int, air: Air) -> tuple[float, float, float]:
+def _times(
+    channel: Channel, structure: Structure, theta: Array, ambient: int, air: ResponseAir
+) -> tuple[float, float, float]:
     rate = float(np.exp(theta[ambient]))
     kept = structure.of_sensor()
     if not kept.effects:
@@ -101,7 +103,7 @@ def _times(channel: Channel, structure: Structure, theta: Array, ambient: int, a
     return times[0], times[1], times[2]
 
 
-def _one_step(channel: Channel, ambient: int, time: Array, air: Air) -> Channel:
+def _one_step(channel: Channel, ambient: int, time: Array, air: ResponseAir) -> Channel:
     """A channel of one ideal run: a rising step at one ambient, in the air that is asked for."""
     one = channel.select(np.array([int(np.flatnonzero(channel.ambient == ambient)[0])]))
     usual_c = float(channel.ambients_c[ambient])

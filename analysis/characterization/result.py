@@ -23,7 +23,7 @@ FAR_DEVIATED = 2.0  # likewise, for how far start times and airs are bent
 
 
 @dataclass(frozen=True)
-class Row:
+class TableRow:
     """One ambient of one channel: the diffusivity [m^2/s] with its standard uncertainty, and what it rests on.
 
     `basis` is "all runs", "isothermal shocks", or how thermal shocks alone were read where there was nothing else.
@@ -92,7 +92,7 @@ class ChannelResult:
         Effects that nobody listed and the model carries too, with fitted numbers.
     """
 
-    rows: tuple[Row, ...]
+    rows: tuple[TableRow, ...]
     noise: Noise
     effects: tuple[StatedEffect, ...]
     parts: tuple[Part, ...]
@@ -149,7 +149,7 @@ class Characterization:
 
 
 def channel_result(
-    rows: Sequence[Row],
+    rows: Sequence[TableRow],
     noise: Noise,
     effects: tuple[StatedEffect, ...],
     parts: Sequence[Part],

@@ -28,7 +28,7 @@ COMMON_LINES = {
 
 
 @dataclass(frozen=True)
-class Line:
+class Component:
     """One component of a budget.
 
     Attributes
@@ -67,15 +67,15 @@ class Line:
 class Source:
     """One input: its line without a sensitivity, and what it moves theta by, columns (P, m) of unit variance."""
 
-    of: Line
+    of: Component
     moves: Array
 
-    def line(self, slope: Array) -> Line:
+    def line(self, slope: Array) -> Component:
         """The line of a figure that theta moves by `slope` (P,)."""
         along = slope @ self.moves
         return self.giving(float(along[0]) if along.size == 1 else float(np.sqrt((along**2).sum())))
 
-    def giving(self, contribution: float) -> Line:
+    def giving(self, contribution: float) -> Component:
         """The line of a figure that it moves by so much, one standard uncertainty."""
         return replace(self.of, sensitivity=contribution / self.of.standard_uncertainty)
 
@@ -86,7 +86,7 @@ def sources(part: Part, noise: Noise) -> list[Source]:
     model, arrow, unit = found.model, found.arrow, part.channel.quantity.unit
     from_runs, from_readings = arrow.shares()
     used = int((channel.count > 0).sum())
-    of_noise = Line("noise of the readings", "A", "normal", noise.standard_deviation, unit, degrees=max(used, 1))
+    of_noise = Component("noise of the readings", "A", "normal", noise.standard_deviation, unit, degrees=max(used, 1))
     made = [Source(of_noise, from_readings)]
     air_unit = {RunEffect.SOURCE: unit, RunEffect.DESTINATION: unit, RunEffect.DESTINATION_C: "K"}
     start = "trigger, run by run" if channel.conditions.start_known.any() else "start, which nobody recorded"
@@ -100,22 +100,22 @@ def sources(part: Part, noise: Noise) -> list[Source]:
     for effect, moves in zip(RunEffect, from_runs, strict=False):
         if effect is RunEffect.RATE:
             degrees = max(channel.runs - channel.rates, 0) + RATE_SCATTER_WEIGHT
-            line = Line("rate, run by run", "A", "normal", found.rate_scatter, "1", degrees=degrees)
+            line = Component("rate, run by run", "A", "normal", found.rate_scatter, "1", degrees=degrees)
             made.append(Source(line, moves))
             continue
         size = float(np.sqrt((1.0 / arrow.weight[:, effect]).mean()))
         its_unit = "s" if effect is RunEffect.START else air_unit[effect]
-        made.append(Source(Line(names[effect], "B", "normal", size, its_unit), moves))
+        made.append(Source(Component(names[effect], "B", "normal", size, its_unit), moves))
     covariance, prior = arrow.covariance(), model.priors()[1]
     for k in np.flatnonzero(prior):
         name, size = model.names[k], float(1.0 / np.sqrt(prior[k]))
         component, its_unit = COMMON_LINES.get(name, (f"what is known of {name} beforehand", "1"))
         moves = -(covariance[:, k] / size)[:, None]  # the prior holds the estimate back from where the error is
-        line = Line(component, "B", "normal", size, its_unit, key=name if name in COMMON_LINES else "")
+        line = Component(component, "B", "normal", size, its_unit, key=name if name in COMMON_LINES else "")
         made.append(Source(line, moves))
     for name, moved in shifts(part.problem, found).items():
         component, its_unit = COMMON_LINES[name]
         least = channel.common is None or channel.common.trigger_offset_s < LEAST_TRIGGER_OFFSET_S
         size = LEAST_TRIGGER_OFFSET_S if name == TRIGGER and least else float(getattr(channel.common, name))
-        made.append(Source(Line(component, "B", "normal", size, its_unit, key=name), moved[:, None]))
+        made.append(Source(Component(component, "B", "normal", size, its_unit, key=name), moved[:, None]))
     return made

@@ -15,8 +15,8 @@ from shockrig.analysis.checks.signals import (
     HUMIDITY,
     TEMPERATURE,
     UNITS,
-    Seen,
-    View,
+    CampaignView,
+    ColumnSeen,
     stated,
 )
 from shockrig.analysis.checks.thresholds import limit
@@ -26,7 +26,7 @@ LEAST_READINGS = 8
 LEFT = 0.75  # share of a sensor's runs with which nothing else is wrong
 
 
-def airs_disagree(view: View) -> Iterator[InputFinding]:
+def airs_disagree(view: CampaignView) -> Iterator[InputFinding]:
     """Runs in which a sensor stood further from its stated air than calibration, heat and water explain.
 
     Where most runs agree with their airs these are wrong, and stop; where hardly any does it may be the sensor.
@@ -56,7 +56,7 @@ def airs_disagree(view: View) -> Iterator[InputFinding]:
             )
 
 
-def airs_off_both(view: View) -> Iterator[InputFinding]:
+def airs_off_both(view: CampaignView) -> Iterator[InputFinding]:
     """Airs off by as much for two thermometers at once: less than a wet or heated one is by itself, but bead and die
     are of two makers, and what both of them read at rest is the air."""
     off: dict[str, float] = {}
@@ -96,7 +96,7 @@ def airs_off_both(view: View) -> Iterator[InputFinding]:
         )
 
 
-def _source(seen: Seen) -> tuple[str, bool] | None:
+def _source(seen: ColumnSeen) -> tuple[str, bool] | None:
     """What is to be said of the air that a run begins in, and whether it disagrees; None where it tells nothing."""
     source, start_s = stated(seen.run, seen.column)[0], seen.run.start_s
     if source is None or start_s is None or seen.run.air is not None:
@@ -105,7 +105,7 @@ def _source(seen: Seen) -> tuple[str, bool] | None:
     return None if stood is None else _judged(seen, "source", stood, source, 0.0)
 
 
-def _destination(seen: Seen) -> tuple[str, bool] | None:
+def _destination(seen: ColumnSeen) -> tuple[str, bool] | None:
     source, destination = stated(seen.run, seen.column)
     if destination is None or seen.run.start_s is None or seen.run.air is not None:
         return None
@@ -115,17 +115,17 @@ def _destination(seen: Seen) -> tuple[str, bool] | None:
     return None if stood is None else _judged(seen, "destination", stood, destination, on_the_way)
 
 
-def _judged(seen: Seen, place: str, stood: float, air: float, on_the_way: float) -> tuple[str, bool]:
+def _judged(seen: ColumnSeen, place: str, stood: float, air: float, on_the_way: float) -> tuple[str, bool]:
     unit = UNITS[seen.column]
     far = abs(stood - air) > _allowed(seen) + on_the_way
     return f"stands at {stood:.1f} {unit} in the {place} air, which is said to have {air:.1f} {unit}", far
 
 
-def _allowed(seen: Seen) -> float:
+def _allowed(seen: ColumnSeen) -> float:
     return limit("stood_percent" if seen.column == HUMIDITY else "stood_k")
 
 
-def _at_rest(seen: Seen, there: np.ndarray) -> float | None:
+def _at_rest(seen: ColumnSeen, there: np.ndarray) -> float | None:
     """What a sensor read at the end of a rest; None where it had not come to one, for all that its own pace tells."""
     time, value = seen.time_s[there], seen.value[there]
     if value.size < LEAST_READINGS:

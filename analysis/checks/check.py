@@ -13,7 +13,7 @@ from shockrig.analysis.checks.milliseconds import starts_in_milliseconds, times_
 from shockrig.analysis.checks.minutes import times_in_minutes
 from shockrig.analysis.checks.rates import response_times
 from shockrig.analysis.checks.sensors import dead_sensors, impossible_readings, saturated_sensors
-from shockrig.analysis.checks.signals import View, look
+from shockrig.analysis.checks.signals import CampaignView, look
 from shockrig.analysis.checks.swaps import airs_swapped, columns_and_sensors_swapped
 from shockrig.analysis.checks.units import (
     everything_a_fraction,
@@ -24,7 +24,7 @@ from shockrig.analysis.checks.units import (
 from shockrig.files.campaign import Campaign
 
 # In this order: what one of them stops, the later ones no longer look at, so that one fault is said once.
-CHECKS: tuple[Callable[[View], Iterable[InputFinding]], ...] = (
+CHECKS: tuple[Callable[[CampaignView], Iterable[InputFinding]], ...] = (
     misspelt_keys,
     everything_in_kelvin,
     impossible_readings,

@@ -17,8 +17,8 @@ from shockrig.analysis.checks.signals import (
     HUMIDITY,
     OTHER_SENSOR,
     TEMPERATURE,
-    Seen,
-    View,
+    CampaignView,
+    ColumnSeen,
 )
 from shockrig.analysis.checks.thresholds import limit
 from shockrig.files.campaign import Run
@@ -36,13 +36,13 @@ class Onset:
     still agree.
     """
 
-    seen: Seen
+    seen: ColumnSeen
     offset_s: float
     tolerance_s: float
     verdict: str
 
 
-def starts_and_clocks(view: View) -> Iterator[InputFinding]:
+def starts_and_clocks(view: CampaignView) -> Iterator[InputFinding]:
     """Starts that no reading agrees with, and sensors whose clock is apart from the start's or the other sensor's.
 
     Where one sensor agrees with the stated starts and the other is off in most of its runs, it is that one's clock;
@@ -92,7 +92,7 @@ def _clock_is_off(sensor: str, onsets: dict[str, dict[str, Onset]]) -> bool:
     return len(off) >= share * len(able[sensor]) and agreeing >= max(2, share * len(other))
 
 
-def clocks_without_starts(view: View) -> Iterator[InputFinding]:
+def clocks_without_starts(view: CampaignView) -> Iterator[InputFinding]:
     """One sensor's clock late or early where nobody triggered: both sensors' responses begin at one moment."""
     apart = {}
     for run in view.campaign.runs:
@@ -122,11 +122,11 @@ def clocks_without_starts(view: View) -> Iterator[InputFinding]:
         )
 
 
-def _rise_s(seen: Seen) -> float:
+def _rise_s(seen: ColumnSeen) -> float:
     return seen.crossing_s(0.632) - seen.crossing_s(0.1)
 
 
-def _onset(view: View, run: Run, sensor: str, start_s: float) -> Onset | None:
+def _onset(view: CampaignView, run: Run, sensor: str, start_s: float) -> Onset | None:
     """When a sensor begins to respond: the bead; the film where the temperature stays; the die where it does not."""
     seen = view.get(run, FIRST_COLUMN[sensor])
     steady = seen is None or seen.column == TEMPERATURE or isothermal(view, seen)
@@ -157,7 +157,7 @@ def _onset(view: View, run: Run, sensor: str, start_s: float) -> Onset | None:
     return Onset(seen, offset - (expected if offset > 0 else 0.0), tolerance, verdict)
 
 
-def _record(view: View, run: Run) -> tuple[float, float, float] | None:
+def _record(view: CampaignView, run: Run) -> tuple[float, float, float] | None:
     """From when to when a run was recorded [s on the clock of its files], and the time between its first two rows."""
     times = [seen.time_s for column in FILES if (seen := view.get(run, column)) is not None]
     if not times:
@@ -166,7 +166,7 @@ def _record(view: View, run: Run) -> tuple[float, float, float] | None:
     return float(earliest[0]), float(max(time[-1] for time in times)), float(earliest[1] - earliest[0])
 
 
-def _outside(view: View, run: Run) -> bool:
+def _outside(view: CampaignView, run: Run) -> bool:
     """Whether the stated start lies outside of everything that was recorded, by more than the time to the next row."""
     record = _record(view, run)
     if run.start_s is None or run.air is not None or record is None:
@@ -175,7 +175,7 @@ def _outside(view: View, run: Run) -> bool:
     return not first_s - period_s <= run.start_s <= last_s
 
 
-def _clock(view: View, sensor: str, off: list[Onset], everywhere: bool) -> InputFinding:
+def _clock(view: CampaignView, sensor: str, off: list[Onset], everywhere: bool) -> InputFinding:
     offset = float(np.median([o.offset_s for o in off]))
     runs = [o.seen.run.id for o in off]
     late, other = offset > 0, f"{OTHER_SENSOR[sensor]}.csv"
@@ -192,7 +192,7 @@ def _clock(view: View, sensor: str, off: list[Onset], everywhere: bool) -> Input
     )
 
 
-def _wrong_starts(view: View, wrong: dict[str, float]) -> InputFinding:
+def _wrong_starts(view: CampaignView, wrong: dict[str, float]) -> InputFinding:
     offsets = np.array(list(wrong.values()))
     known = offsets[np.isfinite(offsets)]
     if not known.size:

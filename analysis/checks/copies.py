@@ -11,7 +11,16 @@ from collections.abc import Iterator
 import numpy as np
 
 from shockrig.analysis.checks.finding import Channel, InputFinding
-from shockrig.analysis.checks.signals import CHANNEL_OF_FILE, COLUMNS, FILES, HUMIDITY, TEMPERATURE, Array, Seen, View
+from shockrig.analysis.checks.signals import (
+    CHANNEL_OF_FILE,
+    COLUMNS,
+    FILES,
+    HUMIDITY,
+    TEMPERATURE,
+    Array,
+    CampaignView,
+    ColumnSeen,
+)
 from shockrig.analysis.checks.thresholds import limit
 
 NO_NOISE = 1e-7  # of a calculated campaign, in shares of the readings' range
@@ -19,12 +28,12 @@ MOST_READINGS = 5000  # of a run that are compared
 ORDER = 8  # readings that foretell the next one: two tones and a slow noise
 
 
-def copied_runs(view: View) -> Iterator[InputFinding]:
+def copied_runs(view: CampaignView) -> Iterator[InputFinding]:
     """Runs that are copies of another: equal noise in a sensor's readings."""
     originals: dict[str, str] = {}
     places: dict[str, list[str]] = {}
     for column in (TEMPERATURE, HUMIDITY):
-        kept: list[tuple[Seen, Array]] = []
+        kept: list[tuple[ColumnSeen, Array]] = []
         for seen in view.column(column):
             noise = _innovations(seen.value[:MOST_READINGS])
             if noise is None:
@@ -51,7 +60,7 @@ def copied_runs(view: View) -> Iterator[InputFinding]:
         )
 
 
-def _equal(view: View, first: str, second: str, column: str) -> bool:
+def _equal(view: CampaignView, first: str, second: str, column: str) -> bool:
     a, b = view.seen.get((first, column)), view.seen.get((second, column))
     return a is None or b is None or np.array_equal(a.value, b.value)
 

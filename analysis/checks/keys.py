@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from shockrig.analysis.checks.finding import InputFinding
-from shockrig.analysis.checks.signals import View
+from shockrig.analysis.checks.signals import CampaignView
 
 
-def misspelt_keys(view: View) -> Iterator[InputFinding]:
+def misspelt_keys(view: CampaignView) -> Iterator[InputFinding]:
     """One finding for each slip, with the runs that have it."""
     campaign, runs = view.campaign, dict[str, list[str]]()
     for said in campaign.misspelt:

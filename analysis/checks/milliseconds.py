@@ -14,8 +14,8 @@ from shockrig.analysis.checks.signals import (
     HUMIDITY,
     OTHER_SENSOR,
     TEMPERATURE,
-    Seen,
-    View,
+    CampaignView,
+    ColumnSeen,
 )
 from shockrig.analysis.checks.thresholds import limit
 from shockrig.files.campaign import Run
@@ -24,7 +24,7 @@ SENSORS = {"imet": (TEMPERATURE,), "hyt": (HUMIDITY, DIE)}
 MILLI = 1e-3
 
 
-def times_in_milliseconds(view: View) -> Iterator[InputFinding]:
+def times_in_milliseconds(view: CampaignView) -> Iterator[InputFinding]:
     """`time_s` in milliseconds: against the other sensor, against the stated start, or by how far readings are apart.
 
     Where nothing else tells: readings more than a minute apart that are no whole number of quarter minutes apart, as
@@ -75,7 +75,7 @@ def times_in_milliseconds(view: View) -> Iterator[InputFinding]:
         )
 
 
-def starts_in_milliseconds(view: View) -> Iterator[InputFinding]:
+def starts_in_milliseconds(view: CampaignView) -> Iterator[InputFinding]:
     """`transfer.start_s` in milliseconds: far beyond the record, and within it once divided by 1000."""
     runs, shown = [], ""
     for run in view.campaign.runs:
@@ -103,7 +103,7 @@ def _says_its_unit(run: Run) -> bool:
     return isinstance(imported, Mapping) and imported.get("times") in ("dates", "named")
 
 
-def _against_other(seen: Seen, other: Seen | None) -> str:
+def _against_other(seen: ColumnSeen, other: ColumnSeen | None) -> str:
     if other is None:
         return ""
     span, other_span = np.ptp(seen.time_s), np.ptp(other.time_s)
@@ -113,7 +113,7 @@ def _against_other(seen: Seen, other: Seen | None) -> str:
     return ""
 
 
-def _against_start(view: View, run: Run, columns: tuple[str, ...]) -> str:
+def _against_start(view: CampaignView, run: Run, columns: tuple[str, ...]) -> str:
     """The readings respond at a thousand times the stated start."""
     if run.start_s is None or run.air is not None or run.start_s <= 0.0:
         return ""
@@ -131,7 +131,7 @@ def _of_a_slow_logger(period_s: float) -> bool:
     return period_s >= 14.0 and abs(period_s / 15.0 - round(period_s / 15.0)) < 0.01
 
 
-def _slowest_s(view: View, names: Sequence[str], runs: Collection[str]) -> float:
+def _slowest_s(view: CampaignView, names: Sequence[str], runs: Collection[str]) -> float:
     """Median rise from 10 to 63 % of the step [s]; 0 where nothing moves."""
     columns = [view.seen.get((run, column)) for run in runs for name in names for column in SENSORS[name]]
     rises = [seen.crossing_s(0.632) - seen.crossing_s(0.1) for seen in columns if seen is not None and seen.moves]

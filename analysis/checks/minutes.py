@@ -9,14 +9,14 @@ import numpy as np
 
 from shockrig.analysis.checks.finding import InputFinding
 from shockrig.analysis.checks.milliseconds import SENSORS
-from shockrig.analysis.checks.signals import Seen, View
+from shockrig.analysis.checks.signals import CampaignView, ColumnSeen
 from shockrig.analysis.checks.thresholds import limit
 
 MINUTE_S = 60.0
 PACES_S = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)  # in minutes none of these is a pace that loggers have in seconds
 
 
-def times_in_minutes(view: View) -> Iterator[InputFinding]:
+def times_in_minutes(view: CampaignView) -> Iterator[InputFinding]:
     """`time_s` in minutes, of all that a campaign recorded: a slip of one logger is one of all its runs.
 
     A diffusivity would be 60 times what it is. Frames of a camera come 30 or 60 a second too: then it may be meant.
@@ -45,12 +45,12 @@ def times_in_minutes(view: View) -> Iterator[InputFinding]:
     )
 
 
-def _at_a_pace_in_minutes(seen: Seen) -> bool:
+def _at_a_pace_in_minutes(seen: ColumnSeen) -> bool:
     ratio = MINUTE_S * seen.period_s / np.array(PACES_S)
     return bool(np.abs(ratio - 1.0).min() < limit("pace_share"))
 
 
-def _responds_a_minute_a_second_early(seen: Seen) -> bool:
+def _responds_a_minute_a_second_early(seen: ColumnSeen) -> bool:
     start_s = seen.run.start_s
     if start_s is None or not seen.moves or seen.run.air is not None or start_s <= seen.time_s[-1]:
         return False

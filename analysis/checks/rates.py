@@ -8,8 +8,8 @@ import numpy as np
 
 from shockrig.analysis.checks.finding import InputFinding
 from shockrig.analysis.checks.groups import Grouping, two_groups
-from shockrig.analysis.checks.response import Response, responses, temperature_of
-from shockrig.analysis.checks.signals import CHANNEL_OF, FILES, HUMIDITY, TEMPERATURE, Array, View
+from shockrig.analysis.checks.response import RunResponse, responses, temperature_of
+from shockrig.analysis.checks.signals import CHANNEL_OF, FILES, HUMIDITY, TEMPERATURE, Array, CampaignView
 from shockrig.analysis.checks.thresholds import limit
 
 # D t63 / L^2 of a film's mean and alpha t63 / R^2 of a sphere's core after a step (analysis/physics/modes.py)
@@ -20,7 +20,7 @@ LENGTHS = {
 }
 
 
-def response_times(view: View) -> Iterator[InputFinding]:
+def response_times(view: CampaignView) -> Iterator[InputFinding]:
     """What the response times of each channel say of stated lengths, and of the runs' belonging together."""
     for column in (TEMPERATURE, HUMIDITY):
         found = responses(view, column)
@@ -29,7 +29,7 @@ def response_times(view: View) -> Iterator[InputFinding]:
             yield from _another_sensor(view, column, found)
 
 
-def _length_and_rate(view: View, column: str, found: list[Response]) -> Iterator[InputFinding]:
+def _length_and_rate(view: CampaignView, column: str, found: list[RunResponse]) -> Iterator[InputFinding]:
     """A stated length in millimetres or micrometres, or a diffusivity that no material has.
 
     Only where the length is stated and the body is the one that it belongs to: else the rate alone is known.
@@ -67,7 +67,7 @@ def _length_and_rate(view: View, column: str, found: list[Response]) -> Iterator
     )
 
 
-def _another_sensor(view: View, column: str, found: list[Response]) -> Iterator[InputFinding]:
+def _another_sensor(view: CampaignView, column: str, found: list[RunResponse]) -> Iterator[InputFinding]:
     """Runs of another sensor among the rest: response times in two groups that no recorded condition explains."""
     found = [r for r in found if temperature_of(view, r.seen) is not None]
     if len(found) < 6:
@@ -102,7 +102,7 @@ def _certain(grouping: Grouping, column: str) -> bool:
     )
 
 
-def _conditions(view: View, found: list[Response]) -> tuple[list[Array], Array | None]:
+def _conditions(view: CampaignView, found: list[RunResponse]) -> tuple[list[Array], Array | None]:
     """What a response time may depend on, as columns (n,), and along what two sensors may differ otherwise than by a
     factor: the temperature, where it varies (a film's D has its own dependence on it)."""
     seen = [r.seen for r in found]

@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.checks.signals import DIE, HUMIDITY, TEMPERATURE, Array, Seen, View, stated
+from shockrig.analysis.checks.signals import DIE, HUMIDITY, TEMPERATURE, Array, CampaignView, ColumnSeen, stated
 from shockrig.analysis.checks.thresholds import limit
 from shockrig.analysis.physics.modes import Modes, film_mean, film_mean_biot, first_order, response_times, sphere_core
 
@@ -24,15 +24,15 @@ REACH = 30.0  # of the tables, in units of t63
 
 
 @dataclass(frozen=True)
-class Response:
+class RunResponse:
     """The response of one run: its time to 63 % [s], and how far the shape is off (rms, as a share of the step)."""
 
-    seen: Seen
+    seen: ColumnSeen
     t63_s: float
     misfit: float
 
 
-def responses(view: View, column: str) -> list[Response]:
+def responses(view: CampaignView, column: str) -> list[RunResponse]:
     """Response times of the runs of a channel that show one: a clear step; of the humidity only isothermal ones."""
     usable = [seen for seen in view.column(column) if _shows_a_response(view, seen)]
     if not usable:
@@ -52,7 +52,7 @@ def begins_after(shape: str, share: float) -> float:
     return float(at / (1.0 - tenth))
 
 
-def temperature_of(view: View, seen: Seen) -> float | None:
+def temperature_of(view: CampaignView, seen: ColumnSeen) -> float | None:
     """The temperature at which a run ends, as its sensors read it, else as run.json states it [°C]."""
     for column in (DIE, TEMPERATURE):
         other = view.get(seen.run, column)
@@ -61,7 +61,7 @@ def temperature_of(view: View, seen: Seen) -> float | None:
     return seen.run.destination.temperature_c
 
 
-def isothermal(view: View, seen: Seen) -> bool | None:
+def isothermal(view: CampaignView, seen: ColumnSeen) -> bool | None:
     """Whether the temperature stays in a run, as its sensors read it, else as run.json states it; None: not known."""
     steps = [other.step for column in (TEMPERATURE, DIE) if (other := view.get(seen.run, column)) is not None]
     source, destination = stated(seen.run, TEMPERATURE)
@@ -70,26 +70,26 @@ def isothermal(view: View, seen: Seen) -> bool | None:
     return max(abs(step) for step in steps) <= limit("isothermal_k") if steps else None
 
 
-def _shows_a_response(view: View, seen: Seen) -> bool:
+def _shows_a_response(view: CampaignView, seen: ColumnSeen) -> bool:
     least = limit("rate_step_percent" if seen.column == HUMIDITY else "rate_step_k")
     if seen.run.air is not None or not seen.moves or abs(seen.step) < least:
         return False
     return (seen.column != HUMIDITY or bool(isothermal(view, seen))) and _near(seen).size >= FEWEST_READINGS
 
 
-def _fresh_every_s(seen: Seen) -> float:
+def _fresh_every_s(seen: ColumnSeen) -> float:
     """How often a reading is a fresh one [s]: a sensor that holds its readings changes them only so often."""
     changed = np.flatnonzero(np.diff(seen.value))
     apart = np.diff(seen.time_s[changed])
     return float(np.percentile(apart, 20)) if apart.size else float(np.ptp(seen.time_s))
 
 
-def _begin_and_rise(seen: Seen) -> tuple[float, float]:
+def _begin_and_rise(seen: ColumnSeen) -> tuple[float, float]:
     begin = seen.crossing_s(0.1)
     return begin, max(seen.crossing_s(0.632) - begin, 0.3 * seen.period_s)
 
 
-def _near(seen: Seen) -> NDArray[np.int64]:
+def _near(seen: ColumnSeen) -> NDArray[np.int64]:
     """Indices of the readings of the transient, with some of both plateaus."""
     begin, rise = _begin_and_rise(seen)
     before, after = begin - 4.0 * rise - 8.0 * seen.period_s, begin + 5.0 * rise + 4.0 * seen.period_s
@@ -112,7 +112,7 @@ def _shape(name: str) -> tuple[Array, Array]:
     return x, modes.step(x * response_times(modes)[0])
 
 
-def _fit(seen: Seen, shape: str) -> Response:
+def _fit(seen: ColumnSeen, shape: str) -> RunResponse:
     """Least squares in ln t63 and the start; the plateaus follow in closed form."""
     from scipy.optimize import leastsq
 
@@ -134,4 +134,4 @@ def _fit(seen: Seen, shape: str) -> Response:
     # steps of a thousandth: the tables are straight between their points
     (log_share, late), *_ = leastsq(misfit, start, epsfcn=1e-6, maxfev=200, full_output=True)
     left = misfit(np.array([log_share, late]))
-    return Response(seen, float(rise * np.exp(log_share)), float(np.sqrt(np.square(left).mean())))
+    return RunResponse(seen, float(rise * np.exp(log_share)), float(np.sqrt(np.square(left).mean())))

@@ -15,8 +15,8 @@ from shockrig.analysis.checks.signals import (
     HUMIDITY,
     TEMPERATURE,
     UNITS,
-    Seen,
-    View,
+    CampaignView,
+    ColumnSeen,
     stated,
 )
 from shockrig.analysis.checks.thresholds import limit
@@ -24,7 +24,7 @@ from shockrig.analysis.checks.units import is_kelvin
 from shockrig.files.campaign import Run
 
 
-def impossible_readings(view: View) -> Iterator[InputFinding]:
+def impossible_readings(view: CampaignView) -> Iterator[InputFinding]:
     """Columns most of whose readings were dropped as beyond what a sensor can give (kelvin is named as such)."""
     for sensor, column in (("imet", TEMPERATURE), ("hyt", HUMIDITY)):
         lost = {}
@@ -47,7 +47,7 @@ def impossible_readings(view: View) -> Iterator[InputFinding]:
             )
 
 
-def dead_sensors(view: View) -> Iterator[InputFinding]:
+def dead_sensors(view: CampaignView) -> Iterator[InputFinding]:
     """Readings that stay the same, or hardly move, although the air stepped or the sensor's other runs show noise."""
     for column in COLUMNS:
         columns = view.column(column)
@@ -71,7 +71,7 @@ def dead_sensors(view: View) -> Iterator[InputFinding]:
             yield _dead(view, column, dead)
 
 
-def saturated_sensors(view: View) -> Iterator[InputFinding]:
+def saturated_sensors(view: CampaignView) -> Iterator[InputFinding]:
     """Readings that end at one extreme value, without noise, well short of the air: the end of the sensor's range.
 
     A flat top of the humidity a few %RH short is left to the diagnosis, which knows clipped readings.
@@ -94,7 +94,7 @@ def saturated_sensors(view: View) -> Iterator[InputFinding]:
             )
 
 
-def _dead(view: View, column: str, dead: list[Seen]) -> InputFinding:
+def _dead(view: CampaignView, column: str, dead: list[ColumnSeen]) -> InputFinding:
     runs = tuple(seen.run.id for seen in dead)
     first = dead[0]
     name = COLUMNS[column][1]
@@ -112,21 +112,21 @@ def _dead(view: View, column: str, dead: list[Seen]) -> InputFinding:
     )
 
 
-def _share_of_mode(seen: Seen) -> float:
+def _share_of_mode(seen: ColumnSeen) -> float:
     return float(np.unique(seen.value, return_counts=True)[1].max() / seen.value.size)
 
 
-def _watched_s(seen: Seen) -> float:
+def _watched_s(seen: ColumnSeen) -> float:
     start = seen.run.start_s
     return float(seen.time_s[-1] - (seen.time_s[0] if start is None else start))
 
 
-def _moves_by(seen: Seen) -> float:
+def _moves_by(seen: ColumnSeen) -> float:
     """How far the readings ever go from where they begin, noise left out (95 %)."""
     return max(float(np.percentile(np.abs(seen.value - seen.before), 95)) - 3.0 * seen.noise, 0.0)
 
 
-def _air_step(view: View, seen: Seen) -> float:
+def _air_step(view: CampaignView, seen: ColumnSeen) -> float:
     """The step of the air in a run, stated or shown by the other temperature; 0 where it is not known."""
     if seen.run.air is not None:
         return 0.0
@@ -137,19 +137,19 @@ def _air_step(view: View, seen: Seen) -> float:
     return other.step if other is not None and other.moves else 0.0
 
 
-def _other_thermometer(view: View, run: Run, column: str) -> Seen | None:
+def _other_thermometer(view: CampaignView, run: Run, column: str) -> ColumnSeen | None:
     return view.get(run, {TEMPERATURE: DIE, DIE: TEMPERATURE}.get(column, ""))
 
 
-def _others_move(view: View, column: str) -> bool:
+def _others_move(view: CampaignView, column: str) -> bool:
     return any(seen.moves for other in COLUMNS if other != column for seen in view.column(other))
 
 
-def _is_constant(seen: Seen) -> bool:
+def _is_constant(seen: ColumnSeen) -> bool:
     return bool(seen.value.min() == seen.value.max())
 
 
-def _rail(view: View, seen: Seen) -> tuple[float, float] | None:
+def _rail(view: CampaignView, seen: ColumnSeen) -> tuple[float, float] | None:
     """The extreme value at which a plateau stands, and the air that lies beyond it; None where there is none."""
     short = limit("flat_short_percent" if seen.column == HUMIDITY else "flat_short_k")
     airs = stated(seen.run, seen.column)

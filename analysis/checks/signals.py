@@ -29,7 +29,7 @@ UNITS = {TEMPERATURE: "°C", HUMIDITY: "%RH", DIE: "°C"}
 
 
 @dataclass(frozen=True)
-class Seen:
+class ColumnSeen:
     """One column of one run.
 
     Attributes
@@ -87,24 +87,24 @@ class Seen:
 
 
 @dataclass(frozen=True)
-class View:
+class CampaignView:
     """A campaign as the checks see it: `seen` maps (run id, column) to what that column shows."""
 
     campaign: Campaign
-    seen: dict[tuple[str, str], Seen]
+    seen: dict[tuple[str, str], ColumnSeen]
 
-    def column(self, column: str) -> list[Seen]:
+    def column(self, column: str) -> list[ColumnSeen]:
         """One column in all runs that still have it, in the order of the campaign."""
         return [self.seen[run.id, column] for run in self.campaign.runs if (run.id, column) in self.seen]
 
-    def get(self, run: Run, column: str) -> Seen | None:
+    def get(self, run: Run, column: str) -> ColumnSeen | None:
         return self.seen.get((run.id, column))
 
     def words(self, runs: Collection[str]) -> str:
         """Runs of this campaign in words."""
         return name_runs(runs, len(self.campaign.runs))
 
-    def without(self, findings: list[InputFinding]) -> View:
+    def without(self, findings: list[InputFinding]) -> CampaignView:
         """The view without what a finding stops: later checks need not trip over the same fault."""
         gone = {
             (run, column)
@@ -117,7 +117,7 @@ class View:
         return replace(self, seen={key: seen for key, seen in self.seen.items() if key not in gone}) if gone else self
 
 
-def look(campaign: Campaign) -> View:
+def look(campaign: Campaign) -> CampaignView:
     """Measure every column of every run that has enough readings."""
     seen = {}
     for run in campaign.runs:
@@ -128,7 +128,7 @@ def look(campaign: Campaign) -> View:
             good = np.isfinite(trace.values[name])
             if good.sum() >= limit("fewest_readings"):
                 seen[run.id, column] = _measure(run, column, trace.time_s[good], trace.values[name][good])
-    return View(campaign, seen)
+    return CampaignView(campaign, seen)
 
 
 def stated(run: Run, column: str) -> tuple[float | None, float | None]:
@@ -138,7 +138,7 @@ def stated(run: Run, column: str) -> tuple[float | None, float | None]:
     return run.source.temperature_c, run.destination.temperature_c
 
 
-def _measure(run: Run, column: str, time: Array, value: Array) -> Seen:
+def _measure(run: Run, column: str, time: Array, value: Array) -> ColumnSeen:
     head = max(int(0.02 * value.size), 5)
     if run.start_s is not None:  # in a record that begins at its trigger a quick sensor has soon arrived
         head = min(head, max(int(np.searchsorted(time, run.start_s)), 1))
@@ -162,7 +162,7 @@ def _measure(run: Run, column: str, time: Array, value: Array) -> Seen:
     noise = max(float(quartiles[1] - quartiles[0]) / 1.349, float(quick), resolution / 12**0.5)
     floor = limit("smallest_step_percent" if column == HUMIDITY else "smallest_step_k")
     moves = abs(after - before) > max(floor, limit("step_over_noise") * noise)
-    return Seen(run, column, time, value, before, after, noise, moves)
+    return ColumnSeen(run, column, time, value, before, after, noise, moves)
 
 
 def _resolution(value: Array) -> float:

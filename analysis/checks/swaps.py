@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from shockrig.analysis.checks.finding import Channel, InputFinding
-from shockrig.analysis.checks.signals import DIE, HUMIDITY, TEMPERATURE, Seen, View, stated
+from shockrig.analysis.checks.signals import DIE, HUMIDITY, TEMPERATURE, CampaignView, ColumnSeen, stated
 from shockrig.analysis.checks.thresholds import limit
 from shockrig.files.campaign import Run
 
 Levels = tuple[float, float]
 
 
-def airs_swapped(view: View) -> Iterator[InputFinding]:
+def airs_swapped(view: CampaignView) -> Iterator[InputFinding]:
     """`source` and `destination` of run.json in one another's place: the readings go from the one to the other."""
     runs, shown = [], ""
     for run in view.campaign.runs:
@@ -32,7 +32,7 @@ def airs_swapped(view: View) -> Iterator[InputFinding]:
         )
 
 
-def columns_and_sensors_swapped(view: View) -> Iterator[InputFinding]:
+def columns_and_sensors_swapped(view: CampaignView) -> Iterator[InputFinding]:
     """Humidity where a temperature should be: the columns of hyt.csv, or the readings of imet.csv and hyt.csv."""
     columns, sensors = [], []
     for run in view.campaign.runs:
@@ -48,7 +48,9 @@ def columns_and_sensors_swapped(view: View) -> Iterator[InputFinding]:
     yield from _swap(view, sensors, "sensors_swapped", None, "The readings of imet.csv and hyt.csv", "exchange them")
 
 
-def _swap(view: View, runs: list[str], kind: str, channel: Channel, what: str, remedy: str) -> Iterator[InputFinding]:
+def _swap(
+    view: CampaignView, runs: list[str], kind: str, channel: Channel, what: str, remedy: str
+) -> Iterator[InputFinding]:
     """The finding, where these runs state their airs, or where most runs look so."""
     meant = [run for run in view.campaign.runs if run.id in set(runs)]
     certain = all(_known(stated(run, c)) is not None for run in meant for c in (TEMPERATURE, HUMIDITY))
@@ -67,7 +69,7 @@ def _swap(view: View, runs: list[str], kind: str, channel: Channel, what: str, r
     )
 
 
-def _direction(view: View, run: Run, column: str) -> int:
+def _direction(view: CampaignView, run: Run, column: str) -> int:
     """1: the readings go from the stated source to the stated destination; -1: the other way round; 0: not known."""
     seen = view.get(run, column)
     source, destination = stated(run, column)
@@ -82,7 +84,7 @@ def _direction(view: View, run: Run, column: str) -> int:
     return -1 if near and abs(seen.step) > 0.2 * abs(step) else 0
 
 
-def _course(view: View, run: Run) -> str:
+def _course(view: CampaignView, run: Run) -> str:
     column = next(c for c in (TEMPERATURE, HUMIDITY, DIE) if _direction(view, run, c) < 0)
     seen, (source, destination) = view.seen[run.id, column], stated(run, column)
     unit = "%RH" if column == HUMIDITY else "°C"
@@ -97,7 +99,9 @@ def _known(values: tuple[float | None, float | None]) -> Levels | None:
     return None if source is None or destination is None else (source, destination)
 
 
-def _exchanged(t: Seen, h: Seen, warm: Levels | None, moist: Levels | None, third: Seen | None) -> bool:
+def _exchanged(
+    t: ColumnSeen, h: ColumnSeen, warm: Levels | None, moist: Levels | None, third: ColumnSeen | None
+) -> bool:
     """Whether a temperature column `t` holds the humidity and the humidity column `h` the temperature.
 
     Told by the stated airs where there are any, else by the third column, which is then a temperature.

@@ -20,8 +20,8 @@ from shockrig.analysis.checks.signals import (
     HUMIDITY,
     TEMPERATURE,
     Array,
-    Seen,
-    View,
+    CampaignView,
+    ColumnSeen,
     stated,
 )
 from shockrig.analysis.checks.thresholds import limit
@@ -48,7 +48,7 @@ KELVIN = Unit("kelvin", TEMPERATURE, "kelvin", lambda x: x - 273.15, "subtract 2
 FRACTION = Unit("fraction_for_percent", HUMIDITY, "fractions of 1", lambda x: 100.0 * x, "multiply by 100")
 
 
-def mixed_units(view: View) -> Iterator[InputFinding]:
+def mixed_units(view: CampaignView) -> Iterator[InputFinding]:
     """Files of one campaign in different units: one agrees with another only once it is converted."""
     for unit in (FAHRENHEIT, KELVIN, FRACTION):
         wrong: dict[str, list[str]] = {}
@@ -74,7 +74,7 @@ def mixed_units(view: View) -> Iterator[InputFinding]:
             )
 
 
-def everything_in_fahrenheit(view: View) -> Iterator[InputFinding]:
+def everything_in_fahrenheit(view: CampaignView) -> Iterator[InputFinding]:
     """All temperatures in fahrenheit: dew points that no air has, or readings on a grid of °C seen through °F."""
     dew, example, runs = -np.inf, "", []
     for run in view.campaign.runs:
@@ -113,7 +113,7 @@ def everything_in_fahrenheit(view: View) -> Iterator[InputFinding]:
     )
 
 
-def everything_in_kelvin(view: View) -> Iterator[InputFinding]:
+def everything_in_kelvin(view: CampaignView) -> Iterator[InputFinding]:
     """Temperatures in kelvin: the reader drops them as beyond what can be, and keeps their median."""
     for sensor, column in (("imet", TEMPERATURE), ("hyt", DIE)):
         medians = {}
@@ -139,7 +139,7 @@ def everything_in_kelvin(view: View) -> Iterator[InputFinding]:
             )
 
 
-def everything_a_fraction(view: View) -> Iterator[InputFinding]:
+def everything_a_fraction(view: CampaignView) -> Iterator[InputFinding]:
     """All humidities as fractions of 1: nothing in the campaign exceeds 130 % taken so."""
     columns = view.column(HUMIDITY)
     if not columns:
@@ -165,7 +165,7 @@ def is_kelvin(value: float) -> bool:
     return 170.0 < value < 400.0
 
 
-def _places(view: View, run: Run, quantity: str) -> dict[str, Plateaus]:
+def _places(view: CampaignView, run: Run, quantity: str) -> dict[str, Plateaus]:
     """What each file says of a run's two airs, in `quantity`: run.json and the readings before and after."""
     places: dict[str, Plateaus] = {}
     if run.air is None and any(value is not None for value in stated(run, quantity)):
@@ -204,7 +204,7 @@ def _channel(unit: Unit, names: list[str]) -> Channel:
     return CHANNEL_OF_FILE[names[0]]
 
 
-def _printed_in_celsius(seen: Seen) -> bool:
+def _printed_in_celsius(seen: ColumnSeen) -> bool:
     """Whether readings lie on a decimal grid of °C once converted from °F, and on no decimal grid as they are.
 
     A logger that rounds to 0.1 or 0.01 °C leaves such a grid in what a program converts to °F afterwards.

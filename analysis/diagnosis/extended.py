@@ -15,7 +15,7 @@ from shockrig.analysis.characterization.chosen_runs import choose_runs
 from shockrig.analysis.characterization.extension import Extension
 from shockrig.analysis.characterization.part_fit import joint_rows, make_part
 from shockrig.analysis.characterization.response_times import response_time
-from shockrig.analysis.characterization.result import ChannelResult, Characterization, Part, Row, channel_result
+from shockrig.analysis.characterization.result import ChannelResult, Characterization, Part, TableRow, channel_result
 from shockrig.analysis.characterization.to_profile import to_profile
 from shockrig.analysis.diagnosis.diagnosed import ChannelDiagnosis
 from shockrig.analysis.diagnosis.export import stated_cause
@@ -38,7 +38,7 @@ def plain_result(found: ChannelDiagnosis) -> ChannelResult | None:
     As there, a film is read from its isothermal shocks where an ambient has them.
     """
     parts: list[Part] = []
-    rows: list[Row] = []
+    rows: list[TableRow] = []
     groups, set_aside = choose_runs(found.problem.channel, found.noise, Extension())
     for channel, models in groups:
         problem = make_problem(channel, whiteners(channel, found.noise))
@@ -67,7 +67,9 @@ def extended_result(found: ChannelDiagnosis) -> ChannelResult | None:
     return channel_result(rows, found.noise, effects, [part], left_out, found.discovered)
 
 
-def _in_doubt(found: ChannelDiagnosis, row: Row, wider: Sequence[Fit], shown: tuple[float, float] | None) -> Row:
+def _in_doubt(
+    found: ChannelDiagnosis, row: TableRow, wider: Sequence[Fit], shown: tuple[float, float] | None
+) -> TableRow:
     """A row as uncertain as the models are apart that are tied with the stated one, each by its weight, and no surer
     than the models that it is a limit of; `shown` are the times to 63 and 90 % that a single run's readings show.
     """

@@ -79,7 +79,7 @@ def _residuals(
 
 
 @dataclass(frozen=True)
-class Size:
+class MisfitSize:
     """How far off a model is after the transfer: rms, and the largest mean in a bin of log time, with its run."""
 
     rms: float
@@ -88,7 +88,7 @@ class Size:
     peak_run: str
 
 
-def size(held: HeldOut, residuals: tuple[Array, ...]) -> Size:
+def size(held: HeldOut, residuals: tuple[Array, ...]) -> MisfitSize:
     """Size of held-out residuals [channel's unit]."""
     after = [r[t > 0] for t, r in zip(held.time_s, residuals, strict=True)]
     peak = (0.0, 0.0, "")
@@ -97,7 +97,7 @@ def size(held: HeldOut, residuals: tuple[Array, ...]) -> Size:
         if mean.size and np.abs(mean).max() > abs(peak[0]):
             i = int(np.argmax(np.abs(mean)))
             peak = (float(mean[i]), float(where[i]), run)
-    return Size(float(np.sqrt(np.mean(np.concatenate(after) ** 2))), *peak)
+    return MisfitSize(float(np.sqrt(np.mean(np.concatenate(after) ** 2))), *peak)
 
 
 def autocorrelation(

@@ -37,7 +37,7 @@ class Near:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ChannelOutcome:
     """What is left of a channel's diagnosis once its fits are forgotten.
 
     `runs` were fitted; `passed` says that the stated model leaves nothing but noise; `best` is the heaviest model,
@@ -58,7 +58,7 @@ def explained_by(found: Fit) -> Explanation:
     return {e: {p: value for p, (value, _) in own.items()} for e, own in found.values().items()}
 
 
-def outcome_of(found: ChannelDiagnosis) -> Outcome:
+def outcome_of(found: ChannelDiagnosis) -> ChannelOutcome:
     """What a diagnosis of a channel leaves standing."""
     search = found.search
     even = {id(one) for one in search.tied()}
@@ -67,7 +67,7 @@ def outcome_of(found: ChannelDiagnosis) -> Outcome:
         for one in search.pool
         if one is not search.best and (id(one) in even or one.value > search.best.value - FARTHEST_NATS)
     )
-    return Outcome(
+    return ChannelOutcome(
         found.verdict,
         found.problem.channel.run_ids,
         found.adequacy.passed,
@@ -78,18 +78,18 @@ def outcome_of(found: ChannelDiagnosis) -> Outcome:
     )
 
 
-def outcome_document(outcome: Outcome) -> dict[str, Any]:
+def outcome_document(outcome: ChannelOutcome) -> dict[str, Any]:
     """It as diagnosis.json has it."""
     return dict(plain({key: value for key, value in vars(outcome).items() if key != "verdict"}))
 
 
-def read_outcome(verdict: str | None, said: object, name: ChannelName) -> Outcome | None:
+def read_outcome(verdict: str | None, said: object, name: ChannelName) -> ChannelOutcome | None:
     """It from diagnosis.json; None where the file does not have it, or has effects that this version has not."""
     try:
         assert isinstance(said, Mapping)
         near = [Near(_explanation(n["explanation"], name), float(n["nats"]), bool(n["tied"]), bool(n["lacks"]))
                 for n in said["near"]]  # fmt: skip
-        return Outcome(
+        return ChannelOutcome(
             str(verdict),
             tuple(map(str, said["runs"])),
             bool(said["passed"]),

@@ -15,7 +15,7 @@ from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.behaviours import MEAN
 from shockrig.analysis.effects.described import described, discovered_of
 from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.effect import Effect, Finding, Readings
+from shockrig.analysis.inference.effect import Effect, Finding, SingleReadings
 from shockrig.analysis.inference.fit import Fit, run_misfit
 from shockrig.analysis.inference.model import Held, Structure
 from shockrig.analysis.inference.noise import MAX_AVERAGED, Noise, estimate_noise, longest_average, whiteners
@@ -24,7 +24,7 @@ from shockrig.analysis.inference.readings import coarser_than_the_sensor, known_
 from shockrig.analysis.inference.reference_noise import with_reference_noise
 from shockrig.analysis.inference.rounding import COARSE_IN_NOISE
 from shockrig.analysis.inference.samples import model_at_samples
-from shockrig.files.diagnosis_data import Discovered, Size
+from shockrig.files.diagnosis_data import Discovered, EffectSize
 
 A_TENTH = 0.1  # of a reading, to which a whole number of them is known
 
@@ -45,7 +45,7 @@ class Prepared:
 
 def prepare(channel: Channel, averaged: int | None = None) -> Prepared:
     """Precheck of the readings. `averaged` takes the logger to average over so many, whatever its noise says."""
-    known, findings = Readings(channel, rounding_step(channel)), []
+    known, findings = SingleReadings(channel, rounding_step(channel)), []
     # From the log back to the air: what the logger did last is undone first.
     for effect in reversed(CATALOGUE.values()):
         if effect.readout.in_readings and channel.name in effect.channels:
@@ -75,7 +75,7 @@ def prepare(channel: Channel, averaged: int | None = None) -> Prepared:
         structure = structure.adding(mean, Held(mean.id, mean.parameters[0].name, over_s))
         shown.append(discovered_of(mean, {mean.parameters[0].name: (over_s, A_TENTH * period_s)}))
     if coarser_than_the_sensor(known.channel, known.step) and not any(entry.readout.rounded_to for entry in entries):
-        size = Size(known.step, known_to(known.step), known.channel.quantity.unit)
+        size = EffectSize(known.step, known_to(known.step), known.channel.quantity.unit)
         shown.append(Discovered("offset", "own_response", size=size))
     stated = tuple(replace(one, probability=1.0, seen_over=seen_over(problem)) for one in shown)
     return Prepared(problem, noise, structure, tuple(findings), known.step, coarsely, stated)

@@ -21,7 +21,7 @@ from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.noise import estimate_noise
 from shockrig.analysis.inference.readings import rounding_step
 from shockrig.files.causes import Uncertain
-from shockrig.files.diagnosis_data import Discovered, Size
+from shockrig.files.diagnosis_data import Discovered, EffectSize
 
 Array = NDArray[np.float64]
 
@@ -192,7 +192,7 @@ def _hum(channel: Channel, pieces: list[_Plateau]) -> Discovered | None:
         behaves_as="periodic",
         driver="none",
         period_s=Uncertain(1.0 / frequency, float(1.0 / np.sqrt(known)) / frequency**2),
-        size=Size(size, float(amplitude.std(ddof=1) / np.sqrt(amplitude.size)), channel.quantity.unit),
+        size=EffectSize(size, float(amplitude.std(ddof=1) / np.sqrt(amplitude.size)), channel.quantity.unit),
         does_not_depend_on=_independent(channel, run, amplitude),
         probability=1.0,
     )
@@ -270,6 +270,6 @@ def _bursts(channel: Channel, pieces: list[_Plateau]) -> Discovered | None:
     return Discovered(
         behaves_as="bursts",
         driver="none",
-        size=Size(size, size / np.sqrt(2.0 * max(bursts, 1)), channel.quantity.unit),
+        size=EffectSize(size, size / np.sqrt(2.0 * max(bursts, 1)), channel.quantity.unit),
         probability=1.0,
     )

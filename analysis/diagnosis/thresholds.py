@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Threshold:
+class DiagnosisThreshold:
     """One number: its value and what it means."""
 
     value: float
@@ -17,21 +17,25 @@ class Threshold:
 
 
 THRESHOLDS = {
-    "effect": Threshold(4.5, "nats against any further effect: what the best of the catalogue gains by chance"),
-    "form": Threshold(1.5, "nats against a form of the grammar beside an entry of the catalogue"),
-    "factor": Threshold(2.5, "nats against each condition that a form's strength depends on"),
-    "tie": Threshold(0.05, "share of the likeliest model's weight from which on another is tied with it"),
-    "named": Threshold(0.75, "probability of one effect more from which on it is stated: a wrong name costs three"),
-    "adequacy": Threshold(1e-6, "probability below which what is left is no accident"),
-    "rate_scatter": Threshold(0.022, "scatter of the runs' rates that is an effect"),
-    "open_rate_scatter": Threshold(0.25, "the same where nobody recorded the airflow"),
-    "stated_scatter": Threshold(1.7, "by how much stated uncertainties may be exceeded"),
-    "held_out_excess": Threshold(2.0, "multiple of the noise that is no accident on unseen runs"),
-    "average_gain": Threshold(6.0, "drop in deviance of a running mean that noise hides"),
-    "average_unlikely": Threshold(40.0, "log-likelihood below which a length of a running mean is out"),
-    "hidden_noise": Threshold(0.5, "noise in steps that rounding hides"),
-    "not_gaussian": Threshold(1.5, "by how much codes say less than their variance"),
-    "anything": Threshold(2.0, "uncertainty, in its logarithm, of what may be anything"),
+    "effect": DiagnosisThreshold(
+        4.5, "nats against any further effect: what the best of the catalogue gains by chance"
+    ),
+    "form": DiagnosisThreshold(1.5, "nats against a form of the grammar beside an entry of the catalogue"),
+    "factor": DiagnosisThreshold(2.5, "nats against each condition that a form's strength depends on"),
+    "tie": DiagnosisThreshold(0.05, "share of the likeliest model's weight from which on another is tied with it"),
+    "named": DiagnosisThreshold(
+        0.75, "probability of one effect more from which on it is stated: a wrong name costs three"
+    ),
+    "adequacy": DiagnosisThreshold(1e-6, "probability below which what is left is no accident"),
+    "rate_scatter": DiagnosisThreshold(0.022, "scatter of the runs' rates that is an effect"),
+    "open_rate_scatter": DiagnosisThreshold(0.25, "the same where nobody recorded the airflow"),
+    "stated_scatter": DiagnosisThreshold(1.7, "by how much stated uncertainties may be exceeded"),
+    "held_out_excess": DiagnosisThreshold(2.0, "multiple of the noise that is no accident on unseen runs"),
+    "average_gain": DiagnosisThreshold(6.0, "drop in deviance of a running mean that noise hides"),
+    "average_unlikely": DiagnosisThreshold(40.0, "log-likelihood below which a length of a running mean is out"),
+    "hidden_noise": DiagnosisThreshold(0.5, "noise in steps that rounding hides"),
+    "not_gaussian": DiagnosisThreshold(1.5, "by how much codes say less than their variance"),
+    "anything": DiagnosisThreshold(2.0, "uncertainty, in its logarithm, of what may be anything"),
 }
 
 

@@ -32,7 +32,7 @@ CHANCE = 1e-3  # above which a condition parts nothing
 
 
 @dataclass(frozen=True)
-class Course:
+class MeanCourse:
     """Mean of what is left over the runs of one condition, as a share of the step, and its standard uncertainty."""
 
     condition: str
@@ -60,8 +60,8 @@ class Remaining:
         Conditions that part it, the best first, and conditions that were varied and do not.
     """
 
-    whole: Course
-    by_condition: tuple[Course, ...]
+    whole: MeanCourse
+    by_condition: tuple[MeanCourse, ...]
     factor: str
     time_constants_s: Array
     amplitude: Array
@@ -162,7 +162,7 @@ def _shares(
     return shares, weight
 
 
-def _course(condition: str, time_s: Array, shares: Array, weight: Array) -> Course:
+def _course(condition: str, time_s: Array, shares: Array, weight: Array) -> MeanCourse:
     total = weight.sum(axis=0)
     known = total > 0
     mean = (weight * shares).sum(axis=0)[known] / total[known]
@@ -170,7 +170,7 @@ def _course(condition: str, time_s: Array, shares: Array, weight: Array) -> Cour
     scatter = (weight[:, known] * (shares[:, known] - mean) ** 2).sum(axis=0) / total[known]
     effective = np.maximum(total[known] ** 2 / np.maximum((weight[:, known] ** 2).sum(axis=0), 1e-300), 1.0)
     spread = np.sqrt(scatter / np.maximum(effective - 1.0, 1.0))
-    return Course(condition, time_s[known], mean, np.where(runs > 1, spread, np.nan), shares.shape[0])
+    return MeanCourse(condition, time_s[known], mean, np.where(runs > 1, spread, np.nan), shares.shape[0])
 
 
 def _levels(channel: Channel) -> dict[str, Array]:

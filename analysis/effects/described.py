@@ -19,7 +19,7 @@ from shockrig.analysis.effects.jumps import when_it_jumps_s
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.effect import Effect, Link, Parameter, Start, Words
 from shockrig.files.causes import Uncertain
-from shockrig.files.diagnosis_data import Dependence, Discovered, Size
+from shockrig.files.diagnosis_data import Dependence, Discovered, EffectSize
 
 LINKS: dict[str, Link] = {
     "lag_in_series": "exchange",
@@ -318,6 +318,6 @@ def discovered_of(effect: Effect, values: Mapping[str, tuple[float, float]]) -> 
         time_constant_s=uncertain("time_constant_s"),
         period_s=uncertain("period_s"),
         phase_rad=uncertain("phase_rad"),
-        size=None if size is None else Size(size.value, size.standard_uncertainty, unit),
+        size=None if size is None else EffectSize(size.value, size.standard_uncertainty, unit),
         depends_on=depends_on,
     )

@@ -2,7 +2,16 @@
 
 from dataclasses import replace
 
-from shockrig.analysis.inference.effect import Arrays, Effect, Finding, InFlight, Parameter, Readings, Readout, Words
+from shockrig.analysis.inference.effect import (
+    Arrays,
+    Effect,
+    Finding,
+    InFlight,
+    Parameter,
+    Readout,
+    SingleReadings,
+    Words,
+)
 from shockrig.analysis.inference.readings import mostly_repeats
 from shockrig.analysis.physics.chain import Chain
 
@@ -12,7 +21,7 @@ def _apply(chain: Chain, p: Arrays) -> Chain:
     return replace(chain, averaged=max(int(round(float(p["samples"].flat[0]))), 1))
 
 
-def seen_in_noise(known: Readings) -> Finding | None:
+def seen_in_noise(known: SingleReadings) -> Finding | None:
     """A running mean in the logger, from the correlation of the noise."""
     noise = known.noise
     if noise is None or noise.averaged == 1 or mostly_repeats(known.channel, known.step):

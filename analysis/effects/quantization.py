@@ -2,11 +2,20 @@
 
 import numpy as np
 
-from shockrig.analysis.inference.effect import Effect, Finding, InFlight, Parameter, Readings, Readout, Words, unchanged
+from shockrig.analysis.inference.effect import (
+    Effect,
+    Finding,
+    InFlight,
+    Parameter,
+    Readout,
+    SingleReadings,
+    Words,
+    unchanged,
+)
 from shockrig.analysis.inference.readings import coarser_than_the_sensor, known_to
 
 
-def coarse_step(known: Readings) -> tuple[Readings, Finding | None]:
+def coarse_step(known: SingleReadings) -> tuple[SingleReadings, Finding | None]:
     """The step to which all readings are rounded, where it is coarser than the sensor's own, where that is known."""
     step, normal = known.step, known.channel.quantity.resolution
     if not coarser_than_the_sensor(known.channel, step):

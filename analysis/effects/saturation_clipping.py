@@ -14,8 +14,8 @@ from shockrig.analysis.inference.effect import (
     InFlight,
     Needs,
     Parameter,
-    Readings,
     Readout,
+    SingleReadings,
     Start,
     Values,
     Words,
@@ -53,7 +53,7 @@ def _within_reach(channel: Channel) -> dict[str, float]:
     return {"limit_percent": min(high, highest_air_percent(channel) - 2.0 * LEAST_CUT_PERCENT)}
 
 
-def flat_top(known: Readings) -> tuple[Readings, Finding | None]:
+def flat_top(known: SingleReadings) -> tuple[SingleReadings, Finding | None]:
     """A ceiling at which readings pile up, above which none lies."""
     channel, step = known.channel, known.step
     everything = np.concatenate([y for _, y in channel.samples])

@@ -11,8 +11,8 @@ from shockrig.analysis.inference.effect import (
     Finding,
     InFlight,
     Parameter,
-    Readings,
     Readout,
+    SingleReadings,
     Values,
     Words,
     unchanged,
@@ -35,7 +35,7 @@ def _phase(changed: Index, hold: int) -> int:
     return int(np.argmax(np.bincount(changed % hold, minlength=hold))) if changed.size else 0
 
 
-def repeats(known: Readings) -> tuple[Readings, Finding | None]:
+def repeats(known: SingleReadings) -> tuple[SingleReadings, Finding | None]:
     """Readings that stand several times without the flag; the channel that is handed on keeps the first of each."""
     channel = known.channel
     period = channel.sampling_period_s

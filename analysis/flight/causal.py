@@ -95,7 +95,7 @@ class _Seen:
     at_die: bool = False
 
 
-class Channel:
+class CausalChannel:
     """One sensor on its way: its guard, its filters, and when it was last read."""
 
     def __init__(
@@ -208,11 +208,13 @@ class Corrector:
         t, h = design.temperature, design.humidity
         self.after = round(share * self.wait) if t is not None and h is not None else 0
         late = 0 if h is None else round(h.delay_s / design.period_s)
-        self.bead = None if t is None else Channel(t, "temperature", False, self.wait + late, START_K, design.period_s)
+        self.bead = (
+            None if t is None else CausalChannel(t, "temperature", False, self.wait + late, START_K, design.period_s)
+        )
         rest = self.wait - self.after
         self.film = None
         if h is not None:
-            self.film = Channel(h, "humidity", not design.by_activity, rest, START_PERCENT, design.period_s)
+            self.film = CausalChannel(h, "humidity", not design.by_activity, rest, START_PERCENT, design.period_s)
         self.on_the_way: deque[_Seen] = deque()
         self.unreckoned: deque[_Seen] = deque()
         self.time_s = self.stray_s = -np.inf

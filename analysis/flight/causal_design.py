@@ -20,7 +20,7 @@ from shockrig.analysis.flight.doubts import NO_SPEED
 from shockrig.analysis.flight.prior import Prior
 from shockrig.analysis.flight.profile_effects import Acting, acting, of_airspeed, of_pressure
 from shockrig.analysis.flight.readout import ceiling, noise_floor, not_known, undone
-from shockrig.analysis.flight.response import Response, bead_response, film_response, unsure_of_airspeed
+from shockrig.analysis.flight.response import LagResponse, bead_response, film_response, unsure_of_airspeed
 from shockrig.analysis.flight.smooth_channel import resolved_rate
 from shockrig.analysis.flight.stretches import largest_share
 from shockrig.analysis.flight.typical import NOISE_K, NOISE_PERCENT
@@ -59,7 +59,7 @@ HUMIDITY_LADDER = Ladder(0.002, 2.0, 5.0)  # in the cold little vapour is much h
 
 
 @dataclass(frozen=True)
-class Table:
+class DesignTable:
     """Values (t, v, p, c) at the nodes of a grid over temperature, ln of the airspeed and ln of the pressure.
 
     An axis of one node stands for a quantity on which nothing depends.
@@ -124,8 +124,8 @@ class ChannelDesign:
 
     modes: int
     slow: int
-    response: Table
-    readout: Table
+    response: DesignTable
+    readout: DesignTable
     slow_uncertainty: tuple[float, ...]
     noise: float
     share: float
@@ -247,7 +247,7 @@ def _film(part: HumidityProfile, body: str, period: float, given: float | None, 
 
 def _channel(
     effects: tuple[Acting, ...],
-    respond: Callable[[Stream], Response],
+    respond: Callable[[Stream], LagResponse],
     readings: Callable[[Stream], tuple[Array, Array, Array]],
     length_m: float,
     period: float,
@@ -302,7 +302,7 @@ def _channel(
     )
 
 
-def _parallel(response: Response, most: int) -> tuple[Array, Array, Array, Array]:
+def _parallel(response: LagResponse, most: int) -> tuple[Array, Array, Array, Array]:
     """Weights and rates (n, K) of lags that all follow the air itself, relative uncertainty (n,), and that of the slow
     shares, which are the last."""
     slow = response.slow_uncertainty
@@ -328,10 +328,10 @@ def _merged(weight: Array, rate: Array, slow: int, most: int) -> tuple[Array, Ar
     return np.concatenate([carried, weight[:, own:]], axis=1), np.concatenate([rate[:, :most], rate[:, own:]], axis=1)
 
 
-def _collapsed(temperature: Array, speed: Array, pressure: Array, values: Array) -> Table:
+def _collapsed(temperature: Array, speed: Array, pressure: Array, values: Array) -> DesignTable:
     """A table without the axes on which nothing depends."""
     axes = [temperature, speed, pressure]
     for i, axis in enumerate(axes):
         if np.allclose(values, np.take(values, [0], axis=i), rtol=1e-9, atol=1e-12):
             axes[i], values = axis[:1], np.take(values, [0], axis=i)
-    return Table(axes[0], np.log(axes[1]), np.log(axes[2]), values)
+    return DesignTable(axes[0], np.log(axes[1]), np.log(axes[2]), values)

@@ -15,7 +15,7 @@ from scipy.ndimage import median_filter
 from shockrig.analysis.flight.coarse import COARSE
 from shockrig.analysis.flight.prior import Passing
 from shockrig.analysis.flight.readout import Undone
-from shockrig.analysis.flight.response import Response
+from shockrig.analysis.flight.response import LagResponse
 from shockrig.analysis.flight.screen import Screened
 from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
 from shockrig.analysis.flight.sweep import lags_behind
@@ -34,7 +34,7 @@ CONTRADICTED, TOGETHER = 6.0, 5  # times the noise that so many readings are off
 
 
 @dataclass(frozen=True)
-class Readings:
+class FlightReadings:
     """One channel as the methods see it: rows in order.
 
     Attributes
@@ -61,7 +61,7 @@ class Readings:
     time_s: Array
     reading: Array
     usable: Mask
-    response: Response
+    response: LagResponse
     noise_variance: Array
     delay_s: float = 0.0
     passing: Passing | None = None
@@ -70,7 +70,7 @@ class Readings:
 
 
 @dataclass(frozen=True)
-class Channel:
+class FlightChannel:
     """One channel corrected, arrays (n,).
 
     Attributes
@@ -111,7 +111,7 @@ class Channel:
     resolved_rate: float = 30.0
     cutoff_hz: float | None = None
     jumps_s: Array | None = None
-    response: Response | None = None
+    response: LagResponse | None = None
     temperature_alone: Array | None = None
 
     @property
@@ -124,19 +124,19 @@ class Channel:
         """The part of it that is common to the flight."""
         return np.hypot(self.common, self.readout_uncertainty)
 
-    def widened(self, relative: float) -> Channel:
+    def widened(self, relative: float) -> FlightChannel:
         """The same with a time scale that is so much less certain, relative."""
         more = np.where(self.raw, 0.0, relative * np.abs(self.lag))
         return replace(self, uncertainty=np.hypot(self.uncertainty, more), common=np.hypot(self.common, more))
 
-    def doubted(self, by: Array | float) -> Channel:
+    def doubted(self, by: Array | float) -> FlightChannel:
         """The same with an uncertainty `by` of every corrected value beside what is stated, common to the flight."""
         more = np.where(self.raw, 0.0, by)
         return replace(self, uncertainty=np.hypot(self.uncertainty, more), common=np.hypot(self.common, more))
 
 
 def judged(
-    readings: Readings,
+    readings: FlightReadings,
     found: Estimate,
     undone: Undone,
     screened: Screened,
@@ -145,7 +145,7 @@ def judged(
     unit: Array,
     notes: list[str],
     most: float = np.inf,
-) -> Channel:
+) -> FlightChannel:
     """What a method found, or the readings `raw` where that is better; `unit` turns the method's unit into `raw`'s, and
     no air has more than `most`."""
     lag = found.air - found.clean
@@ -210,7 +210,7 @@ def judged(
     )
     value, sigma = np.where(empty, np.nan, value), np.where(empty, np.nan, sigma)
     of_readout = np.hypot(undone.uncertainty, late)
-    return Channel(
+    return FlightChannel(
         readings.channel,
         value,
         sigma,
@@ -246,7 +246,7 @@ def lacking(part: TemperatureProfile | HumidityProfile | None, name: str, raw: A
     return "too few usable samples" + (f": {possible.refusal(usual)}; a map states units (--map)" if slip else "")
 
 
-def untouched(name: str, raw: Array, screened: Screened, why: str, notes: list[str]) -> Channel:
+def untouched(name: str, raw: Array, screened: Screened, why: str, notes: list[str]) -> FlightChannel:
     """A channel given as it came."""
     if np.isfinite(raw).any():
         notes.append(f"{name}: given as it came: {why}")
@@ -254,7 +254,7 @@ def untouched(name: str, raw: Array, screened: Screened, why: str, notes: list[s
     everywhere = np.ones(raw.shape, dtype=bool)
     nothing = np.full(raw.shape, np.nan)
     value = np.where(believed, raw, np.nan)
-    return Channel(name, value, nothing, nothing, nothing, nothing, screened, ~everywhere, everywhere)
+    return FlightChannel(name, value, nothing, nothing, nothing, nothing, screened, ~everywhere, everywhere)
 
 
 def bridged(time_s: Array, values: Array) -> Array | None:
@@ -282,7 +282,7 @@ def _far(time_s: Array, usable: Mask, longest_s: float) -> Mask:
     return np.minimum(np.abs(before), np.abs(after)) > longest_s
 
 
-def _behind_slow_lags(readings: Readings, air: Array) -> Array:
+def _behind_slow_lags(readings: FlightReadings, air: Array) -> Array:
     """How far the air is from each of the sensor's slow shares (n, P), the last of its lags; 0 where not known."""
     count = readings.response.slow_uncertainty.size
     even = bridged(readings.time_s, air)

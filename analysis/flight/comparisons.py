@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter, uniform_filter1d
 
-from shockrig.analysis.flight.channel import Channel, bridged
+from shockrig.analysis.flight.channel import FlightChannel, bridged
 from shockrig.analysis.flight.disagreement import Difference, causes, excess, explained
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.flight.sweep import lags_behind
@@ -78,7 +78,7 @@ class Told:
     error: float
 
 
-def up_and_down(flight: Flight, channel: Channel) -> UpAndDown | None:
+def up_and_down(flight: Flight, channel: FlightChannel) -> UpAndDown | None:
     """Compare the longest way up with the longest way down; None where the flight has not both through one layer."""
     if channel.raw.all():
         return None
@@ -121,8 +121,8 @@ def _layered(flight: Flight, columns: Sequence[Array], sign: float = -1.0) -> tu
 
 
 def compared(
-    flight: Flight, bead: Channel, film: Channel, notes: list[str], known: Told | None = None
-) -> tuple[Channel, Channel, dict[str, float]]:
+    flight: Flight, bead: FlightChannel, film: FlightChannel, notes: list[str], known: Told | None = None
+) -> tuple[FlightChannel, FlightChannel, dict[str, float]]:
     """The channels, their uncertainty widened where the flight contradicts the profile's time scale; what was compared
     goes into `notes`, with what of the film's is `known` and was corrected with."""
     found, widened = [], {}
@@ -165,7 +165,7 @@ def compared(
     return found[0], found[1], widened
 
 
-def _owned(flight: Flight, bead: Channel, channel: Channel, notes: list[str]) -> Channel:
+def _owned(flight: Flight, bead: FlightChannel, channel: FlightChannel, notes: list[str]) -> FlightChannel:
     """The channel with uncertainties as wide as ascent and descent disagree, and what may be the cause in `notes`."""
     found = causes(flight, bead, channel)
     stated = np.where(np.isfinite(channel.value), channel.total_uncertainty, np.nan) ** 2
@@ -191,7 +191,7 @@ def _way(slower: float) -> str:
     return f"{100 * min(abs(slower), MOST):.0f} % {'slower' if slower > 0 else 'faster'}"
 
 
-def told(flight: Flight, bead: Channel, film: Channel, before: Told | None = None) -> Told | None:
+def told(flight: Flight, bead: FlightChannel, film: FlightChannel, before: Told | None = None) -> Told | None:
     """What ascent and descent say of the film's time scale, beside what they said `before`; None where nothing.
 
     Where temperature does not show whether the air stayed as it was between the two ways, nothing is said.
@@ -227,7 +227,7 @@ def _height(flight: Flight) -> Array | None:
     return np.asarray(44_330.8 * (1.0 - (median_filter(pressure, 3) / STANDARD_PRESSURE_HPA) ** 0.190263))
 
 
-def _stated(channel: Channel) -> float:
+def _stated(channel: FlightChannel) -> float:
     """Relative uncertainty of the time scale that the channel's own has in it, rms over the flight."""
     known = np.isfinite(channel.common) & np.isfinite(channel.lag) & ~channel.raw
     lag = float(np.sum(channel.lag[known] ** 2))

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.flight.causal_flight import causal
-from shockrig.analysis.flight.channel import Channel, Readings, coarse, judged, lacking, too_few, untouched
+from shockrig.analysis.flight.channel import FlightChannel, FlightReadings, coarse, judged, lacking, too_few, untouched
 from shockrig.analysis.flight.cleaning import code_notes, without_codes
 from shockrig.analysis.flight.comparisons import Told, compared, told
 from shockrig.analysis.flight.doubts import airspeed_doubt, doubts, slips
@@ -43,7 +43,7 @@ PARTED_S = 2.0 * LONGEST_BRIDGE_S
 Dependence = Callable[[Sequence[Acting], float], list[str]]
 
 
-def _smoother(readings: Readings, cutoff_hz: float | None = None) -> Estimate:
+def _smoother(readings: FlightReadings, cutoff_hz: float | None = None) -> Estimate:
     return estimate(
         readings.time_s,
         readings.reading,
@@ -57,7 +57,7 @@ def _smoother(readings: Readings, cutoff_hz: float | None = None) -> Estimate:
     )
 
 
-METHODS: dict[str, Callable[[Readings, float | None], Estimate]] = {
+METHODS: dict[str, Callable[[FlightReadings, float | None], Estimate]] = {
     "smoother": _smoother,
     "inverse": exact_inverse,
     "paper": paper,
@@ -127,7 +127,7 @@ def correct(
     solve, bodies = METHODS[method], profile.bodies
     bead = _temperature(part, profile.temperature, bodies["imet"], stream, solve, cutoff_hz, temperature_noise_k, notes)
 
-    def film_with(known: Told | None) -> tuple[Channel, list[str]]:
+    def film_with(known: Told | None) -> tuple[FlightChannel, list[str]]:
         said: list[str] = []
         given = humidity_noise_percent
         return correct_humidity(
@@ -146,7 +146,7 @@ def correct(
     return _gather(flight.time_s.size, rows, bead, film, notes, widened, slower)
 
 
-def _as_it_came(flight: Flight, why: str, notes: list[str]) -> tuple[Channel, Channel]:
+def _as_it_came(flight: Flight, why: str, notes: list[str]) -> tuple[FlightChannel, FlightChannel]:
     """Both channels without a correction, and without an uncertainty: none would hold."""
     time_s, bead, film = flight.time_s, flight.temperature_c, flight.humidity_percent
     of_bead = screen(time_s, bead, RANGES["temperature_c"], NOISE_K, swing=LIKELY["swing_k"].high)
@@ -185,11 +185,11 @@ def _temperature(
     part: TemperatureProfile | None,
     body: str,
     stream: Stream,
-    solve: Callable[[Readings, float | None], Estimate],
+    solve: Callable[[FlightReadings, float | None], Estimate],
     cutoff_hz: float | None,
     given: float | None,
     notes: list[str],
-) -> Channel:
+) -> FlightChannel:
     raw, time_s = flight.temperature_c, flight.time_s
     effects = acting(part.effects, "temperature", part.discovered) if part else ()
     noise = given or NOISE_K
@@ -212,7 +212,7 @@ def _temperature(
     plain = undone(effects, raw, stream, part.bead_radius_m, period)
     variance = (np.hypot(noise * screened.louder, screened.resolution / np.sqrt(12)) / plain.gain) ** 2
     steps = coarse(screened.resolution, noise, 1.0 / plain.gain)
-    readings = Readings(
+    readings = FlightReadings(
         "temperature", time_s, plain.reading, screened.usable, response, variance, plain.delay_s, None, steps
     )
     found = solve(readings, cutoff_hz)
@@ -227,8 +227,8 @@ def _temperature(
 def _gather(
     count: int,
     rows: NDArray[np.int64],
-    bead: Channel,
-    film: Channel,
+    bead: FlightChannel,
+    film: FlightChannel,
     notes: list[str],
     widened: dict[str, float],
     slower: dict[str, float],

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.flight.channel import Channel, bridged
+from shockrig.analysis.flight.channel import FlightChannel, bridged
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.flight.smoother import followed
 from shockrig.analysis.flight.sweep import lags_behind
@@ -51,7 +51,7 @@ def excess(difference: Difference) -> float:
 
 
 @dataclass(frozen=True)
-class Cause:
+class LikelyCause:
     """What may be wrong: how far it moves a corrected value (n,), the sentence, and whether it comes in any size (and
     then the other way)."""
 
@@ -60,7 +60,7 @@ class Cause:
     sentence: str
 
 
-def causes(flight: Flight, bead: Channel, channel: Channel) -> list[Cause]:
+def causes(flight: Flight, bead: FlightChannel, channel: FlightChannel) -> list[LikelyCause]:
     """What a channel's profile may lack, and what it would do in this flight."""
     period = typical_period(flight.time_s)
     value, air, response = bridged(flight.time_s, channel.value), bridged(flight.time_s, bead.value), channel.response
@@ -76,7 +76,7 @@ def causes(flight: Flight, bead: Channel, channel: Channel) -> list[Cause]:
 
     reading, slowest = value - np.nan_to_num(channel.lag), response.slowest_s
     found = [
-        Cause(
+        LikelyCause(
             value - behind(value, times * slowest),
             True,
             f"a second lag of some {LONGER[0] * slowest:.2g} to {LONGER[1] * slowest:.2g} s beside the profile's: "
@@ -86,7 +86,7 @@ def causes(flight: Flight, bead: Channel, channel: Channel) -> list[Cause]:
         for times in LONGER
     ]
     found.append(
-        Cause(
+        LikelyCause(
             np.gradient(value) / period,
             True,
             "readings that are late or averaged by the logger: log single readings, or diagnose "
@@ -95,7 +95,7 @@ def causes(flight: Flight, bead: Channel, channel: Channel) -> list[Cause]:
     )
     if channel.name == "humidity":
         found.extend(
-            Cause(
+            LikelyCause(
                 reading - _played(reading, half),
                 True,
                 "hysteresis: shock the film up and down at one temperature and diagnose "
@@ -106,7 +106,7 @@ def causes(flight: Flight, bead: Channel, channel: Channel) -> list[Cause]:
         saturated = saturation_pressure_hpa(air)
         steep = np.log(saturation_pressure_hpa(air + 0.5)) - np.log(saturation_pressure_hpa(air - 0.5))
         found.append(
-            Cause(
+            LikelyCause(
                 seen(value) - seen(value * saturated) / saturated,
                 False,
                 "a film that takes up relative humidity and not vapour: diagnose the campaign "
@@ -116,7 +116,7 @@ def causes(flight: Flight, bead: Channel, channel: Channel) -> list[Cause]:
         die = bridged(flight.time_s, flight.die_temperature_c)
         own = behind(air, DIE_S) if die is None else die
         found.append(
-            Cause(
+            LikelyCause(
                 value * steep * (air - own),
                 False,
                 "a die that is slower than the air: "
@@ -141,7 +141,7 @@ def _named(channel: str, means: Callable[[InFlight], bool]) -> str:
     return ", ".join(name for name, flown in known if flown is not None and means(flown))
 
 
-def explained(difference: Array, moved: list[Array], found: list[Cause]) -> str:
+def explained(difference: Array, moved: list[Array], found: list[LikelyCause]) -> str:
     """The sentences of the causes that explain most of a difference (n,) with hardly a difference between them, as each
     of them `moved` it; empty where none explains much."""
     total = float(np.sum(difference**2))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from shockrig.analysis.flight.channel import Channel, Readings
+from shockrig.analysis.flight.channel import FlightChannel, FlightReadings
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.flight.stretches import largest_share
 from shockrig.files.numbers import counted
@@ -31,13 +31,13 @@ USUAL_NOISES = 3.0  # and up to so many times the reading's noise
 
 
 def held(
-    channel: Channel,
-    readings: Readings,
+    channel: FlightChannel,
+    readings: FlightReadings,
     raw: Array,
     unit: Array,
     notes: list[str],
     possible: tuple[float, float] = (-np.inf, np.inf),
-) -> Channel:
+) -> FlightChannel:
     """The channel no farther from its readings than the air can be; by how much it was counts as uncertainty.
 
     `unit` turns the readings' unit into that of `raw`, the log's; `possible` is what no air is beyond.
@@ -65,13 +65,13 @@ def held(
     return _nearer(channel, readings, unit, _capped(channel, raw - possible[1]))
 
 
-def _capped(channel: Channel, beyond: Array) -> Mask:
+def _capped(channel: FlightChannel, beyond: Array) -> Mask:
     """Rows (n,) at the ceiling where the sensor stops, but where that is what no air is `beyond` (n,)."""
     capped = channel.screened.capped
     return np.zeros(channel.value.shape, dtype=bool) if capped is None else capped & (beyond < 0.0)
 
 
-def _nearer(channel: Channel, readings: Readings, unit: Array, capped: Mask) -> Channel:
+def _nearer(channel: FlightChannel, readings: FlightReadings, unit: Array, capped: Mask) -> FlightChannel:
     """The channel nearer to its readings where it is far less certain than elsewhere in the flight.
 
     That the reading is right is one of the explanations: of a difference d that is unsure by s, d^4 / (d^4 + s^4) is
@@ -99,7 +99,7 @@ def _nearer(channel: Channel, readings: Readings, unit: Array, capped: Mask) -> 
     return replace(channel, value=np.where(vague, reading + kept * off, channel.value))
 
 
-def _above_ceiling(value: Array, raw: Array, capped: Mask, channel: Channel, notes: list[str]) -> Array:
+def _above_ceiling(value: Array, raw: Array, capped: Mask, channel: FlightChannel, notes: list[str]) -> Array:
     """Values where the sensor stopped: it was there or above."""
     limit = float(np.max(raw[capped]))
     notes.append(
@@ -111,7 +111,7 @@ def _above_ceiling(value: Array, raw: Array, capped: Mask, channel: Channel, not
     return np.where(capped & np.isfinite(value), value + np.maximum(limit - shown, 0.0), value)
 
 
-def _remembered(readings: Readings) -> int:
+def _remembered(readings: FlightReadings) -> int:
     """Rows for which a reading tells of the air before."""
     response = readings.response
     slowest_s = float(np.max(np.where(np.abs(response.weight) > LEAST_SHARE, 1.0 / response.rate, 0.0)))
@@ -119,7 +119,7 @@ def _remembered(readings: Readings) -> int:
     return int(np.ceil(lasting_s / typical_period(readings.time_s)))
 
 
-def reach(readings: Readings, resolved_rate: float) -> tuple[Array, Array]:
+def reach(readings: FlightReadings, resolved_rate: float) -> tuple[Array, Array]:
     """Least and largest air (n,) that the readings around each row allow, in the readings' own unit; in a gap those on
     either side."""
     noise = np.sqrt(readings.noise_variance)

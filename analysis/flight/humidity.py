@@ -14,8 +14,8 @@ from scipy.ndimage import binary_dilation, uniform_filter1d
 
 from shockrig.analysis.flight.channel import (
     VAGUE_TIMES,
-    Channel,
-    Readings,
+    FlightChannel,
+    FlightReadings,
     bridged,
     coarse,
     judged,
@@ -30,7 +30,7 @@ from shockrig.analysis.flight.prior import Passing
 from shockrig.analysis.flight.profile_effects import Acting, acting, not_undone
 from shockrig.analysis.flight.profile_effects import unseen as beyond_discovered
 from shockrig.analysis.flight.readout import ceiling, noise_floor, not_known, stale, undone
-from shockrig.analysis.flight.response import Response, film_response, unsure_of_airspeed
+from shockrig.analysis.flight.response import LagResponse, film_response, unsure_of_airspeed
 from shockrig.analysis.flight.screen import screen
 from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
 from shockrig.analysis.flight.stretches import largest_share
@@ -61,13 +61,13 @@ def correct_humidity(
     part: HumidityProfile | None,
     body: str,
     stream: Stream,
-    bead: Channel,
-    solve: Callable[[Readings, float | None], Estimate],
+    bead: FlightChannel,
+    solve: Callable[[FlightReadings, float | None], Estimate],
     cutoff_hz: float | None,
     given: float | None,
     notes: list[str],
     told: Told | None = None,
-) -> Channel:
+) -> FlightChannel:
     """The humidity channel; `bead` is the temperature's, corrected, `given` a noise floor other than the part's, `told`
     what the flight says of the film's time scale."""
     raw, time_s = flight.humidity_percent, flight.time_s
@@ -151,7 +151,7 @@ def correct_humidity(
         vague = unread | (vague & ~_long(vague, time_s, APART_S))
         usable = usable & ~vague if np.count_nonzero(usable & ~vague) > 0.5 * np.count_nonzero(usable) else usable
     steps = coarse(screened.resolution, noise, to_vapour / plain.gain)
-    readings = Readings(
+    readings = FlightReadings(
         "humidity", time_s, vapour, usable, response, variance, plain.delay_s, passing, steps, bead.jumps_s
     )
     found = solve(readings, cutoff_hz)
@@ -187,7 +187,7 @@ def _long(mask: NDArray[np.bool_], time_s: Array, longest_s: float) -> NDArray[n
     return np.asarray(mask & np.isin(run, run[ends[::2]][lasting > longest_s]))
 
 
-def _as_read(channel: Channel, raw: Array, rows: NDArray[np.bool_], notes: list[str]) -> Channel:
+def _as_read(channel: FlightChannel, raw: Array, rows: NDArray[np.bool_], notes: list[str]) -> FlightChannel:
     """The channel with some rows as they were read: what the correction would have changed is uncertainty."""
     rows = rows & np.isfinite(channel.value)
     if not rows.any():
@@ -249,7 +249,7 @@ def _own_temperature(flight: Flight, effects: tuple[Acting, ...], air: Array, no
 
 
 def _coupling(
-    time_s: Array, vapour: Array, temperature: Array, sigma: Array, percent_per_k: Array, response: Response
+    time_s: Array, vapour: Array, temperature: Array, sigma: Array, percent_per_k: Array, response: LagResponse
 ) -> float:
     """Vapour that goes with each unit of Passing: minus its slope against temperature over that of the conversion.
 

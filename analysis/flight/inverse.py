@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.flight.channel import LEAST_SAMPLES, Readings
+from shockrig.analysis.flight.channel import LEAST_SAMPLES, FlightReadings
 from shockrig.analysis.flight.low_pass import fir_taps, low_pass, power_density, suggest_cutoff_hz
-from shockrig.analysis.flight.response import Response
+from shockrig.analysis.flight.response import LagResponse
 from shockrig.analysis.flight.sampled import mean_response, response_time_s, sampled, transfer_function
 from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
 from shockrig.analysis.flight.stepping import stepped
@@ -40,7 +40,7 @@ class RefusedError(InputError):
     """A method refuses this sensor at this sampling; the message says why and what to use instead."""
 
 
-def paper_layers(channel: str, response: Response, period_s: float) -> tuple[StateSpace, int]:
+def paper_layers(channel: str, response: LagResponse, period_s: float) -> tuple[StateSpace, int]:
     """The paper's explicitly stepped sensor with the most layers whose step and inverse are both stable; how many.
 
     Its diffusivity is what a fit of that very grid would have found: the one that gives the response's own t63.
@@ -76,7 +76,7 @@ def paper_layers(channel: str, response: Response, period_s: float) -> tuple[Sta
     )
 
 
-def paper(readings: Readings, cutoff_hz: float | None = None) -> Estimate:
+def paper(readings: FlightReadings, cutoff_hz: float | None = None) -> Estimate:
     """Correct one channel as the paper does; RefusedError where no layer count is stable."""
     period, time, reading = _evenly(readings)
     system, _ = paper_layers(readings.channel, mean_response(readings.response), period)
@@ -101,7 +101,7 @@ def invert(system: StateSpace, reading: Array) -> Array:
     return air
 
 
-def exact_inverse(readings: Readings, cutoff_hz: float | None = None) -> Estimate:
+def exact_inverse(readings: FlightReadings, cutoff_hz: float | None = None) -> Estimate:
     """Correct one channel by the exact inverse; RefusedError where a zero lies on the unit circle."""
     period, time, reading = _evenly(readings)
     cutoff = _cutoff_hz(readings, cutoff_hz, reading, period)
@@ -131,11 +131,11 @@ def exact_inverse(readings: Readings, cutoff_hz: float | None = None) -> Estimat
     )
 
 
-def _mean_system(along: Response, period: float) -> StateSpace:
+def _mean_system(along: LagResponse, period: float) -> StateSpace:
     return sampled(mean_response(along), period, 0)
 
 
-def _invert_along(along: Response, reading: Array, period: float) -> Array:
+def _invert_along(along: LagResponse, reading: Array, period: float) -> Array:
     """Inverse of the lags under zero-order hold, weights and rates taken anew at each step."""
     step = stepped(along.rate, np.array(period), along.cap, along.inside)
     decay, fed, within, count = step.decay, step.fed, along.within, len(along.cap)
@@ -182,7 +182,7 @@ def _gain(system: StateSpace, count: int, period: float, cutoff: float) -> float
     return float(np.sqrt(np.mean(gain**2)))
 
 
-def _evenly(readings: Readings) -> tuple[float, Array, Array]:
+def _evenly(readings: FlightReadings) -> tuple[float, Array, Array]:
     """Readings on an even grid of their typical period, gaps bridged by straight lines."""
     period = typical_period(readings.time_s)
     rows = np.flatnonzero(readings.usable)
@@ -201,7 +201,7 @@ def _evenly(readings: Readings) -> tuple[float, Array, Array]:
     return period, time, np.interp(time, own[rows], readings.reading[rows])
 
 
-def _cutoff_hz(readings: Readings, given_hz: float | None, reading: Array, period: float) -> float:
+def _cutoff_hz(readings: FlightReadings, given_hz: float | None, reading: Array, period: float) -> float:
     """The cut-off asked for, or the one that the noise suggests; RefusedError where the samples do not reach it."""
     if given_hz is None:
         return suggest_cutoff_hz(reading, period, _noise(readings))
@@ -214,7 +214,7 @@ def _cutoff_hz(readings: Readings, given_hz: float | None, reading: Array, perio
     return given_hz
 
 
-def _noise(readings: Readings) -> float:
+def _noise(readings: FlightReadings) -> float:
     variance = readings.noise_variance
     if readings.passing is not None:
         variance = variance + readings.passing.sigma**2
@@ -222,7 +222,7 @@ def _noise(readings: Readings) -> float:
 
 
 def _estimate(
-    readings: Readings, time: Array, air: Array, clean: Array, period: float, cutoff: float, gain: float
+    readings: FlightReadings, time: Array, air: Array, clean: Array, period: float, cutoff: float, gain: float
 ) -> Estimate:
     """Put the inverse's result on the rows; variance: amplified noise and the turbulence above the cut-off."""
     frequency, power = power_density(air, period, min(air.size, max(256, air.size // 4)))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.flight.low_pass import fir_taps, power_density
-from shockrig.analysis.flight.response import Response
+from shockrig.analysis.flight.response import LagResponse
 from shockrig.analysis.flight.sampled import sampled, transfer_function
 
 Array = NDArray[np.float64]
@@ -63,7 +63,7 @@ class Bode:
     corrected: NDArray[np.complex128]
 
 
-def bode(response: Response, period_s: float, cutoff_hz: float, row: int = 0, count: int = 400) -> Bode:
+def bode(response: LagResponse, period_s: float, cutoff_hz: float, row: int = 0, count: int = 400) -> Bode:
     """Bode diagram of one instant's response, up to half the sampling rate."""
     frequency = np.geomspace(1e-3, 0.4999 / period_s, count)
     # an advance of half a sample, since held air acts so much later

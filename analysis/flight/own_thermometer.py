@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.flight.channel import Channel, bridged
+from shockrig.analysis.flight.channel import FlightChannel, bridged
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.flight.smoother import followed
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
@@ -45,7 +45,7 @@ def following(flight: Flight, air_c: Array) -> Following | None:
     return Following(float(np.exp(best.x)), float(best.fun))
 
 
-def slow_against_fast(flight: Flight, bead: Channel, notes: list[str]) -> None:
+def slow_against_fast(flight: Flight, bead: FlightChannel, notes: list[str]) -> None:
     """The humidity sensor's own thermometer is slow: the corrected air, lagged, should be what it read."""
     air = bridged(flight.time_s, bead.value)
     if air is None or bead.raw.all() or (found := following(flight, air)) is None:
@@ -56,7 +56,9 @@ def slow_against_fast(flight: Flight, bead: Channel, notes: list[str]) -> None:
     )
 
 
-def seen_by_film(flight: Flight, bead: Channel, film: Channel, notes: list[str]) -> tuple[Channel, Channel]:
+def seen_by_film(
+    flight: Flight, bead: FlightChannel, film: FlightChannel, notes: list[str]
+) -> tuple[FlightChannel, FlightChannel]:
     """Both channels, as unsure as the temperature moved without the humidity.
 
     Either the thermometer moved by itself, or the air did and the hygrometer's own temperature is late: what it then

@@ -14,7 +14,7 @@ from math import factorial
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.flight.response import Response
+from shockrig.analysis.flight.response import LagResponse
 from shockrig.analysis.flight.stepping import stepped
 
 Array = NDArray[np.float64]
@@ -123,7 +123,7 @@ def passing_step(passing: Passing, step_s: Array) -> tuple[Array, Array]:
     return phi, passing.sigma[..., None, None] ** 2 * (rest - phi @ rest @ phi.swapaxes(-1, -2))
 
 
-def gain_squared(response: Response, frequency_hz: Array, period_s: float) -> Array:
+def gain_squared(response: LagResponse, frequency_hz: Array, period_s: float) -> Array:
     """|H|^2 from the sampled air, straight between samples, to the reading: (n, f) for n instants."""
     z = np.exp(2j * np.pi * frequency_hz * period_s)
     step = stepped(response.rate, np.array(period_s), response.cap, response.inside)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.flight.response import Response, bead_response, film_response
+from shockrig.analysis.flight.response import LagResponse, bead_response, film_response
 from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S, REFERENCE_C, Stream
 from shockrig.files.profile import HumidityProfile, Profile, ResponseTime
 from shockrig.files.ranges import LIKELY
@@ -44,7 +44,7 @@ def _stream(at_c: float) -> Stream:
     return Stream(np.array([REFERENCE_AIRFLOW_M_S]), temperature_c=np.array([at_c]))
 
 
-def _time_doubts(channel: str, of: str, response: Response, stated: ResponseTime | None) -> list[str]:
+def _time_doubts(channel: str, of: str, response: LagResponse, stated: ResponseTime | None) -> list[str]:
     modes = response.modes()
     since = np.geomspace(1e-3, 1e2, 2000) * float(-np.sum(modes.amplitude / modes.rate))
     shown = 1.0 + np.exp(-np.outer(since, modes.rate)) @ modes.amplitude

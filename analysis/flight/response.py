@@ -30,7 +30,7 @@ LEAST_BIOT = 1e-6
 
 
 @dataclass(frozen=True)
-class Response:
+class LagResponse:
     """Lags at n instants.
 
     Attributes
@@ -57,7 +57,7 @@ class Response:
     inside: int = 0
     body: str = ""
 
-    def at(self, rows: Rows) -> Response:
+    def at(self, rows: Rows) -> LagResponse:
         """The response at some of the instants; `rows` may have any shape."""
         return replace(
             self,
@@ -66,7 +66,7 @@ class Response:
             relative_uncertainty=self.relative_uncertainty[rows],
         )
 
-    def slower(self, by: float, uncertainty: float) -> Response:
+    def slower(self, by: float, uncertainty: float) -> LagResponse:
         """The same with a time scale longer by the share `by`, which a flight itself told within `uncertainty`; slow
         shares beside it stay."""
         rate, own = self.rate.copy(), self.rate.shape[-1] - self.slow_uncertainty.size
@@ -110,7 +110,7 @@ class Response:
         return Modes(amplitude[order], rates[order])
 
 
-def bead_response(part: TemperatureProfile, stream: Stream, body: str = "sphere") -> Response:
+def bead_response(part: TemperatureProfile, stream: Stream, body: str = "sphere") -> LagResponse:
     """Response of the thermometer in each air that flows past it (n,); `body` is the shape of the plain model."""
     alpha = part.thermal_diffusivity_m2_s
     still = np.ones(stream.airflow_m_s.size)
@@ -120,7 +120,7 @@ def bead_response(part: TemperatureProfile, stream: Stream, body: str = "sphere"
     return _response(effects, body, part.bead_radius_m, rate * still, relative * still, stream, usual)
 
 
-def film_response(part: HumidityProfile, temperature_c: Array, stream: Stream, body: str = "film") -> Response:
+def film_response(part: HumidityProfile, temperature_c: Array, stream: Stream, body: str = "film") -> LagResponse:
     """Response of the hygrometer at each air temperature and stream (n,).
 
     Beyond the table the outer row's D is held; `body` is the shape of the plain model.
@@ -131,7 +131,7 @@ def film_response(part: HumidityProfile, temperature_c: Array, stream: Stream, b
     return _response(effects, body, part.film_thickness_m, rate, relative, stream, temperature_c)
 
 
-def unsure_of_airspeed(response: Callable[[Stream], Response], stream: Stream, unsure: float) -> float:
+def unsure_of_airspeed(response: Callable[[Stream], LagResponse], stream: Stream, unsure: float) -> float:
     """Relative standard uncertainty of the mean lag that an airspeed leaves whose ln is unsure by `unsure`."""
     if unsure == 0.0:
         return 0.0
@@ -160,7 +160,7 @@ def _response(
     relative: Array,
     stream: Stream,
     temperature_c: Array,
-) -> Response:
+) -> LagResponse:
     for e in effects:
         if (moves := e.meaning.rate) is not None:
             rate = rate * moves(e.values, stream.airflow_m_s, temperature_c)
@@ -205,7 +205,7 @@ def _response(
         weight = np.concatenate([(1 - share) * weight, share * beside], axis=1)
         rates = np.concatenate([rates, beside / time_constant_s], axis=1)
     slow = np.array([_share_uncertainty(e) for e, _, _ in lags])
-    return Response(weight, rates, relative, slow, tuple(float(-a) for a in mix.amplitude), inside, body.name)
+    return LagResponse(weight, rates, relative, slow, tuple(float(-a) for a in mix.amplitude), inside, body.name)
 
 
 def _moved(one: Acting, moves: Callable[[Values, Array, Array], Array], airspeed: Array, temperature_c: Array) -> Array:

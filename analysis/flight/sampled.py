@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.flight.response import Response
+from shockrig.analysis.flight.response import LagResponse
 from shockrig.analysis.flight.stepping import held_matrix
 from shockrig.analysis.physics.modes import response_times
 from shockrig.analysis.physics.schemes.layers import StateSpace
@@ -17,12 +17,12 @@ T63 = 0.63212055882855767
 WELL_CONDITIONED = 1e8  # eigenvectors beyond that are not trusted: two lags in series may have equal rates
 
 
-def response_time_s(response: Response, share: float = T63, row: int = 0) -> float:
+def response_time_s(response: LagResponse, share: float = T63, row: int = 0) -> float:
     """Time to `share` of a step at one instant of the flight."""
     return response_times(response.modes(row), (share,))[0]
 
 
-def mean_response(response: Response) -> Response:
+def mean_response(response: LagResponse) -> LagResponse:
     """One response for a whole flight: weights and logs of the rates averaged."""
     return replace(
         response,
@@ -32,7 +32,7 @@ def mean_response(response: Response) -> Response:
     )
 
 
-def sampled(response: Response, period_s: float, row: int) -> StateSpace:
+def sampled(response: LagResponse, period_s: float, row: int) -> StateSpace:
     """Exact zero-order hold of the response at one row, in lags."""
     a = held_matrix(response.rate[row], period_s, response.cap, response.inside)
     # at rest in unit air every lag stands at one

@@ -33,7 +33,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Score:
+class SceneScore:
     """Of one method in one scene and channel: errors of the reading and of the correction, stated uncertainty,
     coverage.
     """
@@ -87,7 +87,7 @@ def try_flight(scene: str, flown: Flown, profile: Profile) -> Trial:
     return Trial(scene, flown, corrected, refused)
 
 
-def scores(trial: Trial) -> list[Score]:
+def scores(trial: Trial) -> list[SceneScore]:
     """Every method's score in both channels."""
     found = []
     for channel, (column, _) in CHANNELS.items():
@@ -99,7 +99,7 @@ def scores(trial: Trial) -> list[Score]:
             sigma = getattr(result, UNCERTAINTY[channel])
             stated = float(np.sqrt(np.nanmean(sigma**2))) if np.isfinite(sigma).any() else float("nan")
             found.append(
-                Score(
+                SceneScore(
                     trial.scene,
                     channel,
                     method,

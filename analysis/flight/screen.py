@@ -57,7 +57,7 @@ class Screened:
 
 
 @dataclass(frozen=True)
-class Clock:
+class OrderedTime:
     """A log's time put in order.
 
     Attributes
@@ -73,11 +73,11 @@ class Clock:
 
     good: Mask
     time_s: Array
-    steps: tuple[Step, ...]
+    steps: tuple[ClockStep, ...]
 
 
 @dataclass(frozen=True)
-class Step:
+class ClockStep:
     """A step of the clock: the first row after it, by how many seconds, and whether the readings run on across it."""
 
     row: int
@@ -85,7 +85,7 @@ class Step:
     runs_on: bool
 
 
-def clock(time_s: Array, part_s: float, readings: Sequence[Array] = ()) -> Clock:
+def clock(time_s: Array, part_s: float, readings: Sequence[Array] = ()) -> OrderedTime:
     """Put a log's time (n,) in order; stretches that a step parts are set `part_s` apart.
 
     A few rows out of place (a lone jump and back) are left out; where the clock steps and goes on from there, the rows
@@ -96,7 +96,7 @@ def clock(time_s: Array, part_s: float, readings: Sequence[Array] = ()) -> Clock
     while True:
         rows = np.flatnonzero(good)
         if rows.size < 2:
-            return Clock(good, time_s[rows], ())
+            return OrderedTime(good, time_s[rows], ())
         ahead = np.diff(time_s[rows])
         usual = ahead[ahead > 0]
         longest = max(LONGEST_GAP_S, GAP_PERIODS * float(np.median(usual))) if usual.size else LONGEST_GAP_S
@@ -114,10 +114,10 @@ def clock(time_s: Array, part_s: float, readings: Sequence[Array] = ()) -> Clock
         i = min(astray, key=lambda i: sizes[i])
         good[rows[bounds[i] : bounds[i + 1]]] = False
     on = _running_on([one[rows] for one in readings], bounds[1:-1], rows.size)
-    steps = tuple(Step(int(rows[k]), float(ahead[k - 1]), bool(on[k])) for k in bounds[1:-1])
+    steps = tuple(ClockStep(int(rows[k]), float(ahead[k - 1]), bool(on[k])) for k in bounds[1:-1])
     part = np.where(on[1:], float(np.median(usual)) if usual.size else part_s, part_s)
     even = np.concatenate([[0.0], np.where(parting, part, ahead)])
-    return Clock(good, time_s[rows[0]] + np.cumsum(even) if steps else time_s[rows], steps)
+    return OrderedTime(good, time_s[rows[0]] + np.cumsum(even) if steps else time_s[rows], steps)
 
 
 def _running_on(readings: Sequence[Array], steps: NDArray[np.int64], size: int) -> Mask:

@@ -11,7 +11,7 @@ from scipy.ndimage import uniform_filter1d
 from shockrig.analysis.flight.coarse import propagated, within_a_step
 from shockrig.analysis.flight.jumps import when, with_jumps, without
 from shockrig.analysis.flight.prior import Passing, Prior, gain_squared, spectra
-from shockrig.analysis.flight.response import Response
+from shockrig.analysis.flight.response import LagResponse
 from shockrig.analysis.flight.strengths import fit_prior, fit_windows, seen, without_wave
 from shockrig.analysis.flight.sweep import Sweep, Track, swept
 
@@ -60,7 +60,7 @@ def estimate(
     time_s: Array,
     reading: Array,
     usable: NDArray[np.bool_],
-    response: Response,
+    response: LagResponse,
     noise_variance: Array,
     delay_s: float = 0.0,
     passing: Passing | None = None,
@@ -220,7 +220,7 @@ def _carried(node_row: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.maximum.accumulate(np.maximum(node_row, 0))
 
 
-def resolved_rate(prior: Prior, response: Response, period: float) -> float:
+def resolved_rate(prior: Prior, response: LagResponse, period: float) -> float:
     """Angular frequency at which the reading's signal sinks into its noise."""
     frequency = np.geomspace(0.01, 0.5 / period, 60)
     turbulence, bend = spectra(frequency, period, prior.smooth)
@@ -231,7 +231,7 @@ def resolved_rate(prior: Prior, response: Response, period: float) -> float:
 
 def _local_priors(
     bridged: Array,
-    along: Response,
+    along: LagResponse,
     period: float,
     noise: Array,
     passing: Passing | None,

@@ -24,7 +24,7 @@ from shockrig.analysis.flight.prior import (
     passing_step,
     transition,
 )
-from shockrig.analysis.flight.response import Response
+from shockrig.analysis.flight.response import LagResponse
 from shockrig.analysis.flight.stepping import stepped
 
 try:
@@ -85,7 +85,7 @@ def smooth(
     step_s: Array,
     reading: Array,
     noise_variance: Array,
-    response: Response,
+    response: LagResponse,
     lags: Array,
     prior: Prior,
     spread: Array,
@@ -132,7 +132,7 @@ def compiled(
     step_s: Array,
     reading: Array,
     noise_variance: Array,
-    response: Response,
+    response: LagResponse,
     prior: Prior,
     passing: Passing | None,
     jumps: Jumps,
@@ -181,7 +181,7 @@ def plain(
     step_s: Array,
     reading: Array,
     noise_variance: Array,
-    response: Response,
+    response: LagResponse,
     prior: Prior,
     passing: Passing | None,
     jumps: Jumps,
@@ -262,7 +262,7 @@ def plain(
 
 
 def _model(
-    step_s: Array, response: Response, prior: Prior, passing: Passing | None, jumps: Jumps
+    step_s: Array, response: LagResponse, prior: Prior, passing: Passing | None, jumps: Jumps
 ) -> tuple[Array, Array, Array]:
     """Transition and its noise for each step (n, w, size, size), and what a jump by 1 in it does to the states."""
     step = np.ascontiguousarray(step_s.T)
@@ -306,7 +306,7 @@ def _model(
     return phi, q, leap
 
 
-def _answers(response: Response, rest_s: Array) -> tuple[Array, Array]:
+def _answers(response: LagResponse, rest_s: Array) -> tuple[Array, Array]:
     """Where lags (..., K) stand `rest_s` (...) after a jump by one of the air, and of its slope."""
     after = stepped(response.rate, rest_s, response.cap, response.inside)
     level, slope = np.subtract(1.0, after.decay, out=after.decay), after.new

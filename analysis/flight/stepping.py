@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Step:
+class LagStep:
     """Coefficients of one step of K lags, of which the first J are a cap's and the next M follow its inside.
 
     Attributes
@@ -47,13 +47,13 @@ def hold(rate: Array, step_s: Array) -> tuple[Array, Array, Array]:
     return gone, new, decay
 
 
-def stepped(rate: Array, step_s: Array, cap: tuple[float, ...] = (), inside: int = 0) -> Step:
+def stepped(rate: Array, step_s: Array, cap: tuple[float, ...] = (), inside: int = 0) -> LagStep:
     """One step of lags `rate` (..., K) over `step_s` (...), air straight; `cap` is the mix v of the first lags."""
     h = np.asarray(step_s, dtype=float)[..., None]
     old, new, decay = hold(rate, h)
     count = len(cap)
     if not count:
-        return Step(old, new, decay, np.zeros((*old.shape[:-1], 0, 0)))
+        return LagStep(old, new, decay, np.zeros((*old.shape[:-1], 0, 0)))
     within = slice(count, count + inside)
     fed = np.asarray(cap) * handed_on(rate[..., within], rate[..., :count], h)
     # Inside, the drive is v_j (x_j's straight line, 1/mu_j late, and its decaying rest): x_j's own share is `fed`.
@@ -61,7 +61,7 @@ def stepped(rate: Array, step_s: Array, cap: tuple[float, ...] = (), inside: int
     late = ((fed - shares) / np.maximum(rate[..., None, :count] * h[..., None], 1e-12)).sum(axis=-1)
     old[..., within] -= fed.sum(axis=-1) + late
     new[..., within] += late
-    return Step(old, new, decay, fed)
+    return LagStep(old, new, decay, fed)
 
 
 def handed_on(inner: Array, outer: Array, step_s: Array) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.flight.prior import Passing, Prior, gain_squared, passing_spectrum, spectra
-from shockrig.analysis.flight.response import Response
+from shockrig.analysis.flight.response import LagResponse
 
 Array = NDArray[np.float64]
 SHRINKAGE = 0.25  # ln of how far one segment's strengths lie from the typical one's
@@ -29,7 +29,7 @@ HANN_DEPENDENCE = 1.5  # a likelihood of tapered ordinates counts each as so muc
 
 
 def seen(
-    response: Response, frequency_hz: Array, period_s: float, parts: int = 1, smooth: bool = False
+    response: LagResponse, frequency_hz: Array, period_s: float, parts: int = 1, smooth: bool = False
 ) -> tuple[Array, Array]:
     """One-sided power (n, f) of the readings of turbulence and of the trend at unit strength, n instants.
 
@@ -46,7 +46,7 @@ def seen(
 
 def fit_prior(
     reading: Array,
-    response: Response,
+    response: LagResponse,
     period_s: float,
     noise: float,
     passing: Passing | None = None,
@@ -165,7 +165,7 @@ def _scored(
 
 def fit_windows(
     reading: Array,
-    response: Response,
+    response: LagResponse,
     period_s: float,
     common: Prior,
     passing: Passing | None = None,

@@ -14,7 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 
-from shockrig.analysis.flight.response import Response
+from shockrig.analysis.flight.response import LagResponse
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -46,7 +46,7 @@ class Stretches:
     louder: Array
 
 
-def largest_share(response: Response, period_s: float) -> float:
+def largest_share(response: LagResponse, period_s: float) -> float:
     """Most of a step of the air that the sensor shows between two rows, wherever it falls, at its fastest."""
     row = int(np.argmax(response.rate.max(axis=-1) if response.rate.ndim > 1 else response.rate))
     modes = response.modes(row)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.flight.prior import UNSEEN_VARIANCE, Passing, Prior
-from shockrig.analysis.flight.response import Response
+from shockrig.analysis.flight.response import LagResponse
 from shockrig.analysis.flight.smoother import Jumps, Smoothed, followed, smooth
 
 Array = NDArray[np.float64]
@@ -41,7 +41,7 @@ class Track:
 
     time_s: Array
     period_s: float
-    along: Response
+    along: LagResponse
     passing: Passing | None
     broken: NDArray[np.bool_]
     memory: int
@@ -146,7 +146,7 @@ def _smoothed(
 
 
 def lags_behind(
-    values: Array, along: Response, period: float, broken: NDArray[np.bool_] | None = None
+    values: Array, along: LagResponse, period: float, broken: NDArray[np.bool_] | None = None
 ) -> tuple[Array, Array]:
     """Each lag behind evenly spaced `values` (n, K) from rest, and how far the two were apart in the lag's memory, rms.
 

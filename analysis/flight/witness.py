@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 from scipy.signal import lfilter
 
-from shockrig.analysis.flight.response import Response
+from shockrig.analysis.flight.response import LagResponse
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.flight.stretches import largest_share
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
@@ -40,7 +40,7 @@ def unseen(
     temperature_c: Array,
     sigma_k: Array,
     believed: Mask,
-    response: Response,
+    response: LagResponse,
     noise_percent: float,
 ) -> Array:
     """How far (n,) the temperature moved by itself, in K, 0 where the film agrees with it.
@@ -92,7 +92,7 @@ def unseen(
     return np.asarray(lfilter([1.0], [1.0, -keep], moves))
 
 
-def _rows(response: Response, period: float) -> int:
+def _rows(response: LagResponse, period: float) -> int:
     """The most rows within which the film shows no more than `SHOWN` of a step; 0 where it shows more in one."""
     rows, more = 0, 1
     while more <= MOST_ROWS and largest_share(response, more * period) <= SHOWN:

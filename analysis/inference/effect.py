@@ -84,7 +84,7 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Readings:
+class SingleReadings:
     """What is known of a channel's single readings: what they are rounded to, their noise, and the channel itself."""
 
     channel: Channel
@@ -240,8 +240,8 @@ class Readout:
         How a thermal shock reads with it, where that is a choice for ambients with thermal shocks alone.
     """
 
-    in_readings: Callable[[Readings], tuple[Readings, Finding | None]] | None = None
-    in_noise: Callable[[Readings], Finding | None] | None = None
+    in_readings: Callable[[SingleReadings], tuple[SingleReadings, Finding | None]] | None = None
+    in_noise: Callable[[SingleReadings], Finding | None] | None = None
     dated: Callable[[Array, Array, float, Values], Array] | None = None
     rounded_to: Callable[[Values], float] | None = None
     averages: Callable[[Values], int] | None = None

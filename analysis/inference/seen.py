@@ -21,7 +21,7 @@ MOST_BETWEEN = 0.3  # of the way between two readings: from here on a line betwe
 
 
 @dataclass(frozen=True)
-class Seen:
+class RunSeen:
     """One run: readings at rest before and at the end, and seconds to 63 % and 90 % of the way from its found start.
 
     Where two readings hold most of the way between them, the times are those of the later, and `at_most` is true;
@@ -44,7 +44,7 @@ def little_known(channel: Channel) -> bool:
     return channel.runs <= FEW_RUNS or not bool(known)
 
 
-def seen(channel: Channel) -> tuple[Seen, ...]:
+def seen(channel: Channel) -> tuple[RunSeen, ...]:
     """What each run shows by itself; runs without a step worth the name are left out."""
     found = []
     starts = channel.conditions.start_known
@@ -57,10 +57,10 @@ def seen(channel: Channel) -> tuple[Seen, ...]:
             continue
         if air is None:
             times_s, at_most = _crossings(time, (value - begin) / (end - begin), bool(triggered))
-            found.append(Seen(run, begin, end, times_s, None, at_most))
+            found.append(RunSeen(run, begin, end, times_s, None, at_most))
         else:
             lag = follow(time, value, air.time_s, channel.trace_of(air), channel.quantity.resolution).time_constant_s
-            found.append(Seen(run, begin, end, None, lag))
+            found.append(RunSeen(run, begin, end, None, lag))
     return tuple(found)
 
 

@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.flight import causal, causal_bank, causal_guard
 from shockrig.analysis.flight.causal_bank import AIR_STATES
-from shockrig.analysis.flight.causal_design import AIRSPEEDS_M_S, STRENGTHS, ChannelDesign, Design, Table, design_of
+from shockrig.analysis.flight.causal_design import (
+    AIRSPEEDS_M_S,
+    STRENGTHS,
+    ChannelDesign,
+    Design,
+    DesignTable,
+    design_of,
+)
 from shockrig.analysis.flight.channel import LONGEST_FILL_S, LONGEST_REPEAT_S
 from shockrig.analysis.flight.coarse import COARSE
 from shockrig.analysis.flight.prior import OU_VARIANCES, RATES_PER_S
@@ -229,7 +236,7 @@ def _c_tables(design: Design) -> str:
     return "\n".join(parts)
 
 
-def _c_table(name: str, table: Table) -> list[str]:
+def _c_table(name: str, table: DesignTable) -> list[str]:
     axes = {"C": table.temperature_c, "AIRSPEED": table.ln_airspeed, "PRESSURE": table.ln_pressure}
     parts = []
     for axis, values in axes.items():

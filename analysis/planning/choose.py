@@ -13,7 +13,7 @@ from shockrig.analysis.planning.evidence import REJECTED
 from shockrig.analysis.planning.information import nats
 from shockrig.analysis.planning.minutes import Airs, Minutes, airs_of, airs_of_run
 from shockrig.analysis.planning.precision import FEWEST_RUNS, UNKNOWN, Target
-from shockrig.analysis.planning.shock import LONGEST_S, Shock
+from shockrig.analysis.planning.shock import LONGEST_S, PlannedShock
 from shockrig.analysis.planning.varied import farthest, is_again, shock_of
 from shockrig.files.campaign import Campaign, Run
 
@@ -44,7 +44,7 @@ class Choice:
         Label of each goal -> its relative standard uncertainty after the run.
     """
 
-    shock: Shock
+    shock: PlannedShock
     minutes: float
     worth: float
     goals: float

@@ -16,7 +16,7 @@ import numpy as np
 
 from shockrig.analysis.characterization.result import Characterization
 from shockrig.analysis.checks.checked import checked
-from shockrig.analysis.diagnosis.outcome import Outcome
+from shockrig.analysis.diagnosis.outcome import ChannelOutcome
 from shockrig.analysis.discovery.grammar import MOST_RUNS
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
 from shockrig.analysis.planning.choose import UNTOLD, Choice, chase, choose_runs
@@ -31,11 +31,19 @@ from shockrig.analysis.planning.decision import (
 from shockrig.analysis.planning.designs import Designs, menu_of
 from shockrig.analysis.planning.foretold import expected_evidence
 from shockrig.analysis.planning.goals import Goals
-from shockrig.analysis.planning.judged import Look, diagnosed, look_at
+from shockrig.analysis.planning.judged import ChannelLook, diagnosed, look_at
 from shockrig.analysis.planning.minutes import learn, spent_minutes
 from shockrig.analysis.planning.places import Place, place_of, places
 from shockrig.analysis.planning.precision import Target, gained_by, measured, targets
-from shockrig.analysis.planning.shock import ORDINARY, USUAL_C, Shock, Surroundings, Usual, deciding_menu, opening
+from shockrig.analysis.planning.shock import (
+    ORDINARY,
+    USUAL_C,
+    PlannedShock,
+    Surroundings,
+    Usual,
+    deciding_menu,
+    opening,
+)
 from shockrig.analysis.planning.varied import shock_of, usual_of, variety
 from shockrig.analysis.planning.verdict import Verdict, extended
 from shockrig.files.campaign import Campaign
@@ -46,10 +54,10 @@ FEW = "too few to judge by"
 Progress = Callable[[str], None]
 Found = Mapping[str, Characterization | None]  # of each probe
 Due = Callable[[Place], Verdict | None]
-NONE_MADE: Mapping[Place, Outcome] = MappingProxyType({})
+NONE_MADE: Mapping[Place, ChannelOutcome] = MappingProxyType({})
 
 
-def anything(shock: Shock) -> bool:
+def anything(shock: PlannedShock) -> bool:
     """A bench that can make every run of the menu."""
     return True
 
@@ -61,12 +69,12 @@ def decide(
     *,
     beside: Sequence[Campaign] = (),
     count: int = 1,
-    feasible: Callable[[Shock], bool] = anything,
-    vetoed: Sequence[Shock] = (),
+    feasible: Callable[[PlannedShock], bool] = anything,
+    vetoed: Sequence[PlannedShock] = (),
     surroundings: Surroundings = ORDINARY,
     later: bool = False,
     due: Due | None = None,
-    made: Mapping[Place, Outcome] = NONE_MADE,
+    made: Mapping[Place, ChannelOutcome] = NONE_MADE,
     progress: Progress = lambda _: None,
 ) -> Decision:
     """Decide what to record next; a function of its arguments alone.
@@ -108,7 +116,7 @@ def decide(
     spent = 0.0 if campaign is None else sum(spent_minutes(campaign).values())
     recorded = () if campaign is None else tuple(run.id for run in campaign.runs)
 
-    def allowed(shock: Shock) -> bool:
+    def allowed(shock: PlannedShock) -> bool:
         return feasible(shock) and shock not in vetoed
 
     then = {} if before is None else before.verdicts
@@ -217,10 +225,10 @@ def _look(
     before: Mapping[Place, Verdict],
     final: bool,
     later: bool,
-    made: Mapping[Place, Outcome],
+    made: Mapping[Place, ChannelOutcome],
     progress: Progress,
-) -> tuple[dict[Place, Look], dict[Place, Verdict]]:
-    looks: dict[Place, Look] = {}
+) -> tuple[dict[Place, ChannelLook], dict[Place, Verdict]]:
+    looks: dict[Place, ChannelLook] = {}
     for place, (campaign, name) in places(campaigns).items():
         progress(f"{place}: {'diagnosing all runs' if final else 'looking at what is left'}")
         looks[place] = look_at(campaign, name, before.get(place, Verdict()), final, later, made.get(place))
@@ -257,8 +265,8 @@ def _gained(new: Collection[str], found: Found, wanted: Sequence[Target]) -> flo
 
 
 def _first(
-    campaigns: Sequence[Campaign], goals: Goals, found: Found, usual: Usual, allowed: Callable[[Shock], bool]
-) -> list[Shock]:
+    campaigns: Sequence[Campaign], goals: Goals, found: Found, usual: Usual, allowed: Callable[[PlannedShock], bool]
+) -> list[PlannedShock]:
     """The runs that a campaign begins with, as far as it lacks them: those that show a channel which none has shown.
 
     Any other of the menu will do where the bench can make none of these, or the operator wants none.
@@ -282,9 +290,9 @@ def _more_of_them(
     campaigns: Sequence[Campaign],
     goals: Goals,
     usual: Usual,
-    allowed: Callable[[Shock], bool],
-    short: Mapping[Place, Look],
-) -> list[Shock]:
+    allowed: Callable[[PlannedShock], bool],
+    short: Mapping[Place, ChannelLook],
+) -> list[PlannedShock]:
     """Runs that show channels of which too few are there to judge by, those of rarer directions first."""
     middle = sorted(goals.ambients_c, key=lambda t: abs(t - USUAL_C))[0]
     names = {name for place, (_, name) in places(campaigns).items() if place in short}
@@ -296,12 +304,12 @@ def _more_of_them(
     return [replace(s, why=FEW) for s in sorted(begin, key=lambda s: there.count(_way(s)))]
 
 
-def _way(shock: Shock) -> tuple[bool, bool]:
+def _way(shock: PlannedShock) -> tuple[bool, bool]:
     """Which channel a run is for, and its direction."""
     rises = shock.destination_percent > shock.source_percent
     return shock.isothermal, rises if shock.isothermal else shock.destination_c > shock.source_c
 
 
-def _shown_by(shock: Shock) -> ChannelName:
+def _shown_by(shock: PlannedShock) -> ChannelName:
     """The channel that a run of the opening is for."""
     return "humidity" if shock.isothermal else "temperature"

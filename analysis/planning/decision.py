@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from shockrig.analysis.planning.choose import Choice
 from shockrig.analysis.planning.evidence import label_of
 from shockrig.analysis.planning.goals import Goals
-from shockrig.analysis.planning.judged import Look
+from shockrig.analysis.planning.judged import ChannelLook
 from shockrig.analysis.planning.places import Place
 from shockrig.analysis.planning.precision import FEWEST_RUNS, Target
 from shockrig.analysis.planning.verdict import Verdict
@@ -65,7 +65,7 @@ class Decision:
         return {place: list(v.tied) for place, v in self.verdicts.items() if v.tied}
 
 
-def ended_by(state: Decision, goals: Goals, looks: Mapping[Place, Look]) -> tuple[str, str] | None:
+def ended_by(state: Decision, goals: Goals, looks: Mapping[Place, ChannelLook]) -> tuple[str, str] | None:
     """Status and reason where nothing more is to be recorded."""
     if not state.recorded:
         return None

@@ -15,7 +15,7 @@ from shockrig.analysis.planning.evidence import REJECTED, student
 from shockrig.analysis.planning.goals import Goals
 from shockrig.analysis.planning.hypothetical import rates_at
 from shockrig.analysis.planning.information import Information, information, separations
-from shockrig.analysis.planning.judged import Look
+from shockrig.analysis.planning.judged import ChannelLook
 from shockrig.analysis.planning.places import Place
 from shockrig.analysis.planning.precision import Target
 from shockrig.analysis.planning.shock import (
@@ -23,7 +23,7 @@ from shockrig.analysis.planning.shock import (
     LONGEST_S,
     SHORTEST_S,
     USUAL_C,
-    Shock,
+    PlannedShock,
     Usual,
     deciding_menu,
     precision_menu,
@@ -75,22 +75,22 @@ class Designs:
         Worth (M, 2) of each run, and of the second of two, for what has not been varied by then.
     """
 
-    menu: tuple[Shock, ...]
+    menu: tuple[PlannedShock, ...]
     anchor: int | None
     precise: tuple[Precise, ...]
     pairs: tuple[Array, ...]
     needed: Array
-    varied: Callable[[Sequence[Shock]], Array]
+    varied: Callable[[Sequence[PlannedShock]], Array]
 
     @classmethod
     def of(
         cls,
         found: Mapping[str, Characterization | None],
-        looks: Mapping[Place, Look],
+        looks: Mapping[Place, ChannelLook],
         wanted: Sequence[Target],
         goals: Goals,
         usual: Usual,
-        allowed: Callable[[Shock], bool],
+        allowed: Callable[[PlannedShock], bool],
         first: Run | None = None,
     ) -> Designs:
         """The menu for what is wanted, as far as anything is known to design by; `found` of each probe."""
@@ -125,18 +125,18 @@ class Designs:
         return cls(shocks, anchor, tuple(precise), tuple(pairs), np.array(needed), varied)
 
     @property
-    def choosable(self) -> tuple[Shock, ...]:
+    def choosable(self) -> tuple[PlannedShock, ...]:
         """The menu without the anchor."""
         return self.menu[: self.anchor]
 
 
 def menu_of(
     found: Mapping[str, Characterization | None],
-    looks: Mapping[Place, Look],
+    looks: Mapping[Place, ChannelLook],
     goals: Goals,
     usual: Usual,
-    allowed: Callable[[Shock], bool],
-) -> tuple[Shock, ...]:
+    allowed: Callable[[PlannedShock], bool],
+) -> tuple[PlannedShock, ...]:
     """Runs that could be made for some goals, from what is known so far."""
     dwells = _Dwells(found)
     menu = precision_menu(goals.ambients_c, usual, dwells)
@@ -167,7 +167,7 @@ def _t63_s(result: ChannelResult, name: ChannelName, ambient_c: float) -> float:
     return float(np.exp(-at[0]))
 
 
-def _deciding_ambients(looks: Mapping[Place, Look]) -> list[float]:
+def _deciding_ambients(looks: Mapping[Place, ChannelLook]) -> list[float]:
     """Ambients with runs already, about the usual one: elsewhere a new rate would take up what a run says."""
     seen: dict[float, float] = {}
     for look in looks.values():
@@ -179,7 +179,7 @@ def _deciding_ambients(looks: Mapping[Place, Look]) -> list[float]:
     return nearest[:MOST_AMBIENTS] or [USUAL_C]
 
 
-def _still_needed(look: Look, rival: int) -> float:
+def _still_needed(look: ChannelLook, rival: int) -> float:
     """ln E that is missing against a rival that still stands."""
     verdict = look.verdict
     standing = [x for x in verdict.against if x < REJECTED]

@@ -11,7 +11,7 @@ from shockrig.analysis.planning.evidence import Dispute
 from shockrig.analysis.planning.goals import Goals
 from shockrig.analysis.planning.places import Place
 from shockrig.analysis.planning.precision import Target
-from shockrig.analysis.planning.shock import Shock, from_run
+from shockrig.analysis.planning.shock import PlannedShock, from_run
 from shockrig.analysis.planning.verdict import Verdict
 from shockrig.files.campaign_names import FIRST_PROBE
 from shockrig.files.json_files import measured
@@ -66,7 +66,7 @@ def log_entry(
     decision: Decision,
     goals: Goals,
     before: Mapping[str, Any] | None,
-    vetoed: list[Shock],
+    vetoed: list[PlannedShock],
     waited_s: float = 0.0,
     probes: Sequence[str] = (FIRST_PROBE,),
 ) -> dict[str, Any]:
@@ -188,6 +188,6 @@ def remembered(entry: Mapping[str, Any] | None) -> Decision | None:
     )
 
 
-def chosen(entry: Mapping[str, Any]) -> list[Shock]:
+def chosen(entry: Mapping[str, Any]) -> list[PlannedShock]:
     """The runs that a line of the log decided on."""
     return [from_run(run) for run in entry["runs"]]

@@ -24,13 +24,13 @@ from shockrig.analysis.inference.model import Point
 from shockrig.analysis.planning.evidence import REJECTED, TEMPERED, student
 from shockrig.analysis.planning.hypothetical import imagined
 from shockrig.analysis.planning.information import each_run, nats, rates_known
-from shockrig.analysis.planning.judged import Look
-from shockrig.analysis.planning.shock import Shock
+from shockrig.analysis.planning.judged import ChannelLook
+from shockrig.analysis.planning.shock import PlannedShock
 
 Array = NDArray[np.float64]
 
 
-def expected_evidence(looks: Sequence[Look], shocks: Sequence[Shock]) -> list[float]:
+def expected_evidence(looks: Sequence[ChannelLook], shocks: Sequence[PlannedShock]) -> list[float]:
     """ln E (M,) against the explanation that each run, made once, is expected to hurt most; 0 where nothing is tied.
 
     Averaged over which explanation is true, each as likely as the evidence so far leaves it.
@@ -46,7 +46,7 @@ def expected_evidence(looks: Sequence[Look], shocks: Sequence[Shock]) -> list[fl
     return [float(x) for x in expected]
 
 
-def _if_true(look: Look, i: int, now: Array, shocks: Sequence[Shock]) -> Array:
+def _if_true(look: ChannelLook, i: int, now: Array, shocks: Sequence[PlannedShock]) -> Array:
     """ln E (M,) that runs would add against the most hurt rival of explanation i."""
     assert look.problem is not None and look.noise is not None and look.verdict.dispute is not None
     problem, true = look.problem, look.rivals[i]

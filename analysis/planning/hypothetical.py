@@ -15,13 +15,13 @@ from shockrig.analysis.inference.noise import Noise, whiteners
 from shockrig.analysis.inference.problem import Problem, make_problem
 from shockrig.analysis.inference.quantity import HUMIDITY, TEMPERATURE
 from shockrig.analysis.physics.conditions import Conditions
-from shockrig.analysis.planning.shock import LEAD_S, PHASE_S, Shock
+from shockrig.analysis.planning.shock import LEAD_S, PHASE_S, PlannedShock
 
 Array = NDArray[np.float64]
 DIE_S = 10.0  # time constant with which a HYT-271's die follows the air, about
 
 
-def imagined(problem: Problem, noise: Noise, shocks: Sequence[Shock], ambients_c: Array) -> Problem:
+def imagined(problem: Problem, noise: Noise, shocks: Sequence[PlannedShock], ambients_c: Array) -> Problem:
     """A problem of one run for each shock, on the ambients `ambients_c` (G,) of the rates that are fitted.
 
     Readings are place-holders: what such runs would say does not depend on them.
@@ -85,7 +85,7 @@ def imagined(problem: Problem, noise: Noise, shocks: Sequence[Shock], ambients_c
     return make_problem(channel, whitener, problem.rate_scatter)
 
 
-def _conditions(like: Conditions, shocks: Sequence[Shock]) -> Conditions:
+def _conditions(like: Conditions, shocks: Sequence[PlannedShock]) -> Conditions:
     def each(name: str) -> Array:
         return np.array([getattr(shock, name) for shock in shocks], dtype=float)
 

@@ -24,7 +24,7 @@ from shockrig.analysis.inference.model import Point
 from shockrig.analysis.inference.noise import Noise
 from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.planning.hypothetical import imagined, joined_ambients, rates_at
-from shockrig.analysis.planning.shock import Shock
+from shockrig.analysis.planning.shock import PlannedShock
 
 Array = NDArray[np.float64]
 NOT_KNOWN = 0.5  # standard uncertainty of ln rate at an ambient without runs
@@ -107,7 +107,7 @@ def gained(problem: Problem, found: Fit, runs: NDArray[np.bool_], places: Sequen
 
 
 def information(
-    problem: Problem, found: Fit, noise: Noise, shocks: Sequence[Shock], wanted_c: Sequence[float]
+    problem: Problem, found: Fit, noise: Noise, shocks: Sequence[PlannedShock], wanted_c: Sequence[float]
 ) -> Information:
     """What a fit knows, and what each of some runs would add, at its ambients and those wanted besides."""
     channel, rates = problem.channel, found.model.rates
@@ -139,7 +139,7 @@ def each_run(arrow: Arrow) -> list[Arrow]:
     return [replace(arrow, **{name: getattr(arrow, name)[i : i + 1] for name in parts}) for i in runs]
 
 
-def separations(problem: Problem, noise: Noise, true: Fit, rival: Fit, shocks: Sequence[Shock]) -> Array:
+def separations(problem: Problem, noise: Noise, true: Fit, rival: Fit, shocks: Sequence[PlannedShock]) -> Array:
     """Expected drop in deviance (M,) by which each run, made once, speaks for `true` against `rival`.
 
     The rival is free to move as far as the campaign leaves it open. A run that goes where no rate is known yet says
@@ -162,7 +162,7 @@ def separations(problem: Problem, noise: Noise, true: Fit, rival: Fit, shocks: S
     return found * rates_known(channel, shocks)
 
 
-def rates_known(channel: Channel, shocks: Sequence[Shock]) -> NDArray[np.bool_]:
+def rates_known(channel: Channel, shocks: Sequence[PlannedShock]) -> NDArray[np.bool_]:
     """Whether runs (M,) go to where the rates of a channel's fit hold."""
     away = np.abs(np.array([shock.destination_c for shock in shocks])[:, None] - channel.ambients_c)
     return np.asarray((away <= AMBIENT_WIDTH_K).any(axis=1) | channel.quantity.pooled)

@@ -10,7 +10,7 @@ import numpy as np
 from shockrig.analysis.diagnosis.adequacy import judge
 from shockrig.analysis.diagnosis.diagnose import diagnose_channel, enough
 from shockrig.analysis.diagnosis.diagnosed import ChannelDiagnosis
-from shockrig.analysis.diagnosis.outcome import Explanation, Outcome, outcome_of
+from shockrig.analysis.diagnosis.outcome import ChannelOutcome, Explanation, outcome_of
 from shockrig.analysis.diagnosis.prepare import Prepared, prepare
 from shockrig.analysis.diagnosis.thresholds import level
 from shockrig.analysis.effects.described import is_described
@@ -32,7 +32,7 @@ MORE_RUNS = 1.2  # times as many as at the last diagnosis, from which on one tha
 
 
 @dataclass(frozen=True)
-class Look:
+class ChannelLook:
     """A channel at one look: its verdict, and the fits that a design needs (None where it cannot be diagnosed).
 
     `short` is True where a few runs more would do for that.
@@ -65,8 +65,8 @@ def look_at(
     before: Verdict,
     final: bool = False,
     later: bool = False,
-    made: Outcome | None = None,
-) -> Look:
+    made: ChannelOutcome | None = None,
+) -> ChannelLook:
     """Look at one channel of a checked campaign.
 
     Parameters
@@ -84,7 +84,7 @@ def look_at(
     """
     channel = build_channel(campaign, name)
     if channel is None or not enough(channel) or channel.runs < FEWEST_RUNS:
-        return Look(before, short=channel is not None and enough(channel))
+        return ChannelLook(before, short=channel is not None and enough(channel))
     ready = prepare(channel)
     now, base = before, ready.structure
     if before.dispute is not None:
@@ -109,7 +109,7 @@ def look_at(
         current = _fitted(ready.problem, now.causes, base)
         squares = (ready.problem.whiten(current.residual) ** 2).sum(axis=1)
         worst = ready.problem.channel.run_ids[int(np.argmax(squares))]
-    return Look(now, ready.problem, ready.noise, rivals, worst)
+    return ChannelLook(now, ready.problem, ready.noise, rivals, worst)
 
 
 def diagnosed(campaign: Campaign, name: ChannelName, due: Verdict) -> Verdict:
@@ -136,7 +136,7 @@ def _fitted(problem: Problem, explanation: Explanation, base: Structure) -> Fit:
     return fit(problem, structure, theta, point.deviations, iterations=40)
 
 
-def _taken(found: Outcome, before: Verdict, final: bool, ready: Prepared) -> Verdict:
+def _taken(found: ChannelOutcome, before: Verdict, final: bool, ready: Prepared) -> Verdict:
     """The verdict of a diagnosis, with what it leaves tied at this look; what new runs have ruled out stays out.
 
     Before the end an ambient may have a single run, without which it cannot be predicted: what is not seen in the fit
@@ -181,7 +181,7 @@ def _enough(ready: Prepared, explanations: Sequence[Explanation]) -> Explanation
     return None
 
 
-def _possible(found: Outcome, look: int) -> list[Explanation]:
+def _possible(found: ChannelOutcome, look: int) -> list[Explanation]:
     """The explanation that a diagnosis ends with, and those that it is tied with at this look: models that lack a part
     of it, whether or not something else stands there, and predict unseen runs nearly as well, or all but a few of them,
     which may be the odd ones."""

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from shockrig.analysis.planning.shock import SOAK_OVER_S, Shock
+from shockrig.analysis.planning.shock import SOAK_OVER_S, PlannedShock
 from shockrig.files.campaign import Campaign, Run
 
 Array = NDArray[np.float64]
@@ -37,17 +37,17 @@ class Minutes:
     coefficients: Array
     moves: int
 
-    def between_s(self, before: Airs | None, shock: Shock) -> float:
+    def between_s(self, before: Airs | None, shock: PlannedShock) -> float:
         """From the end of one record to the start of the next [s]; `before` None is a bench that stands still."""
         after = airs_of(shock)
         return float(_features(after if before is None else before, after) @ self.coefficients)
 
-    def of(self, before: Airs | None, shock: Shock) -> float:
+    def of(self, before: Airs | None, shock: PlannedShock) -> float:
         """Bench minutes of a run with everything that comes before it."""
         return (self.between_s(before, shock) + shock.recorded_s) / 60.0
 
 
-def airs_of(shock: Shock) -> Airs:
+def airs_of(shock: PlannedShock) -> Airs:
     """The two airs of a planned run."""
     return (shock.source_c, shock.source_percent, shock.destination_c, shock.destination_percent)
 
@@ -66,7 +66,7 @@ def _features(before: Airs, after: Airs) -> Array:
 
 
 @dataclass(frozen=True)
-class Move:
+class BetweenRuns:
     """What lies between the records of two runs: the airs of both, the time between them, the later one's record."""
 
     before: Airs
@@ -94,7 +94,7 @@ def learn(campaign: Campaign | None) -> Minutes:
     return Minutes(found * USUAL, len(moves))
 
 
-def _moves(runs: Sequence[Run]) -> dict[str, Move]:
+def _moves(runs: Sequence[Run]) -> dict[str, BetweenRuns]:
     """The moves between records, by the id of the run that each leads to, without those in which the bench stood idle.
 
     It stood idle where another run would have fitted in (lunch, a night): where more than two moves and a record lie
@@ -108,7 +108,7 @@ def _moves(runs: Sequence[Run]) -> dict[str, Move]:
         between_s = next_ - began - recorded_s(run)
         same_session = run.extra.get("session") == later.extra.get("session")
         if before is not None and after is not None and same_session and 0.0 < between_s < LONGEST_BETWEEN_S:
-            moves[later.id] = Move(before, after, between_s, recorded_s(later))
+            moves[later.id] = BetweenRuns(before, after, between_s, recorded_s(later))
     # The lower median, with what is usual: of two that differ the longer one is taken for idle until a third comes.
     common_s = median_low([USUAL[0], *(move.between_s for move in moves.values())])
     return {

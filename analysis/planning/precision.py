@@ -9,7 +9,7 @@ import numpy as np
 
 from shockrig.analysis.characterization.characterize import characterize
 from shockrig.analysis.characterization.extension import Extension
-from shockrig.analysis.characterization.result import ChannelResult, Characterization, Row
+from shockrig.analysis.characterization.result import ChannelResult, Characterization, TableRow
 from shockrig.analysis.inference.channel import AMBIENT_WIDTH_K
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
 from shockrig.analysis.planning.goals import QUANTITY_OF, Goals, Precision
@@ -101,14 +101,14 @@ def _ambients(channel: ChannelName, precision: Precision, goals: Goals) -> tuple
     return precision.ambients_c or goals.ambients_c
 
 
-def _row(found: ChannelResult | None, ambient_c: float | None) -> Row | None:
+def _row(found: ChannelResult | None, ambient_c: float | None) -> TableRow | None:
     if found is None:
         return None
     near = [row for row in found.rows if ambient_c is None or abs(row.ambient_c - ambient_c) <= AMBIENT_WIDTH_K]
     return near[0] if near else None
 
 
-def _relative(row: Row, quantity: str) -> float:
+def _relative(row: TableRow, quantity: str) -> float:
     """Relative standard uncertainty of a row's diffusivity, or of its response time."""
     if quantity == "t63" and row.response.standard_uncertainties_s is not None:
         return row.response.standard_uncertainties_s[0] / row.response.t63_s

@@ -23,7 +23,7 @@ SLOWEST_M_S = 1.5
 
 
 @dataclass(frozen=True)
-class Shock:
+class PlannedShock:
     """One run: its two airs, airflow, pressure, light, how long it is recorded before the transfer and after it, and
     how slowly it is carried over.
 
@@ -69,9 +69,9 @@ class Shock:
         }
 
 
-def from_run(run: dict[str, Any]) -> Shock:
+def from_run(run: dict[str, Any]) -> PlannedShock:
     """The shock that `Shock.as_run` wrote."""
-    return Shock(
+    return PlannedShock(
         run["source"]["temperature_c"],
         run["source"]["humidity_percent"],
         run["destination"]["temperature_c"],
@@ -109,12 +109,12 @@ class Usual:
     coldest_c: float = 0.0
     warmest_c: float = 40.0
 
-    def allows(self, shock: Shock) -> bool:
+    def allows(self, shock: PlannedShock) -> bool:
         """Whether both airs lie between the coldest and the warmest."""
         return all(self.coldest_c <= t <= self.warmest_c for t in (shock.source_c, shock.destination_c))
 
 
-def opening(middle_c: float, usual: Usual) -> list[Shock]:
+def opening(middle_c: float, usual: Usual) -> list[PlannedShock]:
     """The first runs of a campaign of which nothing is known: both quantities, both directions, at one ambient."""
     warm = _warm(middle_c)
     dry, wet, here = (middle_c, 20.0), (middle_c, 80.0), (middle_c, 55.0)
@@ -122,7 +122,9 @@ def opening(middle_c: float, usual: Usual) -> list[Shock]:
     return [_between(usual, *pair, LONG_S, "nothing is known yet") for pair in pairs]
 
 
-def precision_menu(ambients_c: Sequence[float], usual: Usual, dwell_s: Callable[[float, bool], float]) -> list[Shock]:
+def precision_menu(
+    ambients_c: Sequence[float], usual: Usual, dwell_s: Callable[[float, bool], float]
+) -> list[PlannedShock]:
     """Humidity shocks at each ambient and thermal shocks into it, recorded for as long as the sensor needs, or longer.
 
     `dwell_s` says how long that is at an ambient [degC], for an isothermal shock or a thermal one.
@@ -143,7 +145,7 @@ def precision_menu(ambients_c: Sequence[float], usual: Usual, dwell_s: Callable[
 
 def deciding_menu(
     ambients_c: Sequence[float], usual: Usual, dwell_s: Callable[[float, bool], float] | None = None
-) -> list[Shock]:
+) -> list[PlannedShock]:
     """Everything else that a bench can vary: size of the step, level, direction, airflow, how slowly, light; long.
 
     With `dwell_s`, see `precision_menu`, other airflows also no longer than the sensor needs.
@@ -190,8 +192,8 @@ def deciding_menu(
 
 def _between(
     usual: Usual, source: tuple[float, float], destination: tuple[float, float], dwell: float, why: str
-) -> Shock:
-    return Shock(*source, *destination, usual.airflow_m_s, float(dwell), None, usual.pressure_hpa, why=why)
+) -> PlannedShock:
+    return PlannedShock(*source, *destination, usual.airflow_m_s, float(dwell), None, usual.pressure_hpa, why=why)
 
 
 def _warm(ambient_c: float, by_k: float = WARMER_K) -> tuple[float, float]:

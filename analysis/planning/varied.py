@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.quantity import QUANTITIES
 from shockrig.analysis.planning.goals import Goals
-from shockrig.analysis.planning.judged import Look
+from shockrig.analysis.planning.judged import ChannelLook
 from shockrig.analysis.planning.minutes import airs_of_run
 from shockrig.analysis.planning.places import Place
-from shockrig.analysis.planning.shock import SHORTEST_S, USUAL_C, Shock, Surroundings, Usual
+from shockrig.analysis.planning.shock import SHORTEST_S, USUAL_C, PlannedShock, Surroundings, Usual
 from shockrig.files.campaign import Campaign, Run
 
 Array = NDArray[np.float64]
@@ -23,7 +23,9 @@ OTHER_PRESSURE = 0.03  # relative difference from which on a pressure is another
 OTHER_FLOW = 1.5  # times as much airflow is another one
 
 
-def variety(looks: Mapping[Place, Look], shocks: Sequence[Shock], planned: Sequence[Shock] = ()) -> Array:
+def variety(
+    looks: Mapping[Place, ChannelLook], shocks: Sequence[PlannedShock], planned: Sequence[PlannedShock] = ()
+) -> Array:
     """Worth (M, 2) of the runs that vary what fewer than two of a channel's runs have: direction, airflow.
 
     Of each made once, and of the second of two. One run says nothing: runs differ. A step that is smaller than the
@@ -59,7 +61,7 @@ def _other_flow(flows: Array, share: Array, flow: float) -> bool:
     return few[0] and flow <= OTHER_FLOW * low or few[1] and flow >= high / OTHER_FLOW
 
 
-def _step_of(channel: Channel, shock: Shock) -> float:
+def _step_of(channel: Channel, shock: PlannedShock) -> float:
     if channel.quantity.pooled:
         return shock.destination_c - shock.source_c
     return shock.destination_percent - shock.source_percent if shock.isothermal else 0.0
@@ -72,23 +74,23 @@ def is_again(run: Run, first: Run) -> bool:
         return False
     least = [QUANTITIES[name].least_step for name in ("temperature", "humidity")]
     apart = np.abs(np.subtract(airs, others)) < [*least, *least]
-    slow, fast = sorted(one.airflow_m_s or Shock.airflow_m_s for one in (run, first))
+    slow, fast = sorted(one.airflow_m_s or PlannedShock.airflow_m_s for one in (run, first))
     same_pressure = abs(run.pressure_hpa / first.pressure_hpa - 1.0) <= OTHER_PRESSURE
     return bool(apart.all()) and fast < OTHER_FLOW * slow and same_pressure
 
 
-def shock_of(run: Run) -> Shock | None:
+def shock_of(run: Run) -> PlannedShock | None:
     """A recorded run as one that could be made again, its set points rounded; None where its airs are not known."""
     airs = airs_of_run(run)
     if airs is None:
         return None
     last_s = max((float(t.time_s[-1]) for t in (run.imet, run.hyt) if t is not None and t.time_s.size), default=0.0)
-    return Shock(
+    return PlannedShock(
         float(round(airs[0])),
         float(round(airs[1])),
         float(round(airs[2])),
         float(round(airs[3])),
-        Shock.airflow_m_s if run.airflow_m_s is None else round(run.airflow_m_s, 2),
+        PlannedShock.airflow_m_s if run.airflow_m_s is None else round(run.airflow_m_s, 2),
         float(round(max(last_s - (run.start_s or 0.0), SHORTEST_S))),
         None,
         round(run.pressure_hpa, 2),
@@ -115,7 +117,7 @@ def usual_of(campaign: Campaign | None, goals: Goals, surroundings: Surroundings
     )
 
 
-def farthest(menu: Sequence[Shock], runs: Sequence[Run]) -> Shock:
+def farthest(menu: Sequence[PlannedShock], runs: Sequence[Run]) -> PlannedShock:
     """The run of a menu that is least like any that was recorded."""
     there = np.array([_place(s) for run in runs if (s := shock_of(run)) is not None])
     places = np.array([_place(shock) for shock in menu])
@@ -123,7 +125,7 @@ def farthest(menu: Sequence[Shock], runs: Sequence[Run]) -> Shock:
     return menu[int(np.argmax(apart))]
 
 
-def _place(shock: Shock) -> tuple[float, ...]:
+def _place(shock: PlannedShock) -> tuple[float, ...]:
     """Conditions scaled so that differences that matter alike are alike."""
     kelvin = (shock.source_c / 15.0, shock.destination_c / 15.0)
     percent = (shock.source_percent / 25.0, shock.destination_percent / 25.0)

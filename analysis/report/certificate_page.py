@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from shockrig.analysis.characterization.sources import COMMON_LINES
-from shockrig.analysis.report.html import Cell, Figure, KeyNumber, Report, Section, Table, Text
+from shockrig.analysis.report.html import Cell, Figure, HtmlPage, KeyNumber, Section, Table, Text
 from shockrig.analysis.report.numbers import between, measured, plain
 from shockrig.analysis.report.style import CYCLE, GREY, literal, save_figure, styled
 from shockrig.files.certificate import NOT_ACCREDITED, Certificate, CertifiedFigure
@@ -79,7 +79,7 @@ def write_certificate_page(certificate: Certificate, folder: Path) -> Path:
         Section("What this certificate is, and what it is not", _statements(certificate)),
         Section("Budgets", [Text("Lines from 0.1 % on; budget.csv has all."), *map(_budget, certificate.figures)]),
     ]
-    report = Report(
+    report = HtmlPage(
         title=f"Response of a thermo-hygrometer: certificate {certificate.identifier}",
         verdict=_verdict(certificate),
         key_numbers=numbers[:6],

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from shockrig.analysis.characterization.result import FAR_DEVIATED, ChannelResult, Characterization, Row
+from shockrig.analysis.characterization.result import FAR_DEVIATED, ChannelResult, Characterization, TableRow
 from shockrig.analysis.characterization.to_profile import to_profile
 from shockrig.analysis.inference.quantity import QUANTITIES
 from shockrig.analysis.report.diagnosis_words import listed, named
 from shockrig.analysis.report.fitted import UNIT, panels, relative_runs, residuals, single_runs
-from shockrig.analysis.report.html import Block, Cell, Details, Figure, KeyNumber, Report, Section, Table, Text
+from shockrig.analysis.report.html import Block, Cell, Details, Figure, HtmlPage, KeyNumber, Section, Table, Text
 from shockrig.analysis.report.loop_page import chosen_section
 from shockrig.analysis.report.numbers import counted, measured, plain
 from shockrig.analysis.report.parameters import Curve, diffusivity, parameter_by_condition
@@ -142,7 +142,7 @@ def write_characterization(
     sections += chosen_section(decisions, folder)
     sections.append(Section("What was left out, and why", [_left_out(result)]))
     bad = any(not found.explained for found in result.channels().values()) or bool(result.missing)
-    report = Report(
+    report = HtmlPage(
         title=f"Characterization of {result.campaign.name}",
         verdict=verdict(result),
         key_numbers=_key_numbers(result),
@@ -191,7 +191,7 @@ def lumped(found: ChannelResult) -> bool:
     return found.channel.body == LUMPED
 
 
-def rate_text(found: ChannelResult, row: Row, unit: str = "s") -> str:
+def rate_text(found: ChannelResult, row: TableRow, unit: str = "s") -> str:
     """What was fitted at an ambient: the diffusivity, of a lumped sensor its time constant."""
     if lumped(found):
         tau = first_order(found.channel.length_m, row.diffusivity_m2_s, row.standard_uncertainty)
@@ -199,7 +199,7 @@ def rate_text(found: ChannelResult, row: Row, unit: str = "s") -> str:
     return measured(row.diffusivity_m2_s, row.standard_uncertainty, "m²/s")
 
 
-def _later(row: Row) -> str:
+def _later(row: TableRow) -> str:
     return f"90 % {time_text(row.response, 1)}, 98 % {time_text(row.response, 2)}"
 
 

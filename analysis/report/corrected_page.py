@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.flight.judging import gathered, power_spectrum
 from shockrig.analysis.flight.smooth_channel import typical_period
-from shockrig.analysis.report.html import Block, Cell, Figure, KeyNumber, Report, Section, Table, Text
+from shockrig.analysis.report.html import Block, Cell, Figure, HtmlPage, KeyNumber, Section, Table, Text
 from shockrig.analysis.report.numbers import counted, plain
 from shockrig.analysis.report.style import BLUE, GREY, ORANGE, styled
 from shockrig.files.flight import FLAGS, Corrected, Flight
@@ -160,7 +160,7 @@ def write_corrected_page(
     said: list[Block] = [Table(("of the sensors", "as the profile states it"), known)]
     said += [Text(note[:1].upper() + note[1:].rstrip(".") + ".") for note in notes]
     sections.append(Section("What was assumed and found", said))
-    report = Report(
+    report = HtmlPage(
         title=f"Flight {name}, corrected",
         verdict=_verdict(rows, found, flight.rows),
         key_numbers=_key_numbers(rows, found, flight),

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.characterization.result import Row
+from shockrig.analysis.characterization.result import TableRow
 from shockrig.analysis.diagnosis.diagnosed import ChannelDiagnosis, Diagnosis
 from shockrig.analysis.diagnosis.export import correlations
 from shockrig.analysis.diagnosis.held_out import autocorrelation, drifts, size
@@ -43,8 +43,8 @@ from shockrig.analysis.report.html import (
     Details,
     Equation,
     Figure,
+    HtmlPage,
     KeyNumber,
-    Report,
     Section,
     Table,
     Text,
@@ -94,7 +94,7 @@ def write_diagnosis(
     tied = any(cause.indistinguishable_from for c in diagnosis.channels for cause in c.causes)
     doubt = tied or diagnosis.missing or "described" in verdicts
     tone: Tone = "bad" if "unexplained" in verdicts else "warning" if doubt else "good"
-    report = Report(
+    report = HtmlPage(
         title=f"Diagnosis of {diagnosis.campaign}",
         verdict=headline(diagnosis),
         key_numbers=_key_numbers(views, crossings),
@@ -396,7 +396,7 @@ def _material(views: Sequence[ChannelView]) -> list[Block]:
     return [Table(columns, rows), *blocks] if rows else [Text("No diffusivity is determined."), *blocks]
 
 
-def _diffusivity(row: Row | None) -> str:
+def _diffusivity(row: TableRow | None) -> str:
     return "–" if row is None else measured(row.diffusivity_m2_s, row.standard_uncertainty)
 
 

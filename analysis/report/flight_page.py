@@ -18,13 +18,13 @@ from shockrig.analysis.flight.judging import (
     slope,
     structure_function,
 )
-from shockrig.analysis.flight.response import Response, bead_response, film_response
+from shockrig.analysis.flight.response import LagResponse, bead_response, film_response
 from shockrig.analysis.flight.sampled import mean_response, sampled
-from shockrig.analysis.flight.scenes import CHANNELS, Score, Trial, scores
+from shockrig.analysis.flight.scenes import CHANNELS, SceneScore, Trial, scores
 from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.physics.schemes.sampling import inverse_noise_gain
 from shockrig.analysis.report import flight_figures as figures
-from shockrig.analysis.report.html import Figure, KeyNumber, Report, Section, Table, Text
+from shockrig.analysis.report.html import Figure, HtmlPage, KeyNumber, Section, Table, Text
 from shockrig.analysis.report.style import save_figure
 from shockrig.files.profile import Profile
 
@@ -72,7 +72,7 @@ def write_flights_report(
     if "convective" in trials:
         sections.append(_turbulence(trials["convective"], folder))
     sections.append(_systems(trials, profile, folder))
-    report = Report(
+    report = HtmlPage(
         "Flights corrected for sensor lag",
         verdict,
         numbers,
@@ -83,7 +83,7 @@ def write_flights_report(
     return report.write(folder / "report.html")
 
 
-def _table(table: list[Score], trials: Mapping[str, Trial]) -> Table:
+def _table(table: list[SceneScore], trials: Mapping[str, Trial]) -> Table:
     rows: list[tuple[str | float | None, ...]] = []
     for s in table:
         rows.append((s.scene, s.channel, s.method, s.raw, s.rmse, s.stated, f"{100 * s.coverage:.1f} %"))
@@ -177,7 +177,7 @@ def _systems(trials: Mapping[str, Trial], profile: Profile, folder: Path) -> Sec
     airs = np.array([float(trial.flown.truth["temperature_c"].mean())])
     speed, pressure = (np.array([float(log[name].mean())]) for name in ("airspeed_m_s", "pressure_hpa"))
     stream = Stream(speed, pressure, airs)
-    responses: dict[str, Response] = {}
+    responses: dict[str, LagResponse] = {}
     if profile.temperature is not None:
         responses["temperature"] = bead_response(profile.temperature, stream, profile.bodies["imet"])
     if profile.humidity is not None:

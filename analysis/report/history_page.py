@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from shockrig.analysis.characterization.history import FALSE_ALARMS, LIMIT, Change, Chart
-from shockrig.analysis.report.html import Block, Cell, Figure, Report, Section, Table, Text
+from shockrig.analysis.characterization.history import FALSE_ALARMS, LIMIT, Chart, HistoryStep
+from shockrig.analysis.report.html import Block, Cell, Figure, HtmlPage, Section, Table, Text
 from shockrig.analysis.report.numbers import measured, plain
 from shockrig.analysis.report.style import BLUE, GREY, RED, literal, save_figure, styled
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
 
-def sentence(chart: Chart, change: Change) -> str:
+def sentence(chart: Chart, change: HistoryStep) -> str:
     """What changed, by how much, and since when."""
     after, before = chart.observations[change.first], chart.observations[change.first - 1]
     by = measured(100.0 * change.relative, 100.0 * change.standard_uncertainty, "%")
@@ -117,7 +117,7 @@ def write_history(charts: Sequence[Chart], folder: Path, provenance: dict[str, C
         "bench shares by all of its campaigns (its references, its trigger) is not counted between them, and is "
         "between benches."
     )
-    report = Report(
+    report = HtmlPage(
         title="History of a sensor",
         verdict=" ".join(sentences(changed or charts)[:3]),
         sections=[*sections, Section("How it is judged", [Text(how)])],

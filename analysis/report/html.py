@@ -91,7 +91,7 @@ class Section:
 
 
 @dataclass(frozen=True)
-class Report:
+class HtmlPage:
     """A whole page. `verdict` is the sentence a colleague would say; `provenance` ends the page as a small table.
 
     What the provenance says of the "data" (that they were not measured) stands under the title too. `paper` is what it
@@ -114,7 +114,7 @@ class Report:
         return target
 
 
-def render(report: Report) -> str:
+def render(report: HtmlPage) -> str:
     """The page as text."""
     numbers = "".join(
         f"<div><dt>{escape(n.label)}</dt><dd>{escape(n.value)}<small>{escape(n.note)}</small></dd></div>"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from shockrig.analysis.report.html import Details, Figure, KeyNumber, Report, Section, Table, Text, Tone
+from shockrig.analysis.report.html import Details, Figure, HtmlPage, KeyNumber, Section, Table, Text, Tone
 from shockrig.analysis.report.numbers import counted, plain
 from shockrig.analysis.report.panels import panels
 from shockrig.analysis.report.style import BLUE, CYCLE, GREY, INK, save_figure, styled
@@ -28,7 +28,7 @@ MOST_LINEAR = 50.0  # of an axis
 GOALS_ACROSS, RIVALS_ACROSS = 4, 2  # names in a row of a legend
 
 
-def loop_report(name: str, entries: Sequence[Entry], data: str = "") -> Report:
+def loop_report(name: str, entries: Sequence[Entry], data: str = "") -> HtmlPage:
     """The page of a log of decisions, oldest first; `data` says where they were not measured."""
     last = entries[-1]
     stands = {goal["goal"]: where_it_stands(goal) for goal in last["goals"]}
@@ -47,7 +47,7 @@ def loop_report(name: str, entries: Sequence[Entry], data: str = "") -> Report:
             for n, v in last["verdicts"].items()
         ],
     )
-    return Report(
+    return HtmlPage(
         title=f"Decisions of {name}",
         verdict=f"{last['status']}: {last['reason']}",
         tone=TONES.get(last["status"], "neutral"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from shockrig.analysis.discovery.remaining import Course, Remaining
+from shockrig.analysis.discovery.remaining import MeanCourse, Remaining
 from shockrig.analysis.report.diagnosis_words import listed
 from shockrig.analysis.report.panels import log_time, panels
 from shockrig.analysis.report.style import BLUE, CYCLE, GREY, styled
@@ -54,7 +54,7 @@ def remaining_figure(left: Remaining) -> Figure:
     return figure
 
 
-def _draw(axes: Axes, one: Course, colour: str) -> None:
+def _draw(axes: Axes, one: MeanCourse, colour: str) -> None:
     mean, band = 100.0 * one.mean, SIGMAS * 100.0 * one.uncertainty
     axes.fill_between(one.time_s, mean - band, mean + band, color=colour, alpha=0.2, linewidth=0)
     axes.plot(one.time_s, mean, color=colour, label=f"{one.condition} ({one.runs})")

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.seen import SHARES, Seen, little_known, seen
+from shockrig.analysis.inference.seen import SHARES, RunSeen, little_known, seen
 from shockrig.analysis.report.numbers import plain
 from shockrig.analysis.report.panels import panels
 from shockrig.analysis.report.style import CYCLE, GREY, INK, styled
@@ -37,7 +37,7 @@ def seen_sentence(channel: Channel) -> str:
     return f"Seen in the readings, by no model: {'; '.join(said)}." if said else ""
 
 
-def _of(runs: Sequence[Seen], channel: Channel) -> str:
+def _of(runs: Sequence[RunSeen], channel: Channel) -> str:
     return f" (run {runs[0].run})" if len(runs) == 1 < channel.runs else ""
 
 
@@ -47,7 +47,7 @@ def _range(values: Sequence[float]) -> str:
 
 
 @styled
-def seen_figure(channel: Channel, steps: Sequence[Seen]) -> Figure:
+def seen_figure(channel: Channel, steps: Sequence[RunSeen]) -> Figure:
     """Each run's readings over the way that they went, with the times to 63 % and 90 %, for runs that have them."""
     runs = {one.run: one for one in steps if one.times_s is not None}
     figure, axes = panels((1, 1), (6.4, 3.0), top_in=0.06)

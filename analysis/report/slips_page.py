@@ -13,7 +13,7 @@ from shockrig.analysis.physics.schemes.layers import film_layers, sphere_layers,
 from shockrig.analysis.physics.schemes.measured import Slip, SlipRow
 from shockrig.analysis.physics.schemes.sampling import sample, zeros
 from shockrig.analysis.physics.schemes.slips import COLUMNS, PERIOD_S, share_time
-from shockrig.analysis.report.html import Figure, KeyNumber, Report, Section, Table, Text
+from shockrig.analysis.report.html import Figure, HtmlPage, KeyNumber, Section, Table, Text
 from shockrig.analysis.report.numbers import plain
 from shockrig.analysis.report.slips import grid_errors, step_responses, zero_map
 from shockrig.analysis.report.style import save_figure
@@ -89,7 +89,7 @@ def write_slips_report(slips: tuple[Slip, ...], directory: str | os.PathLike[str
         )
         for slip in slips
     ]
-    report = Report(
+    report = HtmlPage(
         "The paper's schemes as printed and corrected",
         verdict,
         numbers,

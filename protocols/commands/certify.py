@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from shockrig.analysis.characterization.response_times import Air
+    from shockrig.analysis.characterization.response_times import ResponseAir
     from shockrig.files.certificate import Certificate
 
 NAMED = {
@@ -135,8 +135,8 @@ def write(args: argparse.Namespace, out: Path, extend: Path | None, made_at: str
     return certificate
 
 
-def _air(args: argparse.Namespace) -> Air:
-    from shockrig.analysis.characterization.response_times import Air
+def _air(args: argparse.Namespace) -> ResponseAir:
+    from shockrig.analysis.characterization.response_times import ResponseAir
     from shockrig.files.errors import InputError
     from shockrig.files.ranges import RANGES
 
@@ -145,7 +145,7 @@ def _air(args: argparse.Namespace) -> Air:
         value = getattr(args, option)
         if value is not None and not RANGES[quantity].holds(value):
             raise InputError(f"--{option}: {RANGES[quantity].refusal(value)}; give what the figures are wanted for")
-    return Air(args.airflow, args.temperature, args.pressure)
+    return ResponseAir(args.airflow, args.temperature, args.pressure)
 
 
 def _traced(words: list[str]) -> list[Any]:

@@ -85,7 +85,7 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.files.profile import read_profile
     from shockrig.protocols.flight_logs import to_csv
     from shockrig.protocols.folder import software_version
-    from shockrig.protocols.time_left import Rows
+    from shockrig.protocols.time_left import CountedRows
     from shockrig.protocols.wmo import demand_position, of_argument
 
     columns = {}
@@ -133,7 +133,7 @@ def main(args: argparse.Namespace) -> int:
                 humidity_noise_percent=args.humidity_noise_percent,
                 lag_s=args.lag_s,
                 history=f"shockrig correct --method {args.method} --profile {args.profile.name}",
-                progress=Rows(about_rows(source)),
+                progress=CountedRows(about_rows(source)),
                 gather=gather,
             )
         except InputError as error:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from shockrig.analysis.diagnosis.diagnosed import ChannelDiagnosis, Diagnosis
     from shockrig.files.profile import Profile
-    from shockrig.protocols.reveal import ChannelScore, Score
+    from shockrig.protocols.reveal import ChannelScore, RevealScore
     from shockrig.rig.virtual.truth import Truth
 
 PROTOCOL = "standard"
@@ -104,7 +104,7 @@ def what_next(out: Path, seed: int) -> list[str]:
     ]
 
 
-def story(diagnosis: Diagnosis, result: Score) -> str:
+def story(diagnosis: Diagnosis, result: RevealScore) -> str:
     """How it ended, what the diagnosis said before the seal was open, and what was under it."""
     from shockrig.analysis.report.diagnosis_words import channel_verdict, removed_share
 
@@ -117,7 +117,7 @@ def story(diagnosis: Diagnosis, result: Score) -> str:
     return "\n".join(lines)
 
 
-def ending(result: Score) -> str:
+def ending(result: RevealScore) -> str:
     """One sentence on what was hidden, and what became of it."""
     from shockrig.analysis.report.diagnosis_words import listed, named
 

@@ -11,7 +11,7 @@ from typing import Any
 from shockrig.protocols.run_progress import duration
 from shockrig.protocols.watch import step_back
 from shockrig.rig.watch.follow import Follower
-from shockrig.rig.watch.view import Health, PromptView, Trace, View
+from shockrig.rig.watch.view import Health, PromptView, ViewTrace, WatchView
 
 # bit of a dot by row (0 at the top) and column
 DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
@@ -52,7 +52,7 @@ def plot(points: Sequence[tuple[float, float]], width: int, height: int, ascii_o
     return ["".join(chr(0x2800 + cell) for cell in line) for line in cells]
 
 
-def render(view: View, width: int, height: int, ascii_only: bool = False) -> Any:
+def render(view: WatchView, width: int, height: int, ascii_only: bool = False) -> Any:
     """The view as something that rich can print; the plots take the rows that the rest leaves, one each at least."""
     from rich.console import Group
     from rich.text import Text
@@ -89,7 +89,7 @@ def _prompt(prompt: PromptView) -> Any:
     return Panel(text, title=" YOUR TURN ", subtitle=left, style="black on yellow", padding=(1, 2), expand=True)
 
 
-def _head(view: View) -> Any:
+def _head(view: WatchView) -> Any:
     from rich.text import Text
 
     text = Text(no_wrap=True, overflow="ellipsis")
@@ -104,7 +104,7 @@ def _head(view: View) -> Any:
     return text
 
 
-def _steps(view: View) -> Any:
+def _steps(view: WatchView) -> Any:
     from rich.text import Text
 
     text = Text(no_wrap=True, overflow="ellipsis")
@@ -143,7 +143,7 @@ def value_words(name: str, value: float) -> str:
     return f"{name} {value:.5g}"
 
 
-def _trace(trace: Trace, view: View, width: int, height: int, ascii_only: bool) -> Any:
+def _trace(trace: ViewTrace, view: WatchView, width: int, height: int, ascii_only: bool) -> Any:
     """A plot under its title, or both in one line where there is no room for more than one row."""
     from rich.text import Text
 
@@ -165,7 +165,7 @@ def _trace(trace: Trace, view: View, width: int, height: int, ascii_only: bool) 
     return text.append("\n")
 
 
-def _plan(view: View) -> Any:
+def _plan(view: WatchView) -> Any:
     from rich.text import Text
 
     states = [run.state for run in view.runs]

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from shockrig.rig.chambers.limits import UNITS, ClimateDevice
 from shockrig.rig.errors import BenchError
 from shockrig.rig.seams import Air, Clock, Operator
-from shockrig.rig.stages.manual import Surroundings
+from shockrig.rig.stages.manual import AskedSurroundings
 
 PLACES = ("source", "destination")
 READ_AGAIN_S = 0.5  # readings younger than that are not asked for again
@@ -27,7 +27,7 @@ class DeviceChambers:
         self._airs = (Air(None, None), Air(None, None))
         self._read_s: dict[str, float] = {}
         self._readings: dict[tuple[str, str], float | None] = {}
-        self._around = Surroundings(operator)
+        self._around = AskedSurroundings(operator)
 
     def surround(self, pressure_hpa: float, irradiance_w_m2: float) -> None:
         """Ask a person: no device of these makes pressure or light."""

@@ -16,7 +16,7 @@ from shockrig.rig.keys import nearest
 from shockrig.rig.logs.channels import SensorLog, read_sensors
 from shockrig.rig.logs.found import LogStep, steps_of
 from shockrig.rig.logs.mapping import LogMap
-from shockrig.rig.logs.runs import ImportedRun, LeftOut, runs_of
+from shockrig.rig.logs.runs import ImportedRun, StepLeftOut, runs_of
 from shockrig.rig.logs.steps import READINGS_BEFORE
 
 UNKNOWN_BODY = "lumped"
@@ -28,7 +28,7 @@ class SensorCampaign:
 
     sensor: str
     runs: tuple[ImportedRun, ...]
-    left_out: tuple[LeftOut, ...]
+    left_out: tuple[StepLeftOut, ...]
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def import_logs(paths: Sequence[Path], map_: LogMap, sensor: str | None = None) 
     campaigns = []
     for name in (sensor,) if sensor is not None else map_.wanted:
         runs: list[ImportedRun] = []
-        left_out: list[LeftOut] = []
+        left_out: list[StepLeftOut] = []
         for one, those in zip(logs, steps, strict=True):
             made, not_made = runs_of(one, those, map_, name)
             runs += made

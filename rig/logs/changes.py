@@ -28,7 +28,7 @@ PART = 100_000  # edges that are looked at together
 
 
 @dataclass(frozen=True)
-class Change:
+class ChangePoint:
     """A change point: about when, and the width of the window that showed it (s on one side).
 
     `goes_on`: the channel was on its way in that direction already, and only went faster.
@@ -40,7 +40,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Channel:
+class LogPiece:
     """Readings of one sensor and quantity in one piece of a log, without spikes: arrays (n,), in order of time.
 
     `noise` is the standard deviation of one reading, `least` the smallest step that counts, in the quantity's unit.
@@ -84,7 +84,7 @@ def without_spikes(time_s: Array, value: Array, noise: float, least: float) -> t
     return (time_s, value) if calm.all() else (time_s[calm], value[calm])
 
 
-def find_changes(channel: Channel) -> tuple[Change, ...]:
+def find_changes(channel: LogPiece) -> tuple[ChangePoint, ...]:
     """All change points of a channel, in order of time."""
     time_s, value = channel.time_s, channel.value
     if value.size < 2 * WINDOW + 2 or np.ptp(value) < channel.least:
@@ -97,7 +97,7 @@ def find_changes(channel: Channel) -> tuple[Change, ...]:
         # The window around an edge i covers blocks i-WINDOW to i+WINDOW-1; its edge lies between two blocks.
         return np.asarray(time_s[0] + width * (place + WINDOW) - 0.5 * period)
 
-    found: list[Change] = []
+    found: list[ChangePoint] = []
     taken = np.zeros(0)
     while blocks.size >= 2 * WINDOW + 1:
         departure, run_up = _departures(blocks)
@@ -110,13 +110,13 @@ def find_changes(channel: Channel) -> tuple[Change, ...]:
         peaks, _ = find_peaks(np.concatenate([[0.0], score, [0.0]]), height=1.0, distance=WINDOW)
         edges = edge_s(peaks - 1, width)
         goes_on = run_up[peaks - 1] * np.sign(departure[peaks - 1]) > GOES_ON * np.abs(departure[peaks - 1])
-        found += [Change(float(at_s), WINDOW * width, bool(on)) for at_s, on in zip(edges, goes_on, strict=True)]
+        found += [ChangePoint(float(at_s), WINDOW * width, bool(on)) for at_s, on in zip(edges, goes_on, strict=True)]
         taken = np.sort(np.concatenate([taken, edges]))
         if blocks.size % 2:
             blocks = blocks[:-1]
         blocks = 0.5 * (blocks[0::2] + blocks[1::2])
         width *= 2.0
-    kept: list[Change] = []
+    kept: list[ChangePoint] = []
     for change in sorted(found, key=lambda one: one.time_s):
         # A response that gathers speed (a core, two lags) has begun once, whatever windows see of it.
         if kept and change.goes_on and change.time_s - kept[-1].time_s <= 4.0 * change.width_s:

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from shockrig.files.disk import shown
 from shockrig.rig.errors import BenchError
 from shockrig.rig.keys import nearest
-from shockrig.rig.logs.changes import Channel, noise_of, without_spikes
+from shockrig.rig.logs.changes import LogPiece, noise_of, without_spikes
 from shockrig.rig.logs.clocks import guess_clock, guess_format
 from shockrig.rig.logs.log import Column, Log, over_time, read_rows
 from shockrig.rig.logs.mapping import LogMap, SensorMap, columns_of
-from shockrig.rig.logs.stamps import EPOCH, NUMBERS, Clock
+from shockrig.rig.logs.stamps import EPOCH, NUMBERS, TimeColumns
 from shockrig.rig.logs.text import Scan, scan, unit_in_cells
 from shockrig.rig.logs.units import UNITS, quantity_of, unit_in_name
 
@@ -30,7 +30,7 @@ HELD_CHANGES = 30
 
 
 @dataclass(frozen=True)
-class Readings:
+class LogReadings:
     """What one sensor read in a log: rows of the log, in order of time within each piece, and the columns by key.
 
     `held` is how often the log repeats each reading (1: not at all); the repeats are left out of `rows`.
@@ -48,9 +48,9 @@ class SensorLog:
     """A log read by a map: the log, its sensors' readings, references that are columns included."""
 
     log: Log
-    readings: Mapping[str, Readings]
+    readings: Mapping[str, LogReadings]
 
-    def channels(self, piece: int, least: Mapping[str, float]) -> list[Channel]:
+    def channels(self, piece: int, least: Mapping[str, float]) -> list[LogPiece]:
         """The channels of one piece (from 0) in which steps are sought, named SENSOR.KEY."""
         rows = self.log.pieces[piece]
         channels = []
@@ -70,7 +70,7 @@ class SensorLog:
                 threshold = least.get(key, max(LEAST_STEP[key], LEAST_SHARE * float(high - low)))
                 noise = noise_of(value)
                 time_s, value = without_spikes(time_s, value, noise, threshold)
-                channels.append(Channel(f"{name}.{key}", key, time_s, value, noise, threshold))
+                channels.append(LogPiece(f"{name}.{key}", key, time_s, value, noise, threshold))
         return channels
 
 
@@ -146,10 +146,10 @@ def _reference_columns(map_: LogMap, lines: Scan) -> dict[str, dict[str, Column]
     return found
 
 
-def _clock(map_: LogMap, lines: Scan) -> Clock | None:
+def _clock(map_: LogMap, lines: Scan) -> TimeColumns | None:
     """The clock as far as the map states it; None where it says nothing."""
     if map_.every_s is not None:
-        return Clock((), NUMBERS, every_s=map_.every_s)
+        return TimeColumns((), NUMBERS, every_s=map_.every_s)
     if not map_.time and map_.time_format is None and map_.time_unit is None:
         return None
     names = []
@@ -182,10 +182,10 @@ def _clock(map_: LogMap, lines: Scan) -> Clock | None:
     numbers = [float(cell) for cell in cells if cell.replace(".", "", 1).isdecimal()]
     low, high = EPOCH.get(unit, (np.inf, np.inf))
     since_1970 = format_ == NUMBERS and bool(numbers) and bool(low < float(np.median(numbers)) < high)
-    return Clock(columns, format_, unit, since_1970)
+    return TimeColumns(columns, format_, unit, since_1970)
 
 
-def _readings(log: Log, sensor: SensorMap, names: Mapping[str, str]) -> Readings:
+def _readings(log: Log, sensor: SensorMap, names: Mapping[str, str]) -> LogReadings:
     """Rows of a log that are readings of one sensor."""
     columns = {key: log.values[name] for key, name in names.items()}
     main = [key for key in ("temperature", "humidity") if key in columns]
@@ -207,7 +207,7 @@ def _readings(log: Log, sensor: SensorMap, names: Mapping[str, str]) -> Readings
             f"{sensor.name}: each reading stands in about {held} rows; the {int((~keep).sum())} repeats are left out"
         )
         rows, values = rows[keep], {key: value[keep] for key, value in values.items()}
-    return Readings(sensor.name, rows, values, held, tuple(remarks))
+    return LogReadings(sensor.name, rows, values, held, tuple(remarks))
 
 
 def held_for(time_s: Array, columns: list[Array]) -> int:

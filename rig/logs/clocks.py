@@ -9,7 +9,7 @@ from itertools import product
 
 import numpy as np
 
-from shockrig.rig.logs.stamps import EPOCH, ISO, NUMBERS, OF_DAY, Clock
+from shockrig.rig.logs.stamps import EPOCH, ISO, NUMBERS, OF_DAY, TimeColumns
 from shockrig.rig.logs.text import NUMBER
 from shockrig.rig.logs.units import UNITS, bare_name, is_called_time, unit_in_name
 
@@ -21,7 +21,7 @@ _BETWEEN = (" ", "T", ", ", "-", "_", ",", "")
 _TIMES = ("%H:%M:%S.%f", "%H:%M:%S", "%I:%M:%S %p", "%I:%M:%S.%f %p", "%H:%M", "%I:%M %p", "%H.%M.%S", "%H%M%S")
 
 
-def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequence[str]) -> Clock | None:
+def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequence[str]) -> TimeColumns | None:
     """The clock of a log from its columns' names and some rows of cells; None where there is none to be seen."""
     if not rows:
         return None
@@ -33,15 +33,15 @@ def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequ
         if format_ is None:
             continue
         if "%H" in format_ or "%I" in format_ or format_ == ISO and any(":" in cell for cell in columns[name]):
-            return Clock((name,), format_, doubt=doubt)
+            return TimeColumns((name,), format_, doubt=doubt)
         if format_ != OF_DAY:  # a date alone: the time of day stands in another column
             for other in [*called, *names]:
                 if other != name and guess_format(columns[other])[0] == OF_DAY:
                     return _joined(name, other, columns, doubt)
-            return Clock((name,), format_, doubt=doubt)
+            return TimeColumns((name,), format_, doubt=doubt)
     for name in [*called, *names[:3]]:  # by its cells too: it may be called "TimeElapsed" or "when"
         if guess_format(columns[name])[0] == OF_DAY:
-            return Clock((name,), OF_DAY)
+            return TimeColumns((name,), OF_DAY)
     for name in [*called, *names]:
         clock = _counted(name, columns[name], unit_of[name], named=name in called)
         if clock is not None:
@@ -78,13 +78,13 @@ def guess_format(cells: Sequence[str]) -> tuple[str | None, str]:
     return best[0], doubt
 
 
-def _joined(date_: str, time_: str, columns: Mapping[str, Sequence[str]], doubt: str) -> Clock:
+def _joined(date_: str, time_: str, columns: Mapping[str, Sequence[str]], doubt: str) -> TimeColumns:
     both = [f"{a.strip()} {b.strip()}" for a, b in zip(columns[date_], columns[time_], strict=True)]
     format_, doubt_both = guess_format(both)
-    return Clock((date_, time_), format_ or ISO, doubt=doubt or doubt_both)
+    return TimeColumns((date_, time_), format_ or ISO, doubt=doubt or doubt_both)
 
 
-def _counted(name: str, cells: Sequence[str], unit: str | None, named: bool) -> Clock | None:
+def _counted(name: str, cells: Sequence[str], unit: str | None, named: bool) -> TimeColumns | None:
     """A clock of plain numbers: called a time, or ever rising."""
     texts = [cell.strip().replace(",", ".") for cell in cells]
     if _share(lambda text: NUMBER.fullmatch(text) is not None, texts) < 0.9:
@@ -97,16 +97,16 @@ def _counted(name: str, cells: Sequence[str], unit: str | None, named: bool) -> 
         return None
     for epoch_unit, (low, high) in EPOCH.items():
         if low < np.median(values) < high:
-            return Clock((name,), NUMBERS, epoch_unit, since_1970=True)
+            return TimeColumns((name,), NUMBERS, epoch_unit, since_1970=True)
     time_unit = unit if unit in UNITS["time"] else "ms" if bare_name(name).lower() in ("millis", "ms", "tms") else None
     if time_unit is not None:
-        return Clock((name,), NUMBERS, time_unit)
+        return TimeColumns((name,), NUMBERS, time_unit)
     doubt = "no unit is named; taken as seconds"
     if np.median(steps[steps > 0]) >= 20 and (values == np.round(values)).all():
         doubt += (
             f', of which {np.median(steps[steps > 0]):g} pass between readings: if they are ms, say time_unit = "ms"'
         )
-    return Clock((name,), NUMBERS, "s", doubt=doubt)
+    return TimeColumns((name,), NUMBERS, "s", doubt=doubt)
 
 
 def _share(test: Callable[[str], bool], texts: Sequence[str]) -> float:

@@ -16,7 +16,7 @@ from shockrig.rig.logs.found import LogStep, steps_of
 from shockrig.rig.logs.guess import Guess, guess_log, likely_reference
 from shockrig.rig.logs.map_file import parse_map
 from shockrig.rig.logs.mapping import FORMAT, LogMap
-from shockrig.rig.logs.onset import Move
+from shockrig.rig.logs.onset import StepOnset
 from shockrig.rig.logs.stamps import ISO, NUMBERS, to_map
 from shockrig.rig.logs.text import Layout, Scan, scan
 
@@ -27,7 +27,7 @@ UNIT_SHOWN = {"temperature": "degC", "humidity": "%RH"}
 
 
 @dataclass(frozen=True)
-class Look:
+class LogLook:
     """What was seen of logs: the map's text, the same read, and for each log its readings and steps."""
 
     text: str
@@ -36,7 +36,7 @@ class Look:
     steps: tuple[tuple[LogStep, ...], ...]
 
 
-def look_at(paths: Sequence[Path], map_path: Path) -> Look:
+def look_at(paths: Sequence[Path], map_path: Path) -> LogLook:
     """Recognise logs of one layout and find their steps; `map_path` is where the map will stand.
 
     Raises
@@ -75,7 +75,7 @@ def look_at(paths: Sequence[Path], map_path: Path) -> Look:
     steps = [steps_of(one, map_) for one in logs]
     times = t63_of([step for those in steps for step in those])
     text = head + _sensors(guess, times, likely_reference(guess.sensors)) + _steps_text(logs, steps)
-    return Look(text, parse_map(text, map_path), tuple(logs), tuple(steps))
+    return LogLook(text, parse_map(text, map_path), tuple(logs), tuple(steps))
 
 
 def t63_of(steps: Sequence[LogStep]) -> dict[str, dict[str, float]]:
@@ -216,7 +216,7 @@ def _step_text(sensors: SensorLog, one: LogStep, in_pieces: bool) -> str:
     return "".join(lines)
 
 
-def said_of(move: Move) -> str:
+def said_of(move: StepOnset) -> str:
     """One line on what a channel did at a step."""
     unit = UNIT_SHOWN[move.quantity]
     return f"{move.channel}: {move.before:.4g} to {move.after:.4g} {unit}, 63 % after {move.t63_s:.3g} s"

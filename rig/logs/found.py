@@ -10,12 +10,12 @@ import numpy as np
 
 from shockrig.files.disk import shown
 from shockrig.rig.errors import BenchError
-from shockrig.rig.logs.changes import Change, Channel
+from shockrig.rig.logs.changes import ChangePoint, LogPiece
 from shockrig.rig.logs.channels import SensorLog
 from shockrig.rig.logs.mapping import LogMap, StepMap
-from shockrig.rig.logs.onset import Move, fit_onset
+from shockrig.rig.logs.onset import StepOnset, fit_onset
 from shockrig.rig.logs.stamps import to_map, to_seconds
-from shockrig.rig.logs.steps import Step, find_steps, judged
+from shockrig.rig.logs.steps import StepInLog, find_steps, judged
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class LogStep:
     """
 
     number: int
-    step: Step
+    step: StepInLog
     said: StepMap | None = None
     begin_s: float | None = None
     end_s: float | None = None
@@ -81,7 +81,7 @@ def steps_of(sensors: SensorLog, map_: LogMap, several: bool = False) -> tuple[L
             raise BenchError(
                 f"{where}: from, at and until must follow one another; fix them or leave from and until out"
             )
-        steps.append(LogStep(n + 1, Step(piece, at_s, float(unsure_s), moves), one, *times))
+        steps.append(LogStep(n + 1, StepInLog(piece, at_s, float(unsure_s), moves), one, *times))
     # What was seen to speak against a step is told where the map does not use it.
     return tuple(
         one if one.said is None or one.said.is_used else replace(one, step=_judged(one.step, steps, pieces))
@@ -89,12 +89,12 @@ def steps_of(sensors: SensorLog, map_: LogMap, several: bool = False) -> tuple[L
     )
 
 
-def _judged(step: Step, steps: Sequence[LogStep], pieces: Sequence[Sequence[Channel]]) -> Step:
+def _judged(step: StepInLog, steps: Sequence[LogStep], pieces: Sequence[Sequence[LogPiece]]) -> StepInLog:
     here = [one.step for one in steps if one.step.piece == step.piece]
     return judged(step, here, here.index(step), pieces[step.piece]) if step.moves else step
 
 
-def _beside(steps: Sequence[Step], channels: Sequence[Channel], map_: LogMap) -> list[Step]:
+def _beside(steps: Sequence[StepInLog], channels: Sequence[LogPiece], map_: LogMap) -> list[StepInLog]:
     """Steps with what each sensor did whose reference moved and that is too slow to show a change of its own."""
     whole = []
     for k, step in enumerate(steps):
@@ -148,8 +148,8 @@ def _place(sensors: SensorLog, map_: LogMap, step: StepMap) -> tuple[StepMap, in
 
 
 def _moves(
-    channels: Sequence[Channel], at_s: float, unsure_s: float | None, since_s: float, until_s: float
-) -> tuple[Move, ...]:
+    channels: Sequence[LogPiece], at_s: float, unsure_s: float | None, since_s: float, until_s: float
+) -> tuple[StepOnset, ...]:
     """What every channel did at a step that was stated."""
     moves = []
     for channel in channels:
@@ -157,7 +157,7 @@ def _moves(
         width_s = max(2.0 * (unsure_s or 0.0), 5.0 * channel.period_s)
         if not begin_s < at_s < end_s or ((channel.time_s > at_s) & (channel.time_s <= end_s)).sum() < 3:
             continue
-        move = fit_onset(channel, Change(at_s, width_s), begin_s, end_s)
+        move = fit_onset(channel, ChangePoint(at_s, width_s), begin_s, end_s)
         if abs(move.size) >= channel.least:
             moves.append(move)
     return tuple(moves)

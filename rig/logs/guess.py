@@ -13,7 +13,7 @@ from shockrig.files.flight import NAMES, squeeze
 from shockrig.rig.logs.clocks import guess_clock
 from shockrig.rig.logs.known import SensorGuess, adjust
 from shockrig.rig.logs.mapping import COLUMNS
-from shockrig.rig.logs.stamps import NUMBERS, Clock
+from shockrig.rig.logs.stamps import NUMBERS, TimeColumns
 from shockrig.rig.logs.text import NUMBER, Scan, is_value, unit_in_cells
 from shockrig.rig.logs.units import UNITS, bare_name, is_called_time, known_unit, quantity_of, unit_in_name
 
@@ -34,7 +34,7 @@ REFERENCE_WORDS = ("ctrl", "control", "ref", "standard", "chilled", "mirror")
 class Guess:
     """A first reading of a log: its clock, its sensors, the format it is known by, and what was not used and why."""
 
-    clock: Clock | None
+    clock: TimeColumns | None
     sensors: tuple[SensorGuess, ...]
     known_as: str | None
     unused: tuple[tuple[str, str], ...]
@@ -108,7 +108,7 @@ def guess_log(lines: Scan) -> Guess:
     return Guess(clock, tuple(useful), known_as, tuple(unused))
 
 
-def _times_of_others(clock: Clock, name: str, own: Sequence[str], shared: Sequence[str]) -> bool:
+def _times_of_others(clock: TimeColumns, name: str, own: Sequence[str], shared: Sequence[str]) -> bool:
     """Whether a column counts as the clock does and is off it by what matters: a sensor that is read after another."""
     if clock.format != NUMBERS or len(clock.columns) > 1:
         return False

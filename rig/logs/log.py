@@ -24,7 +24,7 @@ from shockrig.rig.keys import nearest
 from shockrig.rig.logs.clocks import guess_clock
 from shockrig.rig.logs.lines import Index, Lines
 from shockrig.rig.logs.order import in_order
-from shockrig.rig.logs.stamps import NUMBERS, OF_DAY, Clock, in_seconds, parsed
+from shockrig.rig.logs.stamps import NUMBERS, OF_DAY, TimeColumns, in_seconds, parsed
 from shockrig.rig.logs.text import BEHIND, MISSING, Layout, Scan, scan
 from shockrig.rig.logs.units import UNITS, known_unit, unit_in_name
 
@@ -61,7 +61,7 @@ class Log:
     """
 
     path: Path
-    clock: Clock
+    clock: TimeColumns
     origin_s: float
     time_s: Array
     values: Mapping[str, Array]
@@ -77,11 +77,11 @@ class Log:
 
 
 @dataclass(frozen=True)
-class Rows:
+class LogRows:
     """A log's rows as they stand in it: as `Log`, and their lines' `numbers` in the file, from 1."""
 
     path: Path
-    clock: Clock
+    clock: TimeColumns
     origin_s: float
     time_s: Array
     values: Mapping[str, Array]
@@ -94,9 +94,9 @@ def read_rows(
     layout: Layout,
     columns: Sequence[Column],
     *,
-    clock: Clock | None = None,
+    clock: TimeColumns | None = None,
     scanned: Scan | None = None,
-) -> Rows:
+) -> LogRows:
     """Read columns of a log.
 
     Parameters
@@ -142,10 +142,10 @@ def read_rows(
     for column in columns:
         values[column.name], said = _checked(read.pop(column.name), column, lines)
         remarks += said
-    return Rows(path, clock, origin_s, time_s, values, lines.numbers, tuple(remarks))
+    return LogRows(path, clock, origin_s, time_s, values, lines.numbers, tuple(remarks))
 
 
-def over_time(rows: Rows, stamps: str = "auto") -> Log:
+def over_time(rows: LogRows, stamps: str = "auto") -> Log:
     """A log's rows in order of time.
 
     `stamps` is what is done with readings that differ and bear the same stamp: "spread" over the time to the next
@@ -168,7 +168,7 @@ class _Read:
 
 
 def _read_plain(
-    lines: Scan, layout: Layout, columns: Sequence[Column], clock: Clock
+    lines: Scan, layout: Layout, columns: Sequence[Column], clock: TimeColumns
 ) -> tuple[list[NDArray[Any]], dict[str, _Read]] | None:
     """As `_read_columns`, of a log of nothing but numbers between commas; None of any other."""
     if lines.separator != "," or lines.decimal != "." or clock.format != NUMBERS:
@@ -190,7 +190,7 @@ def _read_plain(
 
 
 def _read_columns(
-    lines: Scan, layout: Layout, columns: Sequence[Column], clock: Clock
+    lines: Scan, layout: Layout, columns: Sequence[Column], clock: TimeColumns
 ) -> tuple[list[NDArray[Any]], dict[str, _Read]]:
     """Stamps and numbers of all rows, a block of them at a time: their text takes many times the room."""
     wanted = list(dict.fromkeys([*clock.columns, *(column.name for column in columns)]))
@@ -210,7 +210,7 @@ def _read_columns(
 
 
 def _read_cells(
-    lines: Scan, rows: Lines, layout: Layout, wanted: Sequence[str], clock: Clock
+    lines: Scan, rows: Lines, layout: Layout, wanted: Sequence[str], clock: TimeColumns
 ) -> dict[str, NDArray[np.object_]]:
     """The wanted columns of some rows; times that are not plain numbers stay text (a date such as 20240523 is no
     number)."""

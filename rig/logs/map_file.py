@@ -14,7 +14,7 @@ from shockrig.rig.errors import BenchError
 from shockrig.rig.logs.mapping import COLUMNS, FORMAT, LogMap, SensorMap, StepMap
 from shockrig.rig.logs.stamps import ISO, NUMBERS, OF_DAY
 from shockrig.rig.logs.text import SEPARATORS, Layout
-from shockrig.rig.logs.toml_table import Table
+from shockrig.rig.logs.toml_table import TomlTable
 from shockrig.rig.logs.units import UNITS, known_unit
 from shockrig.rig.toml_text import read_toml
 
@@ -61,7 +61,7 @@ def parse_map(text: str, path: Path) -> LogMap:
     """As `read_map`, from text; `path` names it in errors."""
     where = shown(path)
     content = read_toml(text, where)
-    top = Table(content, where, "")
+    top = TomlTable(content, where, "")
     top.know("format", "name", "log", "sensor", "runs", "steps", "step")
     if content.get("format", FORMAT) != FORMAT:
         raise top.wrong("format", f'"{FORMAT}"')
@@ -118,7 +118,7 @@ def parse_map(text: str, path: Path) -> LogMap:
     return found
 
 
-def _sensor(name: str, table: Table) -> SensorMap:
+def _sensor(name: str, table: TomlTable) -> SensorMap:
     units = [f"{key}_unit" for key in COLUMNS]
     table.know(*COLUMNS, *units, "reference", "campaign", "held", "zero_is_missing", *_INSTRUMENTS, *_AS_REFERENCE)
     if not name.isprintable() or set(name) & set('/\\"') or name.startswith("."):
@@ -166,7 +166,7 @@ def _sensor(name: str, table: Table) -> SensorMap:
     )
 
 
-def _step(number: int, table: Table, sensors: Mapping[str, SensorMap]) -> StepMap:
+def _step(number: int, table: TomlTable, sensors: Mapping[str, SensorMap]) -> StepMap:
     known = ("log", "piece", "at", "uncertainty_s", "use", "sensors", "from", "until", "start", "note")
     table.know(*known, *_FACTS)
     if "at" not in table.content and "start" not in table.content:
@@ -191,7 +191,7 @@ def _step(number: int, table: Table, sensors: Mapping[str, SensorMap]) -> StepMa
     )
 
 
-def _facts(table: Table) -> dict[str, Any]:
+def _facts(table: TomlTable) -> dict[str, Any]:
     """What is known of runs: airs, airflow, pressure, duration of the transfer."""
     facts: dict[str, Any] = {}
     for key, limits in _FACTS.items():
@@ -205,7 +205,7 @@ def _facts(table: Table) -> dict[str, Any]:
     return {key: value for key, value in facts.items() if value is not None}
 
 
-def _time_format(log: Table) -> str | None:
+def _time_format(log: TomlTable) -> str | None:
     said = log.text("time_format")
     if said is not None and said not in (ISO, NUMBERS, OF_DAY) and "%" not in said:
         raise log.wrong(

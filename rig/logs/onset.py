@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.rig.logs.changes import Change, Channel
+from shockrig.rig.logs.changes import ChangePoint, LogPiece
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ GOOD_FIT = 0.015  # rms of what the lags leave, as a share of the readings' rang
 
 
 @dataclass(frozen=True)
-class Move:
+class StepOnset:
     """What one channel did at a step: when it began (s on the log's clock, one standard uncertainty), from which level
     to which, and the time to 63 % of that."""
 
@@ -46,7 +46,7 @@ class Move:
         return self.after - self.before
 
 
-def fit_onset(channel: Channel, change: Change, since_s: float, until_s: float) -> Move:
+def fit_onset(channel: LogPiece, change: ChangePoint, since_s: float, until_s: float) -> StepOnset:
     """Fit the start of a change.
 
     Parameters
@@ -97,10 +97,10 @@ def fit_onset(channel: Channel, change: Change, since_s: float, until_s: float) 
     at_s, spread_s, _ = _posterior(moments, readings, np.linspace(low, high, STARTS), lags_s, noise)
     t63_s = max(_reached(later_s, later, before, after, 1.0 - np.exp(-1.0), until_s) - at_s, 0.0)
     uncertainty_s = float(np.hypot(np.hypot(spread_s, HIDDEN_SHARE * t63_s), 0.1 * period))
-    return Move(channel.name, channel.quantity, at_s, uncertainty_s, before, after, t63_s)
+    return StepOnset(channel.name, channel.quantity, at_s, uncertainty_s, before, after, t63_s)
 
 
-def _around(channel: Channel, change: Change, since_s: float, reach_s: float) -> tuple[Array, Array]:
+def _around(channel: LogPiece, change: ChangePoint, since_s: float, reach_s: float) -> tuple[Array, Array]:
     """Times and readings to fit: as much of them before the change as the rise takes, at most `POINTS`."""
     time_s, value = channel.time_s, channel.value
     lead_s = max(4.0 * change.width_s, reach_s)

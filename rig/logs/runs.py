@@ -44,7 +44,7 @@ class ImportedRun:
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class StepLeftOut:
     """A step that made no run, and why."""
 
     log: str
@@ -54,11 +54,11 @@ class LeftOut:
 
 def runs_of(
     sensors: SensorLog, steps: Sequence[LogStep], map_: LogMap, name: str
-) -> tuple[list[ImportedRun], list[LeftOut]]:
+) -> tuple[list[ImportedRun], list[StepLeftOut]]:
     """Runs of the sensor `name` from one log, in order of time, and the steps that made none."""
     sensor = map_.sensors[name]
     runs: list[ImportedRun] = []
-    left_out: list[LeftOut] = []
+    left_out: list[StepLeftOut] = []
     log = sensors.log.path.name
     reasons = _reasons(sensors, steps, name, bool(sensor.reference))
     # Beside a measured air only what makes a run of its own, or what a person says of this sensor, is kept apart.
@@ -72,7 +72,7 @@ def runs_of(
     for one in steps:
         why = reasons[one.number]
         if why:
-            left_out.append(LeftOut(log, one, why))
+            left_out.append(StepLeftOut(log, one, why))
             continue
         begin_s, end_s = window(sensors, apart, one, map_, name)
         if one.begin_s is None:
@@ -83,7 +83,7 @@ def runs_of(
         if before < READINGS_BEFORE or after < READINGS_AFTER:
             least = f"{READINGS_BEFORE} and {READINGS_AFTER} are needed"
             why = f"{name} has {before} readings before it and {after} after it; {least}"
-            left_out.append(LeftOut(log, one, why))
+            left_out.append(StepLeftOut(log, one, why))
             continue
         runs.append(_run(sensors, one, map_, sensor, begin_s, end_s))
     return runs, left_out

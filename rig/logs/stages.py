@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.rig.logs.changes import Change, Channel
-from shockrig.rig.logs.onset import Move
+from shockrig.rig.logs.changes import ChangePoint, LogPiece
+from shockrig.rig.logs.onset import StepOnset
 
 LEAST_STAGE = 0.05  # of the whole way
 
 
-def count_stages(channel: Channel, move: Move, until_s: float) -> tuple[int, float]:
+def count_stages(channel: LogPiece, move: StepOnset, until_s: float) -> tuple[int, float]:
     """How many stages a move came in (it stood still between them), and when the last one ended."""
     time_s, value = channel.time_s, channel.value
     inside = (time_s >= move.at_s - channel.period_s) & (time_s <= until_s)
@@ -37,7 +37,7 @@ def count_stages(channel: Channel, move: Move, until_s: float) -> tuple[int, flo
     return max(stages, 1), float(moments[-1])
 
 
-def first_stage(channel: Channel, move: Move, change: Change) -> Move:
+def first_stage(channel: LogPiece, move: StepOnset, change: ChangePoint) -> StepOnset:
     """The move timed by its first stage alone, which two lags behind one step cannot follow: the first two readings
     that are off the level before."""
     time_s, value = channel.time_s, channel.value

@@ -24,7 +24,7 @@ EPOCH = {"s": (5e8, 5e9), "ms": (5e11, 5e12), "us": (5e14, 5e15)}  # 1985 to 212
 
 
 @dataclass(frozen=True)
-class Clock:
+class TimeColumns:
     """Which columns tell the time and how.
 
     `format` is "iso", "number" (of `unit`), "time of day" or a strptime format for the columns joined by a blank.
@@ -46,7 +46,7 @@ class Clock:
         return self.since_1970 or self.format not in (NUMBERS, OF_DAY)
 
 
-def parsed(clock: Clock, columns: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+def parsed(clock: TimeColumns, columns: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
     """Stamps of some rows, each by itself: numbers of the clock's unit, seconds of the day, or dates (UTC).
 
     Parameters
@@ -72,7 +72,7 @@ def parsed(clock: Clock, columns: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
 
 
 def in_seconds(
-    clock: Clock, blocks: list[NDArray[Any]], stamp: Callable[[int], str], rows: int, where: str
+    clock: TimeColumns, blocks: list[NDArray[Any]], stamp: Callable[[int], str], rows: int, where: str
 ) -> tuple[Array, float]:
     """Seconds of every row, NaN where a stamp cannot be read, and the seconds since 1970 from which they count.
 
@@ -129,7 +129,7 @@ def in_seconds(
     return seconds, origin
 
 
-def to_seconds(clock: Clock, origin_s: float, value: object, where: str) -> float:
+def to_seconds(clock: TimeColumns, origin_s: float, value: object, where: str) -> float:
     """A time that a user wrote into a map, on the log's clock in s; `where` names the key for messages.
 
     A number is one of the log's own unit; a date may be one of TOML or text, ISO 8601 or in the log's format.
@@ -163,7 +163,7 @@ def to_seconds(clock: Clock, origin_s: float, value: object, where: str) -> floa
     raise BenchError(f"{where}: {value!r} is no time on this log's clock; expected {wanted}, as the log itself counts")
 
 
-def to_map(clock: Clock, origin_s: float, seconds: float, digits: int = 2) -> str:
+def to_map(clock: TimeColumns, origin_s: float, seconds: float, digits: int = 2) -> str:
     """A time of the log as a TOML value in the log's own terms, to `digits` decimals of a second."""
     if clock.format == OF_DAY:
         hours, rest = divmod(round(seconds, digits), 3600.0)

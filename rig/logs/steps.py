@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.rig.logs.changes import Change, Channel, find_changes
-from shockrig.rig.logs.onset import Move, fit_onset
+from shockrig.rig.logs.changes import ChangePoint, LogPiece, find_changes
+from shockrig.rig.logs.onset import StepOnset, fit_onset
 from shockrig.rig.logs.stages import count_stages, first_stage
 from shockrig.rig.logs.turns import on_its_way, own_temperature, turn_s
 
@@ -32,7 +32,7 @@ READINGS_BEFORE, READINGS_AFTER = 5, 10  # that a run needs
 
 
 @dataclass(frozen=True)
-class Step:
+class StepInLog:
     """A step of a log: when it was first seen (s on the log's clock, one standard uncertainty) and what moved.
 
     `why_not` says why it makes no run of its own; empty where it does. `stages` is the number of stages it came in,
@@ -43,7 +43,7 @@ class Step:
     piece: int
     at_s: float
     uncertainty_s: float
-    moves: tuple[Move, ...]
+    moves: tuple[StepOnset, ...]
     stages: int = 1
     lasted_s: float = 0.0
     why_not: str = ""
@@ -54,10 +54,10 @@ class Step:
 class _Cluster:
     time_s: float
     width_s: float
-    changes: dict[int, list[Change]] = field(default_factory=dict)  # channel's place -> its changes
+    changes: dict[int, list[ChangePoint]] = field(default_factory=dict)  # channel's place -> its changes
 
 
-def find_steps(channels: Sequence[Channel], piece: int, merge_s: float | None = None) -> tuple[Step, ...]:
+def find_steps(channels: Sequence[LogPiece], piece: int, merge_s: float | None = None) -> tuple[StepInLog, ...]:
     """Steps of one piece of a log, in order of time.
 
     Parameters
@@ -81,12 +81,12 @@ def find_steps(channels: Sequence[Channel], piece: int, merge_s: float | None = 
     return tuple(judged(step, steps, k, channels) for k, step in enumerate(steps))
 
 
-def _cluster(channels: Sequence[Channel], changes: Sequence[Sequence[Change]]) -> list[_Cluster]:
+def _cluster(channels: Sequence[LogPiece], changes: Sequence[Sequence[ChangePoint]]) -> list[_Cluster]:
     """Changes of different channels that may be one, the sharpest first: they say when."""
     every = sorted((change.width_s, change.time_s, place) for place, those in enumerate(changes) for change in those)
     clusters: list[_Cluster] = []
     for width_s, time_s, place in every:
-        change = Change(time_s, width_s)
+        change = ChangePoint(time_s, width_s)
         near = sorted(clusters, key=lambda cluster: abs(cluster.time_s - time_s))
         # A change is seen late, not early, by a slow sensor: behind, the windows may just touch.
         fits = [c for c in near if -c.width_s - width_s <= time_s - c.time_s <= c.width_s + 2.0 * width_s]
@@ -102,7 +102,7 @@ def _cluster(channels: Sequence[Channel], changes: Sequence[Sequence[Change]]) -
     return sorted(clusters, key=lambda cluster: cluster.time_s)
 
 
-def _merged(channels: Sequence[Channel], clusters: Sequence[_Cluster], merge_s: float | None) -> list[list[_Cluster]]:
+def _merged(channels: Sequence[LogPiece], clusters: Sequence[_Cluster], merge_s: float | None) -> list[list[_Cluster]]:
     """Clusters that follow one another in stages put together."""
     if len(clusters) < 2:
         return [[cluster] for cluster in clusters]
@@ -139,7 +139,7 @@ def _merged(channels: Sequence[Channel], clusters: Sequence[_Cluster], merge_s: 
     return groups
 
 
-def _with_turns(channels: Sequence[Channel], groups: Sequence[list[_Cluster]]) -> list[list[_Cluster]]:
+def _with_turns(channels: Sequence[LogPiece], groups: Sequence[list[_Cluster]]) -> list[list[_Cluster]]:
     """Groups with what is a turn on the way and no step put to the one before: humidity alone, while the same sensor's
     temperature is under way."""
     kept: list[list[_Cluster]] = []
@@ -151,7 +151,7 @@ def _with_turns(channels: Sequence[Channel], groups: Sequence[list[_Cluster]]) -
     return kept
 
 
-def _turns(channels: Sequence[Channel], group: Sequence[_Cluster], before: Sequence[_Cluster]) -> bool:
+def _turns(channels: Sequence[LogPiece], group: Sequence[_Cluster], before: Sequence[_Cluster]) -> bool:
     """Whether all that changes in `group` is humidity whose own temperature still follows a change `before`."""
     places = {place for cluster in group for place in cluster.changes}
     if any(channels[place].quantity != "humidity" for place in places):
@@ -169,18 +169,18 @@ def _last_s(group: Sequence[_Cluster]) -> float:
 
 
 def _steps(
-    channels: Sequence[Channel],
+    channels: Sequence[LogPiece],
     group: Sequence[_Cluster],
     piece: int,
     since_s: float,
     until_s: float,
     left_out: frozenset[int] = frozenset(),
-) -> list[Step]:
+) -> list[StepInLog]:
     """Time the first change of every channel that moved; none where none did more than wander.
 
     What had surely begun before the sharpest move did is a step of its own, however wide the window that showed both.
     """
-    moves: dict[int, Move] = {}
+    moves: dict[int, StepOnset] = {}
     stages, lasted_s = 1, 0.0
     for place, channel in enumerate(channels):
         mine = sorted((c for cluster in group for c in cluster.changes.get(place, ())), key=lambda c: c.time_s)
@@ -209,16 +209,16 @@ def _steps(
     sharp = min(moves.values(), key=lambda move: move.uncertainty_s)
     sharp_s = sharp.at_s - 2.0 * sharp.uncertainty_s
     earlier = {place for place, move in moves.items() if move.at_s + 2.0 * move.uncertainty_s < sharp_s}
-    before: list[Step] = []
+    before: list[StepInLog] = []
     if earlier and stages < MANY_STAGES:
         others = frozenset(range(len(channels))) - earlier
         before = _steps(channels, group, piece, since_s, sharp_s, left_out | others)
         moves = {place: move for place, move in moves.items() if place not in earlier}
     first = min(moves.values(), key=lambda move: move.at_s + 2.0 * move.uncertainty_s)
-    return [*before, Step(piece, first.at_s, first.uncertainty_s, tuple(moves.values()), stages, lasted_s)]
+    return [*before, StepInLog(piece, first.at_s, first.uncertainty_s, tuple(moves.values()), stages, lasted_s)]
 
 
-def _stands_out(channel: Channel, move: Move, width_s: float, since_s: float, until_s: float) -> bool:
+def _stands_out(channel: LogPiece, move: StepOnset, width_s: float, since_s: float, until_s: float) -> bool:
     """Whether a channel went to another level, stayed there, and was faster on its way than before it."""
     if abs(move.size) < 0.5 * channel.least:
         return False
@@ -242,7 +242,7 @@ def _stands_out(channel: Channel, move: Move, width_s: float, since_s: float, un
     return bool(abs(slope) * max(move.t63_s, channel.period_s) <= UNDER_WAY * abs(move.size))
 
 
-def judged(step: Step, steps: Sequence[Step], k: int, channels: Sequence[Channel]) -> Step:
+def judged(step: StepInLog, steps: Sequence[StepInLog], k: int, channels: Sequence[LogPiece]) -> StepInLog:
     """The step with the reason why it makes no run, where there is one."""
     moved = [channel for channel in channels if channel.name in {move.channel for move in step.moves}]
     since_s = steps[k - 1].at_s if k else -np.inf

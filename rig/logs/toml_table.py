@@ -13,7 +13,7 @@ from shockrig.rig.keys import refuse_unknown_keys
 
 
 @dataclass(frozen=True)
-class Table:
+class TomlTable:
     """A TOML table with checked access; every error names the file and the whole key."""
 
     content: Mapping[str, Any]
@@ -70,16 +70,16 @@ class Table:
             raise self.wrong(key, "text or a list of text")
         return items
 
-    def table(self, key: str) -> Table:
+    def table(self, key: str) -> TomlTable:
         value = self._get(key, lambda item: isinstance(item, dict), "a table")
-        return Table(value or {}, self.where, f"{self.path}{key}.")
+        return TomlTable(value or {}, self.where, f"{self.path}{key}.")
 
-    def tables(self, key: str) -> list[tuple[str, Table]]:
+    def tables(self, key: str) -> list[tuple[str, TomlTable]]:
         under = self.table(key)
         return [(name, under.table(name)) for name in under.content]
 
-    def list(self, key: str) -> list[Table]:
+    def list(self, key: str) -> list[TomlTable]:
         value = self.content.get(key, [])
         if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
             raise self.wrong(key, f"tables, each under [[{key}]]")
-        return [Table(item, self.where, f"{self.path}{key}[{n}].") for n, item in enumerate(value, start=1)]
+        return [TomlTable(item, self.where, f"{self.path}{key}[{n}].") for n, item in enumerate(value, start=1)]

@@ -10,14 +10,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from shockrig.rig.logs.changes import WINDOW, Change, Channel
+from shockrig.rig.logs.changes import WINDOW, ChangePoint, LogPiece
 
 NEAR = 8  # readings that tell a level
 STILL_AHEAD = 0.1  # of a temperature's way: humidity that turns before that is carried along
 BACK = 0.3  # of the way out, by which a turn has come back
 
 
-def own_temperature(channels: Sequence[Channel], place: int) -> int | None:
+def own_temperature(channels: Sequence[LogPiece], place: int) -> int | None:
     """The place of the temperature of the sensor whose humidity stands at `place`; None where it has none."""
     if channels[place].quantity != "humidity":
         return None
@@ -26,7 +26,7 @@ def own_temperature(channels: Sequence[Channel], place: int) -> int | None:
     return next(same, None)
 
 
-def on_its_way(channel: Channel, since_s: float, now_s: float) -> bool:
+def on_its_way(channel: LogPiece, since_s: float, now_s: float) -> bool:
     """Whether more than `STILL_AHEAD` of a way begun at `since_s` was ahead at `now_s`: of what the readings then did
     within as long again and four times as long."""
     time_s, value = channel.time_s, channel.value
@@ -39,7 +39,7 @@ def on_its_way(channel: Channel, since_s: float, now_s: float) -> bool:
     return abs(furthest - start) >= channel.least and (furthest - now) / (furthest - start) > STILL_AHEAD
 
 
-def turn_s(channel: Channel, temperature: Channel, change: Change, end_s: float) -> float | None:
+def turn_s(channel: LogPiece, temperature: LogPiece, change: ChangePoint, end_s: float) -> float | None:
     """When a humidity turned that its sensor's temperature, changing with it, carried to one side; None where it did
     not."""
     time_s, value = channel.time_s, channel.value

@@ -12,7 +12,15 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from shockrig.rig.seams import Clock, Outcome, Parts, Reading, SerialPort
-from shockrig.rig.sensors.imet_lines import SECOND, TABLES, Line, LineAssembler, LineTable, UnknownLine, implausible
+from shockrig.rig.sensors.imet_lines import (
+    SECOND,
+    TABLES,
+    LineAssembler,
+    LineTable,
+    SerialLine,
+    UnknownLine,
+    implausible,
+)
 
 REOPEN_S = 0.25
 ECHO_WITHIN_S = 0.03  # the fastest units speak every 50 ms, a burst of an XF takes 14 ms
@@ -145,7 +153,7 @@ class Imet:
         self.counts["reopened"] += 1
         return []
 
-    def _read(self, line: Line, now: float, late: bool) -> list[Reading]:
+    def _read(self, line: SerialLine, now: float, late: bool) -> list[Reading]:
         try:
             if not line.whole:
                 raise ValueError("broken line")

@@ -153,7 +153,7 @@ def implausible(values: Mapping[str, float]) -> bool:
 
 
 @dataclass(frozen=True)
-class Line:
+class SerialLine:
     """One line as it arrived, NULs and all, and when its first byte began; `whole` is False for a broken one."""
 
     raw: bytes
@@ -173,9 +173,9 @@ class LineAssembler:
         self._start_s = 0.0
         self._overflowing = False
 
-    def feed(self, chunk: bytes, time_s: float, byte_s: float) -> list[Line]:
+    def feed(self, chunk: bytes, time_s: float, byte_s: float) -> list[SerialLine]:
         """Lines completed by a chunk whose last byte had arrived at `time_s`."""
-        lines: list[Line] = []
+        lines: list[SerialLine] = []
         first_s = time_s - len(chunk) * byte_s
         for match in re.finditer(rb"([^\r\n]*)([\r\n]?)", chunk):
             piece, end = match[1], match[2]
@@ -186,18 +186,18 @@ class LineAssembler:
             if end:
                 lines += self._complete()
             elif len(self._partial) > LONGEST_LINE:
-                lines.append(Line(self._partial, self._start_s, whole=False))
+                lines.append(SerialLine(self._partial, self._start_s, whole=False))
                 self._partial, self._overflowing = b"", True
         return lines
 
-    def _complete(self) -> list[Line]:
+    def _complete(self) -> list[SerialLine]:
         raw, self._partial = self._partial, b""
         broken, self._overflowing = self._overflowing, False
         if not raw.strip(b"\0"):
             return []
         if broken or len(raw) > LONGEST_LINE:
-            return [Line(raw, self._start_s, whole=False)]
+            return [SerialLine(raw, self._start_s, whole=False)]
         glued = max((raw.rfind(begin) for begin in self._begins), default=-1)
         if glued > 0 and raw[:glued].strip(b"\0") and not _ANALOG.fullmatch(raw[:glued].lstrip(b"\0")):
-            return [Line(raw[:glued], self._start_s, whole=False), Line(raw[glued:], self._start_s)]
-        return [Line(raw, self._start_s)]
+            return [SerialLine(raw[:glued], self._start_s, whole=False), SerialLine(raw[glued:], self._start_s)]
+        return [SerialLine(raw, self._start_s)]

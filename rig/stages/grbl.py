@@ -62,7 +62,7 @@ class GrblSettings:
 
 
 @dataclass(frozen=True)
-class Report:
+class StatusReport:
     """One status report; `time_s` is when it was asked for, which GRBL answers from that very instant."""
 
     time_s: float
@@ -74,12 +74,12 @@ class Report:
 @dataclass(frozen=True)
 class _Transfer:
     deadline_s: float
-    before: Report  # the last report from the source, dated when the controller had the command
+    before: StatusReport  # the last report from the source, dated when the controller had the command
     left_s: float | None = None
-    latest: Report | None = None
+    latest: StatusReport | None = None
 
 
-def why_late(report: Report, left_s: float | None, settings: GrblSettings) -> str:
+def why_late(report: StatusReport, left_s: float | None, settings: GrblSettings) -> str:
     """What kept a transfer from ending in time, as far as the controller's last report tells, and the remedy.
 
     `left_s` is when the carriage left the source, None where it was not seen to. GRBL counts its own steps: a carriage
@@ -212,7 +212,7 @@ class GrblStage:
         self._persist(self._asked_s)
         return None
 
-    def _follow(self, moving: _Transfer, report: Report) -> Move | None:
+    def _follow(self, moving: _Transfer, report: StatusReport) -> Move | None:
         self._check(report)
         previous = moving.latest or moving.before
         left_s = moving.left_s
@@ -230,16 +230,16 @@ class GrblStage:
         self._transfer = _Transfer(moving.deadline_s, moving.before, left_s, report)
         return None
 
-    def _has_left(self, report: Report) -> bool:
+    def _has_left(self, report: StatusReport) -> bool:
         near = abs(report.position_mm - self.settings.source_mm)
         if self.settings.limit_pin and near < abs(self.settings.destination_mm - self.settings.source_mm) / 2:
             return not report.pressed
         return near > self.settings.tolerance_mm
 
-    def _is_at(self, report: Report, position_mm: float, switch_mm: float = 0.0) -> bool:
+    def _is_at(self, report: StatusReport, position_mm: float, switch_mm: float = 0.0) -> bool:
         return abs(report.position_mm - position_mm) <= max(self.settings.tolerance_mm, switch_mm)
 
-    def _where(self, report: Report) -> str:
+    def _where(self, report: StatusReport) -> str:
         return f"it is at {report.position_mm:g} mm, state {report.state}"
 
     def _travel_s(self) -> float:
@@ -254,7 +254,7 @@ class GrblStage:
         self._command(command, self.settings.reply_s)
         return taken_s
 
-    def _check(self, report: Report) -> None:
+    def _check(self, report: StatusReport) -> None:
         if report.state in ("Hold", "Door"):
             raise StageError(f"the stage was stopped ({report.state.lower()}) in mid-move; {self._where(report)}")
         if report.state in ("Alarm", "Sleep", "Check"):
@@ -264,7 +264,7 @@ class GrblStage:
         self._write(line + b"\n")
         self._wait_for(lambda answer: answer == b"ok", within_s, f"did not take {line.decode()!r}")
 
-    def _status(self) -> Report:
+    def _status(self) -> StatusReport:
         self._asked_s = None
         asked_s = self._ask()
         while True:
@@ -294,14 +294,14 @@ class GrblStage:
         self._next_ask_s = asked_s + self.settings.poll_s
         return asked_s
 
-    def _report(self, line: bytes) -> Report | None:
+    def _report(self, line: bytes) -> StatusReport | None:
         found = REPORT.fullmatch(line)
         if not found or self._asked_s is None:
             return None
         pins = PRESSED.search(line)
         pin = self.settings.limit_pin
         pressed = bool(pin) and pins is not None and pin.encode() in pins[1]
-        report = Report(self._asked_s, found[1].decode(), float(found[2]), pressed)
+        report = StatusReport(self._asked_s, found[1].decode(), float(found[2]), pressed)
         self._asked_s = None
         return report
 

@@ -99,7 +99,7 @@ class PromptedChambers(SetPointsOnly):
     def __init__(self, operator: Operator) -> None:
         self._operator = operator
         self._airs = (Air(None, None), Air(None, None))
-        self._around = Surroundings(operator)
+        self._around = AskedSurroundings(operator)
 
     def surround(self, pressure_hpa: float, irradiance_w_m2: float) -> None:
         self._around.ask(pressure_hpa, irradiance_w_m2)
@@ -116,7 +116,7 @@ class PromptedChambers(SetPointsOnly):
         return self._airs
 
 
-class Surroundings:
+class AskedSurroundings:
     """Pressure and light that a person sets, asked for when they change."""
 
     def __init__(self, operator: Operator) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.rig.virtual.effects import T
-from shockrig.rig.virtual.truth import Noise, Truth
+from shockrig.rig.virtual.truth import TrueNoise, Truth
 
 N = TypeVar("N", float, NDArray[Any])  # one time, or several
 
@@ -36,7 +36,7 @@ class Logger:
 
     def __init__(self, truth: Truth, channel: str, rng: np.random.Generator):
         self._rng = rng
-        self._noise: Noise = truth.temperature_noise if channel == T else truth.humidity_noise
+        self._noise: TrueNoise = truth.temperature_noise if channel == T else truth.humidity_noise
         step = truth.temperature_step_k if channel == T else truth.humidity_step_percent
         self._step = (truth.effect("quantization", channel) or {"step": step})["step"]
         self._hold = int(round((truth.effect("stale_samples", channel) or {"hold_samples": 1})["hold_samples"]))

@@ -28,7 +28,7 @@ HUMIDITY_STEP_PERCENT = 100.0 / 16383.0
 
 
 @dataclass(frozen=True)
-class Noise:
+class TrueNoise:
     """Standard deviations of the white part and of the first-order autocorrelated part, in the channel's unit, and the
     latter's time constant.
     """
@@ -76,8 +76,8 @@ class Truth:
     film_thickness_m: float = 1e-5
     die_time_constant_s: float = 10.0
     die_noise_k: float = 0.02
-    temperature_noise: Noise = Noise(0.015)
-    humidity_noise: Noise = Noise(0.07)
+    temperature_noise: TrueNoise = TrueNoise(0.015)
+    humidity_noise: TrueNoise = TrueNoise(0.07)
     effects: tuple[Hidden, ...] = ()
     trigger_jitter_s: float = 0.0
     reference_scatter_k: float = 0.0
@@ -114,14 +114,14 @@ class Truth:
         try:
             content = json.loads(text)
             content.pop("diffusivity_m2_s", None)
-            content["temperature_noise"] = Noise(**content["temperature_noise"])
-            content["humidity_noise"] = Noise(**content["humidity_noise"])
+            content["temperature_noise"] = TrueNoise(**content["temperature_noise"])
+            content["humidity_noise"] = TrueNoise(**content["humidity_noise"])
             content["effects"] = tuple(
                 Hidden(h["effect"], dict(h["parameters"]), tuple(h["channels"])) for h in content["effects"]
             )
             noises = content["temperature_noise"], content["humidity_noise"]
             tables = [vars(noise) for noise in noises] + [hidden.parameters for hidden in content["effects"]]
-            tables.append({k: v for k, v in content.items() if not isinstance(v, Noise) and k != "effects"})
+            tables.append({k: v for k, v in content.items() if not isinstance(v, TrueNoise) and k != "effects"})
             for name, value in (item for table in tables for item in table.items()):
                 if isinstance(value, bool) or not abs(value) <= sys.float_info.max:
                     raise ValueError(f"{name} is {value!r}, not a number")
@@ -171,8 +171,10 @@ def draw_truth(rng: np.random.Generator, tier: str = SMOOTH, effects: Sequence[H
         activation_k=float(activation),
         curvature_k2=float(curvature),
         die_time_constant_s=float(rng.uniform(8.0, 14.0)),
-        temperature_noise=Noise(noise_k * (1 - share) ** 0.5, noise_k * share**0.5, float(correlation_s[0])),
-        humidity_noise=Noise(noise_percent * (1 - share) ** 0.5, noise_percent * share**0.5, float(correlation_s[1])),
+        temperature_noise=TrueNoise(noise_k * (1 - share) ** 0.5, noise_k * share**0.5, float(correlation_s[0])),
+        humidity_noise=TrueNoise(
+            noise_percent * (1 - share) ** 0.5, noise_percent * share**0.5, float(correlation_s[1])
+        ),
         probe_seed=int(rng.bit_generator.seed_seq.generate_state(1)[0]),  # the seed's own: takes nothing from the draws
         **rough,
     )

@@ -21,7 +21,7 @@ from shockrig.rig.journal import decode_line
 from shockrig.rig.recorder.run import JOURNAL, SPOILT
 from shockrig.rig.watch.run_so_far import RunSoFar, health, traces
 from shockrig.rig.watch.status_file import FILE as STATUS_FILE
-from shockrig.rig.watch.view import Health, PromptView, RunView, StepView, View, air_words, as_list, clean, finite
+from shockrig.rig.watch.view import Health, PromptView, RunView, StepView, WatchView, air_words, as_list, clean, finite
 
 SOAK_SHOWN_S = 60.0
 STALLED_AFTER_S = 10.0
@@ -49,7 +49,7 @@ class Follower:
         self._run = RunSoFar()
         self._heard_s: float | None = None
 
-    def look(self) -> View:
+    def look(self) -> WatchView:
         """The campaign as it is now. A file that cannot be read at this instant is left for the next look."""
         self._follow()
         campaign, status = _json(self.path / "campaign.json"), _json(self.path / STATUS_FILE)
@@ -64,7 +64,7 @@ class Follower:
         zero_s = run.zero_s if run.zero_s is not None else now_s
         begin_s = zero_s if run.zero_s is not None else now_s - SOAK_SHOWN_S
         move = run.move and (run.move[0] - zero_s, None if run.move[1] is None else run.move[1] - zero_s)
-        return View(
+        return WatchView(
             campaign=clean(campaign.get("name", self.path.name)),
             protocol=clean(status.get("protocol", campaign.get("protocol", ""))),
             bench=clean(status.get("bench", campaign.get("bench", ""))) + emulated,

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from shockrig.rig.recorder.run import columns_of
-from shockrig.rig.watch.view import Health, Trace, as_list, clean, finite
+from shockrig.rig.watch.view import Health, ViewTrace, as_list, clean, finite
 
 HEALTH_OVER_S = 10.0
 SILENT_AFTER_S = 3.0
@@ -69,7 +69,7 @@ class RunSoFar:
                 self.last_s, self.ended = at_s, True
 
 
-def traces(run: RunSoFar, begin_s: float, zero_s: float) -> list[Trace]:
+def traces(run: RunSoFar, begin_s: float, zero_s: float) -> list[ViewTrace]:
     """Good readings since `begin_s`, on a time scale whose zero is `zero_s`."""
     units = {"temperature_c": ("temperature", "degC"), "humidity_percent": ("humidity", "%RH")}
     found = []
@@ -84,7 +84,7 @@ def traces(run: RunSoFar, begin_s: float, zero_s: float) -> list[Trace]:
                 stated = [run.airs.get(place, {}).get(name) for place in PLACES]
                 source, destination = (float(value) if finite(value) else None for value in stated)
                 kept = _kept(points, None if run.move is None else run.move[0] - zero_s)
-                found.append(Trace(sensor, *units[name], tuple(kept), (source, destination)))
+                found.append(ViewTrace(sensor, *units[name], tuple(kept), (source, destination)))
     return found
 
 

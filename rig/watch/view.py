@@ -10,7 +10,7 @@ LONGEST_TEXT = 500
 
 
 @dataclass(frozen=True)
-class Trace:
+class ViewTrace:
     """One quantity of one sensor; `points` are (s since the recording began, value), `expected` what the plan has for
     the source and the destination air (None: nothing)."""
 
@@ -63,7 +63,7 @@ class RunView:
 
 
 @dataclass(frozen=True)
-class View:
+class WatchView:
     """All that a watcher shows. Times in s; None where it is not known.
 
     `state` is "recording", "asking" (a person must do something), "stalled" (nothing new for a while), "cut off" (the
@@ -87,7 +87,7 @@ class View:
     left_at_most_s: float | None
     heard_s: float | None
     transfer_s: tuple[float, float | None] | None
-    traces: tuple[Trace, ...]
+    traces: tuple[ViewTrace, ...]
     health: tuple[Health, ...]
     runs: tuple[RunView, ...]
     messages: tuple[str, ...] = ()

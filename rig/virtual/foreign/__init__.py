@@ -6,19 +6,19 @@ returns what is true of it separately.
 """
 
 from shockrig.rig.virtual.foreign.air import ideal_step, one_approach, ramp, steps_of, two_stage
-from shockrig.rig.virtual.foreign.bodies import KINDS, Body, make_body
-from shockrig.rig.virtual.foreign.lab import Approach, Bench, Logger, Reference, Transfer, Written
-from shockrig.rig.virtual.foreign.recording import Truth, record
+from shockrig.rig.virtual.foreign.bodies import KINDS, ForeignBody, make_body
+from shockrig.rig.virtual.foreign.lab import Arrival, Lab, LabLogger, LabReference, LabRun, Written
+from shockrig.rig.virtual.foreign.recording import LabTruth, record
 
 __all__ = [
     "KINDS",
-    "Approach",
-    "Bench",
-    "Body",
-    "Logger",
-    "Reference",
-    "Transfer",
-    "Truth",
+    "Arrival",
+    "Lab",
+    "ForeignBody",
+    "LabLogger",
+    "LabReference",
+    "LabRun",
+    "LabTruth",
     "Written",
     "ideal_step",
     "make_body",

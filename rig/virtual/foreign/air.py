@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.rig.virtual.foreign.bodies import Body
+from shockrig.rig.virtual.foreign.bodies import ForeignBody
 
 Array = NDArray[np.float64]
 
@@ -21,7 +21,7 @@ DIED_AWAY = 20.0  # time constants
 
 
 @dataclass(frozen=True)
-class Course:
+class AirCourse:
     """An air over time: `value` (n,) at the knots `time_s` (n,), straight between them, steady outside."""
 
     time_s: Array
@@ -35,7 +35,7 @@ class Course:
         share = np.where(span > 0.0, (time_s - self.time_s[early]) / np.where(span > 0.0, span, 1.0), 0.0)
         return np.asarray(self.value[early] + np.clip(share, 0.0, 1.0) * (self.value[late] - self.value[early]))
 
-    def shown_by(self, body: Body, time_s: Array) -> Array:
+    def shown_by(self, body: ForeignBody, time_s: Array) -> Array:
         """What `body`, settled in the air before the first knot, shows at `time_s` (n,) in rising order."""
         rates = body.rates_per_s
         z = np.full(rates.size, self.value[0])
@@ -56,36 +56,36 @@ class Course:
         return out
 
 
-def _course(time_s: list[float], value: list[float]) -> Course:
-    return Course(np.array(time_s, dtype=float), np.array(value, dtype=float))
+def _course(time_s: list[float], value: list[float]) -> AirCourse:
+    return AirCourse(np.array(time_s, dtype=float), np.array(value, dtype=float))
 
 
-def ideal_step(start_s: float, source: float, destination: float) -> Course:
+def ideal_step(start_s: float, source: float, destination: float) -> AirCourse:
     """The air changes at once."""
     return _course([start_s, start_s], [source, destination])
 
 
-def ramp(start_s: float, source: float, destination: float, duration_s: float) -> Course:
+def ramp(start_s: float, source: float, destination: float, duration_s: float) -> AirCourse:
     """The air changes evenly over `duration_s`."""
     return _course([start_s, start_s + duration_s], [source, destination])
 
 
-def one_approach(start_s: float, source: float, destination: float, time_constant_s: float) -> Course:
+def one_approach(start_s: float, source: float, destination: float, time_constant_s: float) -> AirCourse:
     """A chamber that approaches its new state with one time constant."""
     return two_stage(start_s, source, destination, time_constant_s, time_constant_s, 0.0)
 
 
 def two_stage(
     start_s: float, source: float, destination: float, fast_s: float, slow_s: float, slow_share: float
-) -> Course:
+) -> AirCourse:
     """A chamber whose air comes soon and whose walls follow: two exponentials, `slow_share` of them slow."""
     knots = [np.arange(0.0, DIED_AWAY, 1.0 / KNOTS_PER_TIME_CONSTANT) * tau for tau in (fast_s, slow_s)]
     since = np.unique(np.concatenate(knots if slow_share else knots[:1]))
     left = (1.0 - slow_share) * np.exp(-since / fast_s) + slow_share * np.exp(-since / slow_s)
     left[0] = 1.0
-    return Course(start_s + since, destination + (source - destination) * left)
+    return AirCourse(start_s + since, destination + (source - destination) * left)
 
 
-def steps_of(courses: Sequence[Course]) -> Course:
+def steps_of(courses: Sequence[AirCourse]) -> AirCourse:
     """Courses of one record, one after the other; each must begin where the one before has come to."""
-    return Course(np.concatenate([c.time_s for c in courses]), np.concatenate([c.value for c in courses]))
+    return AirCourse(np.concatenate([c.time_s for c in courses]), np.concatenate([c.value for c in courses]))

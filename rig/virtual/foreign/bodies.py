@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from shockrig.rig.virtual.physics.chains import Chain, core_weights, film, film_edges, lag, sphere, sphere_edges
+from shockrig.rig.virtual.physics.chains import CellChain, core_weights, film, film_edges, lag, sphere, sphere_edges
 from shockrig.rig.virtual.physics.course import modes
 
 Array = NDArray[np.float64]
@@ -23,7 +23,7 @@ SHARE_63 = 1.0 - np.exp(-1.0)
 
 
 @dataclass(frozen=True)
-class Body:
+class ForeignBody:
     """A linear sensor as modes: its reading follows a unit step of the air as 1 - sum(weights exp(-rates t)).
 
     Attributes
@@ -53,14 +53,14 @@ class Body:
         longest = 40.0 / float(self.rates_per_s.min())
         return float(brentq(lambda t: float(self.step(np.array(t))) - share, 0.0, longest, xtol=1e-13 * longest))
 
-    def faster(self, factor: float) -> Body:
+    def faster(self, factor: float) -> ForeignBody:
         """The same with every process `factor` times as fast."""
-        return Body(self.kind, self.weights, self.rates_per_s * factor, self.rate_per_s * factor)
+        return ForeignBody(self.kind, self.weights, self.rates_per_s * factor, self.rate_per_s * factor)
 
 
 def make_body(
     kind: str, t63_s: float, sheath: tuple[float, float] | None = None, slow: tuple[float, float] | None = None
-) -> Body:
+) -> ForeignBody:
     """A body of `kind` that takes `t63_s` to show 1 - 1/e of a step, whatever is around it.
 
     Parameters
@@ -90,17 +90,17 @@ def make_body(
         fraction, ratio = slow
         lag_rate = 1.0 / (ratio * body.time_to_s(SHARE_63))
         weights = np.append((1.0 - fraction) * body.weights, fraction)
-        body = Body(kind, weights, np.append(body.rates_per_s, lag_rate), 1.0)
+        body = ForeignBody(kind, weights, np.append(body.rates_per_s, lag_rate), 1.0)
     return body.faster(body.time_to_s(SHARE_63) / t63_s)
 
 
-def _solve(kind: str, chain: Chain, readout: Array) -> Body:
+def _solve(kind: str, chain: CellChain, readout: Array) -> ForeignBody:
     """Modes of a chain whose cells are read with the weights `readout` (cells,)."""
     rates, cells_from_modes, modes_from_cells = modes(chain)
-    return Body(kind, (readout @ cells_from_modes) * modes_from_cells.sum(axis=1), rates, 1.0)
+    return ForeignBody(kind, (readout @ cells_from_modes) * modes_from_cells.sum(axis=1), rates, 1.0)
 
 
-def _chain(kind: str) -> tuple[Chain, Array]:
+def _chain(kind: str) -> tuple[CellChain, Array]:
     """The chain of a body of unit rate with its surface held at the air, and the weights of its reading."""
     one, held = np.ones(1), np.array([np.inf])
     if kind == "lumped":
@@ -122,12 +122,12 @@ def _chain(kind: str) -> tuple[Chain, Array]:
     return film(one, held, edges), np.diff(edges) if kind == "film" else weights
 
 
-def _cylinder(edges: Array) -> Chain:
+def _cylinder(edges: Array) -> CellChain:
     """Heat in a long cylinder, cells in r / R, surface held at the air."""
     centres = 0.5 * (edges[1:] + edges[:-1])
     capacity = 0.5 * np.diff(edges**2)
     link = edges[1:-1] / np.diff(centres)
-    return Chain(capacity[None], link[None], np.array([1.0 / (1.0 - centres[-1])]))
+    return CellChain(capacity[None], link[None], np.array([1.0 / (1.0 - centres[-1])]))
 
 
 def _axis_weights(edges: Array, power: int) -> Array:
@@ -143,11 +143,11 @@ def _axis_weights(edges: Array, power: int) -> Array:
     return np.asarray(np.linalg.solve(np.stack([moment(p) / moment(0) for p in (0, 2, 4)]), [1.0, 0.0, 0.0]))
 
 
-def _sheathed(chain: Chain, readout: Array, time_constant: float, capacity: float) -> tuple[Chain, Array]:
+def _sheathed(chain: CellChain, readout: Array, time_constant: float, capacity: float) -> tuple[CellChain, Array]:
     """One more cell at the open end: it follows the air with `time_constant` and holds `capacity` times the body."""
     own = capacity * float(chain.capacity.sum())
     return (
-        Chain(
+        CellChain(
             np.append(chain.capacity, [[own]], axis=1),
             np.append(chain.link, chain.open_end[:, None], axis=1),
             np.array([own / time_constant]),

@@ -8,13 +8,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from shockrig.rig.virtual.foreign.bodies import Body
+from shockrig.rig.virtual.foreign.bodies import ForeignBody
 
 Channel = Literal["temperature", "humidity"]
 
 
 @dataclass(frozen=True)
-class Logger:
+class LabLogger:
     """How a channel is logged: period [s], rounding, noise (one sigma, channel's unit) and share of lost samples.
 
     The noise is white plus first-order autoregressive, `correlated` with the time constant `correlation_time_s`.
@@ -29,7 +29,7 @@ class Logger:
 
 
 @dataclass(frozen=True)
-class Approach:
+class Arrival:
     """How the air at the sensor comes to its new state.
 
     `kind` is "step", "ramp" (over `first_s`), "one" (one time constant, `first_s`) or "two" (`first_s`, and
@@ -43,7 +43,7 @@ class Approach:
 
 
 @dataclass(frozen=True)
-class Reference:
+class LabReference:
     """The instrument beside the sensor that measures the air: lag [s], calibration error (one sigma), own logger.
 
     `stated`: whether the lab writes lag and uncertainty into run.json.
@@ -51,12 +51,12 @@ class Reference:
 
     time_constant_s: float
     standard_uncertainty: float
-    logger: Logger
+    logger: LabLogger
     stated: bool = True
 
 
 @dataclass(frozen=True)
-class Transfer:
+class LabRun:
     """One run of the plan: from one air to another (degC or %RH), at `start_s` in a record of `length_s`.
 
     `pace`: how many times as fast the sensor is where it ends up: the air moves otherwise there, or is water.
@@ -82,19 +82,19 @@ class Written:
 
 
 @dataclass(frozen=True)
-class Bench:
+class Lab:
     """A lab's whole bench with one sensor on it.
 
     `rate_scatter`: relative spread of the sensor's rate from run to run (a hand never plunges twice alike).
     """
 
     channel: Channel
-    body: Body
-    approach: Approach
-    logger: Logger
-    plan: tuple[Transfer, ...]
+    body: ForeignBody
+    approach: Arrival
+    logger: LabLogger
+    plan: tuple[LabRun, ...]
     written: Written = Written()
-    reference: Reference | None = None
+    reference: LabReference | None = None
     airflow_m_s: float = 5.0
     rate_scatter: float = 0.0
     other_c: float = 22.0  # temperature of the air where humidity is what changes

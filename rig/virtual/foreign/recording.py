@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from shockrig.files.campaign_write import campaign_document, run_document, table_text, write_campaign, write_run
 from shockrig.rig.errors import BenchError
-from shockrig.rig.virtual.foreign.air import Course, ideal_step, one_approach, ramp, two_stage
+from shockrig.rig.virtual.foreign.air import AirCourse, ideal_step, one_approach, ramp, two_stage
 from shockrig.rig.virtual.foreign.bodies import SHARE_63, make_body
-from shockrig.rig.virtual.foreign.lab import Bench, Logger, Transfer
+from shockrig.rig.virtual.foreign.lab import Lab, LabLogger, LabRun
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ FASTEST_REFERENCE_S = 1e-4  # a reference faster than this shows the air itself
 
 
 @dataclass(frozen=True)
-class Truth:
+class LabTruth:
     """What is true of a recorded bench, by the world's own integration.
 
     Attributes
@@ -55,7 +55,7 @@ class Truth:
     start_s: tuple[float, ...]
 
 
-def record(bench: Bench, seed: int, out: str | Path) -> Truth:
+def record(bench: Lab, seed: int, out: str | Path) -> LabTruth:
     """Record the bench's plan into the campaign folder `out`, which must not exist yet; return the truth.
 
     Raises
@@ -82,7 +82,7 @@ def record(bench: Bench, seed: int, out: str | Path) -> Truth:
     finally:
         shutil.rmtree(partial, ignore_errors=True)
     body = bench.body
-    return Truth(
+    return LabTruth(
         kind=body.kind,
         rate_per_s=body.rate_per_s,
         diffusivity_m2_s=body.rate_per_s * (bench.length_m or LENGTH_M[bench.channel]) ** 2,
@@ -93,7 +93,7 @@ def record(bench: Bench, seed: int, out: str | Path) -> Truth:
     )
 
 
-def course_of(bench: Bench, transfer: Transfer) -> Course:
+def course_of(bench: Lab, transfer: LabRun) -> AirCourse:
     """The air of one transfer."""
     how, ends = bench.approach, (transfer.start_s, transfer.source, transfer.destination)
     if how.kind == "ramp":
@@ -105,7 +105,7 @@ def course_of(bench: Bench, transfer: Transfer) -> Course:
     return ideal_step(*ends)
 
 
-def _record_run(bench: Bench, transfer: Transfer, calibration: float, rng: np.random.Generator, folder: Path) -> None:
+def _record_run(bench: Lab, transfer: LabRun, calibration: float, rng: np.random.Generator, folder: Path) -> None:
     stated, sensor_rng, air_rng, die_rng, hand_rng = rng.spawn(5)
     body = bench.body.faster(transfer.pace * float(np.exp(bench.rate_scatter * hand_rng.standard_normal())))
     course = course_of(bench, transfer)
@@ -131,13 +131,13 @@ def _record_run(bench: Bench, transfer: Transfer, calibration: float, rng: np.ra
     write_run(folder, _run_json(bench, transfer, folder.name, stated), tables)
 
 
-def _stamps(logger: Logger, length_s: float, rng: np.random.Generator) -> Array:
+def _stamps(logger: LabLogger, length_s: float, rng: np.random.Generator) -> Array:
     """Times of the readings that were not lost, on a phase of their own."""
     time = np.arange(rng.uniform(0.0, logger.period_s), length_s, logger.period_s)
     return np.asarray(np.round(time[rng.random(time.size) >= logger.lost], 4))
 
 
-def _logged(logger: Logger, time_s: Array, exact: Array, rng: np.random.Generator) -> Array:
+def _logged(logger: LabLogger, time_s: Array, exact: Array, rng: np.random.Generator) -> Array:
     """Readings (n,) as they are logged, with noise and rounding."""
     noisy = exact + logger.white * rng.standard_normal(time_s.size)
     if logger.correlated > 0.0 and time_s.size:
@@ -151,7 +151,7 @@ def _logged(logger: Logger, time_s: Array, exact: Array, rng: np.random.Generato
     return np.asarray(np.round(noisy / logger.rounding) * logger.rounding if logger.rounding > 0.0 else noisy)
 
 
-def _campaign_json(bench: Bench) -> dict[str, Any]:
+def _campaign_json(bench: Lab) -> dict[str, Any]:
     temperature = bench.channel == "temperature"
     sensor: dict[str, Any] = {"kind": "somebody's thermometer" if temperature else "somebody's hygrometer"}
     if bench.written.body is not None:
@@ -162,7 +162,7 @@ def _campaign_json(bench: Bench) -> dict[str, Any]:
     return campaign_document(bench.name, sensors)
 
 
-def _run_json(bench: Bench, transfer: Transfer, name: str, rng: np.random.Generator) -> dict[str, Any]:
+def _run_json(bench: Lab, transfer: LabRun, name: str, rng: np.random.Generator) -> dict[str, Any]:
     written = bench.written
     scatter = AIR_ERROR[bench.channel] if written.air_error is None else written.air_error
     of_source, of_destination, of_start = rng.standard_normal(3)

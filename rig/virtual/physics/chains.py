@@ -25,7 +25,7 @@ STEPS_PER_AGE = (
 
 
 @dataclass(frozen=True)
-class Chain:
+class CellChain:
     """Chains of n cells for r runs: `capacity` (r, n), `link` (r, n - 1) between cells, `open_end` (r,) to the drive
     beyond the last cell.
     """
@@ -40,7 +40,7 @@ def sphere_edges(cells: int = SPHERE_CELLS) -> np.ndarray:
     return np.linspace(0.0, 1.0, cells + 1)
 
 
-def sphere(rate_per_s: np.ndarray, biot: np.ndarray, edges: np.ndarray) -> Chain:
+def sphere(rate_per_s: np.ndarray, biot: np.ndarray, edges: np.ndarray) -> CellChain:
     """Heat in a sphere: `rate_per_s` = alpha / R^2 (r,), `biot` = h R / k (r,), infinity where the surface is held at
     the drive.
     """
@@ -48,7 +48,7 @@ def sphere(rate_per_s: np.ndarray, biot: np.ndarray, edges: np.ndarray) -> Chain
     rate = np.asarray(rate_per_s, dtype=float)
     capacity = np.broadcast_to((edges[1:] ** 3 - edges[:-1] ** 3) / 3.0, (rate.size, centres.size))
     link = rate[:, None] * edges[1:-1] ** 2 / np.diff(centres)
-    return Chain(capacity, link, rate / (1.0 - centres[-1] + 1.0 / np.asarray(biot, dtype=float)))
+    return CellChain(capacity, link, rate / (1.0 - centres[-1] + 1.0 / np.asarray(biot, dtype=float)))
 
 
 def core_weights(edges: np.ndarray) -> np.ndarray:
@@ -76,17 +76,17 @@ def film_links(diffusivity: np.ndarray, biot: np.ndarray, edges: np.ndarray) -> 
     return diffusivity[:, :-1] / np.diff(centres), last / (1.0 - centres[-1] + 1.0 / np.asarray(biot, dtype=float))
 
 
-def film(rate_per_s: np.ndarray, biot: np.ndarray, edges: np.ndarray) -> Chain:
+def film(rate_per_s: np.ndarray, biot: np.ndarray, edges: np.ndarray) -> CellChain:
     """Vapour in a film: `rate_per_s` = D / L^2 (r,), `biot` mass-transfer Biot number (r,), infinity where the face is
     held at the drive.
     """
     rate = np.asarray(rate_per_s, dtype=float)
     widths = np.diff(edges)
     link, open_end = film_links(np.broadcast_to(rate[:, None], (rate.size, widths.size)), biot, edges)
-    return Chain(np.broadcast_to(widths, (rate.size, widths.size)), link, open_end)
+    return CellChain(np.broadcast_to(widths, (rate.size, widths.size)), link, open_end)
 
 
-def capped(inside: Chain, time_constant_s: float) -> Chain:
+def capped(inside: CellChain, time_constant_s: float) -> CellChain:
     """The same chain behind a cap: one more cell of so much capacity that what is inside does not load it.
 
     A filter cap holds far more air than the film takes water from, and its own lag depends on its pores alone.
@@ -94,12 +94,12 @@ def capped(inside: Chain, time_constant_s: float) -> Chain:
     runs = inside.open_end.size
     capacity = np.concatenate([inside.capacity, np.full((runs, 1), CAP_CAPACITY)], axis=1)
     link = np.concatenate([inside.link, inside.open_end[:, None]], axis=1)
-    return Chain(capacity, link, np.full(runs, CAP_CAPACITY / time_constant_s))
+    return CellChain(capacity, link, np.full(runs, CAP_CAPACITY / time_constant_s))
 
 
-def lag(time_constant_s: float, runs: int) -> Chain:
+def lag(time_constant_s: float, runs: int) -> CellChain:
     """First-order lags behind the drive."""
-    return Chain(np.full((runs, 1), float(time_constant_s)), np.empty((runs, 0)), np.ones(runs))
+    return CellChain(np.full((runs, 1), float(time_constant_s)), np.empty((runs, 0)), np.ones(runs))
 
 
 class Stepper:
@@ -120,7 +120,7 @@ class Stepper:
 
     def __init__(
         self,
-        blocks: list[Chain],
+        blocks: list[CellChain],
         drive: Callable[[float], list[np.ndarray]],
         state: list[np.ndarray],
         time_s: float = 0.0,

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg import eigh_tridiagonal
 
 from shockrig.rig.virtual.physics.air import Exposure, air_after, shortest_change_s
-from shockrig.rig.virtual.physics.chains import FIRST_STEP_S, Chain, Stepper
+from shockrig.rig.virtual.physics.chains import FIRST_STEP_S, CellChain, Stepper
 from shockrig.rig.virtual.physics.moist import concentration_ppmv
 from shockrig.rig.virtual.physics.probes import CORE_WEIGHTS, SORPTION_HEAT_S, Bodies, Probes
 from shockrig.rig.virtual.truth import Truth
@@ -48,7 +48,7 @@ def follow(
     return kind(truth, exposure, probes)
 
 
-def modes(chain: Chain) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def modes(chain: CellChain) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rates (n,) of the modes of a single run's chain, and cells from modes and modes from cells, (n, n)."""
     capacity, link = chain.capacity[0], chain.link[0]
     padded = np.concatenate([[0.0], link, chain.open_end])
