@@ -1,6 +1,8 @@
 """The house itself: CI runs the linters, all packages ship, the README's test command is what CI runs."""
 
+import ast
 import tomllib
+from collections import Counter
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
@@ -17,6 +19,18 @@ def test_every_package_ships():
     assert set(PROJECT["tool"]["setuptools"]["packages"]) == found | {"shockrig", "shockrig.data"}
     folders = {file.parent for top in TOPS for file in (ROOT / top).rglob("*.py")}
     assert all((folder / "__init__.py").exists() for folder in folders)
+
+
+def test_a_module_is_where_its_name_says():
+    """Editors and type checkers follow `shockrig.analysis.x` in a plain checkout."""
+    for top in (*TOPS, "data"):
+        assert (ROOT / "shockrig" / top).samefile(ROOT / top)
+
+
+def test_a_class_has_a_name_of_its_own():
+    trees = [ast.parse(file.read_text()) for top in TOPS for file in (ROOT / top).rglob("*.py")]
+    names = Counter(node.name for tree in trees for node in tree.body if isinstance(node, ast.ClassDef))
+    assert [name for name, count in names.items() if count > 1] == []
 
 
 def test_the_readme_and_ci_run_one_test_command():
