@@ -13,13 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shockrig.analysis.flight.typical import typical_profile
-from shockrig.files.campaign import BODIES, LabReference, RunAir, read_campaign
+from shockrig.files.campaign import BODIES, ReferenceResponse, RunAir, read_campaign
 from shockrig.files.campaign_write import campaign_document, run_document, table_text, write_campaign, write_run
 from shockrig.files.profile import write_profile
 from shockrig.protocols.cli import main
-from shockrig.rig.protocol import LabRun, PlannedRun, Protocol, Record, Soak
+from shockrig.rig.protocol import PlannedRun, Protocol, Record, Soak, Transfer
 from shockrig.rig.runner import record_campaign
-from shockrig.rig.seams import RunAir as SeamAir
+from shockrig.rig.seams import Air as SeamAir
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.plans import standard_plan
 from shockrig.rig.virtual.truth import draw_truth
@@ -36,7 +36,7 @@ def test_the_files_of_a_run_are_what_the_format_says_to_the_byte(tmp_path):
         destination={},
         airflow_m_s=6.0,
         start_s=10.53,
-        reference=LabReference(0.05),
+        reference=ReferenceResponse(0.05),
         note="ü",
     )
     tables = {
@@ -94,7 +94,9 @@ runs = st.fixed_dictionaries(
         "pressure_hpa": maybe(values(1, 2000)),
         "start_s": maybe(values(-100, 100)),
         "duration_s": maybe(values(0, 3600)),
-        "reference": maybe(st.builds(LabReference, values(0, 3600), values(0, 50), values(0, 3600), values(0, 50))),
+        "reference": maybe(
+            st.builds(ReferenceResponse, values(0, 3600), values(0, 50), values(0, 3600), values(0, 50))
+        ),
         "imet": maybe(columns(temperature_c=(-100, 150))),
         "hyt": maybe(columns(humidity_percent=(-10, 130), temperature_c=(-100, 150))),
         "air": maybe(columns(temperature_c=(-100, 150), airflow_m_s=(0, 150)))
@@ -149,7 +151,7 @@ def test_whatever_is_written_is_read_back_and_keeps_to_the_schemas(tmp_path_fact
             one[key] for key in ("airflow_m_s", "start_s", "duration_s")
         )
         assert found.pressure_hpa == (1013.25 if one["pressure_hpa"] is None else one["pressure_hpa"])
-        assert found.reference == (one["reference"] or LabReference())
+        assert found.reference == (one["reference"] or ReferenceResponse())
         assert found.extra == {"weather": "dry"}
         for key in ("imet", "hyt", "air"):
             trace = getattr(found, key)
@@ -159,7 +161,7 @@ def test_whatever_is_written_is_read_back_and_keeps_to_the_schemas(tmp_path_fact
 
 
 def by_the_recorder(path):
-    steps = (Soak(over_s=2.0), Record(2.0), LabRun(5.0), Record(4.0))
+    steps = (Soak(over_s=2.0), Record(2.0), Transfer(5.0), Record(4.0))
     shock = PlannedRun("0001", SeamAir(20.0, 20.0), SeamAir(30.0, 70.0), 6.0, steps)
     protocol = Protocol("two", "", (shock, replace(shock, id="0002")))
     record_campaign(fake_bench(), protocol, path, utc=lambda: "2026-05-01T00:00:00Z", observer=None, sync_every_s=None)

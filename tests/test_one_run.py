@@ -110,12 +110,16 @@ def test_three_sensors_taken_for_one_are_not_explained(tmp_path):
 
 
 def test_what_runs_that_differ_name_is_as_unsure_as_they_are_apart(tmp_path):
-    """Three runs of 180, 200 and 230 s: their mean is known to 14.5 s, however little noise there is in each."""
+    """Runs of 18 and 180, 20 and 200, 23 and 230 s: their means are known to 7 %, however little noise is in each.
+
+    Either of the two times may be the body's, the other is the lag's.
+    """
     found = recorded(tmp_path, 1500.0, times=[(18.0, 180.0), (20.0, 200.0), (23.0, 230.0)])
     (cause,) = found.causes
     assert found.verdict == "unexplained" and cause.effect == "parallel_lag"
     value, unsure = cause.parameters["time_constant_s"]
-    assert value == pytest.approx(610.0 / 3.0, rel=0.02) and 12.0 < unsure < 18.0
+    mean = 610.0 / 3.0 if value > 60.0 else 61.0 / 3.0
+    assert value == pytest.approx(mean, rel=0.02) and 0.059 < unsure / mean < 0.089
 
 
 def test_a_run_that_ends_on_its_way_tells_no_shape(tmp_path):

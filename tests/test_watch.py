@@ -174,7 +174,7 @@ def test_run_with_the_view_beside_it(tmp_path, terminal, killed):
     assert process.returncode == 0, errors
     assert json.loads((out / "runs/0001/run.json").read_text())["status"] == "complete"
     end = terminal.text().rpartition("\x1b[?1049l")[2]  # after the alternate screen, which is left behind either way
-    assert "1 runs in" in end and "\x1b[?25l" not in end
+    assert "1 run in" in end and "\x1b[?25l" not in end
 
 
 def test_a_recorder_that_was_killed_is_told_so(live):

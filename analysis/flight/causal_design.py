@@ -225,7 +225,7 @@ def _film(part: HumidityProfile, body: str, period: float, given: float | None, 
         if np.any(np.abs(offset + gain * middle - between.reading) > BENT):
             raise InputError(
                 "profile: the hygrometer's readout is bent; a causal corrector takes a line; take that effect out of "
-                "the profile, or correct with --method smoother"
+                "the profile, or correct with the smoother"
             )
         return offset, gain, between.uncertainty
 

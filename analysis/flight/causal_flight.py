@@ -1,4 +1,4 @@
-"""`correct --method causal`: a flight's rows through the causal corrector one by one, as they would be on board."""
+"""The method causal of `correct`: a flight's rows through the causal corrector one by one, as on board."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def causal(
     period = typical_period(known)
     if not 0.0 <= lag_s <= LONGEST_LAG_S or lag_s > MOST_WAITING * period:
         longest = min(LONGEST_LAG_S, MOST_WAITING * period)
-        raise InputError(f"a lag of {lag_s:g} s: expected 0 to {longest:g} s; more is what --method smoother is for")
+        raise InputError(f"a lag of {lag_s:g} s: expected 0 to {longest:g} s; more is what the smoother is for")
     design = design_of(profile, period, temperature_noise_k, humidity_noise_percent)
     if not np.isfinite(flight.temperature_c).any():
         design = replace(design, humidity=None)  # what is not known to be vapour is given as it came

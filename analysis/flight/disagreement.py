@@ -81,7 +81,7 @@ def causes(flight: Flight, bead: FlightChannel, channel: FlightChannel) -> list[
             True,
             f"a second lag of some {LONGER[0] * slowest:.2g} to {LONGER[1] * slowest:.2g} s beside the profile's: "
             "characterize with a longer dwell and diagnose "
-            f"({_named(channel.name, lambda flown: flown.lag is not None)})",
+            f"({named_effects(channel.name, lambda flown: flown.lag is not None)})",
         )
         for times in LONGER
     ]
@@ -90,7 +90,7 @@ def causes(flight: Flight, bead: FlightChannel, channel: FlightChannel) -> list[
             np.gradient(value) / period,
             True,
             "readings that are late or averaged by the logger: log single readings, or diagnose "
-            f"({_named(channel.name, lambda flown: flown.delay_s is not None)})",
+            f"({named_effects(channel.name, lambda flown: flown.delay_s is not None)})",
         )
     )
     if channel.name == "humidity":
@@ -99,7 +99,7 @@ def causes(flight: Flight, bead: FlightChannel, channel: FlightChannel) -> list[
                 reading - _played(reading, half),
                 True,
                 "hysteresis: shock the film up and down at one temperature and diagnose "
-                f"({_named(channel.name, lambda flown: flown.uncertainty is not None)})",
+                f"({named_effects(channel.name, lambda flown: flown.uncertainty is not None)})",
             )
             for half in PLAYS_PERCENT
         )
@@ -110,7 +110,7 @@ def causes(flight: Flight, bead: FlightChannel, channel: FlightChannel) -> list[
                 seen(value) - seen(value * saturated) / saturated,
                 False,
                 "a film that takes up relative humidity and not vapour: diagnose the campaign "
-                f"({_named(channel.name, lambda flown: flown.by_activity)})",
+                f"({named_effects(channel.name, lambda flown: flown.by_activity)})",
             )
         )
         die = bridged(flight.time_s, flight.die_temperature_c)
@@ -121,7 +121,7 @@ def causes(flight: Flight, bead: FlightChannel, channel: FlightChannel) -> list[
                 False,
                 "a die that is slower than the air: "
                 + ("log the humidity chip's own temperature, and " if die is None else "")
-                + f"diagnose ({_named(channel.name, lambda flown: flown.at_die and not flown.by_activity)})",
+                + f"diagnose ({late_die()})",
             )
         )
     return found
@@ -135,7 +135,12 @@ def _played(values: Array, half: float) -> Array:
     return out
 
 
-def _named(channel: str, means: Callable[[InFlight], bool]) -> str:
+def late_die() -> str:
+    """Names of the effects that make the hygrometer's own temperature late."""
+    return named_effects("humidity", lambda flown: flown.at_die and not flown.by_activity)
+
+
+def named_effects(channel: str, means: Callable[[InFlight], bool]) -> str:
     """Names of the effects of a channel that mean that in a flight."""
     known = ((e.id, e.in_flight) for e in CATALOGUE.values() if channel in e.channels)
     return ", ".join(name for name, flown in known if flown is not None and means(flown))

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.flight.channel import FlightChannel, bridged
+from shockrig.analysis.flight.disagreement import late_die
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.flight.smoother import followed
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
@@ -79,14 +80,14 @@ def seen_by_film(
     of_film = film.value * np.abs(np.log(saturation_pressure_hpa(air) / saturation_pressure_hpa(air - off)))
     if with_them is None or without is None:
         said += (
-            "the sun, ice or a wake was at the thermometer, or the hygrometer's own temperature is late "
-            "(die_thermal_lag); a log with the temperature of its own would tell"
+            f"sun, ice or a wake was at the thermometer, or the hygrometer's own temperature is late ({late_die()}); "
+            "a log with the temperature of its own would tell"
         )
         bead, film = bead.doubted(off), film.doubted(of_film)
     elif with_them.left_k < without.left_k:
         said += (
             f"the hygrometer's own thermometer follows {with_them.lag_s:.2g} s later, so its temperature is late and "
-            "not the air's (die_thermal_lag)"
+            f"not the air's ({late_die()})"
         )
         film = film.doubted(of_film)
     else:

@@ -187,6 +187,8 @@ def main(args: argparse.Namespace) -> int:
 def about_rows(log: Path) -> int:
     """How many rows a CSV file has, by its size and the length of its first lines; 0 where it cannot be read."""
     try:
+        if not log.is_file():
+            return 0
         with log.open("rb") as stream:
             lines = stream.readlines(SAMPLE_BYTES)
         return round(log.stat().st_size * len(lines) / max(sum(map(len, lines)), 1))
