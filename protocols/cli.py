@@ -171,8 +171,14 @@ def _one_line(text: str) -> str:
 
 def _tell(text: str) -> None:
     """One line on standard error, where there is still somebody to read it."""
-    with contextlib.suppress(OSError):
+    try:
         print(text, file=sys.stderr, flush=True)
+    except OSError:
+        # A terminal that hung up: what waits for it would end the interpreter with a status of its own, 120.
+        nobody = os.open(os.devnull, os.O_WRONLY)
+        for stream in (sys.stdout, sys.stderr):
+            with contextlib.suppress(OSError, ValueError):
+                os.dup2(nobody, stream.fileno())
 
 
 @contextlib.contextmanager
