@@ -27,7 +27,7 @@ COMMANDS = {
     "bench": ("bench", "print a bench file that ships, to copy and edit"),
     "check": ("check", "open every instrument of a bench and say what is well and what is not"),
     "run": ("run", "record a campaign on a bench (the embedded virtual bench by default)"),
-    "import": ("import_csv", "turn other loggers' files, also one long log with many steps, into a campaign"),
+    "import": ("import_logs", "turn other loggers' files, also one long log with many steps, into a campaign"),
     "plan": ("plan", "say which runs to record next for given goals, as a protocol, or why none"),
     "watch": ("watch", "watch a campaign while it is recorded, in the terminal or in the browser"),
     "status": ("status", "say what a campaign holds, what is missing and why"),

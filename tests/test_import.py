@@ -118,36 +118,67 @@ def test_absurd_and_missing_values_are_left_out_and_counted(tmp_path, capsys):
     rows = [*ROWS[:50], (ROWS[50][0], 20.0, 6526.9), (ROWS[51][0], 20.0, "NaN"), *ROWS[52:]]
     log = write(tmp_path / "log.csv", rows)
     run("--hyt", log, "--out", tmp_path / "c")
-    assert "1 implausible" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "1 impossible readings of 'humidity_percent' left out (the first in line 52)" in said
     assert len(columns(tmp_path / "c/runs/0001/hyt.csv")["time_s"]) == len(ROWS) - 2
     head = json.loads((tmp_path / "c/runs/0001/run.json").read_text())
-    assert head["imported"]["hyt"]["left_out"] == {"implausible": 1, "empty": 1}
+    assert all(f"hyt: {remark}\n" in said for remark in head["imported"]["hyt"]["remarks"])
+    assert len(head["imported"]["hyt"]["remarks"]) == 2
 
 
 GOOD = ["time_s,temperature_c", *(f"{t:.2f},{v}" for t, v, _ in ROWS)]
-BAD = {
+ODD = {
     "not a number": (
         [*GOOD[:5], "0.45,2O.1", *GOOD[6:]],
-        (),
-        r"log.csv, line 6, column 'temperature_c': '2O.1' is not a number",
+        r"1 cells of .temperature_c. that are no numbers .*line 6\)",
     ),
-    "units under the header": ([GOOD[0], "s,degC", *GOOD[1:]], (), r"line 2, column 'time_s': 's' is not a number or"),
-    "time goes back": ([*GOOD, GOOD[3]], (), r"line 202, column 'time_s': time 0.25 is not later"),
-    "clock too coarse": ([GOOD[0], "1,20", "1,21", "2,22"], (), r"line 3, .*fine enough"),
-    "row cut short": ([*GOOD, "99.0"], (), r"line 202: has 1 columns, expected 2"),
+    "time goes back": ([*GOOD, GOOD[3]], r"1 rows were out of order"),
+    "row cut short": ([*GOOD, "99.0"], r"1 lines of another number of cells left out \(the first in line 202\)"),
+    "no time": ([*GOOD[:9], ",21", *GOOD[10:]], r"1 rows without a time left out \(the first in line 10\)"),
+}
+
+
+@pytest.mark.parametrize("fault", ODD)
+def test_an_odd_row_is_said_and_costs_no_other(tmp_path, capsys, fault):
+    lines, expected = ODD[fault]
+    log = tmp_path / "log.csv"
+    log.write_text("\n".join(lines))
+    assert run("--imet", log, "--out", tmp_path / "campaign") == 0
+    message = capsys.readouterr().err
+    assert __import__("re").search(expected, message), message
+    table = columns(tmp_path / "campaign/runs/0001/imet.csv")
+    assert len(table["time_s"]) in (len(ROWS) - 1, len(ROWS))
+    assert table["time_s"] == sorted(set(table["time_s"]))
+
+
+def test_units_under_the_header_are_the_readings(tmp_path):
+    log = tmp_path / "log.csv"
+    log.write_text("time,temperature\ns,degF\n0,32\n1,212\n2,50\n3,32\n")
+    assert run("--imet", log, "--out", tmp_path / "c") == 0
+    assert columns(tmp_path / "c/runs/0001/imet.csv")["temperature_c"] == pytest.approx([0, 100, 10, 0])
+
+
+BAD = {
+    "the clock is set back": ([*GOOD, *GOOD[1:]], (), r"log.csv: its clock goes back; .* by a map: --look writes one"),
     "column misspelt": (GOOD, ("--imet-temperature", "temperatur_c"), r"did you mean 'temperature_c'"),
-    "no such column": (["a,b", "1,2", "2,3"], (), r"line 1: no column for time; name it by --imet-time .*it has: a, b"),
-    "no temperature": (["t,b", "1,2", "2,3"], (), r"no column for temperature_c; name it by --imet-temperature COLUMN"),
+    "two temperatures": (
+        ["t,temp_a,temp_b", *(f"{t},{v},{v}" for t, v, _ in ROWS)],
+        (),
+        r"several columns of temperature; name one by --imet-temperature: temp_a, temp_b",
+    ),
+    "no temperature": (
+        ["t,b", "1,2", "2,3"],
+        (),
+        r"no column of temperature found; name it by --imet-temp",
+    ),
     "start outside": (GOOD, ("--start", "50"), r"--start 50 is not within the recording"),
-    "start is a date": (GOOD, ("--start", "2026-05-01"), r"--start 2026-05-01 is not within"),
-    "no time": ([GOOD[0], "0,20", ",21", "2,22"], (), r"line 3, column 'time_s': the time is missing"),
+    "start is a date": (GOOD, ("--start", "2026-05-01"), r"--start: '2026-05-01' is no time on this log's clock"),
     "empty": ([], (), r"log.csv: is empty"),
-    "header only": (GOOD[:1], (), r"fewer than two usable rows"),
+    "header only": (GOOD[:1], (), r"no rows of numbers"),
     "NUL": ([*GOOD[:3], "0.2\0,20"], (), r"line 4: holds a NUL"),
     "airflow": (GOOD, ("--airflow", "nan"), r"--airflow nan: expected a number from 0 to 150"),
     "id": (GOOD, ("--id", "../x"), r"--id '../x'"),
     "id of two lines": (GOOD, ("--id", "a\nb"), r"--id 'a\\nb': expected a name"),
-    "wrong decimal": (GOOD, ("--decimal", "comma"), r"line 2, column 'time_s': '0.05' is not a number"),
 }
 
 
@@ -164,12 +195,12 @@ def test_bad_input_names_the_place_and_leaves_nothing_behind(tmp_path, capsys, f
 
 
 def test_a_hygrometers_columns_are_named_by_its_own_options(tmp_path, capsys):
-    for header, option in (("a,b", "--hyt-time"), ("t,b", "--hyt-humidity")):
-        log = write(tmp_path / "log.csv", [(0, 1), (1, 2)], header=header)
+    for first, option in (("x", "--hyt-time"), ("2026-05-01T12:00", "--hyt-humidity")):
+        log = write(tmp_path / "log.csv", [(first, 1 + i % 2) for i in range(9)], header="a,b")
         assert run("--hyt", log, "--out", tmp_path / "c") == 2
         assert f"name it by {option} COLUMN" in capsys.readouterr().err
     assert run("--hyt", tmp_path / "none.csv", "--out", tmp_path / "c") == 2
-    assert "none.csv: No such file or directory; name a CSV file" in capsys.readouterr().err
+    assert "none.csv: No such file or directory; name a text file" in capsys.readouterr().err
 
 
 def test_a_campaign_has_one_pair_of_sensors(tmp_path, capsys):

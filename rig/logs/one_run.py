@@ -1,4 +1,4 @@
-"""One run from other loggers' CSV files (rig.csv_series), added to a campaign, which is made where there is none."""
+"""One run from files of one sensor each: options become a map, and the run is added to a campaign, new or there."""
 
 from __future__ import annotations
 
@@ -6,23 +6,157 @@ import os
 import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from shockrig.files.campaign import read_campaign
 from shockrig.files.campaign_lock import held
 from shockrig.files.campaign_names import CAMPAIGN_FORMAT, is_run_id
 from shockrig.files.campaign_write import campaign_document, run_document, table_text, write_campaign, write_run
-from shockrig.files.disk import is_there, read_bytes, real_path, write_whole
+from shockrig.files.disk import is_there, read_bytes, real_path, shown, write_whole
 from shockrig.files.errors import InputError
 from shockrig.files.json_files import read_json
-from shockrig.rig.csv_series import CsvLayout, Series, time_of
 from shockrig.rig.errors import BenchError, as_bench_errors
+from shockrig.rig.keys import nearest
+from shockrig.rig.logs.channels import read_sensors
+from shockrig.rig.logs.guess import Guess, guess_log
+from shockrig.rig.logs.mapping import LogMap, SensorMap
+from shockrig.rig.logs.stamps import ISO, TimeColumns, to_seconds
+from shockrig.rig.logs.text import Layout, Scan, scan
+
+Array = NDArray[np.float64]
 
 PLAN = "plan"  # of a campaign that shockrig run has recorded
+MAIN = {"imet": "temperature", "hyt": "humidity"}  # what a row of the sensor's file must have
+UNITS_ASKED = {"c": "degC", "k": "K", "f": "degF"}
+DIE = "die_temperature"
+WRITTEN = {"temperature": "temperature_c", "humidity": "humidity_percent", DIE: "temperature_c"}
+
+
+@dataclass(frozen=True)
+class LogOptions:
+    """How a logger writes, as a user says it in options. What is None is found out.
+
+    `columns` maps "time", "temperature", "humidity" and "die_temperature" to a name or a number from 1. `time_unit` is
+    "s", "ms", "us", "min", "h" or "iso"; `time_format` is a strptime format and overrides it. `temperature_unit` is
+    "c", "k" or "f", `humidity_unit` "percent" or "fraction".
+    """
+
+    columns: Mapping[str, str] = field(default_factory=dict)
+    layout: Layout = Layout()
+    time_unit: str | None = None
+    time_format: str | None = None
+    temperature_unit: str | None = None
+    humidity_unit: str | None = None
+
+
+@dataclass(frozen=True)
+class SensorSeries:
+    """One sensor's readings: `time_s` (n,) on the clock of its file, since 1970 for dates, `values` (n,) by the columns
+    of a run's table, NaN where there is none, and what was found odd, a sentence each."""
+
+    path: Path
+    clock: TimeColumns
+    time_s: Array
+    values: Mapping[str, Array]
+    remarks: tuple[str, ...]
+
+
+def read_sensor(path: Path, sensor: str, options: LogOptions, *, die: bool = True) -> SensorSeries:
+    """Read the file of one sensor, "imet" or "hyt"; `die` False: a temperature that no option names is not the die's.
+
+    Raises
+    ------
+    BenchError
+        Naming the file, the line or the column, and the option that mends it.
+    """
+    lines = scan(path, options.layout)
+    guess = guess_log(lines)
+    main = MAIN[sensor]
+    time = options.columns.get("time")
+    if time is None and guess.clock is None:
+        raise _no_column(lines, "times", f"--{sensor}-time")
+    if time is not None:
+        _place(lines, time)
+    columns = {main: _main_column(lines, guess, sensor, options)}
+    found = _die_column(lines, guess, options) if sensor == "hyt" and (die or DIE in options.columns) else None
+    if found is not None:
+        columns[DIE] = found
+    asked = {
+        "temperature": UNITS_ASKED.get(options.temperature_unit or ""),
+        "humidity": options.humidity_unit,
+        DIE: UNITS_ASKED.get(options.temperature_unit or ""),
+    }
+    recognised = {name: unit for one in guess.sensors for name, unit, _ in one.columns.values()}
+    is_iso = options.time_unit == "iso"
+    map_ = LogMap(
+        path,
+        None,
+        options.layout,
+        (time,) if time is not None else (),
+        options.time_format or (ISO if is_iso else None),
+        None if is_iso or options.time_format else options.time_unit,
+        None,
+        "auto",
+        {sensor: SensorMap(sensor, {key: (name, asked[key] or recognised.get(name)) for key, name in columns.items()})},
+        (),
+        {},
+        None,
+        None,
+        None,
+        {},
+    )
+    read = read_sensors(path, map_, lines)
+    log, readings = read.log, read.readings[sensor]
+    there = np.isfinite(readings.values[main])
+    time_s = log.time_s[readings.rows][there]
+    if time_s.size < 2 or (np.diff(time_s) <= 0).any():
+        why = "fewer than two readings" if time_s.size < 2 else "its clock goes back"
+        raise BenchError(f"{shown(path)}: {why}; expected one recording, or import it by a map: --look writes one")
+    values = {WRITTEN[key]: column[there] for key, column in readings.values.items() if key in WRITTEN}
+    return SensorSeries(path, log.clock, log.origin_s + time_s, values, (*log.remarks, *readings.remarks))
+
+
+def _main_column(lines: Scan, guess: Guess, sensor: str, options: LogOptions) -> str:
+    """The column that a sensor is recorded for: that which an option names, else the only one that is recognised."""
+    key = MAIN[sensor]
+    if key in options.columns:
+        return _place(lines, options.columns[key])
+    names = [one.columns[key][0] for one in guess.sensors if key in one.columns]
+    if not names:
+        raise _no_column(lines, key, f"--{sensor}-{key}")
+    if len(names) > 1:
+        several = f"has several columns of {key}; name one by --{sensor}-{key}"
+        raise BenchError(f"{shown(lines.path)}: {several}: {', '.join(names)}")
+    return names[0]
+
+
+def _die_column(lines: Scan, guess: Guess, options: LogOptions) -> str | None:
+    """The die's temperature: that which an option names, else the only one beside a humidity; None where none is."""
+    if DIE in options.columns:
+        return _place(lines, options.columns[DIE])
+    beside = [one.columns for one in guess.sensors if "humidity" in one.columns]
+    names = [(one.get(DIE) or one["temperature"])[0] for one in beside if {DIE, "temperature"} & set(one)]
+    return names[0] if len(names) == 1 else None
+
+
+def _no_column(lines: Scan, what: str, option: str) -> BenchError:
+    at = f", line {lines.header_line}" if lines.header_line else ""
+    has = ", ".join(lines.names)
+    return BenchError(f"{shown(lines.path)}{at}: no column of {what} found; name it by {option} COLUMN (it has: {has})")
+
+
+def _place(lines: Scan, asked: str) -> str:
+    if asked not in lines.names and not (asked.isdecimal() and 1 <= int(asked) <= len(lines.names)):
+        at = f", line {lines.header_line}" if lines.header_line else ""
+        raise BenchError(f"{shown(lines.path)}{at}: no column {asked!r}{nearest(asked, lines.names)}")
+    return asked
 
 
 @dataclass(frozen=True)
@@ -41,14 +175,12 @@ class RunFacts:
 
 def import_run(
     campaign: Path,
-    series: Mapping[str, Series],
+    series: Mapping[str, SensorSeries],
     facts: RunFacts,
-    layout: CsvLayout,
     *,
     id_: str | None = None,
     name: str | None = None,
     sensors: Mapping[str, Mapping[str, Any]] | None = None,
-    sources: Mapping[str, str] | None = None,
 ) -> str:
     """Add a run to a campaign, which is made where there is none; returns the run's id. Nothing is left half-written.
 
@@ -58,56 +190,63 @@ def import_run(
         "imet" and/or "hyt" -> readings on one common clock.
     sensors : mapping, optional
         What is known of the sensors, as in campaign.json.
-    sources : mapping, optional
-        Where each series came from, for the record.
 
     Raises
     ------
     BenchError
         The campaign, the id or the start do not fit, or another process is writing to the campaign.
     """
-    if len({one.dated for one in series.values()}) > 1:
+    if len({one.clock.is_dated for one in series.values()}) > 1:
         raise BenchError("one file's times are dates and the other's are numbers; both must be on one clock")
-    begins_s = min(one.time_s[0] for one in series.values())
-    ends_s = max(one.time_s[-1] for one in series.values())
-    late_s = max(one.time_s[0] for one in series.values())
-    if late_s >= min(one.time_s[-1] for one in series.values()):
+    begins_s = min(float(one.time_s[0]) for one in series.values())
+    ends_s = max(float(one.time_s[-1]) for one in series.values())
+    if max(one.time_s[0] for one in series.values()) >= min(one.time_s[-1] for one in series.values()):
         raise BenchError("the two files do not overlap in time; both must be on one clock")
-    first = next(iter(series.values()))
-    dated = first.dated
+    clock = next(iter(series.values())).clock
     airs: dict[str, dict[str, float]] = {}
     for place in ("source", "destination"):
         said = {key: getattr(facts, f"{place}_{key}") for key in ("temperature_c", "humidity_percent")}
         airs[place] = {key: value for key, value in said.items() if value is not None}
     start_s = None
     if facts.start is not None:
-        start_s, start_dated = time_of(facts.start, layout, "--start", first.unit_s)
-        if start_dated != dated or not begins_s < start_s < ends_s:
+        start_s = round(to_seconds(clock, 0.0, _as_written(facts.start), "--start") - begins_s, 6)
+        if not 0 < start_s < ends_s - begins_s:
             raise BenchError(
                 f"--start {facts.start} is not within the recording, which is {ends_s - begins_s:.1f} s long; "
                 "give it on the clock of the files"
             )
-        start_s = round(start_s - begins_s, 6)
-    names = sources or {}
     tables = {key: _table(key, one, begins_s) for key, one in series.items()}
+    times = "dates" if clock.is_dated else clock.known
+    imported = {
+        key: {"log": one.path.name, "times": times, "remarks": list(one.remarks)} for key, one in series.items()
+    }
 
     fresh = not is_there(campaign)
     with as_bench_errors(), held(campaign):
         head, changed = _campaign_head(campaign, name, sensors or {}, series)
         id_ = _free_id(campaign, id_, head)
+        began = datetime.fromtimestamp(round(begins_s, 6), UTC).isoformat().replace("+00:00", "Z")
         run = run_document(
             id_,
-            started_at=datetime.fromtimestamp(begins_s, UTC).isoformat().replace("+00:00", "Z") if dated else None,
+            started_at=began if clock.is_dated else None,
             source=airs["source"],
             destination=airs["destination"],
             airflow_m_s=facts.airflow_m_s,
             pressure_hpa=facts.pressure_hpa,
             start_s=start_s,
             duration_s=facts.duration_s,
-            imported={key: {"file": names.get(key, ""), "left_out": dict(one.left_out)} for key, one in series.items()},
+            imported=imported,
         )
         _put(campaign, id_, run, tables, head if changed else None, fresh)
     return id_
+
+
+def _as_written(start: str) -> object:
+    """A time as a map would hold it: a number where it is one."""
+    try:
+        return float(start)
+    except ValueError:
+        return start
 
 
 def _put(
@@ -163,7 +302,7 @@ def _is_only_begun(campaign: Path) -> bool:
 
 
 def _campaign_head(
-    campaign: Path, name: str | None, sensors: Mapping[str, Mapping[str, Any]], series: Mapping[str, Series]
+    campaign: Path, name: str | None, sensors: Mapping[str, Mapping[str, Any]], series: Mapping[str, SensorSeries]
 ) -> tuple[dict[str, Any], bool]:
     file = campaign / "campaign.json"
     if not is_there(file):
@@ -220,13 +359,11 @@ def _planned(head: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [run for run in plan if isinstance(run, Mapping)] if isinstance(plan, list) else []
 
 
-def _table(sensor: str, series: Series, begins_s: float) -> str:
+def _table(sensor: str, series: SensorSeries, begins_s: float) -> str:
     """The sensor's CSV file, with the digits that came."""
-    columns: dict[str, Sequence[float | None]] = {"time_s": [time_s - begins_s for time_s in series.time_s]}
-    for name in ("humidity_percent", "temperature_c") if sensor == "hyt" else ("temperature_c",):
-        if name in series.values:
-            columns[name] = [None if value is None else value + 0.0 for value in series.values[name]]  # no -0
-    forms = dict.fromkeys(columns, "%.6g") | {"time_s": "%.4f", "stale": "%d"}
+    columns: dict[str, Sequence[float | None]] = {"time_s": (series.time_s - begins_s).tolist()}
+    columns |= {name: (column + 0.0).tolist() for name, column in series.values.items()}  # no -0
+    forms = dict.fromkeys(columns, "%.7g") | {"time_s": "%.4f", "stale": "%d"}
     if sensor == "hyt":
-        columns["stale"] = [0.0] * len(series.time_s)
+        columns["stale"] = [0.0] * series.time_s.size
     return table_text(columns, forms)

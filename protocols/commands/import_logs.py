@@ -7,8 +7,6 @@ import argparse
 import sys
 from pathlib import Path
 
-DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t"}
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
@@ -46,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="of the time columns; iso: ISO 8601 dates (auto: as their names say, else s)",
     )
     layout.add_argument("--time-format", metavar="FORMAT", help="strptime format, e.g. '%%d.%%m.%%Y %%H:%%M:%%S.%%f'")
-    layout.add_argument("--delimiter", choices=sorted(DELIMITERS), help="between the columns")
+    layout.add_argument("--delimiter", choices=["comma", "semicolon", "tab"], help="between the columns")
     layout.add_argument("--decimal", choices=["point", "comma"], help="what numbers are written with")
     layout.add_argument("--skip-lines", metavar="N", type=int, default=0, help="lines before the header")
     layout.add_argument(
@@ -90,40 +88,36 @@ def main(args: argparse.Namespace) -> int:
         return _import_logs(args)
     from shockrig.analysis.checks import check_campaign
     from shockrig.files.campaign import read_campaign
-    from shockrig.rig.csv_series import CsvLayout, read_series
-    from shockrig.rig.import_csv import RunFacts, import_run
+    from shockrig.rig.logs.one_run import LogOptions, RunFacts, import_run, read_sensor
+    from shockrig.rig.logs.text import Layout
 
     if args.imet is None and args.hyt is None:
         raise BenchError("no file: give LOG and --look, or for one run --imet FILE, --hyt FILE or both")
     if args.out is None:
         raise BenchError("--out: is missing; name the campaign's folder")
+    decimal = {"point": ".", "comma": ","}.get(args.decimal)
+    layout = Layout(args.delimiter, decimal, args.skip_lines + 1 if args.skip_lines else None)
 
-    def layout(**columns: str | None) -> CsvLayout:
-        return CsvLayout(
+    def options(**columns: str | None) -> LogOptions:
+        return LogOptions(
             columns={key: value for key, value in columns.items() if value is not None},
-            time_unit=args.time_unit,
+            layout=layout,
+            time_unit=None if args.time_unit == "auto" else args.time_unit,
             time_format=args.time_format,
-            delimiter=DELIMITERS.get(args.delimiter),
-            decimal={"point": ".", "comma": ","}.get(args.decimal),
-            skip_lines=args.skip_lines,
             temperature_unit=args.temperature_unit,
             humidity_unit=args.humidity_unit,
         )
 
     series = {}
     if args.imet is not None:
-        imet = layout(time=args.imet_time or args.hyt_time, temperature_c=args.imet_temperature)
-        series["imet"] = read_series(args.imet, ("temperature_c",), imet)
+        imet = options(time=args.imet_time or args.hyt_time, temperature=args.imet_temperature)
+        series["imet"] = read_sensor(args.imet, "imet", imet)
     if args.hyt is not None:
-        hyt = layout(
-            time=args.hyt_time or args.imet_time,
-            humidity_percent=args.hyt_humidity,
-            # In a common file the usual temperature name is the thermometer's, so the die's must be named.
-            temperature_c=args.hyt_temperature,
+        hyt = options(
+            time=args.hyt_time or args.imet_time, humidity=args.hyt_humidity, die_temperature=args.hyt_temperature
         )
-        wanted = ("humidity_percent", "temperature_c")
-        shared = args.hyt == args.imet and args.hyt_temperature is None
-        series["hyt"] = read_series(args.hyt, wanted[:1] if shared else wanted, hyt)
+        # In a common file the temperature is the thermometer's, so the die's must be named.
+        series["hyt"] = read_sensor(args.hyt, "hyt", hyt, die=args.hyt != args.imet)
     facts = RunFacts(
         source_temperature_c=args.source_temperature,
         source_humidity_percent=args.source_humidity,
@@ -139,13 +133,11 @@ def main(args: argparse.Namespace) -> int:
         "hyt": {"kind": args.hyt_kind, "serial": args.hyt_serial, "film_thickness_m": args.film_thickness},
     }
     sensors = {name: {k: v for k, v in entry.items() if v is not None} for name, entry in described.items()}
-    sources = {key: path.name for key, path in (("imet", args.imet), ("hyt", args.hyt)) if path is not None}
-    id_ = import_run(args.out, series, facts, layout(), id_=args.id, name=args.name, sensors=sensors, sources=sources)
+    id_ = import_run(args.out, series, facts, id_=args.id, name=args.name, sensors=sensors)
     for name, one in series.items():
-        left_out = ", ".join(f"{count} {why}" for why, count in one.left_out.items())
-        print(f"{name}: {len(one.time_s)} readings over {one.time_s[-1] - one.time_s[0]:.1f} s", file=sys.stderr)
-        if left_out:
-            print(f"{name}: left out {left_out}", file=sys.stderr)
+        print(f"{name}: {one.time_s.size} readings over {one.time_s[-1] - one.time_s[0]:.1f} s", file=sys.stderr)
+        for remark in one.remarks:
+            print(f"{name}: {remark}", file=sys.stderr)
     for finding in check_campaign(read_campaign(args.out)):
         if id_ in finding.runs:
             print(f"input: {finding.sentence}", file=sys.stderr)
