@@ -27,7 +27,8 @@ from shockrig.files.campaign_names import (
 from shockrig.files.common_uncertainty import CommonUncertainty, read_common
 from shockrig.files.disk import is_there, shown
 from shockrig.files.errors import InputError
-from shockrig.files.json_files import JsonObject, read_json
+from shockrig.files.file_table import FileTable
+from shockrig.files.json_files import read_json
 from shockrig.files.misspelt import CAMPAIGN_KEYS, RUN_KEYS, misspelt
 from shockrig.files.numbers import counted
 from shockrig.files.ranges import RANGES
@@ -184,7 +185,7 @@ def read_probes(path: str | Path) -> tuple[str, ...]:
     return probes_of(_read_head(Path(path)).mapping("sensors").content) or (FIRST_PROBE,)
 
 
-def _read_head(folder: Path) -> JsonObject:
+def _read_head(folder: Path) -> FileTable:
     if not is_there(folder):
         raise InputError(f"{shown(folder)}: no such campaign folder; give the folder that holds campaign.json")
     return read_json(folder / "campaign.json", CAMPAIGN_FORMAT, "give the folder that holds a whole campaign.json")
@@ -300,7 +301,7 @@ def _read_run(folder: Path, probe: str) -> Run:
     )
 
 
-def _read_id(head: JsonObject, folder: str) -> str:
+def _read_id(head: FileTable, folder: str) -> str:
     """The run's id; its folder's name where none is given."""
     given = head.get("id")
     if given is None:
@@ -311,10 +312,10 @@ def _read_id(head: JsonObject, folder: str) -> str:
     return str(id_)
 
 
-def _read_airs(air: JsonObject) -> RunAir:
+def _read_airs(air: FileTable) -> RunAir:
     return RunAir(*(air.number(name, RANGES[name]) for name in ("temperature_c", "humidity_percent")))
 
 
-def _read_reference(given: JsonObject) -> ReferenceResponse:
+def _read_reference(given: FileTable) -> ReferenceResponse:
     stated = {name: given.number(name, limits) for name, limits in _REFERENCE_RANGES.items()}
     return ReferenceResponse(**{name: value for name, value in stated.items() if value is not None})

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from shockrig.files.json_files import JsonObject
+from shockrig.files.file_table import FileTable
 
 CAMPAIGN_FORMAT = "shock-campaign/1"
 RUN_FORMAT = "shock-run/1"
@@ -62,7 +62,7 @@ def is_run_id(text: object) -> bool:
     )
 
 
-def read_body(sensor: JsonObject, name: str) -> str:
+def read_body(sensor: FileTable, name: str) -> str:
     """The shape of a sensor's plain model, its usual one where none is stated; InputError for an unknown one."""
     body = sensor.get("body")
     if body is None:

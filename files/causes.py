@@ -12,7 +12,8 @@ from types import MappingProxyType
 from typing import Any
 
 from shockrig.files.errors import InputError
-from shockrig.files.json_files import JsonObject, is_number, known
+from shockrig.files.file_table import FileTable, is_number
+from shockrig.files.json_files import known
 from shockrig.files.ranges import Range
 
 PROBABILITY = Range(0.0, 1.0)
@@ -47,13 +48,13 @@ class StatedEffect:
 
 
 def read_effect(
-    item: JsonObject, catalogue: Mapping[str, Collection[str]] | None = None, channel: str | None = None
+    item: FileTable, catalogue: Mapping[str, Collection[str]] | None = None, channel: str | None = None
 ) -> StatedEffect:
     """An effect from one object of a file.
 
     Parameters
     ----------
-    item : JsonObject
+    item : FileTable
     catalogue : mapping, optional
         Ids that are known -> the channels in which each acts. With it the id must be one of them, and every parameter
         that is stated must have a value; without it any id will do, and a parameter without a value is unknown.
@@ -89,7 +90,7 @@ def read_effect(
     )
 
 
-def read_uncertain(parent: JsonObject, key: str) -> Uncertain | None:
+def read_uncertain(parent: FileTable, key: str) -> Uncertain | None:
     """A value with its uncertainty (0 where none is stated), or a bare number; None where there is no value."""
     if is_number(parent.get(key)):
         return Uncertain(float(parent.get(key)))

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, fields, replace
 
-from shockrig.files.json_files import JsonObject
+from shockrig.files.file_table import FileTable
 from shockrig.files.ranges import RANGES
 
 
@@ -42,7 +42,7 @@ ORDINARY_LABORATORY = CommonUncertainty(by_default=frozenset(INPUTS))
 NOTHING_COMMON = CommonUncertainty(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def read_common(head: JsonObject) -> CommonUncertainty | None:
+def read_common(head: FileTable) -> CommonUncertainty | None:
     """What campaign.json states under `common_uncertainty`; None where it states nothing.
 
     Raises

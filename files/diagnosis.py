@@ -26,7 +26,8 @@ from shockrig.files.diagnosis_data import (
     StatedRemainder,
 )
 from shockrig.files.discovered import interval, plain, read_discovered
-from shockrig.files.json_files import JsonObject, as_object, known, read_json, write_json
+from shockrig.files.file_table import FileTable
+from shockrig.files.json_files import as_object, known, read_json, write_json
 
 __all__ = [
     "CHANNELS",
@@ -130,7 +131,7 @@ def _cause_document(cause: StatedCause) -> dict[str, Any]:
     return {**content, **known(at_bound=list(cause.at_bound) or None, evidence=cause.evidence or None)}
 
 
-def _diagnosis(head: JsonObject, catalogue: Catalogue | None) -> StatedDiagnosis:
+def _diagnosis(head: FileTable, catalogue: Catalogue | None) -> StatedDiagnosis:
     head = dataclasses.replace(head, remedy=REMEDY)
     channels = {
         name: _channel(channel, name, catalogue) for name, channel in head.children("channels") if name in CHANNELS
@@ -145,7 +146,7 @@ def _diagnosis(head: JsonObject, catalogue: Catalogue | None) -> StatedDiagnosis
     )
 
 
-def _channel(channel: JsonObject, name: str, catalogue: Catalogue | None) -> StatedChannel:
+def _channel(channel: FileTable, name: str, catalogue: Catalogue | None) -> StatedChannel:
     verdict = channel.text("verdict")
     if verdict is not None and verdict not in VERDICTS:
         raise channel.error("verdict", f"one of {', '.join(VERDICTS)}", verdict)
@@ -161,13 +162,13 @@ def _channel(channel: JsonObject, name: str, catalogue: Catalogue | None) -> Sta
     )
 
 
-def _cause(item: JsonObject, channel: str, catalogue: Catalogue | None) -> StatedCause:
+def _cause(item: FileTable, channel: str, catalogue: Catalogue | None) -> StatedCause:
     effect = read_effect(item, catalogue, channel)
     stated = {field.name: getattr(effect, field.name) for field in dataclasses.fields(effect)}
     return StatedCause(**stated, at_bound=item.texts("at_bound"), evidence=item.text("evidence") or "")
 
 
-def _gain(item: JsonObject) -> StatedGain:
+def _gain(item: FileTable) -> StatedGain:
     return StatedGain(
         held_out_rmse_before=item.number("held_out_rmse_before", at_least=0.0),
         held_out_rmse_after=item.number("held_out_rmse_after", at_least=0.0),
@@ -177,7 +178,7 @@ def _gain(item: JsonObject) -> StatedGain:
     )
 
 
-def _remainder(item: JsonObject) -> StatedRemainder:
+def _remainder(item: FileTable) -> StatedRemainder:
     rms, peak, tolerance = (item.demand(key, item.number(key, at_least=0.0)) for key in ("rms", "peak", "tolerance"))
     significant, material = (item.yes_or_no(key) for key in ("significant", "material"))
     return StatedRemainder(
@@ -193,5 +194,5 @@ def _remainder(item: JsonObject) -> StatedRemainder:
     )
 
 
-def _rest(item: JsonObject, *keys: str) -> dict[str, Any]:
+def _rest(item: FileTable, *keys: str) -> dict[str, Any]:
     return {key: value for key, value in item.content.items() if key not in keys}

@@ -9,7 +9,8 @@ from typing import Any
 
 from shockrig.files.causes import PROBABILITY, read_uncertain
 from shockrig.files.diagnosis_data import BEHAVIOURS, DRIVERS, FACTORS, Dependence, Discovered, EffectSize, Likeness
-from shockrig.files.json_files import JsonObject, is_number, measured
+from shockrig.files.file_table import FileTable, is_number
+from shockrig.files.json_files import measured
 
 
 def plain(value: Any) -> Any:
@@ -28,7 +29,7 @@ def plain(value: Any) -> Any:
     return measured(value) if isinstance(value, float) else value
 
 
-def read_discovered(item: JsonObject) -> Discovered:
+def read_discovered(item: FileTable) -> Discovered:
     """A described effect from one object of a file.
 
     Raises
@@ -76,7 +77,7 @@ def read_discovered(item: JsonObject) -> Discovered:
     )
 
 
-def interval(item: JsonObject, key: str) -> tuple[float, float] | None:
+def interval(item: FileTable, key: str) -> tuple[float, float] | None:
     """Two numbers, the lower one first; None where there are none."""
     ends = item.get(key)
     if ends is None:

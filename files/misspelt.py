@@ -6,10 +6,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import fields
-from difflib import get_close_matches
 
 from shockrig.files.campaign_names import ReferenceResponse
 from shockrig.files.common_uncertainty import INPUTS
+from shockrig.files.spelling import nearest
 
 ALIKE = 0.72  # of difflib's ratio: "airflow" and "airflow_m_s" are, "note" and "name" are not
 
@@ -41,8 +41,8 @@ def misspelt(content: Mapping[str, object], known: Mapping[str, frozenset[str]],
     names = known.get(path, frozenset())
     for key, value in content.items():
         if names and key not in names:
-            near = get_close_matches(key, names - set(content), 1, ALIKE)
+            near = nearest(key, names - set(content), ALIKE)
             if near:
-                yield f"key {path}{key}: is {near[0]} meant?"
+                yield f"key {path}{key}: is {near} meant?"
         if isinstance(value, Mapping):
             yield from misspelt(value, known, f"{path}{key}.")

@@ -14,7 +14,8 @@ from shockrig.files.campaign_names import DEFAULT_BODIES, read_body
 from shockrig.files.causes import StatedEffect, Uncertain, effect_document, read_effect, uncertain_document
 from shockrig.files.discovered import plain, read_discovered
 from shockrig.files.errors import InputError
-from shockrig.files.json_files import JsonObject, as_object, known, read_json, write_json
+from shockrig.files.file_table import FileTable
+from shockrig.files.json_files import as_object, known, read_json, write_json
 from shockrig.files.profile_data import (
     BEAD_RADIUS_M,
     FILM_THICKNESS_M,
@@ -133,7 +134,7 @@ def profile_document(profile: Profile) -> dict[str, Any]:
     return document
 
 
-def _profile(top: JsonObject) -> Profile:
+def _profile(top: FileTable) -> Profile:
     temperature = None if (part := top.child("temperature")) is None else _temperature(part)
     humidity = None if (part := top.child("humidity")) is None else _humidity(part)
     if temperature is None and humidity is None:
@@ -153,7 +154,7 @@ def _profile(top: JsonObject) -> Profile:
     )
 
 
-def _temperature(part: JsonObject) -> TemperatureProfile:
+def _temperature(part: FileTable) -> TemperatureProfile:
     key = "thermal_diffusivity_m2_s"
     stated = part.child(key)
     if stated is None:
@@ -171,7 +172,7 @@ def _temperature(part: JsonObject) -> TemperatureProfile:
     )
 
 
-def _humidity(part: JsonObject) -> HumidityProfile:
+def _humidity(part: FileTable) -> HumidityProfile:
     thickness = part.number("film_thickness_m", RANGES["film_thickness_m"])
     return HumidityProfile(
         diffusivity_table=_table(part),
@@ -183,7 +184,7 @@ def _humidity(part: JsonObject) -> HumidityProfile:
     )
 
 
-def _table(humidity: JsonObject) -> tuple[DiffusivityRow, ...]:
+def _table(humidity: FileTable) -> tuple[DiffusivityRow, ...]:
     times = {item.number("ambient_temperature_c"): _response_time(item) for item in humidity.items("response_time_s")}
     rows: list[DiffusivityRow] = []
     for item in humidity.items("diffusivity_table"):
@@ -210,17 +211,17 @@ def _table(humidity: JsonObject) -> tuple[DiffusivityRow, ...]:
     return tuple(rows)
 
 
-def _rate(stated: JsonObject, key: str) -> float | None:
+def _rate(stated: FileTable, key: str) -> float | None:
     return stated.number(key, RANGES["fitted_m2_s"], positive=True)
 
 
-def _uncertainty(stated: JsonObject, value: float) -> float:
+def _uncertainty(stated: FileTable, value: float) -> float:
     """The standard uncertainty beside a diffusivity; a cautious one where none is stated."""
     given = stated.number("standard_uncertainty", Range(0.0, LARGEST_RELATIVE_UNCERTAINTY * value), at_least=0.0)
     return ASSUMED_RELATIVE_UNCERTAINTY * value if given is None else given
 
 
-def _response_time(stated: JsonObject | None) -> ResponseTime | None:
+def _response_time(stated: FileTable | None) -> ResponseTime | None:
     """The three times; None where one of them is not there."""
     times = [None if stated is None else stated.number(name, positive=True) for name in ("t63", "t90", "t98")]
     given = [time for time in times if time is not None]

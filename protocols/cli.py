@@ -15,7 +15,7 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 
-from shockrig.protocols.parser import Parser, nearest
+from shockrig.protocols.parser import Parser, meant_or
 
 TYPE_CHECKING = False  # as in shockrig/__init__.py
 if TYPE_CHECKING:
@@ -125,7 +125,9 @@ def main(argv: list[str] | None = None) -> int:
         if arguments[0].partition("=")[0] not in OPTIONS:
             parser.error(parser.unknown(arguments[0]))
     elif command not in COMMANDS:
-        parser.error(f"no command {command!r}; {nearest(str(command), COMMANDS, 'shockrig --help lists the commands')}")
+        parser.error(
+            f"no command {command!r}; {meant_or(str(command), COMMANDS, 'shockrig --help lists the commands')}"
+        )
     args = parser.parse_args(arguments)
     if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
         sys.stdout.reconfigure(errors="backslashreplace")  # names of any bytes are printed

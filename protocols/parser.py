@@ -11,6 +11,8 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
 
+from shockrig.files.spelling import nearest
+
 TYPE_CHECKING = False  # as in shockrig/__init__.py
 if TYPE_CHECKING:
     from typing import Any, NoReturn
@@ -59,16 +61,13 @@ class Parser(argparse.ArgumentParser):
         name = word.partition("=")[0]
         # The help is where argparse tells its options without private attributes.
         options = set(re.findall(r"(?<![\w-])--?[A-Za-z][\w-]*", self.format_help()))
-        return f"{name}: no such option; {nearest(name, options, f'{self.prog} --help lists them')}"
+        return f"{name}: no such option; {meant_or(name, options, f'{self.prog} --help lists them')}"
 
 
-def nearest(word: str, known: Iterable[str], otherwise: str) -> str:
+def meant_or(word: str, known: Iterable[str], otherwise: str) -> str:
     """A question after the word that was probably meant, else `otherwise`."""
-    from difflib import get_close_matches  # not needed for --help, which shall answer at once
-
-    names = {name.lstrip("-"): name for name in sorted(known)}  # dashes alone are no likeness
-    alike = get_close_matches(word.lstrip("-"), names, n=1)
-    return f"did you mean {names[alike[0]]}?" if alike else otherwise
+    meant = nearest(word, known)
+    return f"did you mean {meant}?" if meant else otherwise
 
 
 def whole_number(text: str) -> int:

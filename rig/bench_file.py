@@ -24,12 +24,12 @@ from typing import Any
 from shockrig.files.campaign_names import DEFAULT_BODIES, sensor_and_probe
 from shockrig.files.common_uncertainty import INPUTS, read_common
 from shockrig.files.disk import TOML_AT_MOST, read_text
-from shockrig.files.json_files import JsonObject
+from shockrig.files.file_table import FileTable
 from shockrig.files.ranges import RANGES
+from shockrig.files.spelling import did_you_mean
 from shockrig.rig.errors import BenchError, as_bench_errors
-from shockrig.rig.keys import nearest, refuse_unknown_keys
 from shockrig.rig.seams import Backend
-from shockrig.rig.toml_text import read_toml
+from shockrig.rig.toml_text import read_toml, refuse_unknown_keys
 
 # section -> kind -> module:class. A backend is one file and one line here, or an entry point "SECTION.KIND".
 KINDS: dict[str, dict[str, str]] = {
@@ -194,7 +194,7 @@ def check_bench(content: Mapping[str, Any], path: str) -> BenchConfig:
 def _common(content: Mapping[str, Any], path: str) -> dict[str, float]:
     """What is stated of errors that all runs share, as campaign.json will have it."""
     with as_bench_errors():
-        stated = read_common(JsonObject(content, path))
+        stated = read_common(FileTable(content, path))
     if stated is None:
         return {}
     refuse_unknown_keys(content["common_uncertainty"], INPUTS, f"{path}: [common_uncertainty]")
@@ -221,7 +221,7 @@ def _part(section: str, table: Any, where: str) -> InstrumentPart:
         if point.name.startswith(section + ".")
     }
     if not isinstance(kind, str) or kind not in known:
-        raise BenchError(f'{where}: kind = "{kind}" is not known{nearest(str(kind), sorted(known))}')
+        raise BenchError(f'{where}: kind = "{kind}" is not known{did_you_mean(str(kind), sorted(known))}')
     backend = _backend(section, kind, where)
     calibration = {key: str(table[key]) for key in CALIBRATION if key in table}
     own = {key: value for key, value in table.items() if key != "kind" and key not in calibration}

@@ -18,10 +18,10 @@ from typing import Any
 
 from shockrig.files.disk import TOML_AT_MOST, read_bytes, shown
 from shockrig.files.ranges import RANGES, Range
+from shockrig.files.spelling import did_you_mean
 from shockrig.rig.errors import BenchError, as_bench_errors
-from shockrig.rig.keys import nearest, refuse_unknown_keys
 from shockrig.rig.seams import Air
-from shockrig.rig.toml_text import read_toml
+from shockrig.rig.toml_text import read_toml, refuse_unknown_keys
 
 FORMAT = "shock-protocol/1"
 # Of what the steps and faults say, by the unit in the name.
@@ -196,7 +196,7 @@ def parse_protocol(content: bytes, where: str) -> Protocol:
         refuse_unknown_keys(entry, RUN_KEYS, here)
         recipe = entry.get("steps", next(iter(recipes)))
         if not isinstance(recipe, str) or recipe not in recipes:
-            raise BenchError(f"{here}: steps = {recipe!r} is not defined{nearest(str(recipe), recipes)}")
+            raise BenchError(f"{here}: steps = {recipe!r} is not defined{did_you_mean(str(recipe), recipes)}")
         speed_m_s = _number(entry, "airflow_m_s", here, RANGES["airflow_m_s"])
         runs.append(
             PlannedRun(
@@ -302,7 +302,7 @@ def _steps(value: Any, where: str) -> tuple[Step, ...]:
         here = f"{where}, step {number}"
         action = table.get("do")
         if not isinstance(action, str) or action not in STEPS:
-            raise BenchError(f"{here}: do = {action!r} is not an action{nearest(str(action), STEPS)}")
+            raise BenchError(f"{here}: do = {action!r} is not an action{did_you_mean(str(action), STEPS)}")
         refuse_unknown_keys(table, ("do", *(f.name for f in fields(STEPS[action]))), here)
         steps.append(STEPS[action](**_numbers(STEPS[action], {k: v for k, v in table.items() if k != "do"}, here)))
     kinds = [type(step) for step in steps]

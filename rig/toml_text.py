@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
+from shockrig.files.spelling import did_you_mean
 from shockrig.rig.errors import BenchError
 
 MOST_DOTS = 2000  # in a line: tomllib takes a minute for a key of 100 000 parts
@@ -31,6 +32,13 @@ def read_toml(text: str, where: str) -> dict[str, Any]:
         raise BenchError(f"{where}: not TOML: {error}; fix the line") from None
     _demand_numbers(content, where)
     return content
+
+
+def refuse_unknown_keys(table: Iterable[str], known: Iterable[str], where: str) -> None:
+    """Raise BenchError for the first key that is not known, with the nearest one that is."""
+    for key in table:
+        if key not in known:
+            raise BenchError(f"{where}: unknown key {key!r}{did_you_mean(key, known)}")
 
 
 def _demand_numbers(value: object, where: str) -> None:

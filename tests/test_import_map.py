@@ -59,7 +59,7 @@ BAD = {
     ),
     "no such time": ("[log]\ntime = 'Zeit'\n", r"map.toml: key log.time: no column 'Zeit'"),
     "time unit": ("[log]\ntime_unit = 'hPa'\n", r"key log.time_unit: expected one of s, ms"),
-    "not a number": ("[runs]\nbefore_s = 'long'\n", r"key runs.before_s: expected a number, found 'long'"),
+    "not a number": ("[runs]\nbefore_s = 'long'\n", r"key runs.before_s: expected a finite number, found 'long'"),
 }
 
 

@@ -11,8 +11,8 @@ from typing import Any
 from shockrig.files.campaign_names import KNOWN_KINDS
 from shockrig.files.campaign_write import campaign_document, write_run
 from shockrig.files.disk import TABLE_AT_MOST, read_bytes, shown
+from shockrig.files.spelling import did_you_mean
 from shockrig.rig.errors import BenchError
-from shockrig.rig.keys import nearest
 from shockrig.rig.logs.channels import SensorLog, read_sensors
 from shockrig.rig.logs.found import LogStep, steps_of
 from shockrig.rig.logs.mapping import LogMap
@@ -58,7 +58,7 @@ def import_logs(paths: Sequence[Path], map_: LogMap, sensor: str | None = None) 
     """
     where = shown(map_.path)
     if sensor is not None and sensor not in map_.sensors:
-        raise BenchError(f"--sensor {sensor}: {where} has no [sensor.{sensor}]{nearest(sensor, map_.sensors)}")
+        raise BenchError(f"--sensor {sensor}: {where} has no [sensor.{sensor}]{did_you_mean(sensor, map_.sensors)}")
     names = [path.name for path in paths]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:

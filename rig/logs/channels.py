@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.files.disk import shown
+from shockrig.files.spelling import did_you_mean
 from shockrig.rig.errors import BenchError
-from shockrig.rig.keys import nearest
 from shockrig.rig.logs.changes import LogPiece, noise_of, without_spikes
 from shockrig.rig.logs.clocks import guess_clock, guess_format
 from shockrig.rig.logs.log import Column, Log, over_time, read_rows
@@ -134,7 +134,8 @@ def _reference_columns(map_: LogMap, lines: Scan) -> dict[str, dict[str, Column]
                 continue
             where = f"{shown(map_.path)}: key sensor.{sensor.name}.reference"
             if name not in lines.names:
-                raise BenchError(f"{where}: no sensor or column {name!r}{nearest(name, [*map_.sensors, *lines.names])}")
+                meant = did_you_mean(name, [*map_.sensors, *lines.names])
+                raise BenchError(f"{where}: no sensor or column {name!r}{meant}")
             unit = unit_in_name(name)
             quantity = quantity_of(name, unit)
             if quantity not in ("temperature", "humidity"):
@@ -157,7 +158,7 @@ def _clock(map_: LogMap, lines: Scan) -> TimeColumns | None:
         if name not in lines.names and name.isdecimal() and 1 <= int(name) <= len(lines.names):
             name = lines.names[int(name) - 1]
         if name not in lines.names:
-            raise BenchError(f"{shown(map_.path)}: key log.time: no column {name!r}{nearest(name, lines.names)}")
+            raise BenchError(f"{shown(map_.path)}: key log.time: no column {name!r}{did_you_mean(name, lines.names)}")
         names.append(name)
     rows = lines.sample()
     guessed = guess_clock(lines.names, rows, lines.units)

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from shockrig.files.disk import shown
 from shockrig.files.flight_cells import plain_numbers
 from shockrig.files.ranges import RANGES, Range
+from shockrig.files.spelling import did_you_mean
 from shockrig.rig.errors import BenchError
-from shockrig.rig.keys import nearest
 from shockrig.rig.logs.clocks import guess_clock
 from shockrig.rig.logs.lines import Index, Lines
 from shockrig.rig.logs.order import in_order
@@ -128,7 +128,7 @@ def read_rows(
     for name in (*clock.columns, *(column.name for column in columns)):
         if name not in lines.names:
             at = f", line {lines.header_line}" if lines.header_line else ""
-            raise BenchError(f"{shown(path)}{at}: no column {name!r}{nearest(name, lines.names)}")
+            raise BenchError(f"{shown(path)}{at}: no column {name!r}{did_you_mean(name, lines.names)}")
     columns = list({column.name: column for column in columns}.values())
     stamps_read, read = _read_plain(lines, layout, columns, clock) or _read_columns(lines, layout, columns, clock)
     remarks = [_sentence(count, f"lines {reason}", where) for reason, (count, where) in lines.odd.items()]

@@ -9,12 +9,12 @@ from typing import Any
 
 from shockrig.files.campaign_names import BODIES
 from shockrig.files.disk import TOML_AT_MOST, is_there, read_text, shown
+from shockrig.files.file_table import FileTable
 from shockrig.files.ranges import RANGES, Range
-from shockrig.rig.errors import BenchError
+from shockrig.rig.errors import BenchError, as_bench_errors
 from shockrig.rig.logs.mapping import COLUMNS, FORMAT, LogMap, SensorMap, StepMap
 from shockrig.rig.logs.stamps import ISO, NUMBERS, OF_DAY
 from shockrig.rig.logs.text import SEPARATORS, Layout
-from shockrig.rig.logs.toml_table import TomlTable
 from shockrig.rig.logs.units import UNITS, known_unit
 from shockrig.rig.toml_text import read_toml
 
@@ -57,15 +57,16 @@ def read_map(path: Path) -> LogMap:
     return parse_map(read_text(path, remedy, TOML_AT_MOST), path)
 
 
+@as_bench_errors()
 def parse_map(text: str, path: Path) -> LogMap:
     """As `read_map`, from text; `path` names it in errors."""
     where = shown(path)
     content = read_toml(text, where)
-    top = TomlTable(content, where, "")
+    top = FileTable(content, where)
     top.know("format", "name", "log", "sensor", "runs", "steps", "step")
     if content.get("format", FORMAT) != FORMAT:
         raise top.wrong("format", f'"{FORMAT}"')
-    log = top.table("log")
+    log = top.mapping("log")
     log.know(
         *("separator", "decimal", "header_line", "comment", "missing", "time", "time_format", "time_unit"),
         *("every_s", "repeated_stamps"),
@@ -73,40 +74,40 @@ def parse_map(text: str, path: Path) -> LogMap:
     every_s = log.number("every_s", Range(1e-6, 1e6))
     if every_s is not None and "time" in log.content:
         raise BenchError(f"{where}: key log.every_s: is for a log without times, and log.time is stated; leave one out")
-    header_line = log.whole("header_line", 0, 10**9)
+    header_line = log.whole("header_line", Range(0, 10**9))
     decimal = log.one_of("decimal", ("point", "comma"))
     layout = Layout(
         separator=log.one_of("separator", tuple(SEPARATORS)),
         decimal=None if decimal is None else {"point": ".", "comma": ","}[decimal],
         header_line=header_line,
-        comment=log.text("comment"),
-        missing=tuple(str(item) for item in log.several("missing")),
+        comment=log.name("comment"),
+        missing=log.several("missing"),
     )
-    time_unit = log.text("time_unit")
+    time_unit = log.name("time_unit")
     if time_unit is not None and known_unit(time_unit) not in UNITS["time"]:
         raise log.wrong("time_unit", f"one of {', '.join(UNITS['time'])}")
-    runs = top.table("runs")
+    runs = top.mapping("runs")
     runs.know("before_s", "after_s", *_FACTS)
-    steps = top.table("steps")
+    steps = top.mapping("steps")
     steps.know("merge_s", "least_temperature_k", "least_humidity_percent")
     least = {
         "temperature": steps.number("least_temperature_k", Range(1e-6, 100.0)),
         "humidity": steps.number("least_humidity_percent", Range(1e-6, 100.0)),
     }
-    sensors = {name: _sensor(name, table) for name, table in top.tables("sensor")}
+    sensors = {name: _sensor(name, table) for name, table in top.children("sensor")}
     if not sensors:
         raise BenchError(f"{where}: no [sensor.NAME] table; name the columns of one sensor at least, as --look does")
     found = LogMap(
         path=path,
-        name=top.text("name"),
+        name=top.name("name"),
         layout=layout,
-        time=tuple(str(item) for item in log.several("time")),
+        time=log.several("time"),
         time_format=_time_format(log),
         time_unit=None if time_unit is None else known_unit(time_unit),
         every_s=every_s,
         stamps=log.one_of("repeated_stamps", STAMPS) or "auto",
         sensors=sensors,
-        steps=tuple(_step(number, table, sensors) for number, table in enumerate(top.list("step"), start=1)),
+        steps=tuple(_step(number, table, sensors) for number, table in enumerate(top.items("step", first=1), start=1)),
         facts=_facts(runs),
         before_s=runs.number("before_s", _POSITIVE),
         after_s=runs.number("after_s", _POSITIVE),
@@ -118,12 +119,12 @@ def parse_map(text: str, path: Path) -> LogMap:
     return found
 
 
-def _sensor(name: str, table: TomlTable) -> SensorMap:
+def _sensor(name: str, table: FileTable) -> SensorMap:
     units = [f"{key}_unit" for key in COLUMNS]
     table.know(*COLUMNS, *units, "reference", "campaign", "held", "zero_is_missing", *_INSTRUMENTS, *_AS_REFERENCE)
     if not name.isprintable() or set(name) & set('/\\"') or name.startswith("."):
         raise BenchError(
-            f"{table.where}: key sensor.{name}: expected a plain name, which becomes a folder's; rename it"
+            f"{table.source}: key sensor.{name}: expected a plain name, which becomes a folder's; rename it"
         )
     columns: dict[str, tuple[str, str | None]] = {}
     for key, quantity in COLUMNS.items():
@@ -132,22 +133,22 @@ def _sensor(name: str, table: TomlTable) -> SensorMap:
             continue
         if not isinstance(column, str | int) or isinstance(column, bool):
             raise table.wrong(key, "the name of a column, or its number from 1")
-        said = table.text(f"{key}_unit")
+        said = table.name(f"{key}_unit")
         unit = said if said in UNITS[quantity] else None if said is None else known_unit(said)
         if said is not None and unit not in UNITS[quantity]:
             raise table.wrong(f"{key}_unit", f"one of {', '.join(UNITS[quantity])}")
         columns[key] = (str(column), unit)
     if not {"temperature", "humidity"} & set(columns):
         raise BenchError(
-            f'{table.where}: [{table.path.rstrip(".")}]: names no column; add temperature = "..." or humidity = "..."'
+            f'{table.source}: [{table.path.rstrip(".")}]: names no column; add temperature = "..." or humidity = "..."'
         )
     instruments = {}
     for kind, length in _INSTRUMENTS.items():
-        of_kind = table.table(kind)
+        of_kind = table.mapping(kind)
         of_kind.know("kind", "serial", "body", length)
         said_of = {
-            "kind": of_kind.text("kind"),
-            "serial": of_kind.text("serial"),
+            "kind": of_kind.name("kind"),
+            "serial": of_kind.name("serial"),
             length: of_kind.number(length, RANGES[length]),
             "body": of_kind.one_of("body", BODIES),
         }
@@ -156,9 +157,9 @@ def _sensor(name: str, table: TomlTable) -> SensorMap:
     return SensorMap(
         name=name,
         columns=columns,
-        reference=tuple(str(item) for item in table.several("reference")),
+        reference=table.several("reference"),
         is_campaign=table.flag("campaign"),
-        held=table.whole("held", 1, 10000),
+        held=table.whole("held", Range(1, 10000)),
         zero_is_missing=bool(table.flag("zero_is_missing")),
         thermometer=instruments["thermometer"],
         hygrometer=instruments["hygrometer"],
@@ -166,12 +167,12 @@ def _sensor(name: str, table: TomlTable) -> SensorMap:
     )
 
 
-def _step(number: int, table: TomlTable, sensors: Mapping[str, SensorMap]) -> StepMap:
+def _step(number: int, table: FileTable, sensors: Mapping[str, SensorMap]) -> StepMap:
     known = ("log", "piece", "at", "uncertainty_s", "use", "sensors", "from", "until", "start", "note")
     table.know(*known, *_FACTS)
     if "at" not in table.content and "start" not in table.content:
-        raise BenchError(f"{table.where}: key {table.path}at: is missing; say when it was, on the log's clock")
-    of = tuple(str(item) for item in table.several("sensors"))
+        raise BenchError(f"{table.source}: key {table.path}at: is missing; say when it was, on the log's clock")
+    of = table.several("sensors")
     for name in of:
         if name not in sensors:
             raise table.wrong("sensors", f"names of [sensor.NAME] tables ({', '.join(sensors)})")
@@ -179,8 +180,8 @@ def _step(number: int, table: TomlTable, sensors: Mapping[str, SensorMap]) -> St
     return StepMap(
         number=number,
         at=table.content.get("at", table.content.get("start")),
-        log=table.text("log"),
-        piece=table.whole("piece", 1, 10**6),
+        log=table.name("log"),
+        piece=table.whole("piece", Range(1, 10**6)),
         uncertainty_s=table.number("uncertainty_s", _POSITIVE),
         is_used=True if used is None else used,
         sensors=of,
@@ -191,22 +192,22 @@ def _step(number: int, table: TomlTable, sensors: Mapping[str, SensorMap]) -> St
     )
 
 
-def _facts(table: TomlTable) -> dict[str, Any]:
+def _facts(table: FileTable) -> dict[str, Any]:
     """What is known of runs: airs, airflow, pressure, duration of the transfer."""
     facts: dict[str, Any] = {}
     for key, limits in _FACTS.items():
         if limits is not None:
             facts[key] = table.number(key, limits)
             continue
-        air = table.table(key)
+        air = table.mapping(key)
         air.know("temperature_c", "humidity_percent")
         numbers = {name: air.number(name, RANGES[name]) for name in ("temperature_c", "humidity_percent")}
         facts[key] = {name: value for name, value in numbers.items() if value is not None} or None
     return {key: value for key, value in facts.items() if value is not None}
 
 
-def _time_format(log: TomlTable) -> str | None:
-    said = log.text("time_format")
+def _time_format(log: FileTable) -> str | None:
+    said = log.name("time_format")
     if said is not None and said not in (ISO, NUMBERS, OF_DAY) and "%" not in said:
         raise log.wrong(
             "time_format", f'a strptime format such as "%d.%m.%Y %H:%M:%S", "{ISO}", "{NUMBERS}" or "{OF_DAY}"'

@@ -22,8 +22,8 @@ from shockrig.files.campaign_write import campaign_document, run_document, table
 from shockrig.files.disk import is_there, read_bytes, real_path, shown, write_whole
 from shockrig.files.errors import InputError
 from shockrig.files.json_files import read_json
+from shockrig.files.spelling import did_you_mean
 from shockrig.rig.errors import BenchError, as_bench_errors
-from shockrig.rig.keys import nearest
 from shockrig.rig.logs.channels import read_sensors
 from shockrig.rig.logs.guess import Guess, guess_log
 from shockrig.rig.logs.mapping import LogMap, SensorMap
@@ -155,7 +155,7 @@ def _no_column(lines: Scan, what: str, option: str) -> BenchError:
 def _place(lines: Scan, asked: str) -> str:
     if asked not in lines.names and not (asked.isdecimal() and 1 <= int(asked) <= len(lines.names)):
         at = f", line {lines.header_line}" if lines.header_line else ""
-        raise BenchError(f"{shown(lines.path)}{at}: no column {asked!r}{nearest(asked, lines.names)}")
+        raise BenchError(f"{shown(lines.path)}{at}: no column {asked!r}{did_you_mean(asked, lines.names)}")
     return asked
 
 
