@@ -19,6 +19,7 @@ import jsonschema
 import numpy as np
 import pytest
 from processes import ended, heard, in_background
+from small_worlds import small_plan
 
 from shockrig.analysis.characterization.extension import read_extension
 from shockrig.analysis.diagnosis import search as searching
@@ -30,7 +31,6 @@ from shockrig.protocols.cli import main
 from shockrig.protocols.reveal import score
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.hide import seal
-from shockrig.rig.virtual.plans import standard_plan
 from shockrig.rig.virtual.truth import Hidden, draw_truth
 
 ROOT = Path(__file__).parent.parent
@@ -48,7 +48,7 @@ def film(tmp_path_factory):
     rng = np.random.default_rng(20)
     hidden = [Hidden("convective_film", {"biot_at_5_m_s": 0.1}, ("temperature",))]
     truth = replace(draw_truth(rng, effects=hidden), thermal_diffusivity_m2_s=5.0e-7)
-    campaign = simulate_campaign(truth, standard_plan(), rng, home / "campaign")
+    campaign = simulate_campaign(truth, small_plan(), rng, home / "campaign")
     sealed = seal(home / "truth.sealed", truth, 20)
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
@@ -173,10 +173,16 @@ def test_what_was_emulated_is_said_to_be_invented(film):
 @pytest.fixture
 def two_runs(tmp_path):
     """Two runs of an example, in which humidity steps and temperature does not."""
-    campaign = tmp_path / "campaign"
-    shutil.copytree(EXAMPLES / "plain-rough", campaign)
-    for run in sorted((campaign / "runs").iterdir())[2:]:
-        shutil.rmtree(run)
+    return some_runs(tmp_path / "campaign", slice(2))
+
+
+def some_runs(campaign, kept, *left_out):
+    """A copy of an example of another program with those of its 33 runs that are wanted, less files."""
+    shutil.copytree(EXAMPLES / "plain-rough", campaign, ignore=shutil.ignore_patterns(*left_out))
+    runs = sorted((campaign / "runs").iterdir())
+    for run in runs:
+        if run not in runs[kept]:
+            shutil.rmtree(run)
     return campaign
 
 
@@ -216,10 +222,7 @@ def test_bad_input_is_named(arguments, word, tmp_path, capsys):
 
 
 def test_one_sensor_alone_is_diagnosed_and_the_other_is_said_to_be_missing(tmp_path, capsys):
-    campaign = tmp_path / "campaign"
-    shutil.copytree(EXAMPLES / "plain-rough", campaign)
-    for file in campaign.glob("runs/*/hyt.csv"):
-        file.unlink()
+    campaign = some_runs(tmp_path / "campaign", slice(12, None), "hyt.csv")
     assert main(["diagnose", str(campaign), "--out", str(tmp_path / "out")]) == 0
     printed = capsys.readouterr().out
     assert "temperature: adequate" in printed and "The film could not be diagnosed" in printed
@@ -239,7 +242,7 @@ def test_one_sensor_alone_is_diagnosed_and_the_other_is_said_to_be_missing(tmp_p
 )
 def test_a_signal_ends_all_processes_with_one_line_and_leaves_nothing(tmp_path, interrupt, number, begin, code):
     """As a terminal sends Ctrl-C, to the command and to its branches; and to the command alone, which ends them."""
-    shutil.copytree(EXAMPLES / "plain-rough", tmp_path / "bead", ignore=shutil.ignore_patterns("hyt.csv"))
+    some_runs(tmp_path / "bead", slice(20, None), "hyt.csv")
     # The search takes for ever, so that the command is at it however late the signal comes.
     endless = (
         "import sys, time; from shockrig.analysis.diagnosis import diagnose; from shockrig.protocols.cli import main"
