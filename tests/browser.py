@@ -4,11 +4,15 @@ import fcntl
 import json
 import os
 import select
+import shutil
 import subprocess
 from contextlib import contextmanager
 
-from test_watch_page import CHROMIUM, FLAGS
-
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+FLAGS = (
+    "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
+    "--disable-component-update --disable-sync"
+).split()
 WITHIN_S = 60.0
 
 

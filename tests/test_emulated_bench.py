@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import CHROMIUM, FLAGS
 from processes import ended, heard, wait_for
 from test_watch import Terminal
-from test_watch_page import CHROMIUM, FLAGS
 
 from shockrig.files.profile import read_profile
 from shockrig.rig.recorder import read_state

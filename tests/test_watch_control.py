@@ -14,12 +14,12 @@ import time
 from contextlib import contextmanager
 
 import pytest
+from browser import CHROMIUM, FLAGS
 from fake_bench import fake_bench, plan
 from fake_bench import run as record
 from made_recordings import STATUS, made_campaign, reading
 from processes import ended, heard, wait_for
 from test_watch import ROOT, live  # noqa: F401  a fixture
-from test_watch_page import CHROMIUM, FLAGS
 
 from shockrig.files.campaign import read_campaign
 from shockrig.protocols.cli import main

@@ -3,22 +3,17 @@
 import http.client
 import json
 import re
-import shutil
 import subprocess
 import threading
 import time
 
 import pytest
+from browser import CHROMIUM, FLAGS
 from made_recordings import STATUS, made_campaign, reading
 
 from shockrig.protocols.watch.web import WatchServer
 from shockrig.rig.watch.follow import Follower
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-FLAGS = (
-    "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
-    "--disable-component-update --disable-sync"
-).split()
 RAN = "document.title='ran'"
 
 
