@@ -75,11 +75,12 @@ def causes(flight: Flight, bead: FlightChannel, channel: FlightChannel) -> list[
         return np.asarray((lags * response.weight).sum(axis=1))
 
     reading, slowest = value - np.nan_to_num(channel.lag), response.slowest_s
+    shortest_s, longest_s = LONGER[0] * slowest, LONGER[1] * slowest
     found = [
         LikelyCause(
             value - behind(value, times * slowest),
             True,
-            f"a second lag of some {LONGER[0] * slowest:.2g} to {LONGER[1] * slowest:.2g} s beside the profile's: "
+            f"a second lag of some {shortest_s:.2g} to {longest_s:.2g} s beside the profile's: "
             "characterize with a longer dwell and diagnose "
             f"({named_effects(channel.name, lambda flown: flown.lag is not None)})",
         )
