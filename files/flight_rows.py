@@ -5,6 +5,7 @@ What is no number is missing. A row is damaged where it is cut short or has text
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.files.errors import InputError
-from shockrig.files.flight import Flight, FlightColumns, squeeze
-from shockrig.files.flight_cells import Rows, numbers_of, of_cells, read_blocks
+from shockrig.files.flight import Flight, FlightColumns, read_layout, squeeze
+from shockrig.files.flight_cells import Rows, joined, numbers_of, of_cells, read_blocks
 from shockrig.files.flight_intermet import day_first
 from shockrig.files.ranges import RANGES
 
@@ -109,6 +110,21 @@ def to_flight(rows: Rows | list[list[str]], layout: FlightColumns) -> Flight:
     pressure = _possible(pressure, layout)
     time_s = _apart(_times(rows, layout), np.stack([temperature, humidity, die]))
     return Flight(time_s, temperature, humidity, numbers("airspeed"), die, pressure, altitude, latitude, longitude)
+
+
+def whole_flight(path: Path, columns: Mapping[str, str] | None = None) -> Flight:
+    """All rows of a flight's CSV file; `columns` as `chosen` of `read_layout`.
+
+    Raises
+    ------
+    InputError
+        The columns cannot be told, or there is no row.
+    """
+    layout = read_layout(path, columns)
+    blocks = list(read_blocks(path, layout, BLOCK_ROWS))
+    if not blocks:
+        raise InputError(f"{path}: no rows under the header; give a log with samples")
+    return to_flight(joined(blocks), layout)
 
 
 def _apart(time_s: Array, readings: Array) -> Array:

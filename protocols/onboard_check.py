@@ -7,7 +7,7 @@ import os
 import shutil
 import subprocess
 import tempfile
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from io import StringIO
 from pathlib import Path
 
@@ -17,9 +17,8 @@ from shockrig.analysis.flight.causal import Corrector
 from shockrig.analysis.flight.causal_design import Design
 from shockrig.analysis.flight.causal_flight import rows_of
 from shockrig.files.errors import InputError
-from shockrig.files.flight import Flight, read_layout
-from shockrig.files.flight_cells import joined, read_blocks
-from shockrig.files.flight_rows import BLOCK_ROWS, to_flight
+from shockrig.files.flight import Flight
+from shockrig.files.flight_rows import whole_flight
 from shockrig.protocols.flight_logs import to_csv
 
 STRICT = ("-O2", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
@@ -67,15 +66,7 @@ def read_flight(path: Path) -> Flight:
     """All rows of a flight, in any form that `correct` takes."""
     with tempfile.TemporaryDirectory() as folder:
         made = Path(folder) / f"{path.stem}.csv"
-        return _rows(made if to_csv(path, made) else path)
-
-
-def _rows(path: Path) -> Flight:
-    layout = read_layout(path)
-    blocks = list(read_blocks(path, layout, BLOCK_ROWS))
-    if not blocks:
-        raise InputError(f"{path}: no rows under the header; give a log with samples")
-    return to_flight(joined(blocks), layout)
+        return whole_flight(made if to_csv(path, made) else path)
 
 
 def as_csv(flight: Flight) -> str:
@@ -83,16 +74,8 @@ def as_csv(flight: Flight) -> str:
     text = StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
-    fields = (
-        flight.time_s,
-        flight.temperature_c,
-        flight.humidity_percent,
-        flight.airspeed_m_s,
-        flight.pressure_hpa,
-        flight.die_temperature_c,
-    )
-    for values in zip(*(column.tolist() for column in fields), strict=True):
-        writer.writerow(["" if value != value else repr(value) for value in values])
+    for row in rows_of(flight):
+        writer.writerow(["" if value != value else repr(value) for value in astuple(row)])
     return text.getvalue()
 
 

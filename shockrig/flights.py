@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from shockrig.files.errors import InputError
-from shockrig.files.flight import Flight, read_layout
-from shockrig.files.flight_cells import joined, read_blocks
-from shockrig.files.flight_rows import BLOCK_ROWS, to_flight
+from shockrig.files.flight import Flight
+from shockrig.files.flight_rows import whole_flight
 from shockrig.protocols.flight_logs import to_csv
 from shockrig.remedies import as_python
 
@@ -67,8 +66,8 @@ def read_flight(
         made = Path(folder) / "rows.csv"
         try:
             if to_csv(source, made, columns=columns, map_path=None if map is None else Path(map)):
-                return _rows(made, None)
-            return _rows(source, columns)
+                return whole_flight(made)
+            return whole_flight(source, columns)
         except InputError as error:
             said = str(error).replace(str(made), called).replace(str(source), called)
             raise InputError(said.replace(f"{called}, line 1:", f"{called}:")) from error
@@ -87,9 +86,3 @@ def with_times(frame: pd.DataFrame) -> pd.DataFrame:
     if isinstance(index, pd.TimedeltaIndex):
         frame[first] = frame[first].dt.total_seconds()
     return frame
-
-
-def _rows(path: Path, columns: Mapping[str, str] | None) -> Flight:
-    layout = read_layout(path, columns)
-    blocks = list(read_blocks(path, layout, BLOCK_ROWS))
-    return to_flight(joined(blocks) if blocks else [], layout)

@@ -605,19 +605,11 @@ static float resolved_rate(const bank *b) {
 }
 
 static bank bead_of(shock_state *state) {
-  bank b = {&BEAD, NULL, NULL, NULL};
-  b.own = &state->bead;
-  b.mean = state->bead_mean;
-  b.p = state->bead_p;
-  return b;
+  return (bank){&BEAD, &state->bead, state->bead_mean, state->bead_p};
 }
 
 static bank film_of(shock_state *state) {
-  bank b = {&FILM, NULL, NULL, NULL};
-  b.own = &state->film;
-  b.mean = state->film_mean;
-  b.p = state->film_p;
-  return b;
+  return (bank){&FILM, &state->film, state->film_mean, state->film_p};
 }
 
 static void anew(shock_channel *own) {
