@@ -40,6 +40,7 @@ COMMANDS = {
     "history": ("history", "chart the campaigns of one serial number, and say what changed and since when"),
     "correct": ("correct", "correct a flight's temperature and humidity with a profile"),
     "onboard": ("onboard", "write a profile's correction as a C and a Lua program for autopilots"),
+    "fly": ("fly", "on a drone's computer: read sensors, correct, log and tell, by MAVLink and DroneCAN"),
     "simulate": ("simulate", "simulate weather and a sensor flown through it, to files"),
     "example": ("example", "list or copy samples that ship: campaigns, a log with steps, a flight with position"),
     "tour": ("tour", "bench, log and flight in ten minutes, command by command"),

@@ -7,6 +7,7 @@ sensor that is read most often; what is read more seldom stands in the nearest r
 from __future__ import annotations
 
 import csv
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -15,6 +16,8 @@ from numpy.typing import NDArray
 
 from shockrig.files.disk import shown
 from shockrig.files.errors import InputError
+from shockrig.files.flight import Flight
+from shockrig.files.flight_rows import whole_flight
 
 Array = NDArray[np.float64]
 COLUMNS = {
@@ -138,3 +141,10 @@ def _write(source: Path, found: Mapping[str, Series], target: Path) -> None:
             form = formats.get(quantity, "%.5g" if quantity == "airspeed" else "%.4f")
             columns.append(["" if v != v else form % v for v in column.tolist()])
         writer.writerows(zip(*columns, strict=True))
+
+
+def read_flight(path: Path) -> Flight:
+    """All rows of a flight, in any form that `correct` takes."""
+    with tempfile.TemporaryDirectory() as folder:
+        made = Path(folder) / f"{path.stem}.csv"
+        return whole_flight(made if to_csv(path, made) else path)

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,11 @@ from shockrig.files.disk import TABLE_AT_MOST, open_text, shown
 from shockrig.files.errors import InputError
 from shockrig.files.profile import Profile
 from shockrig.files.ranges import RANGES, Range
+from shockrig.protocols.flight_logs import read_flight
 from shockrig.rig.seams import Air
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 LONGEST_S = 90_000.0
@@ -47,24 +51,14 @@ def read_flown_air(path: Path) -> Weather:
     """The air along a flight: time_s, temperature_c, humidity_percent and, where known, airspeed_m_s, pressure_hpa.
 
     The corrected columns of a corrected flight are taken before the readings; between rows the air is a straight line.
+    A log without time_s is read as `correct` reads it, in any form.
 
     Raises
     ------
     InputError
         A column is missing, time does not rise, or a value cannot be: names the file, the line, the remedy.
     """
-    import pandas as pd
-
-    try:
-        with open_text(path, "name a flight's CSV file", TABLE_AT_MOST) as stream, warnings.catch_warnings():
-            warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the header would be cut short
-            frame = pd.read_csv(stream, index_col=False, skipinitialspace=True, low_memory=False)
-    except InputError:
-        raise
-    except (ValueError, UnicodeDecodeError, pd.errors.ParserWarning) as error:
-        raise InputError(f"{path}: cannot be read as CSV ({' '.join(str(error).split())})") from None
-    if "time_s" not in frame:
-        raise InputError(f"{path}, line 1: no column time_s; a flight has time_s, temperature_c, humidity_percent")
+    frame = _frame(path)
     time_s = _numbers(frame["time_s"], path, "time_s")
     if time_s.size < 2:
         raise InputError(f"{path}: fewer than two rows; give a flight")
@@ -105,6 +99,28 @@ def read_flown_air(path: Path) -> Weather:
         air["pressure_hpa"],
         air["altitude_m"],
     )
+
+
+def _frame(path: Path) -> pd.DataFrame:
+    import pandas as pd
+
+    why = ""
+    try:
+        with open_text(path, "name a flight's CSV file", TABLE_AT_MOST) as stream, warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the header would be cut short
+            frame = pd.read_csv(stream, index_col=False, skipinitialspace=True, low_memory=False)
+    except InputError:
+        raise
+    except (ValueError, UnicodeDecodeError, pd.errors.ParserWarning) as error:
+        frame, why = None, f"cannot be read as CSV ({' '.join(str(error).split())})"
+    if frame is not None and "time_s" in frame:
+        return frame
+    try:
+        flight = read_flight(path)
+    except InputError as error:
+        raise InputError(f"{path}: {why}") if frame is None else error from None
+    found = {one.name: values for one in fields(flight) if (values := getattr(flight, one.name)) is not None}
+    return pd.DataFrame(found)[np.isfinite(flight.time_s)]
 
 
 def _numbers(column: Any, path: Path, name: str) -> Array:

@@ -6,7 +6,6 @@ import csv
 import os
 import shutil
 import subprocess
-import tempfile
 from dataclasses import astuple, dataclass
 from io import StringIO
 from pathlib import Path
@@ -18,8 +17,6 @@ from shockrig.analysis.flight.causal_design import Design
 from shockrig.analysis.flight.causal_flight import rows_of
 from shockrig.files.errors import InputError
 from shockrig.files.flight import Flight
-from shockrig.files.flight_rows import whole_flight
-from shockrig.protocols.flight_logs import to_csv
 
 STRICT = ("-O2", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
 LONGEST_RUN_S = 600.0
@@ -60,13 +57,6 @@ def build(folder: Path, cc: str, place: Path, options: tuple[str, ...] = STRICT)
     if done.returncode:
         raise InputError(f"{cc} does not build {folder}: {done.stderr.strip()[:400]}")
     return target
-
-
-def read_flight(path: Path) -> Flight:
-    """All rows of a flight, in any form that `correct` takes."""
-    with tempfile.TemporaryDirectory() as folder:
-        made = Path(folder) / f"{path.stem}.csv"
-        return whole_flight(made if to_csv(path, made) else path)
 
 
 def as_csv(flight: Flight) -> str:

@@ -20,12 +20,12 @@ from shockrig.files.disk import read_bytes
 _encode = json.JSONEncoder(separators=(",", ":"), allow_nan=False, ensure_ascii=True).encode
 
 
-class JournalWriter:
-    """Appends records to a new file; every record is handed to the operating system at once.
+class AppendedFile:
+    """A new file that lines are appended to; every line is handed to the operating system at once.
 
-    A killed process therefore loses at most the record being written. Against a power cut the file is also forced to
+    A killed process therefore loses at most the line being written. Against a power cut the file is also forced to
     the disk, once in `sync_every_s` (None: never, for virtual clocks). A thread of its own waits for that, because a
-    memory card may take a second, in which the sensors' lines would come late. What it finds wrong, the next append
+    memory card may take a second, in which the sensors' lines would come late. What it finds wrong, the next line
     says.
     """
 
@@ -36,10 +36,8 @@ class JournalWriter:
         self._disk = None if sync_every_s is None else ThreadPoolExecutor(1, "journal")
         self._syncing: Future[None] | None = None
 
-    def append(self, record: list[Any], now_s: float) -> None:
-        """Write one record, stamped by the caller; raises OSError when the disk is full or gone."""
-        text = _encode(record).encode("ascii")
-        line = b"%08x %b\n" % (zlib.crc32(text), text)
+    def write(self, line: bytes, now_s: float) -> None:
+        """Write one line, its line feed with it; raises OSError when the disk is full or gone."""
         written = os.write(self._file, line)
         while written < len(line):  # a disk about to be full takes a part; the next write says why
             written += os.write(self._file, line[written:])
@@ -63,6 +61,15 @@ class JournalWriter:
                     os.fsync(file)
             finally:
                 os.close(file)
+
+
+class JournalWriter(AppendedFile):
+    """Appends records to a new journal."""
+
+    def append(self, record: list[Any], now_s: float) -> None:
+        """Write one record, stamped by the caller; raises OSError when the disk is full or gone."""
+        text = _encode(record).encode("ascii")
+        self.write(b"%08x %b\n" % (zlib.crc32(text), text), now_s)
 
 
 @dataclass(frozen=True)

@@ -30,8 +30,9 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.analysis.onboard.source import c_source, flown, lua_source, state_bytes
     from shockrig.files.errors import InputError
     from shockrig.files.profile import read_profile
+    from shockrig.protocols.flight_logs import read_flight
     from shockrig.protocols.folder import software_version, whole_folder
-    from shockrig.protocols.onboard_check import build, compiler, difference, read_flight, reference, run
+    from shockrig.protocols.onboard_check import build, compiler, difference, reference, run
 
     if args.period_s is not None and not 1e-3 <= args.period_s <= 60.0:
         raise InputError(f"--period-s {args.period_s:g}: expected 0.001 to 60 s")

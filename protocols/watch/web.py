@@ -22,7 +22,7 @@ from dataclasses import asdict
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
-from typing import Any
+from typing import Any, Protocol, cast
 from urllib.parse import urlsplit
 
 from shockrig.protocols.watch import step_back
@@ -35,8 +35,8 @@ POLICY = (
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 FILES = {
-    "/": ("page.html", "text/html; charset=utf-8"),
-    "/page.js": ("page.js", "text/javascript; charset=utf-8"),
+    "/": ("{page}.html", "text/html; charset=utf-8"),
+    "/page.js": ("{page}.js", "text/javascript; charset=utf-8"),
     "/page.css": ("page.css", "text/css; charset=utf-8"),
 }
 TOKEN_HEADER = "X-Shockrig-Token"
@@ -45,8 +45,15 @@ LOOK_AT_MOST_EVERY_S = 0.2
 REQUEST_WITHIN_S = 10.0
 
 
+class Watched(Protocol):
+    """What a page shows: a dataclass with a `summary()`, made anew at each look."""
+
+    def look(self) -> Any: ...
+
+
 class WatchServer(ThreadingHTTPServer):
-    """Serves one campaign on `host`:`port` (0: any free port). `url` is where.
+    """Serves one campaign on `host`:`port` (0: any free port), or something else with a `page` of its own in
+    data/watch. `url` is where.
 
     With a `token` the page may control the recording; its address then ends in the token, behind a # that no browser
     sends.
@@ -55,7 +62,7 @@ class WatchServer(ThreadingHTTPServer):
     daemon_threads = True
     request_queue_size = 128  # a page with several tabs asks at once, and so does whoever measures
 
-    def __init__(self, follower: Follower, host: str, port: int, token: str = "") -> None:
+    def __init__(self, follower: Watched, host: str, port: int, token: str = "", page: str = "page") -> None:
         self.host = host
         self.token = token
         self._follower = follower
@@ -63,7 +70,9 @@ class WatchServer(ThreadingHTTPServer):
         self._answer = b""
         self._answered_s = float("-inf")
         folder = resources.files("shockrig.data") / "watch"
-        self.files = {path: ((folder / name).read_bytes(), kind) for path, (name, kind) in FILES.items()}
+        self.files = {
+            path: ((folder / name.format(page=page)).read_bytes(), kind) for path, (name, kind) in FILES.items()
+        }
         if ":" in host:
             self.address_family = socket.AF_INET6
         super().__init__((host, port), _Handler)
@@ -103,9 +112,10 @@ class WatchServer(ThreadingHTTPServer):
         except (ValueError, AttributeError, TypeError, RecursionError):
             raise BenchError('expected {"action": ..., "run": ..., "text": ...}') from None
         with self._lock:
-            if self._follower.look().state not in ("recording", "asking", "stalled"):
+            campaign = cast(Follower, self._follower)  # nothing else is controlled
+            if campaign.look().state not in ("recording", "asking", "stalled"):
                 raise BenchError("nothing is being recorded")
-            leave_request(self._follower.path, request)
+            leave_request(campaign.path, request)
 
     def is_known(self, host: str | None) -> bool:
         """Whether a Host header is an address, localhost, or the name that the server was told to listen at."""
