@@ -179,6 +179,12 @@ class FlightWorld:
     def pressure_hpa(self, at_s: float) -> float:
         return float(np.interp(self._inside(at_s), self.weather.time_s, self.weather.pressure_hpa))
 
+    def airspeed_m_s(self, at_s: float) -> float:
+        return float(np.interp(self._inside(at_s), self.weather.time_s, self.weather.airspeed_m_s))
+
+    def altitude_m(self, at_s: float) -> float:
+        return float(np.interp(self._inside(at_s), self.weather.time_s, self.weather.altitude_m))
+
     def begin_transfer(self, at_s: float, duration_s: float | None = None) -> None:
         """A carriage changes nothing in flight."""
 

@@ -12,7 +12,8 @@ from shockrig.protocols.parser import whole_number
 PRESSURE_HPA = 1013.25
 CHAMBERS_FILE = "chambers.toml"
 REGISTERS = ("temperature", "humidity", "airflow")  # of the emulated chambers and fan, from 0
-KINDS = ("imet-xf", "imet-xq2", "imet-xq", "hyt-271", "grbl")
+KINDS = ("imet-xf", "imet-xq2", "imet-xq", "hyt-271", "sht31", "sht41", "bme280", "grbl")
+NODE_HZ, NODE = 10.0, 42
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,8 +23,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "kinds",
         metavar="KIND",
-        nargs="+",
-        choices=KINDS,
+        nargs="*",
+        choices=(*KINDS, []),  # argparse looks for the empty list too
         help=f"{', '.join(KINDS)}; one named twice is there twice, on a further probe",
     )
     parser.add_argument(
@@ -59,6 +60,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     air.add_argument("--source", metavar="DEGC,RH", default="20,50", help="air where the probes are (default 20,50)")
     air.add_argument("--destination", metavar="DEGC,RH", default="40,20", help="air where grbl carries them")
     air.add_argument("--airflow", metavar="M_S", type=float, default=6.0, help="past the probes (default 6)")
+    links = parser.add_argument_group("as a node on links, with or without instruments beside it")
+    links.add_argument("--dronecan", metavar="ADDRESS", help="mcast: or a CAN interface such as can0")
+    links.add_argument(
+        "--mavlink", metavar="ADDRESS", help="udpout:HOST:PORT or a serial port; in a flight with an autopilot's stream"
+    )
     parser.add_argument(
         "--fault",
         action="append",
@@ -79,7 +85,7 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.files.ranges import RANGES, Range
     from shockrig.rig.errors import BenchError
     from shockrig.rig.virtual.emulate.i2c_socket import build_preload
-    from shockrig.rig.virtual.emulate.session import FastClock, Options, Session, instruments_of, probes_of
+    from shockrig.rig.virtual.emulate.session import BAUD, FastClock, Options, Session, instruments_of, probes_of
 
     if args.build is not None:
         print(f"{build_preload(args.build)}: name it in LD_PRELOAD, and the socket in SHOCKRIG_I2C_{args.bus}")
@@ -96,14 +102,18 @@ def main(args: argparse.Namespace) -> int:
     airs = (*_both_airs(args), args.airflow) if args.chambers else None
     if airs is not None and args.flight is not None:
         raise BenchError("--chambers: make the airs of a bench; a flight has its own")
+    linked = bool(args.dronecan or args.mavlink)
+    if not args.kinds and not linked:
+        raise BenchError(f"nothing to emulate: name {', '.join(KINDS)}, or give --dronecan or --mavlink")
     options = Options(
-        args.address, args.bus, args.rate_hz, args.humidity, args.second, seed=args.seed, faults=faults, chambers=airs
-    )
+        args.address, args.bus, args.rate_hz, args.humidity, args.second,
+        seed=args.seed, faults=faults, chambers=airs, linked=linked,
+    )  # fmt: skip
     instruments = instruments_of(args.kinds, options)
     probes = probes_of(instruments)
     if args.flight is not None and probes > 1:
         raise BenchError(f"--flight: one probe flies, and {' '.join(args.kinds)} are {probes}; emulate them one by one")
-    serial = [one.name for one in instruments if one.kind != "hyt-271"]
+    serial = [one.name for one in instruments if one.kind in BAUD]
     links = _links(args.link, serial)
     if args.profile is not None and args.flight is None:
         raise BenchError(f"--profile {args.profile}: flies only with --flight FLIGHT.csv")
@@ -123,6 +133,9 @@ def main(args: argparse.Namespace) -> int:
             args.kinds, worlds, clock, folder.resolve(), unix_s=time.time, truth=args.truth, options=options
         )
         stack.callback(session.close)
+        vehicle = _vehicle(args, faults, session, worlds[0], clock) if linked else None
+        if vehicle is not None:
+            stack.callback(vehicle.close)
         for name, link in links.items():
             _link(link, session.serial[name])
             stack.callback(link.unlink, missing_ok=True)
@@ -131,16 +144,44 @@ def main(args: argparse.Namespace) -> int:
             stack.callback((folder / CHAMBERS_FILE).unlink, missing_ok=True)
         with contextlib.suppress(KeyboardInterrupt):  # who reads how to reach them may end them in the same moment
             _introduce(args, session, links, folder)
-            _serve(clock, session, end_s, args.speed)
+            _serve(clock, session, end_s, args.speed, vehicle)
         if session.witness.trouble:
             raise BenchError(session.witness.trouble)
     return 0
 
 
-def _serve(clock: Any, session: Any, end_s: float | None, speed: float) -> None:
-    """Wait while the instruments' own threads work."""
+def _vehicle(args: argparse.Namespace, faults: Any, session: Any, world: Any, clock: Any) -> Any:
+    """The node on its links, and of a flight the autopilot beside it."""
+    from shockrig.rig.links.dronecan import DronecanNode, this_machine
+    from shockrig.rig.links.mavlink import AUTOPILOT, PERIPHERAL, MavlinkEnd, MavlinkSpeaker
+    from shockrig.rig.links.ports import open_bytes, open_frames
+    from shockrig.rig.virtual.faults import LINK_KINDS
+    from shockrig.rig.virtual.vehicle import FaultyPort, FaultySpeaker, Vehicle, as_kelvin, as_whole_units
+
+    own = [fault for fault in faults if fault.kind in LINK_KINDS]
+    speakers: list[Any] = []
+    stream = None
+    if args.dronecan is not None:
+        can = FaultyPort(open_frames(args.dronecan), own, clock, args.seed)
+        node = DronecanNode(can, NODE, this_machine(), "org.shockrig.emulate")
+        speakers.append(FaultySpeaker(node, own, clock, as_kelvin))
+    if args.mavlink is not None:
+        port = FaultyPort(open_bytes(args.mavlink), own, clock, args.seed)
+        speakers.append(FaultySpeaker(MavlinkSpeaker(MavlinkEnd(port, 1, PERIPHERAL)), own, clock, as_whole_units))
+        stream = MavlinkEnd(port, 1, AUTOPILOT) if args.flight is not None else None
+    sample = session.witness.sampler
+    temperature, humidity = (sample("node", quantity) for quantity in ("temperature_c", "humidity_percent"))
+    period_s = 1.0 / (args.rate_hz or NODE_HZ)
+    return Vehicle(temperature, humidity, speakers, period_s, clock.now(), stream, world)
+
+
+def _serve(clock: Any, session: Any, end_s: float | None, speed: float, vehicle: Any = None) -> None:
+    """Wait while the instruments' own threads work, and play the vehicle."""
     while end_s is None or clock.now() < end_s:
-        clock.sleep_until(min(clock.now() + 0.2 * speed, end_s or float("inf")))
+        due_s = float("inf") if vehicle is None else vehicle.due_s()
+        clock.sleep_until(min(clock.now() + 0.2 * speed, due_s, end_s or float("inf")))
+        if vehicle is not None:
+            vehicle.play(clock.now())
         if session.witness.trouble:
             return
 
@@ -182,12 +223,18 @@ def _introduce(args: argparse.Namespace, session: Any, links: dict[str, Path], f
         print(f"chambers and a fan: append {folder / CHAMBERS_FILE} to a bench file", flush=True)
     if session.environment:
         setting = " ".join(f"{name}={value}" for name, value in session.environment.items())
-        request = f"i2ctransfer -y {args.bus} w0@{args.address:#04x}"
-        fetch = f"i2ctransfer -y {args.bus} r4@{args.address:#04x}"
-        addresses = ", ".join(f"{address:#04x}" for address in session.addresses)
-        print(f"hyt-271 at {addresses} on /dev/i2c-{args.bus} for programs with")
+        places = " and ".join(
+            f"{kind} at {', '.join(f'{address:#04x}' for address in addresses)}"
+            for kind, addresses in session.addresses.items()
+        )
+        print(f"{places} on /dev/i2c-{args.bus} for programs with")
         print(f"  export {setting}", flush=True)
-        print(f"then for instance: {request}; sleep 0.1; {fetch}", file=sys.stderr)
+        if "hyt-271" in session.addresses:
+            request = f"i2ctransfer -y {args.bus} w0@{args.address:#04x}"
+            fetch = f"i2ctransfer -y {args.bus} r4@{args.address:#04x}"
+            print(f"then for instance: {request}; sleep 0.1; {fetch}", file=sys.stderr)
+    for address in filter(None, (args.dronecan, args.mavlink)):
+        print(f"node on {address}", flush=True)
 
 
 def _bench(args: argparse.Namespace, probes: int) -> list[Any]:

@@ -1,7 +1,8 @@
 """Faults to order, at the bus: a schedule of what goes wrong when, wrapped around an I2C wire or a serial device.
 
 Each fault is a kind and a window on the bench clock; what the drivers then see is what a cable, an adapter or a chip
-would do to them. The kinds are listed in I2C_KINDS and SERIAL_KINDS.
+would do to them. The kinds are listed in I2C_KINDS, SERIAL_KINDS and, of
+messages on a link (rig/virtual/vehicle.py), LINK_KINDS.
 """
 
 from __future__ import annotations
@@ -50,6 +51,13 @@ SERIAL_KINDS = {
     "alarm": "a stage hits a hard limit at the start of the window, stops and locks itself",
     "stall": "a stage's carriage jams while its controller believes that it steps",
 }
+LINK_KINDS = {
+    "loss": "half of the messages never arrive",
+    "delay": "messages arrive half a second late",
+    "units": "hundredths are sent as whole units (MAVLink), degC as kelvin (DroneCAN)",
+    "stamps": "every stamp is said twice",
+    "one_old": "values are those of one poll ago, under the stamp of this one",
+}
 
 
 @dataclass(frozen=True)
@@ -62,7 +70,9 @@ class Fault:
     probability: float = 1.0
 
 
-class _Schedule:
+class Schedule:
+    """Which faults are active when."""
+
     def __init__(self, faults: Iterable[Fault], known: dict[str, str], clock: Clock, seed: int) -> None:
         self.faults = list(faults)
         for fault in self.faults:
@@ -99,7 +109,7 @@ class FaultyI2c:
         self, wire: Wire, faults: Iterable[Fault], clock: Clock, chip: Hyt271Chip | None = None, seed: int = 0
     ) -> None:
         self._wire = wire
-        self._schedule = _Schedule(faults, I2C_KINDS, clock, seed)
+        self._schedule = Schedule(faults, I2C_KINDS, clock, seed)
         self._clock = clock
         self._chip = chip
         self._conversion_s = chip.conversion_s if chip else 0.0
@@ -140,7 +150,7 @@ class FaultySerial:
     def __init__(self, device: Device, faults: Iterable[Fault], clock: Clock, seed: int = 0) -> None:
         self._device = device
         self._clock = clock
-        self._schedule = _Schedule(faults, SERIAL_KINDS, clock, seed)
+        self._schedule = Schedule(faults, SERIAL_KINDS, clock, seed)
 
     @property
     def byte_s(self) -> float:

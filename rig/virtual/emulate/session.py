@@ -10,18 +10,22 @@ from typing import Any
 from shockrig.rig.clock import RealClock
 from shockrig.rig.errors import BenchError
 from shockrig.rig.seams import Air
+from shockrig.rig.virtual.chips.bme280 import Bme280Chip
 from shockrig.rig.virtual.chips.grbl import GrblController
 from shockrig.rig.virtual.chips.hyt271 import Hyt271Chip
 from shockrig.rig.virtual.chips.imet import ImetUnit
+from shockrig.rig.virtual.chips.sht import Sht3xChip, Sht4xChip
 from shockrig.rig.virtual.climate import ModbusServer, Room, RoomPart, ScpiServer
 from shockrig.rig.virtual.emulate.i2c_socket import I2cSocket, build_preload
 from shockrig.rig.virtual.emulate.witness import Witness
-from shockrig.rig.virtual.faults import I2C_KINDS, SERIAL_KINDS, Fault, FaultyI2c, FaultySerial
-from shockrig.rig.virtual.i2c_dev import I2cWire, Wire
+from shockrig.rig.virtual.faults import I2C_KINDS, LINK_KINDS, SERIAL_KINDS, Fault, FaultyI2c, FaultySerial
+from shockrig.rig.virtual.i2c_dev import Chip, I2cWire, Wire
 from shockrig.rig.virtual.serial_line import Device, PtyDevice
 
-KINDS = ("imet-xf", "imet-xq2", "imet-xq", "hyt-271", "grbl")
+I2C = {"hyt-271": 0x28, "sht31": 0x44, "sht41": 0x44, "bme280": 0x76}  # kind -> address of the first one
+KINDS = ("imet-xf", "imet-xq2", "imet-xq", *I2C, "grbl")
 LINES_HZ = {"imet-xf": 10.0, "imet-xq2": 1.0, "imet-xq": 1.0}
+BESIDE = ("sht31", "sht41", "bme280")  # feel the first probe's air, whatever else does; a second one the second's
 BAUD = {"imet-xf": 57600, "imet-xq2": 57600, "imet-xq": 57600, "grbl": 115200}
 FASTEST_MM_MIN = 30_000.0
 CLIMATE = (("source", "source", "scpi"), ("destination", "destination", "modbus"), ("airflow", "fan", "modbus"))
@@ -49,7 +53,8 @@ class FastClock:
 class Options:
     """How the instruments are; `rate_hz` None is each unit's own, `humidity` gives an iMet-XF its own HYT-271, `second`
     a second bead, and with `humidity` a second film; `address` is the first HYT-271's, further ones have the next;
-    `chambers` are the airs and the airflow that chambers and a fan begin with, where there are any."""
+    `chambers` are the airs and the airflow that chambers and a fan begin with, where there are any; `linked` where there
+    is a node on a link besides."""
 
     address: int = 0x28
     bus: int = 1
@@ -60,6 +65,7 @@ class Options:
     seed: int = 0
     faults: tuple[Fault, ...] = ()
     chambers: tuple[Air, Air, float] | None = None
+    linked: bool = False
 
 
 @dataclass(frozen=True)
@@ -90,28 +96,49 @@ def instruments_of(kinds: Iterable[str], options: Options) -> list[Instrument]:
         has_beads = (2 if of_xf and options.second else 1) if kind.startswith("imet") else 0
         has_films = int(kind in ("hyt-271", "imet-xq2", "imet-xq") or (of_xf and options.humidity))
         has_films += of_xf and options.humidity and options.second
+        beside = (number,) if kind in BESIDE else ()
         found.append(
             Instrument(
                 kind if number == 1 else f"{kind}-{number}",
                 kind,
                 tuple(range(beads + 1, beads + has_beads + 1)),
-                tuple(range(films + 1, films + has_films + 1)),
+                beside or tuple(range(films + 1, films + has_films + 1)),
             )
         )
         beads, films = beads + has_beads, films + has_films
     if kinds.count("grbl") > 1:
         raise BenchError("grbl grbl: all probes lie on one carriage; name grbl once")
-    if max(beads, films) > MOST_PROBES:
+    if probes_of(found) > MOST_PROBES:
         raise BenchError(f"{beads} beads and {films} films: at most {MOST_PROBES} probes are emulated together")
     if options.second and "imet-xf" not in kinds:
         raise BenchError("--second: a second bead is an iMet-XF's; name imet-xf")
-    if kinds.count("hyt-271") > 1 and options.address + kinds.count("hyt-271") - 1 > LAST_ADDRESS:
+    addresses = addresses_of(found, options)
+    if any(address > LAST_ADDRESS for address in addresses.values()):
         raise BenchError(f"--address {options.address:#04x}: each further HYT-271 has the next one; give a lower one")
-    serial, i2c = any(k in BAUD for k in kinds), "hyt-271" in kinds
+    taken: dict[int, str] = {}
+    for name, address in addresses.items():
+        if address in taken:
+            raise BenchError(f"{taken[address]} and {name} both answer at {address:#04x}; emulate one of them")
+        taken[address] = name
+    serial, i2c = any(k in BAUD for k in kinds), any(k in I2C for k in kinds)
     for fault in options.faults:
-        known = {**(SERIAL_KINDS if serial else {}), **(I2C_KINDS if i2c else {})}
+        linked = LINK_KINDS if options.linked else {}
+        known = {**(SERIAL_KINDS if serial else {}), **(I2C_KINDS if i2c else {}), **linked}
         if fault.kind not in known:
-            raise BenchError(f"no fault {fault.kind!r} for {' '.join(kinds)}; there are {', '.join(known)}")
+            what = " ".join([*kinds, *(["a link"] if options.linked else [])])
+            raise BenchError(f"no fault {fault.kind!r} for {what}; there are {', '.join(known)}")
+    return found
+
+
+def addresses_of(instruments: Iterable[Instrument], options: Options) -> dict[str, int]:
+    """Where I2C instruments answer, by their names: each further one of a kind has the next address."""
+    found: dict[str, int] = {}
+    counts: dict[str, int] = {}
+    for one in instruments:
+        if one.kind in I2C:
+            first = options.address if one.kind == "hyt-271" else I2C[one.kind]
+            found[one.name] = first + counts.get(one.kind, 0)
+            counts[one.kind] = counts.get(one.kind, 0) + 1
     return found
 
 
@@ -136,8 +163,8 @@ class Session:
     ----------
     serial : dict
         Instrument's name -> path of its pseudo-terminal.
-    addresses : list of int
-        Of the HYT-271s.
+    addresses : dict
+        Kind of I2C instrument -> addresses.
     climate : dict
         "source", "destination", "airflow" of a bench file's [chambers] -> (kind, port).
     environment : dict
@@ -160,13 +187,13 @@ class Session:
         self._clock = clock
         self._folder = folder
         self.serial: dict[str, str] = {}
-        self.addresses: list[int] = []
+        self.addresses: dict[str, list[int]] = {}
         self.environment: dict[str, str] = {}
         self.climate: dict[str, tuple[str, str]] = {}
         self._parts: list[Any] = []
         self.witness = Witness(worlds, unix_s, truth)
         try:
-            films = [one for one in instruments if one.kind == "hyt-271"]
+            films = [one for one in instruments if one.kind in I2C]
             if films:
                 self._plug_i2c(films)
             for one in instruments:
@@ -182,20 +209,28 @@ class Session:
         return [fault for fault in self._options.faults if fault.kind in known]
 
     def _plug_i2c(self, films: Sequence[Instrument]) -> None:
-        sample, chips = self.witness.sampler, []
-        for address, one in enumerate(films, start=self._options.address):
-            humidity, die = (sample("hyt-271", quantity, one.films[0], one.name) for quantity in OF_A_FILM)
-            chips.append(Hyt271Chip(humidity, die, address))
-            self.addresses.append(address)
+        places = addresses_of(films, self._options)
+        chips = [self._chip(one, places[one.name]) for one in films]
+        for one in films:
+            self.addresses.setdefault(one.kind, []).append(places[one.name])
         wire: Wire = I2cWire(chips, self._clock)
         if faults := self._faults(I2C_KINDS):
-            wire = FaultyI2c(wire, faults, self._clock, chips[0], self._options.seed)
+            browns_out = next((chip for chip in chips if isinstance(chip, Hyt271Chip)), None)
+            wire = FaultyI2c(wire, faults, self._clock, browns_out, self._options.seed)
         library = self._folder / PRELOAD
         if not library.exists():
             build_preload(library)
         bus = I2cSocket(wire, self._folder / f"i2c-{self._options.bus}.socket")
         self._parts.append(bus)
         self.environment = {"LD_PRELOAD": str(library), f"SHOCKRIG_I2C_{self._options.bus}": str(bus.path)}
+
+    def _chip(self, one: Instrument, address: int) -> Chip:
+        humidity, die = (self.witness.sampler(one.kind, quantity, one.films[0], one.name) for quantity in OF_A_FILM)
+        if one.kind == "hyt-271":
+            return Hyt271Chip(humidity, die, address)
+        if one.kind == "bme280":
+            return Bme280Chip(humidity, die, self.witness.pressure_hpa, address)
+        return (Sht3xChip if one.kind == "sht31" else Sht4xChip)(humidity, die, address)
 
     def _plug_serial(self, one: Instrument) -> None:
         device: Device = self._carriage() if one.kind == "grbl" else self._unit(one)

@@ -23,6 +23,10 @@ COLUMNS = ("time_s", "unix_s", "instrument", "quantity", "said", "air")
 _HUNDREDTH = {"temperature_c": (0.01, 0.0), "die_temperature_c": (0.01, 0.0), "humidity_percent": (0.1, 0.0)}
 STEPS = {
     "hyt-271": {"die_temperature_c": (165.0 / FULL_SCALE, -40.0), "humidity_percent": (100.0 / FULL_SCALE, 0.0)},
+    "sht31": {"die_temperature_c": (175.0 / 65535, -45.0), "humidity_percent": (100.0 / 65535, 0.0)},
+    "sht41": {"die_temperature_c": (175.0 / 65535, -45.0), "humidity_percent": (125.0 / 65535, -6.0)},
+    "bme280": {"die_temperature_c": (0.01, 0.0), "humidity_percent": (1 / 1024, 0.0)},
+    "node": {"temperature_c": (1e-4, 0.0), "humidity_percent": (1e-4, 0.0)},
     "imet-xf": _HUNDREDTH,
     "imet-xq2": _HUNDREDTH,
     "imet-xq": _HUNDREDTH,
