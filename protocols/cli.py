@@ -47,6 +47,7 @@ COMMANDS = {
     "demo": ("demo", "hide an effect in virtual sensors, find it, extend the model, open the seal"),
     "demo-flights": ("demo_flights", "make the paper's flight figures again, three corrections side by side"),
     "emulate": ("emulate", "emulated instruments that unmodified programs open, or that play a flight"),
+    "hil": ("hil", "play a flight through emulated sensors, fly and correct it, and say what each stage lost"),
     "hyt-address": ("hyt_address", "read a HYT-271's I2C address, or store another one in it"),
     "slips": ("slips", "show the paper's schemes as printed and corrected, against the series"),
 }

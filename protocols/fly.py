@@ -182,7 +182,7 @@ class Flight:
         self.clock, self._profile, self._settings = clock, profile, settings
         self._speakers, self._say, self._unix_s = speakers, say, unix_s
         self._watchdog, self._follower = watchdog, follower
-        self._surroundings = _Surroundings(autopilot)
+        self._surroundings, self._autopilot = _Surroundings(autopilot), autopilot
         now = clock.now()
         self.log = FlightLog(out, settings.about, now, settings.sync_every_s, self._tell)
         self.hub = SensorHub(sensors, clock, self._tell)
@@ -283,8 +283,8 @@ class Flight:
             self._watchdog.say("STOPPING=1")
         self.log.close(self.clock.now())
         self.hub.close()
-        for speaker in self._speakers:
-            speaker.close()
+        for one in (*self._speakers, *([] if self._autopilot is None else [self._autopilot.end])):
+            one.close()
 
 
 def flag_text(values: tuple[Value, Value]) -> str:

@@ -204,6 +204,7 @@ def open_bench(
     operator: Operator | None = None,
     truth: Any = None,
     faults: Mapping[str, Iterable[Any]] | None = None,
+    world: Any = None,
 ) -> Bench:
     """Put a bench together; nothing is opened yet.
 
@@ -215,6 +216,8 @@ def open_bench(
         What is true of the emulated sensors; where left out, the bench file's, or one drawn by its seed.
     faults : mapping, optional
         Part's name -> rig.virtual.faults.Fault to inject; for emulated parts.
+    world : rig.virtual.instruments.PhysicalWorld, optional
+        What the first probe's emulated sensors feel; where left out, the airs of two chambers.
 
     Raises
     ------
@@ -224,7 +227,7 @@ def open_bench(
     clock = VirtualClock() if config.general.clock == "virtual" else RealClock()
     settings = _snapshot(config)  # before the emulated stage is told how fast the truth has it
     person = operator or ConsoleOperator(clock, within_s=config.general.answer_within_s)
-    instruments, truth = _emulate(config, clock, truth, faults or {}) if config.emulated else (None, None)
+    instruments, truth = _emulate(config, clock, truth, faults or {}, world) if config.emulated else (None, None)
     if instruments is not None and config.is_virtual(config.stage):
         config = replace(config, stage=_fitted(config.stage, instruments))
         chambers = instruments.chambers(truth)
@@ -303,7 +306,9 @@ def _fitted(stage: InstrumentPart, instruments: Any) -> InstrumentPart:
     return replace(stage, settings=replace(stage.settings, feed_mm_min=instruments.feed_mm_min(stage.settings)))
 
 
-def _emulate(config: BenchConfig, clock: Clock, truth: Any, faults: Mapping[str, Iterable[Any]]) -> tuple[Any, Any]:
+def _emulate(
+    config: BenchConfig, clock: Clock, truth: Any, faults: Mapping[str, Iterable[Any]], world: Any = None
+) -> tuple[Any, Any]:
     from shockrig.rig.virtual.instruments import VirtualInstruments
     from shockrig.rig.virtual.truth import Truth, draw_truth, of_probe
     from shockrig.rig.virtual.world import World
@@ -320,7 +325,7 @@ def _emulate(config: BenchConfig, clock: Clock, truth: Any, faults: Mapping[str,
         truth = draw_truth(np.random.default_rng(seed))
     transfer = truth.effect("finite_transfer")
     instruments = VirtualInstruments(
-        World(truth, clock, seed),
+        world or World(truth, clock, seed),
         clock,
         config.general.pressure_hpa,
         others={

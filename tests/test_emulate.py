@@ -40,7 +40,8 @@ def emulating(tmp_path, *arguments, begin=None, number=signal.SIGINT):
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=begin
     ) as process:
         try:
-            process.hello = heard(process, process.stdout, "export", *([] if "hyt-271" in arguments else [" on /dev/"]))
+            on_bus = {"hyt-271", "sht31", "sht41"} & set(arguments)
+            process.hello = heard(process, process.stdout, "export", *([] if on_bus else [" on /dev/"]))
             yield process
         finally:
             process.last_words = ended(process, number)

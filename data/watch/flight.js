@@ -65,7 +65,7 @@ function pieces(points, key) {
 }
 
 function chart(points, over, [title, kind, unit, , digits, [value, spread, read]]) {
-  const wide = Math.max(300, Math.min(440, part("traces").clientWidth || 440));
+  const wide = 440;
   const [high, left, right, top, bottom] = [420, 56, 12, 10, 40];
   const upward = over.endsWith("altitude");
   const height = upward ? "altitude_m" : "time_s";

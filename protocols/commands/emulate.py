@@ -98,7 +98,7 @@ def main(args: argparse.Namespace) -> int:
     for name, low, high in (("address", 0x08, 0x77), ("bus", 0, 255)):
         if not low <= getattr(args, name) <= high:
             raise BenchError(f"--{name} {getattr(args, name)}: expected {low} to {high}")
-    faults = tuple(_fault(text) for text in args.fault)
+    faults = tuple(fault_of(text) for text in args.fault)
     airs = (*_both_airs(args), args.airflow) if args.chambers else None
     if airs is not None and args.flight is not None:
         raise BenchError("--chambers: make the airs of a bench; a flight has its own")
@@ -279,7 +279,8 @@ def _air(name: str, text: str) -> tuple[float, float]:
     return temperature_c, humidity_percent
 
 
-def _fault(text: str) -> Any:
+def fault_of(text: str) -> Any:
+    """A fault of KIND@START[-END]."""
     import math
     import re
 
