@@ -123,12 +123,12 @@ class _Listener:
                 values = (value, "") if message.name == "T_air" else ("", value)
             else:
                 kind = OTHER
-            self._rows.append((f"{now_s:.6f}", kind, number, sensor, stamp_s, *values))
+            self._rows.append((f"{now_s:.7f}", kind, number, sensor, stamp_s, *values))
         for identifier, data in self._ear.receive():
             said = decoded(identifier, data)
             if isinstance(said, HygrometerFrame):
                 values = f"{said.temperature_c:.9g}", f"{said.humidity_percent:.9g}"
-                self._rows.append((f"{now_s:.6f}", HYGROMETER, said.transfer, said.sensor, "", *values))
+                self._rows.append((f"{now_s:.7f}", HYGROMETER, said.transfer, said.sensor, "", *values))
 
     def write(self, path: Path) -> None:
         with path.open("w", newline="", encoding="utf-8") as stream:

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 WINDOW_ROWS = 50
+CLOCK_S = 1e-6  # to which logs write times
 FEWEST = 20  # messages of a window that say anything
 MOST_ROWS_LATE = 30
 AGREES, DISAGREES = 0.9, 0.5  # shares of a window's messages
@@ -81,8 +83,9 @@ def link_findings(sent: SentRows, heard: Sequence[HeardMessages]) -> list[LinkFi
     window_s = WINDOW_ROWS * _period(sent)
     for messages in heard:
         place = rows_before(sent, messages)
-        for start in np.arange(float(sent.sent_s[0]), float(sent.sent_s[-1]), window_s).tolist():
-            for one in _window(sent, messages, place, start, start + window_s):
+        edges = np.arange(float(sent.sent_s[0]), float(sent.sent_s[-1]) + window_s, window_s).tolist()
+        for start, end in pairwise(edges):
+            for one in _window(sent, messages, place, start, end):
                 before = next((f for f in found if (f.link, f.fault, f.to_s) == (one.link, one.fault, start)), None)
                 if before is not None:
                     found.remove(before)
@@ -94,7 +97,7 @@ def link_findings(sent: SentRows, heard: Sequence[HeardMessages]) -> list[LinkFi
 def rows_before(sent: SentRows, messages: HeardMessages) -> NDArray[np.int64]:
     """The row that each message belongs to: the last that was sent before; of messages heard at once, of which each
     says as much, the last belongs to the last. -1 where there is none."""
-    place = np.searchsorted(sent.sent_s, messages.heard_s + 1e-9, side="right") - 1
+    place = np.searchsorted(sent.sent_s, messages.heard_s + CLOCK_S, side="right") - 1
     known = 2 * np.isfinite(messages.temperature_c) + np.isfinite(messages.humidity_percent)
     after: dict[tuple[float, int], int] = {}
     for k in range(messages.heard_s.size - 1, -1, -1):

@@ -79,14 +79,15 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.protocols.watch.web import is_local
     from shockrig.rig.bench import load_bench, open_bench
     from shockrig.rig.errors import BenchError
+    from shockrig.rig.links.dronecan import OWN_NUMBERS
 
     for name, low, high in (("lag_s", 0.0, 60.0), ("period_s", 0.01, 10.0), ("for_s", 0.1, 1e6)):
         value = getattr(args, name)
         if value is not None and not low <= value <= high:
             raise InputError(f"--{name.replace('_', '-')} {value:g}: expected {low:g} to {high:g} s")
-    for name, most in (("port", 65535), ("system", 255)):
-        if not 0 <= getattr(args, name) <= most:
-            raise InputError(f"--{name} {getattr(args, name)}: expected 0 to {most}")
+    for name, least, most in (("port", 0, 65535), ("system", 1, 255), ("node", OWN_NUMBERS[0], OWN_NUMBERS[-1])):
+        if not least <= getattr(args, name) <= most:
+            raise InputError(f"--{name} {getattr(args, name)}: expected {least} to {most}")
     config = load_bench(args.bench)
     if config.emulated:
         raise BenchError(f"{args.bench}: its instruments are emulated; shockrig hil flies emulated ones")
