@@ -137,7 +137,7 @@ def _numbers(column: Any, path: Path, name: str) -> Array:
     return np.where(np.isfinite(numbers), numbers, np.nan)
 
 
-Course = Callable[[float], Any]  # of a number in flight time, as an array without shape or a float
+Course = Callable[[Any], Any]  # of times in the flight, as an array of their shape or a float
 
 
 @dataclass(frozen=True)

@@ -265,7 +265,8 @@ class Flight:
             speaker.send(said)
         sent_s = self.clock.now()
         cells = (
-            row.time_s, self._unix_s() - (sent_s - row.time_s), row.temperature_c, row.humidity_percent, row.die_temperature_c,
+            row.time_s, self._unix_s() - (sent_s - row.time_s),
+            row.temperature_c, row.humidity_percent, row.die_temperature_c,
             *around.values(), row.humidity_s, row.came_s, sent_s,
             bead.value, bead.uncertainty, film.value, film.uncertainty,
         )  # fmt: skip
@@ -281,10 +282,14 @@ class Flight:
                 self._give(*self._waiting.popleft(), values)
         if self._watchdog is not None:
             self._watchdog.say("STOPPING=1")
+        if dropped := sum(speaker.dropped for speaker in self._speakers):
+            self._tell(f"{dropped} messages could not be sent")
         self.log.close(self.clock.now())
         self.hub.close()
-        for one in (*self._speakers, *([] if self._autopilot is None else [self._autopilot.end])):
-            one.close()
+        for speaker in self._speakers:
+            speaker.close()
+        if self._autopilot is not None:
+            self._autopilot.end.close()
 
 
 def flag_text(values: tuple[Value, Value]) -> str:

@@ -1,4 +1,4 @@
-"""`hil`: a flight played through emulated sensors, flown by `fly`, heard on its links, corrected, and held against truth.
+"""`hil`: a flight played through emulated sensors, flown, heard, corrected, and held against what was played.
 
     emulated sensors -> drivers -> fly -> messages -> logs -> correct -> against the air that was played
 
@@ -145,9 +145,7 @@ def judge(folder: Path, world: FlightWorld, profile: Profile) -> HilResult:
     """Hold a flight's logs against what was played; what is named on the links is told from the logs alone."""
     log = _table(folder / LOG)
     rows = whole_flight(folder / LOG)
-    sent = SentRows(
-        log["time_s"], log["sent_s"], log["onboard_temperature_c"], log["onboard_humidity_percent"]
-    )
+    sent = SentRows(log["time_s"], log["sent_s"], log["onboard_temperature_c"], log["onboard_humidity_percent"])
     heard = _heard(_messages(folder / MESSAGES))
     time_s = rows.time_s
     weather = world.weather

@@ -54,7 +54,9 @@ def test_an_sht4x_has_a_scale_of_its_own():
     chip = Sht4xChip(steady(0.0), steady(-45.0))
     chip.write(b"\xfd", 0.0)
     answer = chip.read(6, 0.009)
-    assert answer[:3] == words(0) and -6 + 125 * int.from_bytes(answer[3:5], "big") / 65535 == pytest.approx(0, abs=1e-3)
+    assert answer[:3] == words(0) and -6 + 125 * int.from_bytes(answer[3:5], "big") / 65535 == pytest.approx(
+        0, abs=1e-3
+    )
     chip.write(b"\x89", 1.0)
     assert len(chip.read(6, 1.0)) == 6
 

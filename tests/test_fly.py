@@ -173,7 +173,9 @@ def test_the_page_shows_the_profile_over_altitude():
         assert b"<title>shockrig fly</title>" in answer.read()
     server.shutdown()
     server.server_close()
-    assert view["rows"] == 5000 and view["over"] == "pressure altitude" and view["messages"] == ["3.0 s: imet is silent"]
+    assert (
+        view["rows"] == 5000 and view["over"] == "pressure altitude" and view["messages"] == ["3.0 s: imet is silent"]
+    )
     assert 600 <= len(view["profile"]) <= 1201 and view["now"]["humidity_percent"] is None
     assert view["now"]["altitude_m"] == pytest.approx(pressure_altitude_m(950.01))
     assert pressure_altitude_m(898.746) == pytest.approx(1000.0, abs=0.5)  # ISO 2533, table 1
@@ -225,8 +227,9 @@ def test_a_killed_flight_loses_nothing_and_the_next_one_goes_on(tmp_path, profil
     ground = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     ground.bind(("127.0.0.1", 0))
     ground.settimeout(60)
+    address = f"udpout:127.0.0.1:{ground.getsockname()[1]}"
     command = [sys.executable, "-m", "shockrig.protocols.cli", "fly", "--bench", str(bench), "--profile", str(profile),
-               "--out", str(tmp_path / "flights"), "--mavlink", f"udpout:127.0.0.1:{ground.getsockname()[1]}"]  # fmt: skip
+               "--out", str(tmp_path / "flights"), "--mavlink", address]  # fmt: skip
     with ground, emulating(tmp_path, "imet-xf", "hyt-271", "--link", str(port)):
         for number, name in enumerate(("0001", "0002")):
             log = tmp_path / "flights" / name / LOG

@@ -70,5 +70,3 @@ def test_a_link_that_says_nothing_at_all_is_named():
     heard = HeardMessages("mute", nothing, nothing, nothing, nothing, nothing, nothing.astype(int), 256, 0.01)
     (only,) = link_findings(sent, [heard])
     assert only.fault == "silent" and (round(only.from_s), round(only.to_s)) == (0, 30)
-
-

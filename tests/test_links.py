@@ -1,9 +1,11 @@
 """Messages to autopilots and ground stations, read by the libraries of other people: python-dronecan and pymavlink."""
 
 import math
+import os
 import socket
 import struct
 import time
+import tty
 
 import numpy as np
 import pytest
@@ -88,7 +90,9 @@ def test_python_dronecan_asks_the_node_what_it_is():
         node.spin(0)
     (answer,) = answers
     assert bytes(answer.response.name).decode() == "org.shockrig.fly"
-    assert answer.response.status.uptime_sec == 77 and bytes(answer.response.hardware_version.unique_id) == this_machine()
+    assert (
+        answer.response.status.uptime_sec == 77 and bytes(answer.response.hardware_version.unique_id) == this_machine()
+    )
 
 
 def test_values_beyond_sixteen_bits_are_the_largest_ones():
@@ -167,6 +171,24 @@ def test_an_autopilot_is_asked_for_its_stream_and_heard(link):
     expected = {"airspeed_m_s": 6.5, "pressure_hpa": 955.0, "latitude_deg": 47.5, "longitude_deg": 8.25}
     assert listener.at(3.0) == pytest.approx({**expected, "altitude_m": 512.0})
     assert listener.at(5.0) == {}  # an autopilot that fell silent says nothing
+
+
+def test_a_serial_port_that_nobody_reads_holds_nothing_up():
+    """Its buffer fills, then whole messages are dropped; when somebody reads again they go on."""
+    reader, far = os.openpty()
+    tty.setraw(far)
+    port = open_bytes(f"{os.ttyname(far)},57600")
+    for _ in range(5000):
+        port.send(bytes(20))
+    assert port.dropped > 0 and port.receive() == b""
+    while len(os.read(reader, 4096)) == 4096:
+        pass
+    port.send(b"last")
+    assert os.read(reader, 65536)
+    for one in (reader, far):
+        os.close(one)
+    port.send(b"into nothing")
+    port.close()
 
 
 @pytest.mark.parametrize(

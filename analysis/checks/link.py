@@ -1,8 +1,8 @@
 """What a link did to messages, from logs alone: rows as they were sent against messages as they were heard.
 
-A message belongs to the row that was sent last before it was heard. Where values agree with an earlier row instead, they
-were late: with their stamps, and the link held them back; under new stamps, and the sender said an old poll. Windows are
-looked at one by one, so that what happens for a while is named with its time.
+A message belongs to the row that was sent last before it was heard. Where values agree with an earlier row instead,
+they were late: with their stamps, and the link held them back; under new stamps, and the sender said an old poll.
+Windows are looked at one by one, so that what happens for a while is named with its time.
 """
 
 from __future__ import annotations
@@ -191,7 +191,7 @@ def _rows_late(
         agrees = np.ones(int(np.count_nonzero(good)), dtype=bool)
         for said, told in zip(values, (sent.temperature_c, sent.humidity_percent), strict=True):
             wanted, got = told[rows[good]], said[good]
-            close = messages.step * (1.0 if not slipped else 1.0 / HUNDREDTHS)
+            close: Array | float = messages.step / (HUNDREDTHS if slipped else 1.0)
             if messages.half:
                 close = HALF_DIGITS * np.maximum(np.abs(wanted) + KELVIN * slipped, 1.0)
             agrees &= ~(np.abs(got - wanted) > close)  # where there is no value nothing disagrees

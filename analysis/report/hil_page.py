@@ -1,4 +1,4 @@
-"""The page of a flight that was played through emulated sensors and came round: what each stage lost, what was found."""
+"""The page of a flight played through emulated sensors: what each stage lost, what was found on links."""
 
 from __future__ import annotations
 
@@ -62,9 +62,7 @@ def hil_report(result: HilResult, flight: str, provenance: Mapping[str, Cell]) -
     faults = sorted({one.fault for one in result.findings})
     found = f"{counted(len(faults), 'fault')} of the link found" if faults else "no fault of the link found"
     numbers = [
-        KeyNumber(
-            total.name, f"{plain(total.temperature_k, 2)} K, {plain(total.humidity_percent, 2)} %RH", "rms error"
-        )
+        KeyNumber(total.name, f"{plain(total.temperature_k, 2)} K, {plain(total.humidity_percent, 2)} %RH", "rms error")
         for total in (read, onboard, after)
     ]
     findings: list[Text | Table] = [Text("Told from the logs alone, without what was played.")]
@@ -72,7 +70,10 @@ def hil_report(result: HilResult, flight: str, provenance: Mapping[str, Cell]) -
         findings.append(
             Table(
                 ("link", "from, s", "to, s", "what"),
-                [(one.link, round(one.from_s), round(one.to_s), str(one).partition(": ")[2]) for one in result.findings],
+                [
+                    (one.link, round(one.from_s), round(one.to_s), str(one).partition(": ")[2])
+                    for one in result.findings
+                ],
             )
         )
     else:
@@ -126,8 +127,8 @@ def _two(value: float) -> Cell:
 def _figure(result: HilResult) -> Figure:
     return Figure(
         course_figure(result),
-        "Above: the air (black), as read (orange), corrected on board (blue) and after landing (green). Below: what each "
-        "is off by.",
+        "Above: the air (black), as read (orange), corrected on board (blue) and after landing (green). Below: what "
+        "each is off by.",
         "temperature and humidity against time, and their errors",
     )
 

@@ -174,6 +174,4 @@ def unit(args: argparse.Namespace) -> str:
     if args.web:
         words += ["--web", "--port", str(args.port), "--host", args.host]
     command = shlex.join(words).replace("%", "%%")
-    return UNIT.format(
-        command=command, folder=Path.cwd(), user=getpass.getuser(), watchdog_s=WATCHDOG_S
-    )
+    return UNIT.format(command=command, folder=Path.cwd(), user=getpass.getuser(), watchdog_s=WATCHDOG_S)

@@ -13,7 +13,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "Drivers, corrector, messages and logs are those that fly; time is virtual. Faults of instruments and links: "
         "docs/faults.md."
     )
-    parser.add_argument("flight", type=Path, metavar="FLIGHT", help="the air that is played: a flight, corrected or not")
+    parser.add_argument(
+        "flight", type=Path, metavar="FLIGHT", help="the air that is played: a flight, corrected or not"
+    )
     parser.add_argument("--profile", type=Path, metavar="P", help="the sensors that fly (default: a typical pair)")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the logs and the page")
     parser.add_argument("--seed", metavar="N", type=int, default=0, help="noise of the sensors (default 0)")

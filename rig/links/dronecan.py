@@ -1,6 +1,7 @@
 """DroneCAN on CAN frames of 29 bits: a hygrometer's node, and the reading of what such nodes send.
 
-    message id  priority(5) type(16) 0 source(7)          service id  priority(5) service(8) request(1) to(7) 1 source(7)
+    message id  priority(5) type(16) 0 source(7)
+    service id  priority(5) service(8) request(1) to(7) 1 source(7)
     last byte   start(1) end(1) toggle(1) transfer(5); a transfer of several frames begins with its CRC-16-CCITT, which
                 is seeded by the type's signature
 
@@ -135,6 +136,10 @@ class DronecanNode:
         (data,) = frames(payload, self._transfers[kind] % 32, 0)
         self._transfers[kind] += 1
         self.port.send(PRIORITY << 24 | kind << 8 | self._number, data)
+
+    @property
+    def dropped(self) -> int:
+        return self.port.dropped
 
     def send(self, said: SaidAir) -> None:
         for sensor, (temperature_c, humidity_percent) in enumerate(said.pairs()):

@@ -1,9 +1,9 @@
 """MAVLink 2 (by pymavlink): airs and signs of life out, an autopilot's airspeed, pressure and position in.
 
-    HYGROMETER_SENSOR (12920)  int16 0.01 degC, uint16 0.01 %, uint8 id; it has no word for "no value": nothing is sent
-    NAMED_VALUE_FLOAT (251)    T_air, T_unc, RH_air, RH_unc, T_read, RH_read with the time [ms]; NaN where no value
-    STATUSTEXT (253)           a sensor that fell silent
-    VFR_HUD (74) airspeed      SCALED_PRESSURE (29) hPa      GLOBAL_POSITION_INT (33) 1e-7 deg, mm
+HYGROMETER_SENSOR (12920)  int16 0.01 degC, uint16 0.01 %, uint8 id; it has no word for "no value": nothing is sent
+NAMED_VALUE_FLOAT (251)    T_air, T_unc, RH_air, RH_unc, T_read, RH_read with the time [ms]; NaN where no value
+STATUSTEXT (253)           a sensor that fell silent
+VFR_HUD (74) airspeed      SCALED_PRESSURE (29) hPa      GLOBAL_POSITION_INT (33) 1e-7 deg, mm
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ LONGEST_TEXT = 50
 def dialect() -> Any:
     """pymavlink's messages. Raises BenchError where it is not installed."""
     try:
-        from pymavlink.dialects.v20 import common
+        from pymavlink.dialects.v20 import common  # type: ignore[import-untyped]
     except ImportError:
         raise BenchError("MAVLink needs pymavlink; pip install 'shockrig[ardupilot]'") from None
     return common
@@ -76,6 +76,10 @@ class MavlinkSpeaker:
     def __init__(self, end: MavlinkEnd) -> None:
         self.end = end
 
+    @property
+    def dropped(self) -> int:
+        return self.end.port.dropped
+
     def send(self, said: SaidAir) -> None:
         for sensor, (temperature_c, humidity_percent) in enumerate(said.pairs()):
             if math.isfinite(temperature_c) and math.isfinite(humidity_percent):
@@ -96,9 +100,7 @@ class MavlinkSpeaker:
 
     def beat(self, now_s: float) -> None:
         m = self.end.messages
-        self.end.put(
-            "heartbeat", m.MAV_TYPE_ONBOARD_CONTROLLER, m.MAV_AUTOPILOT_INVALID, 0, 0, m.MAV_STATE_ACTIVE, 3
-        )
+        self.end.put("heartbeat", m.MAV_TYPE_ONBOARD_CONTROLLER, m.MAV_AUTOPILOT_INVALID, 0, 0, m.MAV_STATE_ACTIVE, 3)
 
     def close(self) -> None:
         self.end.close()

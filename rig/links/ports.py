@@ -1,22 +1,25 @@
-"""Where messages go: bytes over UDP or a serial port, CAN frames over UDP multicast or a CAN interface. None ever waits.
+"""Where messages go: bytes over UDP or a serial port, CAN frames over UDP multicast or a CAN interface; none waits.
 
     udpout:HOST:PORT   udpin:HOST:PORT   /dev/serial0   /dev/serial0,57600        bytes (MAVLink)
     mcast:   mcast:1   can0                                                       frames (DroneCAN)
 
-A multicast packet is u16 0x2934, u16 CRC, u16 flags, u32 id with bit 31 for 29-bit ids, data; little endian, CRC-16-CCITT
-over all behind it, group 239.65.82.BUS, port 57732 (python-dronecan, ArduPilot). A frame of SocketCAN: linux/can.h.
+A multicast packet is u16 0x2934, u16 CRC, u16 flags, u32 id with bit 31 for 29-bit ids, data; little endian,
+CRC-16-CCITT over all behind it, group 239.65.82.BUS, port 57732 (python-dronecan, ArduPilot). A frame of SocketCAN: linux/can.h.
 """
 
 from __future__ import annotations
 
 import binascii
 import contextlib
+import os
 import socket
 import struct
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
-from shockrig.rig.buses.serial_port import OpenPort
 from shockrig.rig.errors import BenchError
+
+if TYPE_CHECKING:
+    import serial
 
 GROUP, CAN_UDP_PORT, MAGIC = "239.65.82", 57732, 0x2934
 EXTENDED = 1 << 31
@@ -26,9 +29,12 @@ DEFAULT_BAUD = 57600
 
 
 class BytesPort(Protocol):
-    """Bytes out and in. `dropped` counts the messages that could not be sent at once."""
+    """Bytes out and in."""
 
-    dropped: int
+    @property
+    def dropped(self) -> int:
+        """Messages that could not be sent at once."""
+        ...
 
     def send(self, data: bytes) -> None: ...
 
@@ -42,7 +48,10 @@ class BytesPort(Protocol):
 class FramePort(Protocol):
     """CAN frames with 29-bit ids, out and in."""
 
-    dropped: int
+    @property
+    def dropped(self) -> int:
+        """Frames that could not be sent at once."""
+        ...
 
     def send(self, identifier: int, data: bytes) -> None: ...
 
@@ -100,13 +109,12 @@ class SerialBytes:
         self._path, self._baud = path, baud
         self._waiting = b""
         self.dropped = 0
-        self._port: OpenPort | None = self._opened()
+        self._port: serial.Serial | None = self._opened()
 
-    def _opened(self) -> OpenPort:
+    def _opened(self) -> serial.Serial:
         import serial
 
-        port: OpenPort = serial.Serial(self._path, self._baud, timeout=0, write_timeout=0)
-        return port
+        return serial.Serial(self._path, self._baud, timeout=0, write_timeout=0)
 
     def send(self, data: bytes) -> None:
         if len(self._waiting) + len(data) > WAITING_BYTES:
@@ -116,13 +124,16 @@ class SerialBytes:
         try:
             if self._port is None:
                 self._port = self._opened()
-            self._waiting = self._waiting[self._port.write(self._waiting) or 0 :]
+            # pyserial's own write goes round and round where nobody takes the bytes, whatever its timeout
+            self._waiting = self._waiting[os.write(self._port.fileno(), self._waiting) :]
+        except BlockingIOError:
+            pass
         except OSError:
             self._hang_up()
 
     def receive(self) -> bytes:
         try:
-            return b"" if self._port is None else self._port.read(self._port.in_waiting or 1)
+            return b"" if self._port is None else bytes(self._port.read(self._port.in_waiting or 1))
         except OSError:
             self._hang_up()
             return b""

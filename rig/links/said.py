@@ -29,6 +29,11 @@ class SaidAir:
 class Speaker(Protocol):
     """What says airs to others. Nothing that it does waits or fails: a flight goes on without listeners."""
 
+    @property
+    def dropped(self) -> int:
+        """Messages that could not be sent."""
+        ...
+
     def send(self, said: SaidAir) -> None: ...
 
     def tell(self, text: str, now_s: float) -> None:

@@ -78,6 +78,10 @@ class FaultySpeaker:
         self._before: SaidAir | None = None
         self._stamp_s: float | None = None
 
+    @property
+    def dropped(self) -> int:
+        return self._speaker.dropped
+
     def send(self, said: SaidAir) -> None:
         active, told = self._schedule.active(), said
         if "one_old" in active and self._before is not None:
@@ -162,5 +166,7 @@ class Vehicle:
             vehicle_messages(self._stream, at_s, world.airspeed_m_s(at_s), world.pressure_hpa(at_s), place)
 
     def close(self) -> None:
-        for one in (*self._speakers, *([self._stream] if self._stream else [])):
-            one.close()
+        for speaker in self._speakers:
+            speaker.close()
+        if self._stream is not None:
+            self._stream.close()
