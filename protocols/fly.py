@@ -151,7 +151,7 @@ class _Surroundings:
         return {name: own.get(name, math.nan) for name in SURROUNDINGS}
 
 
-class Flight:
+class OnboardFlight:
     """A flight from the first reading to the last: `step` takes what is due, and is called until somebody has enough.
 
     Parameters

@@ -25,11 +25,11 @@ from shockrig.analysis.flight.weather import Weather
 from shockrig.analysis.onboard.source import c_source, flown
 from shockrig.analysis.report.hil_page import AFTER, AS_READ, IN_C, ON_BOARD, HilResult, LossStage
 from shockrig.files.errors import InputError
-from shockrig.files.flight import Flight as FlightRows
+from shockrig.files.flight import Flight
 from shockrig.files.flight_rows import whole_flight
 from shockrig.files.profile import Profile
 from shockrig.protocols.flight_world import FlightWorld
-from shockrig.protocols.fly import LOG, Flight, FlySettings
+from shockrig.protocols.fly import LOG, FlySettings, OnboardFlight
 from shockrig.protocols.onboard_check import build, compiler, run
 from shockrig.rig.bench import default_bench, open_bench
 from shockrig.rig.links.dronecan import DronecanNode, HygrometerFrame, decoded, this_machine
@@ -81,7 +81,7 @@ def fly_emulated(
     stream = MavlinkEnd(UdpPort(HERE, autopilot.number, False))
     vehicle = Vehicle(float, float, (), world.end_s, clock.now(), stream, world)
     listener = _Listener(MavlinkEnd(ground), ear)
-    flight = Flight(
+    flight = OnboardFlight(
         bench.sensors, clock, profile, out, speakers, FlySettings(lag_s, sync_every_s=None),
         autopilot=AutopilotListener(MavlinkEnd(autopilot)), say=lambda text: None, unix_s=clock.now,
     )  # fmt: skip
@@ -196,7 +196,7 @@ def _course(weather: Weather, at_s: Array) -> Courses:
     )
 
 
-def _in_c(profile: Profile, rows: FlightRows) -> Any:
+def _in_c(profile: Profile, rows: Flight) -> Any:
     """What the generated C makes of the rows, temperature and humidity and then their uncertainties; None where there
     is no compiler, or no program of this profile."""
     cc = compiler()

@@ -73,7 +73,7 @@ def main(args: argparse.Namespace) -> int:
 
     from shockrig.files.errors import InputError
     from shockrig.files.profile import read_profile
-    from shockrig.protocols.fly import Flight, FlySettings, Watchdog
+    from shockrig.protocols.fly import FlySettings, OnboardFlight, Watchdog
     from shockrig.protocols.fly_page import FlightFollower, serve_beside
     from shockrig.protocols.folder import software_version
     from shockrig.protocols.watch.web import is_local
@@ -104,7 +104,7 @@ def main(args: argparse.Namespace) -> int:
     speakers, autopilot = links(args)
     follower = FlightFollower() if args.web else None
     watchdog = Watchdog()
-    flight = Flight(
+    flight = OnboardFlight(
         bench.sensors,
         bench.clock,
         profile,

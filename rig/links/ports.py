@@ -4,7 +4,8 @@
     mcast:   mcast:1   can0                                                       frames (DroneCAN)
 
 A multicast packet is u16 0x2934, u16 CRC, u16 flags, u32 id with bit 31 for 29-bit ids, data; little endian,
-CRC-16-CCITT over all behind it, group 239.65.82.BUS, port 57732 (python-dronecan, ArduPilot). A frame of SocketCAN: linux/can.h.
+CRC-16-CCITT over all behind it, group 239.65.82.BUS, port 57732 (python-dronecan, ArduPilot). A frame of SocketCAN:
+linux/can.h.
 """
 
 from __future__ import annotations

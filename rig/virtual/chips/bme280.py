@@ -1,9 +1,9 @@
 """Emulated BME280 (Bosch) at the byte level: registers, modes, trimming values; temperature, pressure, humidity.
 
 A driver reads raw counts and reckons with the trimming values of the chip's memory; the counts here are those from
-which the data sheet's formulas give back what is measured. Source: Bosch, data sheet BME280 (BST-BME280-DS002, version 1.6),
-sections 3.3 (modes), 4.2.3 (formulas in floating point), 5 (registers), 9.1 (times); the trimming values of temperature
-and pressure are those of the worked example in the BMP280's data sheet (section 3.12).
+which the data sheet's formulas give back what is measured. Source: Bosch, data sheet BME280 (BST-BME280-DS002, version
+1.6), sections 3.3 (modes), 4.2.3 (formulas in floating point), 5 (registers), 9.1 (times); the trimming values of
+temperature and pressure are those of the worked example in the BMP280's data sheet (section 3.12).
 """
 
 from __future__ import annotations

@@ -53,8 +53,8 @@ class FastClock:
 class Options:
     """How the instruments are; `rate_hz` None is each unit's own, `humidity` gives an iMet-XF its own HYT-271, `second`
     a second bead, and with `humidity` a second film; `address` is the first HYT-271's, further ones have the next;
-    `chambers` are the airs and the airflow that chambers and a fan begin with, where there are any; `linked`: there is a
-    node on a link besides."""
+    `chambers` are the airs and the airflow that chambers and a fan begin with, where there are any; `linked`: there is
+    a node on a link besides."""
 
     address: int = 0x28
     bus: int = 1
