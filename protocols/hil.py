@@ -11,7 +11,7 @@ from __future__ import annotations
 import csv
 import os
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,7 @@ from shockrig.protocols.onboard_check import build, compiler, run
 from shockrig.rig.bench import default_bench, open_bench
 from shockrig.rig.links.dronecan import DronecanNode, HygrometerFrame, decoded, this_machine
 from shockrig.rig.links.mavlink import AutopilotListener, MavlinkEnd, MavlinkSpeaker
-from shockrig.rig.links.ports import MulticastCan, UdpPort
+from shockrig.rig.links.ports import FramePort, UdpPort, open_frames
 from shockrig.rig.recorder.run import read_run
 from shockrig.rig.virtual.faults import I2C_KINDS, LINK_KINDS, SERIAL_KINDS, Fault
 from shockrig.rig.virtual.vehicle import FaultyPort, FaultySpeaker, Vehicle, as_kelvin, as_whole_units
@@ -58,9 +58,8 @@ KINDS = (*LINK_KINDS, *I2C_KINDS, *(kind for kind in SERIAL_KINDS if kind not in
 
 
 def fly_emulated(
-    world: FlightWorld, profile: Profile, out: Path, faults: Iterable[Fault], seed: int, lag_s: float,
-    progress: Callable[[float], None] = lambda share: None,
-) -> Path:  # fmt: skip
+    world: FlightWorld, profile: Profile, out: Path, faults: Iterable[Fault], seed: int, lag_s: float
+) -> Path:
     """Fly a world's sensors through `fly`; the flight's folder, with what was heard in messages.csv."""
     faults = list(faults)
     of_parts = {
@@ -70,10 +69,10 @@ def fly_emulated(
     of_link = [fault for fault in faults if fault.kind in LINK_KINDS]
     bench = open_bench(default_bench(seed), faults={k: v for k, v in of_parts.items() if v}, world=world)
     clock = bench.clock
-    can_bus = 1 + os.getpid() % 254  # so that two of these do not hear each other
-    ground, ear, autopilot = UdpPort(HERE, 0, True), MulticastCan(can_bus), UdpPort(HERE, 0, True)
+    bus = f"mcast:{1 + os.getpid() % 254}"  # so that two of these do not hear each other
+    ear, ground, autopilot = open_frames(bus), UdpPort(HERE, 0, True), UdpPort(HERE, 0, True)
     to_ground = FaultyPort(UdpPort(HERE, ground.number, False), of_link, clock, seed)
-    can = FaultyPort(MulticastCan(can_bus), of_link, clock, seed)
+    can = FaultyPort(open_frames(bus), of_link, clock, seed)
     speakers = [
         FaultySpeaker(MavlinkSpeaker(MavlinkEnd(to_ground)), of_link, clock, as_whole_units),
         FaultySpeaker(DronecanNode(can, NODE, this_machine()), of_link, clock, as_kelvin),
@@ -92,10 +91,9 @@ def fly_emulated(
             for port in (to_ground, can):
                 port.release()
             listener.hear(clock.now())
-            progress(clock.now() / world.end_s)
     finally:
-        listener.hear(clock.now())
         flight.close()
+        listener.hear(clock.now())
         vehicle.close()
         listener.close()
         bench.close()
@@ -106,7 +104,7 @@ def fly_emulated(
 class _Listener:
     """A ground station: every message that is heard, as a row."""
 
-    def __init__(self, ground: MavlinkEnd, ear: MulticastCan) -> None:
+    def __init__(self, ground: MavlinkEnd, ear: FramePort) -> None:
         self._ground, self._ear = ground, ear
         self._rows: list[tuple[Any, ...]] = []
 
