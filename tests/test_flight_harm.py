@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from shockrig.analysis.flight.channel import FlightChannel
-from shockrig.analysis.flight.coarse import within, within_a_step
+from shockrig.analysis.flight.coarse import propagated, within, within_a_step
 from shockrig.analysis.flight.comparisons import PARTED, compared, up_and_down
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.disagreement import LikelyCause, explained
@@ -19,6 +19,7 @@ from shockrig.analysis.flight.sensor import fly
 from shockrig.analysis.flight.smooth_channel import estimate
 from shockrig.analysis.flight.smoother import Jumps, smooth
 from shockrig.analysis.flight.strengths import fit_prior, fit_windows, seen
+from shockrig.analysis.flight.sweep import Sweep
 from shockrig.analysis.flight.typical import typical_profile
 from shockrig.analysis.flight.weather import Weather, convective
 from shockrig.analysis.physics.exchange import Stream
@@ -48,6 +49,22 @@ def test_what_a_coarse_reading_leaves_of_a_gaussian():
         found = within(*(np.array([v]) for v in (reading, step, noise, mean, variance)))
         assert found[0][0] == pytest.approx(right, abs=2e-3 * variance**0.5)
         assert found[1][0] == pytest.approx(spread, rel=0.02)
+
+
+def test_coarse_readings_that_go_to_and_fro_lie_on_the_edge_between_them():
+    """Air at rest on the edge of a step: neighbours say the same thing, and a fixed damping swung by a whole step."""
+    rng = np.random.default_rng(0)
+    reading = np.where(rng.random(400) < 0.5, 8.5, 9.0)
+
+    def sweep(site, variance):
+        mean = np.full(400, np.sum(site / variance) / np.sum(1.0 / variance))  # one air for all
+        own = np.full(400, 1.0 / np.sum(1.0 / variance))
+        nothing = np.zeros((400, 2))
+        return Sweep(mean, own, mean, own, nothing, nothing, mean)
+
+    noise, step = np.full(400, 0.02), np.full(400, 0.5)
+    site, variance = propagated(sweep, reading, noise**2 + step**2 / 12.0, step, noise)
+    assert sweep(site, variance).air[0] == pytest.approx(8.75, abs=0.01)
 
 
 def test_a_reading_that_stays_leaves_its_step_open_where_no_change_is_near():

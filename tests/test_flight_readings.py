@@ -11,7 +11,7 @@ from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.guard import reach
 from shockrig.analysis.flight.profile_doubts import profile_doubts
 from shockrig.analysis.flight.scenes import to_flight
-from shockrig.analysis.flight.screen import screen
+from shockrig.analysis.flight.screen import resolution_of, screen
 from shockrig.analysis.flight.sensor import fly
 from shockrig.analysis.flight.stretches import largest_share
 from shockrig.analysis.flight.typical import typical_profile
@@ -329,6 +329,16 @@ def test_an_airspeed_that_is_not_known_widens_what_depends_on_it():
         for speed in (log.airspeed_m_s, np.full(log.time_s.size, 10.0), np.full(log.time_s.size, np.nan))
     ]
     assert sizes[0] < sizes[1] < sizes[2]
+
+
+def test_the_step_of_a_log_is_that_of_the_grid_its_readings_lie_on():
+    """A stretch that dithers, or the plateaus on either side of a door, are no steps of the log."""
+    rng = np.random.default_rng(4)
+    coarse = np.round(32.0 + 3.0 * np.sin(np.arange(2400) / 300.0) + 0.06 * rng.standard_normal(2400))
+    coarse[800:1300] = 32.0 + 0.01 * rng.integers(-1, 2, 500)
+    assert resolution_of(coarse) == 1.0
+    door = np.round(np.where(np.arange(1200) < 600, 25.7, 12.5) + 0.01 * rng.standard_normal(1200), 2)
+    assert resolution_of(door) == pytest.approx(0.01)
 
 
 def test_a_ceiling_is_where_the_sensor_stopped():

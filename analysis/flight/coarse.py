@@ -17,8 +17,10 @@ from shockrig.analysis.flight.sweep import Sweep
 
 Array = NDArray[np.float64]
 COARSE = 2.0  # times the noise: finer steps are noise like any other
-ROUNDS = 4
-DAMPING = 0.7
+MOST_ROUNDS = 30
+DAMPING = 0.7  # of each round's step, halved where the rounds do not come to rest: neighbours say the same thing
+SLOWER = 0.7  # of what the round before moved it by: more is no coming to rest
+AT_REST = 0.02  # of a step, that a round moves the sensor by
 SHARPEST = 0.1  # of a step
 REACH = 2.0  # times the noise
 VAGUE = 1e4  # a reading's variance is at most so many times its step's square
@@ -33,8 +35,15 @@ def propagated(
     """
     seen = np.isfinite(variance)
     site, site_variance = values.copy(), variance.copy()
-    for _ in range(ROUNDS):
+    damping, before, moved = DAMPING, values, np.inf
+    for _ in range(MOST_ROUNDS):
         found = sweep(site, site_variance)
+        last, moved = moved, float(np.max(np.abs(found.clean - before)[seen] / step[seen], initial=0.0))
+        before = found.clean
+        if moved < AT_REST:
+            break
+        if moved > SLOWER * last:
+            damping *= 0.5
         precision, shift = 1.0 / site_variance[seen], site[seen] / site_variance[seen]
         own = np.maximum(found.clean_variance[seen], 1e-12 * step[seen] ** 2)
         others = np.maximum(1.0 / own - precision, 1e-6 / step[seen] ** 2)
@@ -47,8 +56,8 @@ def propagated(
         reach = 0.5 * step[seen] + REACH * noise[seen]
         centre = tilted + others / new * (tilted - mean)
         new_shift = new * np.clip(centre, values[seen] - reach, values[seen] + reach)
-        precision = (1 - DAMPING) * precision + DAMPING * new
-        shift = (1 - DAMPING) * shift + DAMPING * new_shift
+        precision = (1 - damping) * precision + damping * new
+        shift = (1 - damping) * shift + damping * new_shift
         site_variance[seen], site[seen] = 1.0 / precision, shift / precision
     return np.where(seen, site, found.clean), site_variance
 

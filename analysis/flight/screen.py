@@ -36,8 +36,9 @@ CAPPED = 0.02  # of the rows, that hold the largest reading and the one before i
 FEWEST_CAPPED = 10
 CEILING_SIGMAS = 5.0  # of chance, that a highest step is held longer
 AGAIN, FEWEST_LEVELS = 0.5, 20  # of the readings; fewer levels tell a log's step no better than those that occur once
-ENOUGH, ON_A_STEP = 0.8, 10.0  # of the readings, on levels that hold so many each: these are steps, however few
-BESIDE_ONE_ANOTHER = 0.5  # of the steps between the lowest and the highest of these few are held
+ENOUGH, ON_A_STEP = 0.75, 10.0  # of the readings, on levels that hold so many each: these are steps, however few
+OFF_GRID = 0.05  # of a step, that rounded steps add up to
+BESIDE_ONE_ANOTHER = 0.5  # of the lines between the lowest and the highest of these few are held
 LATEST_S = 1e13  # since 1970 it is 2e9 s; beyond this a double's steps are no longer milliseconds
 
 
@@ -319,18 +320,35 @@ def stairs(values: Array, resolution: float, noise: float = np.inf) -> bool:
 
 
 def resolution_of(values: Array) -> float:
-    """Smallest step between the values that occur, of those that occur again where that many do, or of the few that
-    hold nearly all (what was put in between is on no step of the log); 0 where there is but one."""
-    levels, counts = np.unique(np.round(values[:20000], 9), return_counts=True)
-    again, order = np.flatnonzero(counts > 1), np.argsort(-counts, kind="stable")
-    few = np.sort(order[: int(np.searchsorted(np.cumsum(counts[order]), ENOUGH * counts.sum())) + 1])
-    apart = np.diff(levels[few])
-    if few.size >= 3 and apart.min() * apart.size >= BESIDE_ONE_ANOTHER * apart.sum() and _steps(counts, few):
-        levels = levels[few]
-    elif counts[again].sum() > AGAIN * counts.sum() and (again.size >= FEWEST_LEVELS or _steps(counts, again)):
+    """Smallest step between the values that occur, or the step of the grid that nearly all of them lie on (what was put
+    in between is on no step of the log), or of those that occur again where that many do; 0 where there is but one."""
+    values = np.round(values[:20000], 9)
+    levels, counts = np.unique(values, return_counts=True)
+    again = np.flatnonzero(counts > 1)
+    if grid := _grid(values, levels, counts):
+        return grid
+    if counts[again].sum() > AGAIN * counts.sum() and (again.size >= FEWEST_LEVELS or _steps(counts, again)):
         levels = levels[again]
     steps = np.diff(levels)
     return float(np.quantile(steps, 0.05, method="lower")) if steps.size else 0.0
+
+
+def _grid(values: Array, levels: Array, counts: NDArray[np.int64]) -> float:
+    """Step of the coarsest grid that most readings lie on, at least half of it held and each line by many, from one line
+    to the next often enough; 0 where there is none. On every second line of a grid lies half of what is on it."""
+    for step in np.unique(np.round(np.diff(levels[counts > 1]), 9))[::-1].tolist():
+        line = (levels - levels[np.argmax(counts)]) / step
+        on = np.abs(line - np.round(line)) < OFF_GRID
+        held, of_level = np.unique(np.round(line[on]), return_inverse=True)
+        most = np.zeros(held.size)
+        np.maximum.at(most, of_level, counts[on])  # one level a line: calm air lies near a line of any wide grid
+        if most.sum() < ENOUGH * counts.sum() or held.size < 3 or most.sum() < ON_A_STEP * held.size:
+            continue
+        if held.size < BESIDE_ONE_ANOTHER * (held[-1] - held[0]):
+            continue
+        if np.count_nonzero(np.abs(np.abs(np.diff(values)) / step - 1.0) < OFF_GRID) >= FEWEST_CHANGES:
+            return float(step)
+    return 0.0
 
 
 def _steps(counts: NDArray[np.int64], some: NDArray[np.int64]) -> bool:
