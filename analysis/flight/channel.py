@@ -55,6 +55,8 @@ class FlightReadings:
         Step of each reading, where it is coarser than the noise.
     jumps_s : ndarray (j,) or None
         Times at which a faster sensor saw the air jump.
+    loud : ndarray (n,) or None
+        Readings in bursts of noise.
     """
 
     channel: str
@@ -67,6 +69,7 @@ class FlightReadings:
     passing: Passing | None = None
     rounding: Array | None = None
     jumps_s: Array | None = None
+    loud: Mask | None = None
 
 
 @dataclass(frozen=True)

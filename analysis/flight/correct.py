@@ -54,6 +54,7 @@ def _smoother(readings: FlightReadings, cutoff_hz: float | None = None) -> Estim
         readings.passing,
         readings.rounding,
         readings.jumps_s,
+        readings.loud,
     )
 
 
@@ -213,7 +214,15 @@ def _temperature(
     variance = (np.hypot(noise * screened.louder, screened.resolution / np.sqrt(12)) / plain.gain) ** 2
     steps = coarse(screened.resolution, noise, 1.0 / plain.gain)
     readings = FlightReadings(
-        "temperature", time_s, plain.reading, screened.usable, response, variance, plain.delay_s, None, steps
+        "temperature",
+        time_s,
+        plain.reading,
+        screened.usable,
+        response,
+        variance,
+        plain.delay_s,
+        rounding=steps,
+        loud=screened.loud,
     )
     found = solve(readings, cutoff_hz)
     everywhere = np.ones(raw.size)

@@ -112,8 +112,8 @@ def correct_humidity(
     read_air = air
     alone = np.zeros(raw.shape)
     if die is None and not any(one.meaning.by_activity for one in effects):
-        loud = np.maximum(screened.louder, bead.screened.louder) > 1.0  # of a burst of noise neither says anything
-        believed = screened.usable & bead.screened.usable & ~loud
+        # of a burst of noise neither says anything
+        believed = screened.usable & bead.screened.usable & ~(screened.loud | bead.screened.loud)
         own_noise = float(np.hypot(noise, screened.resolution / np.sqrt(12)) / np.median(plain.gain))
         then = _earlier(time_s, air, plain.delay_s)
         alone = unseen(time_s, plain.reading, then, sigma, believed, response, own_noise)
@@ -152,7 +152,17 @@ def correct_humidity(
         usable = usable & ~vague if np.count_nonzero(usable & ~vague) > 0.5 * np.count_nonzero(usable) else usable
     steps = coarse(screened.resolution, noise, to_vapour / plain.gain)
     readings = FlightReadings(
-        "humidity", time_s, vapour, usable, response, variance, plain.delay_s, passing, steps, bead.jumps_s
+        "humidity",
+        time_s,
+        vapour,
+        usable,
+        response,
+        variance,
+        plain.delay_s,
+        passing,
+        steps,
+        bead.jumps_s,
+        screened.loud,
     )
     found = solve(readings, cutoff_hz)
     outside = ~part.covers(read_air) | beyond_discovered(part.discovered, stream.airflow_m_s, read_air)

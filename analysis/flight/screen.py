@@ -56,6 +56,11 @@ class Screened:
     louder: Array | float = 1.0
     capped: Mask | None = None
 
+    @property
+    def loud(self) -> Mask:
+        """Readings (n,) in bursts of noise."""
+        return np.broadcast_to(np.asarray(self.louder) > 1.0, self.usable.shape)
+
 
 @dataclass(frozen=True)
 class OrderedTime:
@@ -217,7 +222,8 @@ def screen(
         implausible[rows] = np.repeat(lone | spiked, np.diff(np.append(new, rows.size)))
     believed &= ~implausible
     by_steps = stairs(reading[np.flatnonzero(believed)], resolution, noise)
-    stretches = judge(reading, believed, resolution, noise, share, swing, lagging)
+    spikes = implausible & (reading >= possible.low) & (reading <= possible.high)
+    stretches = judge(reading, believed, resolution, noise, share, swing, lagging, spikes)
     implausible |= stretches.from_elsewhere
     believed &= ~implausible
     repeated = np.zeros(reading.shape, dtype=bool)

@@ -33,6 +33,7 @@ MEMORY_LAGS, LEAST_MEMORY_S = 3.0, 8.0  # how far back a sensor remembers
 JUMPED = 12.0  # times what readings usually differ by: a jump, where those beside it differ by less than
 BESIDE = 0.25  # of it
 ALONG_ROWS = 31  # that a trend is taken over
+LEAST_CALM = 0.5  # of the readings, or bursts are what this flight has
 SPARSE = 0.97  # share of nodes with a sample, below which the bridges are left out of the judgement
 
 
@@ -66,6 +67,7 @@ def estimate(
     passing: Passing | None = None,
     rounding: Array | None = None,
     jumps_s: Array | None = None,
+    loud: NDArray[np.bool_] | None = None,
 ) -> Estimate:
     """Smooth one channel.
 
@@ -85,6 +87,8 @@ def estimate(
         Step of each reading where it is coarser than the noise; `noise_variance` has its variance, step^2 / 12, in it.
     jumps_s : (j,), optional
         Times at which a faster sensor saw the air jump.
+    loud : (n,), optional
+        Readings in bursts of noise: they say nothing of how strongly the air varies.
     """
     between = typical_period(time_s)
     parts = int(np.clip(round(between / (PER_LAG * response.slowest_s)), 1, MOST_PARTS))
@@ -107,7 +111,11 @@ def estimate(
     ordinary = np.ones(node_time.size, dtype=bool)
     if through is not None:
         ordinary = through.sigma <= ODD * np.median(through.sigma)
-    noise = np.sqrt(noise_variance[nearest])
+    calm = measured
+    if loud is not None and np.count_nonzero(usable & ~loud) > LEAST_CALM * np.count_nonzero(usable):
+        calm, ordinary = measured & ~loud[nearest], ordinary & ~(measured & loud[nearest])
+    noise = np.interp(node_time, node_time[calm], np.sqrt(noise_variance[nearest][calm]))
+    rows = np.flatnonzero(calm)
     expected = float(np.sqrt(np.mean((noise if rows.size > SPARSE * node_time.size else noise[rows]) ** 2)))
 
     # noise under coarse steps does not show: it is what was expected
@@ -152,7 +160,7 @@ def estimate(
         # again with what the sensor would have read there
         read = found.clean + noise * noise_factor * np.random.default_rng(0).standard_normal(noise.size)
         read = without(track, np.where(brief, read, bridged), found, jumps)
-        local = priors(read, rows=np.flatnonzero(measured | brief))
+        local = priors(read, rows=np.flatnonzero(calm | brief))
         found = swept(track, bridged, variance, local, jumps, scored=False)
     if rounding is not None:
         steps = rounding[nearest]

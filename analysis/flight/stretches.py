@@ -64,6 +64,7 @@ def judge(
     share: float,
     swing: float = np.inf,
     lagging: Array | None = None,
+    spikes: Mask | None = None,
 ) -> Stretches:
     """Judge readings (n,), of which some are `believed` so far.
 
@@ -77,6 +78,8 @@ def judge(
         Most that the air goes, and comes back; less is judged by the lag alone.
     lagging : ndarray (n,), optional
         What lags, where it is not the reading itself: a film's vapour, whose reading follows the temperature at once.
+    spikes : ndarray (n,), optional
+        Readings that are not believed and may be the loudest of a burst.
     """
     nothing = np.zeros(reading.shape, dtype=bool)
     found = Stretches(nothing, nothing.copy(), np.ones(reading.shape))
@@ -98,19 +101,29 @@ def judge(
     found.stuck[rows] = held = _stuck(values, resolution, noise, third)
     if share <= MOST_SHARE:
         usual = max(float(np.median(third[~held])) if (~held).any() else 0.0, noise, resolution / np.sqrt(12.0))
-        louder = np.ones(values.size)
-        for window, times in LOUDER.items():
-            third = third if window == WINDOW else scatter(values, window)
-            loud = (third > times * usual) & ~held
-            if not loud.any():
-                continue
-            single = _scatter(values, 1, window) / NORM_1
-            loud &= (third > WHITE * single) & (single > ALONE * third)
-            # a window's median sees a burst from its middle to its middle; its rows at either end are as loud
-            loud, wider = maximum_filter1d(loud, 5), maximum_filter1d(third, 5)
-            louder = np.maximum(louder, np.where(loud, wider / noise, 1.0))
-        found.louder[rows] = louder
+        found.louder[rows] = np.where(held, 1.0, _louder(values, usual) / noise)
+        if spikes is not None and spikes.any():
+            # without its loudest readings what is left of a burst is more quiet than it was
+            every = np.flatnonzero(spikes | (believed & ~found.from_elsewhere & ~found.stuck))
+            found.louder[every] = np.maximum(found.louder[every], _louder(reading[every], usual) / noise)
+        np.maximum(found.louder, 1.0, out=found.louder)
     return found
+
+
+def _louder(values: Array, usual: float) -> Array:
+    """Noise (n,) of readings in bursts, far above the `usual`; 0 elsewhere."""
+    louder = np.zeros(values.size)
+    for window, times in LOUDER.items():
+        third = scatter(values, window)
+        loud = third > times * usual
+        if not loud.any():
+            continue
+        single = _scatter(values, 1, window) / NORM_1
+        loud &= (third > WHITE * single) & (single > ALONE * third)
+        # a window's median sees a burst from its middle to its middle; its rows at either end are as loud
+        loud, wider = maximum_filter1d(loud, 5), maximum_filter1d(third, 5)
+        louder = np.maximum(louder, np.where(loud, wider, 0.0))
+    return louder
 
 
 def scatter(values: Array, window: int = WINDOW) -> Array:
