@@ -135,7 +135,7 @@ def correct_humidity(
     level = np.interp(time_s, time_s[screened.usable], vapour[screened.usable])
     variance = (np.hypot(noise * screened.louder, screened.resolution / np.sqrt(12)) / plain.gain * to_vapour) ** 2
     # what the air's temperature leaves open divides the reading and the result alike; a die of its own parts the two
-    passing, usable, unread = None, screened.usable, np.zeros(raw.shape, dtype=bool)
+    passing, usable, unread, vague = None, screened.usable, *np.zeros((2, *raw.shape), dtype=bool)
     if die is None and not by_activity:
         percent_per_k = level * _steepness(air)
         error = np.hypot(error, _misplaced(air, bead.screened.usable))
@@ -165,6 +165,12 @@ def correct_humidity(
         screened.loud,
     )
     found = solve(readings, cutoff_hz)
+    if (passed := vague & screened.usable & ~screened.loud).any():
+        # however unsure the temperature, the film's humidity is its reading, and the air's vapour differs from the
+        # film's by what the readings around say
+        ahead = np.divide(found.air, found.clean, out=np.ones(raw.shape), where=found.clean > 0.0)
+        air_then = np.where(passed, vapour * ahead, found.air)
+        found = replace(found, air=air_then, clean=np.where(passed, vapour, found.clean))
     outside = ~part.covers(read_air) | beyond_discovered(part.discovered, stream.airflow_m_s, read_air)
     channel = judged(readings, found, plain, screened, outside, raw, from_vapour, notes, SATURATED_PERCENT)
     channel = held(channel, readings, raw, from_vapour, notes, (0.0, SATURATED_PERCENT))
