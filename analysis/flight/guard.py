@@ -49,6 +49,7 @@ def held(
     # what is out by less than is stated is that, and what is far out was no estimate
     out = np.abs(np.clip(value, *possible) - value) > SIGMAS * channel.uncertainty
     value = np.where(out, np.clip(value, *possible), value)
+    sigma = channel.uncertainty
     if (capped := _capped(channel, np.full(raw.shape, -np.inf)) & ~channel.raw).any():
         value = _above_ceiling(value, raw, capped, channel, notes)
         beyond = np.where(capped & np.isfinite(value), value - raw, 0.0)
@@ -62,7 +63,8 @@ def held(
         )
         value = np.where(moved, value, channel.value)
         channel = replace(channel, value=value, uncertainty=np.hypot(channel.uncertainty, away))
-    return _nearer(channel, readings, unit, _capped(channel, raw - possible[1]))
+    # how far beyond a ceiling the air is counts as uncertainty, and is what is asked for
+    return _nearer(channel, readings, unit, np.where(capped, sigma, channel.uncertainty))
 
 
 def _capped(channel: FlightChannel, beyond: Array) -> Mask:
@@ -71,21 +73,20 @@ def _capped(channel: FlightChannel, beyond: Array) -> Mask:
     return np.zeros(channel.value.shape, dtype=bool) if capped is None else capped & (beyond < 0.0)
 
 
-def _nearer(channel: FlightChannel, readings: FlightReadings, unit: Array, capped: Mask) -> FlightChannel:
+def _nearer(channel: FlightChannel, readings: FlightReadings, unit: Array, sigma: Array) -> FlightChannel:
     """The channel nearer to its readings where it is far less certain than elsewhere in the flight.
 
     That the reading is right is one of the explanations: of a difference d that is unsure by s, d^4 / (d^4 + s^4) is
     kept, all of one that is sure and nothing of one that is not. s is two sigmas of what exceeds the usual uncertainty;
     what is stated stays.
     """
-    # at a ceiling a reading says no more than where the sensor stopped
-    seen = np.isfinite(readings.reading) & (channel.screened.usable | channel.screened.repeated) & ~capped
+    seen = np.isfinite(readings.reading) & (channel.screened.usable | channel.screened.repeated)
     if not seen.any():
         return channel
     # in a gap, what lies between the readings on either side
     rows = np.arange(seen.size)
-    reading, sigma = np.interp(rows, rows[seen], readings.reading[seen]) * unit, channel.uncertainty
-    known = np.isfinite(channel.value) & np.isfinite(sigma) & ~channel.raw & ~capped
+    reading = np.interp(rows, rows[seen], readings.reading[seen]) * unit
+    known = np.isfinite(channel.value) & np.isfinite(sigma) & ~channel.raw
     if not known.any():
         return channel
     usual = np.maximum(USUAL_TIMES * np.median(sigma[known]), USUAL_NOISES * np.sqrt(readings.noise_variance) * unit)
