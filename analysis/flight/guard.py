@@ -37,10 +37,12 @@ def held(
     unit: Array,
     notes: list[str],
     possible: tuple[float, float] = (-np.inf, np.inf),
+    left_open: Array | float = 0.0,
 ) -> FlightChannel:
     """The channel no farther from its readings than the air can be; by how much it was counts as uncertainty.
 
-    `unit` turns the readings' unit into that of `raw`, the log's; `possible` is what no air is beyond.
+    `unit` turns the readings' unit into that of `raw`, the log's; `possible` is what no air is beyond; `left_open` (n,)
+    is the uncertainty of what lags, in the log's unit, that reading and result have in common and their difference not.
     """
     low, high = (bound * unit for bound in reach(readings, channel.resolved_rate))
     # where the sensor was read, if not anew, the air may be as it says
@@ -64,7 +66,8 @@ def held(
         value = np.where(moved, value, channel.value)
         channel = replace(channel, value=value, uncertainty=np.hypot(channel.uncertainty, away))
     # how far beyond a ceiling the air is counts as uncertainty, and is what is asked for
-    return _nearer(channel, readings, unit, np.where(capped, sigma, channel.uncertainty))
+    unsure = np.hypot(np.where(capped, sigma, channel.uncertainty), left_open)
+    return _nearer(channel, readings, unit, unsure)
 
 
 def _capped(channel: FlightChannel, beyond: Array) -> Mask:

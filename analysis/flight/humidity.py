@@ -140,13 +140,12 @@ def correct_humidity(
         percent_per_k = level * _steepness(air)
         error = np.hypot(error, _misplaced(air, bead.screened.usable))
         coupling = _coupling(time_s, level, air, error, percent_per_k, response)
-        left_open = percent_per_k * error
-        passing = Passing(left_open, bead.resolved_rate, coupling)
+        passing = Passing(percent_per_k * error, bead.resolved_rate, coupling)
         # a reading whose temperature is not known is none of vapour
         # a thermometer that is read more seldom than the hygrometer is one all the same
         longest_s = max(APART_S, SELDOM * typical_period(time_s[bead.screened.usable]))
         unread = _long(~bead.screened.usable, time_s, longest_s)
-        vague = left_open > np.maximum(VAGUE_TIMES * np.median(left_open), VAGUE_NOISES * np.sqrt(variance))
+        vague = passing.sigma > np.maximum(VAGUE_TIMES * np.median(passing.sigma), VAGUE_NOISES * np.sqrt(variance))
         # over a while, readings of vapour that is known badly say more than none
         vague = unread | (vague & ~_long(vague, time_s, APART_S))
         usable = usable & ~vague if np.count_nonzero(usable & ~vague) > 0.5 * np.count_nonzero(usable) else usable
@@ -173,7 +172,8 @@ def correct_humidity(
         found = replace(found, air=air_then, clean=np.where(passed, vapour, found.clean))
     outside = ~part.covers(read_air) | beyond_discovered(part.discovered, stream.airflow_m_s, read_air)
     channel = judged(readings, found, plain, screened, outside, raw, from_vapour, notes, SATURATED_PERCENT)
-    channel = held(channel, readings, raw, from_vapour, notes, (0.0, SATURATED_PERCENT))
+    left_open = 0.0 if passing is None else passing.sigma * from_vapour
+    channel = held(channel, readings, raw, from_vapour, notes, (0.0, SATURATED_PERCENT), left_open)
     channel = _as_read(channel, raw, unread & (screened.usable | screened.repeated) & ~channel.raw, notes)
     uncertainty = channel.uncertainty
     if die is not None or found.cutoff_hz is not None:
