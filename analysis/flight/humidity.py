@@ -135,7 +135,8 @@ def correct_humidity(
     level = np.interp(time_s, time_s[screened.usable], vapour[screened.usable])
     variance = (np.hypot(noise * screened.louder, screened.resolution / np.sqrt(12)) / plain.gain * to_vapour) ** 2
     # what the air's temperature leaves open divides the reading and the result alike; a die of its own parts the two
-    passing, usable, unread, vague = None, screened.usable, *np.zeros((2, *raw.shape), dtype=bool)
+    passing, usable, left_open = None, screened.usable, np.zeros(raw.shape)
+    unread, vague = np.zeros((2, *raw.shape), dtype=bool)
     if die is None and not by_activity:
         percent_per_k = level * _steepness(air)
         error = np.hypot(error, _misplaced(air, bead.screened.usable))
@@ -147,7 +148,9 @@ def correct_humidity(
         unread = _long(~bead.screened.usable, time_s, longest_s)
         vague = passing.sigma > np.maximum(VAGUE_TIMES * np.median(passing.sigma), VAGUE_NOISES * np.sqrt(variance))
         # over a while, readings of vapour that is known badly say more than none
-        vague = unread | (vague & ~_long(vague, time_s, APART_S))
+        lasting = _long(vague, time_s, APART_S)
+        left_open = np.where(lasting, passing.sigma * from_vapour, 0.0)
+        vague = unread | (vague & ~lasting)
         usable = usable & ~vague if np.count_nonzero(usable & ~vague) > 0.5 * np.count_nonzero(usable) else usable
     steps = coarse(screened.resolution, noise, to_vapour / plain.gain)
     readings = FlightReadings(
@@ -172,7 +175,6 @@ def correct_humidity(
         found = replace(found, air=air_then, clean=np.where(passed, vapour, found.clean))
     outside = ~part.covers(read_air) | beyond_discovered(part.discovered, stream.airflow_m_s, read_air)
     channel = judged(readings, found, plain, screened, outside, raw, from_vapour, notes, SATURATED_PERCENT)
-    left_open = 0.0 if passing is None else passing.sigma * from_vapour
     channel = held(channel, readings, raw, from_vapour, notes, (0.0, SATURATED_PERCENT), left_open)
     channel = _as_read(channel, raw, unread & (screened.usable | screened.repeated) & ~channel.raw, notes)
     uncertainty = channel.uncertainty
