@@ -93,16 +93,14 @@ def _nearer(channel: FlightChannel, readings: FlightReadings, unit: Array, sigma
     if not known.any():
         return channel
     usual = np.maximum(USUAL_TIMES * np.median(sigma[known]), USUAL_NOISES * np.sqrt(readings.noise_variance) * unit)
-    unsure = np.where(known, np.sqrt(np.maximum(sigma**2 - usual**2, 0.0)), 0.0)
-    return replace(channel, value=np.where(known, nearer(channel.value, reading, unsure), channel.value))
-
-
-def nearer(value: Array, reading: Array, unsure: Array) -> Array:
-    """Values (n,) nearer to their readings, by how `unsure` (n,) the difference is beside what is usual."""
-    off = value - reading
+    off = np.where(known, channel.value - reading, 0.0)
+    extra = np.where(known, SURE**2 * np.maximum(sigma**2 - usual**2, 0.0), 0.0)
+    vague = extra > 0.0
+    if not vague.any():
+        return channel
     fourth = np.square(np.square(off))
-    kept = np.divide(fourth, fourth + (SURE * unsure) ** 4, out=np.ones(off.shape), where=unsure > 0.0)
-    return np.where(unsure > 0.0, reading + kept * off, value)
+    kept = np.divide(fourth, fourth + extra**2, out=np.ones(off.shape), where=vague)
+    return replace(channel, value=np.where(vague, reading + kept * off, channel.value))
 
 
 def _above_ceiling(value: Array, raw: Array, capped: Mask, channel: FlightChannel, notes: list[str]) -> Array:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.flight.channel import FlightChannel, bridged
 from shockrig.analysis.flight.disagreement import late_die
-from shockrig.analysis.flight.guard import nearer
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.flight.smoother import followed
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
@@ -84,7 +83,7 @@ def seen_by_film(
             f"sun, ice or a wake was at the thermometer, or the hygrometer's own temperature is late ({late_die()}); "
             "a log with the temperature of its own would tell"
         )
-        bead, film = _nearer(bead, off).doubted(off), film.doubted(of_film)
+        bead, film = bead.doubted(off), film.doubted(of_film)
     elif with_them.left_k < without.left_k:
         said += (
             f"the hygrometer's own thermometer follows {with_them.lag_s:.2g} s later, so its temperature is late and "
@@ -93,13 +92,6 @@ def seen_by_film(
         film = film.doubted(of_film)
     else:
         said += "the sun, ice or a wake was at the thermometer, since the hygrometer's own does not follow them either"
-        bead = _nearer(bead, off).doubted(off)
+        bead = bead.doubted(off)
     notes.append(f"{said}; humidity is corrected without these moves, and uncertainties are widened by them")
     return bead, film
-
-
-def _nearer(bead: FlightChannel, off: Array) -> FlightChannel:
-    """The thermometer nearer to its reading where it moved by itself `off` (n,): that is no lag of the air's."""
-    known = np.isfinite(bead.value) & ~bead.raw
-    value = nearer(bead.value, bead.value - np.nan_to_num(bead.lag), off)
-    return replace(bead, value=np.where(known, value, bead.value))

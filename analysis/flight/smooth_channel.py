@@ -34,6 +34,7 @@ JUMPED = 12.0  # times what readings usually differ by: a jump, where those besi
 BESIDE = 0.25  # of it
 ALONG_ROWS = 31  # that a trend is taken over
 LEAST_CALM = 0.5  # of the readings, or bursts are what this flight has
+TO_AND_FRO = 1.5  # steps: what third differences of such readings show is at most 1.33
 SPARSE = 0.97  # share of nodes with a sample, below which the bridges are left out of the judgement
 
 
@@ -112,6 +113,9 @@ def estimate(
     if through is not None:
         ordinary = through.sigma <= ODD * np.median(through.sigma)
     calm = measured
+    if loud is not None and rounding is not None:
+        # readings that go to and fro between two steps are as loud as that, and no burst
+        loud = loud & (noise_variance - rounding**2 / 12.0 > (TO_AND_FRO * rounding) ** 2)
     if loud is not None and np.count_nonzero(usable & ~loud) > LEAST_CALM * np.count_nonzero(usable):
         calm, ordinary = measured & ~loud[nearest], ordinary & ~(measured & loud[nearest])
     noise = np.interp(node_time, node_time[calm], np.sqrt(noise_variance[nearest][calm]))
