@@ -11,7 +11,6 @@ what a file holds.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import warnings
 import zlib
@@ -21,6 +20,7 @@ import numpy as np
 from flight_harm import ABSURD, CHANNELS, SIGMAS, profile_of, rms
 from flight_kinds import KINDS
 from flight_worlds import fly
+from resumed import kept, scored
 
 from shockrig.analysis.flight.correct import correct
 from shockrig.files.flight import Flight
@@ -96,21 +96,10 @@ def main() -> int:
     args = parser.parse_args()
     warnings.simplefilter("ignore")
     if args.table:
-        table([json.loads(text) for text in args.table.read_text().splitlines()])
+        table(kept(args.table))
         return 0
-    done = [json.loads(text) for text in args.out.read_text().splitlines()] if args.out and args.out.exists() else []
-    seen = {(line["kind"], line["seed"]) for line in done}
-    for seed in range(args.first_seed, args.first_seed + args.seeds):
-        for name in args.kinds:
-            if (name, seed) in seen:
-                continue
-            print(f"{name} {seed}", file=sys.stderr)
-            lines = score(name, seed, tuple(args.lags))
-            done.extend(lines)
-            if args.out:
-                with args.out.open("a") as stream:
-                    stream.writelines(json.dumps(line) + "\n" for line in lines)
-    table(done)
+    jobs = [(name, seed) for seed in range(args.first_seed, args.first_seed + args.seeds) for name in args.kinds]
+    table(scored(args.out, jobs, ("kind", "seed"), lambda name, seed: score(name, seed, tuple(args.lags))))
     return 0
 
 

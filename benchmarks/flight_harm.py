@@ -13,7 +13,6 @@ flown again; --table prints what a file holds.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import warnings
 import zlib
@@ -23,6 +22,7 @@ import numpy as np
 from flight_fresh import FRESH
 from flight_kinds import KINDS
 from flight_worlds import BEAD_RATE, FILM_RATE, Flown, World, fly, saturation_hpa
+from resumed import kept, scored
 from scipy.ndimage import median_filter
 from scipy.stats import norm
 
@@ -257,21 +257,10 @@ def main() -> int:
     if args.fresh:
         args.kinds = list(FRESH)
     if args.table:
-        table([json.loads(text) for text in args.table.read_text().splitlines()])
+        table(kept(args.table))
         return 0
-    done = [json.loads(text) for text in args.out.read_text().splitlines()] if args.out and args.out.exists() else []
-    seen = {(line["kind"], line["seed"]) for line in done}
-    for name in args.kinds:
-        for seed in range(args.first_seed, args.first_seed + args.seeds):
-            if (name, seed) in seen:
-                continue
-            print(f"{name} {seed}", file=sys.stderr)
-            lines = score(name, seed, not args.no_peers)
-            done.extend(lines)
-            if args.out:
-                with args.out.open("a") as stream:
-                    stream.writelines(json.dumps(line) + "\n" for line in lines)
-    table(done)
+    jobs = [(name, seed) for name in args.kinds for seed in range(args.first_seed, args.first_seed + args.seeds)]
+    table(scored(args.out, jobs, ("kind", "seed"), lambda name, seed: score(name, seed, not args.no_peers)))
     return 0
 
 

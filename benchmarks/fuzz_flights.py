@@ -12,7 +12,6 @@ are the reading and say so; rows that bear `not_corrected` and are not the readi
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 import traceback
@@ -24,6 +23,7 @@ import numpy as np
 from flight_harm import CHANNELS, SIGMAS, profile_of
 from flight_kinds import convective, door, front, plumes, profile
 from flight_worlds import World, changed, fly
+from resumed import keep, kept
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from shockrig.analysis.flight.correct import correct
@@ -285,7 +285,7 @@ def main() -> int:
     parser.add_argument("--table", type=Path, help="print what this file holds, and fly nothing")
     args = parser.parse_args()
     if args.table:
-        table([json.loads(text) for text in args.table.read_text().splitlines()])
+        table(kept(args.table))
         return 0
     warnings.simplefilter("ignore")
     lines: list[dict] = []
@@ -295,9 +295,7 @@ def main() -> int:
         lines.append(line)
         rows += line["rows"]
         seed += 1
-        if args.out:
-            with args.out.open("a") as stream:
-                stream.write(json.dumps(line) + "\n")
+        keep(args.out, [line])
     table(lines)
     return 0
 

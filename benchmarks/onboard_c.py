@@ -11,7 +11,6 @@ of both gave alone. With --lua NAME an interpreter runs the Lua file on the same
 from __future__ import annotations
 
 import argparse
-import json
 import subprocess
 import sys
 import tempfile
@@ -22,6 +21,7 @@ import numpy as np
 from flight_harm import profile_of
 from flight_kinds import KINDS
 from flight_worlds import fly
+from resumed import kept, scored
 
 from shockrig.analysis.flight.causal_flight import rows_of
 from shockrig.analysis.flight.smooth_channel import typical_period
@@ -139,7 +139,7 @@ def main() -> int:
     parser.add_argument("--table", type=Path, help="print what this file holds, and fly nothing")
     args = parser.parse_args()
     if args.table:
-        table([json.loads(text) for text in args.table.read_text().splitlines()])
+        table(kept(args.table))
         return 0
     cc = compiler()
     if cc is None:
@@ -147,18 +147,8 @@ def main() -> int:
     if args.fuzz:
         fuzz(args.fuzz, cc, STRICT if args.plain else SANITIZED)
         return 0
-    done = [json.loads(text) for text in args.out.read_text().splitlines()] if args.out and args.out.exists() else []
-    seen = {(line["kind"], line["seed"]) for line in done}
-    for seed in range(args.first_seed, args.first_seed + args.seeds):
-        for name in args.kinds:
-            if (name, seed) in seen:
-                continue
-            print(f"{name} {seed}", file=sys.stderr)
-            done.append(score(name, seed, cc, args.lua))
-            if args.out:
-                with args.out.open("a") as stream:
-                    stream.write(json.dumps(done[-1]) + "\n")
-    table(done)
+    jobs = [(name, seed) for seed in range(args.first_seed, args.first_seed + args.seeds) for name in args.kinds]
+    table(scored(args.out, jobs, ("kind", "seed"), lambda name, seed: [score(name, seed, cc, args.lua)]))
     return 0
 
 

@@ -25,10 +25,8 @@ Array = NDArray[np.float64]
 START_K, START_PERCENT = 2.0, 10.0  # within which a sensor is of the air at a start, and the slope [1/s] of nothing
 REFERENCE_C = 20.0  # vapour is carried as relative humidity at this temperature
 FAR_C = 25.0  # beyond its table, where humidity is the reading, vapour is reckoned so far and no farther
-UNREAD_S, UNREAD_PERIODS = (
-    3.0,
-    5.0,
-)  # without a thermometer for the longer of both a hygrometer's reading is none of vapour
+UNREAD_S = 3.0  # without a thermometer for so long, or so many periods if that is longer,
+UNREAD_PERIODS = 5.0  # a hygrometer's reading is none of vapour
 SATURATED_PERCENT = 100.0
 TEMPERATURE_C = RANGES["temperature_c"]
 NOTHING = Judged(usable=False, missing=True)

@@ -19,9 +19,9 @@ Array = NDArray[np.float64]
 WALK = 2  # level and slope; where the air's course is not smooth the smoother's third state of the trend is zero
 AIR_STATES = WALK + RATES_PER_S.size
 AIR = np.array([1.0, 0.0] + [1.0] * RATES_PER_S.size)
-APART = 3.0  # factor from the middle strength to that of the first two filters
-CHANGE_S = 60.0  # the air keeps its strength for so long,
-DOORS_S, DOOR_S = 1000.0, 5.0  # and so long lies between two doors, and one lasts
+STRENGTHS_APART = 3.0  # factor from the middle strength to that of the first two filters
+STRENGTH_LASTS_S = 60.0  # the air keeps its strength for so long,
+BETWEEN_DOORS_S, DOOR_LASTS_S = 1000.0, 5.0  # and so long lies between two doors, and one lasts
 LEARNING_PER_S = 0.1  # ln by which the middle strength moves where one filter is sure
 LEAST_LIKELY = 1e-6
 LEAST_VARIANCE = 1e-9
@@ -190,7 +190,7 @@ class Bank:
 
     def _strengths(self) -> Array:
         """Squares of the three filters' strengths."""
-        return np.square([self.middle / APART, self.middle * APART, self.ladder.door])
+        return np.square([self.middle / STRENGTHS_APART, self.middle * STRENGTHS_APART, self.ladder.door])
 
     def _together(self, each: Array, spread: Array) -> tuple[float, float]:
         air = float(self.likely @ each)
@@ -198,7 +198,9 @@ class Bank:
 
     def _mix(self, step_s: float) -> None:
         """Before each step every filter takes over from the others what they are worth."""
-        change, door, over = (1.0 - np.exp(-step_s / time_s) for time_s in (CHANGE_S, DOORS_S, DOOR_S))
+        change, door, over = (
+            1.0 - np.exp(-step_s / time_s) for time_s in (STRENGTH_LASTS_S, BETWEEN_DOORS_S, DOOR_LASTS_S)
+        )
         stay = 1.0 - change - door
         move = np.array([[stay, change, door], [change, stay, door], [0.5 * over, 0.5 * over, 1.0 - over]])
         share = move * self.likely[:, None]  # from, to

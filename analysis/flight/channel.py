@@ -30,7 +30,7 @@ LONGEST_REPEAT_S = 30.0  # or so far, where the sensor is read and its reading i
 IDLE_LAG_SIGMAS = 0.3  # a lag smaller than this share of the noise is not worth undoing
 LEAST_SAMPLES = 16
 VAGUE_TIMES = 5.0  # times the usual, that the air's temperature leaves open of a reading's vapour
-CONTRADICTED, TOGETHER = 6.0, 5  # times the noise that so many readings are off
+MOST_NOISES_OFF, ROWS_TOGETHER = 6.0, 5  # times the noise that so many readings are off
 
 
 @dataclass(frozen=True)
@@ -170,9 +170,9 @@ def judged(
     alone = ~readings.usable
     if readings.passing is not None:
         alone |= readings.passing.sigma > VAGUE_TIMES * np.median(readings.passing.sigma)
-    off = np.where(alone[trusted], off, median_filter(off, TOGETHER, mode="nearest"))
+    off = np.where(alone[trusted], off, median_filter(off, ROWS_TOGETHER, mode="nearest"))
     contradicted = trusted.copy()
-    contradicted[trusted] = np.abs(off) > CONTRADICTED
+    contradicted[trusted] = np.abs(off) > MOST_NOISES_OFF
     if contradicted.any():
         notes.append(
             f"{readings.channel}: {counted(int(np.count_nonzero(contradicted)), 'row')} are given as read: no air "

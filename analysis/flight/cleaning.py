@@ -18,11 +18,13 @@ from shockrig.files.sentinels import coded
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-ACROSS = 0.25  # of how far both columns go, that they are from one another's last values where they change place
+MOST_SHARE_OFF = (
+    0.25  # of how far both columns go, that they are from one another's last values where they change place
+)
 WARM_C = 35.0  # few airs are flown in that are warmer
-HOT = 0.02  # of the rows of one kind of stretch, more than of the other, that are
+LEAST_SHARE_WARMER = 0.02  # of the rows of one kind of stretch, more than of the other, that are
 SIDE = 3  # rows on either side
-LEAST_APART = 2.0  # K or %RH; columns that are closer cannot be told from one another
+LEAST_COLUMNS_APART = 2.0  # K or %RH; columns that are closer cannot be told from one another
 PASCAL = "pressure_hpa: pascal"
 EXCHANGED = "temperature and humidity, each in the other's place"
 # quantity -> field of a flight, and what a reading of it can be
@@ -94,7 +96,7 @@ def _exchanged(temperature: Array, humidity: Array) -> Mask:
         hot = temperature[rows] > WARM_C
         hotter = np.mean(hot[odd]) - np.mean(hot[~odd])
         fewer = np.count_nonzero(odd) <= rows.size / 2
-        odd = odd if hotter > HOT or (fewer and hotter > -HOT) else ~odd
+        odd = odd if hotter > LEAST_SHARE_WARMER or (fewer and hotter > -LEAST_SHARE_WARMER) else ~odd
     if odd.any():
         # rows beside them in which one column is missing are of the kind that the other is like
         every = np.arange(temperature.size)
@@ -108,14 +110,14 @@ def _exchanged(temperature: Array, humidity: Array) -> Mask:
 def _from_one_end(temperature: Array, humidity: Array, turn: int) -> Mask:
     """Rows (n,) of a stretch of which one end is seen: the other is where the columns meet, since nothing tells behind
     that which is which; of the two sides the one with warmer rows than air mostly has, or else the shorter one."""
-    met = np.flatnonzero(np.abs(temperature - humidity) < LEAST_APART)
+    met = np.flatnonzero(np.abs(temperature - humidity) < LEAST_COLUMNS_APART)
     rows = np.arange(temperature.size)
     first, last = np.max(met[met < turn], initial=-1), np.min(met[met >= turn], initial=rows.size)
     before, after = (rows > first) & (rows < turn), (rows >= turn) & (rows < last)
     hot = temperature > WARM_C
     hotter = np.mean(hot[after]) - np.mean(hot[before]) if before.any() and after.any() else 0.0
     shorter = np.count_nonzero(after) <= np.count_nonzero(before)
-    return after if hotter > HOT or (shorter and hotter > -HOT) else before
+    return after if hotter > LEAST_SHARE_WARMER or (shorter and hotter > -LEAST_SHARE_WARMER) else before
 
 
 def _turns(temperature: Array, humidity: Array, before: int, behind: int) -> Mask:
@@ -134,7 +136,7 @@ def _turns(temperature: Array, humidity: Array, before: int, behind: int) -> Mas
     ends = [level(v, *side) for v in (temperature, humidity) for side in ((before, SIDE - before), (behind, SIDE))]
     (t, after_t, h, after_h), moved = (one[0] for one in ends), np.max([one[1] for one in ends], axis=0)
     straight, crossed = np.abs(after_t - t) + np.abs(after_h - h), np.abs(after_t - h) + np.abs(after_h - t)
-    return np.asarray((np.maximum(crossed, moved) < ACROSS * straight) & (np.abs(t - h) > LEAST_APART))
+    return np.asarray((np.maximum(crossed, moved) < MOST_SHARE_OFF * straight) & (np.abs(t - h) > LEAST_COLUMNS_APART))
 
 
 def code_notes(codes: Mapping[str, Mask | int]) -> list[str]:

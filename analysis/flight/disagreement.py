@@ -28,8 +28,8 @@ NEIGHBOURS = 0.455 * 2.0  # median of the squared difference of two layers, over
 PLAYS_PERCENT = (0.5, 1.0, 2.0)  # to either side, of hysteresis
 DIE_S = 17.0  # by which a humidity chip in flight follows the air (iMet-XQ2 flights: 17 to 19 s)
 LONGER = (3.0, 10.0)  # times the sensor's slowest lag, of a second one
-EXPLAINS = 0.5  # of the difference's mean square, at least
-HALF_OF_IT, TWICE_IT = 0.4, 2.0  # of what the cause does where nothing of it has a size of its own
+LEAST_EXPLAINED = 0.5  # of the difference's mean square, at least
+LEAST_OF_ITS_SIZE, MOST_OF_ITS_SIZE = 0.4, 2.0  # of what the cause does where nothing of it has a size of its own
 ALIKE, MOST_NAMED = 0.85, 3  # causes that explain so much of what the best one does are named beside it
 
 
@@ -155,8 +155,8 @@ def explained(difference: Array, moved: list[Array], found: list[LikelyCause]) -
     for by, cause in zip(moved, found, strict=True):
         own = float(by @ by)
         size = float(by @ difference) / own if own > 0 else 0.0
-        if size < 0.0 if cause.any_size else HALF_OF_IT < size < TWICE_IT:
+        if size < 0.0 if cause.any_size else LEAST_OF_ITS_SIZE < size < MOST_OF_ITS_SIZE:
             ranked.append((size * float(by @ difference) / total, cause.sentence))
-    ranked = [one for one in sorted(ranked, reverse=True) if one[0] > max(EXPLAINS, ALIKE * max(ranked)[0])]
+    ranked = [one for one in sorted(ranked, reverse=True) if one[0] > max(LEAST_EXPLAINED, ALIKE * max(ranked)[0])]
     said = list(dict.fromkeys(sentence for _, sentence in ranked))
     return ", or ".join(said[:MOST_NAMED])

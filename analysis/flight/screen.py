@@ -340,8 +340,11 @@ def resolution_of(values: Array) -> float:
 
 
 def _grid(values: Array, levels: Array, counts: NDArray[np.int64]) -> float:
-    """Step of the coarsest grid that most readings lie on, at least half of it held and each line by many, from one line
-    to the next often enough; 0 where there is none. On every second line of a grid lies half of what is on it."""
+    """Step of the coarsest grid that most readings lie on; 0 where there is none.
+
+    At least half of its lines are held, each by many readings, which go from one line to the next often enough; on
+    every second line of a grid lies half of what is on it.
+    """
     for step in np.unique(np.round(np.diff(levels[counts > 1]), 9))[::-1].tolist():
         line = (levels - levels[np.argmax(counts)]) / step
         on = np.abs(line - np.round(line)) < OFF_GRID

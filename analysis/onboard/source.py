@@ -129,11 +129,11 @@ def _numbers(design: Design, number: Callable[[float], str]) -> dict[str, str]:
     size = causal_guard.MEAN_SIZE
     decimals = {
         "LEAST_AIRSPEED": AIRSPEEDS_M_S[0],
-        "APART": causal_bank.APART,
+        "APART": causal_bank.STRENGTHS_APART,
         "UNSURE": causal_bank.UNSURE_OF_STRENGTH,
-        "CHANGE_S": causal_bank.CHANGE_S,
-        "DOORS_S": causal_bank.DOORS_S,
-        "DOOR_S": causal_bank.DOOR_S,
+        "CHANGE_S": causal_bank.STRENGTH_LASTS_S,
+        "DOORS_S": causal_bank.BETWEEN_DOORS_S,
+        "DOOR_S": causal_bank.DOOR_LASTS_S,
         "LEARNING": causal_bank.LEARNING_PER_S,
         "LEAST_VARIANCE": causal_bank.LEAST_VARIANCE,
         "MOST_UNLIKELY": causal_bank.MOST_UNLIKELY,

@@ -1,0 +1,148 @@
+"""How much the correction hangs on numbers of its own: each halved and doubled on the same flights.
+
+    python benchmarks/flight_sensitivity.py [--seeds N] [--first-seed N] [--numbers NAME ...] [--out FILE.jsonl]
+
+Flights are kinds of flight_harm.py and damaged ones of fuzz_flights.py. Per number: error over the reading's (geometric
+mean over flights and channels), share of rows that the 95 % interval covers, channels more than 2 % worse than their
+reading, values outside what can be, and of five wrong profiles those whose cause is named. A number at which nothing
+changes is one to leave out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+import warnings
+import zlib
+from pathlib import Path
+
+import numpy as np
+from flight_harm import CHANNELS, SIGMAS, profile_of, rms
+from flight_kinds import KINDS
+from flight_worlds import fly
+from fuzz_flights import WORSE, judged
+from resumed import scored
+
+from shockrig.analysis.flight.correct import correct
+from shockrig.files.flight import Flight
+
+SMOOTHER = (
+    "channel.VAGUE_TIMES", "channel.MOST_NOISES_OFF", "channel.ROWS_TOGETHER", "cleaning.MOST_SHARE_OFF",
+    "cleaning.LEAST_SHARE_WARMER", "cleaning.LEAST_COLUMNS_APART", "disagreement.LEAST_EXPLAINED",
+    "disagreement.LEAST_OF_ITS_SIZE", "disagreement.MOST_OF_ITS_SIZE", "smooth_channel.TO_AND_FRO",
+    "smooth_channel.LEAST_CALM", "screen.ENOUGH", "guard.SURE",
+)  # fmt: skip
+CAUSAL = (
+    "causal_bank.LEARNING_PER_S", "causal_bank.STRENGTHS_APART", "causal_bank.STRENGTH_LASTS_S",
+    "causal_bank.BETWEEN_DOORS_S", "causal_bank.DOOR_LASTS_S", "causal_bank.UNSURE_OF_STRENGTH", "causal.UNREAD_S",
+    "causal.UNREAD_PERIODS",
+)  # fmt: skip
+CAUSES = {
+    "second lag": "a second lag",
+    "film in RH": "takes up relative humidity",
+    "late die": "a die that is slower",
+    "logger mean": "averaged by the logger",
+    "hysteresis": "hysteresis",
+}
+FLOWN = ("convective", "door, in and out", "missing samples", "absurd samples", "sun bursts", *CAUSES)
+DAMAGED = ("swapped", "burst", "coarse", "gaps", "stuck", "clipped")
+LAG_S = 2.0
+
+
+class Changed:
+    """A number of the correction, in every module that holds it, times a factor for a while."""
+
+    def __init__(self, name: str, factor: float) -> None:
+        where, self.name = name.rsplit(".", 1)
+        owner = importlib.import_module(f"shockrig.analysis.flight.{where}")
+        self.own = getattr(owner, self.name)
+        kind = type(self.own)
+        self.value = kind(self.own * factor) | 1 if kind is int else kind(self.own * factor)  # a median's width is odd
+        users = [one for title, one in sys.modules.items() if title.startswith("shockrig.analysis.flight.")]
+        self.users = [one for one in users if getattr(one, self.name, None) is self.own]
+
+    def __enter__(self) -> None:
+        for one in self.users:
+            setattr(one, self.name, self.value)
+
+    def __exit__(self, *_: object) -> None:
+        for one in self.users:
+            setattr(one, self.name, self.own)
+
+
+def flown(kind: str, seed: int, method: str) -> list[dict]:
+    """Both channels of a flight of flight_harm.py."""
+    world = KINDS[kind](np.random.default_rng([seed, zlib.crc32(kind.encode())]))
+    flight = fly(world, seed)
+    log = flight.log
+    unknown = np.full(log["time_s"].size, np.nan)
+    columns = (log["time_s"], log["temperature_c"], log["humidity_percent"], unknown, unknown, unknown)
+    done = correct(Flight(*columns, log["altitude_m"]), profile_of(world), method, lag_s=LAG_S)
+    lines = []
+    for channel in CHANNELS:
+        off, sigma = getattr(done, channel) - flight.truth[channel], getattr(done, SIGMAS[channel])
+        before = log[channel] - flight.truth[channel]
+        rows = np.isfinite(off) & np.isfinite(sigma) & (np.abs(before) < 50.0)
+        covered = float(np.mean(np.abs(off[rows]) <= 1.96 * sigma[rows]))
+        lines.append({"ratio": rms(off[rows]) / rms(before[rows]), "covered": covered, "outside": 0})
+    if kind in CAUSES and method == "smoother":
+        lines[1]["named"] = any(CAUSES[kind] in note for note in done.notes)
+    return lines
+
+
+def damaged(kind: str, seed: int) -> list[dict]:
+    """Both channels of a flight of fuzz_flights.py with one kind of damage."""
+    found = judged(seed, [kind])
+    both = [found[channel] for channel in CHANNELS]
+    return [
+        {"ratio": one["ours"] / one["reading"] if one.get("reading") else None, "covered": one.get("covered"),
+         "outside": one["outside"]}
+        for one in both
+    ]  # fmt: skip
+
+
+def row(lines: list[dict]) -> str:
+    ratio = [line["ratio"] for line in lines if line["ratio"]]
+    covered = [line["covered"] for line in lines if line["covered"] is not None]
+    return (
+        f"{np.exp(np.mean(np.log(ratio))):>8.4f}{np.mean(covered):>7.3f}{sum(r > WORSE for r in ratio):>4}"
+        f"{sum(line['outside'] for line in lines):>5}{sum(line.get('named', False) for line in lines):>4}"
+    )
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--numbers", nargs="+", default=[*SMOOTHER, *CAUSAL])
+    parser.add_argument("--out", type=Path)
+    args = parser.parse_args()
+    warnings.simplefilter("ignore")
+
+    def score(number: str, factor: float, kind: str, seed: int) -> list[dict]:
+        method = "causal" if number in CAUSAL or number == "causal as it is" else "smoother"
+        named = {"number": number, "factor": factor, "kind": kind, "seed": seed}
+        if factor == 1.0:
+            lines = damaged(kind, seed) if kind in DAMAGED else flown(kind, seed, method)
+        else:
+            with Changed(number, factor):
+                lines = damaged(kind, seed) if kind in DAMAGED else flown(kind, seed, method)
+        return [named | line for line in lines]
+
+    jobs = []
+    for number in ("smoother as it is", "causal as it is", *args.numbers):
+        causal = number in CAUSAL or number.startswith("causal as")
+        kinds = FLOWN[:4] if causal else (*FLOWN, *DAMAGED)
+        for factor in (1.0,) if number.endswith("as it is") else (0.5, 2.0):
+            for seed in range(args.first_seed, args.first_seed + args.seeds):
+                jobs.extend((number, factor, kind, seed) for kind in kinds)
+    lines = scored(args.out, jobs, ("number", "factor", "kind", "seed"), score)
+    print(f"{'number':<34}{'times':>6}{'error':>8}{'cov':>7}{'>2%':>4}{'out':>5}{'nam':>4}")
+    for number, factor in dict.fromkeys((job[0], job[1]) for job in jobs):
+        print(f"{number:<34}{factor:>6g}" + row([x for x in lines if (x["number"], x["factor"]) == (number, factor)]))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
