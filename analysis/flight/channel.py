@@ -30,7 +30,7 @@ LONGEST_REPEAT_S = 30.0  # or so far, where the sensor is read and its reading i
 IDLE_LAG_SIGMAS = 0.3  # a lag smaller than this share of the noise is not worth undoing
 LEAST_SAMPLES = 16
 VAGUE_TIMES = 5.0  # times the usual, that the air's temperature leaves open of a reading's vapour
-MOST_NOISES_OFF, ROWS_TOGETHER = 6.0, 5  # times the noise that so many readings are off
+MOST_NOISES_OFF, ROWS_TOGETHER = 6.0, 5  # times the noise, that the median of so many readings may be off
 
 
 @dataclass(frozen=True)

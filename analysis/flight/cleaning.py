@@ -18,9 +18,7 @@ from shockrig.files.sentinels import coded
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-MOST_SHARE_OFF = (
-    0.25  # of how far both columns go, that they are from one another's last values where they change place
-)
+MOST_SHARE_OFF = 0.25  # of how far both columns go, that they are from the other's last values where they change place
 WARM_C = 35.0  # few airs are flown in that are warmer
 LEAST_SHARE_WARMER = 0.02  # of the rows of one kind of stretch, more than of the other, that are
 SIDE = 3  # rows on either side
