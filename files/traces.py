@@ -32,7 +32,7 @@ AIR_COLUMNS: Mapping[str, Range] = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # arrays have no plain equality: a trace is itself
 class Trace:
     """What one instrument recorded in one run: arrays of shape (n,), in order of time.
 

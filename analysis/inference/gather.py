@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import weakref
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
-from functools import partial
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,19 +136,12 @@ def _found_start(run: Run) -> float | None:
 
 def _start_of(trace: Trace, column: str) -> float | None:
     """As `estimate_start`, once for each trace: looks at a campaign, its fits and its diagnosis all ask for it."""
-    known = _STARTS.get(id(trace))
-    if known is not None and known[0]() is trace:
-        return known[1]
-    start = estimate_start(trace.time_s, trace.values[column])
-    _STARTS[id(trace)] = weakref.ref(trace, partial(_forget, id(trace))), start
-    return start
+    if trace not in _STARTS:
+        _STARTS[trace] = estimate_start(trace.time_s, trace.values[column])
+    return _STARTS[trace]
 
 
-def _forget(key: int, _: object) -> None:
-    _STARTS.pop(key, None)
-
-
-_STARTS: dict[int, tuple[weakref.ref[Trace], float | None]] = {}
+_STARTS: WeakKeyDictionary[Trace, float | None] = WeakKeyDictionary()
 
 
 def _measured_air(run: Run, quantity: Quantity, start_s: float) -> MeasuredAir | str:
