@@ -9,7 +9,7 @@ LEAST_LIKENESS = 0.6  # of difflib's ratio, its own default
 
 def nearest(word: str, known: Iterable[str], least: float = LEAST_LIKENESS) -> str | None:
     """The known word that is most like `word`, dashes at its beginning apart; None where none is."""
-    from difflib import get_close_matches  # not needed for --help, which shall answer at once
+    from difflib import get_close_matches  # slow to import, and help shall answer at once
 
     names = {name.lstrip("-"): name for name in sorted(known)}
     alike = get_close_matches(word.lstrip("-"), names, 1, least)

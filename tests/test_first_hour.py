@@ -210,7 +210,7 @@ def test_errors_give_pythons_remedies(call, tmp_path):
 def test_every_option_that_a_message_of_logs_names_has_pythons_words():
     """Messages of what Python calls: whoever adds one with an option finds it here."""
     folders = [ROOT / "files", ROOT / "rig" / "logs", ROOT / "analysis" / "flight", ROOT / "analysis" / "planning"]
-    files = [file for folder in folders for file in folder.glob("*.py")]
+    files = [file for folder in folders for file in folder.glob("*.py") if file.stem != "one_run"]  # a command's alone
     files += [ROOT / "protocols" / name for name in ("flight_logs.py", "ardupilot.py", "made_before.py")]
     said = set()
     for file in files:
