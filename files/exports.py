@@ -67,7 +67,7 @@ def write_netcdf(campaign: Campaign, path: Path, history: str) -> None:
             for sensor in TRACES:
                 _sensor(data, campaign, sensor)
 
-    _whole(path, write)
+    replace_whole(path, write)
 
 
 def _sensor(data: Any, campaign: Campaign, sensor: str) -> None:
@@ -113,7 +113,7 @@ def write_parquet(campaign: Campaign, path: Path) -> None:
         raise InputError(f"{campaign.path}: holds no readings; there is nothing to export")
     table = pd.concat(parts, ignore_index=True).dropna(axis="columns", how="all")
     table.attrs = {"campaign": campaign.name, "runs": [_facts(run) for run in campaign.runs]}
-    _whole(path, lambda part: table.to_parquet(part, index=False))
+    replace_whole(path, lambda part: table.to_parquet(part, index=False))
 
 
 def write_bluesky(campaign: Campaign, path: Path) -> None:
@@ -127,7 +127,7 @@ def write_bluesky(campaign: Campaign, path: Path) -> None:
             for document in documents(campaign):
                 file.write(json.dumps(document, allow_nan=False, ensure_ascii=False) + "\n")
 
-    _whole(path, write)
+    replace_whole(path, write)
 
 
 def documents(campaign: Campaign) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -249,7 +249,7 @@ def _kinds(campaign: Campaign) -> str:
     return ", ".join(f"{name}: {_kind(campaign, name)}" for name in campaign.sensors) + invented
 
 
-def _whole(path: Path, write: Callable[[Path], None]) -> None:
+def replace_whole(path: Path, write: Callable[[Path], None]) -> None:
     """Have a file written beside its name, then rename it: it is there whole or not at all."""
     demand_text_name(path, "give another --out")
     part = beside(path)

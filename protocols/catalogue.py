@@ -42,7 +42,7 @@ def catalogue(folder: Path) -> tuple[list[Entry], list[str]]:
     entries: dict[Path, Entry] = {}
     troubles: list[str] = []
     results: list[Path] = []
-    for path in _walk(folder, troubles):
+    for path in walk(folder, troubles):
         try:
             if (path / "campaign.json").is_file():
                 entries[real_path(path)] = _entry(path)
@@ -57,7 +57,10 @@ def catalogue(folder: Path) -> tuple[list[Entry], list[str]]:
     return sorted(entries.values(), key=lambda entry: (entry.began_at, str(entry.path))), troubles
 
 
-def _walk(folder: Path, troubles: list[str]) -> Iterator[Path]:
+def walk(folder: Path, troubles: list[str]) -> Iterator[Path]:
+    """The folders in a folder, itself among them, in which a campaign or a result may be; what cannot be read is added
+    to `troubles`."""
+
     def fault(error: OSError) -> None:
         troubles.append(f"{error.filename}: {error.strerror}")
 

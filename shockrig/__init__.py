@@ -26,11 +26,12 @@ if TYPE_CHECKING:
     from shockrig.examples import example
     from shockrig.files.campaign import Campaign
     from shockrig.files.errors import InputError
+    from shockrig.files.fleet import Fleet, read_fleet
     from shockrig.files.flight import Flight
     from shockrig.files.profile import Profile, read_profile, write_profile
     from shockrig.flights import read_flight
     from shockrig.logs import import_log
-    from shockrig.notebook import characterize, correct, diagnose, plan
+    from shockrig.notebook import characterize, correct, diagnose, fleet, plan
     from shockrig.results import Characterized, CorrectedFlight, Diagnosed, Planned
 
 __all__ = [
@@ -39,6 +40,7 @@ __all__ = [
     "Characterized",
     "CorrectedFlight",
     "Diagnosed",
+    "Fleet",
     "Flight",
     "InputError",
     "Planned",
@@ -48,9 +50,11 @@ __all__ = [
     "correct",
     "diagnose",
     "example",
+    "fleet",
     "import_log",
     "plan",
     "read_campaign",
+    "read_fleet",
     "read_flight",
     "read_profile",
     "write_profile",
@@ -64,6 +68,7 @@ _HOMES = {
     "Characterized": "results",
     "CorrectedFlight": "results",
     "Diagnosed": "results",
+    "Fleet": "files.fleet",
     "Flight": "files.flight",
     "InputError": "files.errors",
     "Planned": "results",
@@ -72,9 +77,11 @@ _HOMES = {
     "correct": "notebook",
     "diagnose": "notebook",
     "example": "examples",
+    "fleet": "notebook",
     "import_log": "logs",
     "plan": "notebook",
     "read_campaign": "campaigns",
+    "read_fleet": "files.fleet",
     "read_flight": "flights",
     "read_profile": "files.profile",
     "write_profile": "files.profile",

@@ -1,8 +1,9 @@
-"""The functions of `import shockrig` that compute: characterize, diagnose, plan, correct; of data or of paths."""
+"""The functions of `import shockrig` that compute: characterize, diagnose, plan, correct, fleet; of data or of paths."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import os
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,6 +21,7 @@ from shockrig.analysis.report.next_time import next_time
 from shockrig.channels import ChannelName, Channels, of_campaign, of_profile, only
 from shockrig.files.campaign import Campaign, read_campaign
 from shockrig.files.errors import InputError
+from shockrig.files.fleet import Fleet
 from shockrig.files.flight import Flight
 from shockrig.files.profile import Profile, read_profile
 from shockrig.flights import PathLike, read_flight
@@ -289,6 +291,64 @@ def correct(
         if getattr(sensors, name) is not None and not np.isfinite(values).any():
             notes.append(f"{name}: no column of it recognised; if there is one, columns={{{name!r}: ...}}")
     return CorrectedFlight(rows, replace(found, notes=tuple(notes)), sensors)
+
+
+def fleet(
+    campaigns: PathLike | Sequence[Campaign | PathLike],
+    *,
+    extend: Diagnosed | PathLike | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Fleet:
+    """Say what several sensors of one type have in common, which do not belong, and what differs along them.
+
+    The command `shockrig fleet` does the same on several processes or on a Dask cluster, and keeps what is done.
+
+    Parameters
+    ----------
+    campaigns : path, or sequence of Campaign or path
+        Campaigns, or folders that hold campaigns; those of the same serial numbers are one sensor's.
+    extend : Diagnosed or path, optional
+        A diagnosis whose causes the models shall carry; the population is then of their parameters too.
+    seed : int
+        Of the differential evolution.
+    progress : function of a sentence, optional
+
+    Returns
+    -------
+    Fleet
+
+    Raises
+    ------
+    InputError
+        A folder holds no campaign, or fewer than three sensors can be characterized.
+
+    See Also
+    --------
+    read_fleet : reads what the command wrote.
+    """
+    from shockrig.analysis.fleet.fleet import fleet_of
+    from shockrig.analysis.fleet.statistics import statistics_of
+    from shockrig.files.fingerprint import fingerprint
+    from shockrig.protocols.fleet_map import tasks_of
+
+    say = progress or (lambda text: None)
+    given = [campaigns] if isinstance(campaigns, str | os.PathLike) else list(campaigns)
+    with as_python():
+        read = [one for one in given if isinstance(one, Campaign)]
+        folders = [Path(one) for one in given if not isinstance(one, Campaign)]
+        tasks, failed = tasks_of(folders, seed, None, None)
+        found, extensions = [], _extensions(extend)
+        for one in [*read, *tasks]:
+            name = str(one.path)
+            say(f"{name}: characterizing")
+            try:
+                campaign = one if isinstance(one, Campaign) else read_campaign(Path(one.path), one.probe)
+                result = _characterize(campaign, seed=seed, extensions=extensions)
+                found.append(statistics_of(result, fingerprint(campaign)))
+            except InputError as error:
+                failed[name] = str(error)
+        return fleet_of(found, failed, {"software": f"shockrig {_version()}"})
 
 
 def _campaign(campaign: Campaign | PathLike) -> Campaign:

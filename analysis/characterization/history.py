@@ -9,6 +9,7 @@ one is cut there, and both parts are looked at again (binary segmentation, Scott
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, stdtr
 
 from shockrig.analysis.characterization.budget import Budget
+from shockrig.files.campaign import Campaign
 
 Array = NDArray[np.float64]
 
@@ -82,6 +84,21 @@ class Chart:
     level: Array
     low: Array
     high: Array
+
+
+def began_at(campaign: Campaign) -> str:
+    """When its first run began (ISO 8601); empty where nobody recorded it."""
+    return min((run.started_at for run in campaign.runs if run.started_at), default="")
+
+
+def bench_of(campaign: Campaign) -> str:
+    """What a bench is known by: settings, calibrations, what it states; the campaign itself where it has none."""
+    last = campaign.sessions[-1] if campaign.sessions else {}
+    known = {key: last[key] for key in ("bench", "calibration", "host") if key in last}
+    if not known:
+        return str(campaign.path)
+    stated = None if campaign.common is None else campaign.common.document()
+    return json.dumps([known, stated], sort_keys=True)
 
 
 def observed(budget: Budget, campaign: str, began_at: str, bench: str) -> Observation:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections import Counter
 from collections.abc import Callable, Sequence
 from hashlib import sha256
@@ -81,6 +80,7 @@ def _row(chart: Chart, one: Observation) -> str:
 
 def _campaigns(folders: Sequence[Path], say: Callable[[str], None]) -> list[Campaign]:
     """The campaigns in some folders, in the order in which they began; each once, its copies left out."""
+    from shockrig.analysis.characterization.history import began_at
     from shockrig.files.campaign import read_campaign
     from shockrig.files.disk import real_path, shown
     from shockrig.files.errors import InputError
@@ -102,7 +102,7 @@ def _campaigns(folders: Sequence[Path], say: Callable[[str], None]) -> list[Camp
             first = found.setdefault(_readings(campaign), campaign)
             if first is not campaign:
                 say(f"{path}: the same readings as {first.path}; left out")
-    return sorted(found.values(), key=_began_at)
+    return sorted(found.values(), key=began_at)
 
 
 def called(campaigns: Sequence[Campaign]) -> dict[Path, str]:
@@ -129,26 +129,12 @@ def _readings(campaign: Campaign) -> str:
     return digest.hexdigest()
 
 
-def _began_at(campaign: Campaign) -> str:
-    return min((run.started_at for run in campaign.runs if run.started_at), default="")
-
-
-def _bench(campaign: Campaign) -> str:
-    """What a bench is known by: settings, calibrations, what it states; the campaign itself where it has none."""
-    last = campaign.sessions[-1] if campaign.sessions else {}
-    known = {key: last[key] for key in ("bench", "calibration", "host") if key in last}
-    if not known:
-        return str(campaign.path)
-    stated = None if campaign.common is None else campaign.common.document()
-    return json.dumps([known, stated], sort_keys=True)
-
-
 def _charts(campaigns: Sequence[Campaign], args: argparse.Namespace, say: Any) -> list[Chart]:
     from shockrig.analysis.characterization.budget import budgets, diffusivity_at, mean_diffusivity
     from shockrig.analysis.characterization.certified import with_common
     from shockrig.analysis.characterization.characterize import characterize
     from shockrig.analysis.characterization.extension import read_extension
-    from shockrig.analysis.characterization.history import chart, observed
+    from shockrig.analysis.characterization.history import began_at, bench_of, chart, observed
     from shockrig.files.errors import InputError
 
     extensions = None if args.extend is None else read_extension(args.extend)
@@ -182,7 +168,7 @@ def _charts(campaigns: Sequence[Campaign], args: argparse.Namespace, say: Any) -
             over = ", ".join(f"{t + 0.0:g}" for t in mean[1])
             found.append((f"D, mean of {over} °C", serials["hyt"], mean[0]))
         for figure, serial, budget in found:
-            one = observed(budget, names[campaign.path], _began_at(campaign), _bench(campaign))
+            one = observed(budget, names[campaign.path], began_at(campaign), bench_of(campaign))
             series.setdefault((figure, serial, budget.unit), []).append(one)
     return [chart(*key, observations) for key, observations in series.items()]
 

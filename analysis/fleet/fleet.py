@@ -1,0 +1,358 @@
+"""A fleet from what each campaign says: which sensors there are, the population, each sensor shrunk, what drifts."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from statistics import NormalDist, median
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.fleet.population import (
+    LEAST_SENSORS,
+    FleetMember,
+    Judged,
+    Members,
+    change_along,
+    judge,
+    nodes,
+    table_scatter,
+)
+from shockrig.analysis.fleet.statistics import CampaignStatistics
+from shockrig.files.causes import Uncertain
+from shockrig.files.errors import InputError
+from shockrig.files.fleet import (
+    CHANNELS,
+    Coordinate,
+    Fleet,
+    FleetChannel,
+    FleetFigure,
+    FleetSensor,
+    FleetTrend,
+    Population,
+    design,
+)
+
+Array = NDArray[np.float64]
+
+TREND_FALSE_ALARMS = 0.01  # of fleets in which nothing drifts and no batch differs, those in which something is said
+LEAST_IN_BATCH = 3
+MOST_PLACES = 100  # at which a batch may begin
+LEAST_FOR_TRENDS = 8
+YEAR_S = 365.25 * 86400.0
+LEAST_SPAN_YEARS = 1.0 / 365.25
+
+
+def fleet_of(
+    statistics: Sequence[CampaignStatistics],
+    left_out: Mapping[str, str] | None = None,
+    provenance: Mapping[str, Any] | None = None,
+) -> Fleet:
+    """The fleet of some campaigns; `left_out` (campaign -> why) is what could not be had.
+
+    Raises
+    ------
+    InputError
+        Fewer than three sensors: a spread cannot be told.
+    """
+    refused = dict(left_out or {})
+    kept = _of_one_type(_without_copies(statistics, refused), refused)
+    members = members_of(kept)
+    if len(members.sensors) < LEAST_SENSORS:
+        why = "; ".join(f"{name}: {reason}" for name, reason in list(refused.items())[:3])
+        raise InputError(
+            f"{len(members.sensors)} sensors that can be characterized, a fleet needs {LEAST_SENSORS}; name more "
+            f"campaigns{f' ({why})' if why else ''}"
+        )
+    judged = judge(members)
+    return Fleet(
+        population_of(members, judged),
+        tuple(_sensor(members, judged, i) for i in range(len(members.sensors))),
+        tuple(_trends(members, judged)),
+        refused,
+        dict(provenance or {}),
+    )
+
+
+def _without_copies(statistics: Sequence[CampaignStatistics], refused: dict[str, str]) -> list[CampaignStatistics]:
+    first: dict[tuple[str, str], CampaignStatistics] = {}
+    for one in sorted(statistics, key=lambda s: (s.name, s.path, s.probe)):
+        known = first.setdefault((one.fingerprint, one.probe), one)
+        if known is not one:
+            refused[_called(one)] = f"the same readings as {known.path}"
+    return list(first.values())
+
+
+def _called(one: CampaignStatistics) -> str:
+    return one.path if one.probe == "1" else f"{one.path}, probe {one.probe}"
+
+
+def _of_one_type(statistics: Sequence[CampaignStatistics], refused: dict[str, str]) -> list[CampaignStatistics]:
+    """Without the channels whose body or stated length is not what most have."""
+    kept = []
+    usual = {}
+    for channel in CHANNELS:
+        kinds = Counter(
+            (s.channels[channel].body, s.channels[channel].length_m) for s in statistics if channel in s.channels
+        )
+        if kinds:
+            usual[channel] = kinds.most_common(1)[0][0]
+    for one in statistics:
+        channels, missing = dict(one.channels), dict(one.missing)
+        for channel, found in one.channels.items():
+            if (found.body, found.length_m) != usual[channel]:
+                body, length_m = usual[channel]
+                missing[channel] = (
+                    f"is a {found.body} of {found.length_m:g} m, most are a {body} of {length_m:g} m; make a fleet "
+                    "of each"
+                )
+                del channels[channel]
+        if channels:
+            kept.append(CampaignStatistics(**{**vars(one), "channels": channels, "missing": missing}))
+        else:
+            refused[_called(one)] = "; ".join(f"{name}: {why}" for name, why in missing.items())
+    return kept
+
+
+def members_of(statistics: Sequence[CampaignStatistics]) -> Members:
+    """The sensors: campaigns of the same serial numbers are one sensor's."""
+    groups: dict[Any, list[CampaignStatistics]] = {}
+    for one in statistics:
+        key = tuple(sorted(one.serials.items())) if one.serials else (one.path, one.probe)
+        groups.setdefault(key, []).append(one)
+    keys = tuple(sorted({k for one in statistics for c in one.channels.values() for k in c.shared}))
+    names = _names(list(groups.values()))
+    on_bench = Counter(bench for group in groups.values() if (bench := _one_bench(group)))
+    sensors = []
+    for name, group in zip(names, groups.values(), strict=True):
+        bench = _one_bench(group)
+        sensors.append(_member(name, group, keys, bench if on_bench[bench] > 1 else ""))
+    coordinates = nodes(sensors)
+    sensors = [_knowing(one, coordinates) for one in sensors]
+    sensors = [one for one in sensors if one.value.size]
+    return Members(tuple(sensors), coordinates, keys, table_scatter(sensors, coordinates))
+
+
+def _one_bench(group: Sequence[CampaignStatistics]) -> str:
+    """The bench that all campaigns of a sensor were recorded on; empty where there were several."""
+    benches = {one.bench for one in group}
+    return benches.pop() if len(benches) == 1 else ""
+
+
+def _names(groups: Sequence[Sequence[CampaignStatistics]]) -> list[str]:
+    """What each sensor is called: its serial numbers, else its campaign's name, each once."""
+    names = []
+    for group in groups:
+        serials = list(dict.fromkeys(group[0].serials.values()))
+        probe = "" if group[0].probe == "1" else f", probe {group[0].probe}"
+        names.append(" / ".join(serials) if serials else group[0].name + probe)
+    taken = Counter(names)
+    return [name if taken[name] == 1 else _called(group[0]) for name, group in zip(names, groups, strict=True)]
+
+
+def _member(name: str, group: Sequence[CampaignStatistics], keys: tuple[str, ...], bench: str) -> FleetMember:
+    """A sensor's numbers one below the other; what nobody shares with it is its own error."""
+    parts = [c for one in group for c in one.channels.values()]
+    sizes = [c.value.size for c in parts]
+    size = sum(sizes)
+    covariance, common = np.zeros((size, size)), np.zeros((size, len(keys)))
+    for c, end in zip(parts, np.cumsum(sizes), strict=True):
+        here = slice(end - c.value.size, end)
+        covariance[here, here] = c.covariance
+        for key, column in c.shared.items():
+            common[here, keys.index(key)] = column
+    if not bench:
+        covariance, common = covariance + common @ common.T, np.zeros_like(common)
+    coordinates = tuple(x for c in parts for x in c.coordinates)
+    return FleetMember(
+        name=name,
+        campaigns=tuple(group),
+        coordinates=coordinates,
+        channel=np.array([x.channel for x in coordinates]),
+        film=np.array([x.temperature_c is not None for x in coordinates]),
+        value=np.concatenate([c.value for c in parts]),
+        covariance=covariance,
+        common=common,
+        bench=bench,
+    )
+
+
+def _knowing(one: FleetMember, coordinates: Sequence[Coordinate]) -> FleetMember:
+    """Without numbers that too few sensors have for a population of them."""
+    keep = (design(coordinates, one.coordinates) != 0).any(axis=1)
+    return FleetMember(
+        one.name,
+        one.campaigns,
+        tuple(c for c, k in zip(one.coordinates, keep, strict=True) if k),
+        one.channel[keep],
+        one.film[keep],
+        one.value[keep],
+        one.covariance[np.ix_(keep, keep)],
+        one.common[keep],
+        one.bench,
+    )
+
+
+def population_of(members: Members, judged: Judged) -> Population:
+    """The population of those that belong."""
+    found = judged.estimate
+    channels: dict[str, list[Any]] = {}
+    for one in members.sensors:
+        for statistics in one.campaigns:
+            for name, channel in statistics.channels.items():
+                channels.setdefault(name, []).append(channel)
+    return Population(
+        coordinates=members.coordinates,
+        mean=found.at.mean,
+        mean_covariance=found.at.mean_covariance,
+        covariance=found.sigma,
+        degrees=found.degrees,
+        table_scatter=members.table_scatter,
+        sensors={
+            name: int(sum(judged.belongs[name][i] and name in s.channel for i, s in enumerate(members.sensors)))
+            for name in channels
+        },
+        bodies={name: found[0].body for name, found in channels.items()},
+        lengths_m={name: found[0].length_m for name, found in channels.items()},
+        noise={name: median(c.noise for c in found) for name, found in channels.items()},
+        sampling_period_s={name: median(c.sampling_period_s for c in found) for name, found in channels.items()},
+    )
+
+
+def _sensor(members: Members, judged: Judged, i: int) -> FleetSensor:
+    one = members.sensors[i]
+    value, covariance = _shrunk(members, judged, i)
+    whole = np.diag(one.covariance + one.common @ one.common.T)
+    channels, missing = {}, {}
+    for name in dict.fromkeys(one.channel):
+        belongs = bool(judged.belongs[name][i])
+        figures = []
+        for place in np.flatnonzero(one.channel == name):
+            c = one.coordinates[place]
+            own = c.natural(float(one.value[place]), math.sqrt(whole[place]))
+            variance = float(covariance[place, place]) if belongs else float(whole[place])
+            H = design(members.coordinates, [c])[0]
+            prior = float(H @ (judged.estimate.sigma + judged.estimate.at.mean_covariance) @ H)
+            figures.append(
+                FleetFigure(
+                    c,
+                    own,
+                    c.natural(float(value[place]), math.sqrt(variance)) if belongs else own,
+                    min(max(1.0 - variance / prior, 0.0), 1.0) if belongs else 1.0,
+                )
+            )
+        found = [s.channels[name] for s in one.campaigns if name in s.channels]
+        channels[str(name)] = FleetChannel(
+            belongs,
+            float(judged.probability[name][i]),
+            float(judged.adjusted[name][i]),
+            sum(c.runs for c in found),
+            all(c.explained for c in found),
+            tuple(
+                sorted(figures, key=lambda f: (f.coordinate.temperature_c is None, f.coordinate.temperature_c or 0.0))
+            ),
+        )
+    for statistics in one.campaigns:
+        missing.update({k: v for k, v in statistics.missing.items() if k not in channels})
+    return FleetSensor(
+        one.name,
+        tuple(_called(s) for s in one.campaigns),
+        min((s.began_at for s in one.campaigns if s.began_at), default=""),
+        {k: v for s in one.campaigns for k, v in s.serials.items()},
+        channels,
+        missing,
+    )
+
+
+def _shrunk(members: Members, judged: Judged, i: int) -> tuple[Array, Array]:
+    """A sensor's numbers with what the others say (m,), and their covariance (m, m).
+
+    t = H (mu + b) + l, where l is what its table scatters by: of what is left of x, l takes W = lambda^2 R^-1.
+    """
+    one, r, sigma, at = members.sensors[i], judged.reduced, judged.estimate.sigma, judged.estimate.at
+    size, H, C = sigma.shape[0], design(members.coordinates, one.coordinates), one.common
+    M = np.linalg.inv(np.eye(size) + r.A[i] @ sigma)
+    gain = sigma @ M
+    T = np.concatenate([r.A[i], r.F[i]], axis=1)
+    beta, known = at.beta[i], at.covariance[i]
+    mean = np.zeros((size, beta.size))
+    mean[:, :size] = np.eye(size)
+    z = beta[:size] + gain @ (r.a[i] - T @ beta)
+    J = mean - gain @ T
+    scatter = members.table_scatter**2 * one.film
+    W = scatter[:, None] * np.linalg.inv(one.errors(members.table_scatter))
+    keep = (np.eye(one.value.size) - W) @ H
+    value = H @ z + W @ (one.value - H @ z - C @ beta[size:])
+    moved = keep @ J
+    moved[:, size:] -= W @ C
+    covariance = keep @ gain @ keep.T + np.diag(scatter) - W * scatter[None, :] + moved @ known @ moved.T
+    return value, covariance
+
+
+def _trends(members: Members, judged: Judged) -> list[FleetTrend]:
+    """What differs with the date, and from a place in the order of serial numbers on."""
+    tests: list[tuple[FleetTrend, float]] = []
+    for channel in judged.belongs:
+        there = np.array([channel in one.channel for one in members.sensors]) & judged.belongs[channel]
+        if there.sum() < LEAST_FOR_TRENDS:
+            continue
+        dates = _years(members)
+        if dates is not None and np.isfinite(dates[there]).all() and np.ptp(dates[there]) >= LEAST_SPAN_YEARS:
+            along = np.where(there, dates - np.mean(dates[there]), 0.0)
+            tests.append((_trend(members, judged, channel, along, "year", ""), 1.0))
+        order = _by_serial(members, channel, there)
+        places = np.unique(
+            np.linspace(LEAST_IN_BATCH, max(len(order) - LEAST_IN_BATCH, LEAST_IN_BATCH), MOST_PLACES).astype(int)
+        )
+        found = []
+        for place in places if len(order) >= LEAST_FOR_TRENDS else ():
+            along = np.zeros(len(members.sensors))
+            along[order[place:]] = 1.0
+            since = members.sensors[order[place]].campaigns[0].serials[channel]
+            found.append(_trend(members, judged, channel, along, "batch", since))
+        if found:
+            tests.append((min(found, key=lambda t: t.probability), float(len(found))))
+    level = TREND_FALSE_ALARMS / max(len(tests), 1)
+    said = [(trend, min(trend.probability * tried, 1.0)) for trend, tried in tests]
+    return [FleetTrend(t.channel, t.per, t.since, t.change, min(p * len(tests), 1.0)) for t, p in said if p < level]
+
+
+def _trend(members: Members, judged: Judged, channel: str, along: Array, per: str, since: str) -> FleetTrend:
+    change, covariance = change_along(judged.reduced, judged.estimate, along)
+    rates = [k for k, c in enumerate(members.coordinates) if c.channel == channel and c.unit]
+    weight = np.zeros(change.size)
+    weight[rates] = 1.0 / len(rates)
+    by, u = float(weight @ change), math.sqrt(float(weight @ covariance @ weight))
+    probability = 2.0 * NormalDist().cdf(-abs(by) / u)
+    return FleetTrend(channel, per, since, Uncertain(math.expm1(by), math.exp(by) * u), probability)
+
+
+def _years(members: Members) -> Array | None:
+    """When each sensor's first campaign began, in years; None where that is known of none."""
+    found = []
+    for one in members.sensors:
+        try:
+            began = min(s.began_at for s in one.campaigns if s.began_at)
+            found.append(datetime.fromisoformat(began.replace("Z", "+00:00")).timestamp() / YEAR_S)
+        except (ValueError, OverflowError):
+            found.append(math.nan)
+    return np.array(found) if np.isfinite(found).any() else None
+
+
+def _by_serial(members: Members, channel: str, there: NDArray[np.bool_]) -> list[int]:
+    """Sensors with serial numbers by these: words as words, numbers as numbers."""
+
+    def parts(serial: str) -> list[tuple[bool, int, str]]:
+        return [(p.isdigit(), int(p) if p.isdigit() else 0, p) for p in re.findall(r"\d+|\D+", serial)]
+
+    known = [
+        (parts(serial), i)
+        for i, one in enumerate(members.sensors)
+        if there[i] and (serial := one.campaigns[0].serials.get(channel))
+    ]
+    return [i for _, i in sorted(known)]

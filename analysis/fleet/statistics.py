@@ -1,0 +1,214 @@
+"""What a fleet needs of one campaign: estimates and covariances in logarithms, and what its bench's errors do to them.
+
+Given the population, sensors are independent: these few numbers are all that it takes of each of them.
+    ln x = truth + own error (covariance R) + sum over inputs k that all runs share of C_k eps_k,     eps_k ~ N(0, 1)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.characterization.history import began_at, bench_of
+from shockrig.analysis.characterization.result import ChannelResult, Characterization, Part
+from shockrig.analysis.characterization.sources import sources
+from shockrig.analysis.inference.noise import Noise
+from shockrig.files.campaign import Campaign
+from shockrig.files.fleet import ALPHA, SENSOR_OF, Coordinate, D
+
+Array = NDArray[np.float64]
+
+NO_SERIAL = "virtual"  # what the virtual bench calls each of its sensors
+LEAST_VARIANCE = 1e-12  # of a logarithm: a millionth
+
+
+@dataclass(frozen=True)
+class ChannelStatistics:
+    """One channel of one campaign.
+
+    Attributes
+    ----------
+    coordinates : tuple of Coordinate
+        ln alpha, or ln D at each ambient; then parameters of the model that fly with the sensor.
+    value : ndarray (m,)
+    covariance : ndarray (m, m)
+        Of its own errors.
+    shared : mapping
+        Input that all runs share -> what one standard uncertainty of it does (m,).
+    """
+
+    coordinates: tuple[Coordinate, ...]
+    value: Array
+    covariance: Array
+    shared: Mapping[str, Array]
+    runs: int
+    explained: bool
+    body: str
+    length_m: float
+    noise: float
+    sampling_period_s: float
+
+
+@dataclass(frozen=True)
+class CampaignStatistics:
+    """One probe of one campaign; a channel that could not be had is in `missing`, with the reason."""
+
+    name: str
+    path: str
+    probe: str
+    fingerprint: str
+    began_at: str
+    bench: str
+    serials: Mapping[str, str]
+    channels: Mapping[str, ChannelStatistics]
+    missing: Mapping[str, str] = field(default_factory=dict)
+    emulated: bool = False
+
+
+def statistics_of(result: Characterization, fingerprint: str) -> CampaignStatistics:
+    """What a fleet needs of a characterization."""
+    campaign = result.campaign
+    return CampaignStatistics(
+        name=campaign.name,
+        path=str(campaign.path),
+        probe=campaign.probe,
+        fingerprint=fingerprint,
+        began_at=began_at(campaign),
+        bench=bench_of(campaign),
+        serials=_serials(campaign),
+        channels={str(name): _channel(found) for name, found in result.channels().items()},
+        missing={str(name): reason for name, reason in result.missing.items()},
+        emulated=campaign.emulated,
+    )
+
+
+def _serials(campaign: Campaign) -> dict[str, str]:
+    """Serial number of each channel's sensor, where it has one of its own."""
+    found = {}
+    for channel, name in SENSOR_OF.items():
+        sensor: Mapping[str, Any] = campaign.sensors.get(name) or {}
+        serial = str(sensor.get("serial") or "")
+        if serial and not (campaign.emulated and serial == NO_SERIAL):
+            found[channel] = serial
+    return found
+
+
+def _channel(found: ChannelResult) -> ChannelStatistics:
+    coordinates: list[Coordinate] = []
+    values: list[float] = []
+    blocks: list[Array] = []
+    columns: list[dict[str, Array]] = []
+    for part in found.parts:
+        places, names = stated(found, part, effects=part is found.parts[0])
+        if not places:
+            continue
+        coordinates += names
+        lengths = [2.0 * np.log(part.channel.length_m) if one.figure in (ALPHA, D) else 0.0 for one in names]
+        values += list(part.fit.theta[places] + lengths)
+        own, shared = _errors(found, part, found.noise, places)
+        blocks.append(own)
+        columns.append(shared)
+    size, first = len(values), 0
+    covariance = np.zeros((size, size))
+    moves: dict[str, Array] = {}
+    for own, shared in zip(blocks, columns, strict=True):
+        here = slice(first, first + own.shape[0])
+        covariance[here, here] = own
+        for key, column in shared.items():
+            moves.setdefault(key, np.zeros(size))[here] = column
+        first = here.stop
+    return ChannelStatistics(
+        coordinates=tuple(coordinates),
+        value=np.array(values),
+        covariance=covariance,
+        shared=moves,
+        runs=len(found.runs),
+        explained=found.explained,
+        body=found.channel.body,
+        length_m=found.channel.length_m,
+        noise=found.noise.standard_deviation,
+        sampling_period_s=found.channel.sampling_period_s,
+    )
+
+
+def stated(found: ChannelResult, part: Part, *, effects: bool) -> tuple[list[int], list[Coordinate]]:
+    """Where in a part's theta stands what its rows state, and the parameters of effects that fly; and what it is."""
+    channel, model = part.channel, part.fit.model
+    places, names = [], []
+    for row in found.rows:
+        if row.runs[0] in channel.run_ids:
+            g = int(np.argmin(np.abs(channel.ambients_c - row.ambient_c)))
+            places.append(g)
+            names.append(Coordinate(channel.name, ALPHA) if channel.quantity.pooled else film(row.ambient_c))
+    for k, (effect, parameter) in enumerate(model.structure.parameters, start=channel.rates):
+        if effects and effect.of_sensor and places:
+            places.append(k)
+            names.append(Coordinate(channel.name, f"{effect.id}.{parameter.name}", log=parameter.log))
+    return places, names
+
+
+def film(temperature_c: float) -> Coordinate:
+    """ln D of the film at a temperature."""
+    return Coordinate("humidity", D, float(temperature_c))
+
+
+def _errors(found: ChannelResult, part: Part, noise: Noise, places: list[int]) -> tuple[Array, dict[str, Array]]:
+    """Covariance of a part's own errors, with what its rows are uncertain by beyond the fit; and its shared ones."""
+    whole = part.fit.covariance[np.ix_(places, places)]
+    shared = {one.of.key: one.moves[places, 0] for one in sources(part, noise) if one.of.key}
+    own = whole - sum((np.outer(c, c) for c in shared.values()), np.zeros_like(whole))
+    values, vectors = np.linalg.eigh(0.5 * (own + own.T))
+    own = (vectors * np.maximum(values, LEAST_VARIANCE)) @ vectors.T
+    enlarged = part.enlarged(noise) ** 2
+    own = enlarged * own
+    rows = [row for row in found.rows if row.runs[0] in part.channel.run_ids]
+    for place, row in enumerate(rows):
+        beyond = (row.standard_uncertainty / row.diffusivity_m2_s) ** 2 - enlarged * whole[place, place]
+        own[place, place] += max(beyond, 0.0)  # runs that the model misses disagree by so much
+    return own, shared
+
+
+def statistics_document(one: CampaignStatistics) -> dict[str, Any]:
+    """As JSON, every digit kept: what was computed once is the same when it is read again."""
+    return {
+        **{name: getattr(one, name) for name in _PLAIN},
+        "serials": dict(one.serials),
+        "missing": dict(one.missing),
+        "channels": {
+            name: {
+                **{key: getattr(c, key) for key in _OF_CHANNEL},
+                "coordinates": [[x.channel, x.figure, x.temperature_c, x.log] for x in c.coordinates],
+                "value": c.value.tolist(),
+                "covariance": c.covariance.tolist(),
+                "shared": {key: column.tolist() for key, column in c.shared.items()},
+            }
+            for name, c in one.channels.items()
+        },
+    }
+
+
+_PLAIN = ("name", "path", "probe", "fingerprint", "began_at", "bench", "emulated")
+_OF_CHANNEL = ("runs", "explained", "body", "length_m", "noise", "sampling_period_s")
+
+
+def statistics_from(document: Mapping[str, Any]) -> CampaignStatistics:
+    """What `statistics_document` wrote."""
+    return CampaignStatistics(
+        **{name: document[name] for name in _PLAIN},
+        serials=document["serials"],
+        missing=document["missing"],
+        channels={
+            name: ChannelStatistics(
+                **{key: c[key] for key in _OF_CHANNEL},
+                coordinates=tuple(Coordinate(*x) for x in c["coordinates"]),
+                value=np.array(c["value"], dtype=float),
+                covariance=np.array(c["covariance"], dtype=float).reshape(len(c["value"]), -1),
+                shared={key: np.array(column, dtype=float) for key, column in c["shared"].items()},
+            )
+            for name, c in document["channels"].items()
+        },
+    )

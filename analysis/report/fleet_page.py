@@ -1,0 +1,187 @@
+"""The page of `shockrig fleet`: who belongs, what a type's sensors are, each sensor beside the others, what drifts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from shockrig.analysis.inference.quantity import QUANTITIES
+from shockrig.analysis.report.html import Block, Cell, Details, Figure, HtmlPage, KeyNumber, Section, Table, Text
+from shockrig.analysis.report.numbers import counted, measured, plain
+from shockrig.analysis.report.style import save_figure
+from shockrig.files.fleet import Fleet, FleetFigure, FleetSensor, FleetTrend
+from shockrig.files.fleet_views import nearest_figure, plot_fleet
+
+SYMBOL: dict[str, str] = {name: quantity.symbol for name, quantity in QUANTITIES.items()}
+NAMED = 5  # names in a sentence
+OPEN_ROWS = 30  # of the table of sensors, that are shown without being asked for
+
+
+def verdict(fleet: Fleet) -> str:
+    """The sentence a colleague would say."""
+    said = [f"{counted(len(fleet.sensors), 'sensor')} of one type."]
+    strangers = {
+        name: [SYMBOL[c] for c in fleet.population.sensors if name in fleet.outsiders(c)]
+        for channel in fleet.population.sensors
+        for name in fleet.outsiders(channel)
+    }
+    if strangers:
+        names = [f"{name} ({' and '.join(by)})" for name, by in strangers.items()]
+        shown = ", ".join(names[:NAMED]) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
+        does, is_ = ("does", "is") if len(names) == 1 else ("do", "are")
+        said.append(f"{shown} {does} not belong and {is_} left as measured.")
+    else:
+        said.append("All belong together.")
+    said += [sentence(trend) for trend in fleet.trends]
+    if fleet.left_out:
+        said.append(f"{counted(len(fleet.left_out), 'campaign')} left out.")
+    return " ".join(said)
+
+
+def sentence(trend: FleetTrend) -> str:
+    """What differs along the fleet, by how much, and since when."""
+    symbol = SYMBOL[trend.channel]
+    by = measured(100.0 * trend.change.value, 100.0 * trend.change.standard_uncertainty, "%")
+    if trend.per == "year":
+        return f"{symbol} changes by {by} in a year."
+    return f"{symbol} differs by {by} from serial number {trend.since} on: another batch."
+
+
+def strange(fleet: Fleet, sensor: FleetSensor, channel: str) -> str:
+    """By how much a sensor that does not belong is off, and how sure that is."""
+    found = sensor.channels[channel]
+    parts = []
+    for k, one in enumerate(fleet.population.coordinates):
+        nearest = nearest_figure(found.figures, one) if one.channel == channel else None
+        if nearest is None or not one.log:
+            continue
+        middle = float(fleet.population.design([nearest.coordinate])[0] @ fleet.population.mean)
+        away = math.log(nearest.own.value) - middle
+        spread = math.hypot(
+            nearest.own.standard_uncertainty / nearest.own.value, math.sqrt(fleet.population.predictive[k, k])
+        )
+        parts.append(f"{nearest.coordinate.label} {100.0 * math.expm1(away):+.1f} % ({away / spread:+.1f} sigma)")
+    chance = f"one as far off by accident: {plain(found.probability, 2)}, adjusted {plain(found.adjusted, 2)}"
+    return f"{sensor.name}: {', '.join(parts).replace('-', '−')} from the others; {chance}."
+
+
+def write_fleet_page(fleet: Fleet, folder: Path) -> Path:
+    """Write FOLDER/fleet.html and fleet.png; returns the page's path."""
+    population = fleet.population
+    strangers = [(s, channel) for s in fleet.sensors for channel in s.channels if not s.channels[channel].belongs]
+    sections = []
+    if strangers:
+        sentences: list[Block] = [Text(strange(fleet, s, channel), "warning") for s, channel in strangers]
+        sections.append(Section("Sensors that do not belong", sentences))
+    if fleet.trends:
+        trends: list[Block] = [
+            Text(f"{sentence(t)} By accident: {plain(t.probability, 2)}.", "warning") for t in fleet.trends
+        ]
+        sections.append(Section("What differs along the fleet", trends))
+    image = save_figure(plot_fleet(fleet), folder, "fleet")
+    caption = (
+        "Each sensor against the mean of the type: as its own data have it (grey), with what the others say (blue), "
+        "and those that do not belong (red). Bars are two standard uncertainties, the band two spreads of the type."
+    )
+    sections.append(Section("The sensors", [Figure(image, caption, "Each sensor beside the others"), *_tables(fleet)]))
+    sections.append(Section("The type", _type(fleet)))
+    if fleet.left_out or any(s.missing for s in fleet.sensors):
+        rows = [(name, why) for name, why in fleet.left_out.items()]
+        rows += [(f"{s.name}, {channel}", why) for s in fleet.sensors for channel, why in s.missing.items()]
+        sections.append(Section("Left out", [Table(("campaign", "why"), rows)]))
+    sections.append(Section("How it is judged", [Text(HOW)]))
+    numbers = [
+        KeyNumber(one.label, measured(*_mean(fleet, k), one.unit), f"sensors differ by {_spread(fleet, k)}")
+        for k, one in enumerate(population.coordinates)
+    ]
+    page = HtmlPage(
+        title="Fleet of sensors",
+        verdict=verdict(fleet),
+        key_numbers=numbers,
+        sections=sections,
+        provenance=dict(fleet.provenance),
+        tone="warning" if strangers or fleet.trends else "good",
+    )
+    return page.write(folder / "fleet.html")
+
+
+HOW = """Each sensor is characterized alone; the population is what is most likely of the means, the spreads and the
+correlations of ln alpha and ln D(T) when each sensor's own uncertainty is counted (restricted likelihood). Errors that
+a bench has in all of its runs move all sensors on it alike: they are in the mean's uncertainty, and are no spread.
+
+A sensor does not belong where it is too far from the population of the others, itself left out, at a false discovery
+rate of 5 % over all sensors (Benjamini and Hochberg). It takes no part in the population, and nothing of it is changed.
+The others are moved towards the population by as much as their own data leave open.
+
+A drift with the date, or a batch that begins at a serial number, is said where one as plain comes by accident in less
+than one of 100 fleets."""
+
+
+def _mean(fleet: Fleet, k: int) -> tuple[float, float]:
+    one = fleet.population
+    found = one.coordinates[k].natural(float(one.mean[k]), math.sqrt(one.mean_covariance[k, k]))
+    return found.value, found.standard_uncertainty
+
+
+def _spread(fleet: Fleet, k: int) -> str:
+    one = fleet.population
+    spread = math.sqrt(one.covariance[k, k])
+    return f"{plain(100.0 * spread, 2)} %" if one.coordinates[k].log else plain(spread, 2)
+
+
+def _type(fleet: Fleet) -> list[Block]:
+    one = fleet.population
+    heads = ("number", "mean ± u", "spread from sensor to sensor", "degrees of freedom", "sensors")
+    rows: list[Sequence[Cell]] = [
+        (
+            c.label,
+            measured(*_mean(fleet, k), c.unit),
+            _spread(fleet, k),
+            round(float(one.degrees[k])),
+            one.sensors[c.channel],
+        )
+        for k, c in enumerate(one.coordinates)
+    ]
+    blocks: list[Block] = [Table(heads, rows)]
+    if one.table_scatter > 0:
+        blocks.append(
+            Text(f"D of one sensor scatters by {plain(100.0 * one.table_scatter, 2)} % from ambient to ambient.")
+        )
+    if len(one.coordinates) > 1:
+        labels = [c.label for c in one.coordinates]
+        spread = [math.sqrt(v) for v in one.covariance.diagonal()]
+        correlations = [
+            (label, *(f"{one.covariance[k, j] / (spread[k] * spread[j]):.2f}" for j in range(len(labels))))
+            for k, label in enumerate(labels)
+        ]
+        blocks.append(Table(("correlation", *labels), correlations))
+    return blocks
+
+
+def _tables(fleet: Fleet) -> list[Block]:
+    """The sensors' numbers: those of the first sensors at sight, all behind a line."""
+    population = fleet.population
+    heads = (
+        "sensor",
+        *(f"{c.label}, {c.unit}".rstrip(", ") for c in population.coordinates),
+        "own data's share",
+        "runs",
+    )
+    rows: list[Sequence[Cell]] = []
+    for sensor in fleet.sensors:
+        cells: list[Cell] = []
+        shares = []
+        for c in population.coordinates:
+            found = sensor.channels.get(c.channel)
+            nearest: FleetFigure | None = None if found is None else nearest_figure(found.figures, c)
+            if nearest is None:
+                cells.append(None)
+                continue
+            cells.append(measured(nearest.shrunk.value, nearest.shrunk.standard_uncertainty))
+            shares.append(nearest.share)
+        share = f"{100.0 * min(shares):.0f} to {100.0 * max(shares):.0f} %" if shares else None
+        rows.append((sensor.name, *cells, share, sum(found.runs for found in sensor.channels.values())))
+    if len(rows) <= OPEN_ROWS:
+        return [Table(heads, rows)]
+    return [Details(f"All {len(rows)} sensors", [Table(heads, rows)])]
