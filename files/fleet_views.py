@@ -192,26 +192,26 @@ def _netcdf(fleet: Fleet, frame: pd.DataFrame, path: Path, history: str) -> None
     with netCDF4.Dataset(path, "w", format="NETCDF4") as data:
         data.Conventions, data.title, data.history = "CF-1.11", "Fleet of sensors of one type", history
         data.table_scatter = one.table_scatter
-        for name, length in (
+        for dimension, length in (
             ("coordinate", len(one.coordinates)),
             ("other", len(one.coordinates)),
             ("row", len(frame)),
         ):
-            data.createDimension(name, length)
+            data.createDimension(dimension, length)
         data.createVariable("coordinate", str, ("coordinate",))[:] = np.array(
             [c.label for c in one.coordinates], dtype=object
         )
-        for name, dimensions, values, words in (
+        for of, dimensions, values, words in (
             ("population_mean", ("coordinate",), one.mean, "mean over the sensors, of the logarithm"),
             ("degrees_of_freedom", ("coordinate",), one.degrees, "of the variances from sensor to sensor"),
             ("population_covariance", ("coordinate", "other"), one.covariance, "from sensor to sensor"),
             ("population_mean_covariance", ("coordinate", "other"), one.mean_covariance, "of the mean"),
         ):
-            variable = data.createVariable(name, "f8", dimensions)
+            variable = data.createVariable(of, "f8", dimensions)
             variable.long_name, variable.units = words, "1"
             variable[:] = values
-        for name, values in frame.reset_index().items():
-            column = _column(values)
+        for name, cells in frame.reset_index().items():
+            column = _column(cells)
             if column.dtype.kind == "f":
                 data.createVariable(str(name), "f8", ("row",), fill_value=np.nan, zlib=True)[:] = column
             else:

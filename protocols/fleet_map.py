@@ -1,33 +1,27 @@
-"""The map of a fleet: every campaign is characterized once, on processes here or on a Dask cluster, and kept.
+"""The map of a fleet: every campaign is characterized once, on as many workers as there are, and kept.
 
 What is done lies in OUT/measured/KEY.json, KEY from the campaign's fingerprint and the settings, so that a command that
-is started again goes on. Only a few tasks are under way at a time: memory does not grow with the fleet. A worker that
-dies costs its task, which is begun again; a task whose worker dies each time, or that fails, is a row that says why.
+is started again goes on. What fails is a row that says why.
 """
 
 from __future__ import annotations
 
-import importlib.util
 import json
-import os
 import sys
-import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from shockrig.files.errors import InputError
+from shockrig.protocols.parallel import DEATHS, mapped
 
 if TYPE_CHECKING:
     from shockrig.analysis.fleet.statistics import CampaignStatistics
 
 KEPT_IN = "measured"
 KEPT_FORMAT = "shock-fleet-sensor/1"
-DEATHS = 3  # of the workers of one task, from which on it is not begun again
-AHEAD = 3  # tasks for each worker that are handed out at a time
 DIED = f"the process that worked on it died {DEATHS} times (out of memory?); characterize it by itself"
 
 
@@ -96,8 +90,7 @@ def tasks_of(
         except InputError as error:
             failed[str(path)] = str(error)
             continue
-        of_both = (None if x is None else str(x.resolve()) for x in (extend, kept))
-        stated, place = of_both
+        stated, place = (None if x is None else str(x.resolve()) for x in (extend, kept))
         tasks += [FleetTask(str(path), probe, seed, stated, place) for probe in probes]
     return tasks, failed
 
@@ -128,9 +121,11 @@ def measured_fleet(
     found: dict[int, CampaignStatistics] = {}
     failed: dict[str, str] = {}
     clock, before = TimeLeft(), 0
-    for done, (place, outcome) in enumerate(_mapped(tasks, workers, scheduler), 1):
+    for done, (place, outcome) in enumerate(mapped(measure, tasks, workers, scheduler), 1):
         task = tasks[place]
-        if "failed" in outcome:
+        if outcome is None:
+            failed[task.name] = DIED
+        elif "failed" in outcome:
             failed[task.name] = outcome["failed"]
         else:
             document = outcome.get("found")
@@ -148,144 +143,6 @@ def measured_fleet(
     return [found[place] for place in sorted(found)], failed
 
 
-def _mapped(tasks: Sequence[FleetTask], workers: int, scheduler: str | None) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Outcomes with their task's place, as they come."""
-    with_dask = importlib.util.find_spec("distributed") is not None
-    if scheduler is not None and not with_dask:
-        raise InputError("--scheduler: needs Dask; pip install 'shockrig[fleet]'")
-    if scheduler is None and min(workers, len(tasks)) <= 1:
-        return ((place, measure(task)) for place, task in enumerate(tasks))
-    if with_dask:
-        return _on_dask(tasks, workers, scheduler)
-    return _on_processes(tasks, workers)
-
-
-def _on_dask(tasks: Sequence[FleetTask], workers: int, scheduler: str | None) -> Iterator[tuple[int, dict[str, Any]]]:
-    from distributed import KilledWorker, as_completed
-
-    with _client(workers, scheduler) as client:
-        waiting = iter(enumerate(tasks))
-        places: dict[Any, int] = {}
-
-        def hand_out(count: int) -> list[Any]:
-            futures = []
-            for _, (place, task) in zip(range(count), waiting, strict=False):
-                future = client.submit(measure, task, key=f"measure-{place}-{task.name}", pure=False)
-                places[future] = place
-                futures.append(future)
-            return futures
-
-        threads = max(sum(client.nthreads().values()), 1)
-        under_way = as_completed(hand_out(AHEAD * threads))
-        for future in under_way:
-            place = places.pop(future)
-            try:
-                outcome = future.result()
-            except KilledWorker:
-                outcome = {"failed": DIED}
-            future.release()
-            for more in hand_out(1):
-                under_way.add(more)
-            yield place, outcome
-
-
-@contextmanager
-def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
-    """A Dask client: of a cluster on this machine that ends with it, or of one that is running already."""
-    import logging
-
-    import dask
-    from distributed import Client, LocalCluster
-
-    dask.config.set({"distributed.scheduler.allowed-failures": DEATHS - 1})
-    if scheduler is not None:
-        try:
-            client = Client(scheduler, timeout="10s")
-        except (OSError, ValueError, TypeError) as error:
-            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise InputError(f"--scheduler {scheduler}: {reason}; start one with dask scheduler") from None
-        with client:
-            yield client
-        return
-    with (
-        tempfile.TemporaryDirectory() as scratch,
-        LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            dashboard_address=None,
-            local_directory=scratch,
-            silence_logs=logging.CRITICAL,
-        ) as cluster,
-        Client(cluster) as client,
-    ):
-        yield client
-
-
-def _on_processes(tasks: Sequence[FleetTask], workers: int) -> Iterator[tuple[int, dict[str, Any]]]:
-    """A pool of the standard library. A pool in which a process died is broken as a whole: what was under way is begun
-    again, each with a pool of its own, so that the one that kills its process is found."""
-    waiting = list(enumerate(tasks))[::-1]
-    suspects: list[tuple[int, FleetTask]] = []
-    while waiting or suspects:
-        if suspects:
-            place, task = suspects.pop()
-            yield place, _alone(task)
-            continue
-        pool = _pool(workers)
-        under_way: dict[Any, tuple[int, FleetTask]] = {}
-        try:
-            yield from _until_broken(pool, waiting, under_way, workers)
-        finally:
-            pool.shutdown(wait=not under_way, cancel_futures=True)
-        suspects = list(under_way.values())
-
-
-def _until_broken(
-    pool: Any, waiting: list[tuple[int, FleetTask]], under_way: dict[Any, tuple[int, FleetTask]], workers: int
-) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Outcomes until all is done, or a process died: then `under_way` holds what was lost."""
-    from concurrent.futures import FIRST_COMPLETED, wait
-    from concurrent.futures.process import BrokenProcessPool
-
-    while waiting or under_way:
-        while waiting and len(under_way) < workers:
-            try:
-                future = pool.submit(measure, waiting[-1][1])
-            except BrokenProcessPool:
-                return
-            under_way[future] = waiting.pop()
-        for future in wait(under_way, return_when=FIRST_COMPLETED).done:
-            try:
-                outcome = future.result()
-            except BrokenProcessPool:
-                return
-            yield under_way.pop(future)[0], outcome
-
-
-def _alone(task: FleetTask) -> dict[str, Any]:
-    from concurrent.futures.process import BrokenProcessPool
-
-    for _ in range(DEATHS):
-        with _pool(1) as pool:
-            try:
-                return pool.submit(measure, task).result()
-            except BrokenProcessPool:
-                continue
-    return {"failed": DIED}
-
-
-def _pool(workers: int) -> Any:
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
-
-    return ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
-
-
-def processors() -> int:
-    """How many this process may use."""
-    return len(os.sched_getaffinity(0))
-
-
 def said_now_and_then(every_s: float) -> Callable[[str], None]:
     """Progress on standard error: the first line, then one every few seconds."""
     import time
@@ -299,7 +156,3 @@ def said_now_and_then(every_s: float) -> Callable[[str], None]:
             print(text, file=sys.stderr, flush=True)
 
     return say
-
-
-def silent(_: Iterable[str] | str) -> None:
-    """Progress that nobody wants."""

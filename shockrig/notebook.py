@@ -1,4 +1,4 @@
-"""The functions of `import shockrig` that compute: characterize, diagnose, plan, correct, fleet; of data or of paths."""
+"""The functions of `import shockrig` that compute: characterize, diagnose, plan, correct, fleet; of data or paths."""
 
 from __future__ import annotations
 
@@ -330,7 +330,7 @@ def fleet(
     from shockrig.analysis.fleet.fleet import fleet_of
     from shockrig.analysis.fleet.statistics import statistics_of
     from shockrig.files.fingerprint import fingerprint
-    from shockrig.protocols.fleet_map import tasks_of
+    from shockrig.protocols.fleet_map import FleetTask, tasks_of
 
     say = progress or (lambda text: None)
     given = [campaigns] if isinstance(campaigns, str | os.PathLike) else list(campaigns)
@@ -339,7 +339,8 @@ def fleet(
         folders = [Path(one) for one in given if not isinstance(one, Campaign)]
         tasks, failed = tasks_of(folders, seed, None, None)
         found, extensions = [], _extensions(extend)
-        for one in [*read, *tasks]:
+        sources: list[Campaign | FleetTask] = [*read, *tasks]
+        for one in sources:
             name = str(one.path)
             say(f"{name}: characterizing")
             try:

@@ -34,7 +34,7 @@ COARSE, FINE = np.geomspace(1e-4, 3.0, 30), 30  # trial standard deviations, and
 NEGLIGIBLE = 1e-5
 LEAST_SENSORS = 3  # from which a spread can be told from nothing
 CORE = 3.0  # robust standard deviations within which the first core lies
-EXACT_UP_TO = 150  # sensors: each is left out and Sigma estimated again; beyond it one EM step is taken back
+EXACT_UP_TO = 60  # sensors: each is left out and Sigma estimated again; beyond it one EM step is taken back
 WARM_STEPS = 20
 MOST_STEPS, STEP_ENDS = 400, 1e-5
 MOST_ROUNDS = 15
@@ -135,7 +135,7 @@ def _marginal(r: Reduced, sigma: Array) -> tuple[Array, Array, Array, Array]:
     I + A Sigma (n,)."""
     size = sigma.shape[0]
     inside = np.eye(size) + r.A @ sigma
-    M = np.linalg.inv(inside)
+    M = np.asarray(np.linalg.inv(inside))
     MA, MF, Ma = M @ r.A, M @ r.F, (M @ r.a[..., None])[..., 0]
     turned = r.F.transpose(0, 2, 1) @ sigma
     G = r.G - turned @ MF
@@ -143,7 +143,7 @@ def _marginal(r: Reduced, sigma: Array) -> tuple[Array, Array, Array, Array]:
     information = np.concatenate(
         [np.concatenate([MA, MF], axis=2), np.concatenate([MF.transpose(0, 2, 1), G], axis=2)], axis=1
     )
-    return M, information, np.concatenate([Ma, g], axis=1), np.linalg.slogdet(inside)[1]
+    return M, information, np.concatenate([Ma, g], axis=1), np.asarray(np.linalg.slogdet(inside)[1])
 
 
 def level(r: Reduced, sigma: Array) -> Level:

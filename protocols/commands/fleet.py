@@ -43,8 +43,9 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.files.fleet_views import write_fleet_tables
     from shockrig.files.profile import write_profile
     from shockrig.protocols.commands.characterize import say
-    from shockrig.protocols.fleet_map import KEPT_IN, measured_fleet, processors, said_now_and_then, tasks_of
+    from shockrig.protocols.fleet_map import KEPT_IN, measured_fleet, said_now_and_then, tasks_of
     from shockrig.protocols.folder import software_version, whole_folder
+    from shockrig.protocols.parallel import processors
 
     if args.workers is not None and args.workers < 1:
         raise InputError(f"--workers {args.workers}: expected at least 1")

@@ -1,0 +1,257 @@
+"""Fleets: the population is recovered with its own uncertainty, sensors are shrunk and covered, those that do not
+belong are found, what a bench shares is no spread; the command's files, and what is done is not done again."""
+
+import json
+import shutil
+from dataclasses import replace
+from importlib import resources
+
+import jsonschema
+import numpy as np
+import pandas as pd
+import pytest
+from made_fleets import AMBIENTS_C, drawn_fleet, drawn_sensor, record_sensor, short_plan, type_of_sensors
+
+import shockrig
+from shockrig.analysis.fleet.fleet import fleet_of
+from shockrig.analysis.fleet.population import benjamini_hochberg
+from shockrig.files.errors import InputError
+from shockrig.files.fleet import fleet_document, read_fleet
+from shockrig.files.profile import read_profile
+from shockrig.protocols import fleet_map
+from shockrig.protocols.cli import main
+
+SCHEMA = json.loads((resources.files("shockrig.data") / "schemas" / "shock-fleet-1.json").read_text())
+
+
+def away(fleet, truths):
+    """Normalised errors of every shrunk number: (shrunk - true) / u."""
+    found = []
+    for sensor in fleet.sensors:
+        alpha, d = truths[int(sensor.serials["temperature"][1:]) - 8]
+        for channel, true in (("temperature", [alpha]), ("humidity", d)):
+            for figure, value in zip(sensor.channels[channel].figures, true, strict=True):
+                u = figure.shrunk.standard_uncertainty / figure.shrunk.value
+                found.append((np.log(figure.shrunk.value) - value) / u)
+    return np.array(found)
+
+
+def test_the_population_is_recovered_and_every_sensor_covered():
+    statistics, truths = drawn_fleet(np.random.default_rng(1), 120, uncertainty=0.02)
+    fleet = fleet_of(statistics)
+    one = fleet.population
+    assert [c.label for c in one.coordinates] == ["alpha", "D(0 °C)", "D(20 °C)", "D(40 °C)"]
+    spread = np.sqrt(np.diag(one.covariance))
+    assert spread == pytest.approx([0.02, 0.02, 0.02, 0.02 * np.sqrt(0.94)], rel=0.3)
+    assert one.covariance[1, 2] / (spread[1] * spread[2]) == pytest.approx(0.8, abs=0.25)
+    u = np.sqrt(np.diag(one.mean_covariance))
+    assert np.all(np.abs(one.mean - np.log([8e-8, 4e-12, 8e-12, 1.5e-11])) < 4 * u)
+    errors = away(fleet, truths)
+    assert 0.92 < (np.abs(errors) < 1.96).mean() < 0.98
+    # Data half as good as the type is narrow: half of the variance goes.
+    figure = fleet.sensors[0].channels["temperature"].figures[0]
+    ratio = figure.shrunk.standard_uncertainty / figure.shrunk.value / 0.02
+    assert ratio == pytest.approx(np.sqrt(0.5), rel=0.15) and figure.share == pytest.approx(0.5, abs=0.12)
+    assert fleet.outsiders("temperature") == fleet.outsiders("humidity") == [] == list(fleet.trends)
+
+
+def test_a_few_sensors_do_not_promise_a_narrow_type():
+    """Of six sensors the predictive interval of the next one holds at least as often as it says."""
+    rng, inside = np.random.default_rng(2), 0
+    for _ in range(20):
+        statistics, truths = drawn_fleet(rng, 7)
+        one = fleet_of(statistics[:6]).population
+        inside += abs(truths[6][0] - one.mean[0]) < 1.96 * np.sqrt(one.predictive[0, 0])
+    assert inside >= 17
+
+
+def test_what_a_bench_shares_is_no_spread():
+    statistics, _ = drawn_fleet(np.random.default_rng(3), 40, spread=0.005, common=0.05)
+    one = fleet_of(statistics).population
+    assert np.sqrt(np.diag(one.covariance)) == pytest.approx([0.005] * 4, rel=0.5)
+    assert np.sqrt(np.diag(one.mean_covariance)) == pytest.approx([0.05] * 4, rel=0.05)
+
+
+def test_one_film_that_is_off_by_2_percent_is_found_among_200():
+    statistics, _ = drawn_fleet(np.random.default_rng(4), 200, spread=0.003, uncertainty=0.0015, off={17: 0.02})
+    fleet = fleet_of(statistics)
+    assert fleet.outsiders("humidity") == ["X25 / H25"]
+    assert fleet.outsiders("temperature") == []
+    found = next(s for s in fleet.sensors if s.name == "X25 / H25").channels["humidity"]
+    assert all(f.shrunk == f.own and f.share == 1.0 for f in found.figures)
+    assert found.adjusted < 0.05
+
+
+def test_several_that_do_not_belong_do_not_hide_one_another():
+    off = dict.fromkeys(range(8), 0.15)
+    fleet = fleet_of(drawn_fleet(np.random.default_rng(5), 30, off=off)[0])
+    assert set(fleet.outsiders("humidity")) == {f"X{i + 8} / H{i + 8}" for i in off}
+    assert np.sqrt(fleet.population.covariance[2, 2]) < 0.035
+
+
+def test_plain_fleets_have_few_false_discoveries():
+    rng, said = np.random.default_rng(6), 0
+    for _ in range(25):
+        fleet = fleet_of(drawn_fleet(rng, 8)[0])
+        said += bool(fleet.outsiders("temperature") or fleet.outsiders("humidity"))
+    assert said <= 4  # 5 % of plain fleets, and three standard deviations
+
+
+def test_benjamini_and_hochberg_of_their_own_example():
+    """Fifteen probabilities of their paper (1995, section 4.1): four are rejected at 0.05."""
+    stated = [0.0001, 0.0004, 0.0019, 0.0095, 0.0201, 0.0278, 0.0298, 0.0344, 0.0459, 0.3240, 0.4262, 0.5719, 0.6528]
+    adjusted = benjamini_hochberg(np.array([*stated, 0.7590, 1.0, np.nan]))
+    assert (adjusted[:15] <= 0.05).sum() == 4 and np.isnan(adjusted[15])
+
+
+def test_another_batch_is_said_and_since_which_serial_number():
+    plain, _ = drawn_fleet(np.random.default_rng(7), 60)
+    assert fleet_of(plain).trends == ()
+    moved, _ = drawn_fleet(np.random.default_rng(7), 60, since=(30, 0.04))
+    trends = {trend.per: trend for trend in fleet_of(moved).trends}
+    assert set(trends) == {"batch", "year"} and trends["batch"].channel == "humidity"
+    assert abs(int(trends["batch"].since[1:]) - 38) <= 3  # serial numbers count on from 8, as numbers
+    assert abs(trends["batch"].change.value - 0.04) < 4 * trends["batch"].change.standard_uncertainty
+
+
+def test_sensors_with_other_ambients_and_without_a_channel_take_part():
+    rng = np.random.default_rng(8)
+    statistics, truths = drawn_fleet(rng, 40)
+    at_20 = [
+        replace(s, channels={**s.channels, "humidity": at(s.channels["humidity"], [2])}) if i % 2 else s
+        for i, s in enumerate(statistics)
+    ]
+    at_20[0] = replace(at_20[0], channels={"humidity": at_20[0].channels["humidity"]}, missing={"temperature": "none"})
+    fleet = fleet_of(at_20)
+    assert fleet.population.sensors == {"temperature": 39, "humidity": 40}
+    assert len(fleet.sensors[1].channels["humidity"].figures) == 1
+    assert fleet.to_frame()["failed"].to_list().count("none") == 1
+
+
+def at(channel, keep):
+    return replace(
+        channel,
+        coordinates=tuple(channel.coordinates[k] for k in keep),
+        value=channel.value[keep],
+        covariance=channel.covariance[np.ix_(keep, keep)],
+    )
+
+
+def test_two_campaigns_of_one_serial_number_are_one_sensor():
+    statistics, _ = drawn_fleet(np.random.default_rng(9), 10)
+    again = replace(statistics[0], name="later", path="later", fingerprint="later")
+    copy = replace(statistics[1], path="copy of c1")
+    fleet = fleet_of([*statistics, again, copy])
+    assert len(fleet.sensors) == 10
+    (twice,) = (s for s in fleet.sensors if len(s.campaigns) == 2)
+    assert set(twice.campaigns) == {"c0", "later"} and len(twice.channels["humidity"].figures) == 2 * len(AMBIENTS_C)
+    assert fleet.left_out == {"copy of c1": "the same readings as c1"}
+
+
+def test_another_type_is_left_out_and_two_sensors_are_no_fleet():
+    statistics, _ = drawn_fleet(np.random.default_rng(10), 5)
+    plate = replace(statistics[0].channels["humidity"], body="plate")
+    other = replace(statistics[0], channels={**statistics[0].channels, "humidity": plate})
+    fleet = fleet_of([other, *statistics[1:]])
+    assert "is a plate of 1e-05 m, most are a film" in fleet.sensors[0].missing["humidity"]
+    with pytest.raises(InputError, match="2 sensors that can be characterized, a fleet needs 3"):
+        fleet_of(statistics[:2])
+
+
+def test_the_order_of_the_campaigns_changes_no_digit():
+    statistics, _ = drawn_fleet(np.random.default_rng(11), 12)
+    assert fleet_document(fleet_of(statistics)) == fleet_document(fleet_of(statistics[::-1]))
+
+
+def test_a_fleet_is_read_as_it_was_written(tmp_path):
+    fleet = fleet_of(drawn_fleet(np.random.default_rng(12), 60, since=(30, 0.04))[0], {"c9": "no runs"}, {"seed": 0})
+    jsonschema.validate(fleet_document(fleet), SCHEMA)
+    fleet.write(tmp_path / "fleet.json")
+    again = read_fleet(tmp_path / "fleet.json")
+    assert fleet_document(again) == fleet_document(fleet)
+    assert repr(again).startswith("<Fleet: sensors 60; alpha (") and "left out" in again._repr_html_()
+    typical = again.population.typical()
+    assert typical.temperature.thermal_diffusivity_m2_s.value == pytest.approx(8e-8, rel=0.02)
+    assert [row.ambient_temperature_c for row in typical.humidity.diffusivity_table] == [0.0, 20.0, 40.0]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"format": "shock-plan/1"}, 'key format: expected "shock-fleet/1"'),
+        ({"population": {}}, "key population.coordinates"),
+        ({"mean": [1.0]}, "key population.mean: expected 4 numbers"),
+        ({"covariance": [[-1.0 if i == j else 0.0 for i in range(4)] for j in range(4)]}, "is no covariance"),
+        ({"channels": {"humidity": {"length_m": 1e-5}}}, "key population.channels: expected an entry temperature"),
+    ],
+)
+def test_every_fault_is_named_by_its_key(tmp_path, change, said):
+    document = fleet_document(fleet_of(drawn_fleet(np.random.default_rng(13), 4)[0]))
+    top = {key: value for key, value in change.items() if key in document}
+    document |= top if top else {"population": {**document["population"], **change}}
+    (tmp_path / "fleet.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match="shockrig fleet wrote") as error:
+        read_fleet(tmp_path / "fleet.json")
+    assert said in str(error.value)
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    """Five virtual sensors of one type, the fourth with a film 30 % faster; and a campaign that cannot be read."""
+    folder, rng = tmp_path_factory.mktemp("fleet"), np.random.default_rng(21)
+    base = type_of_sensors(20)
+    truths = [drawn_sensor(base, rng) for _ in range(5)]
+    truths[3] = replace(truths[3], diffusivity_20c_m2_s=1.3 * truths[3].diffusivity_20c_m2_s)
+    for i, truth in enumerate(truths):
+        record_sensor(truth, short_plan(), 30 + i, folder / f"s{i}", 100 + i)
+    (folder / "broken").mkdir()
+    (folder / "broken" / "campaign.json").write_text("{")
+    return folder, truths
+
+
+def test_the_command_writes_what_it_found_and_does_nothing_twice(bench, tmp_path, capsys, monkeypatch):
+    folder, truths = bench
+    out = tmp_path / "out"
+    assert main(["fleet", str(folder), "--out", str(out), "--workers", "1"]) == 0
+    said = capsys.readouterr().out
+    assert "5 sensors of one type." in said and f"left out: {folder / 'broken'}" in said
+    fleet = read_fleet(out / "fleet.json")
+    jsonschema.validate(json.loads((out / "fleet.json").read_text()), SCHEMA)
+    for sensor, truth in zip(fleet.sensors, truths, strict=True):
+        own = sensor.channels["temperature"].figures[0].own
+        assert abs(own.value - truth.thermal_diffusivity_m2_s) < 4 * own.standard_uncertainty
+    assert len(list((out / "measured").iterdir())) == 5
+    page = (out / "fleet.html").read_text()
+    assert "5 sensors of one type" in page and "invented, not measured" in page
+    table = pd.read_csv(out / "sensors.csv")
+    assert table.loc[table.figure == "alpha", "shrunk"].to_list() == pytest.approx(
+        [s.channels["temperature"].figures[0].shrunk.value for s in fleet.sensors], rel=1e-6
+    )
+    assert {"fleet.nc", "sensors.parquet", "fleet.png"} <= {file.name for file in out.iterdir()}
+    assert read_profile(out / "profile.json").temperature is not None
+
+    # Started again, it characterizes only what is new, whatever the folder is called now.
+    shutil.copytree(folder, tmp_path / "moved")
+    asked = []
+    monkeypatch.setattr(fleet_map, "measured_fleet", counting(asked, fleet_map.measured_fleet))
+    assert main(["fleet", str(tmp_path / "moved"), "--out", str(out), "--workers", "1"]) == 0
+    assert asked[-1].startswith("5 of 5 characterized, 5 of them before")
+    again = read_fleet(out / "fleet.json")
+    assert fleet_document(again)["population"] == fleet_document(fleet)["population"]
+
+
+def counting(asked, function):
+    return lambda tasks, workers, scheduler, say: function(tasks, workers, scheduler, asked.append)
+
+
+def test_python_finds_what_the_command_finds(bench):
+    folder, _ = bench
+    campaign = shockrig.read_campaign(folder / "s0")
+    fleet = shockrig.fleet([campaign, *(folder / f"s{i}" for i in (1, 2, 4))])
+    assert [s.name for s in fleet.sensors] == ["X100 / H100", "X101 / H101", "X102 / H102", "X104 / H104"]
+    assert len(fleet.plot().axes) == len(fleet.population.coordinates)
+    data = fleet.to_xarray()
+    assert data.population_mean.size == len(fleet.population.coordinates)
+    assert data.sizes["row"] == len(fleet.to_frame())
+    with pytest.raises(InputError, match="is no folder"):
+        shockrig.fleet("nowhere")
