@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from shockrig.analysis.fleet.population import (
     LEAST_SENSORS,
     FleetMember,
-    Judged,
+    JudgedFleet,
     Members,
     change_along,
     judge,
@@ -198,7 +198,7 @@ def _knowing(one: FleetMember, coordinates: Sequence[Coordinate]) -> FleetMember
     )
 
 
-def population_of(members: Members, judged: Judged) -> Population:
+def population_of(members: Members, judged: JudgedFleet) -> Population:
     """The population of those that belong."""
     found = judged.estimate
     channels: dict[str, list[Any]] = {}
@@ -224,7 +224,7 @@ def population_of(members: Members, judged: Judged) -> Population:
     )
 
 
-def _sensor(members: Members, judged: Judged, i: int) -> FleetSensor:
+def _sensor(members: Members, judged: JudgedFleet, i: int) -> FleetSensor:
     one = members.sensors[i]
     value, covariance = _shrunk(members, judged, i)
     whole = np.diag(one.covariance + one.common @ one.common.T)
@@ -269,7 +269,7 @@ def _sensor(members: Members, judged: Judged, i: int) -> FleetSensor:
     )
 
 
-def _shrunk(members: Members, judged: Judged, i: int) -> tuple[Array, Array]:
+def _shrunk(members: Members, judged: JudgedFleet, i: int) -> tuple[Array, Array]:
     """A sensor's numbers with what the others say (m,), and their covariance (m, m).
 
     t = H (mu + b) + l, where l is what its table scatters by: of what is left of x, l takes W = lambda^2 R^-1.
@@ -294,7 +294,7 @@ def _shrunk(members: Members, judged: Judged, i: int) -> tuple[Array, Array]:
     return value, covariance
 
 
-def _trends(members: Members, judged: Judged) -> list[FleetTrend]:
+def _trends(members: Members, judged: JudgedFleet) -> list[FleetTrend]:
     """What differs with the date, and from a place in the order of serial numbers on."""
     tests: list[tuple[FleetTrend, float]] = []
     for channel in judged.belongs:
@@ -322,7 +322,7 @@ def _trends(members: Members, judged: Judged) -> list[FleetTrend]:
     return [FleetTrend(t.channel, t.per, t.since, t.change, min(p * len(tests), 1.0)) for t, p in said if p < level]
 
 
-def _trend(members: Members, judged: Judged, channel: str, along: Array, per: str, since: str) -> FleetTrend:
+def _trend(members: Members, judged: JudgedFleet, channel: str, along: Array, per: str, since: str) -> FleetTrend:
     change, covariance = change_along(judged.reduced, judged.estimate, along)
     rates = [k for k, c in enumerate(members.coordinates) if c.channel == channel and c.unit]
     weight = np.zeros(change.size)

@@ -190,7 +190,7 @@ def _inverse(matrix: Array) -> Array:
     return np.asarray(np.linalg.inv(matrix / outer + 1e-13 * np.eye(scale.shape[-1])) / outer)
 
 
-def change_along(r: Reduced, found: Estimate, along: Array) -> tuple[Array, Array]:
+def change_along(r: Reduced, found: PopulationFit, along: Array) -> tuple[Array, Array]:
     """By how much the mean changes with a quantity `along` (n,) of the sensors (K,), and its covariance."""
     size = found.sigma.shape[0]
     _, information, right, _ = _marginal(r, found.sigma)
@@ -239,7 +239,7 @@ def _em(r: Reduced, sigma: Array, steps: int) -> Array:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class PopulationFit:
     """Sigma with the degrees of freedom of its variances, the factor by which each standard deviation is larger than
     the restricted likelihood's own, and the mean under it."""
 
@@ -249,7 +249,7 @@ class Estimate:
     at: Level
 
 
-def estimate(r: Reduced, start: Array, steps: int = MOST_STEPS) -> Estimate:
+def estimate(r: Reduced, start: Array, steps: int = MOST_STEPS) -> PopulationFit:
     """Population of the sensors in `r`, from a start of Sigma."""
     sigma = _em(r, start, steps)
     size = sigma.shape[0]
@@ -266,7 +266,7 @@ def estimate(r: Reduced, start: Array, steps: int = MOST_STEPS) -> Estimate:
         factor[k] = math.sqrt(float(weight @ trials**2)) / spread[k]
         degrees[k] = max(1.0, 0.5 / float(weight @ (np.log(trials) - mean) ** 2))  # var ln s = 1 / (2 nu)
     sigma = sigma * np.outer(factor, factor)
-    return Estimate(sigma, degrees, factor, level(r, sigma))
+    return PopulationFit(sigma, degrees, factor, level(r, sigma))
 
 
 def _posterior(r: Reduced, sigma: Array, k: int, trials: Array) -> Array:
@@ -370,17 +370,17 @@ def start_of(members: Members) -> tuple[Array, dict[str, Mask]]:
 
 
 @dataclass(frozen=True)
-class Judged:
+class JudgedFleet:
     """Who belongs: probabilities (n,) by channel, NaN where a sensor has none; adjusted ones; the population."""
 
     probability: dict[str, Array]
     adjusted: dict[str, Array]
     belongs: dict[str, Mask]
-    estimate: Estimate
+    estimate: PopulationFit
     reduced: Reduced
 
 
-def judge(members: Members) -> Judged:
+def judge(members: Members) -> JudgedFleet:
     """The population of those that belong, and who does not.
 
     Each sensor is held against the population of the others that belong; those whose probability is too small at a
@@ -408,7 +408,7 @@ def judge(members: Members) -> Judged:
             break
         seen.append(stamp)
         belongs = new
-    return Judged(probability, adjusted, belongs, found, r)
+    return JudgedFleet(probability, adjusted, belongs, found, r)
 
 
 def benjamini_hochberg(probability: Array) -> Array:
@@ -422,7 +422,7 @@ def benjamini_hochberg(probability: Array) -> Array:
     return adjusted
 
 
-def _left_out(members: Members, r: Reduced, found: Estimate, has: Mapping[str, Mask]) -> dict[str, Array]:
+def _left_out(members: Members, r: Reduced, found: PopulationFit, has: Mapping[str, Mask]) -> dict[str, Array]:
     """Probability of each sensor's channel under the population of the others (channel -> (n,))."""
     n, sigma, at = r.size, found.sigma, found.at
     information, right = _marginal(r, sigma)[1:3]

@@ -113,8 +113,10 @@ def write_characterization(
     directory: Path,
     provenance: Mapping[str, Cell],
     decisions: Sequence[Mapping[str, Any]] = (),
+    more: Sequence[Section] = (),
 ) -> Path:
-    """Write the plots and DIRECTORY/report.html; returns the page's path. `decisions` is the campaign's log of them."""
+    """Write the plots and DIRECTORY/report.html; returns the page's path. `decisions` is the campaign's log of them,
+    `more` are sections that follow the numbers."""
     folder = Path(directory)
     drawn = draw_figures(result)
     saved = {name: save_figure(drawing, folder, name) for name, (drawing, _) in drawn.items()}
@@ -125,7 +127,7 @@ def write_characterization(
     numbers = _number_blocks(result)
     if "diffusivity" in drawn:
         numbers.append(figure("diffusivity", "Diffusivity of the film over temperature"))
-    sections = [Section("The numbers", numbers)]
+    sections = [Section("The numbers", numbers), *more]
     for name, found in result.channels().items():
         noise = found.noise
         text = Text(

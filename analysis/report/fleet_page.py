@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+from shockrig.analysis.fleet.prior import WithFleet
 from shockrig.analysis.inference.quantity import QUANTITIES
 from shockrig.analysis.report.html import Block, Cell, Details, Figure, HtmlPage, KeyNumber, Section, Table, Text
 from shockrig.analysis.report.numbers import counted, measured, plain
@@ -104,6 +105,27 @@ def write_fleet_page(fleet: Fleet, folder: Path) -> Path:
         tone="warning" if strangers or fleet.trends else "good",
     )
     return page.write(folder / "fleet.html")
+
+
+def fleet_section(found: WithFleet) -> Section:
+    """What a fleet makes of one sensor's characterization."""
+    blocks: list[Block] = [
+        Text(said, "good" if found.belongs(name) else "warning")
+        for name, said in zip(found.probability, found.sentences, strict=True)
+    ]
+    rows = [
+        (
+            f.coordinate.label,
+            "–" if math.isnan(f.own.value) else measured(f.own.value, f.own.standard_uncertainty, f.coordinate.unit),
+            measured(f.shrunk.value, f.shrunk.standard_uncertainty, f.coordinate.unit),
+            f"{100.0 * f.share:.0f} %",
+        )
+        for figures in found.figures.values()
+        for f in figures
+    ]
+    if rows:
+        blocks.append(Table(("number", "own runs alone", "with the fleet: in the profile", "own data's share"), rows))
+    return Section("With the fleet", blocks)
 
 
 HOW = """Each sensor is characterized alone; the population is what is most likely of the means, the spreads and the

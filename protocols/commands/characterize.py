@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,7 @@ from shockrig.files.numbers import counted
 
 if TYPE_CHECKING:
     from shockrig.analysis.characterization.result import Characterization
+    from shockrig.analysis.fleet.prior import WithFleet
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,6 +27,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--extend", metavar="DIAGNOSIS.json", type=Path, help="fit the model with the causes that this diagnosis names"
     )
+    parser.add_argument(
+        "--fleet",
+        metavar="FLEET.json",
+        type=Path,
+        help="what other sensors of the type say, as shockrig fleet wrote it",
+    )
     probes.add_argument(parser)
 
 
@@ -37,22 +45,33 @@ def main(args: argparse.Namespace) -> int:
     made_at = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
     for probe, its in probes.each(args.campaign, args.probe):
         out, extend = its(args.out), None if args.extend is None else its(args.extend)
-        result = write(args.campaign, out, args.seed, extend, made_at, probe)
+        result, fleet = write(args.campaign, out, args.seed, extend, made_at, probe, args.fleet)
         print(summary(result))
+        if fleet is not None:
+            print(fleet_summary(fleet))
         print(f"report: {out / 'report.html'}")
         print(f"profile: {out / 'profile.json'}", flush=True)
     return 0
 
 
 def write(
-    campaign: Path, out: Path, seed: int, extend: Path | None, made_at: str, probe: str = "1"
-) -> Characterization:
-    """Characterize a campaign's probe into the folder `out`, whole or not at all."""
+    campaign: Path,
+    out: Path,
+    seed: int,
+    extend: Path | None,
+    made_at: str,
+    probe: str = "1",
+    fleet: Path | None = None,
+) -> tuple[Characterization, WithFleet | None]:
+    """Characterize a campaign's probe into the folder `out`, whole or not at all; and what a fleet makes of it."""
     from shockrig.analysis.characterization.characterize import characterize
     from shockrig.analysis.characterization.extension import read_extension
     from shockrig.analysis.characterization.to_profile import to_profile
+    from shockrig.analysis.fleet.prior import with_population
     from shockrig.analysis.report.characterize_page import write_characterization
+    from shockrig.analysis.report.fleet_page import fleet_section
     from shockrig.files.campaign import read_campaign
+    from shockrig.files.fleet import read_fleet
     from shockrig.files.plan import read_decisions
     from shockrig.files.profile import write_profile
     from shockrig.protocols.folder import said_of_data, software_version, whole_folder
@@ -60,6 +79,7 @@ def write(
 
     say = Phases(CHARACTERIZING)
     extensions = None if extend is None else read_extension(extend)
+    population = None if fleet is None else read_fleet(fleet).population
     with whole_folder(out) as folder:
         result = characterize(read_campaign(campaign, probe), seed, extensions, say)
         provenance: dict[str, Any] = {
@@ -72,14 +92,33 @@ def write(
         if extend is not None:
             provenance["extended_by"] = str(extend)
         profile = to_profile(result, provenance)
+        found = None if population is None else with_population(result, population)
+        if found is not None:
+            belongs = {name: found.belongs(name) for name in found.probability}
+            provenance["fleet"] = str(fleet)
+            kept = {**profile.provenance, "fleet": str(fleet), "belongs_to_fleet": belongs}
+            profile = replace(found.profile, provenance=kept)
         write_profile(profile, folder / "profile.json")
         if profile.humidity is not None:
             profile.humidity.to_frame().to_csv(folder / "diffusivity.csv", index=False, float_format="%.6g")
         say("plots and report")
         used = {f"runs used, {name}": ", ".join(found.runs) for name, found in result.channels().items()}
         shown = {"campaign": result.campaign.name, **provenance, **used}
-        write_characterization(result, folder, shown, read_decisions(campaign))
-    return result
+        more = [] if found is None else [fleet_section(found)]
+        write_characterization(result, folder, shown, read_decisions(campaign), more)
+    return result, found
+
+
+def fleet_summary(fleet: WithFleet) -> str:
+    """A sentence for each sensor, and its numbers with what the fleet says."""
+    from shockrig.analysis.report.numbers import measured
+
+    lines = [f"fleet: {sentence}" for sentence in fleet.sentences]
+    for figures in fleet.figures.values():
+        for one in figures:
+            value = measured(one.shrunk.value, one.shrunk.standard_uncertainty, one.coordinate.unit)
+            lines.append(f"  {one.coordinate.label} = {value}")
+    return "\n".join(lines)
 
 
 def summary(result: Characterization) -> str:
