@@ -83,10 +83,8 @@ def main(argv: list[str] | None = None) -> None:
         ("10 runs, film does not belong", rows["does not"]),
     ):
         print(line(name, table))
-    for kind, count in said.items():
-        print(
-            f"said not to belong, where it {kind}{' belong' if kind == 'does not' else ''}: {count} of {len(rows[kind])}"
-        )
+    print(f"film said not to belong: {said['does not']} of {len(rows['does not'])} that do not", end=", ")
+    print(f"{said['belongs']} of {len(rows['belongs'])} that do")
 
 
 def errors(profile: Profile, truth: Truth) -> Row:

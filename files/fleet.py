@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 
 from shockrig.files.causes import Uncertain, read_uncertain, uncertain_document
 from shockrig.files.errors import InputError
+from shockrig.files.headline import LUMPED, first_order
 from shockrig.files.json_files import JsonObject, is_number, known, measured, read_json, write_json
+from shockrig.files.numbers import measured as in_words
 from shockrig.files.profile_data import (
     GROWTH_PER_KELVIN,
     DiffusivityRow,
@@ -131,6 +133,28 @@ class Population:
         away = [0.0 if c.temperature_c is None else max(low - c.temperature_c, c.temperature_c - high) for c in asked]
         reach = np.maximum(np.array(away) - 1.0, 0.0)  # within 1 K two ambients are one
         return np.asarray((GROWTH_PER_KELVIN * reach) ** 2)
+
+    def label(self, one: Coordinate) -> str:
+        """What a number is called for people: of a sensor that is one lag its time constant."""
+        return one.label.replace(one.figure, "tau", 1) if self._lumped(one) else one.label
+
+    def unit(self, one: Coordinate) -> str:
+        """Of the number that people are shown."""
+        return "s" if self._lumped(one) else one.unit
+
+    def shown(self, one: Coordinate, value: Uncertain) -> Uncertain:
+        """A number as people are shown it: tau = R^2/alpha or L^2/D of a sensor that is one lag."""
+        if not self._lumped(one):
+            return value
+        return Uncertain(*first_order(self.lengths_m[one.channel], value.value, value.standard_uncertainty))
+
+    def text(self, one: Coordinate, value: Uncertain) -> str:
+        """The same with its uncertainty and unit."""
+        number = self.shown(one, value)
+        return in_words(number.value, number.standard_uncertainty, self.unit(one))
+
+    def _lumped(self, one: Coordinate) -> bool:
+        return bool(one.unit) and self.bodies.get(one.channel) == LUMPED
 
     def typical(self, provenance: Mapping[str, Any] | None = None) -> Profile:
         """Profile of a sensor of the type that nobody has characterized."""

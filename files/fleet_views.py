@@ -12,7 +12,7 @@ import numpy as np
 from shockrig.files.exports import replace_whole
 from shockrig.files.figures import BLUE, GREY, LIGHT, RED, literal, notebook_figure, styled
 from shockrig.files.fleet import Coordinate, Fleet, FleetChannel, FleetFigure, FleetSensor, Population
-from shockrig.files.numbers import counted, measured, plain
+from shockrig.files.numbers import counted, plain
 from shockrig.files.views import card, require_xarray
 
 if TYPE_CHECKING:
@@ -29,13 +29,16 @@ def typical_text(population: Population, k: int) -> str:
     mean = one.natural(float(population.mean[k]), math.sqrt(population.mean_covariance[k, k]))
     spread = math.sqrt(population.covariance[k, k])
     differ = f"{plain(100.0 * spread, 2)} %" if one.log else plain(spread, 2)
-    return f"{measured(mean.value, mean.standard_uncertainty, one.unit)}, sensors differ by {differ}"
+    return f"{population.text(one, mean)}, sensors differ by {differ}"
 
 
 def fleet_facts(fleet: Fleet) -> list[tuple[str, str]]:
     """What there is to say first: how many sensors, the type's numbers, who does not belong."""
     facts = [("sensors", str(len(fleet.sensors)))]
-    facts += [(c.label, typical_text(fleet.population, k)) for k, c in enumerate(fleet.population.coordinates)]
+    facts += [
+        (fleet.population.label(c), typical_text(fleet.population, k))
+        for k, c in enumerate(fleet.population.coordinates)
+    ]
     for channel in fleet.population.sensors:
         names = fleet.outsiders(channel)
         if names:
@@ -150,8 +153,9 @@ def plot_fleet(fleet: Fleet) -> Figure:
             if points[kind]:
                 x, y, u = np.array(points[kind]).T
                 axes.errorbar(x + shift, y, yerr=2.0 * u, color=colour, label=words, **small)
-        axes.set_title(f"{one.label}: {typical_text(population, k)}")
-        axes.set_ylabel(f"from the mean, {unit}".rstrip(", "))
+        axes.set_title(f"{population.label(one)}: {typical_text(population, k)}")
+        symbol = one.label.partition("(")[0]
+        axes.set_ylabel(f"{symbol} from the mean, {unit}" if one.log else "from the mean")
     if len(names) <= NAMED_UP_TO:
         turned = len(names) > 8 or max(map(len, names)) > 8
         panels[-1].set_xticks(

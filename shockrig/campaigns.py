@@ -13,6 +13,7 @@ from shockrig.remedies import as_python
 
 if TYPE_CHECKING:
     from shockrig.channels import Channels
+    from shockrig.files.fleet import Fleet
     from shockrig.results import Characterized, Diagnosed, Planned
 
 PathLike = str | os.PathLike[str]
@@ -23,12 +24,17 @@ class ChainedCampaign(Campaign):
     """A `Campaign` as `read_campaign` and `import_log` give it: the functions of `import shockrig` are its methods."""
 
     def characterize(
-        self, *, channels: Channels = None, seed: int = 0, extend: Diagnosed | PathLike | None = None
+        self,
+        *,
+        channels: Channels = None,
+        seed: int = 0,
+        extend: Diagnosed | PathLike | None = None,
+        fleet: Fleet | PathLike | None = None,
     ) -> Characterized:
         """How fast its sensors are: `shockrig.characterize` of this campaign."""
         from shockrig.notebook import characterize
 
-        return characterize(self, channels=channels, seed=seed, extend=extend)
+        return characterize(self, channels=channels, seed=seed, extend=extend, fleet=fleet)
 
     def diagnose(
         self, *, channels: Channels = None, tolerance_k: float = 0.03, tolerance_percent: float = 0.2

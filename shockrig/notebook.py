@@ -16,12 +16,13 @@ from shockrig.analysis.characterization.to_profile import to_profile
 from shockrig.analysis.diagnosis.diagnose import diagnose as _diagnose
 from shockrig.analysis.diagnosis.export import stated_cause, to_json
 from shockrig.analysis.diagnosis.remainder import Tolerance
+from shockrig.analysis.fleet.prior import with_population
 from shockrig.analysis.flight.correct import correct as _correct
 from shockrig.analysis.report.next_time import next_time
 from shockrig.channels import ChannelName, Channels, of_campaign, of_profile, only
 from shockrig.files.campaign import Campaign, read_campaign
 from shockrig.files.errors import InputError
-from shockrig.files.fleet import Fleet
+from shockrig.files.fleet import Fleet, read_fleet
 from shockrig.files.flight import Flight
 from shockrig.files.profile import Profile, read_profile
 from shockrig.flights import PathLike, read_flight
@@ -43,6 +44,7 @@ def characterize(
     channels: Channels = None,
     seed: int = 0,
     extend: Diagnosed | PathLike | None = None,
+    fleet: Fleet | PathLike | None = None,
     progress: Progress | None = None,
 ) -> Characterized:
     """Find how fast a campaign's sensors are: alpha of a bead, D(T) of a film, tau of what is one lag, response times.
@@ -58,6 +60,9 @@ def characterize(
     extend : Diagnosed or path, optional
         A diagnosis (or its diagnosis.json) whose causes the model shall carry; alpha and D are then the material's, no
         longer effective numbers.
+    fleet : Fleet or path, optional
+        What other sensors of the type say, as the prior: a few runs are enough then. Sensors that do not belong to it
+        are told in `notes`, and have a profile of their own data alone.
     progress : function of a sentence, optional
 
     Returns
@@ -88,7 +93,13 @@ def characterize(
         recorded = _campaign(campaign)
         wanted = of_campaign(recorded, channels)
         result = _characterize(recorded, seed=seed, extensions=_extensions(extend), progress=progress, channels=wanted)
-    return Characterized(to_profile(result, {"software": f"shockrig {_version()}"}), result)
+    profile = to_profile(result, {"software": f"shockrig {_version()}"})
+    if fleet is None:
+        return Characterized(profile, result)
+    with as_python():
+        population = (fleet if isinstance(fleet, Fleet) else read_fleet(fleet)).population
+        known = with_population(result, population)
+    return Characterized(replace(known.profile, provenance=profile.provenance), result, known)
 
 
 def diagnose(

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from shockrig.analysis.characterization.result import Characterization
 from shockrig.analysis.diagnosis.diagnosed import Diagnosis
+from shockrig.analysis.fleet.prior import WithFleet
 from shockrig.analysis.report.characterize_page import hint
 from shockrig.files import result_views as views
 from shockrig.files.campaign import Campaign
@@ -39,17 +40,26 @@ class Characterized:
         alpha, D(T), response times, noise, effects: what `correct` takes and `write` stores.
     result : Characterization
         All of it: fits, runs used and set aside, the optimisers' findings.
+    fleet : WithFleet, optional
+        What a fleet made of it: whether the sensors belong, each number alone and with the others.
     """
 
     profile: Profile
     result: Characterization
+    fleet: WithFleet | None = None
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What was seen in the input before any fit, where the model is not enough, and what could not be had."""
         seen = [in_python(finding.sentence) for finding in self.result.findings]
         bad = [hint(name, found) for name, found in self.result.channels().items() if not found.explained]
-        return (*seen, *map(in_python, bad), *(f"{name}: {reason}" for name, reason in self.result.missing.items()))
+        fleet = () if self.fleet is None else self.fleet.sentences
+        return (
+            *seen,
+            *fleet,
+            *map(in_python, bad),
+            *(f"{name}: {reason}" for name, reason in self.result.missing.items()),
+        )
 
     def to_frame(self) -> pd.DataFrame:
         """One row for the bead (alpha) and one for each ambient of the film (D), with uncertainty, response times."""

@@ -15,6 +15,7 @@ from made_fleets import AMBIENTS_C, drawn_fleet, drawn_sensor, record_sensor, sh
 import shockrig
 from shockrig.analysis.fleet.fleet import fleet_of
 from shockrig.analysis.fleet.population import benjamini_hochberg
+from shockrig.analysis.fleet.prior import with_population
 from shockrig.files.errors import InputError
 from shockrig.files.fleet import fleet_document, read_fleet
 from shockrig.files.profile import read_profile
@@ -255,3 +256,83 @@ def test_python_finds_what_the_command_finds(bench):
     assert data.sizes["row"] == len(fleet.to_frame())
     with pytest.raises(InputError, match="is no folder"):
         shockrig.fleet("nowhere")
+
+
+@pytest.fixture(scope="module")
+def type_fleet(bench):
+    """The fleet of the four sensors that are alike."""
+    folder, _ = bench
+    return shockrig.fleet([folder / f"s{i}" for i in (0, 1, 2, 4)])
+
+
+def test_four_shocks_and_a_fleet_say_what_a_campaign_does(bench, type_fleet, tmp_path, capsys):
+    """D at 0 and 40 degC from runs at 20 degC, within their uncertainty, and the profile can be read and flown."""
+    truth = drawn_sensor(type_of_sensors(20), np.random.default_rng(77))
+    plan = short_plan()[3:7]
+    path = record_sensor(truth, plan, 3, tmp_path / "new", 900)
+    type_fleet.write(tmp_path / "fleet.json")
+    assert main(["characterize", str(path), "--out", str(tmp_path), "--fleet", str(tmp_path / "fleet.json")]) == 0
+    said = capsys.readouterr().out
+    assert "fleet: The film belongs to the fleet, which brings" in said
+    profile = read_profile(tmp_path / "profile.json")
+    assert profile.provenance["belongs_to_fleet"] == {"temperature": True, "humidity": True}
+    rows = profile.humidity.diffusivity_table
+    assert {0, 20, 40} <= {round(row.ambient_temperature_c) for row in rows}
+    alone = shockrig.characterize(path)
+    known = {round(row.ambient_temperature_c): row for row in alone.profile.humidity.diffusivity_table}
+    assert 0 not in known
+    for row in rows:
+        true = float(truth.diffusivity_m2_s(row.ambient_temperature_c))
+        assert abs(row.diffusivity_m2_s - true) < 3.5 * row.standard_uncertainty
+        own = known.get(round(row.ambient_temperature_c))
+        assert own is None or row.standard_uncertainty < 1.001 * own.standard_uncertainty * row.diffusivity_m2_s / (
+            own.diffusivity_m2_s
+        )
+        product = row.response_time_s.t63_s * row.diffusivity_m2_s  # of the plain film one number
+        assert product == pytest.approx(rows[0].response_time_s.t63_s * rows[0].diffusivity_m2_s, rel=1e-3)
+    assert "With the fleet" in (tmp_path / "report.html").read_text()
+
+
+def test_a_sensor_that_does_not_belong_is_said_and_left_alone(bench, type_fleet):
+    folder, _ = bench
+    alone = shockrig.characterize(folder / "s3")
+    # As forty sensors would know it: of four, 30 % are not too far.
+    known = replace(type_fleet.population, covariance=4e-4 * np.eye(4), degrees=np.full(4, 40.0))
+    assert shockrig.characterize(folder / "s3", fleet=type_fleet).fleet.belongs("humidity")
+    found = shockrig.characterize(folder / "s3", fleet=replace(type_fleet, population=known))
+    assert found.fleet.belongs("temperature") and not found.fleet.belongs("humidity")
+    assert found.profile.humidity == alone.profile.humidity
+    assert any("film does not belong to the fleet" in note for note in found.notes)
+    assert found.profile.temperature != alone.profile.temperature
+
+
+def test_a_prior_of_another_body_or_length_is_refused(bench, type_fleet):
+    folder, _ = bench
+    one = type_fleet.population
+    for change, said in (
+        ({"bodies": {**one.bodies, "humidity": "plate"}}, "is a film, the fleet's are of plate"),
+        ({"lengths_m": {**one.lengths_m, "humidity": 2e-5}}, "state the same length in campaign.json"),
+    ):
+        with pytest.raises(InputError, match=said):
+            shockrig.characterize(folder / "s0", fleet=replace(type_fleet, population=replace(one, **change)))
+
+
+def test_a_wide_population_changes_nothing_and_a_narrow_one_is_the_answer(bench, type_fleet):
+    folder, _ = bench
+    campaign, one = shockrig.read_campaign(folder / "s0"), type_fleet.population
+    alone = shockrig.characterize(campaign).profile
+    wide = replace(type_fleet, population=replace(one, covariance=1e4 * one.covariance))
+    found = shockrig.characterize(campaign, fleet=wide).profile
+    assert found.temperature.thermal_diffusivity_m2_s.value == pytest.approx(
+        alone.temperature.thermal_diffusivity_m2_s.value, rel=1e-5
+    )
+    for a, b in zip(found.humidity.diffusivity_table, alone.humidity.diffusivity_table, strict=True):
+        # Rows beside one another say a little of each other, since D is smooth.
+        assert abs(a.diffusivity_m2_s - b.diffusivity_m2_s) < 1.5 * b.standard_uncertainty
+    result = shockrig.characterize(campaign).result
+    own = with_population(result, one).figures["temperature"][0]
+    mean = np.array([np.log(own.own.value), *one.mean[1:]])
+    narrow = replace(one, mean=mean, covariance=1e-12 * np.eye(mean.size), mean_covariance=1e-12 * np.eye(mean.size))
+    exact = with_population(result, narrow)
+    alpha = exact.profile.temperature.thermal_diffusivity_m2_s
+    assert alpha.value == pytest.approx(own.own.value, rel=1e-6) and alpha.standard_uncertainty < 1e-5 * alpha.value

@@ -65,11 +65,9 @@ class WithFleet:
                     "its profile is its own data's alone."
                 )
                 continue
-            own = [1.0 - figure.share for figure in self.figures[channel]]
-            said.append(
-                f"The {noun} belongs to the fleet, which brings {100.0 * min(own):.0f} to {100.0 * max(own):.0f} % of "
-                "what is known of its numbers."
-            )
+            low, *_, high = sorted(round(100.0 * (1.0 - f.share)) for f in (*self.figures[channel],) * 2)
+            brings = f"{low} to {high} %" if high > low else f"{low} %"
+            said.append(f"The {noun} belongs to the fleet, which brings {brings} of what is known of its numbers.")
         return tuple(said)
 
 
@@ -184,7 +182,7 @@ def _figures(
             own = one.natural(float(alone[k]), at if one.unit else math.nan)
         shrunk = one.natural(float(mean[k]), math.sqrt(variance))
         figures.append(FleetFigure(one, own, shrunk, min(max(1.0 - variance / float(prior[k]), 0.0), 1.0)))
-    return tuple(figures)
+    return tuple(sorted(figures, key=lambda f: (f.coordinate.temperature_c is None, f.coordinate.temperature_c or 0.0)))
 
 
 def _response(

@@ -14,6 +14,7 @@ from shockrig.analysis.report.style import save_figure
 from shockrig.files.fleet import Fleet, FleetFigure, FleetSensor, FleetTrend
 from shockrig.files.fleet_views import nearest_figure, plot_fleet
 
+NOUN: dict[str, str] = {name: quantity.noun for name, quantity in QUANTITIES.items()}
 SYMBOL: dict[str, str] = {name: quantity.symbol for name, quantity in QUANTITIES.items()}
 NAMED = 5  # names in a sentence
 OPEN_ROWS = 30  # of the table of sensors, that are shown without being asked for
@@ -23,7 +24,7 @@ def verdict(fleet: Fleet) -> str:
     """The sentence a colleague would say."""
     said = [f"{counted(len(fleet.sensors), 'sensor')} of one type."]
     strangers = {
-        name: [SYMBOL[c] for c in fleet.population.sensors if name in fleet.outsiders(c)]
+        name: [NOUN[c] for c in fleet.population.sensors if name in fleet.outsiders(c)]
         for channel in fleet.population.sensors
         for name in fleet.outsiders(channel)
     }
@@ -93,7 +94,7 @@ def write_fleet_page(fleet: Fleet, folder: Path) -> Path:
         sections.append(Section("Left out", [Table(("campaign", "why"), rows)]))
     sections.append(Section("How it is judged", [Text(HOW)]))
     numbers = [
-        KeyNumber(one.label, measured(*_mean(fleet, k), one.unit), f"sensors differ by {_spread(fleet, k)}")
+        KeyNumber(population.label(one), _mean(fleet, k), f"sensors differ by {_spread(fleet, k)}")
         for k, one in enumerate(population.coordinates)
     ]
     page = HtmlPage(
@@ -140,10 +141,10 @@ A drift with the date, or a batch that begins at a serial number, is said where 
 than one of 100 fleets."""
 
 
-def _mean(fleet: Fleet, k: int) -> tuple[float, float]:
+def _mean(fleet: Fleet, k: int) -> str:
     one = fleet.population
-    found = one.coordinates[k].natural(float(one.mean[k]), math.sqrt(one.mean_covariance[k, k]))
-    return found.value, found.standard_uncertainty
+    c = one.coordinates[k]
+    return one.text(c, c.natural(float(one.mean[k]), math.sqrt(one.mean_covariance[k, k])))
 
 
 def _spread(fleet: Fleet, k: int) -> str:
@@ -157,8 +158,8 @@ def _type(fleet: Fleet) -> list[Block]:
     heads = ("number", "mean ± u", "spread from sensor to sensor", "degrees of freedom", "sensors")
     rows: list[Sequence[Cell]] = [
         (
-            c.label,
-            measured(*_mean(fleet, k), c.unit),
+            one.label(c),
+            _mean(fleet, k),
             _spread(fleet, k),
             round(float(one.degrees[k])),
             one.sensors[c.channel],
@@ -171,7 +172,7 @@ def _type(fleet: Fleet) -> list[Block]:
             Text(f"D of one sensor scatters by {plain(100.0 * one.table_scatter, 2)} % from ambient to ambient.")
         )
     if len(one.coordinates) > 1:
-        labels = [c.label for c in one.coordinates]
+        labels = [one.label(c) for c in one.coordinates]
         spread = [math.sqrt(v) for v in one.covariance.diagonal()]
         correlations = [
             (label, *(f"{one.covariance[k, j] / (spread[k] * spread[j]):.2f}" for j in range(len(labels))))
@@ -186,7 +187,7 @@ def _tables(fleet: Fleet) -> list[Block]:
     population = fleet.population
     heads = (
         "sensor",
-        *(f"{c.label}, {c.unit}".rstrip(", ") for c in population.coordinates),
+        *(population.label(c) for c in population.coordinates),
         "own data's share",
         "runs",
     )
@@ -200,7 +201,7 @@ def _tables(fleet: Fleet) -> list[Block]:
             if nearest is None:
                 cells.append(None)
                 continue
-            cells.append(measured(nearest.shrunk.value, nearest.shrunk.standard_uncertainty))
+            cells.append(population.text(nearest.coordinate, nearest.shrunk))
             shares.append(nearest.share)
         share = f"{100.0 * min(shares):.0f} to {100.0 * max(shares):.0f} %" if shares else None
         rows.append((sensor.name, *cells, share, sum(found.runs for found in sensor.channels.values())))

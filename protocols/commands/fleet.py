@@ -80,6 +80,7 @@ def summary(fleet: Fleet) -> str:
     """A line for each number of the type, and for each campaign that is left out."""
     from shockrig.files.fleet_views import typical_text
 
-    lines = [f"{one.label}: {typical_text(fleet.population, k)}" for k, one in enumerate(fleet.population.coordinates)]
+    one = fleet.population
+    lines = [f"{one.label(c)}: {typical_text(one, k)}" for k, c in enumerate(one.coordinates)]
     lines += [f"left out: {name}: {why}" for name, why in fleet.left_out.items()]
     return "\n".join(lines)
