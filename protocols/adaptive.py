@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from shockrig.analysis.planning.goals import Goals
     from shockrig.analysis.planning.places import Place
     from shockrig.analysis.planning.shock import PlannedShock
+    from shockrig.files.fleet import Population
     from shockrig.rig.bench import Bench
 
 NAME = "adaptive"
@@ -61,9 +62,10 @@ class Loop:
         added: Sequence[PlannedRun] = (),
         confirm: bool = False,
         probe: str | None = None,
+        population: Population | None = None,
     ) -> None:
         self._path, self._goals, self._bench, self._say = path, goals, bench, say
-        self._probe = probe
+        self._probe, self._population = probe, population
         self._added, self._confirm = list(added), confirm
         self._own: list[dict[str, Any]] | None = None  # runs that the operator had added before this process
         self._feasible = feasible_on(bench)
@@ -141,6 +143,7 @@ class Loop:
                 later=self._later,
                 due=self._background,
                 made=self._made,
+                population=self._population,
             )
             waited_s = self._bench.clock.now() - began_s
             self.waited_s += waited_s

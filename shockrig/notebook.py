@@ -97,8 +97,7 @@ def characterize(
     if fleet is None:
         return Characterized(profile, result)
     with as_python():
-        population = (fleet if isinstance(fleet, Fleet) else read_fleet(fleet)).population
-        known = with_population(result, population)
+        known = with_population(result, _fleet(fleet).population)
     return Characterized(replace(known.profile, provenance=profile.provenance), result, known)
 
 
@@ -155,6 +154,7 @@ def plan(
     *,
     until: str | None = None,
     runs: int = 6,
+    fleet: Fleet | PathLike | None = None,
     progress: Progress | None = None,
 ) -> Planned:
     """Say which runs to record next: for goals, or so that what a diagnosis could not tell can be told.
@@ -169,6 +169,8 @@ def plan(
         planned from without any: then the runs are those that would tell its tied explanations apart.
     runs : int
         How many to choose at most, for goals.
+    fleet : Fleet or path, optional
+        What other sensors of the type say: fewer runs reach the goals then.
     progress : function of a sentence, optional
 
     Returns
@@ -197,10 +199,12 @@ def plan(
             raise InputError(f"until: is missing; give goals such as {EXAMPLE!r}, or plan from a diagnosis")
         channels = [channel.problem.channel for channel in found.result.channels]
         return Planned(tuple(found.result.next_experiments), tuple(next_time(channels)))
-    return _planned(found, until, runs, progress or (lambda text: None))
+    return _planned(found, until, runs, fleet, progress or (lambda text: None))
 
 
-def _planned(found: Diagnosed | Campaign | PathLike, until: str, runs: int, say: Progress) -> Planned:
+def _planned(
+    found: Diagnosed | Campaign | PathLike, until: str, runs: int, fleet: Fleet | PathLike | None, say: Progress
+) -> Planned:
     """The decision that goals lead to, with what is known already."""
     from shockrig.analysis.diagnosis.outcome import outcome_of
     from shockrig.analysis.planning.decide import decide
@@ -223,7 +227,8 @@ def _planned(found: Diagnosed | Campaign | PathLike, until: str, runs: int, say:
             campaign = _campaign(found)
             if campaign.path.is_dir():
                 made = outcomes(campaign.path, [campaign], say)
-        decision = decide(campaign, goals, count=runs, made=made, progress=say)
+        population = None if fleet is None else _fleet(fleet).population
+        decision = decide(campaign, goals, count=runs, made=made, population=population, progress=say)
     document = plan_document(decision, goals)
     return Planned(tuple(document["runs"]), tuple(advice), decision.status, decision.reason, tuple(document["goals"]))
 
@@ -365,6 +370,10 @@ def fleet(
 
 def _campaign(campaign: Campaign | PathLike) -> Campaign:
     return campaign if isinstance(campaign, Campaign) else read_campaign(Path(campaign))
+
+
+def _fleet(fleet: Fleet | PathLike) -> Fleet:
+    return fleet if isinstance(fleet, Fleet) else read_fleet(fleet)
 
 
 def _extensions(extend: Diagnosed | PathLike | None) -> dict[ChannelName, Extension] | None:

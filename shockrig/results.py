@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
+    from shockrig.files.fleet import Fleet
+
 
 @dataclass(frozen=True, repr=False)
 class Characterized:
@@ -143,11 +145,11 @@ class Diagnosed:
         """The error on unseen runs before and after the extension, beside the noise."""
         return views.plot_diagnosis(self.document)
 
-    def plan(self, *, until: str | None = None, runs: int = 6) -> Planned:
+    def plan(self, *, until: str | None = None, runs: int = 6, fleet: Fleet | PathLike | None = None) -> Planned:
         """Which runs to record next: `shockrig.plan` of this diagnosis."""
         from shockrig.notebook import plan
 
-        return plan(self, until=until, runs=runs)
+        return plan(self, until=until, runs=runs, fleet=fleet)
 
     def __repr__(self) -> str:
         said = []

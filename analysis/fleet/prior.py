@@ -8,8 +8,9 @@ a few shocks at 20 degC make D at 0 and 40 degC known.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ from shockrig.files.numbers import plain
 from shockrig.files.profile import DiffusivityRow, HumidityProfile, Profile, ResponseTime, TemperatureProfile, Uncertain
 
 Array = NDArray[np.float64]
+Found = tuple[Array, Array]  # means (m,) and their covariance (m, m)
 
 _NOUNS: dict[str, str] = {name: quantity.noun for name, quantity in QUANTITIES.items()}
 
@@ -44,11 +46,22 @@ class WithFleet:
         Channel -> of one as far off by accident.
     figures : mapping
         Channel that belongs -> its numbers, alone and with the fleet; those that no run showed have no own value (NaN).
+    given : function of coordinates
+        Any numbers of the sensor with all that is known of it: means and covariance.
     """
 
     profile: Profile
     probability: Mapping[str, float]
     figures: Mapping[str, tuple[FleetFigure, ...]]
+    given: Callable[[Sequence[Coordinate]], Found] = field(repr=False, compare=False)
+
+    def relative(self, channel: str, temperature_c: float | None) -> float | None:
+        """Relative standard uncertainty of alpha (no temperature), or of D at a temperature, with the fleet; None where
+        the sensor does not belong."""
+        if not self.belongs(channel):
+            return None
+        asked = Coordinate(channel, ALPHA) if temperature_c is None else film(temperature_c)
+        return math.sqrt(max(float(self.given([asked])[1][0, 0]), 0.0))
 
     def belongs(self, channel: str) -> bool:
         return channel in self.figures
@@ -110,26 +123,24 @@ def with_population(result: Characterization, population: Population) -> WithFle
         commons.append(C[keep])
     profile = to_profile(result)
     if not rows:
-        return WithFleet(profile, probability, {})
+        return WithFleet(profile, probability, {}, partial(_given, population, rows, np.zeros(0), np.zeros((0, 0))))
     shared = np.concatenate(commons)
     V = block_diag(*covariances) + shared @ shared.T
+    given = partial(_given, population, rows, np.array(values), V)
     figures: dict[str, tuple[FleetFigure, ...]] = {}
     temperature, humidity = profile.temperature, profile.humidity
     for name in dict.fromkeys(channels):
         own = [i for i, channel in enumerate(channels) if channel == name]
         ours = [rows[i] for i in own]
         new = [c for c in _nodes(population, name) if all(_apart(c, one) for one in ours)]
-        found = _given(population, rows, np.array(values), V, [*ours, *new])
+        found = given([*ours, *new])
         alone = np.concatenate([np.array(values)[own], np.full(len(new), np.nan)])
         figures[name] = _figures(population, result, name, [*ours, *new], alone, found)
         if name == "temperature" and temperature is not None:
             temperature = _bead(result, temperature, figures[name])
         if name == "humidity" and humidity is not None:
             humidity = _table(result, humidity, figures[name])
-    return WithFleet(replace(profile, temperature=temperature, humidity=humidity), probability, figures)
-
-
-Found = tuple[Array, Array]
+    return WithFleet(replace(profile, temperature=temperature, humidity=humidity), probability, figures, given)
 
 
 def _given(

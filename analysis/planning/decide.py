@@ -18,6 +18,7 @@ from shockrig.analysis.characterization.result import Characterization
 from shockrig.analysis.checks.checked import checked
 from shockrig.analysis.diagnosis.outcome import ChannelOutcome
 from shockrig.analysis.discovery.grammar import MOST_RUNS
+from shockrig.analysis.fleet.prior import WithFleet, with_population
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
 from shockrig.analysis.planning.choose import UNTOLD, Choice, chase, choose_runs
 from shockrig.analysis.planning.decision import (
@@ -47,6 +48,7 @@ from shockrig.analysis.planning.shock import (
 from shockrig.analysis.planning.varied import shock_of, usual_of, variety
 from shockrig.analysis.planning.verdict import Verdict, extended
 from shockrig.files.campaign import Campaign
+from shockrig.files.fleet import Population
 
 LEAST_GAIN = 0.01  # of a goal, by the best run of the menu: it would take a hundred, if nobody gives minutes for them
 MOST_BEFORE_JUDGED = 24  # runs: a channel of which fewer than can be judged were usable by then is given up
@@ -75,6 +77,7 @@ def decide(
     later: bool = False,
     due: Due | None = None,
     made: Mapping[Place, ChannelOutcome] = NONE_MADE,
+    population: Population | None = None,
     progress: Progress = lambda _: None,
 ) -> Decision:
     """Decide what to record next; a function of its arguments alone.
@@ -105,6 +108,8 @@ def decide(
         here, with the same result.
     made : mapping of a place to Outcome
         Of diagnoses that somebody made of these campaigns as they are: where one of all runs is wanted it is taken.
+    population : Population, optional
+        Of the sensors' type: what is known of them before any run, where they belong to it.
     progress : function of a sentence, optional
     """
     campaigns = () if campaign is None else (campaign, *beside)
@@ -122,7 +127,8 @@ def decide(
     then = {} if before is None else before.verdicts
     looks, verdicts = _look(campaigns, then, False, later, made, progress)
     found = _measured(campaigns, verdicts)
-    wanted = _wanted(goals, campaigns, found)
+    fleets = _with_fleet(found, population, progress)
+    wanted = _wanted(goals, campaigns, found, fleets)
     met = all(t.met for t in wanted) and not any(v.tied for v in verdicts.values())
     # What depends on a direction or an airflow that no run has had can be no finding.
     unvaried = goals.ties and bool(variety(looks, menu_of(found, looks, goals, usual, allowed)).any())
@@ -135,14 +141,15 @@ def decide(
         looks, verdicts = _look(campaigns, verdicts, True, later, made, progress)
         if _carried(campaigns, verdicts) != _carried(campaigns, judged):
             found = _measured(campaigns, verdicts)
-        wanted = _wanted(goals, campaigns, found)
+            fleets = _with_fleet(found, population, progress)
+        wanted = _wanted(goals, campaigns, found, fleets)
     chased = before.chased if before is not None else 0
     new = set(recorded) - set(before.recorded if before is not None else ())
     gained = _gained(new, found, wanted)
     few = tuple(short) if met else ()
     state = Decision("", "", recorded, spent, tuple(wanted), verdicts, (), (), chased, unvaried, gained, few)
     anchor = None if campaign is None or not campaign.runs else campaign.runs[0]
-    designs = Designs.of(found, looks, wanted, goals, usual, allowed, anchor)
+    designs = Designs.of(found, looks, wanted, goals, usual, allowed, anchor, population, fleets)
     if not unvaried and not (goals.ties and first) and (ended := ended_by(state, goals, looks)):
         return _with(state, *ended)
     minutes = learn(campaign)
@@ -246,14 +253,26 @@ def _carried(campaigns: Sequence[Campaign], verdicts: Mapping[Place, Verdict]) -
     return {one.probe: extended({n: verdicts[place_of(n, one.probe)] for n in QUANTITIES}) for one in campaigns}
 
 
-def _wanted(goals: Goals, campaigns: Sequence[Campaign], found: Found) -> list[Target]:
+def _with_fleet(found: Found, population: Population | None, progress: Progress) -> dict[str, WithFleet]:
+    """What the sensors' type adds to what is known by each probe."""
+    if population is None:
+        return {}
+    fleets = {probe: with_population(one, population) for probe, one in found.items() if one is not None}
+    for fleet in fleets.values():
+        for channel, sentence in zip(fleet.probability, fleet.sentences, strict=True):
+            if not fleet.belongs(channel):
+                progress(sentence)
+    return fleets
+
+
+def _wanted(goals: Goals, campaigns: Sequence[Campaign], found: Found, fleets: Mapping[str, WithFleet]) -> list[Target]:
     """What the goals want of every probe that has the sensor for it; of the first where none has."""
     if not campaigns:
         return targets(goals, None)
     having = {(name, one.probe) for one in campaigns for name, q in QUANTITIES.items() if q.sensor in one.sensors}
     nobody = set(QUANTITIES) - {name for name, _ in having}
     having |= {(name, campaigns[0].probe) for name in nobody}
-    of_all = [t for probe, own in found.items() for t in targets(goals, own, probe)]
+    of_all = [t for probe, own in found.items() for t in targets(goals, own, probe, fleets.get(probe))]
     return [t for t in of_all if (t.channel, t.probe) in having]
 
 

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.characterization.result import ChannelResult, Characterization
+from shockrig.analysis.fleet.prior import WithFleet
+from shockrig.analysis.fleet.statistics import LEAST_VARIANCE, film
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
 from shockrig.analysis.planning.evidence import REJECTED, student
 from shockrig.analysis.planning.goals import Goals
@@ -30,6 +33,7 @@ from shockrig.analysis.planning.shock import (
 )
 from shockrig.analysis.planning.varied import shock_of, variety
 from shockrig.files.campaign import Run
+from shockrig.files.fleet import ALPHA, Coordinate, Population
 
 Array = NDArray[np.float64]
 ENOUGH_T63 = 9.0  # of record after the transfer in which a film's rate is told: 98 % of its step takes 4.7
@@ -92,8 +96,11 @@ class Designs:
         usual: Usual,
         allowed: Callable[[PlannedShock], bool],
         first: Run | None = None,
+        population: Population | None = None,
+        fleets: Mapping[str, WithFleet] = MappingProxyType({}),
     ) -> Designs:
-        """The menu for what is wanted, as far as anything is known to design by; `found` of each probe."""
+        """The menu for what is wanted, as far as anything is known to design by; `found` of each probe, `fleets` of
+        those whose type's population is known."""
         known = [(probe, name, r) for probe, one in found.items() if one for name, r in one.channels().items()]
         shocks = menu_of(found, looks, goals, usual, allowed)
         again = None if first is None else shock_of(first)
@@ -111,6 +118,8 @@ class Designs:
             plain = not part.fit.structure.effects and not QUANTITIES[name].pooled
             used = np.array([s.isothermal or not plain for s in shocks])
             info = replace(info, added=info.added * used[:, None, None])
+            if population is not None and probe in fleets and fleets[probe].belongs(name):
+                info = replace(info, known=info.known + _beforehand(info, population, name))
             places = [0 if t.ambient_c is None else int(np.argmin(np.abs(info.ambients_c - t.ambient_c))) for t in own]
             precise.append(Precise(info, tuple(zip(own, places, strict=True))))
         for look in looks.values() if goals.ties and shocks else ():
@@ -128,6 +137,18 @@ class Designs:
     def choosable(self) -> tuple[PlannedShock, ...]:
         """The menu without the anchor."""
         return self.menu[: self.anchor]
+
+
+def _beforehand(info: Information, population: Population, name: ChannelName) -> Array:
+    """What the population of a type says of the rates, as a normal matrix (P, P)."""
+    rates = info.ambients_c.size
+    asked = [Coordinate(name, ALPHA)] if QUANTITIES[name].pooled else [film(float(t)) for t in info.ambients_c]
+    H = population.design(asked)
+    scatter = population.table_scatter**2 * (not QUANTITIES[name].pooled) + population.beyond(asked)
+    covariance = H @ population.predictive @ H.T + np.diag(scatter + LEAST_VARIANCE)
+    known = np.zeros_like(info.known)
+    known[:rates, :rates] = np.linalg.inv(covariance)
+    return known
 
 
 def menu_of(

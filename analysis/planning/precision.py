@@ -10,6 +10,7 @@ import numpy as np
 from shockrig.analysis.characterization.characterize import characterize
 from shockrig.analysis.characterization.extension import Extension
 from shockrig.analysis.characterization.result import ChannelResult, Characterization, TableRow
+from shockrig.analysis.fleet.prior import WithFleet
 from shockrig.analysis.inference.channel import AMBIENT_WIDTH_K
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
 from shockrig.analysis.planning.goals import QUANTITY_OF, Goals, Precision
@@ -61,8 +62,10 @@ def measured(
         return None
 
 
-def targets(goals: Goals, found: Characterization | None, probe: str = FIRST_PROBE) -> list[Target]:
-    """Every number that the goals want of a probe, with what is known of it."""
+def targets(
+    goals: Goals, found: Characterization | None, probe: str = FIRST_PROBE, fleet: WithFleet | None = None
+) -> list[Target]:
+    """Every number that the goals want of a probe, with what is known of it, by a fleet of its type too."""
     wanted: dict[tuple[ChannelName, float | None, str], float] = {}
     for precision in goals.precisions:
         for channel in QUANTITY_OF[precision.quantity]:
@@ -73,7 +76,12 @@ def targets(goals: Goals, found: Characterization | None, probe: str = FIRST_PRO
     for (channel, ambient, quantity), relative in wanted.items():
         row = _row(None if found is None else found.channels().get(channel), ambient)
         now = UNKNOWN if row is None else min(float(_relative(row, quantity)), UNKNOWN)
-        out.append(Target(channel, ambient, quantity, relative, now, 0 if row is None else len(row.runs), probe))
+        runs = 0 if row is None else len(row.runs)
+        with_fleet = None if fleet is None or quantity == "t63" else fleet.relative(channel, ambient)
+        if found is not None and with_fleet is not None:
+            # What runs at other ambients say of it counts: they are of the same sensor.
+            now, runs = min(now, with_fleet), max(runs, len(found.channels()[channel].runs))
+        out.append(Target(channel, ambient, quantity, relative, now, runs, probe))
     return out
 
 

@@ -25,6 +25,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", metavar="NEXT.toml", type=Path, required=True, help="the protocol, with NEXT.json")
     parser.add_argument("--runs", metavar="N", type=int, default=6, help="how many runs to choose at most (6)")
     parser.add_argument("--probe", metavar="NAME", help=BY_WHICH)
+    parser.add_argument(
+        "--fleet",
+        metavar="FLEET.json",
+        type=Path,
+        help="what other sensors of the type say, as shockrig fleet wrote it",
+    )
     parser.add_argument("--bench", metavar="BENCH.toml", type=Path, help="choose only what this bench can do")
 
 
@@ -37,6 +43,7 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.analysis.planning.varied import usual_of
     from shockrig.files.disk import demand_place, shown, write_whole
     from shockrig.files.errors import InputError
+    from shockrig.files.fleet import read_fleet
     from shockrig.files.json_files import write_json
     from shockrig.files.plan import append_decision, read_decisions
     from shockrig.protocols.decided import as_protocol, feasible_on, lines, surroundings_of
@@ -56,6 +63,7 @@ def main(args: argparse.Namespace) -> int:
         demand_place(path)  # before the work, and so that one is not written without the other
     if not 1 <= args.runs <= 100:
         raise InputError(f"--runs {args.runs}: expected 1 to 100")
+    population = None if args.fleet is None else read_fleet(args.fleet).population
     recorded, planned = _counted(args.campaign)
     probes = wanted_probes(args.campaign, args.probe) if recorded else ()
     seen = seen_by(args.campaign, probes)
@@ -74,6 +82,7 @@ def main(args: argparse.Namespace) -> int:
         feasible=feasible,
         surroundings=surroundings,
         made=outcomes(args.campaign, seen, say) if seen else {},
+        population=population,
         progress=say,
     )
     document = plan_document(decision, goals)

@@ -43,6 +43,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     loop.add_argument("--confirm", action="store_true", help="ask before each run: Enter, s vetoes, p pauses, a aborts")
     loop.add_argument("--probe", metavar="NAME", help=BY_WHICH)
+    loop.add_argument(
+        "--fleet",
+        metavar="FLEET.json",
+        type=Path,
+        help="what other sensors of the type say, as shockrig fleet wrote it",
+    )
     loop.add_argument("--add", metavar="RUNS.toml", type=Path, help="a protocol whose runs are recorded first")
     parser.add_argument(
         "--bench",
@@ -130,7 +136,7 @@ def _demand_goals(args: argparse.Namespace, adaptive: bool) -> None:
         raise BenchError(f"--until is missing: what shall be reached? e.g. --until {EXAMPLE!r}")
     if adaptive and args.dry_run:
         raise BenchError("--dry-run: nothing is planned ahead here; shockrig plan says what would be recorded first")
-    for name in () if adaptive else ("until", "confirm", "add", "probe"):
+    for name in () if adaptive else ("until", "confirm", "add", "probe", "fleet"):
         if getattr(args, name):
             raise BenchError(f"--{name} is for shockrig run adaptive; leave it out")
 
@@ -299,11 +305,13 @@ def _record(args: argparse.Namespace, protocol: Any, bench: Any, sealed: _Sealed
 def _loop(args: argparse.Namespace, bench: Any, say: Callable[[str], None]) -> Any:
     """What decides on the next run, whenever the recorder asks."""
     from shockrig.analysis.planning.goals import parse_goals
+    from shockrig.files.fleet import read_fleet
     from shockrig.protocols.adaptive import Loop
     from shockrig.rig.protocol import load_protocol
 
     added = () if args.add is None else load_protocol(args.add).runs
-    return Loop(args.out, parse_goals(args.until), bench, say, added, args.confirm, args.probe)
+    population = None if args.fleet is None else read_fleet(args.fleet).population
+    return Loop(args.out, parse_goals(args.until), bench, say, added, args.confirm, args.probe, population)
 
 
 def _operator(out: Path, bench: Any) -> str | None:
