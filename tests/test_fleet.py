@@ -138,6 +138,18 @@ def at(channel, keep):
     )
 
 
+def test_sensors_of_one_ambient_each_still_tell_that_d_changes():
+    statistics, _ = drawn_fleet(np.random.default_rng(14), 40)
+    single = [
+        replace(s, channels={**s.channels, "humidity": at(s.channels["humidity"], [i % 5])})
+        for i, s in enumerate(statistics)
+    ]
+    one = fleet_of(single).population
+    assert one.nodes_c == (0.0, 40.0)
+    assert np.exp(one.mean[2] - one.mean[1]) == pytest.approx(1.5 / 0.4, rel=0.1)
+    assert np.sqrt(np.diag(one.covariance))[1:] == pytest.approx([0.02, 0.02], rel=1.0)
+
+
 def test_two_campaigns_of_one_serial_number_are_one_sensor():
     statistics, _ = drawn_fleet(np.random.default_rng(9), 10)
     again = replace(statistics[0], name="later", path="later", fingerprint="later")
@@ -330,6 +342,11 @@ def test_a_wide_population_changes_nothing_and_a_narrow_one_is_the_answer(bench,
         # Rows beside one another say a little of each other, since D is smooth.
         assert abs(a.diffusivity_m2_s - b.diffusivity_m2_s) < 1.5 * b.standard_uncertainty
     result = shockrig.characterize(campaign).result
+    below = replace(wide.population, coordinates=one.coordinates[:3], mean=one.mean[:3])
+    below = replace(below, covariance=1e4 * one.covariance[:3, :3], mean_covariance=1e-4 * np.eye(3))
+    below = replace(below, degrees=one.degrees[:3])
+    beyond = with_population(result, below).profile.humidity.diffusivity_table[-1]  # at 40 degC, the nodes end at 20
+    assert beyond.diffusivity_m2_s == pytest.approx(alone.humidity.diffusivity_table[-1].diffusivity_m2_s, rel=1e-3)
     own = with_population(result, one).figures["temperature"][0]
     mean = np.array([np.log(own.own.value), *one.mean[1:]])
     narrow = replace(one, mean=mean, covariance=1e-12 * np.eye(mean.size), mean_covariance=1e-12 * np.eye(mean.size))

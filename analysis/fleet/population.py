@@ -37,6 +37,7 @@ CORE = 3.0  # robust standard deviations within which the first core lies
 EXACT_UP_TO = 60  # sensors: each is left out and Sigma estimated again; beyond it one EM step is taken back
 WARM_STEPS = 20
 MOST_STEPS, STEP_ENDS = 400, 1e-5
+USUAL_SPREAD = 0.03  # where Sigma starts, of what no sensor alone has seen
 MOST_ROUNDS = 15
 NODES_APART_K = 2.0  # ambients nearer than this are no nodes of their own
 WELL_KNOWN_K = 5.0  # by which an ambient that all sensors have may be further from the middle than one of a few
@@ -203,21 +204,16 @@ def change_along(r: Reduced, found: PopulationFit, along: Array) -> tuple[Array,
     return at.mean[size:], at.mean_covariance[size:, size:]
 
 
-def deviations(r: Reduced, sigma: Array, at: Level) -> tuple[Array, Array]:
-    """Each sensor's own deviation from the mean (n, K) and its covariance (n, K, K), the mean's uncertainty in it."""
+def _moments(r: Reduced, sigma: Array, at: Level) -> Array:
+    """E[b b'] of each sensor (n, K, K), the mean's uncertainty in it."""
     size = sigma.shape[0]
     M = np.linalg.inv(np.eye(size) + r.A @ sigma)
     T = np.concatenate([r.A, r.F], axis=2)
     left = r.a - (T @ at.beta[..., None])[..., 0]
     gain = sigma @ M
     J = gain @ T
-    return (gain @ left[..., None])[..., 0], gain + J @ at.covariance @ J.transpose(0, 2, 1)
-
-
-def _moments(r: Reduced, sigma: Array, at: Level) -> Array:
-    """E[b b'] of each sensor (n, K, K)."""
-    mean, covariance = deviations(r, sigma, at)
-    return np.asarray(mean[:, :, None] * mean[:, None, :] + covariance)
+    b = (gain @ left[..., None])[..., 0]
+    return np.asarray(b[:, :, None] * b[:, None, :] + gain + J @ at.covariance @ J.transpose(0, 2, 1))
 
 
 def _combined(total: Array, n: int) -> Array:
@@ -282,22 +278,21 @@ def _posterior(r: Reduced, sigma: Array, k: int, trials: Array) -> Array:
 
 
 def nodes(members: Sequence[FleetMember]) -> tuple[Coordinate, ...]:
-    """The coordinates of a fleet: what every third of the sensors that have the channel has at least; ln D at one to
-    three temperatures, as far apart as most sensors' ambients allow."""
-    found: list[Coordinate] = []
-    for one in members:
-        for c in one.coordinates:
-            plain = c.temperature_c is None and c not in found
-            if plain and sum(c in other.coordinates for other in members) >= min(LEAST_SENSORS, len(members)):
-                found.append(c)
+    """The coordinates of a fleet: what three sensors have at least; ln D at one to three temperatures, as far apart as
+    most sensors' ambients allow."""
+    had_by = Counter(c for one in members for c in set(one.coordinates) if c.temperature_c is None)
+    found = [c for c, count in had_by.items() if count >= min(LEAST_SENSORS, len(members))]
     spans = [sorted({c.temperature_c for c in one.coordinates if c.temperature_c is not None}) for one in members]
     spans = [span for span in spans if span]
     if spans:
         low, high = (float(np.round(np.median([pick(span) for span in spans]))) for pick in (min, max))
         apart = int(np.median([1 + int(np.sum(np.diff(span) > NODES_APART_K)) for span in spans]))
         if apart == 1 or high - low <= NODES_APART_K:
-            # Sensors with one ambient each: where these differ from sensor to sensor, a slope can still be told.
-            at = [float(np.round(np.median([t for span in spans for t in span])))]
+            # Sensors with one ambient each: where these differ from sensor to sensor, D is still known to change.
+            every = [t for span in spans for t in span]
+            at = [float(np.round(np.median(every)))]
+            if max(every) - min(every) > NODES_APART_K:
+                at = [float(np.floor(min(every))), float(np.ceil(max(every)))]
         elif apart == 2 or high - low < MIDDLE_FROM_K:
             at = [low, high]
         else:
@@ -307,7 +302,7 @@ def nodes(members: Sequence[FleetMember]) -> tuple[Coordinate, ...]:
             at = [low, min(had, key=lambda t: abs(t - middle) - WELL_KNOWN_K * had[t] / len(spans)), high]
         found += [Coordinate("humidity", "D", t) for t in at]
     return tuple(
-        sorted(found, key=lambda c: (c.channel != "temperature", c.temperature_c is None, c.temperature_c or 0))
+        sorted(found, key=lambda c: (c.channel != "temperature", not c.unit, c.temperature_c or 0.0, c.figure))
     )
 
 
@@ -344,14 +339,13 @@ def start_of(members: Members) -> tuple[Array, dict[str, Mask]]:
     to be counted first, by channel."""
     size, n = len(members.coordinates), len(members.sensors)
     own, spread = np.full((n, size), np.nan), np.full((n, size), np.nan)
-    broad = np.eye(size) * 1.0  # a wide prior, so that what a sensor did not see stays unknown
     r = reduce_members(members)
     for i in range(n):
-        covariance = np.linalg.inv(r.A[i] + broad / 1e4)
+        covariance = np.linalg.inv(r.A[i] + 1e-4 * np.eye(size))  # what a sensor did not see stays unknown
         seen = np.diag(covariance) < 1.0
         spread[i, seen] = np.sqrt(np.diag(covariance)[seen])
         own[i, seen] = (covariance @ r.a[i])[seen]
-    sigma = np.zeros(size)
+    sigma = np.full(size, USUAL_SPREAD**2)
     near = {channel: np.ones(n, dtype=bool) for channel in sorted({c.channel for c in members.coordinates})}
     for k, one in enumerate(members.coordinates):
         there = np.isfinite(own[:, k])
@@ -366,7 +360,7 @@ def start_of(members: Members) -> tuple[Array, dict[str, Mask]]:
     for channel, mask in near.items():
         if mask.sum() < max(LEAST_SENSORS, 0.5 * n):
             near[channel] = np.ones(n, dtype=bool)
-    return np.diag(np.maximum(sigma, 1e-8)), near
+    return np.diag(sigma), near
 
 
 @dataclass(frozen=True)

@@ -148,9 +148,9 @@ def _given(
 ) -> Found:
     """Numbers of a sensor given those that its runs show (`rows`, with the covariance V): mean and covariance."""
     H, G, prior = population.design(rows), population.design(asked), population.predictive
-    # A table's own scatter at an ambient is the same number, wherever it stands.
+    # What an ambient has beside the polynomial is the same number, wherever it stands.
     same = np.array([[float(a == b and a.temperature_c is not None) for b in rows] for a in asked])
-    cross = G @ prior @ H.T + population.table_scatter**2 * same
+    cross = G @ prior @ H.T + _scatter(population, asked)[:, None] * same
     gain = np.linalg.solve(H @ prior @ H.T + V, cross.T).T
     mean = G @ population.mean + gain @ (value - H @ population.mean)
     return mean, G @ prior @ G.T + np.diag(_scatter(population, asked)) - gain @ cross.T
