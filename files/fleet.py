@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from shockrig.files.causes import Uncertain, read_uncertain, uncertain_document
 from shockrig.files.errors import InputError
+from shockrig.files.file_table import FileTable, is_number
 from shockrig.files.headline import LUMPED, first_order
-from shockrig.files.json_files import JsonObject, is_number, known, measured, read_json, write_json
+from shockrig.files.json_files import known, measured, read_json, write_json
 from shockrig.files.numbers import measured as in_words
 from shockrig.files.profile_data import (
     GROWTH_PER_KELVIN,
@@ -401,7 +402,7 @@ def read_fleet(path: str | os.PathLike[str]) -> Fleet:
     fleet : which makes one.
     """
     whole = read_json(path, FLEET_FORMAT, REMEDY)
-    whole = JsonObject(whole.content, whole.source, remedy=REMEDY)
+    whole = FileTable(whole.content, whole.source, remedy=REMEDY)
     return Fleet(
         _population(whole.mapping("population")),
         tuple(_sensor(item) for item in whole.items("sensors")),
@@ -411,7 +412,7 @@ def read_fleet(path: str | os.PathLike[str]) -> Fleet:
     )
 
 
-def _coordinate(item: JsonObject) -> Coordinate:
+def _coordinate(item: FileTable) -> Coordinate:
     log = item.get("logarithm")
     return Coordinate(
         item.word("channel", CHANNELS),
@@ -421,7 +422,7 @@ def _coordinate(item: JsonObject) -> Coordinate:
     )
 
 
-def _population(stated: JsonObject) -> Population:
+def _population(stated: FileTable) -> Population:
     coordinates = tuple(_coordinate(item) for item in stated.items("coordinates"))
     size = len(coordinates)
     if not size:
@@ -455,7 +456,7 @@ def _population(stated: JsonObject) -> Population:
     )
 
 
-def _numbers(stated: JsonObject, key: str, shape: tuple[int, ...]) -> Array:
+def _numbers(stated: FileTable, key: str, shape: tuple[int, ...]) -> Array:
     rows = stated.sequence(key)
     flat = [x for row in rows for x in (row if isinstance(row, list) else [row])]
     if not all(map(is_number, flat)) or len(flat) != math.prod(shape) or len(rows) != shape[0]:
@@ -463,14 +464,14 @@ def _numbers(stated: JsonObject, key: str, shape: tuple[int, ...]) -> Array:
     return np.array(flat, dtype=float).reshape(shape)
 
 
-def _covariance(stated: JsonObject, key: str, size: int) -> Array:
+def _covariance(stated: FileTable, key: str, size: int) -> Array:
     found = _numbers(stated, key, (size, size))
     if not np.allclose(found, found.T) or np.linalg.eigvalsh(found).min() < -1e-9 * max(np.trace(found), 1e-300):
         raise stated.refuse(key, "is no covariance (symmetric, no negative variance)")
     return found
 
 
-def _sensor(item: JsonObject) -> FleetSensor:
+def _sensor(item: FileTable) -> FleetSensor:
     channels = {}
     for name, stated in item.children("channels"):
         figures = []
@@ -497,7 +498,7 @@ def _sensor(item: JsonObject) -> FleetSensor:
     )
 
 
-def _trend(item: JsonObject) -> FleetTrend:
+def _trend(item: FileTable) -> FleetTrend:
     change = read_uncertain(item, "relative_change")
     if change is None:
         raise item.error("relative_change", "a value with its standard uncertainty", None)
