@@ -259,8 +259,8 @@ class Race:
             begins.append((rates, choice, anew if far else found.deviations))
         lags = one.form is not None and one.form.behaves_as == "lag_in_series"
         if one.effect.start.own_rates or (far and lags):  # the body may be faster than it was taken to be alone
-            choice = begins[0][1]
-            begins.append((rough_rates(problem, structure, anew, choice), choice, anew))
+            own = [choice for _, choice, _ in begins[: None if far else 1]]
+            begins += [(rough_rates(problem, structure, anew, choice), choice, anew) for choice in own]
         if not far:  # what it does may hide in the runs' own deviations
             begins.append((begins[0][0], begins[0][1], anew))
         if one.effect.start.own_rates and not channel.conditions.start_known.all():

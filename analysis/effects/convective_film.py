@@ -5,7 +5,7 @@ F is taken at the air's own density: in thin air the bead is slower, and F is 14
 
 from dataclasses import replace
 
-from shockrig.analysis.inference.effect import Candidacy, Effect, InFlight, Needs, Parameter, Words
+from shockrig.analysis.inference.effect import Candidacy, Effect, InFlight, Needs, Parameter, Start, Words
 from shockrig.analysis.physics.chain import relative_ventilation
 from shockrig.analysis.physics.exchange import ventilation_ratio
 
@@ -28,6 +28,7 @@ EFFECT = Effect(
         "State the airflow with every response time; correct flights at their own airspeed and pressure.",
     ),
     needs=Needs("needs runs whose airflow was recorded", lambda channel: bool(channel.conditions.airflow_known.all())),
+    start=Start(own_rates=True),
     candidacy=Candidacy(limit_of="sheath"),
     in_flight=InFlight(
         biot=lambda p, stream, radius: p["biot_at_5_m_s"] * ventilation_ratio(stream, radius),
