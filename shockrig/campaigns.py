@@ -44,11 +44,13 @@ class ChainedCampaign(Campaign):
 
         return diagnose(self, channels=channels, tolerance_k=tolerance_k, tolerance_percent=tolerance_percent)
 
-    def plan(self, *, until: str, runs: int = 6, fleet: Fleet | PathLike | None = None) -> Planned:
+    def plan(
+        self, *, until: str, runs: int = 6, channels: Channels = None, fleet: Fleet | PathLike | None = None
+    ) -> Planned:
         """Which runs to record next: `shockrig.plan` of this campaign."""
         from shockrig.notebook import plan
 
-        return plan(self, until=until, runs=runs, fleet=fleet)
+        return plan(self, until=until, runs=runs, channels=channels, fleet=fleet)
 
 
 def chained(campaign: Campaign, **changes: Any) -> ChainedCampaign:

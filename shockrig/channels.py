@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Literal
 
+from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
 from shockrig.files.campaign import Campaign
 from shockrig.files.errors import InputError
 from shockrig.files.profile import Profile
 
-ChannelName = Literal["temperature", "humidity"]
 Channels = ChannelName | Iterable[ChannelName] | None
-SENSORS: dict[ChannelName, str] = {"temperature": "imet", "humidity": "hyt"}
 
 
 def named(channels: Channels) -> tuple[ChannelName, ...]:
@@ -24,19 +22,21 @@ def named(channels: Channels) -> tuple[ChannelName, ...]:
         A name is none of the two, or none is given.
     """
     if channels is None:
-        return tuple(SENSORS)
+        return tuple(QUANTITIES)
     given = [channels] if isinstance(channels, str) else list(channels)
-    wrong = next((name for name in given if name not in SENSORS), None)
+    wrong = next((name for name in given if name not in QUANTITIES), None)
     if wrong is not None or not given:
         said = "is empty" if not given else f"there is no channel {wrong!r}"
         raise InputError(f"channels: {said}; give 'temperature', 'humidity' or both")
-    return tuple(name for name in SENSORS if name in given)
+    return tuple(name for name in QUANTITIES if name in given)
 
 
 def recorded(campaign: Campaign) -> tuple[ChannelName, ...]:
     """The channels of which a campaign has any readings."""
     return tuple(
-        name for name, sensor in SENSORS.items() if any(getattr(run, sensor) is not None for run in campaign.runs)
+        name
+        for name, quantity in QUANTITIES.items()
+        if any(getattr(run, quantity.sensor) is not None for run in campaign.runs)
     )
 
 
@@ -50,7 +50,7 @@ def of_campaign(campaign: Campaign, channels: Channels) -> tuple[ChannelName, ..
     """
     there = recorded(campaign)
     if channels is None:
-        return there or tuple(SENSORS)
+        return there or tuple(QUANTITIES)
     wanted = named(channels)
     if lacking := [name for name in wanted if name not in there]:
         has = f"it has {' and '.join(there)}" if there else "it has no readings at all"
@@ -69,7 +69,7 @@ def of_profile(profile: Profile, channels: Channels) -> Profile:
     if channels is None:
         return profile
     wanted = named(channels)
-    there = [name for name in SENSORS if getattr(profile, name) is not None]
+    there = [name for name in QUANTITIES if getattr(profile, name) is not None]
     if lacking := [name for name in wanted if name not in there]:
         raise InputError(
             f"the profile has no {' or '.join(lacking)}; leave that channel out (it has {', '.join(there)})"
@@ -83,8 +83,5 @@ def of_profile(profile: Profile, channels: Channels) -> Profile:
 
 def only(campaign: Campaign, wanted: tuple[ChannelName, ...]) -> Campaign:
     """A campaign with the readings of some channels alone."""
-    runs = campaign.runs
-    for name, sensor in SENSORS.items():
-        if name not in wanted:
-            runs = tuple(replace(run, imet=None) if sensor == "imet" else replace(run, hyt=None) for run in runs)
-    return replace(campaign, runs=runs)
+    unwanted: dict[str, None] = {q.sensor: None for name, q in QUANTITIES.items() if name not in wanted}
+    return replace(campaign, runs=tuple(replace(run, **unwanted) for run in campaign.runs))

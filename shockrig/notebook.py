@@ -14,12 +14,14 @@ from shockrig.analysis.characterization.characterize import characterize as _cha
 from shockrig.analysis.characterization.extension import Extension, extension_of, read_extension
 from shockrig.analysis.characterization.to_profile import to_profile
 from shockrig.analysis.diagnosis.diagnose import diagnose as _diagnose
+from shockrig.analysis.diagnosis.diagnose import next_experiments
 from shockrig.analysis.diagnosis.export import stated_cause, to_json
 from shockrig.analysis.diagnosis.remainder import Tolerance
 from shockrig.analysis.fleet.prior import with_population
 from shockrig.analysis.flight.correct import correct as _correct
+from shockrig.analysis.inference.quantity import ChannelName
 from shockrig.analysis.report.next_time import next_time
-from shockrig.channels import ChannelName, Channels, of_campaign, of_profile, only
+from shockrig.channels import Channels, of_campaign, of_profile, only
 from shockrig.files.campaign import Campaign, read_campaign
 from shockrig.files.errors import InputError
 from shockrig.files.fleet import Fleet, read_fleet
@@ -154,6 +156,7 @@ def plan(
     *,
     until: str | None = None,
     runs: int = 6,
+    channels: Channels = None,
     fleet: Fleet | PathLike | None = None,
     progress: Progress | None = None,
 ) -> Planned:
@@ -169,6 +172,8 @@ def plan(
         planned from without any: then the runs are those that would tell its tied explanations apart.
     runs : int
         How many to choose at most, for goals.
+    channels : {"temperature", "humidity"} or several of them, optional
+        For which sensors; all that were recorded, or diagnosed, where it is left out.
     fleet : Fleet or path, optional
         What other sensors of the type say: fewer runs reach the goals then.
     progress : function of a sentence, optional
@@ -181,7 +186,7 @@ def plan(
     Raises
     ------
     InputError
-        A campaign without goals, or goals that cannot be read.
+        A campaign without goals, goals that cannot be read or are another sensor's, or a channel that is not there.
 
     Examples
     --------
@@ -192,18 +197,20 @@ def plan(
     >>> shockrig.plan(found).runs
     ()
     """
-    if until is None:
-        if not isinstance(found, Diagnosed):
-            from shockrig.analysis.planning.goals import EXAMPLE
+    if until is not None:
+        return _planned(found, until, runs, channels, fleet, progress or (lambda text: None))
+    if not isinstance(found, Diagnosed):
+        from shockrig.analysis.planning.goals import EXAMPLE
 
-            raise InputError(f"until: is missing; give goals such as {EXAMPLE!r}, or plan from a diagnosis")
-        channels = [channel.problem.channel for channel in found.result.channels]
-        return Planned(tuple(found.result.next_experiments), tuple(next_time(channels)))
-    return _planned(found, until, runs, fleet, progress or (lambda text: None))
+        raise InputError(f"until: is missing; give goals such as {EXAMPLE!r}, or plan from a diagnosis")
+    wanted = of_campaign(found.campaign, channels)
+    among = [one for one in found.result.channels if one.name in wanted]
+    chosen = found.result.next_experiments if channels is None else [r for one in among for r in next_experiments(one)]
+    return Planned(tuple(chosen), tuple(next_time([one.problem.channel for one in among])))
 
 
 def _planned(
-    found: Diagnosed | Campaign | PathLike, until: str, runs: int, fleet: Fleet | PathLike | None, say: Progress
+    found: Diagnosed | Campaign | PathLike, until: str, runs: int, channels: Channels, fleet: Fleet | PathLike | None, say: Progress
 ) -> Planned:
     """The decision that goals lead to, with what is known already."""
     from shockrig.analysis.diagnosis.outcome import outcome_of
@@ -217,18 +224,22 @@ def _planned(
         goals = parse_goals(until)
         if not 1 <= runs <= 100:
             raise InputError(f"runs={runs}: expected 1 to 100")
+        campaign = found.campaign if isinstance(found, Diagnosed) else _campaign(found)
+        wanted = of_campaign(campaign, channels)
+        if channels is not None and goals.precisions and (others := [n for n in goals.channels if n not in wanted]):
+            raise InputError(f"until={until!r}: holds a goal of {others[0]}, which channels={channels!r} leaves out")
         made: dict[Place, ChannelOutcome] = {}
         advice: list[str] = []
         if isinstance(found, Diagnosed):
-            campaign = found.campaign
             made = {place_of(one.name, campaign.probe): outcome_of(one) for one in found.result.channels}
-            advice = next_time([channel.problem.channel for channel in found.result.channels])
-        else:
-            campaign = _campaign(found)
-            if campaign.path.is_dir():
-                made = outcomes(campaign.path, [campaign], say)
+            advice = next_time([one.problem.channel for one in found.result.channels if one.name in wanted])
+        elif campaign.path.is_dir():
+            made = outcomes(campaign.path, [campaign], say)
+        made = {place: one for place, one in made.items() if place in {place_of(n, campaign.probe) for n in wanted}}
         population = None if fleet is None else _fleet(fleet).population
-        decision = decide(campaign, goals, count=runs, made=made, population=population, progress=say)
+        decision = decide(
+            only(campaign, wanted), goals, count=runs, made=made, population=population, progress=say
+        )
     document = plan_document(decision, goals)
     return Planned(tuple(document["runs"]), tuple(advice), decision.status, decision.reason, tuple(document["goals"]))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import tempfile
 from datetime import UTC, datetime
@@ -185,15 +186,19 @@ def main(args: argparse.Namespace) -> int:
 
 
 def about_rows(log: Path) -> int:
-    """How many rows a CSV file has, by its size and the length of its first lines; 0 where it cannot be read."""
-    try:
-        if not log.is_file():
-            return 0
-        with log.open("rb") as stream:
-            lines = stream.readlines(SAMPLE_BYTES)
-        return round(log.stat().st_size * len(lines) / max(sum(map(len, lines)), 1))
-    except OSError:
-        return 0
+    """How many rows a CSV file has, by its size and the length of its first lines.
+
+    Raises
+    ------
+    InputError
+        It cannot be read.
+    """
+    from shockrig.files.disk import open_regular
+    from shockrig.files.flight import REMEDY
+
+    with open_regular(log, REMEDY) as stream:
+        lines = stream.readlines(SAMPLE_BYTES)
+        return round(os.fstat(stream.fileno()).st_size * len(lines) / max(sum(map(len, lines)), 1))
 
 
 def write_figure(path: Path, drawn: FlightGathered) -> None:
