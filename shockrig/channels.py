@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import Any
 
 from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
 from shockrig.files.campaign import Campaign
@@ -83,5 +84,5 @@ def of_profile(profile: Profile, channels: Channels) -> Profile:
 
 def only(campaign: Campaign, wanted: tuple[ChannelName, ...]) -> Campaign:
     """A campaign with the readings of some channels alone."""
-    unwanted: dict[str, None] = {q.sensor: None for name, q in QUANTITIES.items() if name not in wanted}
+    unwanted: dict[str, Any] = {q.sensor: None for name, q in QUANTITIES.items() if name not in wanted}
     return replace(campaign, runs=tuple(replace(run, **unwanted) for run in campaign.runs))
