@@ -312,7 +312,7 @@ def bench_toml(found: Iterable[Found], name: str = "found by scan") -> str:
     reference = films[beads or 1 :][:1]  # one film to a bead; what is left over is better kept
     for number, film in enumerate((film for film in films if film not in reference), start=1):
         lines += ["", f"[sensors.{sensor_name('hyt', str(number))}]", *_hyt_lines(film)]
-        lines += ['# serial = "H00000" # SET: yours to choose']
+        lines += ['# serial = "H00000" # SET: the chip tells none over its bus; choose one and write it on the sensor']
     for number, (unit, line) in enumerate(() if films else through, start=1):
         lines += ["", f"[sensors.{sensor_name('hyt', str(number))}]"]
         lines += ['kind = "imet-humidity" # the hygrometer that the iMet reads itself', f"through = {_quoted(unit)}"]

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 import shockrig
+from shockrig.analysis.report.characterize_page import verdict
 from shockrig.files.campaign import RunAir
 from shockrig.files.flight_figure import plot_flight
 from shockrig.files.headline import headlines
@@ -55,6 +56,17 @@ def test_of_a_lumped_sensor_tau_is_the_headline_and_of_others_the_diffusivity(fo
     assert "alpha" not in found._repr_html_() and "alpha" not in repr(found)
     film = dataclasses.replace(found.profile, temperature=None, sensors={})
     assert headlines(film)[0][0].startswith("D of the film")
+
+
+def test_the_page_of_a_lumped_sensor_speaks_of_no_bead(found):
+    assert verdict(found.result).startswith("One lag describes the thermometer: residuals of")
+
+
+def test_channels_of_a_plan_are_those_that_are_asked_for(log):
+    with pytest.raises(shockrig.InputError, match="holds a goal of humidity, which channels='temperature' leaves out"):
+        shockrig.plan(log, until="D 5 %", channels="temperature")
+    planned = shockrig.plan(log, until="ties decided", channels="temperature", runs=1)
+    assert planned.status and not any("humidity" in str(goal["goal"]) for goal in planned.goals)
 
 
 def test_a_frame_and_its_file_make_one_campaign(log):

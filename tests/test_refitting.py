@@ -1,15 +1,20 @@
 """A model fitted again from where another led."""
 
 import numpy as np
+from small_worlds import record
 
+from shockrig.analysis.diagnosis.candidates import candidates
 from shockrig.analysis.diagnosis.prepare import prepare
 from shockrig.analysis.diagnosis.refitting import plain_fit, refit
+from shockrig.analysis.diagnosis.search import Race
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.inference.fit import fit
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.inference.model import PLAIN
 from shockrig.analysis.inference.quantity import RunEffect
 from shockrig.files.campaign import Campaign, Run, RunAir, Trace
+from shockrig.rig.virtual.plans import wide_plan
+from shockrig.rig.virtual.truth import Hidden, TrueNoise
 
 PERIOD_S = 10.0
 
@@ -37,3 +42,17 @@ def test_a_wrong_model_ends_where_no_other_start_leaves_less():
         begun = found.deviations.copy()
         begun[:, RunEffect.START] += shift_s
         assert fit(problem, wrong, found.theta, begun, 40).objective > 0.99 * found.objective
+
+
+def test_an_air_film_is_found_where_it_makes_the_bead_many_times_slower(tmp_path):
+    """From the plain model's rate, a twentieth of the bead's own, the fit ended at a Biot number of 0.40."""
+    film = Hidden("convective_film", {"biot_at_5_m_s": 0.145})
+    fast = {"thermal_diffusivity_m2_s": 4.07e-7, "temperature_noise": TrueNoise(0.0108)}
+    campaign = record(tmp_path / "film", 5, [film], plan=wide_plan(), **fast)
+    problem = prepare(build_channel(campaign, "temperature")).problem
+    among = [one for one in candidates(problem.channel) if one.effect.id == "convective_film"]
+    race = Race(problem, PLAIN, among)
+    found = race.forward(race.keep(race.rated(plain_fit(problem))), among)
+    assert found.fit.objective < 1.2 * problem.channel.count.size
+    biot, spread = found.fit.values()["convective_film"]["biot_at_5_m_s"]
+    assert abs(biot - 0.145) < 4.0 * spread

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 AXIS = {"temperature": "°C", "humidity": "%RH"}
 SENSOR: dict[str, str] = {name: quantity.noun for name, quantity in QUANTITIES.items()}
+INSTRUMENT = {"temperature": "thermometer", "humidity": "hygrometer"}
 
 
 def verdict(result: Characterization) -> str:
@@ -35,10 +36,11 @@ def verdict(result: Characterization) -> str:
     sentences = []
     for name, found in result.channels().items():
         noise, unit = found.noise.standard_deviation, UNIT[name]
-        model = "The plain diffusion model" if not found.effects else f"The model with {_names(found)}"
+        model = "One lag" if lumped(found) else "The plain diffusion model"
+        model = f"The model with {_names(found)}" if found.effects else model
         if found.explained:
             sentences.append(
-                f"{model} describes the {SENSOR[name]}: residuals of {plain(found.rmse, 2)} {unit}, "
+                f"{model} describes the {sensor(name, found)}: residuals of {plain(found.rmse, 2)} {unit}, "
                 f"noise {plain(noise, 2)} {unit}."
             )
         else:
@@ -57,8 +59,13 @@ def hint(name: str, found: ChannelResult) -> str:
     if found.normalised_deviation >= FAR_DEVIATED:
         how += f"; start times and airs bent by {plain(found.normalised_deviation, 2)} times their uncertainty"
     shown = seen_sentence(found.channel) if len(found.parts) == 1 else ""
-    said = f"{SENSOR[name].capitalize()}: {model} does not explain these data ({how}): run shockrig diagnose. {shown}"
-    return said.rstrip()
+    what = sensor(name, found).capitalize()
+    return f"{what}: {model} does not explain these data ({how}): run shockrig diagnose. {shown}".rstrip()
+
+
+def sensor(name: str, found: ChannelResult) -> str:
+    """What is looked at: a bead or a film, or a sensor of which no more is known than that it is one lag."""
+    return INSTRUMENT[name] if lumped(found) else SENSOR[name]
 
 
 def _names(found: ChannelResult) -> str:
@@ -99,8 +106,8 @@ def draw_figures(result: Characterization) -> dict[str, tuple[Drawing, str]]:
         title = f"{'rate' if lumped(found) else QUANTITIES[name].symbol}, run / joint"
         figures[f"{name}_by_condition"] = (
             parameter_by_condition(ratios, title, "", (1.0, 0.0), UNIT[name]),
-            "The diffusivity of each run alone as a ratio to the joint fit, two standard uncertainties: it should not "
-            "move with airflow, direction or size of the step.",
+            f"The {'rate' if lumped(found) else 'diffusivity'} of each run alone as a ratio to the joint fit, two "
+            "standard uncertainties: it should not move with airflow, direction or size of the step.",
         )
     return figures
 
@@ -137,7 +144,7 @@ def write_characterization(
         blocks: list[Block] = [text, figure(f"{name}_runs", f"Every run of the {name} channel with fit and residual")]
         if len(found.runs) > 1:
             blocks.append(figure(f"{name}_residuals", f"Residuals of the {name} channel by condition"))
-            of_runs = f"Diffusivity of single runs of the {name} channel by condition"
+            of_runs = f"{'Rate' if lumped(found) else 'Diffusivity'} of single runs of the {name} channel by condition"
             blocks.append(figure(f"{name}_by_condition", of_runs))
         blocks.append(Details("How the fit was made", [_search_table(found), Text(_METHOD)]))
         sections.append(Section(f"{name.capitalize()}: {counted(len(found.runs), 'run')}", blocks))
