@@ -211,11 +211,11 @@ def _judged(device: str, part: Any, readings: list[Reading], entry: Mapping[str,
     if len(good) > 1:
         span_s = good[-1].time_s - good[0].time_s
         says.append(f"{(len(good) - 1) / span_s:.3g} readings/s" if span_s > 0 else f"{len(good)} readings")
-    unknown = getattr(part, "unknown_ids", {})
+    # The first line after opening is the tail of one that had begun before: what it begins with is no id.
+    unknown = [id_ for id_, times in getattr(part, "unknown_ids", {}).items() if times > 1]
     if unknown:
         named = ", ".join(f"{id_!r} ({PROBES[id_]})" if id_ in PROBES else repr(id_) for id_ in unknown)
         says.append(f"lines of unknown id {named} (add them to lines)")
-    # The first line after opening is the tail of one that had begun before.
     lost = sum(failed.values()) - (readings[0].outcome is Outcome.REJECTED)
     if lost and 100.0 * lost / len(readings) > FAILED_PERCENT_AT_MOST:
         worst = max(failed, key=failed.__getitem__)

@@ -186,7 +186,8 @@ def test_a_probe_that_no_table_reads_is_called_by_the_makers_name(tmp_path):
     from shockrig.rig.sensors.imet import Imet, ImetSettings
 
     clock = VirtualClock()
-    device = Replay([(0.1 * i, b"5,2000,6600\r\n2,2150\r\n99,1\r\n") for i in range(1, 200)])
+    tail = (0.05, b",6600\r\n")  # of a line that had begun before: of no id
+    device = Replay([tail, *((0.1 * i, b"5,2000,6600\r\n2,2150\r\n99,1\r\n") for i in range(1, 200))])
     sensor = Imet("imet", ImetSettings(port="memory"), memory_port(device, clock), clock)
     bench = replace(fake_bench(clock=clock), sensors=[sensor], description={"imet": {}})
     found = examine(bench, plan(), tmp_path / "c", wall=lambda: 1.8e9)
