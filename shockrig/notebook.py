@@ -210,7 +210,12 @@ def plan(
 
 
 def _planned(
-    found: Diagnosed | Campaign | PathLike, until: str, runs: int, channels: Channels, fleet: Fleet | PathLike | None, say: Progress
+    found: Diagnosed | Campaign | PathLike,
+    until: str,
+    runs: int,
+    channels: Channels,
+    fleet: Fleet | PathLike | None,
+    say: Progress,
 ) -> Planned:
     """The decision that goals lead to, with what is known already."""
     from shockrig.analysis.diagnosis.outcome import outcome_of
@@ -237,9 +242,7 @@ def _planned(
             made = outcomes(campaign.path, [campaign], say)
         made = {place: one for place, one in made.items() if place in {place_of(n, campaign.probe) for n in wanted}}
         population = None if fleet is None else _fleet(fleet).population
-        decision = decide(
-            only(campaign, wanted), goals, count=runs, made=made, population=population, progress=say
-        )
+        decision = decide(only(campaign, wanted), goals, count=runs, made=made, population=population, progress=say)
     document = plan_document(decision, goals)
     return Planned(tuple(document["runs"]), tuple(advice), decision.status, decision.reason, tuple(document["goals"]))
 
