@@ -7,7 +7,7 @@ import pytest
 
 from shockrig.analysis.diagnosis.diagnose import diagnose_channel
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.inference.bins import FINE, edges_after_transfer, fine_width
+from shockrig.analysis.inference.bins import FINE_BIN_WIDTHS, edges_after_transfer, fine_width
 from shockrig.analysis.inference.gather import build_channel
 from shockrig.analysis.physics import concentration
 from shockrig.files.campaign import read_campaign
@@ -55,7 +55,7 @@ def test_bins_are_so_narrow_that_the_response_does_not_bend_in_them_by_what_the_
         half_s, tau_s = 1.0, 1.0 / np.log(2.0)
         width = fine_width(samples, 0.001) * half_s
         bent = 20.0 * width**2 / (24.0 * tau_s**2)
-        assert bent * np.sqrt(runs) < 0.5 * noise or fine_width(samples, 0.001) == FINE[0]
+        assert bent * np.sqrt(runs) < 0.5 * noise or fine_width(samples, 0.001) == FINE_BIN_WIDTHS[0]
     assert fine_width(samples, 0.001) < 0.04
 
 

@@ -26,14 +26,14 @@ Array = NDArray[np.float64]
 LogFigure = Callable[[Array], tuple[float, Array]]  # of theta (P,): logarithm of a figure, and its slopes (P,)
 
 LEAST_SPREAD = 0.05  # of ln theta along an axis: below, exp is straight to a tenth of a percent of u
-TOLERANCE = 0.05  # of u, within which a straight response will do (JCGM 101, 8.1: half a digit of a two-digit u)
+TOLERANCE_OF_U = 0.05  # of u, within which a straight response will do (JCGM 101, 8.1: half a digit of a two-digit u)
 DRAWS = 10_000
-STEP, GROWTH = 0.2, 1.12  # standard deviations between points of the ridge, and how the distance grows
-FARTHEST = 30.0  # misfit of a ridge's ends: nothing drawn is beyond
+RIDGE_STEP, RIDGE_GROWTH = 0.2, 1.12  # standard deviations between points of the ridge, and how the distance grows
+FARTHEST_MISFIT = 30.0  # misfit of a ridge's ends: nothing drawn is beyond
 MOST_POINTS = 40
-LOOKS = 2
-UNSEEN = 0.02  # standard deviations of the noise
-TINY = 1e-9
+RIDGE_LOOKS = 2
+UNSEEN_SIGMAS = 0.02  # standard deviations of the noise
+TINY_SPREAD = 1e-9
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class Drawn:
 
 def straight(relative_u: float, expanded: float, ends: tuple[float, float]) -> bool:
     """Whether y +- U, from the first order, is the interval to within the tolerance (JCGM 101, 8.1)."""
-    return max(abs(ends[0] + expanded), abs(ends[1] - expanded)) < TOLERANCE * relative_u
+    return max(abs(ends[0] + expanded), abs(ends[1] - expanded)) < TOLERANCE_OF_U * relative_u
 
 
 def ridge(problem: Problem, found: Fit, disturbances: Sequence[tuple[Array, Array]]) -> Ridge | None:
@@ -133,11 +133,11 @@ def ridge(problem: Problem, found: Fit, disturbances: Sequence[tuple[Array, Arra
 
     points = [(start, *looked(start))]
     for sign in (-1.0, 1.0):
-        theta, ahead = start, sign * STEP * spread * direction
+        theta, ahead = start, sign * RIDGE_STEP * spread * direction
         for number in range(MOST_POINTS):
             before = theta
             theta = np.clip(theta + ahead, low, high)
-            for _ in range(LOOKS):  # down to the bottom, across the ridge
+            for _ in range(RIDGE_LOOKS):  # down to the bottom, across the ridge
                 z, arrow = looked(theta)
                 pull = known**2 * (start - theta)
                 right, _ = arrow.right_sides(-z, at_rest, pull)
@@ -147,9 +147,9 @@ def ridge(problem: Problem, found: Fit, disturbances: Sequence[tuple[Array, Arra
                 break
             z, arrow = looked(theta)
             points.append((theta, z, arrow))
-            if arrow.hidden(z) > FARTHEST:
+            if arrow.hidden(z) > FARTHEST_MISFIT:
                 break
-            ahead = (theta - before) * (GROWTH if number else 1.0)
+            ahead = (theta - before) * (RIDGE_GROWTH if number else 1.0)
     points.sort(key=lambda point: float(direction @ point[0]))
     effects = base.run_jacobian / np.sqrt(base.weight)[:, None, :]
     basis = _basis(
@@ -256,7 +256,7 @@ def _at_least(at: Array, misfit: Array, value: Array) -> Array:
 
     slope, bend = parabola(m)
     downhill = np.where(slope > 0, -before, after)
-    t = np.where(bend > TINY, -slope / (2.0 * np.maximum(bend, TINY)), downhill)
+    t = np.where(bend > TINY_SPREAD, -slope / (2.0 * np.maximum(bend, TINY_SPREAD)), downhill)
     t = np.clip(t, -before, after)
     rise, curve = parabola(v)
     return np.asarray(v[:, 1] + t * rise + t**2 * curve)
@@ -275,5 +275,5 @@ def _widest(found: Fit) -> tuple[Array, float]:
 def _basis(columns: Sequence[Array]) -> Array:
     """Orthonormal directions (R, bins, k) that hold all columns (R, bins, any) to within what nobody sees."""
     u, s, _ = np.linalg.svd(np.concatenate(columns, axis=-1), full_matrices=False)
-    most = int((s > UNSEEN).sum(axis=1).max())
+    most = int((s > UNSEEN_SIGMAS).sum(axis=1).max())
     return np.asarray(u[..., :most])

@@ -27,10 +27,10 @@ Array = NDArray[np.float64]
 # each of a dozen campaigns has about five times as many chances, and 1 in 100 of those is what is promised
 # (benchmarks/history_rates.py).
 FALSE_ALARMS = 0.001
-FIGURES = 4  # that are looked at together: alpha, D(20 degC), D over all ambients, t63
-LIMIT = 3.0  # standard uncertainties of a control chart's limits (Shewhart)
+FIGURES_CHARTED = 4  # that are looked at together: alpha, D(20 degC), D over all ambients, t63
+CHART_SIGMAS = 3.0  # standard uncertainties of a control chart's limits (Shewhart)
 LEAST_DEGREES = 4.0
-ALIKE = 0.01  # probability below which stated uncertainties are not of one size
+ALIKE_P_VALUE = 0.01  # probability below which stated uncertainties are not of one size
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,9 @@ def chart(figure: str, serial: str, unit: str, observations: Sequence[Observatio
         part = observations[first:last]
         several = len({one.bench for one in part}) > 1
         own = np.array([math.hypot(one.random, one.common if several else 0.0) for one in part])
-        half[first:last] = LIMIT * np.sqrt(np.maximum(own**2 - (variance if last - first > 1 else 0.0), 0.25 * own**2))
+        half[first:last] = CHART_SIGMAS * np.sqrt(
+            np.maximum(own**2 - (variance if last - first > 1 else 0.0), 0.25 * own**2)
+        )
     levels = np.exp(level)
     return Chart(
         figure, serial, unit, tuple(observations), tuple(found), levels, levels * np.exp(-half), levels * np.exp(half)
@@ -143,7 +145,7 @@ def _pooled(observations: Sequence[Observation]) -> list[Observation]:
     degrees = np.array([min(max(one.degrees, LEAST_DEGREES), 1e6) for one in observations])
     mean = float((degrees * logs).sum() / degrees.sum())
     apart = float((2.0 * degrees * (logs - mean) ** 2).sum())
-    if logs.size < 2 or chdtrc(logs.size - 1, apart) < ALIKE:
+    if logs.size < 2 or chdtrc(logs.size - 1, apart) < ALIKE_P_VALUE:
         return list(observations)
     size = float(np.sqrt((degrees * np.exp(2.0 * logs)).sum() / degrees.sum()))
     return [replace(one, random=size, degrees=float(degrees.sum())) for one in observations]
@@ -158,7 +160,7 @@ def _changes(observations: Sequence[Observation], first: int, last: int) -> list
     trials = [_step(logs, covariance, part, place) for place in range(1, last - first)]
     place = int(np.argmin([p for _, _, p in trials]))
     relative, uncertainty, p = trials[place]
-    anywhere = min(1.0, p * len(trials) * FIGURES)
+    anywhere = min(1.0, p * len(trials) * FIGURES_CHARTED)
     if anywhere > FALSE_ALARMS:
         return []
     at = first + place + 1

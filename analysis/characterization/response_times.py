@@ -20,11 +20,11 @@ from shockrig.files.profile import ResponseTime
 
 Array = NDArray[np.float64]
 
-SHARES = (1.0 - np.exp(-1.0), 0.90, 0.98)
+SHARES_OF_STEP = (1.0 - np.exp(-1.0), 0.90, 0.98)
 USUAL = {"temperature_c": 20.0, "humidity_percent": 50.0}  # of the quantity that does not step
-STEPS = 3000
-SETTLED = 1e-5  # of a step, in the second half of the time that is looked at
-LONGER = 8  # times at most that it is looked at for longer
+TIME_STEPS = 3000
+SETTLED_SHARE = 1e-5  # of a step, in the second half of the time that is looked at
+LONGER_FACTOR = 8  # times at most that it is looked at for longer
 
 
 @dataclass(frozen=True)
@@ -85,19 +85,19 @@ def _times(
     held = tuple(Held(e.id, name, value) for e in kept.effects for name, (value, _) in values[e.id].items())
     lags = [value for e in kept.effects for name, (value, _) in values[e.id].items() if name == "time_constant_s"]
     slowest = 1.0 / rate + sum(lags)
-    for _ in range(LONGER):
-        time = np.concatenate([[-100.0 * slowest], np.geomspace(1e-3 / rate, 60.0 * slowest, STEPS)])
+    for _ in range(LONGER_FACTOR):
+        time = np.concatenate([[-100.0 * slowest], np.geomspace(1e-3 / rate, 60.0 * slowest, TIME_STEPS)])
         step = _one_step(channel, ambient, time, air)
         model = Model(step, Structure(kept.effects, held))
         reading = model.predict(Point(theta[model.rates], step.at_rest()))[0, 0]
         since = int(np.searchsorted(time, 0.5 * time[-1]))
-        if abs(reading[-1] - reading[since]) < SETTLED * abs(reading[-1] - reading[0]):
+        if abs(reading[-1] - reading[since]) < SETTLED_SHARE * abs(reading[-1] - reading[0]):
             break
         slowest *= 4.0  # an exchange far slower than the body: its time is in no parameter
     share = (reading - reading[0]) / (reading[-1] - reading[0])
     # The last crossing counts: a reading that overshoots has not settled yet.
     times = []
-    for wanted in SHARES:
+    for wanted in SHARES_OF_STEP:
         last = min(int(np.flatnonzero(share < wanted)[-1]), share.size - 2)
         times.append(float(np.interp(wanted, share[last : last + 2], time[last : last + 2])))
     return times[0], times[1], times[2]

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 # constant that an air film makes goes about as airflow^-0.45 (Ranz and Marshall 1952 at a bead's Reynolds numbers).
 LARGEST_EXPONENT = 0.45
 USUAL_SLOPE_PER_K = 0.03  # of ln D over temperature, where one ambient alone was recorded: 21 kJ/mol at 20 degC
-NOTHING = 1e-9  # change of a prediction, in standard deviations of the noise, that is none
+NO_CHANGE_SIGMAS = 1e-9  # change of a prediction, in standard deviations of the noise, that is none
 
 
 def disturbances(problem: Problem, found: Fit) -> dict[str, tuple[Array, Array]]:
@@ -49,7 +49,7 @@ def disturbances(problem: Problem, found: Fit) -> dict[str, tuple[Array, Array]]
         there = model.on(perturbed(channel, step)).predict(found.point)[0]
         unused = found.residual == 0.0  # empty bins, and those too near a jump to say anything
         change = problem.whiten(np.where(unused, 0.0, there - base)) / step * uncertainty
-        if np.abs(change).max() > NOTHING:
+        if np.abs(change).max() > NO_CHANGE_SIGMAS:
             done[name] = change, nothing
         elif name == "airflow_percent" and channel.conditions.airflow_known.any():
             done[name] = np.zeros(change.shape), _of_rates(found, airflow_exponent(found) * uncertainty / 100.0)
@@ -86,7 +86,7 @@ def knows_airflow(problem: Problem, found: Fit) -> bool:
     """Whether the model's readings change with the airflow."""
     perturbed, step = PERTURBED["airflow_percent"]
     there = found.model.on(perturbed(problem.channel, step)).predict(found.point)
-    return bool(np.abs(there - found.model.predict(found.point)).max() > NOTHING)
+    return bool(np.abs(there - found.model.predict(found.point)).max() > NO_CHANGE_SIGMAS)
 
 
 def airflow_exponent(found: Fit) -> float:

@@ -21,9 +21,9 @@ from shockrig.analysis.checks.signals import (
 )
 from shockrig.analysis.checks.thresholds import limit
 
-QUARTERS = 4  # of a rest, of which the last is what a sensor read there
+REST_PARTS = 4  # of a rest, of which the last is what a sensor read there
 LEAST_READINGS = 8
-LEFT = 0.75  # share of a sensor's runs with which nothing else is wrong
+LEAST_SHARE_LEFT = 0.75  # share of a sensor's runs with which nothing else is wrong
 
 
 def airs_disagree(view: CampaignView) -> Iterator[InputFinding]:
@@ -34,7 +34,7 @@ def airs_disagree(view: CampaignView) -> Iterator[InputFinding]:
     for column in (TEMPERATURE, HUMIDITY):
         off, agree = {}, 0
         recorded = sum(getattr(run, COLUMNS[column][0]) is not None for run in view.campaign.runs)
-        if len(view.column(column)) < LEFT * recorded:
+        if len(view.column(column)) < LEAST_SHARE_LEFT * recorded:
             continue  # what stopped the others is what is wrong with the sensor
         for seen in view.column(column):
             found = [place for place in (_source(seen), _destination(seen)) if place is not None]
@@ -130,8 +130,8 @@ def _at_rest(seen: ColumnSeen, there: np.ndarray) -> float | None:
     time, value = seen.time_s[there], seen.value[there]
     if value.size < LEAST_READINGS:
         return None
-    parts = [float(np.median(part)) for part in np.array_split(value, QUARTERS)]
-    drift = abs(parts[-1] - parts[-2]) / max(float(time[-1] - time[0]) / QUARTERS, 1e-9)
+    parts = [float(np.median(part)) for part in np.array_split(value, REST_PARTS)]
+    drift = abs(parts[-1] - parts[-2]) / max(float(time[-1] - time[0]) / REST_PARTS, 1e-9)
     rise_s = seen.crossing_s(0.63) - seen.crossing_s(0.1) if seen.moves else 0.0
     window_s = float(time[-1] - time[0])
     # A slow sensor that drifts no faster than noise may still be far from where it goes.

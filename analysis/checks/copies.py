@@ -25,7 +25,7 @@ from shockrig.analysis.checks.thresholds import limit
 
 NO_NOISE = 1e-7  # of a calculated campaign, in shares of the readings' range
 MOST_READINGS = 5000  # of a run that are compared
-ORDER = 8  # readings that foretell the next one: two tones and a slow noise
+AR_ORDER = 8  # readings that foretell the next one: two tones and a slow noise
 
 
 def copied_runs(view: CampaignView) -> Iterator[InputFinding]:
@@ -66,12 +66,12 @@ def _equal(view: CampaignView, first: str, second: str, column: str) -> bool:
 
 
 def _innovations(value: Array) -> Array | None:
-    """What `ORDER` readings do not foretell of the next one; None where too few readings change to tell runs apart."""
+    """What `AR_ORDER` readings do not foretell of the next; None where too few readings change to tell runs apart."""
     changes = np.diff(value)
-    if np.count_nonzero(changes) < limit("copy_readings") or value.size < 4 * ORDER:
+    if np.count_nonzero(changes) < limit("copy_readings") or value.size < 4 * AR_ORDER:
         return None
-    past = np.lib.stride_tricks.sliding_window_view(changes, ORDER)[:-1]
-    ahead = changes[ORDER:]
+    past = np.lib.stride_tricks.sliding_window_view(changes, AR_ORDER)[:-1]
+    ahead = changes[AR_ORDER:]
     # the transient would decide the prediction: rows far beyond the usual change are left out
     usual = 6.0 * max(float(np.percentile(np.abs(changes), 75)), 1e-12)
     calm = (np.abs(ahead) < usual) & (np.abs(past) < usual).all(axis=1)

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-STARTS = 60
+RANDOM_STARTS = 60
 FEWEST_LEFT = 5  # degrees of freedom
-SEPARATE = 0.15  # share of the labels' squares that the conditions must leave unexplained
+SEPARATE_SHARE = 0.15  # share of the labels' squares that the conditions must leave unexplained
 LEAST_SEPARATE = 0.05  # the same as a length, without one run
 
 
@@ -112,7 +112,7 @@ def _gains(first: Array, own: Array, share: Array, n: int, tilted: tuple[Array, 
 
     `first` is z' rest, `own` z' away z, `tilted` the same of z u: (zu)' rest, (zu)' away (zu), z' away (zu).
     """
-    usable = own > SEPARATE * n * share * (1.0 - share) + 1e-9
+    usable = own > SEPARATE_SHARE * n * share * (1.0 - share) + 1e-9
     own = np.maximum(own, 1e-9)
     gains = first**2 / own
     if tilted is not None:
@@ -129,10 +129,10 @@ def _search(
     """Labels that explain most, from every start flipped one by one while that helps."""
     n = rest.size
     order = np.argsort(rest)
-    cuts = np.unique(np.linspace(least, n - least, STARTS).astype(int))
+    cuts = np.unique(np.linspace(least, n - least, RANDOM_STARTS).astype(int))
     starts = [(np.arange(n) < i).astype(float) for i in cuts]  # exchanged in mid-campaign
     starts += [np.isin(np.arange(n), order[:i]).astype(float) for i in cuts]
-    starts += list((rng.random((STARTS, n)) < 0.5).astype(float))
+    starts += list((rng.random((RANDOM_STARTS, n)) < 0.5).astype(float))
     u = np.zeros(n) if slope is None else slope
     diagonal = np.diag(away)
     best, most = None, 0.0

@@ -18,9 +18,9 @@ from shockrig.analysis.checks.thresholds import limit
 from shockrig.analysis.physics.modes import Modes, film_mean, film_mean_biot, first_order, response_times, sphere_core
 
 SHAPES = {TEMPERATURE: ("sphere", "lag", "two lags"), HUMIDITY: ("film", "film behind air", "lag", "two lags")}
-TRIED = 8  # runs on which the shape is chosen
+RUNS_TRIED = 8  # runs on which the shape is chosen
 FEWEST_READINGS, MOST_READINGS = 6, 300  # of a run's transient; more are thinned out
-REACH = 30.0  # of the tables, in units of t63
+TABLE_REACH = 30.0  # of the tables, in units of t63
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ def responses(view: CampaignView, column: str) -> list[RunResponse]:
     usable = [seen for seen in view.column(column) if _shows_a_response(view, seen)]
     if not usable:
         return []
-    some = usable[:: max(len(usable) // TRIED, 1)][:TRIED]
+    some = usable[:: max(len(usable) // RUNS_TRIED, 1)][:RUNS_TRIED]
     tried = {shape: [_fit(seen, shape) for seen in some] for shape in SHAPES[column]}
     best = min(tried, key=lambda shape: float(np.median([r.misfit for r in tried[shape]])))
     done = {r.seen.run.id: r for r in tried[best]}
@@ -99,7 +99,7 @@ def _near(seen: ColumnSeen) -> NDArray[np.int64]:
 @lru_cache
 def _shape(name: str) -> tuple[Array, Array]:
     """A unit step's response over time in units of its t63, as a table."""
-    x = np.concatenate([np.linspace(0.0, 3.0, 1501), np.linspace(3.0, REACH, 2001)[1:]])
+    x = np.concatenate([np.linspace(0.0, 3.0, 1501), np.linspace(3.0, TABLE_REACH, 2001)[1:]])
     if name == "two lags":  # equal ones: 1 - (1 + u) exp(-u), 63 % at u = 2.1462
         return x, 1.0 - (1.0 + 2.1462 * x) * np.exp(-2.1462 * x)
     shapes: dict[str, Callable[[], Modes]] = {

@@ -27,11 +27,11 @@ from shockrig.analysis.inference.quantity import RUN_EFFECT_NAMES, RunEffect
 Array = NDArray[np.float64]
 
 WINDOWS_S = (0.0, 0.15, 0.6, 2.5, 10.0, 30.0, 1e9)
-PIECES = (64, 256)  # samples of a plateau in one spectrum: the longer ones see a slower hum
+SPECTRUM_SAMPLES = (64, 256)  # samples of a plateau in one spectrum: the longer ones see a slower hum
 FEWEST_PIECES = 8
 LEAST_HUM = 0.25  # rms of a slow hum, in standard deviations of the noise
-BESIDE = 8  # frequencies on either side of a line that tell the noise there
-BURST = 5.5  # standard deviations from which on a reading belongs to a burst
+BESIDE_FREQUENCIES = 8  # frequencies on either side of a line that tell the noise there
+BURST_SIGMAS = 5.5  # standard deviations from which on a reading belongs to a burst
 BURSTS, LINE = "bursts in the readings", "a line in the spectrum of the plateaus"  # names of two tests
 KNOTS_S = (0.0, 0.15, 0.4, 1.0, 2.5, 6.0, 15.0, 40.0, 120.0)
 
@@ -235,14 +235,14 @@ def _readings(problem: Problem, found: Fit, noise: Noise) -> list[Check]:
     """Bursts and hum in the single readings of the plateaus."""
     parts = [(t, y) for _, t, y in plateaus(problem.channel)]
     spread = noise.standard_deviation
-    outliers = sum(int((np.abs(y) > BURST * spread).sum()) for _, y in parts)
+    outliers = sum(int((np.abs(y) > BURST_SIGMAS * spread).sum()) for _, y in parts)
     total = sum(y.size for _, y in parts)
     checks = []
     if total > 200:
         # A handful of absurd values is what real logs hold; a share of them is a cause.
         p = float(special.pdtrc(outliers - 1, 1.5 + 3e-4 * total)) if outliers else 1.0
         checks.append(Check(BURSTS, float(outliers), 0, p))
-    lines = [_line(parts, noise, length, problem.channel.sampling_period_s) for length in PIECES]
+    lines = [_line(parts, noise, length, problem.channel.sampling_period_s) for length in SPECTRUM_SAMPLES]
     told = [check for check in lines if check is not None]
     return checks + ([min(told, key=lambda check: check.p)] if told else [])
 
@@ -255,7 +255,7 @@ def plateaus(channel: Channel) -> Iterator[tuple[int, Array, Array]]:
             continue  # there is no plateau in a record that was driven all along
         for part in (time < -2 * period, time > 0.67 * time[-1]):
             t, y = time[part], value[part]
-            if y.size >= min(PIECES) and np.ptp(y) > 0:
+            if y.size >= min(SPECTRUM_SAMPLES) and np.ptp(y) > 0:
                 yield run, t, y - np.polyval(np.polyfit(t, y, 2), t)
 
 
@@ -276,24 +276,24 @@ def _line(parts: Sequence[tuple[Array, Array]], noise: Noise, length: int, perio
     inner = slice(4, mean.size - 1)
     # Where the noise is next to nothing (an average's nulls), a little leakage is no line. In long pieces the noise as
     # it is stands beside a line, wherever its model is a little off, and slow noise would hide a slow hum.
-    if length > min(PIECES):
+    if length > min(SPECTRUM_SAMPLES):
         floor, scale = 0.1 * float(np.median(expected[inner])), _beside(mean[inner] / expected[inner])
     else:
         floor, scale = 0.1 * float(expected.max()), mean[inner].sum() / expected[inner].sum()
     ratio = (mean[inner] / scale + floor) / (expected[inner] + floor)
     peak = float(ratio.max())
     shape = len(spectra) * 0.9
-    p = float(special.gammaincc(shape, shape * peak)) * ratio.size * len(PIECES)
+    p = float(special.gammaincc(shape, shape * peak)) * ratio.size * len(SPECTRUM_SAMPLES)
     at = int(np.argmax(ratio))
     power = max(float((mean[inner] - scale * expected[inner])[at]), 0.0)
     rms = float(np.sqrt(2.0 * power) / window.sum())  # of a sine of this power in one frequency
     # Where the noise's own model is a little off, a long piece shows that as a line: one that matters is larger.
-    if length > min(PIECES) and rms < LEAST_HUM * noise.standard_deviation:
+    if length > min(SPECTRUM_SAMPLES) and rms < LEAST_HUM * noise.standard_deviation:
         p = 1.0
     return Check(LINE, peak, 2 * len(spectra), min(1.0, p), rms)
 
 
 def _beside(ratio: Array) -> Array:
     """Median of a spectrum's ratio to its model over the neighbouring frequencies."""
-    padded = np.pad(ratio, BESIDE, mode="reflect")
-    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * BESIDE + 1), axis=-1))
+    padded = np.pad(ratio, BESIDE_FREQUENCIES, mode="reflect")
+    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * BESIDE_FREQUENCIES + 1), axis=-1))

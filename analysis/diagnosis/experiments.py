@@ -23,8 +23,8 @@ Array = NDArray[np.float64]
 Planned = dict[str, Any]  # a run to be made, in the terms of run.json
 AirOf = tuple[float, float]  # degC and %RH
 
-REPEATS = 2  # of each proposed run
-DECIDED = 12.0  # expected drop in deviance from which on a choice is safe
+RUN_REPEATS = 2  # of each proposed run
+DECIDED_DEVIANCE = 12.0  # expected drop in deviance from which on a choice is safe
 MOST_KINDS = 2
 SLOWEST_M_S = 0.7  # that a fan keeps steady
 USUAL_C = 20.0  # about which runs are proposed
@@ -45,9 +45,9 @@ def propose(problem: Problem, ties: list[tuple[Fit, Fit]]) -> list[Planned]:
     expected = np.array([[_separation(problem, chosen, rival, run) for run in menu] for chosen, rival in ties])
     chosen_runs: list[int] = []
     reached = np.zeros(len(ties))
-    while len(chosen_runs) < MOST_KINDS and (reached < DECIDED).any():
+    while len(chosen_runs) < MOST_KINDS and (reached < DECIDED_DEVIANCE).any():
         # The run that helps the pair most in need of help.
-        gain = np.minimum(reached[:, None] + expected, 3 * DECIDED).min(axis=0) + 1e-3 * expected.mean(axis=0)
+        gain = np.minimum(reached[:, None] + expected, 3 * DECIDED_DEVIANCE).min(axis=0) + 1e-3 * expected.mean(axis=0)
         best = int(np.argmax(gain))
         if best in chosen_runs or expected[:, best].max() < 0.5:
             break
@@ -57,7 +57,7 @@ def propose(problem: Problem, ties: list[tuple[Fit, Fit]]) -> list[Planned]:
     for index in chosen_runs:
         run = dict(menu[index])
         reason = run.pop("reason")
-        for _ in range(REPEATS):
+        for _ in range(RUN_REPEATS):
             runs.append(run | {"reason": reason, "expected_evidence": round(float(expected[:, index].min()), 1)})
     return runs
 
@@ -126,7 +126,7 @@ def _planned(
 
 
 def _separation(problem: Problem, chosen: Fit, rival: Fit, run: Planned) -> float:
-    """Expected drop in deviance for `REPEATS` such runs, were `chosen` true and `rival` fitted anew."""
+    """Expected drop in deviance for `RUN_REPEATS` such runs, were `chosen` true and `rival` fitted anew."""
     new = hypothetical(problem, run)
     at_rest = new.channel.at_rest()
     truth = chosen.model.on(new.channel).predict(Point(chosen.theta, at_rest))[0]
@@ -135,8 +135,8 @@ def _separation(problem: Problem, chosen: Fit, rival: Fit, run: Planned) -> floa
     right, _ = arrow.right_sides(difference, at_rest, np.zeros(rival.theta.size))
     total = arrow.hidden(difference)
     known = np.linalg.pinv(rival.covariance, hermitian=True)
-    absorbed = float(right @ np.linalg.lstsq(known + arrow.normal * REPEATS, right, rcond=None)[0]) * REPEATS
-    return max(REPEATS * (total - absorbed), 0.0)
+    absorbed = float(right @ np.linalg.lstsq(known + arrow.normal * RUN_REPEATS, right, rcond=None)[0]) * RUN_REPEATS
+    return max(RUN_REPEATS * (total - absorbed), 0.0)
 
 
 def hypothetical(problem: Problem, run: Planned) -> Problem:

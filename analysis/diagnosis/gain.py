@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 FOLDS = 3
 USUAL_SPREAD, USUAL_DEGREES = 0.5, 3  # of gains from run to run, relative, before any run has told
 USUAL_LOSS = 5.0  # by how much fewer runs tell less than all
-UNTOLD = 0.2  # standard uncertainty of ln rate from which a training part predicts nothing
+UNTOLD_SIGMA = 0.2  # standard uncertainty of ln rate from which a training part predicts nothing
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def measure_gain(channel: Channel, problem: Problem, base: Structure, plain: Rat
         value, simple = _fitted(part, bump, plain, plain.fit.structure, train)
         # Nor is one that the training part has runs of and does not tell, while all runs together do.
         told, known = (np.sqrt(np.diag(f.covariance))[: channel.rates] for f in (simple, plain.fit))
-        told = told < np.maximum(UNTOLD, USUAL_LOSS * known)
+        told = told < np.maximum(UNTOLD_SIGMA, USUAL_LOSS * known)
         test = test[told[channel.ambient[test]]]
         if not test.size:
             continue

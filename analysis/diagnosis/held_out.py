@@ -24,7 +24,7 @@ from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.inference.samples import model_at_samples
 
 Array = NDArray[np.float64]
-LAGS = 20
+LAGS_SHOWN = 20
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def size(held: HeldOut, residuals: tuple[Array, ...]) -> MisfitSize:
 
 
 def autocorrelation(
-    held: HeldOut, residuals: tuple[Array, ...], period_s: float, lags: int = LAGS
+    held: HeldOut, residuals: tuple[Array, ...], period_s: float, lags: int = LAGS_SHOWN
 ) -> tuple[Array, int]:
     """Autocorrelation at lags 1 .. `lags` samples over all runs after the transfer, and the number of samples."""
     products, count, square = np.zeros(lags), np.zeros(lags), 0.0

@@ -15,16 +15,16 @@ from shockrig.analysis.inference.fit import Fit, fit, linearise, run_misfit
 from shockrig.analysis.inference.model import Point
 from shockrig.analysis.inference.problem import Problem
 from shockrig.analysis.inference.rate_scatter import RATE_SCATTER
-from shockrig.analysis.inference.scan import STUCK, scanned_starts
+from shockrig.analysis.inference.scan import STUCK_MEAN_SQUARE, scanned_starts
 
 Array = NDArray[np.float64]
 
 PLACED_WITHIN = 2.0  # standard uncertainties
-FREE = 10.0  # likewise, of what nobody recorded
-STEPS = 8  # of Gauss and Newton within the limits
-TINY = 1e-12
-TRUSTED = 10.0  # times what they leave: readings are weighted so that what is stated only limits
-SETTLED = 1e-3  # of the limits: a smaller step is none
+FREE_LIMIT = 10.0  # likewise, of what nobody recorded
+NEWTON_STEPS = 8  # of Gauss and Newton within the limits
+TINY_SIZE = 1e-12
+TRUSTED_FACTOR = 10.0  # times what they leave: readings are weighted so that what is stated only limits
+SETTLED_STEP = 1e-3  # of the limits: a smaller step is none
 
 
 def placed(bins: Problem, found: Fit) -> Array:
@@ -37,14 +37,14 @@ def placed(bins: Problem, found: Fit) -> Array:
     # run is placed by its increments, far from its level. Whatever leaves less of the readings is its place.
     part = problem.select(astray)
     before = _squares(part, found, at[astray])
-    evenly, _ = _placed(_by_count(part, before / TRUSTED**2), found)
+    evenly, _ = _placed(_by_count(part, before / TRUSTED_FACTOR**2), found)
     at[astray] = np.where((_squares(part, found, evenly) < before)[:, None], evenly, at[astray])
     return at
 
 
 def _by_count(problem: Problem, variance: Array) -> Problem:
     """The problem with every reading of a run weighed alike, as if what is left of it (R,) were independent noise."""
-    level = np.sqrt(problem.channel.count / np.maximum(variance, TINY)[:, None])
+    level = np.sqrt(problem.channel.count / np.maximum(variance, TINY_SIZE)[:, None])
     return replace(problem, whitener=level[:, :, None] * np.eye(level.shape[1]))
 
 
@@ -57,8 +57,8 @@ def _placed(problem: Problem, found: Fit) -> tuple[Array, NDArray[np.bool_]]:
         again = fit(problem, found.structure, found.theta, moved, adapt_scatter=False, hold_theta=True)
         reached = min((reached, again), key=lambda f: f.objective)
     # What nobody recorded is free: it is placed where it fits best, for every model alike.
-    limit = np.where(problem.stated, PLACED_WITHIN, FREE) * problem.scatter
-    return _within(problem, found, reached.deviations, limit), run_misfit(problem, reached) > STUCK
+    limit = np.where(problem.stated, PLACED_WITHIN, FREE_LIMIT) * problem.scatter
+    return _within(problem, found, reached.deviations, limit), run_misfit(problem, reached) > STUCK_MEAN_SQUARE
 
 
 def _squares(problem: Problem, found: Fit, deviations: Array) -> Array:
@@ -81,14 +81,14 @@ def _within(problem: Problem, found: Fit, deviations: Array, limit: Array) -> Ar
     part, low, high = problem.select(beyond), -limit[beyond], limit[beyond]
     here, best = at[beyond], np.full(beyond.size, np.inf)
     kept = here
-    for _ in range(STEPS):
+    for _ in range(NEWTON_STEPS):
         prediction, arrow = linearise(part, found.structure, Point(found.theta, here))
         left = part.whiten(part.channel.value - prediction)
         cost = (left**2).sum(axis=1) + (here**2 * arrow.weight).sum(axis=1)
         kept = np.where((cost < best)[:, None], here, kept)
         best = np.minimum(cost, best)
         moved = _bounded_step(arrow, left, here, low, high)
-        if (np.abs(moved - here) <= SETTLED * high).all():
+        if (np.abs(moved - here) <= SETTLED_STEP * high).all():
             break
         here = moved
     at[beyond] = kept

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from scipy import special
 from scipy.optimize import minimize_scalar
 
-from shockrig.analysis.diagnosis.adequacy import BURST, BURSTS, Adequacy, factors, plateaus
+from shockrig.analysis.diagnosis.adequacy import BURST_SIGMAS, BURSTS, Adequacy, factors, plateaus
 from shockrig.analysis.diagnosis.thresholds import level
-from shockrig.analysis.discovery.conditions import CHANCE, held_out
+from shockrig.analysis.discovery.conditions import LEAST_P_VALUE, held_out
 from shockrig.analysis.inference.bins import rebin
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.noise import estimate_noise
@@ -27,15 +27,17 @@ Array = NDArray[np.float64]
 
 LONGEST_S = 60.0  # of a plateau, in one spectrum
 PER_WIDTH = 4  # frequencies in the width of a line
-FINE = 12  # times as many around the one that stands out
-BESIDE = 3  # widths of a line, which are not taken for the noise beside it
-AROUND = 40  # widths of a line, which are
-CLIPPED = 2.0  # robust standard deviations: no sine goes there, and a burst is not to hide where it is
-LOUD, NEAR_BURST_S = 3.0, 0.5  # robust standard deviations of a burst, and what else is left out beside it
-SHARP, SIGMAS = 0.15, 3.0  # relative uncertainty of a slope over a factor, and its size, from which it says nothing
-EXPECTED = 3e-4  # share of readings that are absurd in real logs
+FINE_FACTOR = 12  # times as many around the one that stands out
+BESIDE_WIDTHS = 3  # widths of a line, which are not taken for the noise beside it
+AROUND_WIDTHS = 40  # widths of a line, which are
+CLIPPED_SIGMAS = 2.0  # robust standard deviations: no sine goes there, and a burst is not to hide where it is
+LEFT_OUT_SIGMAS, NEAR_BURST_S = 3.0, 0.5  # robust standard deviations of a burst, and what else is left out beside it
+# relative uncertainty of a slope over a factor, and its size, from which it says nothing:
+SHARP_SLOPE = 0.15
+SLOPE_SIGMAS = 3.0
+EXPECTED_SHARE = 3e-4  # share of readings that are absurd in real logs
 NEAR_TURN, LEAST_READINGS = 0.3, 8  # of a turn over a run; of a plateau that tells a swing
-FEWEST = 4  # plateaus of a condition that is held out
+FEWEST_PLATEAUS = 4  # plateaus of a condition that is held out
 NAMES = {"ambient": "ambient", "airflow": "airflow", "step": "direction", "run order": "run_order"}
 
 
@@ -90,7 +92,7 @@ def without_hum(channel: Channel) -> tuple[Channel, Discovered | None]:
         expected += 4.0 * max(usual, 1e-300) / piece.value.size**2
     looks = sum(piece.value.size for piece in pieces) / len(pieces)
     chance = float(special.gammaincc(len(pieces), power / expected * len(pieces))) * looks
-    return (channel, None) if chance > CHANCE**2 else (quiet, hum)
+    return (channel, None) if chance > LEAST_P_VALUE**2 else (quiet, hum)
 
 
 def _pieces(channel: Channel) -> list[_Plateau]:
@@ -152,7 +154,7 @@ def _amplitudes(pieces: list[_Plateau], frequency_hz: Array) -> tuple[Array, Arr
     """Squared amplitudes (K, F) of sinusoids fitted to each plateau, and each one's variance (K,)."""
     squares, noise = [], []
     for piece in pieces:
-        size = CLIPPED * _spread(piece.value)
+        size = CLIPPED_SIGMAS * _spread(piece.value)
         y = np.clip(piece.value, -size, size)
         turns = np.exp(-2j * np.pi * np.outer(frequency_hz, piece.time_s - piece.time_s[0]))
         squares.append(np.abs(turns @ y / (0.5 * y.size)) ** 2)
@@ -162,7 +164,7 @@ def _amplitudes(pieces: list[_Plateau], frequency_hz: Array) -> tuple[Array, Arr
 
 def _hum(channel: Channel, pieces: list[_Plateau]) -> Discovered | None:
     """A hum by its period and amplitude; None where conditions do not bear one another out."""
-    if len(pieces) < 2 * FEWEST:
+    if len(pieces) < 2 * FEWEST_PLATEAUS:
         return None
     lasts_s = float(np.median([p.time_s[-1] - p.time_s[0] for p in pieces]))
     width = 1.0 / lasts_s
@@ -172,10 +174,16 @@ def _hum(channel: Channel, pieces: list[_Plateau]) -> Discovered | None:
     run = np.array([p.run for p in pieces])
     for _, runs in held_out(channel, set()):
         test = runs[run]
-        if test.sum() >= FEWEST and (~test).sum() >= FEWEST and not _stands_out(power[~test], power[test]):
+        if (
+            test.sum() >= FEWEST_PLATEAUS
+            and (~test).sum() >= FEWEST_PLATEAUS
+            and not _stands_out(power[~test], power[test])
+        ):
             return None
     coarse = int(np.argmax(power.mean(axis=0) / _beside(power.mean(axis=0))))
-    fine = grid[coarse] + np.arange(-PER_WIDTH * FINE, PER_WIDTH * FINE + 1) * width / (PER_WIDTH * FINE)
+    fine = grid[coarse] + np.arange(-PER_WIDTH * FINE_FACTOR, PER_WIDTH * FINE_FACTOR + 1) * width / (
+        PER_WIDTH * FINE_FACTOR
+    )
     own, variance = _amplitudes(pieces, fine)
     at = int(np.argmax((own / variance[:, None]).sum(axis=0)))
     frequency = float(fine[at])
@@ -200,7 +208,7 @@ def _hum(channel: Channel, pieces: list[_Plateau]) -> Discovered | None:
 
 def _without_bursts(piece: _Plateau) -> _Plateau:
     """A plateau without what lies half a second around readings that are far off: a hum's bursts are not its size."""
-    far = np.abs(piece.value) > LOUD * _spread(piece.value)
+    far = np.abs(piece.value) > LEFT_OUT_SIGMAS * _spread(piece.value)
     apart = np.abs(piece.time_s[:, None] - piece.time_s[far]).min(axis=1, initial=np.inf)
     keep = apart > NEAR_BURST_S
     return _Plateau(piece.run, piece.time_s[keep], piece.value[keep]) if keep.sum() > 0.5 * keep.size else piece
@@ -216,7 +224,7 @@ def _sinusoid(piece: _Plateau, frequency_hz: float) -> tuple[float, float]:
 
 def _beside(power: Array) -> Array:
     """Median of a spectrum (F,) around each frequency, without those of the same line."""
-    reach, gap = AROUND * PER_WIDTH // 2, BESIDE * PER_WIDTH
+    reach, gap = AROUND_WIDTHS * PER_WIDTH // 2, BESIDE_WIDTHS * PER_WIDTH
     padded = np.pad(power, reach, mode="reflect" if power.size > reach else "edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1)
     keep = np.abs(np.arange(-reach, reach + 1)) > gap
@@ -231,7 +239,7 @@ def _stands_out(train: Array, test: Array) -> bool:
     ratio = of[at] / _beside(of)[at]
     # A mean of K spectra of noise is a chi-square of 2 K degrees; its median is a little below its mean.
     count = test.shape[0]
-    return bool(special.gammaincc(count, ratio * special.gammaincinv(count, 0.5)) < CHANCE)
+    return bool(special.gammaincc(count, ratio * special.gammaincinv(count, 0.5)) < LEAST_P_VALUE)
 
 
 def _independent(channel: Channel, run: NDArray[np.int64], amplitude: Array) -> tuple[str, ...]:
@@ -244,7 +252,7 @@ def _independent(channel: Channel, run: NDArray[np.int64], amplitude: Array) -> 
         slope = float(x @ amplitude / (x @ x))
         left = amplitude - amplitude.mean() - slope * x
         spread = float(np.sqrt(left.var(ddof=2) / (x @ x)))
-        if abs(slope) < SIGMAS * spread and spread * x.std() < SHARP * amplitude.mean():
+        if abs(slope) < SLOPE_SIGMAS * spread and spread * x.std() < SHARP_SLOPE * amplitude.mean():
             free.append(NAMES[name])
     return tuple(free)
 
@@ -253,13 +261,13 @@ def _bursts(channel: Channel, pieces: list[_Plateau]) -> Discovered | None:
     """Bursts by the size of their readings; None where not every condition shows them."""
     # A plateau that stands at one code has no spread of its own.
     usual = float(np.median([p.value.std() for p in pieces]))
-    far = [np.abs(p.value) > BURST * max(_spread(p.value), usual) for p in pieces]
+    far = [np.abs(p.value) > BURST_SIGMAS * max(_spread(p.value), usual) for p in pieces]
     run = np.array([p.run for p in pieces])
     count, outside = np.array([p.value.size for p in pieces]), np.array([int(f.sum()) for f in far])
     for _, runs in held_out(channel, set()):
         test = runs[run]
-        expected = 1.5 + EXPECTED * count[test].sum()
-        if test.sum() >= FEWEST and special.pdtrc(outside[test].sum() - 1, expected) > CHANCE:
+        expected = 1.5 + EXPECTED_SHARE * count[test].sum()
+        if test.sum() >= FEWEST_PLATEAUS and special.pdtrc(outside[test].sum() - 1, expected) > LEAST_P_VALUE:
             return None
     values = np.concatenate([p.value[f] for p, f in zip(pieces, far, strict=True)])
     if values.size == 0:

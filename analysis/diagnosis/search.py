@@ -37,12 +37,12 @@ Screened = tuple[Candidate, Starts, float]  # with what the best start promises 
 Earlier = Mapping[str, Mapping[str, float]]  # effects that an earlier search of the same runs ended with: parameters
 
 # How many candidates are begun, go on, and are fitted to their ends at each step: what a campaign may cost.
-BEGUN, RUNNING, FINISHED = 16, 8, 3
-STARTS = 2  # of a candidate, the best to first order
-QUICK, FURTHER, WHOLE = 3, 5, 25  # steps of Gauss and Newton
+BEGUN_COUNT, RUNNING_COUNT, FINISHED_COUNT = 16, 8, 3
+STARTS_EACH = 2  # of a candidate, the best to first order
+QUICK_STEPS, FURTHER_STEPS, WHOLE_STEPS = 3, 5, 25  # steps of Gauss and Newton
 MOST_EFFECTS = 6
-SMALLEST = 1e-6  # discrepancy that is none
-FAR = 0.005  # discrepancy, as a share of the step, from which the runs' deviations mean little
+SMALLEST_DISCREPANCY = 1e-6  # discrepancy that is none
+FAR_DISCREPANCY = 0.005  # discrepancy, as a share of the step, from which the runs' deviations mean little
 WITHIN_REACH = 3.0  # nats that a candidate's promise to first order may lack and that its fit may bring
 MOST_MODELS = 80  # of the pool that are weighed: the best
 MOST_FITS = 900
@@ -162,7 +162,7 @@ class Race:
         prior = sum(self.priors.get(id_, 0.0) for id_ in found.structure.ids)
         return Rated(found, score(self.problem, found, self.bump), prior)
 
-    def fitted(self, structure: Structure, theta: Array, deviations: Array, steps: int = WHOLE) -> Rated:
+    def fitted(self, structure: Structure, theta: Array, deviations: Array, steps: int = WHOLE_STEPS) -> Rated:
         """A structure fitted from a start."""
         self.fits += 1
         return self.rated(fit(self.problem, structure, theta, deviations, steps))
@@ -209,7 +209,7 @@ class Race:
         """Scores of columns beside the model's own parameters, the runs' random effects, and its discrepancy."""
         # A candidate may end what the model so far is wrong by: that is not to hide what it promises.
         # Nor is how much runs differ in their rates, where that is more than sensors usually do.
-        found, sigma = near.fit, max(min(near.score.discrepancy, FAR), SMALLEST)
+        found, sigma = near.fit, max(min(near.score.discrepancy, FAR_DISCREPANCY), SMALLEST_DISCREPANCY)
         own = found.arrow.weight.copy()
         own[:, RunEffect.RATE] = np.maximum(own[:, RunEffect.RATE], 1.0 / RATE_SCATTER**2)
         discrepancy = np.full((self.bump.shape[0], self.bump.shape[-1]), 1.0 / sigma**2)
@@ -236,16 +236,16 @@ class Race:
                 continue
             several = any(p.weakest is not None for p in effect.parameters)
             (rest if one.family in seen and not told else first).append(
-                (one, starts[: STARTS + 1 if several else STARTS])
+                (one, starts[: STARTS_EACH + 1 if several else STARTS_EACH])
             )
             seen.add(one.family)
-        entered = [*first[:BEGUN], *rest[: max(BEGUN - len(first), BEGUN // 4)]]
+        entered = [*first[:BEGUN_COUNT], *rest[: max(BEGUN_COUNT - len(first), BEGUN_COUNT // 4)]]
         # A look-alike that is never fitted can never be tied: places that are left go to the next of the catalogue.
         ids = {one.effect.id for one, _ in entered}
         others = (
-            (one, starts[:STARTS]) for one, starts, _ in screened if one.form is None and one.effect.id not in ids
+            (one, starts[:STARTS_EACH]) for one, starts, _ in screened if one.form is None and one.effect.id not in ids
         )
-        return [*entered, *itertools.islice(others, max(RUNNING - len(entered), 0))]
+        return [*entered, *itertools.islice(others, max(RUNNING_COUNT - len(entered), 0))]
 
     def _begun(self, near: Rated, one: Candidate, starts: Starts, far: bool) -> list[Rated]:
         """A few steps of a model with a candidate more, from each of its starts, the best first."""
@@ -266,7 +266,7 @@ class Race:
         if one.effect.start.own_rates and not channel.conditions.start_known.all():
             point = rough_point(problem, structure, begins[0][1])
             begins.append((point.theta[: channel.rates], begins[0][1], point.deviations))
-        tried = [self.fitted(structure, model.start(r, choice), own, QUICK) for r, choice, own in begins]
+        tried = [self.fitted(structure, model.start(r, choice), own, QUICK_STEPS) for r, choice, own in begins]
         return sorted(tried, key=lambda r: -r.value)
 
     def _further(self, one: Rated, steps: int) -> Rated:
@@ -277,7 +277,7 @@ class Race:
 
     def finished(self, one: Rated) -> Rated:
         """A model fitted to its end: from its own deviations, and as `refit` does from none and over ridges."""
-        ends = [self._further(one, WHOLE)]
+        ends = [self._further(one, WHOLE_STEPS)]
         self.fits += 2
         ends.append(self.rated(refit(self.problem, one.fit.structure, ends[0].fit)))
         return min(ends, key=lambda r: r.fit.deviance)
@@ -288,19 +288,19 @@ class Race:
         key = (near.ids, frozenset(c.effect.id for c in open_to))
         if key in self.done:
             return self.done[key]
-        far = near.score.discrepancy > FAR or plainly_wrong(self.problem, near.fit)
+        far = near.score.discrepancy > FAR_DISCREPANCY or plainly_wrong(self.problem, near.fit)
         runners = [
             self._begun(near, one, starts, far) for one, starts in self._entered(self.screened(near, open_to), far)
         ]
         for left in range(3 if far else 2, 0, -1):
             runners.sort(key=lambda own: -own[0].value)
-            follow = runners[: RUNNING + 2 * (left - 1)]
+            follow = runners[: RUNNING_COUNT + 2 * (left - 1)]
             runners = [
-                sorted([self._further(b, FURTHER) for b in own[:left]], key=lambda r: -r.value) for own in follow
+                sorted([self._further(b, FURTHER_STEPS) for b in own[:left]], key=lambda r: -r.value) for own in follow
             ]
         runners.sort(key=lambda own: -own[0].value)
-        ends = [self.finished(own[0]) for own in runners[:FINISHED]]
-        ends += [own[0] for own in runners[FINISHED:] if own[0].fit.converged]
+        ends = [self.finished(own[0]) for own in runners[:FINISHED_COUNT]]
+        ends += [own[0] for own in runners[FINISHED_COUNT:] if own[0].fit.converged]
         ends = [self.keep(one) for one in ends if sound(one.fit, one.ids - self.fixed)]
         self.done[key] = max(ends, key=lambda r: r.value) if ends else None
         return self.done[key]
@@ -411,7 +411,7 @@ def search(
     named = race.grown(plain, entries)
     if earlier:
         named = max(named, race.grown(_resumed(race, plain, earlier), entries), key=_value)
-    if named.score.discrepancy <= FAR or not forms:
+    if named.score.discrepancy <= FAR_DISCREPANCY or not forms:
         named = race.exchanged(named, entries)
     if forms:
         found = [race.forward(named, forms)]

@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-SIGMAS = 3.0  # beyond which a dependence is one
+DEPENDENCE_SIGMAS = 3.0  # beyond which a dependence is one
 # A dependence of this size is worth knowing; what is known better than this is excluded.
 SHARP = {"power": 0.15, "exponential": 0.01, "ratio": 0.1}
 SHARP_HUMIDITY, SHARP_ORDER = 0.4, 0.01
-STEP = 1e-3  # of a factor's number, in finite differences
+FACTOR_STEP = 1e-3  # of a factor's number, in finite differences
 MOST_ALTERNATIVES = 5
 
 
@@ -80,10 +80,10 @@ def _independent(problem: Problem, final: Fit, effect: Effect) -> tuple[str, ...
         more = described(form.with_factor(factor, how).key, channel.jumps_with_air)
         neutral = 1.0 if how == "ratio" else 0.0
         own = {f"{more.id}.{p.name}": final.choice[f"{effect.id}.{p.name}"] for p in effect.parameters}
-        own[f"{more.id}.{factor}"] = neutral + STEP
+        own[f"{more.id}.{factor}"] = neutral + FACTOR_STEP
         model = Model(channel, final.structure.dropping(effect.id).adding(more))
         theta = model.start(final.log_rates, final.choice | own)
-        columns.append((model.predict(Point(theta, final.deviations))[0] - base) / STEP)
+        columns.append((model.predict(Point(theta, final.deviations))[0] - base) / FACTOR_STEP)
     right, normal = final.scores(problem, problem.whiten(np.stack(columns, axis=-1)))
     free = []
     for (factor, how), score, information in zip(factors, right, np.diag(normal), strict=True):
@@ -91,7 +91,7 @@ def _independent(problem: Problem, final: Fit, effect: Effect) -> tuple[str, ...
             continue
         value, spread = score / information, 1.0 / np.sqrt(information)
         sharp = {"humidity": SHARP_HUMIDITY, "run_order": SHARP_ORDER}.get(factor, SHARP[how])
-        if abs(value) < SIGMAS * spread and spread < sharp:
+        if abs(value) < DEPENDENCE_SIGMAS * spread and spread < sharp:
             free.append(factor)
     return tuple(free)
 

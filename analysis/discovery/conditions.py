@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from shockrig.analysis.discovery.grammar import varied
 from shockrig.analysis.inference.channel import Channel
 
-ALIKE = 0.1  # of the logarithm of two airflows that are one condition
+SAME_AIRFLOW_LN = 0.1  # of the logarithm of two airflows that are one condition
 LEAST_TRAINED = 6  # runs that are left to fit to
-CHANCE = 1e-3  # of so much by accident, above which a finding is none
+LEAST_P_VALUE = 1e-3  # of so much by accident, above which a finding is none
 
 
 def held_out(channel: Channel, factors: set[str]) -> Iterator[tuple[str, NDArray[np.bool_]]]:
     """Names and runs (R,) of the conditions that a description may be tried on."""
     c, there = channel.conditions, varied(channel)
     if "airflow" in there:
-        levels = np.round(np.log(np.maximum(c.airflow_m_s, 0.05)) / ALIKE)
+        levels = np.round(np.log(np.maximum(c.airflow_m_s, 0.05)) / SAME_AIRFLOW_LN)
         if np.unique(levels).size > 2 or "airflow" not in factors:
             for level in np.unique(levels):
                 runs = levels == level

@@ -16,11 +16,11 @@ Array = NDArray[np.float64]
 
 LEAST_RUNS = 8  # fewer say nothing of conditions that were held out
 MOST_RUNS = 250  # more take too much memory at once
-AIRFLOWS, STEPS = 1.2, 1.5  # ratios from which on a factor has varied
+VARIED_AIRFLOW_RATIO, VARIED_STEP_RATIO = 1.2, 1.5  # ratios from which on a factor has varied
 AMBIENTS_K, LEVELS_PERCENT, PRESSURES = 3.0, 10.0, 0.03
 LEAST_DEW_K, LEAST_DEWED = 0.5, 3  # margin from which on dew falls, and runs in which it does
 ALL_BUT_ORDER = 0.98  # correlation of runs' times with their order from which on one stands for both
-PERIODS = 28  # that are tried, from a second to the length of a run
+PERIODS_TRIED = 28  # that are tried, from a second to the length of a run
 
 SCALING: tuple[Factor, ...] = (
     ("airflow", "power"),
@@ -41,10 +41,11 @@ def varied(channel: Channel) -> set[str]:
     sizes = np.abs(step[real]) if real.any() else np.ones(1)
     level = 0.5 * (c.source_percent + c.destination_percent)
     tests = {
-        "airflow": c.airflow_known.all() and c.airflow_m_s.max() > AIRFLOWS * max(c.airflow_m_s.min(), 1e-9),
+        "airflow": c.airflow_known.all()
+        and c.airflow_m_s.max() > VARIED_AIRFLOW_RATIO * max(c.airflow_m_s.min(), 1e-9),
         "ambient": np.ptp(c.destination_c) > AMBIENTS_K,
         "direction": (step[real] > 0).any() and (step[real] < 0).any(),
-        "step": sizes.max() > STEPS * sizes.min(),
+        "step": sizes.max() > VARIED_STEP_RATIO * sizes.min(),
         "humidity": np.ptp(level) > LEVELS_PERCENT,
         "pressure": np.ptp(c.pressure_hpa) > PRESSURES * c.pressure_hpa.mean(),
         "dew": LEAST_DEWED <= (dew_margin_k(c) > LEAST_DEW_K).sum() < channel.runs,
@@ -162,7 +163,7 @@ def periods_s(channel: Channel) -> Array:
     longest = float(np.median([time[-1] for time, _ in channel.samples]))
     shortest = max(6.0 * channel.sampling_period_s, 1.0)
     # Equally far apart in frequency: a run tells frequencies apart by the inverse of its length.
-    frequency = np.linspace(1.0 / longest, 1.0 / shortest, 4 * PERIODS)
+    frequency = np.linspace(1.0 / longest, 1.0 / shortest, 4 * PERIODS_TRIED)
     return np.asarray(1.0 / frequency)
 
 

@@ -24,11 +24,11 @@ Array = NDArray[np.float64]
 
 BINS_PER_DECADE = 6
 TAUS_PER_DECADE = 8
-SMOOTH = 0.15  # weight of the spectrum's own size, beside residuals of unit size
-RESAMPLED = 24  # draws of the runs for the spectrum's band
+SMOOTHING_WEIGHT = 0.15  # weight of the spectrum's own size, beside residuals of unit size
+BOOTSTRAP_DRAWS = 24  # draws of the runs for the spectrum's band
 SEED = 11
 LEVELS_APART = 0.06  # relative, of levels of a condition that are one
-CHANCE = 1e-3  # above which a condition parts nothing
+LEAST_P_VALUE = 1e-3  # above which a condition parts nothing
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def remaining(channel: Channel, found: Fit) -> Remaining | None:
     middle = np.sqrt(edges[:-1] * edges[1:])
     levels = {name: level[usable] for name, level in _levels(channel).items()}
     parted = {name: _chance(shares, weight, level) for name, level in levels.items()}
-    varies = sorted((name for name, p in parted.items() if p < CHANCE), key=parted.__getitem__)
+    varies = sorted((name for name, p in parted.items() if p < LEAST_P_VALUE), key=parted.__getitem__)
     factor = varies[0] if varies else ""
     by_condition = []
     if factor:
@@ -126,14 +126,14 @@ def spectrum(time_s: Array, shares: Array, weight: Array) -> tuple[Array, Array,
         root = np.sqrt(total / max(float(total.max()), 1e-300))
         size = max(float(np.abs(mean).max()), 1e-12)
         both = root[:, None] * np.concatenate([basis, -basis], axis=1)
-        held = SMOOTH * np.eye(both.shape[1])
+        held = SMOOTHING_WEIGHT * np.eye(both.shape[1])
         amplitude, _ = nnls(np.concatenate([both, held]), np.concatenate([root * mean / size, np.zeros(both.shape[1])]))
         count = basis.shape[1]
         return np.asarray(size * (amplitude[:count] - amplitude[count:])[:-1])
 
     every = np.arange(shares.shape[0])
     rng = np.random.default_rng(SEED)
-    drawn = [solved(rng.choice(every, every.size)) for _ in range(RESAMPLED)]
+    drawn = [solved(rng.choice(every, every.size)) for _ in range(BOOTSTRAP_DRAWS)]
     return taus, solved(every), np.asarray(np.std(drawn, axis=0))
 
 

@@ -30,7 +30,7 @@ A_MINUTE_S = 60.0
 USUAL_MARGIN_K = 10.0  # of dew
 SCALES = frozenset({"power", "exponential", "ratio"})  # ways in which a condition scales a strength
 LEAST_STEP = 0.1  # share of a usual step
-MILLIONTH = 1e-6  # of the time that a run has lasted, by which a delay grows
+PPM = 1e-6  # of the time that a run has lasted, by which a delay grows
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ def _rate_change(form: Form, chain: Chain, p: Arrays) -> Chain:
 def late_by(form: Form, conditions: Conditions) -> Array:
     """By what the size of a delay is multiplied at the transfer of each run (R,)."""
     if ("history", "linear") in form.depends_on:
-        return MILLIONTH * conditions.start_s
+        return PPM * conditions.start_s
     if ("time_of_campaign", "linear") in form.depends_on:
         return np.nan_to_num(conditions.hours)
     return conditions.order if ("run_order", "linear") in form.depends_on else np.ones(conditions.start_s.shape)
@@ -188,7 +188,7 @@ def late_by(form: Form, conditions: Conditions) -> Array:
 def _delay(form: Form, chain: Chain, p: Arrays) -> Chain:
     if ("history", "linear") in form.depends_on:  # counted from a run's first reading
         since_s = np.maximum(chain.time_s + chain.channel.conditions.start_s[:, None], 0.0)
-        return replace(chain, time_s=chain.time_s - MILLIONTH * p["size"][..., None] * since_s)
+        return replace(chain, time_s=chain.time_s - PPM * p["size"][..., None] * since_s)
     late_s = p["size"] * late_by(form, chain.channel.conditions) * _scale(form, chain, p)
     return replace(chain, time_s=chain.time_s - late_s[..., None])
 

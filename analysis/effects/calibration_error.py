@@ -25,7 +25,7 @@ def _apply(chain: Chain, p: Arrays) -> Chain:
     return replace(chain, readouts=(*chain.readouts, lambda reading, time, die_c: reading * (1 + gain) + offset))
 
 
-LEAST = 3.0  # standard uncertainties of the references' own calibration: less may be theirs
+LEAST_SIGMAS = 3.0  # standard uncertainties of the references' own calibration: less may be theirs
 
 
 def _no_more_than_the_references(channel: Channel, values: Values) -> bool:
@@ -36,7 +36,7 @@ def _no_more_than_the_references(channel: Channel, values: Values) -> bool:
     traces = [channel.trace_of(air) for air in channel.air if air is not None]
     airs = np.concatenate([source[~channel.measured], destination[~channel.measured], *traces])
     off = float(np.abs(values["gain"] * airs + values["offset"]).max())
-    return off < LEAST * float(getattr(channel.common, OWN_AIR[channel.name]))
+    return off < LEAST_SIGMAS * float(getattr(channel.common, OWN_AIR[channel.name]))
 
 
 EFFECT = Effect(

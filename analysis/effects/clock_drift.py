@@ -15,11 +15,11 @@ def _apply(chain: Chain, p: Arrays) -> Chain:
     return replace(chain, time_s=chain.time_s - 1e-6 * p["ppm"][..., None] * np.maximum(elapsed, 0.0))
 
 
-LEAST = 3.5  # standard uncertainties of a clock that is off alike in all runs
+LEAST_SIGMAS = 3.5  # standard uncertainties of a clock that is off alike in all runs
 
 
 def _no_more_than_the_clock(channel: Channel, values: Values) -> bool:
-    return channel.common is not None and abs(values["ppm"]) < LEAST * channel.common.clock_ppm
+    return channel.common is not None and abs(values["ppm"]) < LEAST_SIGMAS * channel.common.clock_ppm
 
 
 def _from_the_jumps(channel: Channel) -> dict[str, float]:

@@ -17,12 +17,12 @@ from shockrig.analysis.inference.effect import (
     Words,
 )
 
-LEAST = 3.5  # standard uncertainties of a trigger that is off alike in all runs: less is no delay of the channel
+LEAST_SIGMAS = 3.5  # standard uncertainties of a trigger that is off alike in all runs: less is no delay of the channel
 
 
 def _no_more_than_the_trigger(channel: Channel, values: Values) -> bool:
     stated_s = 0.0 if channel.common is None else channel.common.trigger_offset_s
-    return abs(values["delay_s"]) < LEAST * max(stated_s, LEAST_TRIGGER_OFFSET_S)
+    return abs(values["delay_s"]) < LEAST_SIGMAS * max(stated_s, LEAST_TRIGGER_OFFSET_S)
 
 
 EFFECT = Effect(

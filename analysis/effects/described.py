@@ -33,7 +33,7 @@ LINKS: dict[str, Link] = {
     "periodic": "air",
 }
 NUDGES_S = (-0.02, -0.01, 0.01, 0.02)  # by which a transfer is later: each is fitted to its end
-LAST = 1000  # in the order of the chain: after all of the catalogue
+ORDER_AFTER_CATALOGUE = 1000  # in the order of the chain: after all of the catalogue
 TIMES_S = (0.3, 1.0, 3.0, 10.0, 30.0)
 NUMBERS: dict[tuple[str, str], tuple[float, float, tuple[float, ...], str, bool]] = {
     # (factor, how): lowest, highest, starts, unit, in its logarithm
@@ -83,7 +83,7 @@ def described(key: str, jumps: bool) -> Effect:
         ),
         start=Start(from_data=partial(_from_the_jumps, form), nudges=partial(_nudges, form)) if late else Start(),
         in_flight=flown(form) if of_sensor(form) else None,
-        order=LAST,
+        order=ORDER_AFTER_CATALOGUE,
     )
 
 

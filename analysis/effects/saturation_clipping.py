@@ -22,7 +22,7 @@ from shockrig.analysis.inference.effect import (
 )
 
 LEAST_CUT_PERCENT = 0.35  # less than this below the highest air is within what the airs are known to
-DEEP = 3.5  # standard uncertainties of an air
+DEEP_SIGMAS = 3.5  # standard uncertainties of an air
 LEAST_PILE = 12  # readings at one ceiling that make a flat top
 LEAST_ROW = 6  # of them in a row
 TOLERANCE_PERCENT = 1e-4
@@ -43,8 +43,8 @@ def _within_the_airs(channel: Channel, values: Values, bare: Callable[[], NDArra
     limit, air = values["limit_percent"], channel.conditions
     known = float(np.median(np.concatenate([air.source_percent_scatter, air.destination_percent_scatter])))
     tops = np.where(channel.count > 0, bare(), -np.inf).max(axis=1)
-    reach_it = tops > limit - DEEP * known
-    return not reach_it.any() or float(np.mean(tops[reach_it]) - limit) < max(LEAST_CUT_PERCENT, DEEP * known)
+    reach_it = tops > limit - DEEP_SIGMAS * known
+    return not reach_it.any() or float(np.mean(tops[reach_it]) - limit) < max(LEAST_CUT_PERCENT, DEEP_SIGMAS * known)
 
 
 def _within_reach(channel: Channel) -> dict[str, float]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.effect import Candidacy, Effect, InFlight, Parameter, Values, Words
 
-SOON, THERE = 0.1, 0.95  # a body that is there so soon, in time constants of the lag, is none
+EARLY_LAGS, SETTLED_SHARE = 0.1, 0.95  # a body that is there so soon, in time constants of the lag, is none
 
 
 def _before_nothing(channel: Channel, values: Values, bare: Callable[[], NDArray[np.float64]]) -> bool:
@@ -18,10 +18,10 @@ def _before_nothing(channel: Channel, values: Values, bare: Callable[[], NDArray
         return False
     reading = bare()
     first, last = reading[:, :1], reading[:, -1:]
-    late = (channel.time_s > SOON * values["time_constant_s"]) & (channel.count > 0)
+    late = (channel.time_s > EARLY_LAGS * values["time_constant_s"]) & (channel.count > 0)
     moved = np.abs(last - first) > channel.quantity.least_step
     share = (reading - first) / np.where(moved, last - first, 1.0)
-    return bool((late & moved).any() and (share[late & moved] > THERE).all())
+    return bool((late & moved).any() and (share[late & moved] > SETTLED_SHARE).all())
 
 
 EFFECT = Effect(

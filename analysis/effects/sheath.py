@@ -8,8 +8,8 @@ from dataclasses import replace
 
 from shockrig.analysis.inference.effect import Candidacy, Effect, InFlight, Needs, Parameter, Start, Words
 
-RIDGE = 2.5  # in ln of both
-LOADED = 2.0  # the body is about so much faster than sheath and body together were taken to be
+RIDGE_WIDTH = 2.5  # in ln of both
+LOADED_RATIO = 2.0  # the body is about so much faster than sheath and body together were taken to be
 
 EFFECT = Effect(
     id="sheath",
@@ -37,9 +37,9 @@ EFFECT = Effect(
         lambda channel: not channel.known_sensor and channel.body != "lumped",
     ),
     start=Start(
-        rate_factor=lambda channel: LOADED,
+        rate_factor=lambda channel: LOADED_RATIO,
         # A sheath that holds next to nothing is a film, of time constant over capacity: along that ridge.
-        nudges=lambda channel: [{"time_constant_s": s, "capacity": s} for s in (RIDGE, -RIDGE)],
+        nudges=lambda channel: [{"time_constant_s": s, "capacity": s} for s in (RIDGE_WIDTH, -RIDGE_WIDTH)],
     ),
     candidacy=Candidacy(excludes=frozenset({"body_lumped"}), shape=True),
     in_flight=InFlight(loaded=lambda p: (p["time_constant_s"], p["capacity"])),

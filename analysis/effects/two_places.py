@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.inference.channel import Channel
 from shockrig.analysis.inference.effect import Candidacy, Effect, Needs, Parameter, Start, Words
-from shockrig.analysis.inference.media import FEWEST, as_fast_as_seen
+from shockrig.analysis.inference.media import FEWEST_RUNS, as_fast_as_seen
 from shockrig.analysis.physics.chain import Recorded
 
 Mask = NDArray[np.bool_]
@@ -36,7 +36,7 @@ def warms(channel: Recorded) -> Mask:
 
 
 def _both(those: Mask) -> bool:
-    return bool(min(those.sum(), (~those).sum()) >= FEWEST)
+    return bool(min(those.sum(), (~those).sum()) >= FEWEST_RUNS)
 
 
 def _unmeasured_both_ways(channel: Channel) -> bool:

@@ -16,8 +16,8 @@ from shockrig.analysis.flight.prior import OU_VARIANCES, RATES_PER_S
 from shockrig.analysis.flight.stepping import hold
 
 Array = NDArray[np.float64]
-WALK = 2  # level and slope; where the air's course is not smooth the smoother's third state of the trend is zero
-AIR_STATES = WALK + RATES_PER_S.size
+WALK_STATES = 2  # level and slope; where the air's course is not smooth the smoother's third state of the trend is zero
+AIR_STATES = WALK_STATES + RATES_PER_S.size
 AIR = np.array([1.0, 0.0] + [1.0] * RATES_PER_S.size)
 STRENGTHS_APART = 3.0  # factor from the middle strength to that of the first two filters
 STRENGTH_LASTS_S = 60.0  # the air keeps its strength for so long,
@@ -73,7 +73,7 @@ class Bank:
         self.mean[:, 0] = level
         self.mean[:, self.lags] = level
         diagonal = np.full((3, self.size), spread**2)
-        diagonal[:, WALK:AIR_STATES] = self._strengths()[:, None] * OU_VARIANCES
+        diagonal[:, WALK_STATES:AIR_STATES] = self._strengths()[:, None] * OU_VARIANCES
         if self.passing:
             diagonal[:, -1] = passing_sigma**2
             diagonal[:, -2] = (passing_sigma / speed) ** 2
@@ -95,7 +95,7 @@ class Bank:
         strengths = self._strengths()
         old, new, decay = hold(rate, np.array(step_s))
         gone = np.exp(-RATES_PER_S * step_s)
-        air = self.index[WALK:AIR_STATES]
+        air = self.index[WALK_STATES:AIR_STATES]
         phi = np.zeros((self.size, self.size))
         phi[self.index, self.index] = 1.0
         phi[0, 1] = step_s
@@ -179,7 +179,7 @@ class Bank:
         """The air that much later than the last reading tells of."""
         gone = np.exp(-RATES_PER_S * step_s)
         h = self.h.copy()
-        h[1], h[WALK:AIR_STATES] = step_s, gone
+        h[1], h[WALK_STATES:AIR_STATES] = step_s, gone
         added = self._strengths() * (step_s**3 / 3 + OU_VARIANCES @ (1.0 - gone**2))
         return self._together(self.mean @ h, np.maximum((self.p @ h) @ h, 0.0) + added)
 

@@ -36,8 +36,8 @@ TEMPERATURE_STEP_K = 5.0  # between nodes: a straight line through ln D over 1/T
 AIRSPEEDS_M_S = (0.05, 0.2, 0.5, 1.0, 2.0, 3.5, 6.0, 10.0, 17.0, 30.0, 60.0)
 PRESSURES_HPA = (150.0, 300.0, 500.0, 750.0, 1100.0)
 BEAD_RANGE_C = (-60.0, 60.0)  # of a bead's table, which states no range of its own
-BENT = 0.02  # %RH by which a readout may differ from its straight line
-STRENGTHS = 5  # at which the resolved rate is tabulated
+BENT_PERCENT = 0.02  # %RH by which a readout may differ from its straight line
+STRENGTH_COUNT = 5  # at which the resolved rate is tabulated
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class ChannelDesign:
         How late readings are.
     ladder : Ladder
     resolved_rate : tuple of float
-        Angular frequency above which the air is not resolved [1/s], at STRENGTHS strengths in equal ratios.
+        Angular frequency above which the air is not resolved [1/s], at STRENGTH_COUNT strengths in equal ratios.
     covers_c : tuple of float
         Temperatures that the profile speaks for.
     unsure_of_airspeed : float
@@ -222,7 +222,7 @@ def _film(part: HumidityProfile, body: str, period: float, given: float | None, 
         )
         gain = (last.reading - first.reading) / (ends[1] - ends[0])
         offset = first.reading - gain * ends[0]
-        if np.any(np.abs(offset + gain * middle - between.reading) > BENT):
+        if np.any(np.abs(offset + gain * middle - between.reading) > BENT_PERCENT):
             raise InputError(
                 "profile: the hygrometer's readout is bent; a causal corrector takes a line; take that effect out of "
                 "the profile, or correct with the smoother"
@@ -281,7 +281,7 @@ def _channel(
     there = Stream(
         np.array([REFERENCE_AIRFLOW_M_S]), np.array([STANDARD_PRESSURE_HPA]), np.median(corners_c, keepdims=True)
     )
-    middle, strengths = respond(there), np.geomspace(ladder.lowest, ladder.highest, STRENGTHS)
+    middle, strengths = respond(there), np.geomspace(ladder.lowest, ladder.highest, STRENGTH_COUNT)
     return ChannelDesign(
         weight.shape[1],
         slow.size,

@@ -12,22 +12,22 @@ from math import hypot, sqrt
 import numpy as np
 
 from shockrig.analysis.flight.causal_design import ChannelDesign
-from shockrig.analysis.flight.coarse import COARSE
+from shockrig.analysis.flight.coarse import COARSE_IN_NOISE
 from shockrig.analysis.flight.screen import FEWEST_CHANGES, LONE_SIGMAS, SPIKE_STEPS
-from shockrig.analysis.flight.stretches import BY_CHANCE, LEVELS, LOUDER, MOST_SHARE, NORM_1, NORM_3, WHITE
+from shockrig.analysis.flight.stretches import BY_CHANCE, LOUDER, MOST_SHARE, NORM_1, NORM_3, STUCK_LEVELS, WHITE_SHARE
 from shockrig.files.sentinels import CODES, LEAST_JUMP
 
 BURST_ROWS, NOISE_ROWS = 5.0, 100.0  # memories of the noise: of a burst, and of the flight
 MEAN_SIZE = float(np.sqrt(2.0 / np.pi))  # of a normal deviation, over its standard deviation
 LEAST_NOISE, MOST_NOISE = 0.5, 10.0  # times what is stated
 MOST_DIFFERENCE = 30.0  # times the noise: one difference says no more than that
-SOFT = 0.2  # of the shares about WHITE over which readings turn from a signal into noise
+SOFT_EDGE = 0.2  # of the shares about WHITE over which readings turn from a signal into noise
 CHANGES_KEPT = 32  # over which the smallest change of a log's readings is its step
 REPEATS_ROWS = 50.0
 TIMES_BY_CHANCE = 2.0  # as many repeats as rounding alone makes
 LASTING_ROWS = 10  # refused readings in a row, after which they are the sensor's
 NEAR_CODE = 1e-4
-ROUNDING = 1.001  # of a step, what single precision makes of two readings that differ by it
+ROUNDING_FACTOR = 1.001  # of a step, what single precision makes of two readings that differ by it
 CODES_WITHIN: dict[str, tuple[float, ...]] = {
     name: tuple(sorted(code for code in CODES[name] if low <= code <= high))
     for name, low, high in (("temperature", -100.0, 150.0), ("humidity", -10.0, 130.0))
@@ -71,7 +71,7 @@ class Guard:
     @property
     def coarse(self) -> bool:
         """Whether the log's steps are coarser than the noise."""
-        return self.resolution > COARSE * self.design.noise
+        return self.resolution > COARSE_IN_NOISE * self.design.noise
 
     def judge(self, reading: float, expected: float, open_to: float) -> Judged:
         """Judge a reading of which `expected` was, within a standard deviation `open_to`, before its noise."""
@@ -136,7 +136,7 @@ class Guard:
             self.step = min(self.smallest, self.smallest_before)
             if self.step == np.inf:
                 self.step = change
-        if abs(reading - self.anchor) <= LEVELS * ROUNDING * self.resolution:
+        if abs(reading - self.anchor) <= STUCK_LEVELS * ROUNDING_FACTOR * self.resolution:
             self.stays += 1
         else:
             self.anchor, self.stays = reading, 0
@@ -172,13 +172,13 @@ class Guard:
 
     @staticmethod
     def _white(memory: list[float]) -> float:
-        return min(max((memory[0] / max(memory[1], 1e-9) - WHITE + SOFT) / SOFT, 0.0), 1.0)
+        return min(max((memory[0] / max(memory[1], 1e-9) - WHITE_SHARE + SOFT_EDGE) / SOFT_EDGE, 0.0), 1.0)
 
     def _by_chance(self) -> float:
         """Readings in a row that noise alone does not keep within so many steps of a level."""
         step = self.resolution
         if step == 0.0:
             return np.inf
-        x = LEVELS * step / (self.design.noise * np.sqrt(2.0))
+        x = STUCK_LEVELS * step / (self.design.noise * np.sqrt(2.0))
         share = float(np.tanh(x * (1.12838 + 0.10277 * x * x)))  # erf within 0.0004
         return max(float(np.ceil(np.log(BY_CHANCE) / np.log(share))), 5.0) if 0.0 < share < 0.999 else np.inf

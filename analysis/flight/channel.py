@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from shockrig.analysis.flight.coarse import COARSE
+from shockrig.analysis.flight.coarse import COARSE_IN_NOISE
 from shockrig.analysis.flight.prior import Passing
 from shockrig.analysis.flight.readout import Undone
 from shockrig.analysis.flight.response import LagResponse
@@ -232,7 +232,7 @@ def judged(
 
 def coarse(resolution: float, noise: float, unit: Array) -> Array | None:
     """Steps (n,) of readings that are rounded more coarsely than their noise; `unit` is that of the readings."""
-    return resolution * unit if resolution > COARSE * noise else None
+    return resolution * unit if resolution > COARSE_IN_NOISE * noise else None
 
 
 def too_few(screened: Screened) -> bool:

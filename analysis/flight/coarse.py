@@ -16,14 +16,14 @@ from scipy.special import log_ndtr
 from shockrig.analysis.flight.sweep import Sweep
 
 Array = NDArray[np.float64]
-COARSE = 2.0  # times the noise: finer steps are noise like any other
+COARSE_IN_NOISE = 2.0  # times the noise: finer steps are noise like any other
 MOST_ROUNDS = 30
-DAMPING = 0.7  # of each round's step, halved where the rounds do not come to rest: neighbours say the same thing
+NEWTON_DAMPING = 0.7  # of each round's step, halved where the rounds do not come to rest: neighbours say the same thing
 SLOWER = 0.7  # of what the round before moved it by: more is no coming to rest
 AT_REST = 0.02  # of a step, that a round moves the sensor by
-SHARPEST = 0.1  # of a step
-REACH = 2.0  # times the noise
-VAGUE = 1e4  # a reading's variance is at most so many times its step's square
+SHARPEST_SIGMA = 0.1  # of a step
+REACH_IN_NOISE = 2.0  # times the noise
+VAGUE_VARIANCE = 1e4  # a reading's variance is at most so many times its step's square
 
 
 def propagated(
@@ -35,7 +35,7 @@ def propagated(
     """
     seen = np.isfinite(variance)
     site, site_variance = values.copy(), variance.copy()
-    damping, before, moved = DAMPING, values, np.inf
+    damping, before, moved = NEWTON_DAMPING, values, np.inf
     for _ in range(MOST_ROUNDS):
         found = sweep(site, site_variance)
         last, moved = moved, float(np.max(np.abs(found.clean - before)[seen] / step[seen], initial=0.0))
@@ -50,10 +50,10 @@ def propagated(
         mean = (found.clean[seen] / own - shift) / others
         tilted, tilted_variance = within(values[seen], step[seen], noise[seen], mean, 1.0 / others)
         # no reading says more than its noise lets it
-        finest = 1.0 / (noise[seen] ** 2 + (SHARPEST * step[seen]) ** 2)
-        new = np.clip(1.0 / tilted_variance - others, 1.0 / (VAGUE * step[seen] ** 2), finest)
+        finest = 1.0 / (noise[seen] ** 2 + (SHARPEST_SIGMA * step[seen]) ** 2)
+        new = np.clip(1.0 / tilted_variance - others, 1.0 / (VAGUE_VARIANCE * step[seen] ** 2), finest)
         # nor does it pull from farther than where it could have come from, however far the others are
-        reach = 0.5 * step[seen] + REACH * noise[seen]
+        reach = 0.5 * step[seen] + REACH_IN_NOISE * noise[seen]
         centre = tilted + others / new * (tilted - mean)
         new_shift = new * np.clip(centre, values[seen] - reach, values[seen] + reach)
         precision = (1 - damping) * precision + damping * new
@@ -73,7 +73,7 @@ def within_a_step(time_s: Array, level: Array, step: Array, noise: Array, memory
     bounds = np.concatenate([[-np.inf], changed, [np.inf]])
     after = np.searchsorted(bounds, time_s)
     apart = np.minimum(bounds[after] - time_s, time_s - bounds[after - 1])
-    return np.where(apart > memory_s, np.maximum(0.5 * step - REACH * noise, 0.0) ** 2 / 3.0, 0.0)
+    return np.where(apart > memory_s, np.maximum(0.5 * step - REACH_IN_NOISE * noise, 0.0) ** 2 / 3.0, 0.0)
 
 
 def within(reading: Array, step: Array, noise: Array, mean: Array, variance: Array) -> tuple[Array, Array]:

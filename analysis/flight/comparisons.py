@@ -26,19 +26,19 @@ Array = NDArray[np.float64]
 LEAST_CLIMB_M = 40.0  # that both ways have in common
 LEAST_SPEED_M_S = 0.3
 SPEED_OVER_S = 5.0
-LAYERS = 60  # at most
+MOST_LAYERS = 60  # at most
 FEWEST_LAYERS = 10
 ROWS_A_LAYER = 2  # of either way, at least
 TELLING_LAYERS = 30  # from which a time scale is told
-EDGE = 20  # one in so many layers is left out at either end
-BLOCKS = 20  # of layers, left out in turn (jackknife): none holds a whole front
-SURE = 4.0  # standard errors from which a time scale counts as wrong
-WHITE = 0.05  # variance of a layer's mean beside it, in units of turbulence between neighbouring layers
-BEYOND = 3.0  # times what the profile states
-EXPLAINED = 0.2  # of the difference's variance; less is the air's own, which changes between the two ways
+EDGE_LAYERS = 20  # one in so many layers is left out at either end
+JACKKNIFE_BLOCKS = 20  # of layers, left out in turn (jackknife): none holds a whole front
+SURE_SIGMAS = 4.0  # standard errors from which a time scale counts as wrong
+WHITE_VARIANCE = 0.05  # variance of a layer's mean beside it, in units of turbulence between neighbouring layers
+BEYOND_STATED = 3.0  # times what the profile states
+EXPLAINED_SHARE = 0.2  # of the difference's variance; less is the air's own, which changes between the two ways
 MOST = 1.0
 LARGEST_STEP = 0.5
-WORSE = 1.02  # times what ascent and descent of the readings differ by
+WORSE_RATIO = 1.02  # times what ascent and descent of the readings differ by
 SURE_BESIDE_AIR = 3.0  # the same where all that the air may have moved counts as error
 PARTED = "the correction makes ascent and descent disagree more"
 UNITS = {"temperature": "K", "humidity": "%RH"}
@@ -100,7 +100,7 @@ def _layered(flight: Flight, columns: Sequence[Array], sign: float = -1.0) -> tu
     if height is None:
         return None
     ways = [_longest(flight.time_s, height, sign) for sign in (1.0, -1.0)]
-    count = min(LAYERS, *((way.stop - way.start) // ROWS_A_LAYER for way in ways))
+    count = min(MOST_LAYERS, *((way.stop - way.start) // ROWS_A_LAYER for way in ways))
     if count < FEWEST_LAYERS:
         return None
     low = max(float(height[way].min()) for way in ways)
@@ -110,7 +110,7 @@ def _layered(flight: Flight, columns: Sequence[Array], sign: float = -1.0) -> tu
     edges = np.linspace(low, high, count + 1)
     means = np.array([[_layers(height[way], v[way], edges) for v in (height, *columns)] for way in ways])
     known = np.isfinite(means).all(axis=(0, 1))
-    outer = -(-count // EDGE)
+    outer = -(-count // EDGE_LAYERS)
     known[:outer] = known[-outer:] = False  # where the flight begins, and where it turns
     if np.count_nonzero(known) < max(count // 2, FEWEST_LAYERS - 2):
         return None
@@ -142,8 +142,8 @@ def compared(
             )
             stated = _stated(channel)
             wrong = min(abs(both.slower), MOST)
-            sure = wrong > SURE * both.slower_error and both.explained > EXPLAINED
-            if sure and wrong > BEYOND * stated and both.agree_better:
+            sure = wrong > SURE_SIGMAS * both.slower_error and both.explained > EXPLAINED_SHARE
+            if sure and wrong > BEYOND_STATED * stated and both.agree_better:
                 notes.append(
                     f"{channel.name}: they agree best if the sensor is {_way(both.slower)} than the profile "
                     f"says (which states {100 * stated:.1g} %): uncertainties are widened by as much of the lag; "
@@ -152,7 +152,7 @@ def compared(
                 channel = channel.widened(wrong)
                 widened[channel.name] = wrong
             doubted = _owned(flight, bead, channel, notes)
-            if both.corrected > WORSE * both.read:
+            if both.corrected > WORSE_RATIO * both.read:
                 owned = doubted is not channel or channel.name in widened
                 notes.insert(
                     0,
@@ -210,10 +210,10 @@ def told(flight: Flight, bead: FlightChannel, film: FlightChannel, before: Told 
         whole = (1.0 + before.slower) * (1.0 + slower) - 1.0
         # where it does not come to rest, the time scale is not what is wrong
         return Told(whole, error) if abs(slower) < LARGEST_STEP else None
-    sure = abs(slower) > SURE_BESIDE_AIR * error and both.explained > EXPLAINED
+    sure = abs(slower) > SURE_BESIDE_AIR * error and both.explained > EXPLAINED_SHARE
     # at first order: more than this is left to the next round
     slower = float(np.clip(slower, -LARGEST_STEP, LARGEST_STEP))
-    sure = sure and both.agree_better and abs(slower) > BEYOND * _stated(film)
+    sure = sure and both.agree_better and abs(slower) > BEYOND_STATED * _stated(film)
     return Told(slower, error) if sure else None
 
 
@@ -263,14 +263,14 @@ def _slope(x: Array, y: Array) -> tuple[float, float]:
     What else is in y is turbulence, whose structure function grows as the distance to 2/3 (generalised least squares).
     """
     place = np.arange(x.size)
-    shared = x.size ** (2 / 3) - np.abs(place[:, None] - place) ** (2 / 3) + WHITE * np.eye(x.size)
+    shared = x.size ** (2 / 3) - np.abs(place[:, None] - place) ** (2 / 3) + WHITE_VARIANCE * np.eye(x.size)
 
     def slope(keep: NDArray[np.bool_]) -> float:
         columns = np.stack([np.ones(x.size), x, y], axis=1)[keep]
         white = np.linalg.solve(np.linalg.cholesky(shared[np.ix_(keep, keep)]), columns)
         return float(np.linalg.lstsq(white[:, :2], white[:, 2], rcond=None)[0][1])
 
-    block = np.arange(x.size) * BLOCKS // x.size
-    each = np.array([slope(block != i) for i in range(BLOCKS)])
-    error = float(np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((each - each.mean()) ** 2)))
+    block = np.arange(x.size) * JACKKNIFE_BLOCKS // x.size
+    each = np.array([slope(block != i) for i in range(JACKKNIFE_BLOCKS)])
+    error = float(np.sqrt((JACKKNIFE_BLOCKS - 1) / JACKKNIFE_BLOCKS * np.sum((each - each.mean()) ** 2)))
     return slope(np.ones(x.size, dtype=bool)), error

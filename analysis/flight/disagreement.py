@@ -24,13 +24,13 @@ from shockrig.files.flight import Flight
 
 Array = NDArray[np.float64]
 BY_CHANCE = 4.3  # one in 200 mean squares with three degrees of freedom is larger: so few large scales a flight has
-NEIGHBOURS = 0.455 * 2.0  # median of the squared difference of two layers, over the variance of one
+NEIGHBOUR_MEDIAN = 0.455 * 2.0  # median of the squared difference of two layers, over the variance of one
 PLAYS_PERCENT = (0.5, 1.0, 2.0)  # to either side, of hysteresis
 DIE_S = 17.0  # by which a humidity chip in flight follows the air (iMet-XQ2 flights: 17 to 19 s)
-LONGER = (3.0, 10.0)  # times the sensor's slowest lag, of a second one
+SECOND_LAG_RATIOS = (3.0, 10.0)  # times the sensor's slowest lag, of a second one
 LEAST_EXPLAINED = 0.5  # of the difference's mean square, at least
 LEAST_OF_ITS_SIZE, MOST_OF_ITS_SIZE = 0.4, 2.0  # of what the cause does where nothing of it has a size of its own
-ALIKE, MOST_NAMED = 0.85, 3  # causes that explain so much of what the best one does are named beside it
+ALIKE_SHARE, MOST_NAMED = 0.85, 3  # causes that explain so much of what the best one does are named beside it
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Difference:
 def excess(difference: Difference) -> float:
     """Mean square by which the two ways differ beyond turbulence and what is stated; 0 where chance explains it."""
     d = difference.corrected
-    of_turbulence = float(np.median(np.diff(d) ** 2)) / NEIGHBOURS * d.size ** (2.0 / 3.0)
+    of_turbulence = float(np.median(np.diff(d) ** 2)) / NEIGHBOUR_MEDIAN * d.size ** (2.0 / 3.0)
     allowed = of_turbulence + float(difference.variance.mean())
     seen = float(np.mean(d**2))
     return seen - allowed if seen > BY_CHANCE * allowed else 0.0
@@ -75,7 +75,7 @@ def causes(flight: Flight, bead: FlightChannel, channel: FlightChannel) -> list[
         return np.asarray((lags * response.weight).sum(axis=1))
 
     reading, slowest = value - np.nan_to_num(channel.lag), response.slowest_s
-    shortest_s, longest_s = LONGER[0] * slowest, LONGER[1] * slowest
+    shortest_s, longest_s = SECOND_LAG_RATIOS[0] * slowest, SECOND_LAG_RATIOS[1] * slowest
     found = [
         LikelyCause(
             value - behind(value, times * slowest),
@@ -84,7 +84,7 @@ def causes(flight: Flight, bead: FlightChannel, channel: FlightChannel) -> list[
             "characterize with a longer dwell and diagnose "
             f"({named_effects(channel.name, lambda flown: flown.lag is not None)})",
         )
-        for times in LONGER
+        for times in SECOND_LAG_RATIOS
     ]
     found.append(
         LikelyCause(
@@ -157,6 +157,8 @@ def explained(difference: Array, moved: list[Array], found: list[LikelyCause]) -
         size = float(by @ difference) / own if own > 0 else 0.0
         if size < 0.0 if cause.any_size else LEAST_OF_ITS_SIZE < size < MOST_OF_ITS_SIZE:
             ranked.append((size * float(by @ difference) / total, cause.sentence))
-    ranked = [one for one in sorted(ranked, reverse=True) if one[0] > max(LEAST_EXPLAINED, ALIKE * max(ranked)[0])]
+    ranked = [
+        one for one in sorted(ranked, reverse=True) if one[0] > max(LEAST_EXPLAINED, ALIKE_SHARE * max(ranked)[0])
+    ]
     said = list(dict.fromkeys(sentence for _, sentence in ranked))
     return ", or ".join(said[:MOST_NAMED])

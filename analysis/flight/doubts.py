@@ -17,14 +17,14 @@ from shockrig.files.ranges import RANGES
 
 LONGEST_FLIGHT_S = 86400.0
 SLOWEST_PERIOD_S = 10.0
-FEWEST = 100  # readings that a noise is told from
+FEWEST_READINGS = 100  # readings that a noise is told from
 HOTTEST_C = 45.0  # of the air, for half of a flight
 # times a sensor's own period on the bench that a log's is, and what its times then are
 UNITS = {1 / 60: "minutes", 1 / 3600: "hours", 1 / 86400: "days", 1e3: "milliseconds", 1e6: "microseconds"}
 SAME_SPEED, NO_SPEED = 0.2, 0.7  # ln of how far the airspeed may be off where it never changes, and where there is none
-CLOSE = 0.05  # relative, that a period is of one of these
+CLOSE_PERIOD = 0.05  # relative, that a period is of one of these
 FASTEST_S = 0.004  # between rows of a thermometer or a hygrometer
-LIKELIER = 1.5  # by so much in ln of the noise, over both columns, where each has the other's noise
+LIKELIER_LN = 1.5  # by so much in ln of the noise, over both columns, where each has the other's noise
 HALF_STILL = 0.2  # of a flight's rows, that a reading stands for in one stretch
 LEAST_HPA = 110.0  # of a whole log, where half of it is above freezing: 16 km up, where air is far colder
 
@@ -35,7 +35,7 @@ def slips(flight: Flight, profile: Profile) -> list[str]:
     period = typical_period(flight.time_s)
     stated = [one.sampling_period_s for one in (profile.temperature, profile.humidity) if one is not None]
     usual = min((one for one in stated if one is not None), default=None)
-    ratio = next((r for r in UNITS if usual is not None and abs(period / usual / r - 1.0) < CLOSE), None)
+    ratio = next((r for r in UNITS if usual is not None and abs(period / usual / r - 1.0) < CLOSE_PERIOD), None)
     if ratio is not None:
         found.append(
             f"time_s: a row every {period:.3g} s of sensors that the profile reads every {usual:.3g} s: times seem to "
@@ -54,7 +54,7 @@ def slips(flight: Flight, profile: Profile) -> list[str]:
 def _swapped(flight: Flight, profile: Profile) -> bool:
     """Whether the columns' values can only be, or their noises are far more likely to be, the other's."""
     temperature, humidity = (v[np.isfinite(v)] for v in (flight.temperature_c, flight.humidity_percent))
-    if min(temperature.size, humidity.size) < FEWEST:
+    if min(temperature.size, humidity.size) < FEWEST_READINGS:
         return False
     percent = RANGES["humidity_percent"]
     if not all(percent.holds(v) for v in np.quantile(temperature, (0.02, 0.98)).tolist()):
@@ -67,7 +67,7 @@ def _swapped(flight: Flight, profile: Profile) -> bool:
     read = [float(np.log(max(np.median(scatter(v)), 1e-9))) for v in (temperature, humidity)]
     own = [float(np.log(v)) for v in (bead.noise_k, film.noise_percent)]
     straight, crossed = abs(read[0] - own[0]) + abs(read[1] - own[1]), abs(read[0] - own[1]) + abs(read[1] - own[0])
-    return straight > crossed + LIKELIER
+    return straight > crossed + LIKELIER_LN
 
 
 def doubts(flight: Flight) -> list[str]:
@@ -125,7 +125,7 @@ def airspeed_doubt(flight: Flight) -> float:
     flown = speed[(speed >= possible.low) & (speed <= possible.high)]
     if flown.size == 0:
         return NO_SPEED
-    return SAME_SPEED if flown.size >= FEWEST and np.ptp(flown) == 0.0 else 0.0
+    return SAME_SPEED if flown.size >= FEWEST_READINGS and np.ptp(flown) == 0.0 else 0.0
 
 
 def _stands(values: np.ndarray) -> tuple[int, int]:

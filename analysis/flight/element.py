@@ -17,8 +17,8 @@ from scipy.signal import lfilter, lfiltic
 from shockrig.analysis.flight.weather import FINE_STEP_S
 
 Array = NDArray[np.float64]
-CELLS = 48
-SKIN = 2.0  # how much finer cells are towards the open face of a body that is read as its mean
+VOLUMES = 48
+SKIN_REFINEMENT = 2.0  # how much finer cells are towards the open face of a body that is read as its mean
 # name -> dimension (1 slab, 2 cylinder, 3 sphere), read at the core
 SHAPES = {
     "sphere": (3, True),
@@ -61,9 +61,9 @@ def cells(shape: str) -> Cells:
     dimension, core = SHAPES[shape]
     if dimension == 0:
         return Cells(np.ones(1), np.zeros(0), 1.0, np.ones(1))
-    edges = np.linspace(0.0, 1.0, CELLS + 1)
+    edges = np.linspace(0.0, 1.0, VOLUMES + 1)
     if not core:
-        edges = -np.expm1(-SKIN * edges) / -np.expm1(-SKIN)
+        edges = -np.expm1(-SKIN_REFINEMENT * edges) / -np.expm1(-SKIN_REFINEMENT)
     centres = 0.5 * (edges[1:] + edges[:-1])
     capacity = np.diff(edges**dimension) / dimension
     # resistance between two radii: the integral of dr / r^(dimension - 1)
@@ -74,7 +74,7 @@ def cells(shape: str) -> Cells:
         # cell means that give the value at the centre exactly for a + b r^2 + c r^4
         powers = [dimension + p for p in (0, 2, 4)]
         moments = np.stack([np.diff(edges[:4] ** p) / (p * capacity[:3]) for p in powers])
-        weight = np.concatenate([np.linalg.solve(moments, [1.0, 0.0, 0.0]), np.zeros(CELLS - 3)])
+        weight = np.concatenate([np.linalg.solve(moments, [1.0, 0.0, 0.0]), np.zeros(VOLUMES - 3)])
     return Cells(capacity, 1.0 / resistance[:-1], float(resistance[-1]), weight)
 
 

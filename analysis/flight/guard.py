@@ -20,13 +20,13 @@ from shockrig.files.numbers import counted
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-REMEMBERED = 5.0  # of the slowest time constant: what is left of a step is less than its hundredth
-SIGMAS = 4.0  # of a reading's noise at either end
-LOUD = 2.0  # times the usual noise: such readings are no ends
+REMEMBERED_LAGS = 5.0  # of the slowest time constant: what is left of a step is less than its hundredth
+READING_SIGMAS = 4.0  # of a reading's noise at either end
+LOUD_FACTOR = 2.0  # times the usual noise: such readings are no ends
 LEAST_SHARE = 0.05
 MOST_SHARE = 0.8  # readings are noisy, and a sensor is seldom what its profile says to a fifth
 USUAL_TIMES = 2.0  # the median uncertainty, up to which a method is as certain as usual
-SURE = 2.0  # standard uncertainties
+SURE_SIGMAS = 2.0  # standard uncertainties
 USUAL_NOISES = 3.0  # and up to so many times the reading's noise
 
 
@@ -49,7 +49,7 @@ def held(
     own = np.where(channel.screened.usable | channel.screened.repeated, readings.reading * unit, np.nan)
     value = np.clip(channel.value, np.fmin(low, own), np.fmax(high, own))
     # what is out by less than is stated is that, and what is far out was no estimate
-    out = np.abs(np.clip(value, *possible) - value) > SIGMAS * channel.uncertainty
+    out = np.abs(np.clip(value, *possible) - value) > READING_SIGMAS * channel.uncertainty
     value = np.where(out, np.clip(value, *possible), value)
     sigma = channel.uncertainty
     if (capped := _capped(channel, np.full(raw.shape, -np.inf)) & ~channel.raw).any():
@@ -94,7 +94,7 @@ def _nearer(channel: FlightChannel, readings: FlightReadings, unit: Array, sigma
         return channel
     usual = np.maximum(USUAL_TIMES * np.median(sigma[known]), USUAL_NOISES * np.sqrt(readings.noise_variance) * unit)
     off = np.where(known, channel.value - reading, 0.0)
-    extra = np.where(known, SURE**2 * np.maximum(sigma**2 - usual**2, 0.0), 0.0)
+    extra = np.where(known, SURE_SIGMAS**2 * np.maximum(sigma**2 - usual**2, 0.0), 0.0)
     vague = extra > 0.0
     if not vague.any():
         return channel
@@ -119,7 +119,7 @@ def _remembered(readings: FlightReadings) -> int:
     """Rows for which a reading tells of the air before."""
     response = readings.response
     slowest_s = float(np.max(np.where(np.abs(response.weight) > LEAST_SHARE, 1.0 / response.rate, 0.0)))
-    lasting_s = REMEMBERED * max(slowest_s, response.slowest_s) + abs(readings.delay_s)
+    lasting_s = REMEMBERED_LAGS * max(slowest_s, response.slowest_s) + abs(readings.delay_s)
     return int(np.ceil(lasting_s / typical_period(readings.time_s)))
 
 
@@ -128,7 +128,7 @@ def reach(readings: FlightReadings, resolved_rate: float) -> tuple[Array, Array]
     either side."""
     noise = np.sqrt(readings.noise_variance)
     rows = np.arange(readings.reading.size)
-    ends = np.flatnonzero(readings.usable & (noise <= LOUD * np.median(noise[readings.usable])))
+    ends = np.flatnonzero(readings.usable & (noise <= LOUD_FACTOR * np.median(noise[readings.usable])))
     if not ends.size:
         ends = np.flatnonzero(readings.usable)
     # gaps bridged by straight lines: what lies between two readings is no farther than they are
@@ -136,7 +136,7 @@ def reach(readings: FlightReadings, resolved_rate: float) -> tuple[Array, Array]
     period = typical_period(readings.time_s)
     response = readings.response
     size = min(2 * _remembered(readings) + 1, 2 * rows.size + 1)
-    margin = SIGMAS * float(np.median(noise[ends]))
+    margin = READING_SIGMAS * float(np.median(noise[ends]))
     low = minimum_filter1d(around, size, mode="nearest") - margin
     high = maximum_filter1d(around, size, mode="nearest") + margin
     resolved = max(np.pi / resolved_rate, period)

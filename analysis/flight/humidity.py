@@ -50,7 +50,7 @@ MOST_COUPLING = 5.0  # vapour and temperature are not told to go together more s
 LEAST_SHARE = 0.2  # of the uncertainty that stays, however vapour and temperature go together
 SATURATED_PERCENT = 100.0
 HIGHEST_FRACTION = 1.2
-SELDOM = 5.0  # times the usual between two readings of temperature
+SELDOM_FACTOR = 5.0  # times the usual between two readings of temperature
 VAGUE_NOISES = 10.0  # and so many times its noise
 APART_S = 3.0  # over which vapour and temperature are compared
 SMOOTHED_S = 1.0
@@ -144,7 +144,7 @@ def correct_humidity(
         passing = Passing(percent_per_k * error, bead.resolved_rate, coupling)
         # a reading whose temperature is not known is none of vapour
         # a thermometer that is read more seldom than the hygrometer is one all the same
-        longest_s = max(APART_S, SELDOM * typical_period(time_s[bead.screened.usable]))
+        longest_s = max(APART_S, SELDOM_FACTOR * typical_period(time_s[bead.screened.usable]))
         unread = _long(~bead.screened.usable, time_s, longest_s)
         vague = passing.sigma > np.maximum(VAGUE_TIMES * np.median(passing.sigma), VAGUE_NOISES * np.sqrt(variance))
         # over a while, readings of vapour that is known badly say more than none

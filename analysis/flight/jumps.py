@@ -19,20 +19,20 @@ from shockrig.analysis.flight.sweep import Sweep, Track, costs, lags_behind, swe
 
 Array = NDArray[np.float64]
 JUMP_SIGMAS = 6.0
-ROUNDS = 4
-MOST = 12  # in a block of a flight; what has more of them is not calm air with doors in it
+SEARCH_ROUNDS = 4
+MOST_JUMPS = 12  # in a block of a flight; what has more of them is not calm air with doors in it
 LOOK_BACK, LOOK_AHEAD = 60, 150  # samples that a jump's place is judged by
-APART = 5  # samples
+APART_SAMPLES = 5  # samples
 STEPS = (-1, 0, 1)  # samples about the one found
-WIDEST = 1e4  # times the noise: beyond, a double's digits do not reach from one to the other
+WIDEST_IN_NOISE = 1e4  # times the noise: beyond, a double's digits do not reach from one to the other
 FINER = (-0.075, -0.05, -0.025, 0.0, 0.025, 0.05, 0.075)  # about the best of them
-SETTLED = 4.0  # time constants after which a jump's place no longer shows
+SETTLED_LAGS = 4.0  # time constants after which a jump's place no longer shows
 LONGEST_HIDDEN = 10  # samples
-RAMPS = (2, 4, 7, 12, 20)  # samples: half of what a change may take that looks like a jump
-PLACES = (0.1, 0.3, 0.5, 0.7, 0.9)  # shares of the step
+RAMP_SAMPLES = (2, 4, 7, 12, 20)  # samples: half of what a change may take that looks like a jump
+PLACES_IN_STEP = (0.1, 0.3, 0.5, 0.7, 0.9)  # shares of the step
 KNOWN_SIGMAS = 2.0
 KNOWN_APART = 3.0  # samples within which a jump that another sensor saw is the same one
-BELIEVED = 4.5  # of log-likelihood that it may cost: three sigmas
+BELIEVED_NATS = 4.5  # of log-likelihood that it may cost: three sigmas
 
 
 def none(count: int) -> Jumps:
@@ -62,9 +62,9 @@ def with_jumps(
     found = swept(track, values, variance, local, jumps)
     typical = local.each(lambda strength: np.full(values.size, np.median(strength)))
     guess = lags_behind(values, track.along, track.period_s, track.broken)
-    for number in range(ROUNDS):
+    for number in range(SEARCH_ROUNDS):
         places = _places(track, variance, found.jump_score, known_s if number == 0 else np.zeros(0))
-        if not places.size or np.count_nonzero(jumps.variance) + places.size > MOST:
+        if not places.size or np.count_nonzero(jumps.variance) + places.size > MOST_JUMPS:
             break
         for k in places:
             # before air as calm as it is elsewhere, a jump has its place most sharply
@@ -82,10 +82,10 @@ def _places(track: Track, variance: Array, score: Array, known_s: Array) -> NDAr
     size = np.abs(np.nan_to_num(score)).max(axis=1)
     at = np.unique(np.minimum(np.searchsorted(track.time_s, known_s), size.size - 1))
     places = [int(k) for k in at if size[max(k - 1, 0) : k + 2].max() > KNOWN_SIGMAS]
-    largest = maximum_filter1d(size, 2 * APART + 1, mode="nearest")
+    largest = maximum_filter1d(size, 2 * APART_SAMPLES + 1, mode="nearest")
     reading = np.cumsum(np.append(False, np.isfinite(variance)))  # how many came before each node
     for k in np.flatnonzero((size > JUMP_SIGMAS) & (size >= largest)).tolist():
-        if all(abs(k - other) > APART and reading[k] != reading[other] for other in places):
+        if all(abs(k - other) > APART_SAMPLES and reading[k] != reading[other] for other in places):
             places.append(k)
     return np.array(places, dtype=np.int64)
 
@@ -103,7 +103,7 @@ def _best(
 ) -> Jumps:
     """The jumps with one more near a node: of the air, of its slope, or a ramp; `size` (2,) as found, placed where it
     makes the readings most likely."""
-    most = min(float(np.ptp(values)), WIDEST * float(local.noise[near]))
+    most = min(float(np.ptp(values)), WIDEST_IN_NOISE * float(local.noise[near]))
     size = np.clip(np.abs(size), 0.0, [most, most / track.period_s])
     ends = np.append(np.flatnonzero(track.broken), values.size)
     stretch = int(np.searchsorted(ends, near, side="right"))
@@ -131,17 +131,17 @@ def _best(
         try_with((k, 0, size[0], float(np.clip(1.0 - (track.time_s[k] - at_s) / track.period_s, 0.0, 1.0))))
     known = len(tried)
     for beside in STEPS:
-        for place in PLACES:
+        for place in PLACES_IN_STEP:
             try_with((near + beside, 0, size[0], place))
         try_with((near + beside, 1, size[1], 0.5))
-    for half in RAMPS:
+    for half in RAMP_SAMPLES:
         slope = size[0] / (2 * half * track.period_s)
         for beside in (0, half // 2, -(half // 2)):
             try_with((near + beside - half, 1, slope, 0.5), (near + beside + half, 1, slope, 0.5))
     if not tried:
         return jumps
     cost = costs(track, values, variance, local, tried, nodes, guess)
-    if known and cost[:known].min() <= cost.min() + BELIEVED:
+    if known and cost[:known].min() <= cost.min() + BELIEVED_NATS:
         return chosen(tried[int(np.argmin(cost[:known]))])
     best = tried[int(np.argmin(cost))]
     added = np.flatnonzero((best.variance != here.variance).any(axis=1))
@@ -172,7 +172,7 @@ def without(track: Track, values: Array, found: Sweep, jumps: Jumps) -> Array:
             rest[k:until] -= size * (1.0 + decay @ modes.amplitude)
         else:
             rest[k:until] -= size * (since + (1.0 - decay) @ (modes.amplitude / modes.rate))
-        lasting = int(np.ceil(SETTLED / (modes.rate.min() * track.period_s)))
+        lasting = int(np.ceil(SETTLED_LAGS / (modes.rate.min() * track.period_s)))
         shown[k : k + min(lasting, LONGEST_HIDDEN)] = False
     nodes = np.arange(values.size)
     return np.interp(nodes, nodes[shown], rest[shown])

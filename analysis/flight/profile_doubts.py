@@ -16,8 +16,8 @@ from shockrig.files.ranges import LIKELY
 
 Array = NDArray[np.float64]
 GAS_CONSTANT = 8.314462618  # J/(mol K)
-SIGMAS = 3.0
-TIMES = 2.0  # that a stated time to 63 % may differ from the model's: at what airspeed it holds is not stated
+DOUBT_SIGMAS = 3.0
+TIME_RATIO = 2.0  # that a stated time to 63 % may differ from the model's: at what airspeed it holds is not stated
 STANDS_OUT = np.log(
     2.0
 )  # of a row from the straight line of its neighbours, in ln D over 1/T; IST's film bends by 1.65
@@ -52,7 +52,7 @@ def _time_doubts(channel: str, of: str, response: LagResponse, stated: ResponseT
     possible = LIKELY["response_s"]
     if not possible.holds(t63_s):
         return [f"{channel}: {of} makes a sensor with 63 % in {t63_s:.2g} s; expected {possible} s"]
-    if stated is not None and abs(np.log(t63_s / stated.t63_s)) > np.log(TIMES):
+    if stated is not None and abs(np.log(t63_s / stated.t63_s)) > np.log(TIME_RATIO):
         return [f"{channel}: {of} means 63 % in {t63_s:.2g} s, and {stated.t63_s:.2g} s is stated beside it"]
     return []
 
@@ -67,14 +67,14 @@ def _table_doubts(film: HumidityProfile) -> list[str]:
     for k in range(1, len(rows) - 1):
         share = (x[k] - x[k - 1]) / (x[k + 1] - x[k - 1])
         off = float(ln_d[k] - (1 - share) * ln_d[k - 1] - share * ln_d[k + 1])
-        if abs(off) > STANDS_OUT + SIGMAS * sigma[k - 1 : k + 2].max():
+        if abs(off) > STANDS_OUT + DOUBT_SIGMAS * sigma[k - 1 : k + 2].max():
             found.append(
                 f"humidity: D at {at_c[k]:g} degC is {np.exp(abs(off)):.2g} times {'more' if off > 0 else 'less'} than "
                 "the rows beside it let expect"
             )
     possible = LIKELY["activation_j_mol"]
     energy = -GAS_CONSTANT * np.diff(ln_d) / np.diff(x)
-    unsure = SIGMAS * GAS_CONSTANT * np.hypot(sigma[1:], sigma[:-1]) / np.abs(np.diff(x))
+    unsure = DOUBT_SIGMAS * GAS_CONSTANT * np.hypot(sigma[1:], sigma[:-1]) / np.abs(np.diff(x))
     wrong = (energy + unsure < possible.low) | (energy - unsure > possible.high)
     if wrong.any() and not found:
         k = int(np.argmax(wrong))

@@ -22,12 +22,12 @@ from shockrig.files.profile_data import AMBIENT_TOLERANCE_K
 from shockrig.files.ranges import Range
 
 Array = NDArray[np.float64]
-STEP = 1e-4  # of a parameter, relative, in finite differences: right to 1e-8
-ROUNDED = 1e-6  # of a parameter's range
+PARAMETER_STEP = 1e-4  # of a parameter, relative, in finite differences: right to 1e-8
+ROUNDED_SHARE = 1e-6  # of a parameter's range
 LARGEST_UNCERTAINTY = 100.0  # times a parameter's range
 AIRSPEED_MARGIN = 0.1  # relative, within which an airspeed counts as seen
-SLOW, FAST = 2.0, 20.0  # m/s
-LOW, HIGH = 700.0, 1000.0  # hPa
+SLOW_M_S, FAST_M_S = 2.0, 20.0  # m/s
+LOW_HPA, HIGH_HPA = 700.0, 1000.0  # hPa
 
 
 class Stated(dict[str, float]):
@@ -93,7 +93,7 @@ def _demand_possible(entry: Effect, values: Stated, uncertainties: Mapping[str, 
     the correction's arithmetic would not survive it. A bound that was rounded on its way to the file is inside.
     """
     for parameter in entry.parameters:
-        value, room = values.get(parameter.name), ROUNDED * (parameter.high - parameter.low)
+        value, room = values.get(parameter.name), ROUNDED_SHARE * (parameter.high - parameter.low)
         possible = Range(parameter.low - room, parameter.high + room)
         where = f"profile: effect {entry.id}: {parameter.name}"
         if value is not None and not possible.holds(value):
@@ -162,12 +162,12 @@ def not_undone(effects: Iterable[StatedEffect], channel: str, discovered: Iterab
 
 def of_airspeed(effects: Iterable[Acting], length_m: float) -> list[str]:
     """Ids of the effects whose part in a flight depends on the airspeed; `length_m` is the body's."""
-    return _depending(effects, length_m, Stream(np.array([SLOW, FAST])))
+    return _depending(effects, length_m, Stream(np.array([SLOW_M_S, FAST_M_S])))
 
 
 def of_pressure(effects: Iterable[Acting], length_m: float) -> list[str]:
     """Ids of the effects whose part in a flight depends on the air's pressure."""
-    return _depending(effects, length_m, Stream(np.full(2, SLOW), np.array([LOW, HIGH])))
+    return _depending(effects, length_m, Stream(np.full(2, SLOW_M_S), np.array([LOW_HPA, HIGH_HPA])))
 
 
 def _depending(effects: Iterable[Acting], length_m: float, streams: Stream) -> list[str]:
@@ -193,7 +193,7 @@ def propagated(one: Acting, of: Callable[[Stated], ArrayLike]) -> Array:
     for name, sigma in one.uncertainties.items():
         if sigma > 0:
             value = one.values[name]
-            step = STEP * (abs(value) or sigma)
+            step = PARAMETER_STEP * (abs(value) or sigma)
             ends = [np.asarray(of(one.values.with_value(name, value + sign * step))) for sign in (1.0, -1.0)]
             variance = variance + (sigma * (ends[0] - ends[1]) / (2.0 * step)) ** 2
     return np.sqrt(variance)

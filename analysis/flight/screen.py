@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from shockrig.analysis.flight.coarse import COARSE
+from shockrig.analysis.flight.coarse import COARSE_IN_NOISE
 from shockrig.analysis.flight.stretches import judge, within
 from shockrig.files.ranges import Range
 
@@ -32,11 +32,13 @@ SIDE_ROWS = 12  # on either side of a step of the clock that lines are laid thro
 USUAL_SHARE = 0.99  # of other rows, that differ by as much
 FEWEST_ROWS = 6  # that go on from a step of the clock; fewer are out of place
 FEWEST_CHANGES = 8  # of a reading, to judge the steps of its log by
-CAPPED = 0.02  # of the rows, that hold the largest reading and the one before it as well
+CAPPED_SHARE = 0.02  # of the rows, that hold the largest reading and the one before it as well
 FEWEST_CAPPED = 10
 CEILING_SIGMAS = 5.0  # of chance, that a highest step is held longer
-AGAIN, FEWEST_LEVELS = 0.5, 20  # of the readings; fewer levels tell a log's step no better than those that occur once
-ENOUGH, ON_A_STEP = 0.75, 10.0  # of the readings, on levels that hold so many each: these are steps, however few
+# of the readings; fewer levels tell a log's step no better than those that occur once:
+REPEATED_SHARE = 0.5
+FEWEST_LEVELS = 20
+ENOUGH_SHARE, ON_A_STEP = 0.75, 10.0  # of the readings, on levels that hold so many each: these are steps, however few
 OFF_GRID = 0.05  # of a step, that rounded steps add up to
 BESIDE_ONE_ANOTHER = 0.5  # of the lines between the lowest and the highest of these few are held
 LATEST_S = 1e13  # since 1970 it is 2e9 s; beyond this a double's steps are no longer milliseconds
@@ -311,7 +313,7 @@ def _ceiling(values: Array, stays: float | None) -> float | None:
         spread = np.sqrt(rows[-1] * chance * max(1.0 - chance, 0.0))
         if again[-1] - rows[-1] * chance <= CEILING_SIGMAS * max(spread, 1.0):
             return None
-    enough = again[-1] > max(CAPPED * values.size, FEWEST_CAPPED)
+    enough = again[-1] > max(CAPPED_SHARE * values.size, FEWEST_CAPPED)
     return float(level[-1]) if enough and level.size > 1 else None
 
 
@@ -319,7 +321,7 @@ def stairs(values: Array, resolution: float, noise: float = np.inf) -> bool:
     """Whether readings, where they change, mostly do so by one step of the log: whatever noise is stated, the steps are
     coarser, and a reading that stays is no repeat. Or whether they mostly stay, as the noise has it."""
     change = np.abs(np.diff(values))
-    if resolution > COARSE * noise and np.mean(change == 0.0) > 0.5:
+    if resolution > COARSE_IN_NOISE * noise and np.mean(change == 0.0) > 0.5:
         return True
     change = change[change > 0.0]
     return change.size >= FEWEST_CHANGES and float(np.median(change)) < 1.5 * resolution
@@ -333,7 +335,7 @@ def resolution_of(values: Array) -> float:
     again = np.flatnonzero(counts > 1)
     if grid := _grid(values, levels, counts):
         return grid
-    if counts[again].sum() > AGAIN * counts.sum() and (again.size >= FEWEST_LEVELS or _steps(counts, again)):
+    if counts[again].sum() > REPEATED_SHARE * counts.sum() and (again.size >= FEWEST_LEVELS or _steps(counts, again)):
         levels = levels[again]
     steps = np.diff(levels)
     return float(np.quantile(steps, 0.05, method="lower")) if steps.size else 0.0
@@ -351,7 +353,7 @@ def _grid(values: Array, levels: Array, counts: NDArray[np.int64]) -> float:
         held, of_level = np.unique(np.round(line[on]), return_inverse=True)
         most = np.zeros(held.size)
         np.maximum.at(most, of_level, counts[on])  # one level a line: calm air lies near a line of any wide grid
-        if most.sum() < ENOUGH * counts.sum() or held.size < 3 or most.sum() < ON_A_STEP * held.size:
+        if most.sum() < ENOUGH_SHARE * counts.sum() or held.size < 3 or most.sum() < ON_A_STEP * held.size:
             continue
         if held.size < BESIDE_ONE_ANOTHER * (held[-1] - held[0]):
             continue

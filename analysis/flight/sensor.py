@@ -26,7 +26,7 @@ SAMPLING_PERIOD_S = 0.1
 AIRSPEED_NOISE_M_S = 0.05  # of the logged airspeed, one sigma
 RESOLUTION_K = 0.01
 RESOLUTION_PERCENT = 100 / 16383
-UNROUNDED = 1e-7
+UNROUNDED_STEP = 1e-7
 REFERENCE_AIRSPEED_M_S = 5.0
 AIR_VISCOSITY_M2_S = 1.5e-5  # dry air at 20 degC, 1013 hPa
 PRANDTL = 0.71
@@ -235,7 +235,7 @@ def _log(weather: Weather, profile: Profile, fine: dict[str, Array], seed: int, 
     for column, part, floor, resolution in channels:
         effects = _effects(part)
         reading = _late(time, weather, fine[column], effects) + noise * floor * rng.standard_normal(time.size)
-        log[column] = _read_out(reading, effects, resolution if rounded else UNROUNDED)
+        log[column] = _read_out(reading, effects, resolution if rounded else UNROUNDED_STEP)
     if (h is not None) and (die := fine.get("humidity_sensor_temperature_c")) is not None:
         # the same chip and the same loop that reads it
         log["humidity_sensor_temperature_c"] = np.round(

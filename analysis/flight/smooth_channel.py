@@ -18,24 +18,24 @@ from shockrig.analysis.flight.sweep import Sweep, Track, swept
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 LONGEST_BRIDGE_S = 60.0  # beyond, a gap parts the flight
-SEGMENT = 250  # samples over which the air's turbulence intensity is taken as one, at least
+SEGMENT_SAMPLES = 250  # samples over which the air's turbulence intensity is taken as one, at least
 SEGMENT_LAGS = 12.0  # and so many of the sensor's time constants, or a slow sensor cannot tell it
 LONGEST_SEGMENT = 500
 SHORTEST_SEGMENT = 60
 LARGEST_SHARE = 0.4  # of a flight: one inversion does not speak for all of it
 PER_LAG = 0.5  # of the sensor's lag: over longer steps the air is not straight, and readings are cut into parts
 MOST_PARTS = 5
-ODD = 8.0  # times the usual
-BRIEF = 0.3  # of the sensor's slowest lag
+ODD_FACTOR = 8.0  # times the usual
+BRIEF_LAGS = 0.3  # of the sensor's slowest lag
 NOISE_SPREAD = 0.3  # ln of how far the noise may be from what is expected
 STILL_LAGS = 3.0  # of the sensor: so long after a rounded reading last changed, nothing is left of what that told
 MEMORY_LAGS, LEAST_MEMORY_S = 3.0, 8.0  # how far back a sensor remembers
-JUMPED = 12.0  # times what readings usually differ by: a jump, where those beside it differ by less than
-BESIDE = 0.25  # of it
+JUMPED_FACTOR = 12.0  # times what readings usually differ by: a jump, where those beside it differ by less than
+BESIDE_SHARE = 0.25  # of it
 ALONG_ROWS = 31  # that a trend is taken over
 LEAST_CALM = 0.5  # of the readings, or bursts are what this flight has
 TO_AND_FRO = 1.5  # steps: what third differences of such readings show is at most 1.33
-SPARSE = 0.97  # share of nodes with a sample, below which the bridges are left out of the judgement
+SPARSE_SHARE = 0.97  # share of nodes with a sample, below which the bridges are left out of the judgement
 
 
 @dataclass(frozen=True)
@@ -105,13 +105,13 @@ def estimate(
     along = response if np.array_equal(nearest, np.arange(time_s.size)) else response.at(nearest)
     broken = np.diff(node_time, prepend=-np.inf) > LONGEST_BRIDGE_S
     through = None if passing is None else replace(passing, sigma=passing.sigma[nearest])
-    memory = SEGMENT + int(2.0 * max(MEMORY_LAGS * response.slowest_s, LEAST_MEMORY_S) / period)
+    memory = SEGMENT_SAMPLES + int(2.0 * max(MEMORY_LAGS * response.slowest_s, LEAST_MEMORY_S) / period)
     track = Track(node_time, period, along, through, broken, memory)
 
     # where the air's temperature jumped, single readings say nothing of vapour
     ordinary = np.ones(node_time.size, dtype=bool)
     if through is not None:
-        ordinary = through.sigma <= ODD * np.median(through.sigma)
+        ordinary = through.sigma <= ODD_FACTOR * np.median(through.sigma)
     calm = measured
     if loud is not None and rounding is not None:
         # readings that go to and fro between two steps are as loud as that, and no burst
@@ -120,7 +120,7 @@ def estimate(
         calm, ordinary = measured & ~loud[nearest], ordinary & ~(measured & loud[nearest])
     noise = np.interp(node_time, node_time[calm], np.sqrt(noise_variance[nearest][calm]))
     rows = np.flatnonzero(calm)
-    expected = float(np.sqrt(np.mean((noise if rows.size > SPARSE * node_time.size else noise[rows]) ** 2)))
+    expected = float(np.sqrt(np.mean((noise if rows.size > SPARSE_SHARE * node_time.size else noise[rows]) ** 2)))
 
     # noise under coarse steps does not show: it is what was expected
     spread = NOISE_SPREAD if rounding is None else 0.1 * NOISE_SPREAD
@@ -132,7 +132,7 @@ def estimate(
         # what lies across a break is not the air's doing
         values = values - np.cumsum(np.where(broken, np.diff(values, prepend=values[0]), 0.0))
         values = np.interp(node_time, node_time[ordinary], values[ordinary])
-        if rows.size > SPARSE * node_time.size:
+        if rows.size > SPARSE_SHARE * node_time.size:
             return _local_priors(values, along, period, noise, through, 1, spread, largest)
         # bridges would pass for calm air: the samples alone, as if they were evenly spaced
         steps = np.diff(node_time[rows])
@@ -147,7 +147,9 @@ def estimate(
         size = np.abs(change)
         beside = np.maximum(np.append(size[1:], 0.0), np.append(0.0, size[:-1]))
         usual = max(expected, 1.4826 * float(np.median(size)))
-        extra = np.where((steps > 1.5 * spacing) & (size > JUMPED * usual) & (beside < BESIDE * size), change, extra)
+        extra = np.where(
+            (steps > 1.5 * spacing) & (size > JUMPED_FACTOR * usual) & (beside < BESIDE_SHARE * size), change, extra
+        )
         seen = values[rows] - np.concatenate([[0.0], np.cumsum(extra)])
         some = None if through is None else replace(through, sigma=through.sigma[rows])
         own = _local_priors(seen, along.at(rows), spacing, noise[rows], some, parts, spread, largest)
@@ -158,7 +160,7 @@ def estimate(
     variance = np.where(measured, noise_variance[nearest] * noise_factor**2, np.inf)
     known_s = np.zeros(0) if jumps_s is None else jumps_s
     found, local, jumps = with_jumps(track, bridged, variance, local, priors, known_s)
-    brief = _brief(node_time, measured, BRIEF * response.slowest_s)
+    brief = _brief(node_time, measured, BRIEF_LAGS * response.slowest_s)
     if rounding is None and parts == 1 and brief.any():
         # single samples put together over those that lack between them are not evenly spaced: strengths are judged
         # again with what the sensor would have read there
@@ -257,7 +259,7 @@ def _local_priors(
     of the flight that a segment may have.
     """
     typical = float(np.sqrt(np.mean(noise**2)))
-    size = int(np.clip(SEGMENT_LAGS * along.slowest_s / period, SEGMENT, LONGEST_SEGMENT))
+    size = int(np.clip(SEGMENT_LAGS * along.slowest_s / period, SEGMENT_SAMPLES, LONGEST_SEGMENT))
     size = min(size, max(SHORTEST_SEGMENT, int(largest * bridged.size)), bridged.size)
     if size < 24:
         # too few for a spectrum: each between the strengths at which the readings, and the air, would vary as was read

@@ -33,7 +33,7 @@ except ImportError:  # built where there is a compiler
     _kernel = None  # type: ignore[assignment]
 
 Array = NDArray[np.float64]
-TINY = 1e-300
+TINY_VARIANCE = 1e-300
 
 
 @dataclass(frozen=True)
@@ -248,7 +248,7 @@ def plain(
         pull[k], hold_on[k] = (small[:, None] @ leap[k])[:, 0], of_them[:, 2:]
     surprise = np.where(seen, surprise_of / np.sqrt(variance_of), np.nan)
     pull[0] = 0.0
-    hold_on = np.maximum(hold_on, TINY)
+    hold_on = np.maximum(hold_on, TINY_VARIANCE)
     return Smoothed(
         air.T,
         np.maximum(variance, 0.0).T,

@@ -14,16 +14,18 @@ from shockrig.analysis.flight.prior import Passing, Prior, gain_squared, passing
 from shockrig.analysis.flight.response import LagResponse
 
 Array = NDArray[np.float64]
-SHRINKAGE = 0.25  # ln of how far one segment's strengths lie from the typical one's
+SHRINKAGE_LN = 0.25  # ln of how far one segment's strengths lie from the typical one's
 GRID_STEP = 0.3  # of ln strength
-COARSER = 4  # times: steps that a segment's likelihood is first looked for at
-UNLIKELY = 100.0  # of log-likelihood: more than lies between one such point and what is best beside it, and what counts
+COARSER_FACTOR = 4  # times: steps that a segment's likelihood is first looked for at
+UNLIKELY_NATS = (
+    100.0  # of log-likelihood: more than lies between one such point and what is best beside it, and what counts
+)
 SURELY_SMOOTH = 10.0  # of log-likelihood: what makes the air's course a smooth one (waves) beyond doubt
-TINY = 1e-300
-DAMPING, MOST_STEPS = 1e-3, 100
+TINY_POWER = 1e-300
+NEWTON_DAMPING, MOST_STEPS = 1e-3, 100
 LARGEST_MOVE, SETTLED = 2.0, 1e-3  # of ln strength
-LITTLE = 1e-4  # of log-likelihood
-FAINT = 1e-3  # times the noise's power: nobody sees that
+LITTLE_NATS = 1e-4  # of log-likelihood
+FAINT_SHARE = 1e-3  # times the noise's power: nobody sees that
 WAVES = np.arange(0.5, 6.1, 0.125)  # cycles in a segment that a wave is looked for at
 HANN_DEPENDENCE = 1.5  # a likelihood of tapered ordinates counts each as so much less than one
 
@@ -103,7 +105,7 @@ def _most_likely(
 ) -> tuple[float, Array]:
     """Minus the log-likelihood of the power (s, f), and ln of the strengths of turbulence, trend and noise there."""
     low = _weakest(shapes[0], shapes[1], noise**2 * white)
-    mean_power = max(np.average(power, axis=1, weights=weight).mean(), FAINT * noise**2 * white)
+    mean_power = max(np.average(power, axis=1, weights=weight).mean(), FAINT_SHARE * noise**2 * white)
     high = [0.5 * np.log(mean_power / np.median(s)) + 3.0 for s in shapes]
     every = np.concatenate([shapes, np.full((1, *shapes.shape[1:]), white)])
     expected = np.log(noise)
@@ -139,7 +141,7 @@ def _scored(
     Of a few numbers this takes a twentieth of a library's time, and waits for no thread.
     """
     value, slope, curvature = cost(point)
-    damping = np.full(len(point), DAMPING)
+    damping = np.full(len(point), NEWTON_DAMPING)
     for _ in range(MOST_STEPS):
         held = ((point <= least) & (slope > 0)) | ((point >= most) & (slope < 0))
         free = ~held[:, :, None] & ~held[:, None, :]
@@ -151,7 +153,7 @@ def _scored(
         new = np.clip(point + np.clip(step, -LARGEST_MOVE, LARGEST_MOVE), least, most)
         new_value, new_slope, new_curvature = cost(new)
         better = new_value < value
-        little = value - new_value < LITTLE
+        little = value - new_value < LITTLE_NATS
         moved = np.abs(new - point).max(axis=1)
         point = np.where(better[:, None], new, point)
         slope = np.where(better[:, None], new_slope, slope)
@@ -174,7 +176,7 @@ def fit_windows(
 ) -> Prior:
     """Strengths of each segment (s, n), most of which are alike, fronts are not; the noise is the flight's.
 
-    ln strength lies about the typical one as Cauchy's distribution of width SHRINKAGE has it. Of the typical bend the
+    ln strength lies about the typical one as Cauchy's distribution of width `SHRINKAGE_LN`. Of the typical bend the
     logarithm may be anything, of the typical turbulence the strength itself: no air is still, and where readings cannot
     tell a bending trend from weak turbulence, it is turbulence as well. Both by Whittle's likelihood on a grid, and the
     mean of the strength's square over all that they may be: a calm segment alone cannot tell, all of them together can.
@@ -187,7 +189,7 @@ def fit_windows(
         known = known + passing_spectrum(passing, frequency, period_s)
     grids = []
     for shape, least in zip((turbulence, bend), low, strict=True):
-        most = 0.5 * float(np.log((np.maximum(power, FAINT * known) / shape).max(axis=1).max())) + GRID_STEP
+        most = 0.5 * float(np.log((np.maximum(power, FAINT_SHARE * known) / shape).max(axis=1).max())) + GRID_STEP
         grids.append(np.arange(least, max(most, least + 2.0) + GRID_STEP, GRID_STEP))
     strengths = [np.exp(2 * grid) for grid in grids]
     # in units of the noise, single precision has digits to spare
@@ -203,16 +205,16 @@ def fit_windows(
         return ratio @ weight
 
     likely = np.zeros((len(reading), grids[0].size, grids[1].size), dtype=np.float32)
-    every = slice(None, None, COARSER)
+    every = slice(None, None, COARSER_FACTOR)
     for k in range(len(reading)):
         coarse = cost(k, every, every)
-        near = coarse < coarse.min() + UNLIKELY
+        near = coarse < coarse.min() + UNLIKELY_NATS
         where = _around(near.any(axis=1), grids[0].size), _around(near.any(axis=0), grids[1].size)
         fine = cost(k, *where)
         likely[k][where] = np.exp(fine.min() - fine)
-    prior = [1.0 / (1.0 + ((grid[:, None] - grid) / SHRINKAGE) ** 2) for grid in grids]
+    prior = [1.0 / (1.0 + ((grid[:, None] - grid) / SHRINKAGE_LN) ** 2) for grid in grids]
     prior = [(k / k.sum(axis=1, keepdims=True)).astype(np.float32) for k in prior]
-    told = np.log((prior[0] @ likely @ prior[1].T).astype(float) + TINY)
+    told = np.log((prior[0] @ likely @ prior[1].T).astype(float) + TINY_POWER)
     # segments overlap by half
     typical = 0.5 * told.sum(axis=0) + grids[0][:, None]
     others = typical - 0.5 * told
@@ -225,8 +227,8 @@ def fit_windows(
 
 def _around(near: NDArray[np.bool_], size: int) -> slice:
     """Points of a grid of `size` about those of the coarser one that are `near` the best."""
-    rows = np.flatnonzero(near) * COARSER
-    return slice(max(int(rows[0]) - COARSER, 0), min(int(rows[-1]) + COARSER + 1, size))
+    rows = np.flatnonzero(near) * COARSER_FACTOR
+    return slice(max(int(rows[0]) - COARSER_FACTOR, 0), min(int(rows[-1]) + COARSER_FACTOR + 1, size))
 
 
 def without_wave(reading: Array) -> Array:
@@ -254,7 +256,7 @@ def _independent(weight: Array) -> Array:
 
 def _weakest(turbulence: Array, bend: Array, white: float) -> tuple[float, float]:
     """Logs of strengths so weak that their power stays a thousand times below the noise at every frequency."""
-    first, second = (0.5 * float(np.log(FAINT * white / s.max())) for s in (turbulence, bend))
+    first, second = (0.5 * float(np.log(FAINT_SHARE * white / s.max())) for s in (turbulence, bend))
     return first, second
 
 

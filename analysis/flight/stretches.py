@@ -19,18 +19,22 @@ from shockrig.analysis.flight.response import LagResponse
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 MOST_SHARE = 0.6  # of a step of the air that a sensor shows from one row to the next: one that is faster hides no jump
-PHASES = 4  # at which the rows may meet the response to a step
+ROW_PHASES = 4  # at which the rows may meet the response to a step
 LONGEST_ROWS = 2000
-WINDOW = 15  # rows that a stretch's noise is judged by
-LOUDER = {WINDOW: 3.0, 5: 8.0}  # times the usual, in so many rows: a burst
-ALONE = 0.3  # of the noise that third differences show, single ones show less at a lone jump
-WHITE = 0.6  # of the noise that single differences show, third ones show as much: what passed a lag is far smoother
-JUMP = 12.0  # times the noise between rows
-BESIDE = 0.25  # of a jump, that the rows beside it go at most; behind a lag they go on by 1 - MOST_SHARE of it and more
-FARTHEST = 2.0  # times what air swings: from a heated room into winter, in rows that the sensor follows
-HALF = 0.5  # of a jump, that one back is at least where the air moved in between
-BACK = 0.3  # of a jump, that the readings after another are away from those before
-LEVELS = 1.5  # steps of the log about a level that a stuck sensor stays within, dither and all
+WINDOW_ROWS = 15  # rows that a stretch's noise is judged by
+LOUDER = {WINDOW_ROWS: 3.0, 5: 8.0}  # times the usual, in so many rows: a burst
+LONE_JUMP_SHARE = 0.3  # of the noise that third differences show, single ones show less at a lone jump
+WHITE_SHARE = (
+    0.6  # of the noise that single differences show, third ones show as much: what passed a lag is far smoother
+)
+JUMP_IN_NOISE = 12.0  # times the noise between rows
+BESIDE_SHARE = (
+    0.25  # of a jump, that the rows beside it go at most; behind a lag they go on by 1 - MOST_SHARE of it and more
+)
+FARTHEST_SWINGS = 2.0  # times what air swings: from a heated room into winter, in rows that the sensor follows
+RETURN_SHARE = 0.5  # of a jump, that one back is at least where the air moved in between
+APART_SHARE = 0.3  # of a jump, that the readings after another are away from those before
+STUCK_LEVELS = 1.5  # steps of the log about a level that a stuck sensor stays within, dither and all
 BY_CHANCE = 1e-6  # probability that noise alone keeps so many readings there
 NORM_3 = np.sqrt(20.0)  # of the third difference of white noise, over its standard deviation
 NORM_1 = np.sqrt(2.0)
@@ -51,9 +55,9 @@ def largest_share(response: LagResponse, period_s: float) -> float:
     row = int(np.argmax(response.rate.max(axis=-1) if response.rate.ndim > 1 else response.rate))
     modes = response.modes(row)
     lasting = min(3.0 / float(modes.rate.min()), LONGEST_ROWS * period_s)
-    since = np.arange(0.0, lasting + 2 * period_s, period_s / PHASES)
+    since = np.arange(0.0, lasting + 2 * period_s, period_s / ROW_PHASES)
     shown = 1.0 + np.exp(-np.outer(since, modes.rate)) @ modes.amplitude
-    return float(np.clip(np.max(shown[PHASES:] - shown[:-PHASES]), 0.0, 1.0))
+    return float(np.clip(np.max(shown[ROW_PHASES:] - shown[:-ROW_PHASES]), 0.0, 1.0))
 
 
 def judge(
@@ -84,10 +88,10 @@ def judge(
     nothing = np.zeros(reading.shape, dtype=bool)
     found = Stretches(nothing, nothing.copy(), np.ones(reading.shape))
     rows = np.flatnonzero(believed)
-    if rows.size < 2 * WINDOW:
+    if rows.size < 2 * WINDOW_ROWS:
         return found
     values = reading[rows]
-    least = JUMP * float(np.hypot(noise, resolution)) if share <= MOST_SHARE else FARTHEST * swing
+    least = JUMP_IN_NOISE * float(np.hypot(noise, resolution)) if share <= MOST_SHARE else FARTHEST_SWINGS * swing
     # a sensor that was stuck jumps when it goes on
     going_on = maximum_filter1d(_stuck(values, resolution, noise, scatter(values)), 3)
     elsewhere = _elsewhere(rows, values, least, swing, share, going_on)
@@ -95,7 +99,7 @@ def judge(
         elsewhere &= _elsewhere(rows, lagging[rows], least, swing, share, going_on)
     found.from_elsewhere[rows] = elsewhere
     rows, values = rows[~elsewhere], values[~elsewhere]
-    if rows.size < 2 * WINDOW:
+    if rows.size < 2 * WINDOW_ROWS:
         return found
     third = scatter(values)
     found.stuck[rows] = held = _stuck(values, resolution, noise, third)
@@ -119,14 +123,14 @@ def _louder(values: Array, usual: float) -> Array:
         if not loud.any():
             continue
         single = _scatter(values, 1, window) / NORM_1
-        loud &= (third > WHITE * single) & (single > ALONE * third)
+        loud &= (third > WHITE_SHARE * single) & (single > LONE_JUMP_SHARE * third)
         # a window's median sees a burst from its middle to its middle; its rows at either end are as loud
         loud, wider = maximum_filter1d(loud, 5), maximum_filter1d(third, 5)
         louder = np.maximum(louder, np.where(loud, wider, 0.0))
     return louder
 
 
-def scatter(values: Array, window: int = WINDOW) -> Array:
+def scatter(values: Array, window: int = WINDOW_ROWS) -> Array:
     """Noise (n,) of readings, from their third differences in the rows around each."""
     return _scatter(values, 3, window) / NORM_3
 
@@ -149,7 +153,7 @@ def _elsewhere(
     size = np.abs(step)
     usual = TO_SIGMA * float(np.median(size))
     beside = np.maximum(np.append(size[1:], 0.0), np.append(0.0, size[:-1]))
-    sudden = np.flatnonzero((size > max(least, JUMP * usual)) & (beside < BESIDE * size)) + 1
+    sudden = np.flatnonzero((size > max(least, JUMP_IN_NOISE * usual)) & (beside < BESIDE_SHARE * size)) + 1
     # over a gap a sensor gets anywhere; one end of a stretch may lie in one
     refuted = (share > MOST_SHARE) | (_within(share, apart[sudden - 1]) <= MOST_SHARE)
     away, alone = _between(sudden, values[sudden - 1], values[sudden], refuted, values.size, swing)
@@ -157,7 +161,7 @@ def _elsewhere(
     # medians on either side: beside noise, and where a jump is met halfway
     calm = median_filter(values, 3, mode="nearest")
     before, after = calm[:-3], calm[3:]  # of the rows from the second
-    limit = swing if _within(share, 3) <= MOST_SHARE else FARTHEST * swing
+    limit = swing if _within(share, 3) <= MOST_SHARE else FARTHEST_SWINGS * swing
     met = np.abs(after - before)
     far = np.flatnonzero((met > limit) & (met >= maximum_filter1d(met, 5)))
     far = far[np.diff(far, prepend=-9) > 2]
@@ -191,12 +195,12 @@ def _between(
         size, i = (after - before)[left], 0
         while i + 1 < left.size:
             # up to the next that is no small one, of another quantity's own
-            comparable = np.abs(size[i + 1 :]) > (HALF if moved else BESIDE) * abs(size[i])
+            comparable = np.abs(size[i + 1 :]) > (RETURN_SHARE if moved else BESIDE_SHARE) * abs(size[i])
             j = i + 1 + int(np.argmax(comparable))
             k, n = left[i], left[j]
             least = min(abs(size[i]), abs(size[j]))
             back = size[i] * size[j] < 0 and first[n] - first[k] < count // 2 and (refuted[k] or refuted[n])
-            if back and (least > swing if moved else abs(after[n] - before[k]) < BACK * least):
+            if back and (least > swing if moved else abs(after[n] - before[k]) < APART_SHARE * least):
                 away[first[k] : first[n]] = True
                 alone[[k, n]] = False
                 i = j
@@ -205,7 +209,7 @@ def _between(
 
 
 def _stuck(values: Array, resolution: float, noise: float, scatter: Array) -> Mask:
-    """Rows in stretches that stay within `LEVELS` steps of a level for longer than the noise could by chance.
+    """Rows in stretches that stay within `STUCK_LEVELS` steps of a level for longer than the noise could by chance.
 
     The noise is the least of what is stated and what the flight's quieter stretches show where they do move: a calm
     layer is no stuck sensor.
@@ -213,11 +217,11 @@ def _stuck(values: Array, resolution: float, noise: float, scatter: Array) -> Ma
     stuck = np.zeros(values.size, dtype=bool)
     if resolution == 0.0:
         return stuck
-    band = 2.0 * LEVELS * resolution
-    spread = maximum_filter1d(values, WINDOW) - minimum_filter1d(values, WINDOW)
+    band = 2.0 * STUCK_LEVELS * resolution
+    spread = maximum_filter1d(values, WINDOW_ROWS) - minimum_filter1d(values, WINDOW_ROWS)
     moving = scatter[spread > 1.001 * band]
     own = min(noise, float(np.quantile(moving, 0.1))) if moving.size else noise
-    least = fewest_by_chance(LEVELS * resolution, own)
+    least = fewest_by_chance(STUCK_LEVELS * resolution, own)
     if least > values.size // 2:
         return stuck
     half = int(least) // 2

@@ -17,9 +17,9 @@ from shockrig.analysis.flight.response import LagResponse
 from shockrig.analysis.flight.smoother import Jumps, Smoothed, followed, smooth
 
 Array = NDArray[np.float64]
-JUDGED = 250  # nodes over which surprises are counted together
+JUDGED_NODES = 250  # nodes over which surprises are counted together
 CUT_SHORT = 0.1  # of a jump: what modes that are left out do to the first reading after it
-REACH = 2.0  # times how far the lags were behind at a gap's start
+GAP_REACH = 2.0  # times how far the lags were behind at a gap's start
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ def _smoothed(
     spread = 2.0 * np.std(values[at[:, : track.memory]], axis=1)
     # over a gap the air went from where it was to about where the reading is, and what lags is in between
     before = np.maximum(first - 1, 0)
-    gone = np.abs(values[first] - values[before]) + REACH * apart[before].max(axis=1) + np.sqrt(np.mean(apart**2))
+    gone = np.abs(values[first] - values[before]) + GAP_REACH * apart[before].max(axis=1) + np.sqrt(np.mean(apart**2))
     spread = np.where(track.broken[first] & (first > 0), np.minimum(gone, spread), spread) + 5.0 * prior.noise[:, 0]
     here = None if track.passing is None else replace(track.passing, sigma=track.passing.sigma[rows])
     # what came before a flight is not known; later the readings tell how far the lags may be from their guess
@@ -171,7 +171,7 @@ def lags_behind(
 def _inflation(surprise: Array) -> Array:
     """Factor on each node's variance (n,): mean square surprise around it where it is larger than chance makes it, else
     1."""
-    place = np.arange(surprise.size) // JUDGED
+    place = np.arange(surprise.size) // JUDGED_NODES
     seen = ~np.isnan(surprise)
     count = np.maximum(np.bincount(place, seen), 1)
     mean_square = np.bincount(place, np.where(seen, surprise, 0.0) ** 2) / count

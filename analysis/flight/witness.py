@@ -1,9 +1,9 @@
 """Where the film did not see what the thermometer says: a temperature that moved by itself, in the sun or under ice.
 
 A film shows little of what the vapour does at once, while its relative humidity follows the air's temperature without
-lag. Let dx be what the temperature's change, over a time in which the film shows a share of at most `SHOWN` of a step,
-makes of the humidity, and dr what its reading did beside its drift. If the air went as the temperature says, the
-film's vapour dr + dx is that share of what the air's did, which may be anything of dx's size (Cauchy); if the
+lag. Let dx be what the temperature's change, over a time in which the film shows a share of at most `SHOWN_SHARE` of a
+step, makes of the humidity, and dr what its reading did beside its drift. If the air went as the temperature says,
+the film's vapour dr + dx is that share of what the air's did, which may be anything of dx's size (Cauchy); if the
 thermometer alone moved, dr is noise (Gauss). Changes that share readings are judged together.
 """
 
@@ -21,12 +21,12 @@ from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-SHOWN = 1 / 3  # of a step of the vapour: a change that the film did not lag would need three times as much vapour
+SHOWN_SHARE = 1 / 3  # of a step of the vapour: a change that the film did not lag would need three times as much vapour
 MOST_ROWS = 256
 FEWEST_WINDOWS = 20
 LEAST_TIMES = 3.0  # the usual change: smaller ones matter little, and nobody can tell whose they are
-MISSHAPEN = 0.1  # of what the corrected temperature moves, that it is off by on the way
-BELIEVED = 3.0  # of log-odds: one in twenty
+MISSHAPEN_SHARE = 0.1  # of what the corrected temperature moves, that it is off by on the way
+BELIEVED_LOG_ODDS = 3.0  # of log-odds: one in twenty
 FORGOTTEN_LAGS = 50.0  # of the film
 ENDS_NOISE = np.sqrt(5.0)  # of white noise, of a change less half of those before and after
 THIRDS_NOISE = 6.0 / np.sqrt(np.pi)  # and what three of them go in all
@@ -93,9 +93,9 @@ def unseen(
 
 
 def _rows(response: LagResponse, period: float) -> int:
-    """The most rows within which the film shows no more than `SHOWN` of a step; 0 where it shows more in one."""
+    """The most rows within which the film shows no more than `SHOWN_SHARE` of a step; 0 where it shows more in one."""
     rows, more = 0, 1
-    while more <= MOST_ROWS and largest_share(response, more * period) <= SHOWN:
+    while more <= MOST_ROWS and largest_share(response, more * period) <= SHOWN_SHARE:
         rows, more = more, more + max(more // 4, 1)
     return rows
 
@@ -113,21 +113,21 @@ def _own(
 
     They begin at row `first` and go `size` to and fro, `unsure` by so much; `least` is a reading's noise in one.
     """
-    usual = np.hypot(max(_spread(moved), least), MISSHAPEN * size)
+    usual = np.hypot(max(_spread(moved), least), MISSHAPEN_SHARE * size)
     unsure = THIRDS_NOISE * np.maximum(unsure - np.median(unsure), 0.0)  # what is usual is in what is usually moved
     large = np.flatnonzero((np.abs(moved) > LEAST_TIMES * usual) & (size > LEAST_TIMES * unsure))
     own = np.zeros(moved.shape, dtype=bool)
     if not large.size:
         return own
     vapour = read + moved
-    by_itself = np.hypot(max(_spread(read), least), MISSHAPEN * size)[large]
-    of_air = np.hypot(max(_spread(vapour), least), SHOWN * size)[large]
+    by_itself = np.hypot(max(_spread(read), least), MISSHAPEN_SHARE * size)[large]
+    of_air = np.hypot(max(_spread(vapour), least), SHOWN_SHARE * size)[large]
     odds = np.log1p((vapour[large] / of_air) ** 2) + np.log(np.pi * of_air)
     odds -= 0.5 * (read[large] / by_itself) ** 2 + np.log(np.sqrt(2.0 * np.pi) * by_itself)
     # windows that share readings say the same thing
     before, after = (np.searchsorted(first[large], first[large] + beside) for beside in (-2 * rows, 2 * rows + 1))
     total = np.concatenate([[0.0], np.cumsum(odds)])
-    own[large] = total[after] - total[before] > BELIEVED * rows
+    own[large] = total[after] - total[before] > BELIEVED_LOG_ODDS * rows
     return own
 
 

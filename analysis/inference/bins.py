@@ -18,7 +18,10 @@ Samples = Sequence[tuple[Array, Array]]
 BIN_PLAN = ((2.5, 0.1), (6.0, 0.2), (12.0, 0.4), (24.0, 0.8), (48.0, 1.6), (100.0, 3.2), (1e9, 10.0))
 BEFORE_S = 1.2  # width of a bin of the plateau before the transfer
 NEAR_S = 0.3  # before the transfer within which samples stand singly
-FINE = (0.015, 0.08)  # widest bin, in times to half of the step and since the transfer, as noise and step allow
+FINE_BIN_WIDTHS = (
+    0.015,
+    0.08,
+)  # widest bin, in times to half of the step and since the transfer, as noise and step allow
 
 
 def fine_width(samples: Samples, resolution: float) -> float:
@@ -31,11 +34,16 @@ def fine_width(samples: Samples, resolution: float) -> float:
     spread = [np.sqrt(0.5 * np.mean(np.square(np.diff(y[t > 0.6 * t[-1]])))) for t, y in samples]
     noise = max(float(np.median(spread)), resolution / np.sqrt(12.0))
     step = max(float(np.median([np.ptp(y) for _, y in samples])), noise)
-    return float(np.clip(1.44 * np.sqrt(4.8 * noise / (step * np.sqrt(len(samples)))), *FINE))
+    return float(np.clip(1.44 * np.sqrt(4.8 * noise / (step * np.sqrt(len(samples)))), *FINE_BIN_WIDTHS))
 
 
 def edges_after_transfer(
-    first_s: float, last_s: float, period_s: float, tempo: float, half_s: float = np.inf, fine: float = FINE[1]
+    first_s: float,
+    last_s: float,
+    period_s: float,
+    tempo: float,
+    half_s: float = np.inf,
+    fine: float = FINE_BIN_WIDTHS[1],
 ) -> Array:
     """Edges of the bins of runs whose air changes once, from `first_s` (negative) to `last_s`.
 

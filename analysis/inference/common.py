@@ -27,7 +27,7 @@ TRIGGER = "trigger_offset_s"
 OWN_AIR = {"temperature": "air_temperature_k", "humidity": "air_humidity_percent"}
 # Standard uncertainties that a common error may be fitted from none. What is off by more is no error of the bench: it
 # is left to the effects, which unseen runs could else not bear out.
-FURTHEST = 3.0
+MOST_SIGMAS = 3.0
 
 
 @dataclass(frozen=True)

@@ -15,17 +15,17 @@ from shockrig.analysis.physics.chain import MeasuredAir
 
 Array = NDArray[np.float64]
 
-GRID = 4000  # steps over a record on which a sensor is followed roughly
-TRIED, SLOWEST = 40, 5.0  # time constants; the longest in units of the record
+GRID_STEPS = 4000  # steps over a record on which a sensor is followed roughly
+LAGS_TRIED, SLOWEST_LAG = 40, 5.0  # time constants; the longest in units of the record
 GAIN_SPREAD = 0.03  # of two sensors in one air, relative: a trace that stands still tells nothing of it
-BENDING = 0.5  # of the noise of a bin's mean: how much a bin may bend
-FASTER = 3.0  # a response is taken to have a part that is so much faster than the whole
-QUIET = 3.0  # times the noise: less of a departure is none
+MOST_BENDING = 0.5  # of the noise of a bin's mean: how much a bin may bend
+FASTER_PART = 3.0  # a response is taken to have a part that is so much faster than the whole
+QUIET_SIGMAS = 3.0  # times the noise: less of a departure is none
 MOST_BINS = 400
 TRACE_POINTS = 2  # of a measured air in each bin
-EARLY = 0.05  # of the time constant: first readings, from which little is forgotten
+EARLY_SHARE = 0.05  # of the time constant: first readings, from which little is forgotten
 UNSETTLED_NOISE, UNSETTLED_SHARE = 6.0, 0.02  # times the noise, share of the readings' range: a smaller excess is none
-MOVED = 0.25  # of the excess: an air that has moved so far no longer stands
+MOVED_SHARE = 0.25  # of the excess: an air that has moved so far no longer stands
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def follow(time_s: Array, value: Array, air_time_s: Array, air: Array, resolutio
     """
     from scipy.signal import lfilter  # takes longer to import than all the rest, and few campaigns measure their airs
 
-    step = max((time_s[-1] - time_s[0]) / GRID, 1e-3)
+    step = max((time_s[-1] - time_s[0]) / GRID_STEPS, 1e-3)
     grid = np.arange(time_s[0], time_s[-1] + step, step)
     driving, reading = np.interp(grid, air_time_s, air), np.interp(grid, time_s, value)
     noise = float(np.hypot(max(trace_noise(value), resolution), trace_noise(air)))
@@ -77,11 +77,11 @@ def follow(time_s: Array, value: Array, air_time_s: Array, air: Array, resolutio
         found = np.linalg.lstsq(normal, right, rcond=None)[0]
         return float(np.var(reading - lagged - design @ found)), tau, found, lagged + held * found[2]
 
-    taus = np.geomspace(step, SLOWEST * (time_s[-1] - time_s[0]), TRIED)
+    taus = np.geomspace(step, SLOWEST_LAG * (time_s[-1] - time_s[0]), LAGS_TRIED)
     near = min((tried(tau) for tau in taus), key=lambda t: t[0])[1]
-    taus = near * np.geomspace(taus[0] / taus[1], taus[1] / taus[0], TRIED // 2)
+    taus = near * np.geomspace(taus[0] / taus[1], taus[1] / taus[0], LAGS_TRIED // 2)
     _, tau, (offset, *_), shown = min((tried(tau) for tau in taus), key=lambda t: t[0])
-    early = time_s <= max(time_s[0] + EARLY * tau, time_s[min(2, time_s.size - 1)])
+    early = time_s <= max(time_s[0] + EARLY_SHARE * tau, time_s[min(2, time_s.size - 1)])
     excess = float(np.mean(value[early] - np.interp(time_s[early], air_time_s, air))) - float(offset)
     excess /= float(np.mean(np.exp((time_s[0] - time_s[early]) / tau)))
     least = max(UNSETTLED_NOISE * noise, UNSETTLED_SHARE * float(np.ptp(value)))
@@ -92,7 +92,7 @@ def follow(time_s: Array, value: Array, air_time_s: Array, air: Array, resolutio
 
 def _forgets(excess: float, since_s: Array, air: Array, reading: Array, tau: float, least: float) -> bool:
     """Whether a reading is seen to lose an excess while the air still stands: else two calibrations only differ."""
-    moved = np.flatnonzero(np.abs(air - air[0]) > MOVED * abs(excess))
+    moved = np.flatnonzero(np.abs(air - air[0]) > MOVED_SHARE * abs(excess))
     end = int(min(moved[0] if moved.size else since_s.size, np.searchsorted(since_s, tau)))
     part = max(end // 10, 1)
     lost = float(np.mean(reading[:part]) - np.mean(reading[max(end - part, 0) : max(end, part)]))
@@ -118,14 +118,14 @@ def edges_of_driven(first_s: float, last_s: float, period_s: float, runs: Sequen
     """
     from scipy.ndimage import maximum_filter1d  # likewise
 
-    grid = np.linspace(first_s - 0.5 * period_s, last_s + period_s, GRID)
+    grid = np.linspace(first_s - 0.5 * period_s, last_s + period_s, GRID_STEPS)
     density = np.zeros(grid.size)
     for run in runs:
         # Narrow also just before the air moves: the bin that it moves in must not begin long ago.
-        reach = run.time_constant_s / FASTER
-        beyond = np.interp(grid, run.time_s, run.departure, left=0.0, right=0.0) - QUIET * run.noise
+        reach = run.time_constant_s / FASTER_PART
+        beyond = np.interp(grid, run.time_s, run.departure, left=0.0, right=0.0) - QUIET_SIGMAS * run.noise
         beyond = maximum_filter1d(beyond, 2 * int(np.ceil(0.5 * reach / (grid[1] - grid[0]))) + 1)
-        bending = 24.0 * BENDING * run.noise * reach**2 * np.sqrt(period_s) / np.maximum(beyond, 1e-9)
+        bending = 24.0 * MOST_BENDING * run.noise * reach**2 * np.sqrt(period_s) / np.maximum(beyond, 1e-9)
         width = np.clip(bending**0.4, period_s, max(run.time_constant_s, period_s))
         density = np.maximum(density, 1.0 / width)
     passed = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(grid))])

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 Link = Literal["air", "exchange", "body", "readout", "logger"]
 Values = Mapping[str, float]
 Arrays = Mapping[str, NDArray[np.float64]]  # of candidates, each (B, 1)
-RARE = 8.0  # added to the penalty of what real benches hardly ever have: odds of one in fifty
+RARE_PENALTY = 8.0  # added to the penalty of what real benches hardly ever have: odds of one in fifty
 
 WITHIN_ENDS = 2.0  # a start's ratio to the ends of its range, at least
 
@@ -301,7 +301,7 @@ class Effect:
 
     def rarity(self, channel: Channel) -> float:
         """What is added to its penalty in a channel."""
-        return RARE if self.candidacy.rare is not None and self.candidacy.rare(channel) else 0.0
+        return RARE_PENALTY if self.candidacy.rare is not None and self.candidacy.rare(channel) else 0.0
 
     def starts(self, channel: Channel) -> list[dict[str, float]]:
         """Parameter values to begin a fit from: one set that the data tell, or all that are declared."""

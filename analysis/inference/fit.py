@@ -21,9 +21,9 @@ from shockrig.analysis.physics.chain import at_jump, evaluate
 
 Array = NDArray[np.float64]
 
-TOLERANCE = 0.02  # drop of the objective at which a fit ends
+OBJECTIVE_TOLERANCE = 0.02  # drop of the objective at which a fit ends
 MOST_TRIES = 7  # of a step, each damped more
-SHORTER = 0.35  # a run's random effects go that much less far at each
+DEVIATION_FACTOR = 0.35  # a run's random effects go that much less far at each
 LONGEST_RUN_STEP = 20.0  # of a run's random effects, in standard deviations
 LAST_DIGITS, FIRST_DIGITS = 2e-4, 1e-3  # of a misfit, by which a step must lower it where the model is wrong
 FAR_OFF = 10.0  # objective per bin from which the first digits do
@@ -199,7 +199,7 @@ def fit(
     theta: Array,
     deviations: Array | None = None,
     iterations: int = 25,
-    tolerance: float = TOLERANCE,
+    tolerance: float = OBJECTIVE_TOLERANCE,
     adapt_scatter: bool = True,
     hold_theta: bool = False,
 ) -> Fit:
@@ -239,7 +239,7 @@ def _descend(
     model: Model,
     at: Linearised,
     iterations: int,
-    tolerance: float = TOLERANCE,
+    tolerance: float = OBJECTIVE_TOLERANCE,
     adapt_scatter: bool = True,
     hold_theta: bool = False,
 ) -> Fit:
@@ -262,7 +262,7 @@ def _descend(
             move = np.zeros(low.size)
             move[free] = np.linalg.lstsq(damped, right[free], rcond=None)[0]
             trial = np.clip(at.point.theta + np.clip(move, -reach, reach), low, high)
-            shift = arrow.run_steps(steps, trial - at.point.theta) * SHORTER**tried
+            shift = arrow.run_steps(steps, trial - at.point.theta) * DEVIATION_FACTOR**tried
             shift = np.clip(shift, -furthest, furthest)
             point = Point(trial, at.point.deviations + shift)
             # Where a step has just failed the next may too: its sensitivities wait until it holds.

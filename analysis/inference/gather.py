@@ -43,7 +43,7 @@ SLOWED_TIMES, SLOWED_FROM_S = 3.0, 0.5  # usual durations, and seconds, from whi
 UNKNOWN_AIRFLOW_M_S = 5.0
 FEWEST_SAMPLES = 30
 UNKNOWN_AMBIENT_WIDTH_K = 5.0  # of rooms and boxes that nobody measured; how D moves within it is interpolated
-SLIGHT = 0.1  # of the largest step
+SLIGHT_STEP = 0.1  # of the largest step
 FEWEST_AFTER = 20  # samples after a transfer
 SHORTEST_BEFORE, SHORTEST_AFTER = 2.0, 7.0  # records around a transfer, in times to half of the step; else 1 s and 5 s
 
@@ -247,7 +247,7 @@ def _slight(usable: Sequence[UsableRun], quantity: Quantity, tempo: float) -> di
         one.run.id: f"a step of {step:.2g} {quantity.unit} is slight beside {most:.2g} {quantity.unit} of another run, "
         "and its airs were not recorded"
         for one, step in zip(own, steps, strict=True)
-        if step < SLIGHT * most
+        if step < SLIGHT_STEP * most
     }
 
 

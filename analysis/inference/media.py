@@ -12,9 +12,9 @@ from shockrig.analysis.inference.starts import resolved_half_way_s
 
 Array = NDArray[np.float64]
 
-FACTOR = 3.0  # between the two kinds of runs: more than airflows of one bench make
-WITHIN = 0.5  # of that gap, as a ratio: what either kind may spread over
-FEWEST = 2  # runs of either kind
+MEDIA_FACTOR = 3.0  # between the two kinds of runs: more than airflows of one bench make
+SPREAD_WITHIN = 0.5  # of that gap, as a ratio: what either kind may spread over
+FEWEST_RUNS = 2  # runs of either kind
 
 
 def runs_elsewhere(half_s: Array, conditions: Sequence[Array | NDArray[np.bool_]]) -> NDArray[np.bool_]:
@@ -30,7 +30,7 @@ def runs_elsewhere(half_s: Array, conditions: Sequence[Array | NDArray[np.bool_]
     """
     none = np.zeros(half_s.size, dtype=bool)
     told = np.flatnonzero(np.isfinite(half_s) & (half_s > 0.0))
-    if told.size < 2 * FEWEST:
+    if told.size < 2 * FEWEST_RUNS:
         return none
     order = told[np.argsort(half_s[told])]
     logs = np.log(half_s[order])
@@ -38,7 +38,7 @@ def runs_elsewhere(half_s: Array, conditions: Sequence[Array | NDArray[np.bool_]
     fast, slow = order[:cut], order[cut:]
     gap = logs[cut] - logs[cut - 1]
     widest = max(np.ptp(logs[:cut]), np.ptp(logs[cut:]))
-    if min(fast.size, slow.size) < FEWEST or gap < np.log(FACTOR) or widest > WITHIN * gap:
+    if min(fast.size, slow.size) < FEWEST_RUNS or gap < np.log(MEDIA_FACTOR) or widest > SPREAD_WITHIN * gap:
         return none
     for condition in conditions:
         here, there = np.asarray(condition, dtype=float)[fast], np.asarray(condition, dtype=float)[slow]

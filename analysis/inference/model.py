@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.common import FURTHEST, Shared, shared
+from shockrig.analysis.inference.common import MOST_SIGMAS, Shared, shared
 from shockrig.analysis.inference.effect import Effect, Parameter
 from shockrig.analysis.inference.quantity import RunEffect
 from shockrig.analysis.physics.bodies import BODIES
@@ -146,14 +146,16 @@ class Model:
     def bounds(self) -> tuple[Array, Array]:
         """Lower and upper ends of theta."""
         own = [(p.encoded(p.low), p.encoded(p.high)) for _, p in self.structure.parameters]
-        own += [(-FURTHEST * one.standard_uncertainty, FURTHEST * one.standard_uncertainty) for one in self.shared]
+        own += [
+            (-MOST_SIGMAS * one.standard_uncertainty, MOST_SIGMAS * one.standard_uncertainty) for one in self.shared
+        ]
         low, high = zip(*[LOG_RATE_BOUNDS] * self.channel.rates, *own, strict=True)
         return np.array(low), np.array(high)
 
     def reach(self) -> Array:
         """How far one step of a fit may go in each coordinate of theta."""
         own = [1.5 if p.log else 0.3 * (p.high - p.low) for _, p in self.structure.parameters]
-        own += [FURTHEST * one.standard_uncertainty for one in self.shared]
+        own += [MOST_SIGMAS * one.standard_uncertainty for one in self.shared]
         return np.array([1.0] * self.channel.rates + own)
 
     def steps(self) -> Array:

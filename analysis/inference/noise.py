@@ -20,13 +20,15 @@ from shockrig.analysis.inference.starts import half_way_s
 
 Array = NDArray[np.float64]
 
-PIECE = 84  # samples in a piece of plateau where it is that long: long against the noise's memory
+PIECE_SAMPLES = 84  # samples in a piece of plateau where it is that long: long against the noise's memory
 SHORTEST_PIECE = 10
 MAX_AVERAGED = 24
 OWN_SHARE = 0.4  # of a sensor's time to half of a step
-TINY = 1e-12  # variance of what is nothing
+TINY_VARIANCE = 1e-12  # variance of what is nothing
 BENT_IN_AIR = 4  # order of the polynomial that a piece of a driven response is taken for
-KINKED = 9.0  # median deviations above the median by which a piece of measured air departs from such a polynomial
+KINKED_DEVIATIONS = (
+    9.0  # median deviations above the median by which a piece of measured air departs from such a polynomial
+)
 LONGEST_MEMORY = 0.995  # from one sample to the next
 LEAST_WHITE = 0.01  # share of the correlated part's variance that is white at the least
 # (ln of total over observed variance, logit of the correlated share, logit of the memory) for a quick look
@@ -124,13 +126,13 @@ def _autocovariance(
 def plateau_pieces(channel: Channel, late_share: float = 1 / 3) -> tuple[Array, Array]:
     """Pieces of plateau (m, n) before the transfer, and from the last `late_share` of the time after it.
 
-    n is `PIECE`, or less where a slow logger leaves fewer samples; where next to nothing was recorded before the
-    transfer, a third of what there is after it.
+    n is `PIECE_SAMPLES`, or less where a slow logger leaves fewer samples; where next to nothing was recorded before
+    the transfer, a third of what there is after it.
     """
     before = np.median([(time < 0).sum() for time, _ in channel.samples])
     after = np.median([(time > (1 - late_share) * time[-1]).sum() for time, _ in channel.samples])
     longest = 0.85 * before if 0.85 * before >= SHORTEST_PIECE else after / 3
-    piece = int(np.clip(longest, SHORTEST_PIECE, PIECE))
+    piece = int(np.clip(longest, SHORTEST_PIECE, PIECE_SAMPLES))
     early: list[Array] = []
     late: list[Array] = []
     driving: list[Array] = []
@@ -153,7 +155,7 @@ def _smooth(driving: Array) -> NDArray[np.bool_]:
     sensor bends too, by little enough to pass for noise with a long memory."""
     power = (_unbent(driving, BENT_IN_AIR)[0] ** 2).mean(axis=1)
     middle = float(np.median(power))
-    kinked = power > middle + KINKED * float(np.median(np.abs(power - middle))) + TINY
+    kinked = power > middle + KINKED_DEVIATIONS * float(np.median(np.abs(power - middle))) + TINY_VARIANCE
     return ~(kinked | np.append(False, kinked[:-1]))
 
 
@@ -201,7 +203,7 @@ def _pool(pieces: Array, order: int, reject: bool = True) -> _Pool:
     if reject and reduced.shape[0] >= 8:
         # A burst or an unsettled plateau is not the noise.
         power = (reduced**2).mean(axis=1)
-        reduced = reduced[power <= 4.0 * np.median(power) + TINY]
+        reduced = reduced[power <= 4.0 * np.median(power) + TINY_VARIANCE]
     return _Pool(reduced.shape[0], polynomials, reduced.T @ reduced)
 
 

@@ -27,13 +27,13 @@ from shockrig.analysis.inference.samples import rmse_over_samples
 
 Array = NDArray[np.float64]
 
-BUMPS = 10
+BUMP_COUNT = 10
 # Standard deviations of a bump in units of the run's step that are tried; the first is none.
 DISCREPANCIES = np.concatenate([[0.0], np.geomspace(2e-5, 0.3, 14)])
 NOISE_DEGREES = 8.0  # of freedom, with which the noise of a run is known beside its own readings
 USUAL_DEGREES = 3  # of freedom, with which it is known before any run how far runs differ in what they say
 FEWEST_RUNS = 3  # that say how far they agree
-HOPELESS = 1e12  # nats a run
+HOPELESS_NATS = 1e12  # nats a run
 RATE_PRIOR = 3.0  # standard deviation of ln rate before any data: a factor of twenty either way
 RANGE_PRIOR = 0.5  # that of a parameter, as a share of its range on the scale that is fitted
 
@@ -64,20 +64,20 @@ def bumps(problem: Problem) -> Array:
     filled = channel.count > 0
     if channel.measured.any():
         first, last = (np.array([f(t[f_]) for t, f_ in zip(late, filled, strict=True)]) for f in (np.min, np.max))
-        place = (late - first[:, None]) / np.maximum(last - first, 1e-9)[:, None] * (BUMPS - 1)
-        hats = np.maximum(1.0 - np.abs(place[..., None] - np.arange(BUMPS)), 0.0) * filled[..., None]
+        place = (late - first[:, None]) / np.maximum(last - first, 1e-9)[:, None] * (BUMP_COUNT - 1)
+        hats = np.maximum(1.0 - np.abs(place[..., None] - np.arange(BUMP_COUNT)), 0.0) * filled[..., None]
         spread = np.array([0.0 if air is None else _far(channel.trace_of(air)) for air in channel.air])
         spread = np.where(channel.measured, spread, np.abs(step))
         return problem.whiten(hats * np.maximum(spread, channel.quantity.least_step)[:, None, None])
     after = (late > 0) & filled
     if not after.any():
-        return np.zeros((*late.shape, BUMPS))
+        return np.zeros((*late.shape, BUMP_COUNT))
     soonest = max(float(np.quantile(late[after], 0.01)), 0.5 * channel.sampling_period_s)
-    knots = np.linspace(np.log(soonest), np.log(float(late[after].max())), BUMPS)
+    knots = np.linspace(np.log(soonest), np.log(float(late[after].max())), BUMP_COUNT)
     place = np.log(np.maximum(late, soonest))
     # Where nobody recorded the start, what is wrong about it shows before it as well.
     shows = after | (filled & ~channel.conditions.start_known[:, None])
-    hats = np.stack([np.where(shows, np.interp(place, knots, row), 0.0) for row in np.eye(BUMPS)], axis=-1)
+    hats = np.stack([np.where(shows, np.interp(place, knots, row), 0.0) for row in np.eye(BUMP_COUNT)], axis=-1)
     size = np.maximum(np.abs(step), channel.quantity.least_step)
     return problem.whiten(hats * size[:, None, None])
 
@@ -190,7 +190,7 @@ def score(problem: Problem, found: Fit, bump: Array, blocks: NDArray[np.int64] |
     # A fit that led to no number predicts nothing.
     totals = [total if np.isfinite(total := float(one.sum())) else -np.inf for one in tried]
     best = int(np.argmax(totals))
-    runs = tried[best] if np.isfinite(totals[best]) else np.full(tried[best].shape, -HOPELESS)
+    runs = tried[best] if np.isfinite(totals[best]) else np.full(tried[best].shape, -HOPELESS_NATS)
     return Score(runs, float(DISCREPANCIES[best]))
 
 

@@ -7,26 +7,26 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.inference.channel import Channel
 
-SAME = 1e-9  # of a unit
+SAME_READING = 1e-9  # of a unit
 LEAST_CHANGES = 50
 STEPS_APART = 3.0  # rounding steps by which readings of which most repeat differ, where it is not rounding
-COARSE = 1.5  # times the sensor's own step, from which on rounding says something
+COARSE_STEPS = 1.5  # times the sensor's own step, from which on rounding says something
 ON_STEP = 0.04  # of a step by which readings may miss it
 LEAST_EVEN = 6  # distinct readings, from which on those that stand evenly, but not on multiples, are told from chance
 LEAST_PRINTED = 16  # distinct readings, from which on a step with fewer digits than it has is told from chance
 LEAST_DIGITS = 3.0  # last digits in such a step
-ROBUST = 1.4826  # standard deviations in the median of a normal variable's absolute value
+MAD_TO_SIGMA = 1.4826  # standard deviations in the median of a normal variable's absolute value
 
 
 def white_noise(value: NDArray[np.float64]) -> float:
     """Standard deviation of independent noise, from the differences of readings in a row; a few jumps do not count."""
-    return ROBUST * float(np.median(np.abs(np.diff(value)))) / float(np.sqrt(2.0))
+    return MAD_TO_SIGMA * float(np.median(np.abs(np.diff(value)))) / float(np.sqrt(2.0))
 
 
 def mostly_repeats(channel: Channel, step: float) -> bool:
     """Whether most readings are the one before over again, by more than rounding to `step` makes them."""
     moved = np.abs(np.concatenate([np.diff(value) for _, value in channel.samples]))
-    changed = moved[moved > SAME]
+    changed = moved[moved > SAME_READING]
     if changed.size < LEAST_CHANGES or changed.size > 0.5 * moved.size:
         return False
     return float(np.median(changed)) > STEPS_APART * step
@@ -88,7 +88,7 @@ def _step_in_few_digits(values: NDArray[np.float64]) -> float:
 
 def coarser_than_the_sensor(channel: Channel, step: float) -> bool:
     """Whether readings rounded to `step` are coarser than what the sensor resolves, where that is known."""
-    return channel.known_sensor and step >= COARSE * channel.quantity.resolution
+    return channel.known_sensor and step >= COARSE_STEPS * channel.quantity.resolution
 
 
 def known_to(step: float) -> float:

@@ -16,7 +16,7 @@ from shockrig.analysis.physics.driven import beside_lagging_reference, noise_pas
 from shockrig.analysis.physics.modes import Modes, slowest
 
 Array = NDArray[np.float64]
-MODES = 12
+COSINE_MODES = 12
 
 
 def trace_noise(trace: Array) -> float:
@@ -33,7 +33,7 @@ def with_reference_noise(noise: Noise, problem: Problem) -> Noise:
     """
     channel = problem.channel
     rate = float(np.exp(np.median(rough_rates(problem))))
-    body = slowest(BODIES[channel.body].held().scaled(rate), MODES)
+    body = slowest(BODIES[channel.body].held().scaled(rate), COSINE_MODES)
     passed = []
     for air in channel.air:
         if air is not None:

@@ -16,10 +16,10 @@ from shockrig.analysis.physics.chain import JUMP_K
 Array = NDArray[np.float64]
 
 RATE_BOUNDS_PER_S = (2e-4, 30.0)  # t63 of a bead from 6 ms to 14 min, of a film from 11 ms to 27 min
-RATES = 60
+RATES_TRIED = 60
 USUAL_SCATTER_S = 0.5  # of a start that was estimated
 LATE_S = np.arange(-0.8, 0.81, 0.04)  # starts that are tried beside it
-STUCK = 1.7  # mean square of a run's whitened residuals from which its start is looked for anew
+STUCK_MEAN_SQUARE = 1.7  # mean square of a run's whitened residuals from which its start is looked for anew
 START_GRID = np.linspace(-3.0, 3.0, 25)  # in standard deviations of a start
 
 
@@ -32,7 +32,7 @@ def rough_rates(
     """Rough ln rates (G,) from a scan, all ambients and all trial rates at once; `choice` as in `Model.start`."""
     channel = problem.channel
     low, high = np.log(RATE_BOUNDS_PER_S)
-    trials = np.linspace(max(low, LOG_RATE_BOUNDS[0]), high, RATES)
+    trials = np.linspace(max(low, LOG_RATE_BOUNDS[0]), high, RATES_TRIED)
     model = Model(channel, structure)
     theta = np.stack([model.start(np.full(channel.rates, trial), choice) for trial in trials])
     f = model.predict(Point(theta, channel.at_rest() if deviations is None else deviations))
@@ -73,7 +73,7 @@ def rough_point(problem: Problem, structure: Structure, choice: Mapping[str, flo
     return Point(theta, deviations)
 
 
-def scanned_starts(problem: Problem, found: Fit, stuck: float = STUCK) -> Array | None:
+def scanned_starts(problem: Problem, found: Fit, stuck: float = STUCK_MEAN_SQUARE) -> Array | None:
     """Deviations with the start of each run whose misfit is beyond `stuck` where it fits best, looked for on a grid;
     None where all fit.
 

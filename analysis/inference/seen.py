@@ -14,7 +14,7 @@ from shockrig.analysis.inference.readings import white_noise
 Array = NDArray[np.float64]
 
 FEW_RUNS = 6
-SHARES = (0.632, 0.90)
+SHARES_OF_STEP = (0.632, 0.90)
 STEP_IN_NOISE = 20.0  # a smaller step has no times worth saying
 LAG_TO_90 = float(np.log(10.0))  # time constants of a first-order lag
 MOST_BETWEEN = 0.3  # of the way between two readings: from here on a line between them is invented
@@ -80,7 +80,7 @@ def _crossings(time: Array, share: Array, triggered: bool) -> tuple[tuple[float,
     first time and the last.
     """
     times, later, earlier, apart = [], [], [], []
-    for wanted in SHARES:
+    for wanted in SHARES_OF_STEP:
         first = int(np.argmax(share >= wanted))
         far = share >= 0.5 * (1.0 + wanted)
         short = np.flatnonzero(share[: int(np.argmax(far)) if far.any() else share.size] < wanted)

@@ -14,10 +14,10 @@ from shockrig.analysis.inference.readings import white_noise
 
 Array = NDArray[np.float64]
 
-SCAN = 160  # starts that are tried over a record, before the search narrows
-NARROWINGS = 3
-POINTS = 700  # of a record, beyond which it is averaged for the scan
-RELAXATIONS = 5
+STARTS_TRIED = 160  # starts that are tried over a record, before the search narrows
+SCAN_NARROWINGS = 3
+SCAN_POINTS = 700  # of a record, beyond which it is averaged for the scan
+RELAXATION_ROUNDS = 5
 STEP_IN_NOISE = 10.0  # a smaller change is no step to time
 
 
@@ -33,24 +33,24 @@ def estimate_start(time_s: Array, value: Array) -> float | None:
         return None
     low, high = float(time_s[3]), float(time_s[-4])
     best = low
-    for _ in range(1 + NARROWINGS):
-        starts = np.linspace(low, high, SCAN)
+    for _ in range(1 + SCAN_NARROWINGS):
+        starts = np.linspace(low, high, STARTS_TRIED)
         # Near the start single samples count; far from it their averages do.
         time, level, count = _thinned(time_s, value, 0.5 * (low + high), 2.0 * (high - low))
         costs = [_misfit(time, level, count, start) for start in starts]
         best = float(starts[int(np.argmin(costs))])
-        reach = 3.0 * (high - low) / SCAN
+        reach = 3.0 * (high - low) / STARTS_TRIED
         low, high = max(best - reach, float(time_s[3])), min(best + reach, float(time_s[-4]))
     return best
 
 
 def _thinned(time: Array, value: Array, middle: float, reach: float) -> tuple[Array, Array, Array]:
     """The record with what is far from the middle averaged, (time, value, samples in each)."""
-    if time.size <= POINTS:
+    if time.size <= SCAN_POINTS:
         return time, value, np.ones(time.size)
     near = np.abs(time - middle) < reach
-    group = np.arange(time.size) // (1 + time.size // (POINTS // 2))
-    if near.sum() < POINTS:
+    group = np.arange(time.size) // (1 + time.size // (SCAN_POINTS // 2))
+    if near.sum() < SCAN_POINTS:
         group = np.where(near, group.max() + 1 + np.arange(time.size), group)
     _, group = np.unique(group, return_inverse=True)
     count = np.bincount(group).astype(float)
@@ -66,7 +66,7 @@ def _misfit(time: Array, value: Array, count: Array, start: float) -> float:
         return float("inf")
     longest = float(after[-1])
     shortest = max(float(after[min(2, after.size - 1)]), 1e-4 * longest)
-    taus = np.geomspace(shortest, max(longest, 1.1 * shortest), RELAXATIONS)
+    taus = np.geomspace(shortest, max(longest, 1.1 * shortest), RELAXATION_ROUNDS)
     root = np.sqrt(count)
     basis = np.column_stack([np.ones(time.size), -np.expm1(-late[:, None] / taus)]) * root[:, None]
     coefficients, *_ = np.linalg.lstsq(basis, value * root, rcond=1e-9)

@@ -9,7 +9,9 @@ Array = NDArray[np.float64]
 
 FEWEST_RUNS = 4
 APART_K = 5.0  # of the sources: from here on a gain of the sensor's calibration can be told from a scatter
-WORSE = 5.0  # times what is promised; effects that differ from run to run (warming by airflow or light) reach 3.3
+WORSE_FACTOR = (
+    5.0  # times what is promised; effects that differ from run to run (warming by airflow or light) reach 3.3
+)
 
 
 def scatter_of_stated(at_rest: Array, stated: Array, promised: float) -> float:
@@ -26,4 +28,4 @@ def scatter_of_stated(at_rest: Array, stated: Array, promised: float) -> float:
     off = at_rest - stated
     left = off - design @ np.linalg.lstsq(design, off, rcond=None)[0]
     found = float(np.sqrt((left**2).sum() / (stated.size - design.shape[1])))
-    return found if found > WORSE * promised else promised
+    return found if found > WORSE_FACTOR * promised else promised

@@ -12,14 +12,14 @@ from shockrig.analysis.flight import causal, causal_bank, causal_guard
 from shockrig.analysis.flight.causal_bank import AIR_STATES
 from shockrig.analysis.flight.causal_design import (
     AIRSPEEDS_M_S,
-    STRENGTHS,
+    STRENGTH_COUNT,
     ChannelDesign,
     Design,
     DesignTable,
     design_of,
 )
 from shockrig.analysis.flight.channel import LONGEST_FILL_S, LONGEST_REPEAT_S
-from shockrig.analysis.flight.coarse import COARSE
+from shockrig.analysis.flight.coarse import COARSE_IN_NOISE
 from shockrig.analysis.flight.prior import OU_VARIANCES, RATES_PER_S
 from shockrig.analysis.flight.screen import (
     FEWEST_CHANGES,
@@ -29,7 +29,16 @@ from shockrig.analysis.flight.screen import (
     LONGEST_GAP_S,
     SPIKE_STEPS,
 )
-from shockrig.analysis.flight.stretches import BY_CHANCE, LEVELS, LOUDER, MOST_SHARE, NORM_1, NORM_3, WHITE, WINDOW
+from shockrig.analysis.flight.stretches import (
+    BY_CHANCE,
+    LOUDER,
+    MOST_SHARE,
+    NORM_1,
+    NORM_3,
+    STUCK_LEVELS,
+    WHITE_SHARE,
+    WINDOW_ROWS,
+)
 from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S
 from shockrig.files.errors import InputError
 from shockrig.files.profile import Profile
@@ -138,12 +147,12 @@ def _numbers(design: Design, number: Callable[[float], str]) -> dict[str, str]:
         "LEAST_VARIANCE": causal_bank.LEAST_VARIANCE,
         "MOST_UNLIKELY": causal_bank.MOST_UNLIKELY,
         "LEAST_LIKELY": causal_bank.LEAST_LIKELY,
-        "COARSE": COARSE,
-        "WHITE": WHITE,
-        "SOFT": causal_guard.SOFT,
+        "COARSE": COARSE_IN_NOISE,
+        "WHITE": WHITE_SHARE,
+        "SOFT": causal_guard.SOFT_EDGE,
         "LEAST_NOISE": causal_guard.LEAST_NOISE,
         "MOST_NOISE": causal_guard.MOST_NOISE,
-        "LOUD": LOUDER[WINDOW],
+        "LOUD": LOUDER[WINDOW_ROWS],
         "MOST_SHARE": MOST_SHARE,
         "THIRD": float(NORM_3) * size,
         "FIRST": float(NORM_1) * size,
@@ -151,8 +160,8 @@ def _numbers(design: Design, number: Callable[[float], str]) -> dict[str, str]:
         "BURST_ROWS": causal_guard.BURST_ROWS,
         "NOISE_ROWS": causal_guard.NOISE_ROWS,
         "REPEATS_ROWS": causal_guard.REPEATS_ROWS,
-        "LEVELS": LEVELS * causal_guard.ROUNDING,
-        "LEVELS_PLAIN": LEVELS,
+        "LEVELS": STUCK_LEVELS * causal_guard.ROUNDING_FACTOR,
+        "LEVELS_PLAIN": STUCK_LEVELS,
         "MEAN_SIZE": size,
         "TIMES_BY_CHANCE": causal_guard.TIMES_BY_CHANCE,
         "LN_BY_CHANCE": float(np.log(BY_CHANCE)),
@@ -174,7 +183,7 @@ def _numbers(design: Design, number: Callable[[float], str]) -> dict[str, str]:
         "FEWEST_CHANGES": FEWEST_CHANGES,
         "CHANGES_KEPT": causal_guard.CHANGES_KEPT,
         "LASTING": causal_guard.LASTING_ROWS,
-        "STRENGTHS": STRENGTHS,
+        "STRENGTHS": STRENGTH_COUNT,
         "LONGEST_US": round(longest * 1e6),
         "LONGEST_MS": round(longest * 1e3),
         "FEWEST_ROWS": FEWEST_ROWS,

@@ -25,7 +25,7 @@ SHORT_RAMP_S = 0.2  # a change of the air within a sample or two is a jump to wh
 JUMP_K = 0.3  # change of the air's temperature from which RH jumps with it
 GAUSS_NODES = 5  # for the mean of readings that all lie well after the transfer
 NODES_FROM = {GAUSS_NODES: 2.0, 3: 2.5, 2: 6.0, 1: 100.0}  # lengths of the averaging after which so many do
-WARPED = 3.0  # ramps after which one is over on the time axis of a film whose diffusivity depends on its uptake
+WARPED_RAMPS = 3.0  # ramps after which one is over on the time axis of a film whose diffusivity depends on its uptake
 JUMP_S = 0.05  # this near a jump, five times the trigger's uncertainty, nobody knows on which side of it a sample is
 
 
@@ -231,7 +231,7 @@ def _near_corners(chain: Chain, span_s: float) -> NDArray[np.bool_]:
     """Columns (n,) within `span_s` after a corner of the reading: the transfer's two ends, and when a film dries."""
     ends = [np.zeros((1, 1))]
     if chain.ramp_s is not None:
-        ends.append(chain.ramp_s if chain.activity_slope is None else WARPED * chain.ramp_s)
+        ends.append(chain.ramp_s if chain.activity_slope is None else WARPED_RAMPS * chain.ramp_s)
     stretches = [(ends[0], ends[-1])]
     if chain.wet_until_s is not None:
         stretches.append((chain.wet_until_s, chain.wet_until_s))

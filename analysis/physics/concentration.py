@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-CELLS = 72
-FINER = 10  # points between two of the table
+GRID_CELLS = 72
+POINTS_BETWEEN = 10  # points between two of the table
 LOG_RATIO = np.linspace(np.log(0.08), np.log(12.0), 29)
 LOG_TIME = np.linspace(np.log(2e-5), np.log(6.0), 120)
 
@@ -54,7 +54,9 @@ def _between(value: Array, grid: Array, size: int) -> tuple[NDArray[np.int64], A
 @cache
 def _fine() -> Array:
     """The factor itself on a grid so fine that straight lines between its points are good to 5e-5."""
-    rows, columns = (np.linspace(grid[0], grid[-1], FINER * (grid.size - 1) + 1) for grid in (LOG_RATIO, LOG_TIME))
+    rows, columns = (
+        np.linspace(grid[0], grid[-1], POINTS_BETWEEN * (grid.size - 1) + 1) for grid in (LOG_RATIO, LOG_TIME)
+    )
     return np.asarray(np.exp(_table()(rows, columns)))
 
 
@@ -81,11 +83,11 @@ def _table() -> RectBivariateSpline:
 
 def _uptake(kappa: Array, times: Array) -> Array:
     """Mean uptake (len(kappa), len(times)) by finite volumes on cells that narrow towards the surface."""
-    edge = np.concatenate([[0.0], np.cumsum(np.geomspace(1.0, 3e-3, CELLS))])
+    edge = np.concatenate([[0.0], np.cumsum(np.geomspace(1.0, 3e-3, GRID_CELLS))])
     edge /= edge[-1]
     width = np.diff(edge)
     between = 0.5 * (width[1:] + width[:-1])
-    u = np.zeros((kappa.size, CELLS))
+    u = np.zeros((kappa.size, GRID_CELLS))
     out = np.empty((kappa.size, times.size))
     now = 0.0
     for j, t in enumerate(times):

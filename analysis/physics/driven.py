@@ -18,8 +18,8 @@ __all__ = ["beside_lagging_reference", "noise_passed", "respond", "undo_lag", "u
 
 Array = NDArray[np.float64]
 
-FORGOTTEN = 36.0  # exp(-36) of a mode is the rounding of what it is added to
-EVEN = 1e-9  # relative spread of a trace's distances that is but rounding of its clock
+FORGOTTEN_EXPONENT = 36.0  # exp(-36) of a mode is the rounding of what it is added to
+EVEN_SPREAD = 1e-9  # relative spread of a trace's distances that is but rounding of its clock
 JUMP_S = 1e-150  # a jump is a straight piece of this length
 STATES_AT_ONCE = 600_000  # states of modes at the trace's samples, held in memory at a time
 READ_AT_ONCE = 60_000  # states of modes between them, of which several arrays should fit a processor's cache
@@ -90,11 +90,11 @@ def respond(
     row = np.arange(len(rate))[:, None]
     out = np.array(np.broadcast_to(start, (len(rate), wanted.shape[1])))
     state = np.array(np.broadcast_to(values[:, :1] - start, rate.shape))
-    scanned = int(np.sum(rate.min(axis=0) * length.min() < FORGOTTEN))
+    scanned = int(np.sum(rate.min(axis=0) * length.min() < FORGOTTEN_EXPONENT))
     at_once = max(STATES_AT_ONCE // max(len(rate) * scanned, 1), 64)
     for first in range(0, time.size, at_once):
         last = min(first + at_once, time.size)
-        slow = int(np.sum(rate.min(axis=0) * length[first:last].min() < FORGOTTEN))
+        slow = int(np.sum(rate.min(axis=0) * length[first:last].min() < FORGOTTEN_EXPONENT))
         states = _scan(rate[:, :slow], length[first:last], slope[:, first:last], state[:, :slow])
         here = (piece >= first) & (piece < last)
         for columns, kept in _alike(rate, np.where(here, wanted - time[piece], np.inf).min(axis=0)):
@@ -118,7 +118,7 @@ def respond(
 def _alike(rate: Array, since_s: Array) -> Iterator[tuple[NDArray[np.int64], int]]:
     """Columns that need equally many modes so long after a sample, in blocks, with that number; none for infinity."""
     most = rate.shape[-1]
-    need = np.searchsorted(rate.min(axis=0), FORGOTTEN / np.maximum(since_s, 1e-300), side="right")
+    need = np.searchsorted(rate.min(axis=0), FORGOTTEN_EXPONENT / np.maximum(since_s, 1e-300), side="right")
     need = np.minimum(-(-np.maximum(need, 1) // 8) * 8, most)
     for kept in np.unique(need).tolist():
         columns = np.flatnonzero((need == kept) & np.isfinite(since_s))
@@ -140,7 +140,7 @@ def _scan(rate: Array, length_s: Array, slope: Array, state: Array) -> Array:
     long = int(np.ceil(np.sqrt(length_s.size)))
     blocks = length_s.size // long + 1
     spare = long * blocks - length_s.size
-    even = np.expm1(-rate * length_s[0]) if np.ptp(length_s) < EVEN * length_s[0] else None
+    even = np.expm1(-rate * length_s[0]) if np.ptp(length_s) < EVEN_SPREAD * length_s[0] else None
     length_s = np.append(length_s, np.ones(spare)).reshape(blocks, long).T[..., None, None]
     slope = np.append(slope, np.zeros((len(slope), spare)), axis=1).T.reshape(blocks, long, -1).swapaxes(0, 1)
     states = np.empty((long, blocks, *rate.shape))

@@ -12,8 +12,8 @@ from shockrig.analysis.physics.exponentials import Modes
 
 Array = NDArray[np.float64]
 
-APART = 3e-5  # relative distance of two rates from which partial fractions keep ten digits
-CLEAR = 0.99 * APART
+NEAR_RATES = 3e-5  # relative distance of two rates from which partial fractions keep ten digits
+NEAR_RATES_LIMIT = 0.99 * NEAR_RATES
 
 
 def first_order(time_constant_s: ArrayLike) -> Modes:
@@ -56,15 +56,15 @@ def in_series(first: Modes, time_constant_s: ArrayLike) -> Modes:
 
 def _clear_of(rate: Array, mu: Array) -> Array:
     """Two rates (..., 2) in the place of a lag's `mu` (..., 1): equal, or as far apart as keeps both off all `rate`."""
-    alone = np.abs(mu / rate - 1.0).min(axis=-1) >= CLEAR
+    alone = np.abs(mu / rate - 1.0).min(axis=-1) >= NEAR_RATES_LIMIT
     pair = np.repeat(np.broadcast_to(mu, (*alone.shape, 1)), 2, axis=-1)
     if alone.all():
         return pair
     near = np.broadcast_to(rate, (*alone.shape, rate.shape[-1]))[~alone]
-    spread = APART * np.arange(0.0, 24.0, 2.0)[:, None]
+    spread = NEAR_RATES * np.arange(0.0, 24.0, 2.0)[:, None]
     tried = pair[~alone][:, None, :] * np.concatenate([1.0 - spread, 1.0 + spread], axis=-1)  # (..., spreads, 2)
     off = np.abs(tried[..., None] / near[:, None, None, :] - 1.0).min(axis=(-2, -1))
-    chosen = np.argmax(off >= CLEAR, axis=-1)
+    chosen = np.argmax(off >= NEAR_RATES_LIMIT, axis=-1)
     pair[~alone] = tried[np.arange(chosen.size), chosen]
     return pair
 

@@ -12,7 +12,7 @@ from shockrig.analysis.planning.designs import Designs
 from shockrig.analysis.planning.evidence import REJECTED
 from shockrig.analysis.planning.information import nats
 from shockrig.analysis.planning.minutes import Airs, Minutes, airs_of, airs_of_run
-from shockrig.analysis.planning.precision import FEWEST_RUNS, UNKNOWN, Target
+from shockrig.analysis.planning.precision import FEWEST_RUNS, UNKNOWN_SIGMA, Target
 from shockrig.analysis.planning.shock import LONGEST_S, PlannedShock
 from shockrig.analysis.planning.varied import farthest, is_again, shock_of
 from shockrig.files.campaign import Campaign, Run
@@ -23,7 +23,7 @@ UNTOLD = float("nan")  # where nothing is expected of a run: it was not chosen f
 NEARLY = (
     0.97  # of the best worth per minute: among these chance chooses, so that order and conditions do not go together
 )
-SHOWN = 6
+OPTIONS_SHOWN = 6
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def choose_runs(
             m = designs.anchor
         if not considered:
             others = sorted((i for i in range(len(rates)) if i != m), key=lambda i: -rates[i])
-            considered = (options[m], *(options[i] for i in others[: SHOWN - 1]))
+            considered = (options[m], *(options[i] for i in others[: OPTIONS_SHOWN - 1]))
         chosen.append(options[m])
         so_far = so_far.after(designs, m)
     return chosen, considered
@@ -138,7 +138,7 @@ def _weighed(designs: Designs, m: int, so_far: _SoFar, bonus: float, minutes: Mi
             before = progress(target, factors[k] * now[g], int(count[k]))
             after = progress(target, factors[k] * then[g], int(count[k]) + helps)
             share += max(after - before, 0.0)
-            expected[target.label] = float(np.sqrt(min(factors[k] * then[g], UNKNOWN**2)))
+            expected[target.label] = float(np.sqrt(min(factors[k] * then[g], UNKNOWN_SIGMA**2)))
     told, have = np.array([pair[m] for pair in designs.pairs]), so_far.have
     deciding = float((np.minimum(have + told, designs.needed) - np.minimum(have, designs.needed)).sum() / REJECTED)
     best = float(told.max(initial=0.0))

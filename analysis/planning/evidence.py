@@ -31,7 +31,7 @@ from shockrig.analysis.inference.rate_scatter import posterior_scatter, prior_co
 from shockrig.analysis.inference.scan import rough_rates
 
 Array = NDArray[np.float64]
-TEMPERED = 0.5  # power of the old runs' likelihood
+OLD_RUNS_POWER = 0.5  # power of the old runs' likelihood
 REJECTED = float(np.log(100.0))  # ln E from which an explanation is out
 FEWEST_DEGREES = 4
 
@@ -127,8 +127,8 @@ class _Fitted:
         predicted = now.deviance - then.deviance + added
         own = then.deviance - then.objective - float(prior_cost(np.array(then.rate_scatter)))
         free = len(structure.parameters) + before.channel.rates
-        reached = tempered.deviance - float(prior_cost(np.array(scatter))) - (TEMPERED * then.objective + own)
-        return cls(float(predicted), float(reached + free * np.log1p(-TEMPERED)))
+        reached = tempered.deviance - float(prior_cost(np.array(scatter))) - (OLD_RUNS_POWER * then.objective + own)
+        return cls(float(predicted), float(reached + free * np.log1p(-OLD_RUNS_POWER)))
 
 
 def _fit(problem: Problem, structure: Structure, near: Fit) -> Fit:
@@ -143,8 +143,8 @@ def _log_det(found: Fit) -> float:
 
 
 def _tempered(problem: Problem, old: NDArray[np.bool_]) -> Problem:
-    """The problem with the likelihood of the old runs, their random effects integrated out, to the power `TEMPERED`."""
-    weight = np.where(old, np.sqrt(TEMPERED), 1.0)
+    """The problem with the old runs' likelihood, random effects integrated out, to the power `OLD_RUNS_POWER`."""
+    weight = np.where(old, np.sqrt(OLD_RUNS_POWER), 1.0)
     return replace(
         problem, whitener=problem.whitener * weight[:, None, None], scatter=problem.scatter / weight[:, None]
     )

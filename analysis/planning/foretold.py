@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from shockrig.analysis.inference.arrow import Arrow
 from shockrig.analysis.inference.fit import linearise
 from shockrig.analysis.inference.model import Point
-from shockrig.analysis.planning.evidence import REJECTED, TEMPERED, student
+from shockrig.analysis.planning.evidence import OLD_RUNS_POWER, REJECTED, student
 from shockrig.analysis.planning.hypothetical import imagined
 from shockrig.analysis.planning.information import each_run, nats, rates_known
 from shockrig.analysis.planning.judged import ChannelLook
@@ -64,7 +64,7 @@ def _if_true(look: ChannelLook, i: int, now: Array, shocks: Sequence[PlannedShoc
             continue
         there, arrow = linearise(new, rival.structure, Point(rival.theta, at_rest))
         before = _of_runs(rival.arrow, old)
-        moves = rival.arrow.normal - (1.0 - TEMPERED) * (before.normal - _prior(before))
+        moves = rival.arrow.normal - (1.0 - OLD_RUNS_POWER) * (before.normal - _prior(before))
         for m, one in enumerate(each_run(arrow)):
             difference = new.whiten(truth - there)[m : m + 1]
             right, _ = one.right_sides(difference, at_rest[m : m + 1], np.zeros(rival.theta.size))
@@ -83,9 +83,9 @@ def _allowed(added: Array, old: Array, free: int) -> float:
     """What a rival of so many parameters may gain by the old runs, less what the bound takes off for it."""
     scale = np.sqrt(np.maximum(np.diag(old), 1e-12))
     new, then = added / np.outer(scale, scale), old / np.outer(scale, scale)
-    inverse = np.linalg.pinv(new + TEMPERED * then, rcond=1e-11, hermitian=True)
-    fitted = float(np.trace(inverse @ (new + TEMPERED**2 * then)))
-    return TEMPERED * free - fitted + free * float(np.log1p(-TEMPERED))
+    inverse = np.linalg.pinv(new + OLD_RUNS_POWER * then, rcond=1e-11, hermitian=True)
+    fitted = float(np.trace(inverse @ (new + OLD_RUNS_POWER**2 * then)))
+    return OLD_RUNS_POWER * free - fitted + free * float(np.log1p(-OLD_RUNS_POWER))
 
 
 def _of_runs(arrow: Arrow, runs: NDArray[np.bool_]) -> Arrow:

@@ -20,7 +20,7 @@ from shockrig.files.campaign_names import FIRST_PROBE
 from shockrig.files.errors import InputError
 
 FEWEST_RUNS = 2  # of a row: one says nothing of how much runs differ
-UNKNOWN = 0.5  # relative standard uncertainty of what no run has shown
+UNKNOWN_SIGMA = 0.5  # relative standard uncertainty of what no run has shown
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def targets(
     out = []
     for (channel, ambient, quantity), relative in wanted.items():
         row = _row(None if found is None else found.channels().get(channel), ambient)
-        now = UNKNOWN if row is None else min(float(_relative(row, quantity)), UNKNOWN)
+        now = UNKNOWN_SIGMA if row is None else min(float(_relative(row, quantity)), UNKNOWN_SIGMA)
         runs = 0 if row is None else len(row.runs)
         with_fleet = None if fleet is None or quantity == "t63" else fleet.relative(channel, ambient)
         if found is not None and with_fleet is not None:

@@ -17,8 +17,8 @@ from shockrig.analysis.planning.shock import SHORTEST_S, USUAL_C, PlannedShock, 
 from shockrig.files.campaign import Campaign, Run
 
 Array = NDArray[np.float64]
-VARIETY = 0.5  # worth of a run in another direction or airflow, where ties are to be decided
-ENOUGH = 1.8  # runs of one kind, a smaller step than the largest counting as much less
+VARIETY_WORTH = 0.5  # worth of a run in another direction or airflow, where ties are to be decided
+ENOUGH_RUNS = 1.8  # runs of one kind, a smaller step than the largest counting as much less
 OTHER_PRESSURE = 0.03  # relative difference from which on a pressure is another one, and no weather
 OTHER_FLOW = 1.5  # times as much airflow is another one
 
@@ -44,9 +44,9 @@ def variety(
             own = _step_of(channel, shock)
             for time in range(2) if abs(own) > least else ():
                 size = np.abs([*steps, *time * [own]]) / largest
-                other_way = size[np.sign([*steps, *time * [own]]) == np.sign(own)].sum() < ENOUGH
+                other_way = size[np.sign([*steps, *time * [own]]) == np.sign(own)].sum() < ENOUGH_RUNS
                 other_flow = _other_flow(np.array([*flows, *time * [shock.airflow_m_s]]), size, shock.airflow_m_s)
-                bonus[i, time] += VARIETY * min(abs(own) / largest, 1.0) * (int(other_way) + int(other_flow))
+                bonus[i, time] += VARIETY_WORTH * min(abs(own) / largest, 1.0) * (int(other_way) + int(other_flow))
     bonus[:, 1] *= bonus[:, 0] > 0.0
     return bonus
 
@@ -57,7 +57,7 @@ def _other_flow(flows: Array, share: Array, flow: float) -> bool:
     if high < OTHER_FLOW * low:
         return max(high, flow) > OTHER_FLOW * min(low, flow)
     slow = flows < np.sqrt(low * high)
-    few = [float(share[slow].sum()) < ENOUGH, float(share[~slow].sum()) < ENOUGH]
+    few = [float(share[slow].sum()) < ENOUGH_RUNS, float(share[~slow].sum()) < ENOUGH_RUNS]
     return few[0] and flow <= OTHER_FLOW * low or few[1] and flow >= high / OTHER_FLOW
 
 

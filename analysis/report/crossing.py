@@ -23,7 +23,7 @@ from shockrig.files.profile import HumidityProfile, Profile, TemperatureProfile
 Array = NDArray[np.float64]
 COLUMN = {"temperature": "temperature_c", "humidity": "humidity_percent"}
 BELOW_K, ABOVE_K = 3.5, 3.5  # the scene's temperatures about that of the surface
-FLIGHTS = 3
+FLIGHTS_SHOWN = 3
 MOST_T63_S = 60.0  # a slower sensor sees nothing of a layer that is crossed in seconds
 
 
@@ -51,7 +51,7 @@ def cross_inversion(plain: Profile, extended: Profile, seed: int = 0) -> tuple[l
     truth, surface_c = _flyable(extended, plain, notes)
     if truth is None:
         return [], notes
-    seeds = [seed + i for i in range(FLIGHTS)]
+    seeds = [seed + i for i in range(FLIGHTS_SHOWN)]
     options = {"surface_temperature_c": surface_c, "turbulence_k": 0.05, "turbulence_percent": 0.3}
     weathers = [inversion(np.random.default_rng([s, 7]), **options) for s in seeds]
     try:

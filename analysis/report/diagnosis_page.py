@@ -59,7 +59,7 @@ from shockrig.files.headline import time_text
 
 # What data sheets of the HYT family promise (IST AHHYTM E2.2.1); a bead is calibrated to about the same.
 ACCURACY = {"temperature": 0.2, "humidity": 1.8}
-STRONG = 0.5  # correlation of two parameters from which on it is worth a word
+STRONG_CORRELATION = 0.5  # correlation of two parameters from which on it is worth a word
 MOST_MODELS, FEWEST_MODELS = 12, 4  # in the table of what was weighed
 LEAST_WEIGHT = 0.001  # of a model in that table, beyond the fewest
 
@@ -339,7 +339,7 @@ def _equations(found: ChannelDiagnosis) -> list[Block]:
         (abs(matrix[i, j]), f"{names[i]} and {names[j]}", float(matrix[i, j]))
         for i in range(len(names))
         for j in range(i)
-        if abs(matrix[i, j]) >= STRONG
+        if abs(matrix[i, j]) >= STRONG_CORRELATION
     ]
     for one in found.discovered:
         if (entry := entry_of(one, found.name)) is not None:
@@ -350,10 +350,11 @@ def _equations(found: ChannelDiagnosis) -> list[Block]:
             ]
     rows = [[words, f"{value:+.2f}".replace("-", "−")] for _, words, value in sorted(pairs, reverse=True)]
     if rows:
-        title = f"Parameters that are correlated by {STRONG} or more: {len(rows)} pair{'s' if len(rows) > 1 else ''}"
+        pairs_said = f"{len(rows)} pair{'s' if len(rows) > 1 else ''}"
+        title = f"Parameters that are correlated by {STRONG_CORRELATION} or more: {pairs_said}"
         blocks.append(Details(title, [Table(("parameters", "correlation"), rows)]))
     elif found.causes:
-        blocks.append(Text(f"No two parameters are correlated by {STRONG} or more."))
+        blocks.append(Text(f"No two parameters are correlated by {STRONG_CORRELATION} or more."))
     return blocks
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from shockrig.analysis.characterization.history import FALSE_ALARMS, LIMIT, Chart, HistoryStep
+from shockrig.analysis.characterization.history import CHART_SIGMAS, FALSE_ALARMS, Chart, HistoryStep
 from shockrig.analysis.report.html import Block, Cell, Figure, HtmlPage, Section, Table, Text
 from shockrig.analysis.report.numbers import measured, plain
 from shockrig.analysis.report.style import BLUE, GREY, RED, literal, save_figure, styled
@@ -33,7 +33,7 @@ def steady(chart: Chart) -> str:
     n = len(chart.observations)
     if n < 2:
         return f"{chart.figure} of {chart.serial}: one campaign, nothing to compare it with."
-    level = measured(float(chart.level[-1]), float(chart.high[-1] - chart.level[-1]) / LIMIT, chart.unit)
+    level = measured(float(chart.level[-1]), float(chart.high[-1] - chart.level[-1]) / CHART_SIGMAS, chart.unit)
     return f"{chart.figure} of {chart.serial}: {level} in {n} campaigns; nothing has changed beyond its uncertainty."
 
 
@@ -65,7 +65,7 @@ def draw(chart: Chart) -> Drawing:
         fill=True,
         color=GREY,
         alpha=0.22,
-        label=f"limits, {LIMIT:g} u",
+        label=f"limits, {CHART_SIGMAS:g} u",
     )
     axes.stairs(percent(chart.level), edges, baseline=None, color=BLUE, label="level")
     outside = (values > chart.high) | (values < chart.low)

@@ -11,7 +11,7 @@ from shockrig.analysis.inference.driven_air import follow
 from shockrig.analysis.inference.seen import FEW_RUNS, little_known, seen
 
 ENOUGH_READINGS = 8.0  # in the time to 63 %
-REST, WHOLE = 3.0, 8.0  # times to 63 % to wait before a transfer, and to record after it
+REST_T63, RECORD_T63 = 3.0, 8.0  # times to 63 % to wait before a transfer, and to record after it
 TRIGGER_SHARE = 0.03  # of the time to 63 %: how well a start should be known
 AIRS_OFF = 2.0  # times what is promised of stated airs
 
@@ -91,11 +91,13 @@ def _length(channels: Sequence[Channel]) -> str:
     short = []
     for channel in channels:
         t63_s = _t63_s(channel)
-        if t63_s is not None and any(t[0] > -REST * t63_s or t[-1] < WHOLE * t63_s for t, _ in channel.samples):
+        if t63_s is not None and any(
+            t[0] > -REST_T63 * t63_s or t[-1] < RECORD_T63 * t63_s for t, _ in channel.samples
+        ):
             short.append(t63_s)
     if not short:
         return ""
-    rest, whole = _about(REST * max(short)), _about(WHOLE * max(short))
+    rest, whole = _about(REST_T63 * max(short)), _about(RECORD_T63 * max(short))
     return (
         f"Begin each record {rest} s before the transfer, with the sensor at rest in an air that stands still, and go "
         f"on for {whole} s after it."

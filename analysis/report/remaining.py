@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SIGMAS = 2.0
+BAND_SIGMAS = 2.0
 SIZE_IN = (8.4, 3.3)
 
 
@@ -42,7 +42,7 @@ def remaining_figure(left: Remaining) -> Figure:
     course.legend(loc="best")
     taus, size = left.time_constants_s, 100.0 * left.amplitude
     spectrum.axhline(0.0, color=GREY, linewidth=0.8)
-    band = SIGMAS * 100.0 * left.uncertainty
+    band = BAND_SIGMAS * 100.0 * left.uncertainty
     spectrum.fill_between(taus, size - band, size + band, color=BLUE, alpha=0.25, linewidth=0)
     spectrum.plot(taus, size, color=BLUE)
     spectrum.set_ylabel("amplitude, % of the step")
@@ -55,6 +55,6 @@ def remaining_figure(left: Remaining) -> Figure:
 
 
 def _draw(axes: Axes, one: MeanCourse, colour: str) -> None:
-    mean, band = 100.0 * one.mean, SIGMAS * 100.0 * one.uncertainty
+    mean, band = 100.0 * one.mean, BAND_SIGMAS * 100.0 * one.uncertainty
     axes.fill_between(one.time_s, mean - band, mean + band, color=colour, alpha=0.2, linewidth=0)
     axes.plot(one.time_s, mean, color=colour, label=f"{one.condition} ({one.runs})")

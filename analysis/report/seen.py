@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.seen import SHARES, RunSeen, little_known, seen
+from shockrig.analysis.inference.seen import SHARES_OF_STEP, RunSeen, little_known, seen
 from shockrig.analysis.report.numbers import plain
 from shockrig.analysis.report.panels import panels
 from shockrig.analysis.report.style import CYCLE, GREY, INK, styled
@@ -62,8 +62,8 @@ def seen_figure(channel: Channel, steps: Sequence[RunSeen]) -> Figure:
         size = 2.5 if shown.sum() > FEW_POINTS else 6.0
         panel.plot(time[shown], share[shown], ".", markersize=size, color=CYCLE[i % len(CYCLE)], label=f"run {run}")
         if not one.at_most:
-            panel.plot(one.times_s, [100.0 * s for s in SHARES], "o", color=INK, markerfacecolor="none")
-    for level in SHARES:
+            panel.plot(one.times_s, [100.0 * s for s in SHARES_OF_STEP], "o", color=INK, markerfacecolor="none")
+    for level in SHARES_OF_STEP:
         panel.axhline(100.0 * level, color=GREY, linewidth=0.7, linestyle=":")
     panel.set_xlabel("time since the change is seen to begin, s")
     panel.set_ylabel("share of the way, %")
