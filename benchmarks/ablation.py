@@ -332,7 +332,7 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    from shockrig.analysis.diagnosis import diagnose  # noqa: F401 - loads every module that a rule may stand in
+    from shockrig.analysis.diagnose import diagnose  # noqa: F401 - loads every module that a rule may stand in
 
     args.work.mkdir(parents=True, exist_ok=True)
     chosen = cases(args.samples, args.logs)

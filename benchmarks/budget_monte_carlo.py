@@ -21,13 +21,13 @@ from pathlib import Path
 import numpy as np
 from common_errors import FILM, STATED
 
-from shockrig.analysis.characterization import curvature
-from shockrig.analysis.characterization.budget import Budget, budgets, log_figure
-from shockrig.analysis.characterization.characterize import characterize
-from shockrig.analysis.characterization.extension import Extension
-from shockrig.analysis.characterization.response_times import ResponseAir, response_slopes
-from shockrig.analysis.characterization.result import Part
-from shockrig.analysis.characterization.shifts import (
+from shockrig.analysis.characterize import curvature
+from shockrig.analysis.characterize.budget import Budget, budgets, log_figure
+from shockrig.analysis.characterize.characterize import characterize
+from shockrig.analysis.characterize.extension import Extension
+from shockrig.analysis.characterize.response_times import ResponseAir, response_slopes
+from shockrig.analysis.characterize.result import Part
+from shockrig.analysis.characterize.shifts import (
     airflow_exponent,
     disturbances,
     knows_airflow,
@@ -35,10 +35,10 @@ from shockrig.analysis.characterization.shifts import (
     temperature_slopes,
 )
 from shockrig.analysis.effects import structure_of
-from shockrig.analysis.inference.common import PERTURBED, TRIGGER
-from shockrig.analysis.inference.fit import fit
-from shockrig.analysis.inference.model import Point
-from shockrig.analysis.inference.quantity import RunEffect
+from shockrig.analysis.estimate.common import PERTURBED, TRIGGER
+from shockrig.analysis.estimate.fit import fit
+from shockrig.analysis.estimate.model import Point
+from shockrig.analysis.estimate.quantity import RunEffect
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.hide import draw_effect

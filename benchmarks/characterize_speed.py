@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from shockrig.analysis.characterization.characterize import characterize
+from shockrig.analysis.characterize.characterize import characterize
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.plans import standard_plan

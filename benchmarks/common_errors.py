@@ -22,10 +22,10 @@ from pathlib import Path
 
 import numpy as np
 
-from shockrig.analysis.characterization.budget import Budget, budgets
-from shockrig.analysis.characterization.characterize import characterize
-from shockrig.analysis.characterization.extension import Extension
-from shockrig.analysis.diagnosis.diagnose import diagnose
+from shockrig.analysis.characterize.budget import Budget, budgets
+from shockrig.analysis.characterize.characterize import characterize
+from shockrig.analysis.characterize.extension import Extension
+from shockrig.analysis.diagnose.diagnose import diagnose
 from shockrig.analysis.effects import structure_of
 from shockrig.files.campaign import Campaign, Run, RunAir, read_campaign
 from shockrig.files.common_uncertainty import INPUTS, CommonUncertainty

@@ -44,9 +44,9 @@ def trial(
     `fresh`: also record the same world again and measure there what each channel's extension gains.
     `without`: the sensor ("imet", "hyt") whose readings are taken away, so that the other alone is diagnosed.
     """
-    from shockrig.analysis.diagnosis.diagnose import diagnose
-    from shockrig.analysis.diagnosis.export import to_json
-    from shockrig.analysis.diagnosis.remainder import Tolerance
+    from shockrig.analysis.diagnose.diagnose import diagnose
+    from shockrig.analysis.diagnose.diagnosed import to_json
+    from shockrig.analysis.diagnose.remainder import Tolerance
     from shockrig.files.campaign import read_campaign
     from shockrig.protocols.reveal import score
     from shockrig.rig.virtual.batch import simulate_campaign
@@ -78,9 +78,9 @@ def trial(
 
 def gain_on(campaign, found) -> float | None:
     """Share of the explainable error that a channel's extension, as fitted, removes on another campaign's runs."""
-    from shockrig.analysis.diagnosis.gain import kinds, plainly, run_errors, summarise
-    from shockrig.analysis.diagnosis.prepare import prepare
-    from shockrig.analysis.inference.gather import build_channel
+    from shockrig.analysis.diagnose.gain import kinds, plainly, run_errors, summarise
+    from shockrig.analysis.diagnose.prepare import prepare
+    from shockrig.analysis.estimate.gather import build_channel
 
     channel = build_channel(campaign, found.name)
     if not found.causes or channel is None:

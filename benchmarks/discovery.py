@@ -35,8 +35,8 @@ from discovery_right import BESIDE, RH, RIGHT, T, plan_for, unrecorded_plan
 from discovery_tables import tables
 
 if TYPE_CHECKING:
-    from shockrig.analysis.diagnosis.diagnosed import ChannelDiagnosis
-    from shockrig.analysis.inference.channel import Channel
+    from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis
+    from shockrig.analysis.estimate.channel import Channel
     from shockrig.files.campaign import Campaign
     from shockrig.rig.virtual.truth import Truth
 
@@ -82,9 +82,9 @@ def recorded(truth: Truth | FilmTruth, plan: list, rng_or_seed: np.random.Genera
 
 def both(effect: str, channel: str, seed: int, tier: str) -> dict:
     """Diagnose both channels of a world without the hidden effect's entry: how long each takes."""
-    from shockrig.analysis.diagnosis.diagnose import diagnose_channel
-    from shockrig.analysis.diagnosis.remainder import Tolerance
-    from shockrig.analysis.inference.gather import build_channel
+    from shockrig.analysis.diagnose.diagnose import diagnose_channel
+    from shockrig.analysis.diagnose.remainder import Tolerance
+    from shockrig.analysis.estimate.gather import build_channel
 
     _, campaign = world("one_out", effect, channel, seed, tier)
     seconds, verdicts = {}, {}
@@ -113,9 +113,9 @@ def without(effect: str) -> Iterator[None]:
 
 def run(kind: str, effect: str, channel: str, seed: int, tier: str) -> dict:
     """Record a world, diagnose a channel of it without the hidden effect's entry, and score the description."""
-    from shockrig.analysis.diagnosis.diagnose import diagnose_channel
-    from shockrig.analysis.diagnosis.remainder import Tolerance
-    from shockrig.analysis.inference.gather import build_channel
+    from shockrig.analysis.diagnose.diagnose import diagnose_channel
+    from shockrig.analysis.diagnose.remainder import Tolerance
+    from shockrig.analysis.estimate.gather import build_channel
     from shockrig.files.discovered import plain
 
     truth, campaign = world(kind, effect, channel if kind == "one_out" else "", seed, tier)
@@ -155,8 +155,8 @@ def run(kind: str, effect: str, channel: str, seed: int, tier: str) -> dict:
 
 def fresh_gain(channel: Channel | None, found: ChannelDiagnosis) -> float | None:
     """Share of the explainable error that the description, as fitted, removes on a fresh campaign of the same world."""
-    from shockrig.analysis.diagnosis.gain import kinds, plainly, run_errors, summarise
-    from shockrig.analysis.diagnosis.prepare import prepare
+    from shockrig.analysis.diagnose.gain import kinds, plainly, run_errors, summarise
+    from shockrig.analysis.diagnose.prepare import prepare
 
     if channel is None or channel.rates != found.problem.channel.rates:
         return None
@@ -168,8 +168,8 @@ def fresh_gain(channel: Channel | None, found: ChannelDiagnosis) -> float | None
 
 def errors(channel: Channel | None, found: ChannelDiagnosis) -> tuple[float, float] | None:
     """Root-mean-square error on a campaign without and with what was described."""
-    from shockrig.analysis.diagnosis.gain import run_errors
-    from shockrig.analysis.diagnosis.prepare import prepare
+    from shockrig.analysis.diagnose.gain import run_errors
+    from shockrig.analysis.diagnose.prepare import prepare
 
     if channel is None or channel.rates != found.problem.channel.rates:
         return None

@@ -104,10 +104,10 @@ TAKEN = (
 
 def told(taken: Taken) -> tuple[bool, str]:
     """Whether it is described or named rightly, and nothing else; and what was found."""
-    from shockrig.analysis.diagnosis.diagnose import diagnose_channel
-    from shockrig.analysis.diagnosis.remainder import Tolerance
+    from shockrig.analysis.diagnose.diagnose import diagnose_channel
+    from shockrig.analysis.diagnose.remainder import Tolerance
     from shockrig.analysis.effects import CATALOGUE
-    from shockrig.analysis.inference.gather import build_channel
+    from shockrig.analysis.estimate.gather import build_channel
     from shockrig.files.campaign import read_campaign
     from shockrig.rig.virtual.batch import simulate_campaign
     from shockrig.rig.virtual.hide import draw_effect
@@ -159,9 +159,9 @@ NAMED = (
 
 def named_alone(named: Named) -> tuple[bool, str]:
     """Whether it is named alone and as it is; and what was found."""
-    from shockrig.analysis.diagnosis.diagnose import diagnose_channel
-    from shockrig.analysis.diagnosis.remainder import Tolerance
-    from shockrig.analysis.inference.gather import build_channel
+    from shockrig.analysis.diagnose.diagnose import diagnose_channel
+    from shockrig.analysis.diagnose.remainder import Tolerance
+    from shockrig.analysis.estimate.gather import build_channel
     from shockrig.files.campaign import read_campaign
     from shockrig.rig.virtual.batch import simulate_campaign
     from shockrig.rig.virtual.plans import standard_plan

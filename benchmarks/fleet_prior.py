@@ -21,8 +21,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from made_fleets import drawn_sensor, record_sensor, type_of_sensors
 
-from shockrig.analysis.characterization.characterize import characterize
-from shockrig.analysis.characterization.to_profile import to_profile
+from shockrig.analysis.characterize.characterize import characterize
+from shockrig.analysis.characterize.result import to_profile
 from shockrig.analysis.fleet.fleet import fleet_of
 from shockrig.analysis.fleet.prior import with_population
 from shockrig.analysis.fleet.statistics import statistics_of

@@ -17,9 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
-from shockrig.analysis.flight.sensor import fly
-from shockrig.analysis.flight.typical import typical_profile
-from shockrig.analysis.flight.weather import convective
+from shockrig.analysis.flight.simulated.sensor import fly
+from shockrig.analysis.flight.simulated.typical import typical_profile
+from shockrig.analysis.flight.simulated.weather import convective
 from shockrig.files.profile import write_profile
 
 PANDAS = "import pandas, sys; pandas.read_csv(sys.argv[1]).to_csv(sys.argv[2], index=False)"

@@ -14,9 +14,9 @@ import sys
 
 import numpy as np
 
-from shockrig.analysis.flight.scenes import scores, try_scene
-from shockrig.analysis.flight.typical import typical_profile
-from shockrig.analysis.flight.weather import SCENES
+from shockrig.analysis.flight.simulated.scenes import scores, try_scene
+from shockrig.analysis.flight.simulated.typical import typical_profile
+from shockrig.analysis.flight.simulated.weather import SCENES
 from shockrig.files.profile import Profile, StatedEffect, Uncertain
 
 

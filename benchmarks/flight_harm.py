@@ -27,7 +27,7 @@ from scipy.ndimage import median_filter
 from scipy.stats import norm
 
 from shockrig.analysis.flight.correct import correct
-from shockrig.analysis.flight.typical import typical_profile
+from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.files.flight import Flight
 from shockrig.files.profile import DiffusivityRow, HumidityProfile, Profile, ResponseTime
 

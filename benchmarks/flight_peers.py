@@ -18,12 +18,11 @@ import warnings
 import numpy as np
 
 from shockrig.analysis.flight.correct import METHODS
-from shockrig.analysis.flight.low_pass import low_pass, suggest_cutoff_hz
+from shockrig.analysis.flight.inverse import low_pass, mean_response, response_time_s, suggest_cutoff_hz
 from shockrig.analysis.flight.response import LagResponse, bead_response, film_response
-from shockrig.analysis.flight.sampled import mean_response, response_time_s
-from shockrig.analysis.flight.scenes import try_scene
-from shockrig.analysis.flight.typical import typical_profile
-from shockrig.analysis.flight.weather import SCENES
+from shockrig.analysis.flight.simulated.scenes import try_scene
+from shockrig.analysis.flight.simulated.typical import typical_profile
+from shockrig.analysis.flight.simulated.weather import SCENES
 from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.physics.humidity import humidity_from_ppmv, ppmv_from_humidity
 
@@ -52,7 +51,7 @@ def first_order(reading: np.ndarray, response: LagResponse, width: int) -> np.nd
 
 def impulse(response: LagResponse, count: int) -> np.ndarray:
     """Reading after each sample of a unit triangle of air, straight between samples (shape (count,))."""
-    from shockrig.analysis.flight.stepping import hold
+    from shockrig.analysis.flight.response import hold
 
     old, new, decay = hold(response.rate[0], np.array(PERIOD_S))
     state, out = np.zeros(decay.size), np.zeros(count)
@@ -72,7 +71,7 @@ class Tikhonov:
         self.n, self.start = n, reading[0]
         self.y = reading - self.start
         # each lag as an unknown of its own keeps the matrix sparse: q_k - decay q_{k-1} - new x_k - old x_{k-1} = 0
-        from shockrig.analysis.flight.stepping import hold
+        from shockrig.analysis.flight.response import hold
 
         old, new, decay = hold(response.rate[0], np.array(PERIOD_S))
         length = min(n, int(6 / (response.rate[0].min() * PERIOD_S)))

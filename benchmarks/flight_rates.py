@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 from flight_cost import cost
 
-from shockrig.analysis.flight import sensor
-from shockrig.analysis.flight.typical import typical_profile
-from shockrig.analysis.flight.weather import convective
+from shockrig.analysis.flight.simulated import sensor
+from shockrig.analysis.flight.simulated.typical import typical_profile
+from shockrig.analysis.flight.simulated.weather import convective
 from shockrig.files.profile import write_profile
 
 DURATION_S = {1: 12_000.0, 10: 6_000.0, 100: 900.0}

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from shockrig.analysis.flight.typical import typical_profile
+from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.files.profile import write_profile
 from shockrig.rig.recorder.run import read_run
 

@@ -14,7 +14,7 @@ from fuzz_damage import damage, demand, finite
 
 
 def profiles(rng: random.Random, folder: Path) -> Callable[[], bool]:
-    from shockrig.analysis.flight.typical import typical_profile
+    from shockrig.analysis.flight.simulated.typical import typical_profile
     from shockrig.files.profile import profile_document, read_profile
 
     document = profile_document(typical_profile())

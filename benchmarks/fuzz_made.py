@@ -17,7 +17,7 @@ ROWS = 120
 
 def sound(folder: Path) -> Path:
     """Make the folder: campaigns, flights in four forms, log, map, bench, protocol, profile, diagnosis, seal."""
-    from shockrig.analysis.flight.typical import typical_profile
+    from shockrig.analysis.flight.simulated.typical import typical_profile
     from shockrig.files.profile import write_profile
     from shockrig.protocols.cli import main
     from shockrig.rig.virtual.batch import simulate_campaign

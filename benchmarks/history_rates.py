@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
-from shockrig.analysis.characterization.budget import budgets, diffusivity_at, mean_diffusivity
-from shockrig.analysis.characterization.characterize import characterize
-from shockrig.analysis.characterization.history import Observation, chart, observed
+from shockrig.analysis.characterize.budget import budgets, diffusivity_at, mean_diffusivity
+from shockrig.analysis.characterize.characterize import characterize
+from shockrig.analysis.characterize.history import Observation, chart, observed
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.plans import standard_plan

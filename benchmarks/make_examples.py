@@ -20,9 +20,9 @@ import pandas as pd
 from scipy.signal import lfilter
 
 import shockrig
-from shockrig.analysis.flight.sensor import fly
-from shockrig.analysis.flight.typical import typical_profile
-from shockrig.analysis.flight.weather import Weather, inversion
+from shockrig.analysis.flight.simulated.sensor import fly
+from shockrig.analysis.flight.simulated.typical import typical_profile
+from shockrig.analysis.flight.simulated.weather import Weather, inversion
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.figures import figure_bytes
 from shockrig.files.profile import write_profile

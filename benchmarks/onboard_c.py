@@ -23,9 +23,9 @@ from flight_kinds import KINDS
 from flight_worlds import fly
 from resumed import kept, scored
 
-from shockrig.analysis.flight.causal_flight import rows_of
+from shockrig.analysis.flight.causal import rows_of
+from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.analysis.flight.smooth_channel import typical_period
-from shockrig.analysis.flight.typical import typical_profile
 from shockrig.analysis.onboard.source import c_source, flown, lua_source
 from shockrig.files.flight import Flight
 from shockrig.protocols.onboard_check import STRICT, build, compiler, difference, reference, run

@@ -14,7 +14,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from shockrig.analysis.flight.typical import typical_profile
+from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.analysis.onboard.source import c_source, flown
 
 HERE = Path(__file__).parent

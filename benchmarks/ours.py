@@ -94,18 +94,18 @@ def _try(outcome: Outcome, command: str, limit_s: int, work: Callable[[], None])
 
 
 def _characterize(outcome: Outcome, campaign: Path, seed: int) -> None:
-    from shockrig.analysis.characterization.characterize import characterize
-    from shockrig.analysis.characterization.to_profile import to_profile
+    from shockrig.analysis.characterize.characterize import characterize
+    from shockrig.analysis.characterize.result import to_profile
     from shockrig.files.campaign import read_campaign
 
     outcome.plain = _as_file(to_profile(characterize(read_campaign(campaign), seed)))
 
 
 def _diagnose(outcome: Outcome, campaign: Path, seed: int, exact: bool) -> None:
-    from shockrig.analysis.diagnosis.diagnose import diagnose
-    from shockrig.analysis.diagnosis.export import to_json
-    from shockrig.analysis.diagnosis.extended import extended_profile, extended_result
-    from shockrig.analysis.diagnosis.remainder import Tolerance
+    from shockrig.analysis.diagnose.diagnose import diagnose
+    from shockrig.analysis.diagnose.diagnosed import to_json
+    from shockrig.analysis.diagnose.extended import extended_profile, extended_result
+    from shockrig.analysis.diagnose.remainder import Tolerance
     from shockrig.files.campaign import read_campaign
 
     recorded = read_campaign(campaign)
@@ -137,9 +137,9 @@ def fresh_errors(outcome: Outcome, campaign: str | Path, channel: str) -> tuple[
 
 def fresh_run_errors(outcome: Outcome, campaign: str | Path, channel: str) -> tuple[Array, Array] | None:
     """The same as mean squares of each run (R,)."""
-    from shockrig.analysis.diagnosis.gain import plainly, run_errors
-    from shockrig.analysis.diagnosis.prepare import prepare
-    from shockrig.analysis.inference.gather import build_channel
+    from shockrig.analysis.diagnose.gain import plainly, run_errors
+    from shockrig.analysis.diagnose.prepare import prepare
+    from shockrig.analysis.estimate.gather import build_channel
     from shockrig.files.campaign import read_campaign
 
     found = next((c for c in outcome.found.channels if c.name == channel), None) if outcome.found else None

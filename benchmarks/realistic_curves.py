@@ -38,8 +38,8 @@ CHANNEL = {
 
 def trial(effect: str, size: float, seed: int, plan: str) -> dict:
     """One world with one effect hidden at `size` times a realistic strength, and what its channel's diagnosis says."""
-    from shockrig.analysis.diagnosis.diagnose import diagnose_channel
-    from shockrig.analysis.inference.gather import build_channel
+    from shockrig.analysis.diagnose.diagnose import diagnose_channel
+    from shockrig.analysis.estimate.gather import build_channel
     from shockrig.files.campaign import read_campaign
     from shockrig.rig.virtual.batch import simulate_campaign
     from shockrig.rig.virtual.plans import extended_plan, standard_plan

@@ -18,11 +18,11 @@ from pathlib import Path
 
 import numpy as np
 
-from shockrig.analysis.checks.checked import checked
-from shockrig.analysis.diagnosis import thresholds
-from shockrig.analysis.diagnosis.diagnose import diagnose_channel
-from shockrig.analysis.inference.gather import build_channel
-from shockrig.analysis.inference.quantity import QUANTITIES
+from shockrig.analysis.checks.check import checked
+from shockrig.analysis.diagnose import thresholds
+from shockrig.analysis.diagnose.diagnose import diagnose_channel
+from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.estimate.quantity import QUANTITIES
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.hide import draw_hidden

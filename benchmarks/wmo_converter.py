@@ -20,9 +20,9 @@ from pathlib import Path
 import netCDF4
 import numpy as np
 
-from shockrig.analysis.flight.sensor import fly
-from shockrig.analysis.flight.typical import typical_profile
-from shockrig.analysis.flight.weather import inversion
+from shockrig.analysis.flight.simulated.sensor import fly
+from shockrig.analysis.flight.simulated.typical import typical_profile
+from shockrig.analysis.flight.simulated.weather import inversion
 from shockrig.files.profile import write_profile
 from shockrig.protocols.cli import main as shockrig
 

@@ -19,7 +19,7 @@ from matplotlib import pyplot as plt
 from refresh_tutorial import agree, printed_by
 
 from shockrig.analysis.physics.driven import respond
-from shockrig.analysis.physics.lags import first_order
+from shockrig.analysis.physics.modes import first_order
 
 HERE = Path(__file__).parent
 PAGE, IMAGES = HERE / "gallery_logs.md", HERE / "images"

@@ -23,11 +23,10 @@ from shockrig.rig.recorder.campaign import planned_entry
 from shockrig.rig.recorder.state import read_head
 
 if TYPE_CHECKING:
-    from shockrig.analysis.diagnosis.outcome import ChannelOutcome
-    from shockrig.analysis.planning.decision import Decision
-    from shockrig.analysis.planning.goals import Goals
-    from shockrig.analysis.planning.places import Place
-    from shockrig.analysis.planning.shock import PlannedShock
+    from shockrig.analysis.diagnose.diagnosed import ChannelOutcome
+    from shockrig.analysis.plan.decision import Decision
+    from shockrig.analysis.plan.goals import Goals, Place
+    from shockrig.analysis.plan.shock import PlannedShock
     from shockrig.files.fleet import Population
     from shockrig.rig.bench import Bench
 
@@ -110,7 +109,7 @@ class Loop:
 
     def _pending(self, log: list[dict[str, Any]], recorded: Sequence[str]) -> PlannedShock | None:
         """The run that was decided on and is not recorded; None where it is, or the decision was for another goal."""
-        from shockrig.analysis.planning.export import chosen
+        from shockrig.analysis.plan.decision import chosen
 
         if not log or log[-1]["until"] != str(self._goals) or log[-1]["recorded"] != list(recorded):
             return None
@@ -118,10 +117,9 @@ class Loop:
         return runs[0] if runs else None
 
     def _decide(self, state: Any, log: list[dict[str, Any]], vetoed: list[PlannedShock]) -> Protocol | None:
-        from shockrig.analysis.planning.decide import decide
-        from shockrig.analysis.planning.decision import CONTINUE
-        from shockrig.analysis.planning.export import log_entry, plan_document, remembered
-        from shockrig.analysis.planning.shock import from_run
+        from shockrig.analysis.plan.decide import decide
+        from shockrig.analysis.plan.decision import CONTINUE, log_entry, plan_document, remembered
+        from shockrig.analysis.plan.shock import from_run
         from shockrig.files.plan import append_decision
 
         last = log[-1] if log else None
@@ -165,8 +163,8 @@ class Loop:
 
     def _think_on(self, entry: dict[str, Any]) -> None:
         """Begin with the diagnoses that a decision left for later."""
-        from shockrig.analysis.planning.decide import of_decision
-        from shockrig.analysis.planning.export import remembered
+        from shockrig.analysis.plan.decide import of_decision
+        from shockrig.analysis.plan.decision import remembered
 
         decision = remembered(entry)
         due = {} if decision is None else {name: v for name, v in decision.verdicts.items() if v.due}

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 from shockrig.protocols.branch import end, end_with, ready, start
 
 if TYPE_CHECKING:
-    from shockrig.analysis.planning.places import Place
-    from shockrig.analysis.planning.verdict import Verdict
+    from shockrig.analysis.plan.goals import Place
+    from shockrig.analysis.plan.judged import Verdict
     from shockrig.files.campaign import Campaign
 
 NICER = 5  # than the recording, which must not wait
@@ -63,8 +63,8 @@ class Background:
 
 def _diagnose(answers: Connection, campaigns: Sequence[Campaign], due: Mapping[Place, Verdict], parent: int) -> None:
     """The process: verdicts of one place after the other; Ctrl-C is for the bench, which ends this too."""
-    from shockrig.analysis.planning.judged import diagnosed
-    from shockrig.analysis.planning.places import places
+    from shockrig.analysis.plan.goals import places
+    from shockrig.analysis.plan.judged import diagnosed
 
     end_with(parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 from shockrig.files.disk import shown
 
 if TYPE_CHECKING:
-    from shockrig.analysis.diagnosis.outcome import ChannelOutcome
-    from shockrig.analysis.diagnosis.remainder import Tolerance
-    from shockrig.analysis.planning.places import Place
+    from shockrig.analysis.diagnose.diagnosed import ChannelOutcome
+    from shockrig.analysis.diagnose.remainder import Tolerance
+    from shockrig.analysis.plan.goals import Place
     from shockrig.files.campaign import Campaign
     from shockrig.files.diagnosis_data import StatedDiagnosis
 
@@ -35,7 +35,7 @@ def made_from(campaign: Campaign, tolerance: Tolerance) -> dict[str, Any]:
 
 def outdated(stated: StatedDiagnosis, campaign: Campaign, tolerance: Tolerance | None = None) -> str:
     """Why a diagnosis is not one of the campaign as it is, in a phrase; empty where it is."""
-    from shockrig.analysis.diagnosis.remainder import Tolerance
+    from shockrig.analysis.diagnose.remainder import Tolerance
 
     then, now = stated.extra.get(KEY), made_from(campaign, tolerance or Tolerance())
     if not isinstance(then, dict):
@@ -69,9 +69,9 @@ def outcomes(path: Path, seen: Sequence[Campaign], say: Callable[[str], None]) -
 
     `seen` is the campaign as each of its probes saw it.
     """
-    from shockrig.analysis.diagnosis.outcome import read_outcome
-    from shockrig.analysis.inference.quantity import QUANTITIES
-    from shockrig.analysis.planning.places import place_of
+    from shockrig.analysis.diagnose.diagnosed import read_outcome
+    from shockrig.analysis.estimate.quantity import QUANTITIES
+    from shockrig.analysis.plan.goals import place_of
 
     found: dict[Place, ChannelOutcome] = {}
     for campaign in seen:

@@ -12,9 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from shockrig.analysis.flight.causal import Corrector
+from shockrig.analysis.flight.causal import Corrector, rows_of
 from shockrig.analysis.flight.causal_design import Design
-from shockrig.analysis.flight.causal_flight import rows_of
 from shockrig.files.errors import InputError
 from shockrig.files.flight import Flight
 

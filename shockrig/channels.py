@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
-from shockrig.analysis.inference.quantity import QUANTITIES, ChannelName
+from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName
 from shockrig.files.campaign import Campaign
 from shockrig.files.errors import InputError
 from shockrig.files.profile import Profile

@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from shockrig.analysis.characterization.characterize import characterize as _characterize
-from shockrig.analysis.characterization.extension import Extension, extension_of, read_extension
-from shockrig.analysis.characterization.to_profile import to_profile
-from shockrig.analysis.diagnosis.diagnose import diagnose as _diagnose
-from shockrig.analysis.diagnosis.diagnose import next_experiments
-from shockrig.analysis.diagnosis.export import stated_cause, to_json
-from shockrig.analysis.diagnosis.remainder import Tolerance
+from shockrig.analysis.characterize.characterize import characterize as _characterize
+from shockrig.analysis.characterize.extension import Extension, extension_of, read_extension
+from shockrig.analysis.characterize.result import to_profile
+from shockrig.analysis.diagnose.diagnose import diagnose as _diagnose
+from shockrig.analysis.diagnose.diagnose import next_experiments
+from shockrig.analysis.diagnose.diagnosed import stated_cause, to_json
+from shockrig.analysis.diagnose.remainder import Tolerance
+from shockrig.analysis.estimate.quantity import ChannelName
 from shockrig.analysis.fleet.prior import with_population
 from shockrig.analysis.flight.correct import correct as _correct
-from shockrig.analysis.inference.quantity import ChannelName
 from shockrig.analysis.report.next_time import next_time
 from shockrig.channels import Channels, of_campaign, of_profile, only
 from shockrig.files.campaign import Campaign, read_campaign
@@ -34,8 +34,8 @@ from shockrig.results import Characterized, CorrectedFlight, Diagnosed, Planned
 if TYPE_CHECKING:
     import pandas as pd
 
-    from shockrig.analysis.diagnosis.outcome import ChannelOutcome
-    from shockrig.analysis.planning.places import Place
+    from shockrig.analysis.diagnose.diagnosed import ChannelOutcome
+    from shockrig.analysis.plan.goals import Place
 
 Progress = Callable[[str], None]
 
@@ -200,7 +200,7 @@ def plan(
     if until is not None:
         return _planned(found, until, runs, channels, fleet, progress or (lambda text: None))
     if not isinstance(found, Diagnosed):
-        from shockrig.analysis.planning.goals import EXAMPLE
+        from shockrig.analysis.plan.goals import EXAMPLE
 
         raise InputError(f"until: is missing; give goals such as {EXAMPLE!r}, or plan from a diagnosis")
     wanted = of_campaign(found.campaign, channels)
@@ -218,11 +218,10 @@ def _planned(
     say: Progress,
 ) -> Planned:
     """The decision that goals lead to, with what is known already."""
-    from shockrig.analysis.diagnosis.outcome import outcome_of
-    from shockrig.analysis.planning.decide import decide
-    from shockrig.analysis.planning.export import plan_document
-    from shockrig.analysis.planning.goals import parse_goals
-    from shockrig.analysis.planning.places import place_of
+    from shockrig.analysis.diagnose.diagnosed import outcome_of
+    from shockrig.analysis.plan.decide import decide
+    from shockrig.analysis.plan.decision import plan_document
+    from shockrig.analysis.plan.goals import parse_goals, place_of
     from shockrig.protocols.made_before import outcomes
 
     with as_python():

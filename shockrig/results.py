@@ -8,8 +8,8 @@ import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from shockrig.analysis.characterization.result import Characterization
-from shockrig.analysis.diagnosis.diagnosed import Diagnosis
+from shockrig.analysis.characterize.result import Characterization
+from shockrig.analysis.diagnose.diagnosed import Diagnosis
 from shockrig.analysis.fleet.prior import WithFleet
 from shockrig.analysis.report.characterize_page import hint
 from shockrig.files import result_views as views
@@ -73,7 +73,7 @@ class Characterized:
 
     def plot(self) -> Figure:
         """The steps of each sensor with their fits, what is left of them, and D over temperature where it is known."""
-        from shockrig.analysis.report.fitted_figure import plot_characterized
+        from shockrig.analysis.report.fitted import plot_characterized
 
         return plot_characterized(self.result, self.profile)
 

@@ -43,8 +43,8 @@ def draws():
 
 def fits(campaign):
     """Names, and numbers with their uncertainties, of a characterization and of the bead's diagnosis."""
-    from shockrig.analysis.characterization.characterize import characterize
-    from shockrig.analysis.diagnosis.diagnose import diagnose
+    from shockrig.analysis.characterize.characterize import characterize
+    from shockrig.analysis.diagnose.diagnose import diagnose
 
     found = characterize(campaign, 1)
     numbers = {"alpha": [(r.diffusivity_m2_s, r.standard_uncertainty) for r in found.temperature.rows]}

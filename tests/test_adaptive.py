@@ -10,9 +10,9 @@ import pytest
 from benchmark_scripts import benchmark
 from small_worlds import QUIET
 
-from shockrig.analysis.planning.export import remembered
-from shockrig.analysis.planning.goals import parse_goals
-from shockrig.analysis.planning.shock import PlannedShock
+from shockrig.analysis.plan.decision import remembered
+from shockrig.analysis.plan.goals import parse_goals
+from shockrig.analysis.plan.shock import PlannedShock
 from shockrig.analysis.report.loop_page import chosen_section
 from shockrig.files.plan import read_decisions
 from shockrig.protocols.adaptive import Loop
@@ -95,8 +95,8 @@ def test_reports_show_how_runs_were_chosen(killed, tmp_path, capsys):
 
 def test_without_its_log_the_same_files_give_the_same_decision(killed, tmp_path):
     """Killed before the decision was written: it is taken again, and is the same."""
-    from shockrig.analysis.planning.decide import decide
-    from shockrig.analysis.planning.export import log_entry, remembered
+    from shockrig.analysis.plan.decide import decide
+    from shockrig.analysis.plan.decision import log_entry, remembered
     from shockrig.files.campaign import read_campaign
 
     path, before, _, _ = killed
@@ -266,7 +266,7 @@ def ventilation(airflow_m_s):
 
 
 def test_a_plan_keeps_to_what_a_bench_can_do():
-    from shockrig.analysis.planning.shock import PlannedShock
+    from shockrig.analysis.plan.shock import PlannedShock
     from shockrig.protocols.decided import feasible_on
 
     bench = virtual_bench(QUICK_SENSORS)

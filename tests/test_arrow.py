@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
-from shockrig.analysis.inference.arrow import Arrow
-from shockrig.analysis.inference.quantity import RunEffect
+from shockrig.analysis.estimate.arrow import Arrow
+from shockrig.analysis.estimate.quantity import RunEffect
 
 R, N, P, U, C = 6, 9, 3, 4, 2
 

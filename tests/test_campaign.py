@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from shockrig.analysis.characterization.characterize import characterize
-from shockrig.analysis.inference.gather import build_channel, usable_runs
+from shockrig.analysis.characterize.characterize import characterize
+from shockrig.analysis.estimate.gather import build_channel, usable_runs
 from shockrig.files.campaign import read_campaign
 from shockrig.files.errors import InputError
 

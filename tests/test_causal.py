@@ -12,11 +12,11 @@ from shockrig.analysis.flight.causal_design import Ladder, design_of
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.prior import Prior
 from shockrig.analysis.flight.response import LagResponse, bead_response, film_response
-from shockrig.analysis.flight.scenes import to_flight
-from shockrig.analysis.flight.sensor import fly
+from shockrig.analysis.flight.simulated.scenes import to_flight
+from shockrig.analysis.flight.simulated.sensor import fly
+from shockrig.analysis.flight.simulated.typical import typical_profile
+from shockrig.analysis.flight.simulated.weather import inversion
 from shockrig.analysis.flight.smoother import smooth
-from shockrig.analysis.flight.typical import typical_profile
-from shockrig.analysis.flight.weather import inversion
 from shockrig.analysis.physics.exchange import Stream
 from shockrig.files.profile import StatedEffect, Uncertain
 from shockrig.protocols.cli import main

@@ -16,12 +16,11 @@ import pytest
 import xmlschema
 from small_worlds import record
 
-from shockrig.analysis.characterization.budget import Budget, budgets
-from shockrig.analysis.characterization.certified import calibrations, certified, with_common
-from shockrig.analysis.characterization.characterize import characterize, characterize_channel
-from shockrig.analysis.characterization.extension import Extension
-from shockrig.analysis.characterization.response_times import ResponseAir
-from shockrig.analysis.characterization.sources import Component
+from shockrig.analysis.characterize.budget import Budget, Component, budgets
+from shockrig.analysis.characterize.certified import calibrations, certified, with_common
+from shockrig.analysis.characterize.characterize import characterize, characterize_channel
+from shockrig.analysis.characterize.extension import Extension
+from shockrig.analysis.characterize.response_times import ResponseAir
 from shockrig.analysis.effects import structure_of
 from shockrig.analysis.report.certificate_page import write_certificate_page
 from shockrig.files.campaign import read_campaign

@@ -8,10 +8,10 @@ import pytest
 from small_worlds import record
 
 from shockrig.analysis.effects import CATALOGUE, structure_of
-from shockrig.analysis.inference.gather import build_channel
-from shockrig.analysis.inference.model import Model, Point
-from shockrig.analysis.inference.quantity import QUANTITIES
-from shockrig.analysis.physics import concentration
+from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.estimate.model import Model, Point
+from shockrig.analysis.estimate.quantity import QUANTITIES
+from shockrig.analysis.physics import readings as concentration
 from shockrig.analysis.physics.chain import discrete_gauss, evaluate
 from shockrig.analysis.physics.humidity import (
     dew_point_c,

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from shockrig.analysis.diagnosis.limits import cannot_tell
-from shockrig.analysis.inference.bins import bin_means
-from shockrig.analysis.inference.channel import group_ambients
-from shockrig.analysis.inference.gather import build_channel, usable_runs
-from shockrig.analysis.inference.starts import estimate_start
+from shockrig.analysis.diagnose.diagnose import cannot_tell
+from shockrig.analysis.estimate.bins import bin_means
+from shockrig.analysis.estimate.channel import group_ambients
+from shockrig.analysis.estimate.gather import build_channel, usable_runs
+from shockrig.analysis.estimate.starts import estimate_start
 from shockrig.files.campaign import Campaign, ReferenceResponse, Run, RunAir, Trace
 
 

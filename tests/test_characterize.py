@@ -11,11 +11,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from shockrig.analysis.characterization.characterize import characterize
-from shockrig.analysis.characterization.extension import extension_of, read_extension
-from shockrig.analysis.inference.channel import LeftOut
-from shockrig.analysis.inference.gather import why_none
-from shockrig.analysis.inference.model import Held
+from shockrig.analysis.characterize.characterize import characterize
+from shockrig.analysis.characterize.extension import extension_of, read_extension
+from shockrig.analysis.estimate.channel import LeftOut
+from shockrig.analysis.estimate.gather import why_none
+from shockrig.analysis.estimate.model import Held
 from shockrig.analysis.physics.modes import response_times, sphere_core, sphere_core_biot
 from shockrig.files.campaign import read_campaign
 from shockrig.files.errors import InputError

@@ -16,7 +16,7 @@ from small_worlds import record
 
 from shockrig.analysis.checks import CHECKS, check_campaign
 from shockrig.analysis.checks.finding import name_runs
-from shockrig.analysis.checks.groups import two_groups
+from shockrig.analysis.checks.rates import two_groups
 from shockrig.analysis.checks.response import begins_after, responses
 from shockrig.analysis.checks.signals import look
 from shockrig.analysis.checks.thresholds import THRESHOLDS, limit

@@ -11,15 +11,15 @@ import pytest
 from benchmark_scripts import benchmark
 from small_worlds import record
 
-from shockrig.analysis.characterization.characterize import characterize
-from shockrig.analysis.characterization.shifts import LARGEST_EXPONENT, airflow_exponent, shifts
-from shockrig.analysis.diagnosis.diagnose import diagnose_channel
+from shockrig.analysis.characterize.characterize import characterize
+from shockrig.analysis.characterize.shifts import LARGEST_EXPONENT, airflow_exponent, shifts
+from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.effects import CATALOGUE, structure_of
-from shockrig.analysis.inference.fit import fit
-from shockrig.analysis.inference.gather import build_channel
-from shockrig.analysis.inference.model import PLAIN, Model, Point
-from shockrig.analysis.inference.noise import estimate_noise, whiteners
-from shockrig.analysis.inference.problem import make_problem
+from shockrig.analysis.estimate.fit import fit
+from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.estimate.model import PLAIN, Model, Point
+from shockrig.analysis.estimate.noise import estimate_noise, whiteners
+from shockrig.analysis.estimate.problem import make_problem
 from shockrig.files.campaign import read_campaign
 from shockrig.files.common_uncertainty import INPUTS, NOTHING_COMMON, ORDINARY_LABORATORY, CommonUncertainty
 from shockrig.files.errors import InputError

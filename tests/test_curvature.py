@@ -11,14 +11,14 @@ import pytest
 from small_worlds import record
 from test_certificate import STATED, bead, validated
 
-from shockrig.analysis.characterization import curvature
-from shockrig.analysis.characterization.budget import budgets, log_figure
-from shockrig.analysis.characterization.certified import certified
-from shockrig.analysis.characterization.response_times import ResponseAir
-from shockrig.analysis.characterization.result import Characterization
-from shockrig.analysis.characterization.shifts import disturbances
-from shockrig.analysis.inference.fit import fit
-from shockrig.analysis.inference.model import Point
+from shockrig.analysis.characterize import curvature
+from shockrig.analysis.characterize.budget import budgets, log_figure
+from shockrig.analysis.characterize.certified import certified
+from shockrig.analysis.characterize.response_times import ResponseAir
+from shockrig.analysis.characterize.result import Characterization
+from shockrig.analysis.characterize.shifts import disturbances
+from shockrig.analysis.estimate.fit import fit
+from shockrig.analysis.estimate.model import Point
 from shockrig.files.certificate import certificate_document
 from shockrig.files.dcc import dcc_text
 from shockrig.files.numbers import between

@@ -21,9 +21,9 @@ import pytest
 from processes import ended, heard, in_background
 from small_worlds import small_plan
 
-from shockrig.analysis.characterization.extension import read_extension
-from shockrig.analysis.diagnosis import search as searching
-from shockrig.analysis.diagnosis.diagnosed import NO_STEP
+from shockrig.analysis.characterize.extension import read_extension
+from shockrig.analysis.diagnose import search as searching
+from shockrig.analysis.diagnose.diagnosed import NO_STEP
 from shockrig.analysis.report.numbers import measured
 from shockrig.files.campaign import read_campaign
 from shockrig.files.profile import read_profile
@@ -245,7 +245,7 @@ def test_a_signal_ends_all_processes_with_one_line_and_leaves_nothing(tmp_path, 
     some_runs(tmp_path / "bead", slice(20, None), "hyt.csv")
     # The search takes for ever, so that the command is at it however late the signal comes.
     endless = (
-        "import sys, time; from shockrig.analysis.diagnosis import diagnose; from shockrig.protocols.cli import main"
+        "import sys, time; from shockrig.analysis.diagnose import diagnose; from shockrig.protocols.cli import main"
     )
     endless += "; diagnose.measure_gain = lambda *_: time.sleep(3600); sys.exit(main())"
     command = [sys.executable, "-c", endless, "diagnose", "bead", "--out", "out"]

@@ -6,14 +6,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from shockrig.analysis.diagnosis.diagnosed import Cause
-from shockrig.analysis.diagnosis.gain import Gain
-from shockrig.analysis.diagnosis.held_out import HeldOut, autocorrelation, drifts, size
-from shockrig.analysis.diagnosis.remainder import Remainder
+from shockrig.analysis.diagnose.diagnosed import Cause
+from shockrig.analysis.diagnose.gain import Gain
+from shockrig.analysis.diagnose.held_out import HeldOut, autocorrelation, drifts, size
+from shockrig.analysis.diagnose.remainder import Remainder
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.flight.typical import typical_profile
-from shockrig.analysis.inference.quantity import TEMPERATURE
+from shockrig.analysis.estimate.quantity import TEMPERATURE
+from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.analysis.report.crossing import cross_inversion
+from shockrig.analysis.report.diagnosis_view import parted_by
 from shockrig.analysis.report.diagnosis_words import (
     cause_sentence,
     channel_verdict,
@@ -24,7 +25,6 @@ from shockrig.analysis.report.diagnosis_words import (
     worse,
 )
 from shockrig.analysis.report.parameters import RunParameter
-from shockrig.analysis.report.remaining import parted_by
 from shockrig.files.profile import HumidityProfile, Profile, StatedEffect, TemperatureProfile, Uncertain
 
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from shockrig.analysis.diagnosis.diagnose import diagnose
-from shockrig.analysis.diagnosis.export import to_json
+from shockrig.analysis.diagnose.diagnose import diagnose
+from shockrig.analysis.diagnose.diagnosed import to_json
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.hide import draw_effect

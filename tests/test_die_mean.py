@@ -6,16 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shockrig.analysis.diagnosis.adequacy import judge
-from shockrig.analysis.diagnosis.prepare import prepare
-from shockrig.analysis.diagnosis.refitting import plain_fit, refit
-from shockrig.analysis.discovery.grammar import forms
+from shockrig.analysis.diagnose.adequacy import judge
+from shockrig.analysis.diagnose.grammar import forms
+from shockrig.analysis.diagnose.prepare import prepare
+from shockrig.analysis.diagnose.refitting import plain_fit, refit
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.described import described
-from shockrig.analysis.inference.die import smooth_dies
-from shockrig.analysis.inference.fit import fit, run_misfit
-from shockrig.analysis.inference.gather import build_channel
-from shockrig.analysis.inference.model import Held, Model, Point, Structure
+from shockrig.analysis.estimate.fit import fit, run_misfit
+from shockrig.analysis.estimate.gather import build_channel, smooth_dies
+from shockrig.analysis.estimate.model import Held, Model, Point, Structure
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.plans import standard_plan

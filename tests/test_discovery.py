@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 from small_worlds import record
 
-from shockrig.analysis.characterization.extension import extension_of
-from shockrig.analysis.diagnosis.diagnose import diagnose_channel
-from shockrig.analysis.diagnosis.remainder import Tolerance
-from shockrig.analysis.discovery.conditions import held_out
-from shockrig.analysis.discovery.grammar import forms
-from shockrig.analysis.discovery.remaining import spectrum
+from shockrig.analysis.characterize.extension import extension_of
+from shockrig.analysis.diagnose.diagnose import diagnose_channel
+from shockrig.analysis.diagnose.grammar import forms
+from shockrig.analysis.diagnose.remainder import Tolerance
+from shockrig.analysis.diagnose.remaining import spectrum
+from shockrig.analysis.diagnose.restless import held_out
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.behaviours import Form, form_of
 from shockrig.analysis.effects.described import described, discovered_of, entry_of, stated_values
+from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.estimate.model import Model, Point, Structure
 from shockrig.analysis.flight.correct import correct
-from shockrig.analysis.flight.profile_effects import unseen
-from shockrig.analysis.inference.gather import build_channel
-from shockrig.analysis.inference.model import Model, Point, Structure
+from shockrig.analysis.flight.readout import unseen
 from shockrig.files.flight import Flight
 from shockrig.files.profile import Profile, TemperatureProfile, Uncertain, profile_document, profile_from_document
 from shockrig.rig.virtual.plans import standard_plan

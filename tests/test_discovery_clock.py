@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 from small_worlds import record, small_plan
 
-from shockrig.analysis.diagnosis.diagnose import diagnose_channel
-from shockrig.analysis.diagnosis.remainder import Tolerance
+from shockrig.analysis.diagnose.diagnose import diagnose_channel
+from shockrig.analysis.diagnose.remainder import Tolerance
 from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.effects.behaviours import when_it_jumps_s
 from shockrig.analysis.effects.described import described, discovered_of
-from shockrig.analysis.effects.jumps import when_it_jumps_s
-from shockrig.analysis.inference.gather import build_channel
-from shockrig.analysis.inference.model import Model, Point, Structure
-from shockrig.analysis.report.described_words import flies, sentence
+from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.estimate.model import Model, Point, Structure
+from shockrig.analysis.report.diagnosis_words import flies, sentence
 from shockrig.rig.virtual.plans import standard_plan
 from shockrig.rig.virtual.truth import ROUGH, Hidden
 

@@ -7,29 +7,27 @@ import numpy as np
 import pytest
 from small_worlds import record, small_plan
 
-from shockrig.analysis.characterization.extension import extension_of
-from shockrig.analysis.diagnosis.adequacy import judge
-from shockrig.analysis.diagnosis.candidates import candidates
-from shockrig.analysis.diagnosis.diagnose import diagnose_channel
-from shockrig.analysis.diagnosis.prepare import likelier_average, prepare
-from shockrig.analysis.diagnosis.refitting import plain_fit
-from shockrig.analysis.diagnosis.remainder import Tolerance
-from shockrig.analysis.diagnosis.restless import without_hum
-from shockrig.analysis.diagnosis.search import Race, Search, search
-from shockrig.analysis.discovery.grammar import forms
+from shockrig.analysis.characterize.extension import extension_of
+from shockrig.analysis.diagnose.adequacy import judge
+from shockrig.analysis.diagnose.candidates import candidates
+from shockrig.analysis.diagnose.diagnose import diagnose_channel
+from shockrig.analysis.diagnose.grammar import forms
+from shockrig.analysis.diagnose.prepare import likelier_average, prepare
+from shockrig.analysis.diagnose.refitting import plain_fit
+from shockrig.analysis.diagnose.remainder import Tolerance
+from shockrig.analysis.diagnose.restless import without_hum
+from shockrig.analysis.diagnose.search import Race, Search, search
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.effects.behaviours import MEAN, Form
-from shockrig.analysis.effects.described import described, discovered_of, entry_of
-from shockrig.analysis.effects.described_in_flight import as_listed
-from shockrig.analysis.effects.laws import LAWS, laws_of
-from shockrig.analysis.flight.profile_effects import not_undone
-from shockrig.analysis.inference.bins import rebin
-from shockrig.analysis.inference.effect import SingleReadings
-from shockrig.analysis.inference.fit import fit
-from shockrig.analysis.inference.gather import build_channel
-from shockrig.analysis.inference.model import Held, Model, Point, Structure
-from shockrig.analysis.inference.readings import mostly_repeats
-from shockrig.analysis.report.described_words import behaves, flies, sentence
+from shockrig.analysis.effects.behaviours import LAWS, MEAN, Form, laws_of
+from shockrig.analysis.effects.described import as_listed, described, discovered_of, entry_of
+from shockrig.analysis.estimate.bins import rebin
+from shockrig.analysis.estimate.effect import SingleReadings
+from shockrig.analysis.estimate.fit import fit
+from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.estimate.model import Held, Model, Point, Structure
+from shockrig.analysis.estimate.readings import mostly_repeats
+from shockrig.analysis.flight.readout import not_undone
+from shockrig.analysis.report.diagnosis_words import behaves, flies, sentence
 from shockrig.rig.seams import Air
 from shockrig.rig.virtual.plans import Shock, standard_plan, wide_plan
 from shockrig.rig.virtual.truth import ROUGH, Hidden, draw_truth

@@ -5,14 +5,14 @@ import json
 import numpy as np
 import pytest
 
-from shockrig.analysis.diagnosis.prepare import prepare
-from shockrig.analysis.diagnosis.refitting import plain_fit
-from shockrig.analysis.inference.bins import bin_means, place
-from shockrig.analysis.inference.driven_air import averaged_over, begun_unsettled, edges_of_driven, follow
-from shockrig.analysis.inference.gather import build_channel
+from shockrig.analysis.diagnose.prepare import prepare
+from shockrig.analysis.diagnose.refitting import plain_fit
+from shockrig.analysis.estimate.bins import bin_means, place
+from shockrig.analysis.estimate.driven_air import averaged_over, begun_unsettled, edges_of_driven, follow
+from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.physics.chain import MeasuredAir
 from shockrig.analysis.physics.driven import respond
-from shockrig.analysis.physics.lags import first_order
+from shockrig.analysis.physics.modes import first_order
 from shockrig.files.campaign import read_campaign
 
 TAU_S, PERIOD_S, NOISE_K = 200.0, 3.0, 0.01

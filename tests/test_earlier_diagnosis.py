@@ -4,10 +4,10 @@ told."""
 import numpy as np
 import pytest
 
-from shockrig.analysis.diagnosis import limits
-from shockrig.analysis.diagnosis import search as searching
-from shockrig.analysis.diagnosis.prepare import prepare
-from shockrig.analysis.inference.gather import build_channel
+from shockrig.analysis.diagnose import diagnose
+from shockrig.analysis.diagnose import search as searching
+from shockrig.analysis.diagnose.prepare import prepare
+from shockrig.analysis.estimate.gather import build_channel
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.plans import standard_plan
@@ -58,9 +58,9 @@ def test_a_search_has_an_end(ready, cold, monkeypatch, limit):
     # One step is made in any case, and one more begins below the limit.
     assert limit <= found.fits < min(limit + 120, cold.fits)
     assert found.weights.sum() == pytest.approx(1.0) and found.best is found.pool[0]
-    (said,) = limits.ended(found)
+    (said,) = diagnose.ended(found)
     assert f"ended at its limit of work, after {found.fits} fits" in said and "--from" in said
 
 
 def test_a_search_that_ends_by_itself_says_nothing_of_its_limit(cold):
-    assert 0 < cold.fits < searching.MOST_FITS and limits.ended(cold) == ()
+    assert 0 < cold.fits < searching.MOST_FITS and diagnose.ended(cold) == ()

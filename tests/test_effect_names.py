@@ -14,14 +14,14 @@ from shockrig.analysis.effects import CATALOGUE
 
 ROOT = Path(__file__).parent.parent
 PLACES = ("files", "analysis", "protocols", "shockrig")
-EXEMPT = ("analysis/effects/", "analysis/flight/sensor.py")
+EXEMPT = ("analysis/effects/", "analysis/flight/simulated/sensor.py")
 NAMES = re.compile(r"\b(" + "|".join(map(re.escape, CATALOGUE)) + r")\b")
 # Words of the field's own, which prose may use; with an underscore in it a word is an id.
 PROSE = {name for name in CATALOGUE if "_" not in name}
 # A behaviour that shock-diagnosis/1 describes without naming a cause has the same words.
 OTHER_MEANING = {
     (place, "parallel_lag")
-    for place in ("files/diagnosis_data.py", "analysis/discovery/grammar.py", "analysis/report/described_words.py")
+    for place in ("files/diagnosis_data.py", "analysis/diagnose/grammar.py", "analysis/report/diagnosis_words.py")
 }
 
 

@@ -12,22 +12,20 @@ import numpy as np
 import pytest
 from small_worlds import record
 
-from shockrig.analysis.diagnosis.candidates import Candidate
-from shockrig.analysis.diagnosis.diagnose import diagnose_channel
-from shockrig.analysis.diagnosis.extended import extended_result
-from shockrig.analysis.diagnosis.priors import log_prior
-from shockrig.analysis.diagnosis.refitting import plain_fit
-from shockrig.analysis.diagnosis.search import Race
+from shockrig.analysis.diagnose.candidates import Candidate, log_prior
+from shockrig.analysis.diagnose.diagnose import diagnose_channel
+from shockrig.analysis.diagnose.extended import extended_result
+from shockrig.analysis.diagnose.refitting import plain_fit
+from shockrig.analysis.diagnose.search import Race
 from shockrig.analysis.effects import CATALOGUE, structure_of
-from shockrig.analysis.inference.effect import SingleReadings, unchanged
-from shockrig.analysis.inference.fit import fit, run_misfit
-from shockrig.analysis.inference.gather import build_channel
-from shockrig.analysis.inference.model import PLAIN, Model, Point
-from shockrig.analysis.inference.noise import estimate_noise, whiteners
-from shockrig.analysis.inference.problem import make_problem
-from shockrig.analysis.inference.quantity import QUANTITIES
-from shockrig.analysis.inference.readings import rounding_step
-from shockrig.analysis.inference.rounding import COARSE_IN_NOISE
+from shockrig.analysis.estimate.effect import SingleReadings, unchanged
+from shockrig.analysis.estimate.fit import fit, run_misfit
+from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.estimate.model import PLAIN, Model, Point
+from shockrig.analysis.estimate.noise import COARSE_IN_NOISE, estimate_noise, whiteners
+from shockrig.analysis.estimate.problem import make_problem
+from shockrig.analysis.estimate.quantity import QUANTITIES
+from shockrig.analysis.estimate.readings import rounding_step
 from shockrig.analysis.physics.bodies import BODIES
 from shockrig.analysis.physics.chain import MeasuredAir
 from shockrig.files.campaign import read_campaign

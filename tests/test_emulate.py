@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from processes import ended, heard, in_background
 
-from shockrig.analysis.flight.typical import typical_profile
+from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.analysis.physics.modes import response_times, sphere_core
 from shockrig.files.errors import InputError
 from shockrig.protocols.flight_world import flight_world, read_flown_air

@@ -12,7 +12,7 @@ from fake_bench import fake_bench
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shockrig.analysis.flight.typical import typical_profile
+from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.files.campaign import BODIES, ReferenceResponse, RunAir, read_campaign
 from shockrig.files.campaign_write import campaign_document, run_document, table_text, write_campaign, write_run
 from shockrig.files.profile import write_profile

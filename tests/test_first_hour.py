@@ -236,7 +236,7 @@ def test_every_option_that_a_message_of_logs_names_has_pythons_words():
 
 def test_a_start_that_nobody_recorded_is_looked_for_once(log, monkeypatch):
     """Looks, fits and diagnoses of one campaign ask for it again and again, and it is most of a plan's time."""
-    from shockrig.analysis.inference import gather
+    from shockrig.analysis.estimate import gather
 
     asked = []
     monkeypatch.setattr(gather, "estimate_start", lambda time_s, value: asked.append(time_s) or 50.0)
@@ -248,7 +248,7 @@ def test_a_start_that_nobody_recorded_is_looked_for_once(log, monkeypatch):
 
 
 def test_a_certificate_uses_the_diagnosis_beside_the_campaign(tmp_path, log):
-    from shockrig.analysis.diagnosis.remainder import Tolerance
+    from shockrig.analysis.diagnose.remainder import Tolerance
     from shockrig.protocols.made_before import KEY, current, made_from
 
     kept = shockrig.import_log(shockrig.example("steps.csv"), out=tmp_path / "mine")

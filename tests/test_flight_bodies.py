@@ -7,17 +7,22 @@ import pytest
 from scipy.linalg import expm
 
 from shockrig.analysis.flight.correct import correct
-from shockrig.analysis.flight.element import SHAPES, cells, march
-from shockrig.analysis.flight.inverse import RefusedError, paper_layers
+from shockrig.analysis.flight.inverse import RefusedError, paper_layers, response_time_s, sampled, transfer_function
 from shockrig.analysis.flight.prior import gain_squared
-from shockrig.analysis.flight.response import LagResponse, bead_response, film_response, slowest
-from shockrig.analysis.flight.sampled import response_time_s, sampled, transfer_function
-from shockrig.analysis.flight.scenes import to_flight
-from shockrig.analysis.flight.sensor import fly
-from shockrig.analysis.flight.stepping import held_matrix, hold, stepped
+from shockrig.analysis.flight.response import (
+    LagResponse,
+    bead_response,
+    film_response,
+    held_matrix,
+    hold,
+    slowest,
+    stepped,
+)
+from shockrig.analysis.flight.simulated.scenes import to_flight
+from shockrig.analysis.flight.simulated.sensor import SHAPES, cells, fly, march
+from shockrig.analysis.flight.simulated.typical import typical_profile
+from shockrig.analysis.flight.simulated.weather import FINE_STEP_S, frontal, inversion
 from shockrig.analysis.flight.sweep import lags_behind
-from shockrig.analysis.flight.typical import typical_profile
-from shockrig.analysis.flight.weather import FINE_STEP_S, frontal, inversion
 from shockrig.analysis.physics.bodies import BODIES
 from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.physics.modes import first_order, in_series, mix, response_times

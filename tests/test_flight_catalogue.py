@@ -7,13 +7,21 @@ import pytest
 
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.flight.correct import correct
-from shockrig.analysis.flight.profile_effects import acting, not_undone, of_airspeed, propagated
-from shockrig.analysis.flight.readout import ceiling, noise_floor, not_known, undone
+from shockrig.analysis.flight.readout import (
+    acting,
+    ceiling,
+    noise_floor,
+    not_known,
+    not_undone,
+    of_airspeed,
+    propagated,
+    undone,
+)
 from shockrig.analysis.flight.response import bead_response
-from shockrig.analysis.flight.scenes import to_flight
-from shockrig.analysis.flight.sensor import FLOWN_EFFECTS, fly, flyable
-from shockrig.analysis.flight.typical import typical_profile
-from shockrig.analysis.flight.weather import frontal
+from shockrig.analysis.flight.simulated.scenes import to_flight
+from shockrig.analysis.flight.simulated.sensor import FLOWN_EFFECTS, fly, flyable
+from shockrig.analysis.flight.simulated.typical import typical_profile
+from shockrig.analysis.flight.simulated.weather import frontal
 from shockrig.analysis.physics.bodies import BODIES
 from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.report.crossing import cross_inversion

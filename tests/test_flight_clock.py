@@ -6,12 +6,12 @@ import pytest
 
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.response import film_response
-from shockrig.analysis.flight.scenes import to_flight
 from shockrig.analysis.flight.screen import clock
-from shockrig.analysis.flight.sensor import fly
+from shockrig.analysis.flight.simulated.scenes import to_flight
+from shockrig.analysis.flight.simulated.sensor import fly
+from shockrig.analysis.flight.simulated.typical import typical_profile
+from shockrig.analysis.flight.simulated.weather import inversion
 from shockrig.analysis.flight.sweep import lags_behind
-from shockrig.analysis.flight.typical import typical_profile
-from shockrig.analysis.flight.weather import inversion
 from shockrig.analysis.physics.exchange import Stream
 
 PROFILE = typical_profile()

@@ -7,19 +7,16 @@ import numpy as np
 import pytest
 
 from shockrig.analysis.flight.correct import METHODS, correct
-from shockrig.analysis.flight.inverse import RefusedError, paper_layers
+from shockrig.analysis.flight.inverse import RefusedError, low_pass, paper_layers, sampled, suggest_cutoff_hz
 from shockrig.analysis.flight.judging import power_spectrum, slope, structure_function
-from shockrig.analysis.flight.low_pass import low_pass, suggest_cutoff_hz
 from shockrig.analysis.flight.prior import AIR, OU_VARIANCES, Passing, Prior, innovation, spectra, transition
-from shockrig.analysis.flight.response import LagResponse, bead_response, film_response
-from shockrig.analysis.flight.sampled import sampled
-from shockrig.analysis.flight.scenes import scores, to_flight, try_scene
+from shockrig.analysis.flight.response import LagResponse, bead_response, film_response, hold
 from shockrig.analysis.flight.screen import clock, screen
-from shockrig.analysis.flight.sensor import fly
+from shockrig.analysis.flight.simulated.scenes import scores, to_flight, try_scene
+from shockrig.analysis.flight.simulated.sensor import fly
+from shockrig.analysis.flight.simulated.typical import typical_profile
+from shockrig.analysis.flight.simulated.weather import SCENES, convective, frontal, inversion
 from shockrig.analysis.flight.smoother import smooth
-from shockrig.analysis.flight.stepping import hold
-from shockrig.analysis.flight.typical import typical_profile
-from shockrig.analysis.flight.weather import SCENES, convective, frontal, inversion
 from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.physics.schemes.sampling import is_minimum_phase, zeros
 from shockrig.files.errors import InputError

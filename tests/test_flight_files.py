@@ -15,11 +15,11 @@ import pandas as pd
 import pytest
 
 from shockrig.analysis.flight.correct import correct
-from shockrig.analysis.flight.scenes import to_flight as frame_to_flight
-from shockrig.analysis.flight.sensor import fly
+from shockrig.analysis.flight.simulated.scenes import to_flight as frame_to_flight
+from shockrig.analysis.flight.simulated.sensor import fly
+from shockrig.analysis.flight.simulated.typical import typical_profile
+from shockrig.analysis.flight.simulated.weather import convective, frontal
 from shockrig.analysis.flight.stream import correct_file
-from shockrig.analysis.flight.typical import typical_profile
-from shockrig.analysis.flight.weather import convective, frontal
 from shockrig.files.errors import InputError
 from shockrig.files.flight import FLAGS, OUTPUT_COLUMNS, read_layout
 from shockrig.files.flight_rows import to_flight

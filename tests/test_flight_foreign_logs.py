@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.screen import screen
-from shockrig.analysis.flight.typical import typical_profile
+from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.files.errors import InputError
 from shockrig.files.flight import Flight, read_layout
 from shockrig.files.flight_rows import to_flight

@@ -12,12 +12,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from shockrig.analysis.flight.comparisons import Layers
 from shockrig.analysis.flight.correct import correct
-from shockrig.analysis.flight.layers import Layers
-from shockrig.analysis.flight.scenes import to_flight as frame_to_flight
-from shockrig.analysis.flight.sensor import fly
-from shockrig.analysis.flight.typical import typical_profile
-from shockrig.analysis.flight.weather import inversion
+from shockrig.analysis.flight.simulated.scenes import to_flight as frame_to_flight
+from shockrig.analysis.flight.simulated.sensor import fly
+from shockrig.analysis.flight.simulated.typical import typical_profile
+from shockrig.analysis.flight.simulated.weather import inversion
 from shockrig.files.errors import InputError
 from shockrig.files.flight import Corrected, Flight, read_layout
 from shockrig.files.flight_from_netcdf import read_netcdf

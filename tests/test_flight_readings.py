@@ -6,16 +6,15 @@ import numpy as np
 import pytest
 from benchmark_scripts import benchmark
 
-from shockrig.analysis.flight.cleaning import EXCHANGED, without_codes
 from shockrig.analysis.flight.correct import correct
+from shockrig.analysis.flight.doubts import profile_doubts
 from shockrig.analysis.flight.guard import reach
-from shockrig.analysis.flight.profile_doubts import profile_doubts
-from shockrig.analysis.flight.scenes import to_flight
-from shockrig.analysis.flight.screen import resolution_of, screen
-from shockrig.analysis.flight.sensor import fly
+from shockrig.analysis.flight.screen import EXCHANGED, resolution_of, screen, without_codes
+from shockrig.analysis.flight.simulated.scenes import to_flight
+from shockrig.analysis.flight.simulated.sensor import fly
+from shockrig.analysis.flight.simulated.typical import typical_profile
+from shockrig.analysis.flight.simulated.weather import convective, frontal
 from shockrig.analysis.flight.stretches import largest_share
-from shockrig.analysis.flight.typical import typical_profile
-from shockrig.analysis.flight.weather import convective, frontal
 from shockrig.files.profile import StatedEffect, Uncertain
 from shockrig.files.ranges import RANGES
 from shockrig.files.sentinels import CODES, coded

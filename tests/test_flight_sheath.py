@@ -7,11 +7,10 @@ import pytest
 from test_flight_bodies import PROFILE, QUIET, bead, effect, rms
 
 from shockrig.analysis.flight.correct import correct
-from shockrig.analysis.flight.element import cells, march, sheathed
 from shockrig.analysis.flight.response import bead_response
-from shockrig.analysis.flight.scenes import to_flight
-from shockrig.analysis.flight.sensor import fly
-from shockrig.analysis.flight.weather import FINE_STEP_S, frontal, inversion
+from shockrig.analysis.flight.simulated.scenes import to_flight
+from shockrig.analysis.flight.simulated.sensor import cells, fly, march, sheathed
+from shockrig.analysis.flight.simulated.weather import FINE_STEP_S, frontal, inversion
 from shockrig.analysis.physics.bodies import BODIES
 from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.physics.modes import in_series

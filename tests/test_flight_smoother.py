@@ -11,12 +11,12 @@ from shockrig.analysis.flight import smoother
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.prior import Passing, Prior
 from shockrig.analysis.flight.response import LagResponse
-from shockrig.analysis.flight.scenes import to_flight
-from shockrig.analysis.flight.sensor import fly
+from shockrig.analysis.flight.simulated.scenes import to_flight
+from shockrig.analysis.flight.simulated.sensor import fly
+from shockrig.analysis.flight.simulated.typical import typical_profile
+from shockrig.analysis.flight.simulated.weather import convective
 from shockrig.analysis.flight.smooth_channel import estimate
 from shockrig.analysis.flight.smoother import Jumps
-from shockrig.analysis.flight.typical import typical_profile
-from shockrig.analysis.flight.weather import convective
 
 
 @pytest.mark.skipif(smoother._kernel is None, reason="the kernel was not built")

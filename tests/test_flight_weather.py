@@ -6,9 +6,17 @@ import numpy as np
 import pytest
 
 from shockrig.analysis.flight.judging import power_spectrum, slope, structure_function
-from shockrig.analysis.flight.sensor import fly, fly_many
-from shockrig.analysis.flight.typical import typical_profile
-from shockrig.analysis.flight.weather import FINE_STEP_S, SCENES, Weather, convective, frontal, inversion, shaped_noise
+from shockrig.analysis.flight.simulated.sensor import fly, fly_many
+from shockrig.analysis.flight.simulated.typical import typical_profile
+from shockrig.analysis.flight.simulated.weather import (
+    FINE_STEP_S,
+    SCENES,
+    Weather,
+    convective,
+    frontal,
+    inversion,
+    shaped_noise,
+)
 from shockrig.analysis.physics.humidity import ppmv_from_humidity
 from shockrig.analysis.physics.modes import film_mean, film_mean_biot, first_order, mix, sphere_core, sphere_core_biot
 from shockrig.files.errors import InputError

@@ -7,14 +7,14 @@ import pytest
 from scipy.signal import lfilter
 
 from shockrig.analysis.flight.correct import correct
+from shockrig.analysis.flight.humidity import unseen
 from shockrig.analysis.flight.response import film_response
-from shockrig.analysis.flight.scenes import to_flight
 from shockrig.analysis.flight.screen import screen
-from shockrig.analysis.flight.sensor import fly
+from shockrig.analysis.flight.simulated.scenes import to_flight
+from shockrig.analysis.flight.simulated.sensor import fly
+from shockrig.analysis.flight.simulated.typical import typical_profile
+from shockrig.analysis.flight.simulated.weather import convective, frontal
 from shockrig.analysis.flight.smooth_channel import estimate
-from shockrig.analysis.flight.typical import typical_profile
-from shockrig.analysis.flight.weather import convective, frontal
-from shockrig.analysis.flight.witness import unseen
 from shockrig.analysis.physics.exchange import Stream
 from shockrig.files.ranges import RANGES
 

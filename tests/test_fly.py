@@ -17,10 +17,9 @@ import pytest
 from processes import ended, heard, wait_for
 from test_emulate import emulating, with_bus
 
-from shockrig.analysis.flight.causal import Corrector
+from shockrig.analysis.flight.causal import Corrector, rows_of
 from shockrig.analysis.flight.causal_design import design_of
-from shockrig.analysis.flight.causal_flight import rows_of
-from shockrig.analysis.flight.typical import typical_profile
+from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.files.flight_rows import whole_flight
 from shockrig.files.profile import write_profile
 from shockrig.protocols.cli import main

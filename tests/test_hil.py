@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from shockrig.analysis.checks.link import HeardMessages, SentRows, link_findings
-from shockrig.analysis.flight.weather import inversion
+from shockrig.analysis.flight.simulated.weather import inversion
 from shockrig.protocols.cli import main
 
 FAULTS = ("loss@10-22", "delay@28-40", "units@46-58", "stamps@64-76", "one_old@82-94")

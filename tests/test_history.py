@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from small_worlds import small_plan
 
-from shockrig.analysis.characterization.budget import diffusivity_at, mean_diffusivity
-from shockrig.analysis.characterization.characterize import characterize
-from shockrig.analysis.characterization.history import FALSE_ALARMS, Observation, chart
+from shockrig.analysis.characterize.budget import diffusivity_at, mean_diffusivity
+from shockrig.analysis.characterize.characterize import characterize
+from shockrig.analysis.characterize.history import FALSE_ALARMS, Observation, chart
 from shockrig.files.campaign import read_campaign
 from shockrig.protocols.cli import main
 from shockrig.protocols.commands.history import called

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import cholesky, toeplitz
 
-from shockrig.analysis.inference.bins import as_single_samples
-from shockrig.analysis.inference.gather import build_channel
-from shockrig.analysis.inference.noise import MAX_AVERAGED, Noise, whiteners
+from shockrig.analysis.estimate.bins import as_single_samples
+from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.estimate.noise import MAX_AVERAGED, Noise, whiteners
 from shockrig.files.campaign import read_campaign
 
 

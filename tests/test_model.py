@@ -9,18 +9,18 @@ from scipy.stats import multivariate_normal, norm
 from small_worlds import record
 
 from shockrig.analysis.effects import CATALOGUE, structure_of
-from shockrig.analysis.inference.channel import between_ambients, group_ambients
-from shockrig.analysis.inference.gather import build_channel
-from shockrig.analysis.inference.model import LOG_RATE_BOUNDS, PLAIN, Held, Model, Point
-from shockrig.analysis.inference.problem import make_problem
-from shockrig.analysis.inference.quantity import QUANTITIES, RunEffect
-from shockrig.analysis.inference.rate_scatter import (
+from shockrig.analysis.estimate.channel import between_ambients, group_ambients
+from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.estimate.model import LOG_RATE_BOUNDS, PLAIN, Held, Model, Point
+from shockrig.analysis.estimate.problem import (
     RATE_SCATTER,
     OwnRates,
     likeliest,
+    make_problem,
     posterior_scatter,
     restriction,
 )
+from shockrig.analysis.estimate.quantity import QUANTITIES, RunEffect
 from shockrig.analysis.physics.humidity import ZERO_CELSIUS_K
 
 EVERY = [(name, [e for e, entry in CATALOGUE.items() if name in entry.channels]) for name in QUANTITIES]

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from shockrig.analysis.inference.bins import rebin
-from shockrig.analysis.inference.gather import build_channel
-from shockrig.analysis.inference.noise import estimate_noise, plateau_pieces, whiteners
+from shockrig.analysis.estimate.bins import rebin
+from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.estimate.noise import estimate_noise, plateau_pieces, whiteners
 from shockrig.files.campaign import Campaign, Run, RunAir, Trace
 
 PERIOD = 0.1

@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from shockrig.analysis.characterization.characterize import characterize
-from shockrig.analysis.diagnosis.diagnose import diagnose
-from shockrig.analysis.diagnosis.extended import extended_result
+from shockrig.analysis.characterize.characterize import characterize
+from shockrig.analysis.diagnose.diagnose import diagnose
+from shockrig.analysis.diagnose.extended import extended_result
 from shockrig.files.campaign import read_campaign
 from shockrig.files.numbers import measured
 from shockrig.protocols.cli import main

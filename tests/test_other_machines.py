@@ -13,7 +13,7 @@ import pytest
 from small_worlds import record
 from test_curvature import bent_ridge, itself
 
-from shockrig.analysis.characterization import curvature
+from shockrig.analysis.characterize import curvature
 from shockrig.rig.virtual.hide import draw_effect
 
 pytestmark = pytest.mark.elsewhere

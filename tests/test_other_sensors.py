@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from shockrig.analysis.diagnosis.diagnose import diagnose_channel
+from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.inference.bins import FINE_BIN_WIDTHS, edges_after_transfer, fine_width
-from shockrig.analysis.inference.gather import build_channel
-from shockrig.analysis.physics import concentration
+from shockrig.analysis.estimate.bins import FINE_BIN_WIDTHS, edges_after_transfer, fine_width
+from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.physics import readings
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.virtual.foreign import Arrival, Lab, LabLogger, LabRun, Written, make_body, record
 
@@ -72,8 +72,8 @@ def test_bins_follow_the_sensors_pace_where_the_logger_does():
 def test_the_even_table_of_the_warp_is_as_good_as_the_spline_that_it_is_made_of():
     rng = np.random.default_rng(1)
     ratio, fourier = np.exp(rng.uniform(-2.4, 2.4, (40, 1))), np.exp(rng.uniform(-10.5, 1.7, (40, 50)))
-    spline = concentration._table()(*np.broadcast_arrays(np.log(ratio), np.log(fourier)), grid=False)
-    assert concentration.time_warp(fourier, ratio) == pytest.approx(np.exp(spline), rel=5e-5)
+    spline = readings._table()(*np.broadcast_arrays(np.log(ratio), np.log(fourier)), grid=False)
+    assert readings.time_warp(fourier, ratio) == pytest.approx(np.exp(spline), rel=5e-5)
 
 
 def test_two_lags_and_a_slow_share_are_found_from_starts_that_nobody_marked(tmp_path):

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from shockrig.analysis.diagnosis.placing import PLACED_WITHIN, placed
-from shockrig.analysis.diagnosis.refitting import plain_fit
-from shockrig.analysis.inference.gather import build_channel
-from shockrig.analysis.inference.model import Point
-from shockrig.analysis.inference.noise import estimate_noise, whiteners
-from shockrig.analysis.inference.problem import make_problem
+from shockrig.analysis.diagnose.gain import PLACED_WITHIN, placed
+from shockrig.analysis.diagnose.refitting import plain_fit
+from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.estimate.model import Point
+from shockrig.analysis.estimate.noise import estimate_noise, whiteners
+from shockrig.analysis.estimate.problem import make_problem
 from shockrig.files.campaign import read_campaign
 
 

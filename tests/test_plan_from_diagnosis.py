@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import shockrig
-from shockrig.analysis.diagnosis.diagnose import diagnose
-from shockrig.analysis.diagnosis.export import to_json
+from shockrig.analysis.diagnose.diagnose import diagnose
+from shockrig.analysis.diagnose.diagnosed import to_json
 from shockrig.files.campaign import read_campaign
 from shockrig.results import Diagnosed, Planned
 

@@ -13,28 +13,34 @@ import pytest
 from benchmark_scripts import benchmark
 from small_worlds import QUIET
 
-from shockrig.analysis.diagnosis.diagnose import diagnose_channel
-from shockrig.analysis.diagnosis.prepare import prepare
-from shockrig.analysis.diagnosis.refitting import plain_fit, refit
+from shockrig.analysis.diagnose.diagnose import diagnose_channel
+from shockrig.analysis.diagnose.prepare import prepare
+from shockrig.analysis.diagnose.refitting import plain_fit, refit
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.inference.fit import fit
-from shockrig.analysis.inference.gather import build_channel
-from shockrig.analysis.inference.model import PLAIN, Model
-from shockrig.analysis.planning.choose import choose_runs, progress
-from shockrig.analysis.planning.decide import decide
-from shockrig.analysis.planning.decision import CONTINUE, DONE, INCONCLUSIVE, Decision
-from shockrig.analysis.planning.designs import Designs
-from shockrig.analysis.planning.evidence import REJECTED, Dispute, against, student
-from shockrig.analysis.planning.export import chosen, log_entry, plan_document, remembered
-from shockrig.analysis.planning.foretold import expected_evidence
-from shockrig.analysis.planning.goals import Goals, Precision, parse_goals
-from shockrig.analysis.planning.information import information, nats, separations
-from shockrig.analysis.planning.judged import ChannelLook, look_at, spending
-from shockrig.analysis.planning.minutes import USUAL, airs_of, learn, spent_minutes
-from shockrig.analysis.planning.precision import Target, gained_by, measured, targets
-from shockrig.analysis.planning.shock import PlannedShock, Surroundings, Usual, deciding_menu, opening, precision_menu
-from shockrig.analysis.planning.varied import variety
-from shockrig.analysis.planning.verdict import Verdict
+from shockrig.analysis.estimate.fit import fit
+from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.estimate.model import PLAIN, Model
+from shockrig.analysis.plan.choose import choose_runs, progress
+from shockrig.analysis.plan.decide import decide, expected_evidence
+from shockrig.analysis.plan.decision import (
+    CONTINUE,
+    DONE,
+    INCONCLUSIVE,
+    Decision,
+    chosen,
+    log_entry,
+    plan_document,
+    remembered,
+)
+from shockrig.analysis.plan.designs import Designs
+from shockrig.analysis.plan.evidence import REJECTED, Dispute, against, student
+from shockrig.analysis.plan.goals import Goals, Precision, parse_goals
+from shockrig.analysis.plan.information import information, nats, separations
+from shockrig.analysis.plan.judged import ChannelLook, Verdict, look_at, spending
+from shockrig.analysis.plan.minutes import USUAL, airs_of, learn, spent_minutes
+from shockrig.analysis.plan.precision import Target, gained_by, measured, targets
+from shockrig.analysis.plan.shock import PlannedShock, Surroundings, Usual, deciding_menu, opening, precision_menu
+from shockrig.analysis.plan.varied import variety
 from shockrig.analysis.report.loop_page import chosen_section
 from shockrig.files.campaign import Run, RunAir
 from shockrig.files.errors import InputError
@@ -250,7 +256,7 @@ def test_what_nobody_listed_is_held_against_what_is_catalogued(tmp_path):
 
 
 def _fitted(problem, explanation):
-    from shockrig.analysis.planning.evidence import structure_of
+    from shockrig.analysis.plan.evidence import structure_of
 
     structure = structure_of(explanation, PLAIN, "temperature")
     choice = {f"{e}.{p}": v for e, values in explanation.items() for p, v in values.items()}

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_t
 
-from shockrig.analysis.diagnosis.refitting import plain_fit
-from shockrig.analysis.inference.fit import fit
-from shockrig.analysis.inference.gather import build_channel
-from shockrig.analysis.inference.noise import estimate_noise, whiteners
-from shockrig.analysis.inference.predictive import (
+from shockrig.analysis.diagnose.refitting import plain_fit
+from shockrig.analysis.estimate.fit import fit, rmse_over_samples
+from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.estimate.noise import estimate_noise, whiteners
+from shockrig.analysis.estimate.predictive import (
     DISCREPANCIES,
     NOISE_DEGREES,
     Gram,
@@ -24,8 +24,7 @@ from shockrig.analysis.inference.predictive import (
     stated_beside,
     weights,
 )
-from shockrig.analysis.inference.problem import make_problem
-from shockrig.analysis.inference.samples import rmse_over_samples
+from shockrig.analysis.estimate.problem import make_problem
 from shockrig.files.campaign import read_campaign
 
 RUNS, READINGS, PARAMETERS, OWN, BUMPS = 5, 9, 3, 2, 4

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from shockrig.analysis.characterization.characterize import characterize
-from shockrig.analysis.inference.gather import build_channel
-from shockrig.analysis.inference.seen import seen
+from shockrig.analysis.characterize.characterize import characterize
+from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.estimate.seen import seen
 from shockrig.analysis.report.seen import seen_sentence
 from shockrig.files.campaign import read_campaign
 from shockrig.files.errors import InputError

@@ -3,15 +3,15 @@
 import numpy as np
 from small_worlds import record
 
-from shockrig.analysis.diagnosis.candidates import candidates
-from shockrig.analysis.diagnosis.prepare import prepare
-from shockrig.analysis.diagnosis.refitting import plain_fit, refit
-from shockrig.analysis.diagnosis.search import Race
+from shockrig.analysis.diagnose.candidates import candidates
+from shockrig.analysis.diagnose.prepare import prepare
+from shockrig.analysis.diagnose.refitting import plain_fit, refit
+from shockrig.analysis.diagnose.search import Race
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.inference.fit import fit
-from shockrig.analysis.inference.gather import build_channel
-from shockrig.analysis.inference.model import PLAIN
-from shockrig.analysis.inference.quantity import RunEffect
+from shockrig.analysis.estimate.fit import fit
+from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.estimate.model import PLAIN
+from shockrig.analysis.estimate.quantity import RunEffect
 from shockrig.files.campaign import Campaign, Run, RunAir, Trace
 from shockrig.rig.virtual.plans import wide_plan
 from shockrig.rig.virtual.truth import Hidden, TrueNoise

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from shockrig.analysis.diagnosis import remainder
-from shockrig.analysis.diagnosis.remainder import Tolerance, measure_remainder
+from shockrig.analysis.diagnose import remainder
+from shockrig.analysis.diagnose.remainder import Tolerance, measure_remainder
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.97])

@@ -26,6 +26,7 @@ from shockrig.analysis.report import (
     save_figure,
 )
 from shockrig.analysis.report.numbers import power_of_ten
+from shockrig.analysis.report.panels import RunPanel, run_panels
 from shockrig.analysis.report.parameters import Curve, RunParameter, diffusivity, parameter_by_condition
 from shockrig.analysis.report.residuals import (
     BeforeAfter,
@@ -36,7 +37,6 @@ from shockrig.analysis.report.residuals import (
     log_bins,
     residual_overview,
 )
-from shockrig.analysis.report.runs import RunPanel, run_panels
 from shockrig.analysis.report.style import BLUE, GREY, INK, RED, figure_bytes
 
 EVIL = "\"><script>alert('x')</script><img src=http://example.org/x onerror=alert(1)> & $\\alpha$ </style>"

@@ -5,9 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from shockrig.analysis.inference.noise import Noise
-from shockrig.analysis.inference.readings import rounding_step
-from shockrig.analysis.inference.rounding import noise_before_rounding, rounded_autocovariance, rounding_covariance
+from shockrig.analysis.estimate.noise import Noise, noise_before_rounding, rounded_autocovariance, rounding_covariance
+from shockrig.analysis.estimate.readings import rounding_step
 
 STEP = 0.5
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.gather import build_channel
-from shockrig.analysis.inference.seen import seen
+from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.estimate.seen import seen
 from shockrig.analysis.report.next_time import next_time
 from shockrig.analysis.report.seen import seen_sentence
 from shockrig.files.campaign import read_campaign

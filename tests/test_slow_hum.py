@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from shockrig.analysis.diagnosis.adequacy import judge
-from shockrig.analysis.diagnosis.diagnose import diagnose_channel
-from shockrig.analysis.diagnosis.prepare import prepare
-from shockrig.analysis.diagnosis.refitting import plain_fit
-from shockrig.analysis.inference.gather import build_channel
+from shockrig.analysis.diagnose.adequacy import judge
+from shockrig.analysis.diagnose.diagnose import diagnose_channel
+from shockrig.analysis.diagnose.prepare import prepare
+from shockrig.analysis.diagnose.refitting import plain_fit
+from shockrig.analysis.estimate.gather import build_channel
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.plans import standard_plan

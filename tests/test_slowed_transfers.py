@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from small_worlds import QUIET, small_plan
 
-from shockrig.analysis.inference.gather import build_channel
-from shockrig.analysis.inference.model import Model, Point
+from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.estimate.model import Model, Point
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.virtual.batch import simulate_campaign
 

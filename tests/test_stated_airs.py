@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shockrig.analysis.inference.stated_airs import scatter_of_stated
+from shockrig.analysis.estimate.gather import scatter_of_stated
 
 PROMISED_K = 0.02
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from small_worlds import QUIET
 
-from shockrig.analysis.planning.decide import decide
-from shockrig.analysis.planning.goals import parse_goals
-from shockrig.analysis.planning.shock import PlannedShock, Surroundings
+from shockrig.analysis.plan.decide import decide
+from shockrig.analysis.plan.goals import parse_goals
+from shockrig.analysis.plan.shock import PlannedShock, Surroundings
 from shockrig.files.campaign import read_campaign
 from shockrig.protocols.decided import as_protocol, feasible_on, surroundings_of
 from shockrig.rig.bench import default_bench, open_bench, virtual_bench
@@ -89,7 +89,7 @@ def test_runs_are_recorded_in_them_and_say_so(tmp_path):
 
 def test_the_menu_has_what_bench_and_campaign_have(tmp_path):
     goals = parse_goals("ties decided")
-    from shockrig.analysis.planning.varied import usual_of
+    from shockrig.analysis.plan.varied import usual_of
 
     assert usual_of(None, goals, Surroundings((700.0, 1000.0), (800.0,))).other == Surroundings((700.0,), (800.0,))
     assert decide(None, goals, surroundings=Surroundings((700.0,))).choices

@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from shockrig.analysis.diagnosis.diagnose import diagnose
-from shockrig.analysis.diagnosis.gain import folds
-from shockrig.analysis.inference.gather import build_channel
-from shockrig.analysis.inference.media import runs_elsewhere
+from shockrig.analysis.diagnose.diagnose import diagnose
+from shockrig.analysis.diagnose.gain import folds
+from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.estimate.starts import runs_elsewhere
 from shockrig.files.campaign import read_campaign
 
 NOISE_K = 0.02

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from shockrig.analysis.diagnosis.diagnose import diagnose
+from shockrig.analysis.diagnose.diagnose import diagnose
 from shockrig.analysis.effects import structure_of
-from shockrig.analysis.inference.gather import build_channel
-from shockrig.analysis.inference.model import Model, Point
+from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.estimate.model import Model, Point
 from shockrig.analysis.physics.chain import evaluate
 from shockrig.files.campaign import read_campaign
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from shockrig.analysis.diagnosis.verdict import Standing, verdict
+from shockrig.analysis.diagnose.verdict import Standing, verdict
 
 LEFT = {"left_over": True, "matters": True}
 

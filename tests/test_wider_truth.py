@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from small_worlds import QUIET, record
 
-from shockrig.analysis.diagnosis.diagnose import diagnose_channel
+from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.inference.gather import build_channel
+from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.physics.exchange import Stream, temperature_ratio, vapour_ratio, ventilation_ratio
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.errors import BenchError

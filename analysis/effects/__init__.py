@@ -11,8 +11,8 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from shockrig.analysis.effects.described import described, is_described
-from shockrig.analysis.inference.effect import Effect, Parameter
-from shockrig.analysis.inference.model import Held, Structure
+from shockrig.analysis.estimate.effect import Effect, Parameter
+from shockrig.analysis.estimate.model import Held, Structure
 
 __all__ = ["CATALOGUE", "Effect", "Parameter", "by_id", "structure_of"]
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.effect import Effect, Needs, Parameter, Words
+from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.effect import Effect, Needs, Parameter, Words
 from shockrig.analysis.physics.chain import RoomAir
 
 

@@ -1,4 +1,5 @@
-"""How an effect that nobody listed may behave: closed forms through the same chain, made from data and not from code.
+"""How an effect that nobody listed may behave: closed forms made from data and not from code, and which of them is
+the law of a catalogued effect.
 
 A form is a behaviour, a driver, and what its strength (or its time constant, or the body's rate) depends on; the words
 are those of `discovered` in shock-diagnosis/1. Sizes and numbers of the factors are the parameters.
@@ -13,12 +14,89 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.physics.chain import Chain, Recorded, RoomAir
 from shockrig.analysis.physics.conditions import Conditions
 from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S
 from shockrig.analysis.physics.humidity import dew_point_c, saturation_pressure_hpa
 
 Array = NDArray[np.float64]
+
+# When the reading of RH jumps with the air's temperature: where a delay's fit begins, and what it is nudged by.
+#
+# A delay moves that jump, and no fit finds its way over a jump.
+
+SPREAD_S = 0.06  # of the jumps' times from run to run, sampling and trigger together
+NUDGES_S = tuple(0.002 * k for k in range(-15, 16) if k)  # the objective has steps where a sample crosses the jump
+LEAST_CHANGE_K = 3.0  # of the air, for its jump to stand out in the RH read at its temperature
+LEAST_JUMPS = 3
+
+
+def when_it_jumps_s(channel: Channel, share_of_s: NDArray[np.float64] | None = None) -> float | None:
+    """Median time of the steepest rise or fall near the transfer; None where no jump shows, or the runs disagree.
+
+    With `share_of_s`, a time (R,) that each run's delay is proportional to, the share instead.
+    """
+    if not channel.jumps_with_air:
+        return None
+    of = np.ones(channel.runs) if share_of_s is None else share_of_s
+    air, period = channel.conditions, channel.sampling_period_s
+    steepest_s, among = [], []
+    for run in np.flatnonzero((np.abs(air.destination_c - air.source_c) > LEAST_CHANGE_K) & air.start_known):
+        time, value = channel.samples[run]
+        near = np.flatnonzero((time[1:] > -3 * period) & (time[:-1] < 2.0) & (np.diff(time) < 1.5 * period))
+        if near.size > 3:
+            steps = np.abs(np.diff(value))[near]
+            steepest_s.append(0.5 * (time[near] + time[near + 1])[np.argmax(steps)])
+            among.append(of[run])
+    if len(steepest_s) < LEAST_JUMPS:
+        return None
+    late_s, per = np.array(steepest_s), np.maximum(among, 1e-9)
+    middle = float(np.median(late_s / per))
+    return middle if np.median(np.abs(late_s - middle * per)) < SPREAD_S else None
+
+
+# Which forms of the grammar are the law of a catalogued effect: the same closed form by another door.
+
+# (behaviour, driver, what it depends on) -> effects with that law, each with its parameters by the form's. Either
+# quantity of the air is "air" as a driver. A parameter that the form has not is at its value for nothing.
+Law = tuple[str, Mapping[str, str]]
+LAWS: dict[tuple[str, str, tuple[Factor, ...]], tuple[Law, ...]] = {
+    ("delay", "none", ()): (("dead_time", {"delay_s": "size"}),),
+    ("delay", "none", (("history", "linear"),)): (("clock_drift", {"ppm": "size"}),),
+    ("lag_in_series", "air", ()): (("series_lag", {"time_constant_s": "time_constant_s"}),),
+    ("lag_in_series", "air", (("history", "linear"),)): (("finite_transfer", {"duration_s": "time_constant_s"}),),
+    ("parallel_lag", "air", ()): tuple(
+        (effect, {"fraction": "size", "time_constant_s": "time_constant_s"})
+        for effect in ("parallel_lag", "stem_conduction", "slow_relaxation")
+    ),
+    ("gain", "own_response", ()): (("calibration_error", {"gain": "size"}),),
+    ("offset", "none", ()): (("calibration_error", {"offset": "size"}),),
+    ("rate_change", "own_response", (("humidity", "linear"),)): (
+        ("concentration_dependent_diffusivity", {"slope_per_unit_activity": "humidity"}),
+    ),
+    ("added_response", "die_temperature", ()): (("calibration_temperature", {"percent_per_k": "size"}),),
+}
+
+
+def _driver(form: Form) -> str:
+    return "air" if form.driver in ("air_temperature", "air_humidity") else form.driver
+
+
+def laws_of(form: Form) -> tuple[Law, ...]:
+    """The effects whose law a form is, whether the catalogue at hand holds them or not."""
+    return LAWS.get((form.behaves_as, _driver(form), form.depends_on), ())
+
+
+def kin(effect: str, form: Form) -> bool:
+    """Whether a form is the behaviour of an effect's law, by another rule or by the same."""
+    return any(
+        (form.behaves_as, _driver(form)) == key[:2]
+        for key, laws in LAWS.items()
+        if any(name == effect for name, _ in laws)
+    )
+
+
 Arrays = Mapping[str, Array]
 Factor = tuple[str, str]  # what it depends on, and how
 

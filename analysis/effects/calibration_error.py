@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.common import OWN_AIR
-from shockrig.analysis.inference.effect import (
+from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.common import OWN_AIR
+from shockrig.analysis.estimate.effect import (
     Arrays,
     Candidacy,
     Effect,

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.analysis.inference.effect import Effect, InFlight, Needs, Parameter, Words
+from shockrig.analysis.estimate.effect import Effect, InFlight, Needs, Parameter, Words
 from shockrig.analysis.physics.exchange import REFERENCE_C
 
 LEAST_RANGE_K = 10.0

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.analysis.effects.jumps import NUDGES_S, when_it_jumps_s
-from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.effect import Arrays, Candidacy, Effect, Needs, Parameter, Start, Values, Words
+from shockrig.analysis.effects.behaviours import NUDGES_S, when_it_jumps_s
+from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.effect import Arrays, Candidacy, Effect, Needs, Parameter, Start, Values, Words
 from shockrig.analysis.physics.chain import Chain
 
 

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.effect import Candidacy, Effect, InFlight, Needs, Parameter, Words
+from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.effect import Candidacy, Effect, InFlight, Needs, Parameter, Words
 
 LEAST_PERCENT = 10.0  # between the middles of two runs' steps
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Needs, Parameter, Words
+from shockrig.analysis.estimate.effect import Arrays, Effect, InFlight, Needs, Parameter, Words
 from shockrig.analysis.physics.chain import Chain
 
 

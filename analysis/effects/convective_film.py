@@ -5,7 +5,7 @@ F is taken at the air's own density: in thin air the bead is slower, and F is 14
 
 from dataclasses import replace
 
-from shockrig.analysis.inference.effect import Candidacy, Effect, InFlight, Needs, Parameter, Start, Words
+from shockrig.analysis.estimate.effect import Candidacy, Effect, InFlight, Needs, Parameter, Start, Words
 from shockrig.analysis.physics.chain import relative_ventilation
 from shockrig.analysis.physics.exchange import ventilation_ratio
 

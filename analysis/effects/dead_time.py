@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 
-from shockrig.analysis.effects.jumps import NUDGES_S, when_it_jumps_s
-from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.common import LEAST_TRIGGER_OFFSET_S
-from shockrig.analysis.inference.effect import (
+from shockrig.analysis.effects.behaviours import NUDGES_S, when_it_jumps_s
+from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.common import LEAST_TRIGGER_OFFSET_S
+from shockrig.analysis.estimate.effect import (
     Candidacy,
     Effect,
     InFlight,

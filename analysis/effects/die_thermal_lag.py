@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.analysis.inference.effect import Candidacy, Effect, InFlight, Needs, Readout, Start, Words
+from shockrig.analysis.estimate.effect import Candidacy, Effect, InFlight, Needs, Readout, Start, Words
 
 EFFECT = Effect(
     id="die_thermal_lag",

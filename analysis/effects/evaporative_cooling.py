@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Needs, Parameter, Words
+from shockrig.analysis.estimate.effect import Arrays, Effect, InFlight, Needs, Parameter, Words
 from shockrig.analysis.physics.chain import Chain, Recorded
 from shockrig.analysis.physics.humidity import dew_point_c
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.analysis.inference.effect import Arrays, Candidacy, Effect, InFlight, Needs, Words
+from shockrig.analysis.estimate.effect import Arrays, Candidacy, Effect, InFlight, Needs, Words
 from shockrig.analysis.physics.chain import Chain
 from shockrig.analysis.physics.exchange import Stream, temperature_ratio
 

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.effect import Arrays, Effect, Needs, Parameter, Readout, Words
+from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.effect import Arrays, Effect, Needs, Parameter, Readout, Words
 from shockrig.analysis.physics.chain import Chain
 
 

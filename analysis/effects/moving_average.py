@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from shockrig.analysis.inference.effect import (
+from shockrig.analysis.estimate.effect import (
     Arrays,
     Effect,
     Finding,
@@ -12,7 +12,7 @@ from shockrig.analysis.inference.effect import (
     SingleReadings,
     Words,
 )
-from shockrig.analysis.inference.readings import mostly_repeats
+from shockrig.analysis.estimate.readings import mostly_repeats
 from shockrig.analysis.physics.chain import Chain
 
 

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from functools import cache
 
-from shockrig.analysis.inference.effect import Arrays, Candidacy, Effect, InFlight, Needs, Start, Words
+from shockrig.analysis.estimate.effect import Arrays, Candidacy, Effect, InFlight, Needs, Start, Words
 from shockrig.analysis.physics.bodies import BODIES
 from shockrig.analysis.physics.chain import Chain
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from shockrig.analysis.inference.effect import (
+from shockrig.analysis.estimate.effect import (
     Effect,
     Finding,
     InFlight,
@@ -12,7 +12,7 @@ from shockrig.analysis.inference.effect import (
     Words,
     unchanged,
 )
-from shockrig.analysis.inference.readings import coarser_than_the_sensor, known_to
+from shockrig.analysis.estimate.readings import coarser_than_the_sensor, known_to
 
 
 def coarse_step(known: SingleReadings) -> tuple[SingleReadings, Finding | None]:

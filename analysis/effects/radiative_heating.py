@@ -3,7 +3,7 @@ irradiance_w_m2."""
 
 from dataclasses import replace
 
-from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Needs, Parameter, Words
+from shockrig.analysis.estimate.effect import Arrays, Effect, InFlight, Needs, Parameter, Words
 from shockrig.analysis.physics.chain import Chain, relative_ventilation
 
 

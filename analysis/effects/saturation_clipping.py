@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.effect import (
+from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.effect import (
     Candidacy,
     Effect,
     Finding,

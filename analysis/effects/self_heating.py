@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Needs, Parameter, Words
+from shockrig.analysis.estimate.effect import Arrays, Effect, InFlight, Needs, Parameter, Words
 from shockrig.analysis.physics.chain import Chain, relative_ventilation
 from shockrig.analysis.physics.exchange import ventilation_ratio
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.effect import Candidacy, Effect, InFlight, Parameter, Values, Words
+from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.effect import Candidacy, Effect, InFlight, Parameter, Values, Words
 
 EARLY_LAGS, SETTLED_SHARE = 0.1, 0.95  # a body that is there so soon, in time constants of the lag, is none
 

@@ -6,7 +6,7 @@ Both may stand beside it, and a search that took one of them for the sheath find
 
 from dataclasses import replace
 
-from shockrig.analysis.inference.effect import Candidacy, Effect, InFlight, Needs, Parameter, Start, Words
+from shockrig.analysis.estimate.effect import Candidacy, Effect, InFlight, Needs, Parameter, Start, Words
 
 RIDGE_WIDTH = 2.5  # in ln of both
 LOADED_RATIO = 2.0  # the body is about so much faster than sheath and body together were taken to be

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.inference.bins import rebin
-from shockrig.analysis.inference.effect import (
+from shockrig.analysis.estimate.bins import rebin
+from shockrig.analysis.estimate.effect import (
     Effect,
     Finding,
     InFlight,

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from shockrig.analysis.inference.effect import Candidacy, Effect, InFlight, Needs, Readout, Start, Words
+from shockrig.analysis.estimate.effect import Candidacy, Effect, InFlight, Needs, Readout, Start, Words
 
 EFFECT = Effect(
     id="uptake_by_activity",

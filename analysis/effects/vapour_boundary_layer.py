@@ -5,7 +5,7 @@ At low pressure vapour diffuses faster through a thicker layer: the number goes 
 
 from dataclasses import replace
 
-from shockrig.analysis.inference.effect import Candidacy, Effect, InFlight, Needs, Parameter, Words
+from shockrig.analysis.estimate.effect import Candidacy, Effect, InFlight, Needs, Parameter, Words
 from shockrig.analysis.physics.exchange import Stream, vapour_ratio
 
 EFFECT = Effect(

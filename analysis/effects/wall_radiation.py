@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.effect import Arrays, Effect, InFlight, Needs, Parameter, Words
+from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.effect import Arrays, Effect, InFlight, Needs, Parameter, Words
 from shockrig.analysis.physics.chain import Chain, relative_ventilation
 from shockrig.analysis.physics.humidity import ZERO_CELSIUS_K
 

@@ -16,13 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from shockrig.analysis.characterization.response_times import response_time
-from shockrig.analysis.characterization.result import ChannelResult, Characterization
-from shockrig.analysis.characterization.to_profile import to_profile
+from shockrig.analysis.characterize.response_times import response_time
+from shockrig.analysis.characterize.result import ChannelResult, Characterization, to_profile
+from shockrig.analysis.estimate.channel import AMBIENT_WIDTH_K
+from shockrig.analysis.estimate.quantity import QUANTITIES
 from shockrig.analysis.fleet.population import FALSE_DISCOVERIES, distance
 from shockrig.analysis.fleet.statistics import film, stated, statistics_of
-from shockrig.analysis.inference.channel import AMBIENT_WIDTH_K
-from shockrig.analysis.inference.quantity import QUANTITIES
 from shockrig.files.causes import StatedEffect
 from shockrig.files.fleet import ALPHA, Coordinate, FleetFigure, Population, demand_of_type
 from shockrig.files.numbers import plain

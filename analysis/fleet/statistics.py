@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.characterization.history import began_at, bench_of
-from shockrig.analysis.characterization.result import ChannelResult, Characterization, Part
-from shockrig.analysis.characterization.sources import sources
-from shockrig.analysis.inference.noise import Noise
+from shockrig.analysis.characterize.budget import sources
+from shockrig.analysis.characterize.history import began_at, bench_of
+from shockrig.analysis.characterize.result import ChannelResult, Characterization, Part
+from shockrig.analysis.estimate.noise import Noise
 from shockrig.files.campaign import Campaign
 from shockrig.files.fleet import ALPHA, SENSOR_OF, Coordinate, D
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.flight.causal_design import Ladder
 from shockrig.analysis.flight.prior import OU_VARIANCES, RATES_PER_S
-from shockrig.analysis.flight.stepping import hold
+from shockrig.analysis.flight.response import hold
 
 Array = NDArray[np.float64]
 WALK_STATES = 2  # level and slope; where the air's course is not smooth the smoother's third state of the trend is zero

@@ -18,12 +18,20 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.flight.doubts import NO_SPEED
 from shockrig.analysis.flight.prior import Prior
-from shockrig.analysis.flight.profile_effects import Acting, acting, of_airspeed, of_pressure
-from shockrig.analysis.flight.readout import ceiling, noise_floor, not_known, undone
+from shockrig.analysis.flight.readout import (
+    Acting,
+    acting,
+    ceiling,
+    noise_floor,
+    not_known,
+    of_airspeed,
+    of_pressure,
+    undone,
+)
 from shockrig.analysis.flight.response import LagResponse, bead_response, film_response, unsure_of_airspeed
+from shockrig.analysis.flight.simulated.typical import NOISE_K, NOISE_PERCENT
 from shockrig.analysis.flight.smooth_channel import resolved_rate
 from shockrig.analysis.flight.stretches import largest_share
-from shockrig.analysis.flight.typical import NOISE_K, NOISE_PERCENT
 from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S, Stream
 from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA
 from shockrig.files.errors import InputError

@@ -13,24 +13,33 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.flight.causal_flight import causal
+from shockrig.analysis.flight.causal import causal
 from shockrig.analysis.flight.channel import FlightChannel, FlightReadings, coarse, judged, lacking, too_few, untouched
-from shockrig.analysis.flight.cleaning import code_notes, without_codes
 from shockrig.analysis.flight.comparisons import Told, compared, told
-from shockrig.analysis.flight.doubts import airspeed_doubt, doubts, slips
+from shockrig.analysis.flight.doubts import airspeed_doubt, doubts, profile_doubts, slips
 from shockrig.analysis.flight.guard import held
 from shockrig.analysis.flight.humidity import correct_humidity
 from shockrig.analysis.flight.inverse import exact_inverse, paper
 from shockrig.analysis.flight.own_thermometer import seen_by_film, slow_against_fast
-from shockrig.analysis.flight.profile_doubts import profile_doubts
-from shockrig.analysis.flight.profile_effects import Acting, acting, not_undone, of_airspeed, of_pressure, unseen
-from shockrig.analysis.flight.readout import ceiling, noise_floor, not_known, stale, undone
+from shockrig.analysis.flight.readout import (
+    Acting,
+    acting,
+    ceiling,
+    noise_floor,
+    not_known,
+    not_undone,
+    of_airspeed,
+    of_pressure,
+    stale,
+    undone,
+    unseen,
+)
 from shockrig.analysis.flight.response import bead_response, unsure_of_airspeed
 from shockrig.analysis.flight.screen import clock as put_in_order
-from shockrig.analysis.flight.screen import screen
+from shockrig.analysis.flight.screen import code_notes, screen, without_codes
+from shockrig.analysis.flight.simulated.typical import NOISE_K, NOISE_PERCENT
 from shockrig.analysis.flight.smooth_channel import LONGEST_BRIDGE_S, Estimate, estimate, typical_period
 from shockrig.analysis.flight.stretches import largest_share
-from shockrig.analysis.flight.typical import NOISE_K, NOISE_PERCENT
 from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S, REFERENCE_C, Stream
 from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA
 from shockrig.files.errors import InputError

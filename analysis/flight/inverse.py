@@ -7,16 +7,16 @@ followed, and where zeros lie outside the unit circle the inverse runs both ways
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.flight.channel import LEAST_SAMPLES, FlightReadings
-from shockrig.analysis.flight.low_pass import fir_taps, low_pass, power_density, suggest_cutoff_hz
-from shockrig.analysis.flight.response import LagResponse
-from shockrig.analysis.flight.sampled import mean_response, response_time_s, sampled, transfer_function
+from shockrig.analysis.flight.response import LagResponse, held_matrix, stepped
 from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
-from shockrig.analysis.flight.stepping import stepped
 from shockrig.analysis.physics.bodies import BODIES
+from shockrig.analysis.physics.modes import response_times
 from shockrig.analysis.physics.schemes.layers import StateSpace, film_layers, sphere_layers
 from shockrig.analysis.physics.schemes.sampling import (
     delay_samples,
@@ -29,6 +29,94 @@ from shockrig.analysis.physics.schemes.slips import share_time
 from shockrig.files.errors import InputError
 
 Array = NDArray[np.float64]
+
+# The low-pass of the two inverses: it stops where a reading sinks into its noise, and has no phase.
+
+
+def power_density(values: Array, period_s: float, size: int) -> tuple[Array, Array]:
+    """One-sided power spectral density by Welch's method, trends taken off: frequency [Hz], power [unit^2/Hz]."""
+    from scipy.signal import detrend, welch  # takes longer to import than the smoother takes for a flight
+
+    frequency, power = welch(values, 1 / period_s, nperseg=size, detrend=detrend)
+    return np.asarray(frequency), np.asarray(power)
+
+
+def suggest_cutoff_hz(reading: Array, period_s: float, noise: float) -> float:
+    """Frequency above which the reading's power spectrum lies on its noise floor.
+
+    The floor is the median of the highest 30 % of frequencies, if that is no more than four times the power of the
+    noise expected; else the noise expected. The cut-off is where the smoothed spectrum first falls below twice the
+    floor.
+    """
+    size = min(reading.size, max(256, reading.size // 4))
+    frequency, power = power_density(reading, period_s, size)
+    expected = 2 * period_s * noise**2
+    seen = float(np.median(power[frequency > 0.7 * frequency[-1]])) / 0.97
+    floor = seen if seen < 4 * expected else expected
+    width = np.maximum(1, np.arange(power.size) // 8)
+    total = np.concatenate([[0.0], np.cumsum(power)])
+    low, high = np.maximum(np.arange(power.size) - width, 0), np.minimum(np.arange(power.size) + width + 1, power.size)
+    smoothed = (total[high] - total[low]) / (high - low)
+    below = np.flatnonzero((smoothed < 2 * floor) & (frequency > 0))
+    cutoff = frequency[below[0]] if below.size else frequency[-1]
+    return float(np.clip(cutoff, 4.0 / (reading.size * period_s), 0.8 * frequency[-1]))
+
+
+def low_pass(values: Array, period_s: float, cutoff_hz: float) -> Array:
+    """Zero-phase FIR low-pass (windowed sinc, symmetric), the ends continued by point reflection."""
+    taps = fir_taps(values.size, period_s, cutoff_hz)
+    half = taps.size // 2
+    padded = np.pad(values, half, mode="reflect", reflect_type="odd")
+    return np.convolve(padded, taps, mode="valid")
+
+
+def fir_taps(count: int, period_s: float, cutoff_hz: float) -> Array:
+    """Taps of the low-pass for a series of `count` values: four periods of the cut-off long, odd, of unit sum."""
+    from scipy.signal import firwin
+
+    length = min(int(4.0 / (cutoff_hz * period_s)), (count - 1) // 2) // 2 * 2 + 1
+    return firwin(max(length, 3), cutoff_hz, fs=1 / period_s)
+
+
+# A sensor's lags as a sampled system: exact for air that is held over each period, with its transfer function.
+
+T63 = 0.63212055882855767
+WELL_CONDITIONED = 1e8  # eigenvectors beyond that are not trusted: two lags in series may have equal rates
+
+
+def response_time_s(response: LagResponse, share: float = T63, row: int = 0) -> float:
+    """Time to `share` of a step at one instant of the flight."""
+    return response_times(response.modes(row), (share,))[0]
+
+
+def mean_response(response: LagResponse) -> LagResponse:
+    """One response for a whole flight: weights and logs of the rates averaged."""
+    return replace(
+        response,
+        weight=response.weight.mean(axis=0, keepdims=True),
+        rate=np.exp(np.log(response.rate).mean(axis=0, keepdims=True)),
+        relative_uncertainty=response.relative_uncertainty.mean(keepdims=True),
+    )
+
+
+def sampled(response: LagResponse, period_s: float, row: int) -> StateSpace:
+    """Exact zero-order hold of the response at one row, in lags."""
+    a = held_matrix(response.rate[row], period_s, response.cap, response.inside)
+    # at rest in unit air every lag stands at one
+    return StateSpace(a, 1.0 - a.sum(axis=1), response.weight[row], 0.0, period_s)
+
+
+def transfer_function(system: StateSpace, frequency: Array) -> NDArray[np.complex128]:
+    """Transfer function of a sampled system at frequencies in cycles per sample."""
+    z = np.exp(2j * np.pi * np.asarray(frequency))
+    poles, vectors = np.linalg.eig(system.a)
+    if np.linalg.cond(vectors) > WELL_CONDITIONED:
+        away = z[..., None, None] * np.eye(len(system.b)) - system.a
+        return np.asarray(system.d + np.linalg.solve(away, system.b[:, None].astype(complex))[..., 0] @ system.c)
+    weight = (system.c @ vectors) * np.linalg.solve(vectors, system.b.astype(complex))
+    return np.asarray(system.d + np.sum(weight / (z[..., None] - poles), axis=-1))
+
+
 LAYERS = tuple(range(10, 1, -1))  # tried from the finest down
 SKEWS = (None, 0.5, 1.0)  # the core alone, or layers weighted towards it by (N - i + 1)^p
 SMALLEST_GAIN = 1e-3

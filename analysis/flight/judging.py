@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.flight.low_pass import fir_taps, power_density
+from shockrig.analysis.flight.inverse import fir_taps, power_density, sampled, transfer_function
 from shockrig.analysis.flight.response import LagResponse
-from shockrig.analysis.flight.sampled import sampled, transfer_function
 
 Array = NDArray[np.float64]
 SPECTRAL_SLOPE, STRUCTURE_SLOPE = -5.0 / 3.0, 2.0 / 3.0

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.flight.channel import FlightChannel, bridged
-from shockrig.analysis.flight.disagreement import late_die
+from shockrig.analysis.flight.comparisons import late_die
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.flight.smoother import followed
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa

@@ -14,8 +14,7 @@ from math import factorial
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.flight.response import LagResponse
-from shockrig.analysis.flight.stepping import stepped
+from shockrig.analysis.flight.response import LagResponse, stepped
 
 Array = NDArray[np.float64]
 RATES_PER_S = np.array([0.03, 0.5, 8.0])

@@ -1,4 +1,5 @@
-"""The readout undone: from what was logged to what the sensing body showed, each effect by its entry's `undo`.
+"""The readout undone: from what was logged to what the sensing body showed, each effect by its catalogue entry's
+`undo`.
 
 The last link of the chain is taken off first. Delays, noise and ceilings of the readout and the logger are added up
 here; what they are is said by the catalogue.
@@ -6,16 +7,205 @@ here; what they are is said by the catalogue.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from shockrig.analysis.flight.profile_effects import Acting, Stated, propagated
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.effects.described import entry_of, of_readings, stated_values
+from shockrig.analysis.estimate.effect import Effect, InFlight
 from shockrig.analysis.physics.exchange import Stream
+from shockrig.files.diagnosis_data import Discovered
+from shockrig.files.errors import InputError
+from shockrig.files.profile import StatedEffect
+from shockrig.files.profile_data import AMBIENT_TOLERANCE_K
+from shockrig.files.ranges import Range
 
 Array = NDArray[np.float64]
+
+# A profile's effects as a flight takes them: what each means stands in the catalogue, and is asked for here.
+#
+# An effect that the catalogue does not have, or not for that channel, is left alone and said to be.
+
+PARAMETER_STEP = 1e-4  # of a parameter, relative, in finite differences: right to 1e-8
+ROUNDED_SHARE = 1e-6  # of a parameter's range
+LARGEST_UNCERTAINTY = 100.0  # times a parameter's range
+AIRSPEED_MARGIN = 0.1  # relative, within which an airspeed counts as seen
+SLOW_M_S, FAST_M_S = 2.0, 20.0  # m/s
+LOW_HPA, HIGH_HPA = 700.0, 1000.0  # hPa
+
+
+class Stated(dict[str, float]):
+    """Values of an effect's parameters; one that is asked for and was not stated is an InputError."""
+
+    def __init__(self, effect: str, values: Mapping[str, float]) -> None:
+        super().__init__(values)
+        self.effect = effect
+
+    def __missing__(self, name: str) -> float:
+        raise InputError(
+            f"profile: effect {self.effect} lacks the parameter {name!r}; add it or take the effect out of the profile"
+        )
+
+    def with_value(self, name: str, value: float) -> Stated:
+        """The same with another value of one parameter."""
+        return Stated(self.effect, {**self, name: value})
+
+
+@dataclass(frozen=True)
+class Acting:
+    """One effect of a profile that takes part in a flight: its entry, its values, their standard uncertainties."""
+
+    entry: Effect
+    meaning: InFlight
+    values: Stated
+    uncertainties: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def id(self) -> str:
+        """Its id in the catalogue."""
+        return self.entry.id
+
+
+def acting(effects: Iterable[StatedEffect], channel: str, discovered: Iterable[Discovered] = ()) -> tuple[Acting, ...]:
+    """Those of a profile's effects that a correction has to do with, in the order of the measurement chain.
+
+    `discovered` are those that nobody listed: what they mean follows from how they behave.
+    """
+    found = []
+    for one in discovered:
+        described = entry_of(one, channel)
+        if described is None or described.in_flight is None:
+            continue
+        stated = stated_values(one)
+        values = Stated(behaviour(one), {name: p.value for name, p in stated.items()})
+        uncertainties = {name: p.standard_uncertainty for name, p in stated.items()}
+        _demand_possible(described, values, uncertainties)
+        found.append(Acting(described, described.in_flight, values, uncertainties))
+    for effect in effects:
+        entry = CATALOGUE.get(effect.effect)
+        if entry is None or entry.in_flight is None or channel not in entry.channels:
+            continue
+        values = Stated(effect.effect, {name: p.value for name, p in effect.parameters.items()})
+        uncertainties = {name: p.standard_uncertainty for name, p in effect.parameters.items()}
+        _demand_possible(entry, values, uncertainties)
+        found.append(Acting(entry, entry.in_flight, values, uncertainties))
+    return tuple(sorted(found, key=lambda one: one.entry.order))
+
+
+def _demand_possible(entry: Effect, values: Stated, uncertainties: Mapping[str, float]) -> None:
+    """Raise InputError where a parameter lies outside of the catalogue's range: no fit of ours gives such a value, and
+    the correction's arithmetic would not survive it. A bound that was rounded on its way to the file is inside.
+    """
+    for parameter in entry.parameters:
+        value, room = values.get(parameter.name), ROUNDED_SHARE * (parameter.high - parameter.low)
+        possible = Range(parameter.low - room, parameter.high + room)
+        where = f"profile: effect {entry.id}: {parameter.name}"
+        if value is not None and not possible.holds(value):
+            raise InputError(
+                f"{where} {value:g} cannot be; expected {parameter.low:g} to {parameter.high:g}; "
+                "correct it or take the effect out of the profile"
+            )
+        sigma = uncertainties.get(parameter.name, 0.0)
+        if sigma > LARGEST_UNCERTAINTY * (parameter.high - parameter.low):
+            raise InputError(f"{where}: a standard uncertainty of {sigma:g} says nothing; correct it in the profile")
+
+
+def behaviour(one: Discovered) -> str:
+    """How a described effect behaves, in a few words."""
+    factors = " and ".join(dict.fromkeys(on.factor.replace("_", " ") for on in one.depends_on))
+    words = f"a described {one.behaves_as.replace('_', ' ')}"
+    return f"{words} that depends on {factors}" if factors else words
+
+
+def unseen(discovered: Iterable[Discovered], airspeed: Array, temperature_c: Array) -> NDArray[np.bool_]:
+    """Rows (n,) outside of the conditions that a described effect was seen under: nothing is known of it there."""
+    outside = np.zeros(airspeed.shape, dtype=bool)
+    for one in discovered:
+        for name, values, margin in (
+            ("airflow_m_s", airspeed, AIRSPEED_MARGIN),
+            ("ambient_temperature_c", temperature_c, 0.0),
+        ):
+            if name in one.seen_over:
+                low, high = one.seen_over[name]
+                low, high = (1.0 - margin) * low, (1.0 + margin) * high
+                if not margin:
+                    low, high = low - AMBIENT_TOLERANCE_K, high + AMBIENT_TOLERANCE_K
+                outside |= (values < low) | (values > high)
+    return outside
+
+
+def not_undone(effects: Iterable[StatedEffect], channel: str, discovered: Iterable[Discovered] = ()) -> list[str]:
+    """One sentence for each of a profile's effects that a flight's correction leaves alone."""
+    said = []
+    for one in discovered:
+        described = entry_of(one, channel)
+        if of_readings(one):
+            said.append(f"{channel}: {behaviour(one)} is of single readings and has no part in a flight")
+        elif described is None:
+            why = "is in the profile and unknown to this version, so it is not undone"
+            said.append(f"{channel}: {behaviour(one)} {why}")
+        elif described.in_flight is None:
+            said.append(f"{channel}: {behaviour(one)} is taken for the bench's and has no part in a flight")
+        elif described.in_flight.left:
+            said.append(f"{channel}: {behaviour(one)} is in the profile and is not undone in a flight")
+    for effect in effects:
+        entry = CATALOGUE.get(effect.effect)
+        if entry is None:
+            why = "is in the profile and unknown to this version, so it is not undone in a flight"
+        elif channel not in entry.channels:
+            why = f"is in the profile and has no meaning for {channel}, so it is not undone in a flight"
+        elif entry.in_flight is None:
+            why = "belongs to the bench and not to the sensor, and has no part in a flight"
+        elif entry.in_flight.left:
+            why = "is in the profile and is not undone in a flight"
+        else:
+            continue
+        said.append(f"{channel}: {effect.effect} {why}")
+    return said
+
+
+def of_airspeed(effects: Iterable[Acting], length_m: float) -> list[str]:
+    """Ids of the effects whose part in a flight depends on the airspeed; `length_m` is the body's."""
+    return _depending(effects, length_m, Stream(np.array([SLOW_M_S, FAST_M_S])))
+
+
+def of_pressure(effects: Iterable[Acting], length_m: float) -> list[str]:
+    """Ids of the effects whose part in a flight depends on the air's pressure."""
+    return _depending(effects, length_m, Stream(np.full(2, SLOW_M_S), np.array([LOW_HPA, HIGH_HPA])))
+
+
+def _depending(effects: Iterable[Acting], length_m: float, streams: Stream) -> list[str]:
+    """Ids of the effects that do not do the same in two streams."""
+    reading, found = np.zeros(2), []
+    for one in effects:
+        seen = []
+        if one.meaning.biot is not None:
+            seen.append(one.meaning.biot(one.values, streams, length_m))
+        if one.meaning.undo is not None:
+            seen.append(one.meaning.undo(one.values, reading, streams, length_m))
+        for moved in (one.meaning.rate, one.meaning.series_along):
+            if moved is not None:
+                seen.append(moved(one.values, streams.airflow_m_s, reading))
+        if any(np.ptp(np.broadcast_to(values, reading.shape)) > 0 for values in seen):
+            found.append(one.id)
+    return found
+
+
+def propagated(one: Acting, of: Callable[[Stated], ArrayLike]) -> Array:
+    """Standard uncertainty of a function of an effect's values, from those of its parameters, to first order."""
+    variance = np.zeros(np.shape(of(one.values)))
+    for name, sigma in one.uncertainties.items():
+        if sigma > 0:
+            value = one.values[name]
+            step = PARAMETER_STEP * (abs(value) or sigma)
+            ends = [np.asarray(of(one.values.with_value(name, value + sign * step))) for sign in (1.0, -1.0)]
+            variance = variance + (sigma * (ends[0] - ends[1]) / (2.0 * step)) ** 2
+    return np.sqrt(variance)
+
+
 LEAST_NOISE = 1e-6
 HALF_STEP = 0.5  # of the reading, in its unit, for the readout's slope
 LEAST_SLOPE = 1e-3

@@ -24,8 +24,7 @@ from shockrig.analysis.flight.prior import (
     passing_step,
     transition,
 )
-from shockrig.analysis.flight.response import LagResponse
-from shockrig.analysis.flight.stepping import stepped
+from shockrig.analysis.flight.response import LagResponse, stepped
 
 try:
     from shockrig.analysis.flight import _kernel

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.flight.cleaning import code_notes, without_codes
 from shockrig.analysis.flight.correct import correct
+from shockrig.analysis.flight.screen import code_notes, without_codes
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.files.disk import real_path
 from shockrig.files.errors import InputError

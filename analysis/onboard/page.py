@@ -6,7 +6,7 @@ from importlib.resources import files
 from typing import Protocol
 
 from shockrig.analysis.flight.causal_design import Design
-from shockrig.analysis.flight.profile_effects import not_undone
+from shockrig.analysis.flight.readout import not_undone
 from shockrig.analysis.onboard.source import state_bytes
 from shockrig.files.profile import Profile
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from shockrig.analysis.characterization.sources import COMMON_LINES
+from shockrig.analysis.characterize.budget import COMMON_LINES
 from shockrig.analysis.report.html import Cell, Figure, HtmlPage, KeyNumber, Section, Table, Text
 from shockrig.analysis.report.numbers import between, measured, plain
 from shockrig.analysis.report.style import CYCLE, GREY, literal, save_figure, styled

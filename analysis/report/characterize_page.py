@@ -8,17 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from shockrig.analysis.characterization.result import FAR_DEVIATED, ChannelResult, Characterization, TableRow
-from shockrig.analysis.characterization.to_profile import to_profile
-from shockrig.analysis.inference.quantity import QUANTITIES
+from shockrig.analysis.characterize.result import FAR_DEVIATED, ChannelResult, Characterization, TableRow, to_profile
+from shockrig.analysis.estimate.quantity import QUANTITIES
 from shockrig.analysis.report.diagnosis_words import listed, named
 from shockrig.analysis.report.fitted import UNIT, panels, relative_runs, residuals, single_runs
 from shockrig.analysis.report.html import Block, Cell, Details, Figure, HtmlPage, KeyNumber, Section, Table, Text
 from shockrig.analysis.report.loop_page import chosen_section
 from shockrig.analysis.report.numbers import counted, measured, plain
+from shockrig.analysis.report.panels import run_panels
 from shockrig.analysis.report.parameters import Curve, diffusivity, parameter_by_condition
 from shockrig.analysis.report.residuals import residual_overview
-from shockrig.analysis.report.runs import run_panels
 from shockrig.analysis.report.seen import seen_sentence
 from shockrig.analysis.report.style import save_figure
 from shockrig.files.headline import LUMPED, first_order, time_text

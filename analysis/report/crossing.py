@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.effects.described_in_flight import as_listed
+from shockrig.analysis.effects.described import as_listed
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.judging import rmse
-from shockrig.analysis.flight.scenes import to_flight
-from shockrig.analysis.flight.sensor import FLOWN_EFFECTS, fly_many
-from shockrig.analysis.flight.weather import inversion
+from shockrig.analysis.flight.simulated.scenes import to_flight
+from shockrig.analysis.flight.simulated.sensor import FLOWN_EFFECTS, fly_many
+from shockrig.analysis.flight.simulated.weather import inversion
 from shockrig.files.errors import InputError
 from shockrig.files.profile import HumidityProfile, Profile, TemperatureProfile
 

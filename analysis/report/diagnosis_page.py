@@ -9,15 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.characterization.result import TableRow
-from shockrig.analysis.diagnosis.diagnosed import ChannelDiagnosis, Diagnosis
-from shockrig.analysis.diagnosis.export import correlations
-from shockrig.analysis.diagnosis.held_out import autocorrelation, drifts, size
+from shockrig.analysis.characterize.result import TableRow
+from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis, Diagnosis, correlations
+from shockrig.analysis.diagnose.held_out import autocorrelation, drifts, size
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.described import entry_of
-from shockrig.analysis.inference.channel import LeftOut
-from shockrig.analysis.inference.quantity import QUANTITIES
-from shockrig.analysis.report import described_words
+from shockrig.analysis.estimate.channel import LeftOut
+from shockrig.analysis.estimate.quantity import QUANTITIES
+from shockrig.analysis.report import diagnosis_words
 from shockrig.analysis.report.crossing import Crossing
 from shockrig.analysis.report.diagnosis_figures import crossing_figure
 from shockrig.analysis.report.diagnosis_view import ChannelView
@@ -209,11 +208,11 @@ def _described_table(found: ChannelDiagnosis) -> Table:
         effect = entry_of(one, found.name)
         rows.append(
             [
-                described_words.behaves(one),
+                diagnosis_words.behaves(one),
                 "" if effect is None else effect.equation,
                 f"{100 * (one.probability or 0.0):.0f} %",
-                described_words.seen(one),
-                described_words.flies(one, found.name),
+                diagnosis_words.seen_over(one),
+                diagnosis_words.flies(one, found.name),
             ]
         )
     columns = ("behaves as", "equation", "probability", "seen over", "in flight")

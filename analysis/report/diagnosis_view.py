@@ -9,23 +9,72 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from shockrig.analysis.characterization.result import ChannelResult
-from shockrig.analysis.diagnosis.diagnosed import ChannelDiagnosis
-from shockrig.analysis.diagnosis.extended import extended_result, plain_result
-from shockrig.analysis.diagnosis.held_out import HeldOut, autocorrelation, held_out
-from shockrig.analysis.diagnosis.thresholds import level
-from shockrig.analysis.discovery.remaining import remaining
-from shockrig.analysis.inference.seen import little_known, seen
+from shockrig.analysis.characterize.result import ChannelResult
+from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis
+from shockrig.analysis.diagnose.extended import extended_result, plain_result
+from shockrig.analysis.diagnose.held_out import HeldOut, autocorrelation, held_out
+from shockrig.analysis.diagnose.remaining import MeanCourse, Remaining, remaining
+from shockrig.analysis.diagnose.thresholds import level
+from shockrig.analysis.estimate.seen import little_known, seen
 from shockrig.analysis.report import residuals as drawings
-from shockrig.analysis.report.diagnosis_words import SENSOR, label
+from shockrig.analysis.report.diagnosis_words import SENSOR, label, listed
 from shockrig.analysis.report.fitted import UNIT, conditions, relative_runs
+from shockrig.analysis.report.panels import log_time, panels
 from shockrig.analysis.report.parameters import parameter_by_condition
-from shockrig.analysis.report.remaining import parted_by, remaining_figure
 from shockrig.analysis.report.seen import seen_figure
-from shockrig.analysis.report.style import save_figure
+from shockrig.analysis.report.style import BLUE, CYCLE, GREY, save_figure, styled
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from matplotlib.figure import Figure as Drawing
+
+# The picture of what is left without any form: its course over the step by condition, and its relaxation times.
+
+BAND_SIGMAS = 2.0
+SIZE_IN = (8.4, 3.3)
+
+
+def parted_by(left: Remaining, seen_elsewhere: Sequence[str]) -> str:
+    """What parts the course, in words. Conditions that tests of every reading see it vary with are not denied: they
+    see more than the course of a few runs does."""
+    varies = f"It varies with {listed(left.varies_with)}." if left.varies_with else "No condition parts this course."
+    unseen = [name for name in left.does_not_vary_with if not any(name in one for one in seen_elsewhere)]
+    return f"{varies} It is not seen to vary with {listed(unseen, 'or')}." if unseen else varies
+
+
+@styled
+def remaining_figure(left: Remaining) -> Figure:
+    """Left: the course as percent of the step, with a band of two standard uncertainties. Right: the spectrum."""
+    figure, ((course, spectrum),) = panels((1, 2), SIZE_IN, across_in=0.86)
+    course.axhline(0.0, color=GREY, linewidth=0.8)
+    if left.by_condition:
+        for colour, one in zip(CYCLE, left.by_condition, strict=False):
+            _draw_relaxation(course, one, colour)
+    else:
+        _draw_relaxation(course, left.whole, BLUE)
+    course.set_ylabel("left, % of the step")
+    course.set_xlabel("time since the transfer / s")
+    course.set_title(f"what is left, by {left.factor}" if left.factor else "what is left, all runs")
+    course.legend(loc="best")
+    taus, size = left.time_constants_s, 100.0 * left.amplitude
+    spectrum.axhline(0.0, color=GREY, linewidth=0.8)
+    band = BAND_SIGMAS * 100.0 * left.uncertainty
+    spectrum.fill_between(taus, size - band, size + band, color=BLUE, alpha=0.25, linewidth=0)
+    spectrum.plot(taus, size, color=BLUE)
+    spectrum.set_ylabel("amplitude, % of the step")
+    spectrum.set_xlabel("relaxation time / s")
+    spectrum.set_title("its relaxation times, all runs")
+    times = [one.time_s for one in (left.by_condition or (left.whole,))]
+    log_time([course], times)
+    log_time([spectrum], [taus])
+    return figure
+
+
+def _draw_relaxation(axes: Axes, one: MeanCourse, colour: str) -> None:
+    mean, band = 100.0 * one.mean, BAND_SIGMAS * 100.0 * one.uncertainty
+    axes.fill_between(one.time_s, mean - band, mean + band, color=colour, alpha=0.2, linewidth=0)
+    axes.plot(one.time_s, mean, color=colour, label=f"{one.condition} ({one.runs})")
 
 
 MOST_CANDIDATES = 8  # that are drawn beside those of the model

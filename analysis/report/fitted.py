@@ -1,20 +1,33 @@
-"""What a fit says run by run, as the figures want it: panels, residuals, and the diffusivity of each run alone."""
+"""What a fit says run by run: panels, residuals, the diffusivity of each run alone, and one figure of it all."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from shockrig.analysis.characterization.result import ChannelResult
-from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.quantity import QUANTITIES
-from shockrig.analysis.inference.samples import model_at_samples
+from shockrig.analysis.characterize.result import ChannelResult, Characterization
+from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.fit import model_at_samples
+from shockrig.analysis.estimate.quantity import QUANTITIES
 from shockrig.analysis.report.numbers import plain
+from shockrig.analysis.report.panels import RunPanel
 from shockrig.analysis.report.parameters import RunParameter
 from shockrig.analysis.report.residuals import ResidualRun
-from shockrig.analysis.report.runs import RunPanel
+from shockrig.analysis.report.style import CYCLE, INK, LIGHT, literal, styled
 from shockrig.files.campaign import Campaign, Trace
+from shockrig.files.campaign_figure import draw_diffusivity
+from shockrig.files.figures import notebook_figure
+from shockrig.files.headline import LUMPED, headlines
+from shockrig.files.profile import Profile
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# What a fit says run by run, as the figures want it: panels, residuals, and the diffusivity of each run alone.
 
 UNIT: dict[str, str] = {name: quantity.unit for name, quantity in QUANTITIES.items()}
 
@@ -84,3 +97,82 @@ def relative_runs(found: ChannelResult) -> list[RunParameter]:
         for r in single_runs(found)
         if r.run in joint
     ]
+
+
+MOST_RUNS = 6  # of a channel; more curves lie on one another
+AXIS = {"temperature": "temperature, °C", "humidity": "relative humidity, %"}
+
+
+@styled
+def plot_characterized(result: Characterization, profile: Profile) -> Figure:
+    """Steps with their fits and residuals, a row for each sensor."""
+    channels = result.channels()
+    film = profile.humidity
+    table = film is not None and len(film.diffusivity_table) > 1
+    columns = 3 if table else 2
+    figure = notebook_figure(3.6 * columns, 3.2 * len(channels))
+    grid = figure.add_gridspec(len(channels), columns)
+    words = dict(zip(("thermometer", "hygrometer"), ("temperature", "humidity"), strict=True))
+    for row, (name, found) in enumerate(channels.items()):
+        fitted = [panel for panel in panels(result.campaign, found) if panel.model is not None]
+        shown = evenly(fitted, MOST_RUNS)
+        last = columns - (1 if table and name == "humidity" else 0)
+        steps = figure.add_subplot(grid[row, 0])
+        left = figure.add_subplot(grid[row, 1:last], sharex=steps)
+        _draw(steps, left, shown, found.noise.standard_deviation)
+        head = next((f"{a}: {b}" for a, b in headlines(profile) if _of(a, name, words)), name)
+        steps.set_title(literal(head), fontsize=8.5)
+        count = f"{len(shown)} of {len(fitted)} runs" if len(shown) < len(fitted) else f"{len(fitted)} run"
+        left.set_title(count + ("s" if len(fitted) != 1 and len(shown) == len(fitted) else "") + ", residuals")
+        steps.set_ylabel(AXIS[name])
+        left.set_ylabel(f"reading - fit, {QUANTITIES[name].unit}")
+        if table and name == "humidity" and film is not None:
+            draw_diffusivity(figure.add_subplot(grid[row, 2]), film, profile.bodies["hyt"] == LUMPED)
+    return figure
+
+
+def _of(headline: str, name: str, words: dict[str, str]) -> bool:
+    """Whether a headline is of a channel: it names its sensor, or what that sensor's body is called."""
+    sensor = next(sensor for sensor, channel in words.items() if channel == name)
+    return sensor in headline or QUANTITIES["temperature" if name == "temperature" else "humidity"].noun in headline
+
+
+def evenly(fitted: Sequence[RunPanel], most: int) -> list[RunPanel]:
+    """Runs spread evenly over all, at most so many."""
+    if len(fitted) <= most:
+        return list(fitted)
+    return [fitted[i] for i in np.unique(np.linspace(0, len(fitted) - 1, most).round().astype(int)).tolist()]
+
+
+def _draw(steps: Axes, left: Axes, shown: Sequence[RunPanel], noise: float) -> None:
+    from matplotlib.ticker import FixedLocator, StrMethodFormatter
+
+    last_s = max(float(np.max(panel.time_s)) for panel in shown)
+    first_s = max(min(float(np.min(panel.time_s)) for panel in shown), -0.05 * last_s)
+    for number, panel in enumerate(shown):
+        colour = CYCLE[number % len(CYCLE)]
+        kept = (panel.time_s >= first_s) & (panel.time_s <= last_s)
+        order = np.flatnonzero(kept)[np.argsort(panel.time_s[kept])]
+        time, model = panel.time_s[order], panel.model
+        assert model is not None
+        steps.plot(time, panel.reading[order], ".", color=colour, markersize=2.4, alpha=0.5, label=panel.title)
+        steps.plot(time, model[order], color=colour, lw=1.0)
+        left.plot(time, (panel.reading - model)[order], ".", color=colour, markersize=1.8, alpha=0.6)
+    left.axhspan(-2 * noise, 2 * noise, color=LIGHT, lw=0)
+    left.axhline(0.0, color=INK, lw=0.6)
+    ticks = [t for t in (-5, 0, 1, 5, 20, 60, 150, 400, 1000, 3000) if first_s <= t <= last_s]
+    for axes in (steps, left):
+        # Time by its square root, so that the rise and the plateau can both be read.
+        axes.set_xscale("function", functions=(_root, _square))
+        axes.set_xlim(first_s, last_s)
+        axes.xaxis.set_major_locator(FixedLocator(ticks))
+        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axes.set_xlabel("time since the transfer, as fitted, s")
+
+
+def _root(time: np.ndarray) -> np.ndarray:
+    return np.sign(time) * np.sqrt(np.abs(time))
+
+
+def _square(root: np.ndarray) -> np.ndarray:
+    return np.sign(root) * np.square(root)

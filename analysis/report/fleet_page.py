@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+from shockrig.analysis.estimate.quantity import QUANTITIES
 from shockrig.analysis.fleet.prior import WithFleet
-from shockrig.analysis.inference.quantity import QUANTITIES
 from shockrig.analysis.report.html import Block, Cell, Details, Figure, HtmlPage, KeyNumber, Section, Table, Text
 from shockrig.analysis.report.numbers import counted, measured, plain
 from shockrig.analysis.report.style import save_figure

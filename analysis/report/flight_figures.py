@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.flight.correct import METHODS
 from shockrig.analysis.flight.judging import Bode, gathered, power_spectrum, structure_function
-from shockrig.analysis.flight.scenes import CHANNELS, UNCERTAINTY, Trial
+from shockrig.analysis.flight.simulated.scenes import CHANNELS, UNCERTAINTY, Trial
 from shockrig.analysis.physics.schemes.layers import StateSpace
 from shockrig.analysis.physics.schemes.sampling import poles, zeros
 from shockrig.analysis.report.style import BLUE, GREEN, GREY, INK, ORANGE, RED, styled

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from shockrig.analysis.flight.correct import METHODS
-from shockrig.analysis.flight.inverse import RefusedError, paper_layers
+from shockrig.analysis.flight.inverse import RefusedError, mean_response, paper_layers, sampled
 from shockrig.analysis.flight.judging import (
     SPECTRAL_SLOPE,
     STRUCTURE_SLOPE,
@@ -19,8 +19,7 @@ from shockrig.analysis.flight.judging import (
     structure_function,
 )
 from shockrig.analysis.flight.response import LagResponse, bead_response, film_response
-from shockrig.analysis.flight.sampled import mean_response, sampled
-from shockrig.analysis.flight.scenes import CHANNELS, SceneScore, Trial, scores
+from shockrig.analysis.flight.simulated.scenes import CHANNELS, SceneScore, Trial, scores
 from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.physics.schemes.sampling import inverse_noise_gain
 from shockrig.analysis.report import flight_figures as figures

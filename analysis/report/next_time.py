@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.driven_air import follow
-from shockrig.analysis.inference.seen import FEW_RUNS, little_known, seen
+from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.driven_air import follow
+from shockrig.analysis.estimate.seen import FEW_RUNS, little_known, seen
 
 ENOUGH_READINGS = 8.0  # in the time to 63 %
 REST_T63, RECORD_T63 = 3.0, 8.0  # times to 63 % to wait before a transfer, and to record after it

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from shockrig.analysis.inference.channel import Channel
-from shockrig.analysis.inference.seen import SHARES_OF_STEP, RunSeen, little_known, seen
+from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.seen import SHARES_OF_STEP, RunSeen, little_known, seen
 from shockrig.analysis.report.numbers import plain
 from shockrig.analysis.report.panels import panels
 from shockrig.analysis.report.style import CYCLE, GREY, INK, styled

@@ -10,9 +10,8 @@ import numpy as np
 
 from shockrig.analysis.physics.modes import film_mean, response_times, sphere_core
 from shockrig.analysis.physics.schemes.layers import film_layers, sphere_layers, step_response
-from shockrig.analysis.physics.schemes.measured import Slip, SlipRow
 from shockrig.analysis.physics.schemes.sampling import sample, zeros
-from shockrig.analysis.physics.schemes.slips import COLUMNS, PERIOD_S, share_time
+from shockrig.analysis.physics.schemes.slips import COLUMNS, PERIOD_S, Slip, SlipRow, share_time
 from shockrig.analysis.report.html import Figure, HtmlPage, KeyNumber, Section, Table, Text
 from shockrig.analysis.report.numbers import plain
 from shockrig.analysis.report.slips import grid_errors, step_responses, zero_map

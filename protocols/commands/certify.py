@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from shockrig.analysis.characterization.response_times import ResponseAir
+    from shockrig.analysis.characterize.response_times import ResponseAir
     from shockrig.files.certificate import Certificate
 
 NAMED = {
@@ -77,9 +77,9 @@ def main(args: argparse.Namespace) -> int:
 
 def write(args: argparse.Namespace, out: Path, extend: Path | None, made_at: str, probe: str) -> Certificate:
     """The certificate of a campaign's probe, into the folder `out`, whole or not at all."""
-    from shockrig.analysis.characterization.certified import calibrations, certified, with_common
-    from shockrig.analysis.characterization.characterize import characterize
-    from shockrig.analysis.characterization.extension import read_extension
+    from shockrig.analysis.characterize.certified import calibrations, certified, with_common
+    from shockrig.analysis.characterize.characterize import characterize
+    from shockrig.analysis.characterize.extension import read_extension
     from shockrig.analysis.report.certificate_page import write_certificate_page
     from shockrig.files.campaign import read_campaign
     from shockrig.files.certificate import write_certificate
@@ -136,7 +136,7 @@ def write(args: argparse.Namespace, out: Path, extend: Path | None, made_at: str
 
 
 def _air(args: argparse.Namespace) -> ResponseAir:
-    from shockrig.analysis.characterization.response_times import ResponseAir
+    from shockrig.analysis.characterize.response_times import ResponseAir
     from shockrig.files.errors import InputError
     from shockrig.files.ranges import RANGES
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from shockrig.files.numbers import counted
 
 if TYPE_CHECKING:
-    from shockrig.analysis.characterization.result import Characterization
+    from shockrig.analysis.characterize.result import Characterization
     from shockrig.analysis.fleet.prior import WithFleet
 
 
@@ -64,9 +64,9 @@ def write(
     fleet: Path | None = None,
 ) -> tuple[Characterization, WithFleet | None]:
     """Characterize a campaign's probe into the folder `out`, whole or not at all; and what a fleet makes of it."""
-    from shockrig.analysis.characterization.characterize import characterize
-    from shockrig.analysis.characterization.extension import read_extension
-    from shockrig.analysis.characterization.to_profile import to_profile
+    from shockrig.analysis.characterize.characterize import characterize
+    from shockrig.analysis.characterize.extension import read_extension
+    from shockrig.analysis.characterize.result import to_profile
     from shockrig.analysis.fleet.prior import with_population
     from shockrig.analysis.report.characterize_page import write_characterization
     from shockrig.analysis.report.fleet_page import fleet_section

@@ -76,9 +76,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Correct the flight and print what was done."""
-    from shockrig.analysis.flight.comparisons import PARTED
-    from shockrig.analysis.flight.layers import Layers
-    from shockrig.analysis.flight.profile_doubts import profile_doubts
+    from shockrig.analysis.flight.comparisons import PARTED, Layers
+    from shockrig.analysis.flight.doubts import profile_doubts
     from shockrig.analysis.flight.stream import correct_file
     from shockrig.analysis.report.corrected_page import FlightGathered, write_corrected_page
     from shockrig.files.disk import real_path

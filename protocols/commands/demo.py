@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from shockrig.analysis.diagnosis.diagnosed import ChannelDiagnosis, Diagnosis
+    from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis, Diagnosis
     from shockrig.files.profile import Profile
     from shockrig.protocols.reveal import ChannelScore, RevealScore
     from shockrig.rig.virtual.truth import Truth

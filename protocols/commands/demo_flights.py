@@ -18,9 +18,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Fly three scenes, correct them with every method, print the table and write the report."""
-    from shockrig.analysis.flight.scenes import CHANNELS, scores, try_scene
-    from shockrig.analysis.flight.typical import typical_profile
-    from shockrig.analysis.flight.weather import SCENES
+    from shockrig.analysis.flight.simulated.scenes import CHANNELS, scores, try_scene
+    from shockrig.analysis.flight.simulated.typical import typical_profile
+    from shockrig.analysis.flight.simulated.weather import SCENES
     from shockrig.analysis.report.flight_page import write_flights_report
     from shockrig.files.errors import InputError
     from shockrig.files.profile import read_profile

@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
     from shockrig.analysis.checks.finding import InputFinding
-    from shockrig.analysis.diagnosis.diagnosed import Diagnosis
-    from shockrig.analysis.diagnosis.remainder import Tolerance
-    from shockrig.analysis.diagnosis.search import Earlier
-    from shockrig.analysis.inference.channel import Channel
-    from shockrig.analysis.inference.quantity import ChannelName
+    from shockrig.analysis.diagnose.diagnosed import Diagnosis
+    from shockrig.analysis.diagnose.remainder import Tolerance
+    from shockrig.analysis.diagnose.search import Earlier
+    from shockrig.analysis.estimate.channel import Channel
+    from shockrig.analysis.estimate.quantity import ChannelName
     from shockrig.analysis.report.crossing import Crossing
     from shockrig.analysis.report.diagnosis_view import Compared
     from shockrig.files.campaign import Campaign
@@ -67,7 +67,7 @@ def main(args: argparse.Namespace) -> int:
     _one_thread_a_process()
     from datetime import UTC, datetime
 
-    from shockrig.analysis.diagnosis.remainder import Tolerance
+    from shockrig.analysis.diagnose.remainder import Tolerance
     from shockrig.files.errors import InputError
     from shockrig.protocols import probes
 
@@ -88,7 +88,7 @@ def main(args: argparse.Namespace) -> int:
 
 def _earlier(path: Path) -> Named:
     """The campaign that a diagnosis is of, and what it named in each channel."""
-    from shockrig.analysis.diagnosis.diagnose import named_earlier
+    from shockrig.analysis.diagnose.diagnose import named_earlier
     from shockrig.files.diagnosis import read_diagnosis
 
     stated = read_diagnosis(path / "diagnosis.json" if path.is_dir() else path)
@@ -106,10 +106,10 @@ def write(
 ) -> Diagnosis:
     """Diagnose a campaign's probe into the folder `out`, whole or not at all; `earlier` is what it begins from."""
     _one_thread_a_process()
-    from shockrig.analysis.diagnosis.diagnose import gathered
-    from shockrig.analysis.diagnosis.export import stated
-    from shockrig.analysis.diagnosis.remainder import Tolerance
-    from shockrig.analysis.inference.gather import usable_runs
+    from shockrig.analysis.diagnose.diagnose import gathered
+    from shockrig.analysis.diagnose.diagnosed import stated
+    from shockrig.analysis.diagnose.remainder import Tolerance
+    from shockrig.analysis.estimate.gather import usable_runs
     from shockrig.protocols.folder import said_of_data, software_version, whole_folder
     from shockrig.protocols.made_before import KEY, made_from
     from shockrig.protocols.time_left import DIAGNOSING, Phases
@@ -162,9 +162,9 @@ def _read_and_search(
     """Send the campaign as checked with the number of its channels, then each channel's diagnosis when it is found."""
     from multiprocessing.connection import wait
 
-    from shockrig.analysis.checks.checked import checked
-    from shockrig.analysis.diagnosis.diagnose import enough
-    from shockrig.analysis.inference.gather import build_channel
+    from shockrig.analysis.checks.check import checked
+    from shockrig.analysis.diagnose.diagnose import enough
+    from shockrig.analysis.estimate.gather import build_channel
     from shockrig.files.campaign import read_campaign
     from shockrig.files.errors import InputError
 
@@ -193,7 +193,7 @@ def _search(
     earlier: Named | None,
     findings: tuple[InputFinding, ...],
 ) -> None:
-    from shockrig.analysis.diagnosis.diagnose import diagnose_channel
+    from shockrig.analysis.diagnose.diagnose import diagnose_channel
     from shockrig.analysis.report.diagnosis_view import compare
 
     known = {} if earlier is None else earlier[1][channel.name]
@@ -216,7 +216,7 @@ def _flown(
     folder: Path,
 ) -> tuple[list[Crossing], list[str]]:
     """Write the extended profile and fly it; the crossings, and what has to be said of them."""
-    from shockrig.analysis.diagnosis.extended import extended_profile
+    from shockrig.analysis.diagnose.extended import extended_profile
     from shockrig.analysis.report.crossing import cross_inversion
     from shockrig.files.profile import write_profile
 

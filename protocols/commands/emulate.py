@@ -260,7 +260,7 @@ def _both_airs(args: argparse.Namespace) -> tuple[Any, Any]:
 
 
 def _flight(args: argparse.Namespace) -> tuple[list[Any], float]:
-    from shockrig.analysis.flight.typical import typical_profile
+    from shockrig.analysis.flight.simulated.typical import typical_profile
     from shockrig.files.profile import read_profile
     from shockrig.protocols.flight_world import flight_world, read_flown_air
 

@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Play, fly, hear, correct, compare; print what was lost and found."""
-    from shockrig.analysis.flight.typical import typical_profile
+    from shockrig.analysis.flight.simulated.typical import typical_profile
     from shockrig.analysis.report.hil_page import hil_report
     from shockrig.files.errors import InputError
     from shockrig.files.profile import read_profile

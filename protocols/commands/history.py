@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from shockrig.analysis.characterization.history import Chart, Observation
+    from shockrig.analysis.characterize.history import Chart, Observation
     from shockrig.files.campaign import Campaign
 
 HISTORY_FORMAT = "shock-history/1"
@@ -80,7 +80,7 @@ def _row(chart: Chart, one: Observation) -> str:
 
 def _campaigns(folders: Sequence[Path], say: Callable[[str], None]) -> list[Campaign]:
     """The campaigns in some folders, in the order in which they began; each once, its copies left out."""
-    from shockrig.analysis.characterization.history import began_at
+    from shockrig.analysis.characterize.history import began_at
     from shockrig.files.campaign import read_campaign
     from shockrig.files.disk import real_path, shown
     from shockrig.files.errors import InputError
@@ -130,11 +130,11 @@ def _readings(campaign: Campaign) -> str:
 
 
 def _charts(campaigns: Sequence[Campaign], args: argparse.Namespace, say: Any) -> list[Chart]:
-    from shockrig.analysis.characterization.budget import budgets, diffusivity_at, mean_diffusivity
-    from shockrig.analysis.characterization.certified import with_common
-    from shockrig.analysis.characterization.characterize import characterize
-    from shockrig.analysis.characterization.extension import read_extension
-    from shockrig.analysis.characterization.history import began_at, bench_of, chart, observed
+    from shockrig.analysis.characterize.budget import budgets, diffusivity_at, mean_diffusivity
+    from shockrig.analysis.characterize.certified import with_common
+    from shockrig.analysis.characterize.characterize import characterize
+    from shockrig.analysis.characterize.extension import read_extension
+    from shockrig.analysis.characterize.history import began_at, bench_of, chart, observed
     from shockrig.files.errors import InputError
 
     extensions = None if args.extend is None else read_extension(args.extend)

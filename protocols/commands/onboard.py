@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Write DIR, and compare the program with its reference where there is a flight."""
-    from shockrig.analysis.flight.profile_doubts import profile_doubts
+    from shockrig.analysis.flight.doubts import profile_doubts
     from shockrig.analysis.flight.smooth_channel import typical_period
     from shockrig.analysis.onboard.page import page
     from shockrig.analysis.onboard.source import c_source, flown, lua_source, state_bytes

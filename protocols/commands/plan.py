@@ -35,12 +35,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    from shockrig.analysis.planning.decide import anything, decide
-    from shockrig.analysis.planning.decision import CONTINUE
-    from shockrig.analysis.planning.export import log_entry, plan_document, remembered
-    from shockrig.analysis.planning.goals import parse_goals
-    from shockrig.analysis.planning.shock import ORDINARY
-    from shockrig.analysis.planning.varied import usual_of
+    from shockrig.analysis.plan.decide import anything, decide
+    from shockrig.analysis.plan.decision import CONTINUE, log_entry, plan_document, remembered
+    from shockrig.analysis.plan.goals import parse_goals
+    from shockrig.analysis.plan.shock import ORDINARY
+    from shockrig.analysis.plan.varied import usual_of
     from shockrig.files.disk import demand_place, shown, write_whole
     from shockrig.files.errors import InputError
     from shockrig.files.fleet import read_fleet

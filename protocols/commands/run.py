@@ -143,7 +143,7 @@ def _demand_goals(args: argparse.Namespace, adaptive: bool) -> None:
 
 def _opening(args: argparse.Namespace) -> Any:
     """What `run adaptive` opens a campaign with: no runs yet, behind those that it has."""
-    from shockrig.analysis.planning.goals import parse_goals
+    from shockrig.analysis.plan.goals import parse_goals
     from shockrig.files.disk import is_there
     from shockrig.protocols.decided import as_protocol
     from shockrig.rig.errors import BenchError
@@ -304,7 +304,7 @@ def _record(args: argparse.Namespace, protocol: Any, bench: Any, sealed: _Sealed
 
 def _loop(args: argparse.Namespace, bench: Any, say: Callable[[str], None]) -> Any:
     """What decides on the next run, whenever the recorder asks."""
-    from shockrig.analysis.planning.goals import parse_goals
+    from shockrig.analysis.plan.goals import parse_goals
     from shockrig.files.fleet import read_fleet
     from shockrig.protocols.adaptive import Loop
     from shockrig.rig.protocol import load_protocol

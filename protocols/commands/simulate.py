@@ -34,9 +34,9 @@ def main(args: argparse.Namespace) -> int:
 
     import numpy as np
 
-    from shockrig.analysis.flight.sensor import fly
-    from shockrig.analysis.flight.typical import typical_profile
-    from shockrig.analysis.flight.weather import SCENES as MAKERS
+    from shockrig.analysis.flight.simulated.sensor import fly
+    from shockrig.analysis.flight.simulated.typical import typical_profile
+    from shockrig.analysis.flight.simulated.weather import SCENES as MAKERS
     from shockrig.files.errors import InputError
     from shockrig.files.profile import read_profile, write_profile
     from shockrig.protocols.folder import whole_folder

@@ -8,7 +8,6 @@ from shockrig.analysis.physics.schemes.layers import (
     sphere_layers,
     step_response,
 )
-from shockrig.analysis.physics.schemes.measured import Slip, SlipRow
 from shockrig.analysis.physics.schemes.sampling import (
     METHODS,
     delay_samples,
@@ -19,7 +18,7 @@ from shockrig.analysis.physics.schemes.sampling import (
     stable_period_s,
     zeros,
 )
-from shockrig.analysis.physics.schemes.slips import slips_table
+from shockrig.analysis.physics.schemes.slips import Slip, SlipRow, slips_table
 
 __all__ = [
     "FILM_SCHEMES",

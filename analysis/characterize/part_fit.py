@@ -1,0 +1,258 @@
+"""Runs fitted together: differential evolution for each ambient, a cross-check, then one joint fit, and its rows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.characterize.extension import Extension
+from shockrig.analysis.characterize.response_times import response_time
+from shockrig.analysis.characterize.result import FAR_DEVIATED, Part, TableRow
+from shockrig.analysis.characterize.shifts import widened
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.effects.described import entry_of, with_values
+from shockrig.analysis.estimate.channel import Channel, LeftOut
+from shockrig.analysis.estimate.evolution import Misfit, Optimum, cross_check, evolve
+from shockrig.analysis.estimate.fit import Fit, fit, rmse_over_samples
+from shockrig.analysis.estimate.model import Held, Model, Structure
+from shockrig.analysis.estimate.noise import Noise, whiteners
+from shockrig.analysis.estimate.problem import UNVENTILATED_LIMIT, Problem, make_problem
+from shockrig.analysis.estimate.quantity import RunEffect
+from shockrig.analysis.estimate.scan import RATE_BOUNDS_PER_S, rough_point
+from shockrig.files.diagnosis_data import Discovered
+from shockrig.files.numbers import counted
+from shockrig.files.profile import ResponseTime, StatedEffect, Uncertain
+
+Array = NDArray[np.float64]
+
+# Which runs of a channel are fitted, which together, and with which models; and which are set aside, and why.
+#
+# A film's ambient is read from its isothermal shocks where it has at least two: in a thermal shock the film's own
+# temperature lags behind the air.
+
+STEP_IN_NOISE = 10.0
+LEAST_ISOTHERMAL = 2
+THERMAL_SHOCK = "thermal shock: the film's own temperature lags; the isothermal shocks of this ambient are used"
+OTHER_KIND = (
+    "so much faster or slower than most runs that it ends in another medium, or is of another sensor: make a campaign "
+    "of each, or run shockrig diagnose"
+)
+# Where an ambient has thermal shocks alone: else at the die's own, or taken up at it.
+AT_AIR = "thermal shocks, read at the air's temperature"
+
+
+def choose_runs(
+    whole: Channel, noise: Noise, extension: Extension
+) -> tuple[list[tuple[Channel, dict[str, Extension]]], list[LeftOut]]:
+    """Runs that are fitted together, each set with the models to try by the name of their basis; and runs set aside."""
+    quantity = whole.quantity
+    step = np.abs(quantity.step(whole.conditions))
+    keep = (step >= max(quantity.least_step, STEP_IN_NOISE * noise.standard_deviation)) | whole.measured
+    reasons = {int(i): f"no {quantity.name} step ({step[i]:.2g} {quantity.unit})" for i in np.flatnonzero(~keep)}
+    if not extension.structure.effects:
+        reasons |= {int(i): OTHER_KIND for i in np.flatnonzero(keep & whole.conditions.elsewhere)}
+    alone = np.zeros(whole.runs, dtype=bool)
+    plain_film = whole.jumps_with_air and not extension.structure.effects and not whole.measured.any()
+    if plain_film:
+        isothermal = whole.isothermal
+        for g in range(whole.ambients_c.size):
+            here = keep & (whole.ambient == g)
+            if (here & isothermal).sum() >= LEAST_ISOTHERMAL:
+                reasons |= dict.fromkeys((int(i) for i in np.flatnonzero(here & ~isothermal)), THERMAL_SHOCK)
+            elif (here & ~isothermal).any():
+                alone |= here
+    keep[list(reasons)] = False
+    basis = "isothermal shocks" if plain_film else "all runs"
+    readings = [e for e in CATALOGUE.values() if e.readout.thermal and e.acts_in(whole)]
+    thermal = {AT_AIR: Extension()} | {e.readout.thermal: Extension(Structure((e,))) for e in readings}
+    choices = [(keep & ~alone, {basis: extension}), (keep & alone, thermal)]
+    groups = [(whole.select(mask).without_lost_ambients(), models) for mask, models in choices if mask.any()]
+    return groups, [*whole.left_out, *(LeftOut(whole.run_ids[i], whole.name, reasons[i]) for i in sorted(reasons))]
+
+
+WORST_RELATIVE = 0.5  # a diffusivity or a response time known no better than this is none
+
+
+def fit_part(
+    channel: Channel,
+    noise: Noise,
+    models: Mapping[str, Extension],
+    seed: int,
+    rounding: float,
+    say: Callable[[str], None],
+) -> tuple[Part, list[TableRow], list[LeftOut]]:
+    """Fit runs together with the model that leaves the least; rows of what is determined, runs of what is not."""
+    searched = {}
+    for basis, extension in models.items():
+        optima, late_s = [], np.zeros(channel.runs)
+        for g, ambient_c in enumerate(channel.ambients_c):
+            misfit = Misfit(channel.select(channel.ambient == g), extension.structure, dict(extension.starts or {}))
+            where = "" if channel.quantity.pooled else f" at {round(ambient_c)} degC"
+            say(f"{channel.name}: differential evolution over {counted(misfit.channel.runs, 'run')}{where}")
+            optima.append((evolve(misfit, np.random.default_rng([seed, g])), cross_check(misfit)))
+            late_s[channel.ambient == g] = misfit.late_s(optima[-1][0].log_rate)
+        searched[basis] = optima, late_s
+    basis = min(searched, key=lambda name: sum(first.rmse**2 for first, _ in searched[name][0]))
+    extension, (optima, late_s) = models[basis], searched[basis]
+    say(f"{channel.name}: generalised least squares over {counted(channel.runs, 'run')}")
+    problem = make_problem(channel, whiteners(channel, noise), rounding=rounding)
+    log_rates = np.array([first.log_rate for first, _ in optima])
+    start = Model(channel, extension.structure).start(log_rates, dict(extension.starts or {}))
+    deviations = channel.at_rest()
+    deviations[:, RunEffect.START] = late_s
+    found = fit(problem, extension.structure, start, deviations)
+    part = make_part(problem, found)
+    rows, undetermined = joint_rows(part, noise, basis, optima)
+    return part, rows, undetermined
+
+
+def make_part(problem: Problem, found: Fit) -> Part:
+    """A fit with what else may be off in all runs alike in its covariance, and its RMSE."""
+    return Part(problem, widened(problem, found), rmse_over_samples(problem.channel, found))
+
+
+def quick_part(
+    channel: Channel,
+    noise: Noise,
+    models: Mapping[str, Extension],
+    seed: int,
+    rounding: float,
+    say: Callable[[str], None],
+) -> tuple[Part, list[TableRow], list[LeftOut]]:
+    """As `fit_part`, from a rough scan of the rates in place of the two optimisers."""
+    problem = make_problem(channel, whiteners(channel, noise), rounding=rounding)
+    parts = {}
+    for basis, extension in models.items():
+        point = rough_point(problem, extension.structure)
+        theta = Model(channel, extension.structure).start(point.theta[: channel.rates], dict(extension.starts or {}))
+        found = fit(problem, extension.structure, theta, point.deviations, iterations=40)
+        parts[basis] = make_part(problem, found)
+    basis = min(parts, key=lambda name: parts[name].rmse)
+    rows, undetermined = joint_rows(parts[basis], noise, basis)
+    return parts[basis], rows, undetermined
+
+
+def joint_rows(
+    part: Part, noise: Noise, basis: str, optima: Sequence[tuple[Optimum | None, Optimum | None]] | None = None
+) -> tuple[list[TableRow], list[LeftOut]]:
+    """Rows of the ambients whose diffusivity a joint fit determines, and the runs of those that it does not.
+
+    `optima` are each ambient's findings of the two optimisers, where they were asked.
+    """
+    channel, found = part.channel, part.fit
+    enlarged = part.enlarged(noise)
+    most = min(FAR_DEVIATED * part.problem.rate_scatter_limit, UNVENTILATED_LIMIT)
+    scattered = found.deviations[:, RunEffect.RATE].std() > most
+    apart = _apart(part) if enlarged > 1.0 or scattered else np.zeros(channel.ambients_c.size)
+    rows: list[TableRow] = []
+    undetermined: list[LeftOut] = []
+    for g, (first, check) in enumerate(optima or [(None, None)] * channel.ambients_c.size):
+        runs = tuple(channel.run_ids[i] for i in np.flatnonzero(channel.ambient == g))
+        relative = float(np.hypot(enlarged * np.sqrt(max(found.covariance[g, g], 0.0)), apart[g]))
+        low, high = np.log(RATE_BOUNDS_PER_S)
+        response = None
+        if 0.0 < relative and low < found.theta[g] < high:
+            response = _wider(response_time(channel, found, g, enlarged), float(apart[g]))
+        # With two time constants in the model either may be the body's: how fast the sensor is, is told all the same.
+        if response is None or not min(relative, _relative(response)) < WORST_RELATIVE:
+            reason = _undetermined(channel, float(channel.ambients_c[g]), float(apart[g]), misfits=enlarged > 1.0)
+            undetermined += [LeftOut(run, channel.name, reason) for run in runs]
+            continue
+        value = float(np.exp(found.theta[g]) * channel.length_m**2)
+        rows.append(
+            TableRow(
+                ambient_c=round(float(channel.ambients_c[g]), 3),
+                diffusivity_m2_s=value,
+                standard_uncertainty=value * relative,
+                response=response,
+                runs=runs,
+                basis=basis,
+                evolution=first,
+                check=check,
+            )
+        )
+    return rows, undetermined
+
+
+def _apart(part: Part) -> Array:
+    """How far runs that a model misses are from one another in ln rate, by ambient (G,).
+
+    Runs of a sensor that the model describes agree; where they do not, nobody knows which of them is right, and no
+    number of runs makes their mean better.
+    """
+    found, problem = part.fit, part.problem
+    held = tuple(Held(e, name, value) for e, p in found.values().items() for name, (value, _) in p.items())
+    rates_alone = Structure(found.structure.effects, held)
+    start = np.concatenate([found.log_rates, found.theta[Model(problem.channel, found.structure).behind]])
+    own = np.empty(problem.channel.runs)
+    for run, ambient in enumerate(problem.channel.ambient):
+        one = problem.select(np.array([run]))
+        own[run] = fit(one, rates_alone, start, found.deviations[[run]]).log_rates[ambient]
+    return np.array([own[problem.channel.ambient == g].std() for g in range(problem.channel.ambients_c.size)])
+
+
+def _wider(response: ResponseTime, relative: float) -> ResponseTime:
+    """Response times less certain by what runs are apart."""
+    if response.standard_uncertainties_s is None or not relative:
+        return response
+    times = (response.t63_s, response.t90_s, response.t98_s)
+    first, second, third = (
+        float(np.hypot(u, t * relative)) for u, t in zip(response.standard_uncertainties_s, times, strict=True)
+    )
+    return replace(response, standard_uncertainties_s=(first, second, third))
+
+
+def as_far_off(row: TableRow, t63_s: float) -> TableRow:
+    """A row of a model that misses its only run, as uncertain as its time to 63 % is away from the run's own [s]:
+    with no other run nothing else tells how wrong the model is."""
+    away = abs(float(np.log(row.response.t63_s / t63_s)))
+    uncertainty = float(np.hypot(row.standard_uncertainty, away * row.diffusivity_m2_s))
+    return replace(row, standard_uncertainty=uncertainty, response=_wider(row.response, away))
+
+
+def _relative(response: ResponseTime) -> float:
+    """Relative standard uncertainty of a time to 63 %."""
+    return response.standard_uncertainties_s[0] / response.t63_s if response.standard_uncertainties_s else np.inf
+
+
+def _undetermined(channel: Channel, ambient_c: float, apart: float, *, misfits: bool) -> str:
+    """Why runs give no diffusivity, and the remedy."""
+    symbol = channel.quantity.symbol
+    if apart > WORST_RELATIVE and not misfits:
+        return (
+            f"the runs disagree in {symbol} by {apart:.0%}; see that all are of one sensor, and run shockrig diagnose"
+        )
+    if misfits:
+        return (
+            f"the plain model ({channel.body}) fits too badly to give {symbol}; run shockrig diagnose, which tries "
+            "other bodies, or state another body in campaign.json"
+        )
+    if channel.quantity.pooled:
+        return f"does not determine {symbol}; record more runs, or larger steps"
+    return f"does not determine {symbol}, alone at {round(ambient_c)} degC; record isothermal shocks there"
+
+
+def fitted_effects(extension: Extension, part: Part) -> tuple[StatedEffect, ...]:
+    """The extension's causes with the parameters of a fit."""
+    values = part.fit.values()
+    fitted = []
+    for cause in extension.causes:
+        parameters = dict(cause.parameters)
+        for name, (value, spread) in values[cause.effect].items():
+            # What the single readings showed is held in this fit and keeps the uncertainty it came with.
+            parameters[name] = Uncertain(value, spread) if spread > 0 or name not in parameters else parameters[name]
+        fitted.append(replace(cause, parameters=parameters))
+    return tuple(fitted)
+
+
+def fitted_discovered(extension: Extension, part: Part) -> tuple[Discovered, ...]:
+    """The extension's described effects with the numbers of a fit."""
+    values, fitted = part.fit.values(), []
+    for one in extension.discovered:
+        entry = entry_of(one, part.channel.name)
+        if entry is not None:
+            fitted.append(with_values(one, entry, values[entry.id]))
+    return tuple(fitted)

@@ -1,0 +1,299 @@
+"""Is anything left? Tests without physics of what a fitted model leaves, on four kinds of trace an effect can leave
+behind.
+
+(a) the mean response: a smooth basis in log time, crossed with step, direction, ambient and airflow, after the model's
+own parameters and each run's deviations are projected out; (b) the runs' deviations: too large for the stated
+uncertainties, or moving with run order or condition; (c) single readings: bursts; (d) hum: lines in the plateaus'
+spectrum.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from shockrig.analysis.diagnose.thresholds import level
+from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.fit import Fit
+from shockrig.analysis.estimate.noise import Noise, whole_pieces
+from shockrig.analysis.estimate.problem import Problem
+from shockrig.analysis.estimate.quantity import RUN_EFFECT_NAMES, RunEffect
+
+Array = NDArray[np.float64]
+
+WINDOWS_S = (0.0, 0.15, 0.6, 2.5, 10.0, 30.0, 1e9)
+SPECTRUM_SAMPLES = (64, 256)  # samples of a plateau in one spectrum: the longer ones see a slower hum
+FEWEST_PIECES = 8
+LEAST_HUM = 0.25  # rms of a slow hum, in standard deviations of the noise
+BESIDE_FREQUENCIES = 8  # frequencies on either side of a line that tell the noise there
+BURST_SIGMAS = 5.5  # standard deviations from which on a reading belongs to a burst
+BURSTS, LINE = "bursts in the readings", "a line in the spectrum of the plateaus"  # names of two tests
+KNOTS_S = (0.0, 0.15, 0.4, 1.0, 2.5, 6.0, 15.0, 40.0, 120.0)
+
+
+@dataclass(frozen=True)
+class Check:
+    """One test: what it looked at, its statistic with degrees of freedom, and its probability under the model.
+
+    `rms` is the size of what it found [channel's unit], where it tells one that no run's error shows.
+    """
+
+    name: str
+    statistic: float
+    degrees: float
+    p: float
+    rms: float = 0.0
+
+
+@dataclass(frozen=True)
+class Adequacy:
+    """All tests of one fit, their combined probability (Bonferroni), and whether anything is left."""
+
+    checks: tuple[Check, ...]
+    p: float
+    excess: float
+
+    @property
+    def passed(self) -> bool:
+        return self.p > level("adequacy")
+
+    @property
+    def worst(self) -> Check:
+        return min(self.checks, key=lambda c: c.p)
+
+    @property
+    def hidden_rms(self) -> float:
+        """Size [channel's unit] of what fails and passes for noise where errors are counted: a slow hum."""
+        return max((c.rms for c in self.checks if c.p * len(self.checks) <= level("adequacy")), default=0.0)
+
+    @property
+    def inflation(self) -> float:
+        """By how much the squared misfit of the mean response is above what chance gives; 1 where nothing is left."""
+        response = self.checks[0]
+        return 1.0 if self.passed else max(response.statistic / max(response.degrees, 1.0), 1.0)
+
+
+def judge(problem: Problem, found: Fit, noise: Noise) -> Adequacy:
+    """Test what `found` leaves of a problem's data."""
+    response = _response(problem, found)
+    checks = [response, *_deviations(problem, found), *_readings(problem, found, noise)]
+    p = min(1.0, min(c.p for c in checks) * len(checks))
+    return Adequacy(tuple(checks), p, max(response.statistic - response.degrees, 0.0))
+
+
+def factors(channel: Channel) -> dict[str, Array]:
+    """What a residual may vary with: factor name -> value of each run (R,), centred and scaled."""
+    c = channel.conditions
+    step, thermal = channel.quantity.air_step(c), c.thermal_step_k
+
+    def scaled(x: Array) -> Array:
+        spread = x.std()
+        return (x - x.mean()) / spread if spread > 1e-9 else np.zeros_like(x)
+
+    return {
+        "step": step / max(np.abs(step).max(), 1e-9),
+        "amplitude": scaled(np.abs(step)),
+        "ambient": scaled(c.destination_c),
+        "airflow": scaled(np.log(np.maximum(c.airflow_m_s, 0.1))),
+        "temperature change": thermal / max(np.abs(thermal).max(), 1.0),
+        "run order": scaled(np.arange(channel.runs, dtype=float)),
+    }
+
+
+def time_basis(time: Array, tempo: float = 1.0) -> Array:
+    """Hat functions in log time since the transfer, and one for the plateau before it: (..., K)."""
+    knots = np.log(np.array(KNOTS_S[1:]) * tempo)
+    late = np.log(np.maximum(time, 0.02 * tempo))
+    hats = [np.interp(late, knots, row) for row in np.eye(knots.size)]
+    columns = [np.where(time <= 0, 1.0, 0.0)] + [np.where(time > 0, h, 0.0) for h in hats]
+    return np.stack(columns, axis=-1)
+
+
+def _factor_rows(channel: Channel) -> dict[str, Array]:
+    f = factors(channel)
+    rows = {
+        "nothing: the same in every run": np.ones(channel.runs),
+        "the step": f["step"],
+        "the step and the ambient": f["step"] * f["ambient"],
+        "the step and the airflow": f["step"] * f["airflow"],
+        "the size of the step": np.abs(f["step"]),
+    }
+    if channel.jumps_with_air:
+        return rows | {"the change of temperature": f["temperature change"]}
+    return rows | {"the ambient": f["ambient"], "the airflow": f["airflow"]}
+
+
+def _response(problem: Problem, found: Fit) -> Check:
+    basis = time_basis(problem.channel.time_s, problem.channel.tempo)
+    columns = np.concatenate([basis * row[:, None, None] for row in _factor_rows(problem.channel).values()], axis=-1)
+    statistic, degrees = _score(*found.scores(problem, problem.whiten(columns)))
+    return Check("mean response", statistic, degrees, float(special.chdtrc(degrees, statistic)))
+
+
+def _score(right: Array, normal: Array) -> tuple[float, int]:
+    """Chi-square of scores with their covariance, and its rank."""
+    scale = np.sqrt(np.maximum(np.diag(normal), 0))
+    use = scale > 1e-6 * max(scale.max(), 1e-300)
+    normal, right, scale = normal[np.ix_(use, use)], right[use], scale[use]
+    values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
+    keep = values > 1e-3
+    score = vectors[:, keep].T @ (right / scale)
+    return float((score**2 / values[keep]).sum()), int(keep.sum())
+
+
+def varies_with(problem: Problem, found: Fit) -> list[str]:
+    """What the residuals of a fit vary with, most first."""
+    channel, by_factor = problem.channel, {}
+    basis = time_basis(channel.time_s, channel.tempo)
+    for name, row in _factor_rows(channel).items():
+        statistic, degrees = _score(*found.scores(problem, problem.whiten(basis * row[:, None, None])))
+        by_factor[name] = max(statistic - degrees, 0.0)
+    most = max(by_factor.values())
+    return [n for n, v in sorted(by_factor.items(), key=lambda i: -i[1]) if v > max(0.2 * most, 15.0)]
+
+
+def when_largest(channel: Channel, found: Fit, noise: Noise) -> tuple[float, float]:
+    """The window of time after the transfer [s] in which residuals are largest above what the noise would give."""
+    late = np.where(channel.time_s > 0, channel.time_s, np.nan)
+    windows = [(a * channel.tempo, b * channel.tempo) for a, b in itertools.pairwise(WINDOWS_S)]
+    excess = []
+    for low, high in windows:
+        inside = (channel.count > 0) & (late > low) & (late <= high)
+        expected = noise.standard_deviation**2 / np.maximum(channel.count[inside], 1)
+        excess.append(float((found.residual[inside] ** 2 - expected).mean()) if inside.any() else 0.0)
+    begins, ends = windows[int(np.argmax(excess))]
+    return begins, min(ends, float(np.nanmax(late)))
+
+
+def describe(problem: Problem, found: Fit, noise: Noise, adequacy: Adequacy) -> dict[str, object]:
+    """What is left, without physics: its size, when in the run it is largest, and what it varies with."""
+    channel = problem.channel
+    weight = channel.count
+    size = float(np.sqrt((weight * found.residual**2).sum() / weight.sum()))
+    begins, ends = when_largest(channel, found, noise)
+    return {
+        "size_rms": size,
+        "size_peak": float(np.abs(np.where(weight > 0, found.residual, 0.0)).max()),
+        "unit": channel.quantity.unit,
+        "in_units_of_the_noise": size / noise.standard_deviation,
+        "test": adequacy.worst.name,
+        "p": adequacy.p,
+        "largest_from_s": begins,
+        "largest_until_s": ends,
+        "varies_with": varies_with(problem, found),
+    }
+
+
+def most_scatter(channel: Channel) -> float:
+    """By how much the rates of runs may scatter (ln): as the airflow, where nobody recorded that."""
+    return level("rate_scatter" if channel.conditions.airflow_known.all() else "open_rate_scatter")
+
+
+def _deviations(problem: Problem, found: Fit) -> list[Check]:
+    channel = problem.channel
+    variance, prior = found.arrow.run_variances(), 1.0 / found.arrow.weight
+    recorded = problem.stated
+    f = factors(channel)
+    design = np.column_stack([f["run order"], np.sign(f["step"]), f["ambient"], f["airflow"], f["amplitude"]])
+    design = design - design.mean(axis=0)
+    # Runs that differ a little are no effect; rates that differ by several percent are.
+    wide = found.rate_scatter > most_scatter(channel)
+    checks = [Check("scatter of the runs' rate", found.rate_scatter, 1.0, 0.0 if wide else 1.0)]
+    for k, name in enumerate(RUN_EFFECT_NAMES[: prior.shape[1]]):
+        spread = np.maximum(prior[:, k] - variance[:, k], 0.0)
+        told = (spread > 0.2 * prior[:, k]) & recorded[:, k]
+        if told.sum() < 4:
+            continue
+        z = found.deviations[told, k] / np.sqrt(spread[told])
+        if k != RunEffect.RATE:  # the scatter of the rate is estimated, that of the others is stated
+            # Stated uncertainties are good to about a third: the scale of the test is widened by that.
+            total, degrees = float((z**2).sum()) / level("stated_scatter"), float(told.sum())
+            p = float(special.chdtrc(degrees, total))
+            checks.append(Check(f"scatter of the runs' {name}", total, degrees, p))
+        z = z - z.mean()
+        columns = design[told] - design[told].mean(axis=0)
+        columns = columns[:, columns.std(axis=0) > 1e-9]
+        if told.sum() < columns.shape[1] + 6 or columns.shape[1] == 0:
+            continue
+        coefficients, *_ = np.linalg.lstsq(columns, z, rcond=None)
+        rank = int(np.linalg.matrix_rank(columns))
+        left = float(((z - columns @ coefficients) ** 2).sum())
+        explained = float((z**2).sum()) - left
+        degrees = z.size - 1 - rank
+        ratio = (explained / rank) / max(left / degrees, 0.3)
+        p = float(special.fdtrc(rank, degrees, ratio))
+        checks.append(Check(f"the runs' {name} against order and condition", ratio, rank, p))
+    return checks
+
+
+def _readings(problem: Problem, found: Fit, noise: Noise) -> list[Check]:
+    """Bursts and hum in the single readings of the plateaus."""
+    parts = [(t, y) for _, t, y in plateaus(problem.channel)]
+    spread = noise.standard_deviation
+    outliers = sum(int((np.abs(y) > BURST_SIGMAS * spread).sum()) for _, y in parts)
+    total = sum(y.size for _, y in parts)
+    checks = []
+    if total > 200:
+        # A handful of absurd values is what real logs hold; a share of them is a cause.
+        p = float(special.pdtrc(outliers - 1, 1.5 + 3e-4 * total)) if outliers else 1.0
+        checks.append(Check(BURSTS, float(outliers), 0, p))
+    lines = [_line(parts, noise, length, problem.channel.sampling_period_s) for length in SPECTRUM_SAMPLES]
+    told = [check for check in lines if check is not None]
+    return checks + ([min(told, key=lambda check: check.p)] if told else [])
+
+
+def plateaus(channel: Channel) -> Iterator[tuple[int, Array, Array]]:
+    """Run, times and readings of each plateau, a slow bend taken off."""
+    period = channel.sampling_period_s
+    for run, ((time, value), air) in enumerate(zip(channel.samples, channel.air, strict=True)):
+        if air is not None:
+            continue  # there is no plateau in a record that was driven all along
+        for part in (time < -2 * period, time > 0.67 * time[-1]):
+            t, y = time[part], value[part]
+            if y.size >= min(SPECTRUM_SAMPLES) and np.ptp(y) > 0:
+                yield run, t, y - np.polyval(np.polyfit(t, y, 2), t)
+
+
+def _line(parts: Sequence[tuple[Array, Array]], noise: Noise, length: int, period_s: float) -> Check | None:
+    """Whether the plateaus' spectrum, in pieces of so many samples, has a line that the noise has not; None where there
+    are too few."""
+    window = np.hanning(length)
+    spectra = [
+        np.abs(np.fft.rfft(piece * window)) ** 2 for t, y in parts for piece in whole_pieces(t, y, period_s, length)
+    ]
+    if len(spectra) < FEWEST_PIECES:
+        return None
+    mean = np.mean(spectra, axis=0)
+    gamma = noise.autocovariance(length)
+    lags = np.correlate(window, window, mode="full")[length - 1 :]
+    expected = np.real(np.fft.fft(np.concatenate([gamma * lags, [0.0], (gamma * lags)[:0:-1]])))[: 2 * length : 2]
+    expected = expected[: mean.size]
+    inner = slice(4, mean.size - 1)
+    # Where the noise is next to nothing (an average's nulls), a little leakage is no line. In long pieces the noise as
+    # it is stands beside a line, wherever its model is a little off, and slow noise would hide a slow hum.
+    if length > min(SPECTRUM_SAMPLES):
+        floor, scale = 0.1 * float(np.median(expected[inner])), _beside(mean[inner] / expected[inner])
+    else:
+        floor, scale = 0.1 * float(expected.max()), mean[inner].sum() / expected[inner].sum()
+    ratio = (mean[inner] / scale + floor) / (expected[inner] + floor)
+    peak = float(ratio.max())
+    shape = len(spectra) * 0.9
+    p = float(special.gammaincc(shape, shape * peak)) * ratio.size * len(SPECTRUM_SAMPLES)
+    at = int(np.argmax(ratio))
+    power = max(float((mean[inner] - scale * expected[inner])[at]), 0.0)
+    rms = float(np.sqrt(2.0 * power) / window.sum())  # of a sine of this power in one frequency
+    # Where the noise's own model is a little off, a long piece shows that as a line: one that matters is larger.
+    if length > min(SPECTRUM_SAMPLES) and rms < LEAST_HUM * noise.standard_deviation:
+        p = 1.0
+    return Check(LINE, peak, 2 * len(spectra), min(1.0, p), rms)
+
+
+def _beside(ratio: Array) -> Array:
+    """Median of a spectrum's ratio to its model over the neighbouring frequencies."""
+    padded = np.pad(ratio, BESIDE_FREQUENCIES, mode="reflect")
+    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * BESIDE_FREQUENCIES + 1), axis=-1))

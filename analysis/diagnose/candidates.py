@@ -1,0 +1,159 @@
+"""What may explain a channel: catalogued effects and forms of the grammar, one list of one kind, each with its prior.
+
+A form that is the law of a catalogued effect that the channel can show is that effect, and is not listed twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from math import log
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.diagnose.grammar import forms, starts_of
+from shockrig.analysis.diagnose.thresholds import level
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.effects.behaviours import SCALES, Form, form_of, is_step, laws_of
+from shockrig.analysis.effects.described import described, is_described
+from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.effect import Effect
+from shockrig.analysis.estimate.fit import Fit
+from shockrig.analysis.estimate.model import Model, Point, Structure
+
+Array = NDArray[np.float64]
+
+# What is held against an effect before any data [nats]: one false-alarm rate, and how often benches have it.
+
+
+def log_prior(effect: Effect, channel: Channel, looks: int) -> float:
+    """Log prior of an effect's being there, beside that of its absence [nats].
+
+    `looks` are the places in its range at which it is looked for: each is a chance to find something in nothing.
+    """
+    against = level("effect") + log(max(looks, 1))
+    if not is_described(effect.id):
+        return -against - 0.5 * effect.rarity(channel)
+    on = form_of(effect.id).depends_on
+    against += level("form") + level("factor") * sum(how in SCALES for _, how in on)
+    # One form for each run that a change may begin at.
+    return -against - log(channel.runs) * sum(is_step(how) for _, how in on)
+
+
+LAST_PART, STILL_MOVES = 0.1, 8.0  # of a record; standard uncertainties of its slope from which on it still moves
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect that a model may be extended by, the values that its fits begin from, and its log prior [nats]."""
+
+    effect: Effect
+    starts: tuple[dict[str, float], ...]
+    log_prior: float
+
+    @cached_property
+    def form(self) -> Form | None:
+        """What it is in the grammar; None for an effect of the catalogue."""
+        return form_of(self.effect.id) if is_described(self.effect.id) else None
+
+    @property
+    def family(self) -> tuple[str, ...]:
+        """What competes for one place in a race: forms of one behaviour and driver, an effect of the catalogue with
+        itself alone."""
+        return (self.effect.id,) if self.form is None else (self.form.behaves_as, self.form.driver)
+
+    def fits(self, structure: Structure) -> bool:
+        """Whether it may be added to a model."""
+        taken, effect = set(structure.ids), self.effect
+        return (
+            effect.id not in taken
+            and not effect.candidacy.excludes & taken
+            and not any(effect.id in other.candidacy.excludes for other in structure.effects)
+            and (not effect.candidacy.beside or bool(effect.candidacy.beside & taken))
+        )
+
+
+def listed(channel: Channel) -> tuple[Effect, ...]:
+    """Effects of the catalogue that the mean response of this campaign can show in this channel."""
+    return tuple(e for e in CATALOGUE.values() if e.fitted and e.acts_in(channel))
+
+
+def candidates(channel: Channel) -> tuple[Candidate, ...]:
+    """All that this campaign can show in this channel."""
+    effects = listed(channel)
+    found = [_candidate(e, e.starts(channel), channel) for e in effects]
+    ids = {e.id for e in effects}
+    for form in forms(channel):
+        if not any(name in ids for name, _ in laws_of(form)):
+            effect = described(form.key, channel.jumps_with_air)
+            found.append(_candidate(effect, starts_of(effect, form, channel), channel))
+    return tuple(found)
+
+
+def _candidate(effect: Effect, starts: list[dict[str, float]], channel: Channel) -> Candidate:
+    return Candidate(effect, tuple(starts), log_prior(effect, channel, len(starts)))
+
+
+def at_bound(effect: Effect, values: Mapping[str, float]) -> tuple[str, ...]:
+    """Parameters of an effect that stand at a bound of their range."""
+    out = []
+    for parameter in effect.parameters:
+        value = values[parameter.name]
+        width = 1e-3 * (parameter.high - parameter.low)
+        above = 1e-6 if parameter.log else min(width, 0.1 * abs(parameter.low) or width)
+        if value <= parameter.low + above or value >= parameter.high - width:
+            out.append(parameter.name)
+    return tuple(out)
+
+
+def says_nothing(effect: Effect, parameters: Mapping[str, tuple[float, float]]) -> str:
+    """Why a fitted effect says nothing: at the end of its range, or anywhere in it. Empty where it says something."""
+    ends = at_bound(effect, {name: value for name, (value, _) in parameters.items()})
+    if ends:
+        return f"its {ends[0]} stands at the end of its range"
+    for parameter in effect.parameters:
+        value, spread = parameters[parameter.name]
+        if parameter.log and spread > level("anything") * abs(value):
+            return f"its {parameter.name} may be anything"
+    return ""
+
+
+def refused(found: Fit, effect: Effect) -> bool:
+    """Whether an effect of a fit is no finding where it ended, by what its entry says."""
+    if effect.candidacy.refused is None:
+        return False
+    channel = found.model.channel
+
+    def bare() -> Array:
+        model = Model(channel, found.structure.dropping(effect.id))
+        theta = model.start(found.log_rates, found.choice)
+        theta[model.behind] = found.theta[found.model.behind]
+        return np.asarray(model.predict(Point(theta, channel.at_rest()))[0])
+
+    values = {name: value for name, (value, _) in found.values()[effect.id].items()}
+    return effect.candidacy.refused(channel, values, bare)
+
+
+def _unended(channel: Channel, effect: Effect) -> bool:
+    """Whether a shape is told from a single response that still moves where the record ends, towards an air that nobody
+    recorded: where it would end, and how slowly, are then one."""
+    if channel.runs > 1 or not effect.candidacy.shape or channel.conditions.airs_known.any() or channel.measured.any():
+        return False
+    time, value = channel.samples[0]
+    end = time > time[-1] - LAST_PART * (time[-1] - time[0])
+    t, y = time[end] - time[end].mean(), value[end] - value[end].mean()
+    slope = float(t @ y / (t @ t))
+    left = y - slope * t
+    return abs(slope) > STILL_MOVES * float(np.sqrt(left.var() / (t @ t)))
+
+
+def sound(found: Fit, ids: set[str] | frozenset[str]) -> bool:
+    """Whether the effects `ids` of a fit say something where it ended."""
+    values = found.values()
+    return not any(
+        says_nothing(effect, values[effect.id]) or refused(found, effect) or _unended(found.model.channel, effect)
+        for effect in found.structure.effects
+        if effect.id in ids
+    )

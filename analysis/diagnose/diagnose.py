@@ -1,0 +1,349 @@
+"""The diagnosis of a campaign, channel by channel: search, weigh, judge what is left, measure the gain on unseen runs.
+
+Everything below is a function of the campaign's files alone. What is stated is the model with the largest weight, and
+how probable an effect is, the weight of all models that hold it.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+from shockrig.analysis.characterize.shifts import widened
+from shockrig.analysis.checks.check import Checked, checked
+from shockrig.analysis.checks.finding import InputFinding
+from shockrig.analysis.diagnose.adequacy import describe, judge, most_scatter
+from shockrig.analysis.diagnose.candidates import at_bound
+from shockrig.analysis.diagnose.diagnosed import NO_STEP, Cause, ChannelDiagnosis, Diagnosis, Tried
+from shockrig.analysis.diagnose.experiments import propose, unseen
+from shockrig.analysis.diagnose.gain import measure_gain
+from shockrig.analysis.diagnose.grammar import stated
+from shockrig.analysis.diagnose.prepare import Prepared, likelier_average, prepare, with_rounding
+from shockrig.analysis.diagnose.remainder import Tolerance, measure_remainder, predicted_badly
+from shockrig.analysis.diagnose.restless import nothing_else, restless, without_hum
+from shockrig.analysis.diagnose.search import Earlier, Search, first_look, search
+from shockrig.analysis.diagnose.verdict import Standing, verdict
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.effects.described import is_described
+from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.fit import Fit
+from shockrig.analysis.estimate.gather import build_channel, usable_runs, why_none
+from shockrig.analysis.estimate.predictive import as_stated, bumps
+from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName
+from shockrig.analysis.estimate.seen import FEW_RUNS
+from shockrig.files.campaign import Campaign
+from shockrig.files.diagnosis import StatedDiagnosis
+from shockrig.files.errors import InputError
+from shockrig.files.numbers import counted
+
+# What a channel's runs cannot tell, whatever is in them: said before anything is fitted.
+
+SAME_AIRFLOW = 1.2  # ratio between airflows below which they are one
+
+
+def ended(found: Search) -> tuple[str, ...]:
+    """What is said where the search made as many fits as it may."""
+    if not found.ended_early:
+        return ()
+    return (
+        f"The search ended at its limit of work, after {found.fits} fits: what it had reached by then is judged, and "
+        "more may be there. Diagnose again with --from this diagnosis to go on from there.",
+    )
+
+
+def rates_apart(final: Fit) -> tuple[str, ...]:
+    """A sentence where the runs' own rates lie far apart and nothing in the model says why."""
+    if final.rate_scatter <= most_scatter(final.model.channel):
+        return ()
+    return (
+        f"The runs differ in how fast they are by some {final.rate_scatter:.0%}, and nothing that was named says why: "
+        "see that all are of one sensor, in one airflow.",
+    )
+
+
+def cannot_tell(channel: Channel) -> tuple[str, ...]:
+    """Sentences, each on one thing that the campaign leaves open and what it would have needed."""
+    c, sensor = channel.conditions, channel.quantity.noun
+    said = []
+    if channel.runs == 1:
+        said.append(
+            "One run: nothing can be tried on a run that was not fitted. What is named says how the response goes; "
+            "what makes it go so is not borne out by one run."
+        )
+    elif channel.runs <= FEW_RUNS:
+        said.append(
+            f"{counted(channel.runs, 'run')}: only what is plain in each can be told, and uncertainties are wide."
+        )
+    if channel.runs > 1 and not has_repeats(channel):
+        said.append("No condition was repeated: how much runs differ by chance is taken from what sensors usually do.")
+    if not c.start_known.all():
+        said.append(
+            "The start of the transfer was not recorded: it is estimated from the readings, so a delay, a slow "
+            f"transfer and a lag before the {sensor} cannot be told apart. Log the trigger."
+        )
+    if not c.airs_known.all():
+        said.append(
+            "The airs were not recorded: plateaus are taken for them, so errors of the calibration cannot be seen, nor "
+            "an air that still moves. Log a reference beside the probes."
+        )
+    if not c.airflow_known.all():
+        said.append(
+            f"The airflow was not recorded: what an exchange with the air does to the {sensor} cannot be told from its "
+            "own body or a housing. Log the airflow, and vary it."
+        )
+    elif channel.runs > 1 and c.airflow_m_s.max() < SAME_AIRFLOW * max(c.airflow_m_s.min(), 1e-9):
+        said.append("All runs have one airflow: what depends on it cannot be told from what does not. Vary it.")
+    if own_temperature_unknown(channel):
+        said.append(
+            f"The {sensor}'s own temperature was not recorded: where the temperature changes, its lag and the "
+            f"{sensor}'s cannot be told apart. Log it (temperature_c in hyt.csv, die_temperature in a map)."
+        )
+    step = channel.quantity.step(c)
+    if channel.runs > 1 and not channel.measured.any() and (np.all(step > 0) or np.all(step < 0)):
+        said.append("All steps go one way: what depends on the direction cannot be told from what does not.")
+    if channel.measured.any():
+        said.append("The air was measured: slow transfers and room air are in the trace, and are not looked for.")
+        if not any(air is not None and air.lag_s > 0.0 for air in channel.air):
+            said.append(
+                "The reference's own lag was not stated: it is taken for none, and the times are those behind what it "
+                f"shows. State {channel.quantity.reference_lag} of the reference (run.json, or the map)."
+            )
+    return tuple(said)
+
+
+def own_temperature_unknown(channel: Channel) -> bool:
+    """Whether a film went through changes of temperature and nobody recorded its own."""
+    return bool(channel.name == "humidity" and not np.isfinite(channel.die_c).any() and not channel.isothermal.all())
+
+
+def air_of_a_film_unknown(channel: Channel) -> bool:
+    """Whether a film went through changes of temperature in airs that nobody recorded, or with dew on it."""
+    warmed = channel.name == "humidity" and not channel.isothermal.all()
+    return bool(warmed and (not channel.conditions.airs_known.all() or np.isfinite(channel.wet_until_s).any()))
+
+
+def has_repeats(channel: Channel) -> bool:
+    """Whether any two runs had the same airs and airflow, within what chambers reach."""
+    c = channel.conditions
+    keys = np.column_stack(
+        [
+            np.round(c.source_c),
+            np.round(c.destination_c),
+            np.round(c.source_percent / 3.0),
+            np.round(c.destination_percent / 3.0),
+            np.round(np.log(np.maximum(c.airflow_m_s, 0.05)) / 0.2),
+        ]
+    )
+    return np.unique(keys, axis=0).shape[0] < channel.runs
+
+
+Progress = Callable[[str], None]
+PARTED = "another_sensor"  # kind of the input's finding that runs fall into groups
+
+
+def diagnose_channel(
+    channel: Channel,
+    progress: Progress = lambda _: None,
+    tolerance: Tolerance | None = None,
+    earlier: Earlier | None = None,
+    describing: bool = True,
+    ready: Prepared | None = None,
+    findings: Iterable[InputFinding] = (),
+) -> ChannelDiagnosis:
+    """Diagnose one channel.
+
+    Parameters
+    ----------
+    channel : Channel
+    progress : function of a sentence, optional
+    tolerance : Tolerance, optional
+        From which size on something that is left spoils a verdict.
+    earlier : {effect: {parameter: value}}, optional
+        What an earlier diagnosis of its runs named: a place to begin from as well.
+    describing : bool
+        Whether forms of the grammar are candidates as well: that takes longer than the catalogue alone.
+    ready : Prepared, optional
+        The channel prepared, where that has been done.
+    findings : iterable of InputFinding
+        What the checks of the input say: a verdict of `adequate` cannot stand against one that parts the runs.
+    """
+    channel, hum = without_hum(channel)
+    ready = prepare(channel) if ready is None or hum is not None else ready
+    progress(f"{channel.name}: searching for what explains it")
+    rough = first_look(ready.problem, ready.structure) if ready.rounds_coarsely else None
+    ready = with_rounding(ready, rough)
+    found = search(ready.problem, ready.structure, earlier, describing)
+    averaged = likelier_average(ready, found, judge(ready.problem, found.best.fit, ready.noise).passed)
+    if averaged is not None:
+        ready = with_rounding(prepare(channel, averaged), rough)
+        found = search(ready.problem, ready.structure, earlier, describing)
+    problem = ready.problem
+    progress(f"{channel.name}: measuring the gain on unseen runs")
+    gain = measure_gain(channel, problem, ready.structure, found.plain, found.best, ready.noise)
+    sigma = found.best.score.discrepancy
+    adequacy, plain_adequacy = (judge(problem, one.fit, ready.noise) for one in (found.best, found.plain))
+    remainder = measure_remainder(problem, found.best.fit, ready.noise, adequacy, gain, tolerance or Tolerance(), sigma)
+    final = widened(problem, as_stated(problem, found.best.fit, bumps(problem), sigma, remainder.significant))
+    matters = remainder.significant and remainder.material
+    bursts = restless(problem.channel, adequacy) if matters else ()
+    causes = _causes(ready, found, final)
+    forms = stated(problem, found, final)
+    shown = (*ready.shown, *bursts, *(() if hum is None else (hum,)))
+    parted = [f for f in findings if f.kind == PARTED and f.channel in (None, channel.name)]
+    standing = Standing(
+        named=len(causes),
+        forms=len(forms),
+        shown=len(shown),
+        left_over=remainder.significant,
+        matters=remainder.material,
+        only_readings=nothing_else(adequacy, bursts) and not predicted_badly(gain),
+        parted=bool(parted),
+        borne_out=gain.measured,
+        claims=any(not CATALOGUE[c.effect].candidacy.shape for c in causes),
+    )
+    said = verdict(standing)
+    told = matters or said == "unexplained"
+    return ChannelDiagnosis(
+        name=channel.name,
+        verdict=said,
+        causes=causes,
+        discovered=(*forms, *shown),
+        gain=gain,
+        search=found,
+        adequacy=adequacy,
+        plain_adequacy=plain_adequacy,
+        remainder=remainder,
+        problem=problem,
+        noise=ready.noise,
+        plain=found.plain.fit,
+        final=final,
+        untestable=tuple(
+            id_ for id_, effect in CATALOGUE.items() if channel.name in effect.channels and not effect.acts_in(channel)
+        ),
+        cannot_tell=cannot_tell(channel) + rates_apart(final) + ended(found) + tuple(f.sentence for f in parted),
+        tried=_tried(found),
+        discrepancy=describe(problem, found.best.fit, ready.noise, adequacy) if told else None,
+    )
+
+
+def _causes(ready: Prepared, found: Search, final: Fit) -> tuple[Cause, ...]:
+    """The effects of the catalogue in the best model: what the readings showed, and what the search found."""
+    shown = {finding.effect: finding for finding in ready.findings}
+    causes, values = [], final.values()
+    tied = [one.ids for one in found.tied()]
+    for effect, own in values.items():
+        if is_described(effect):
+            continue
+        if effect in shown:
+            finding = shown[effect]
+            causes.append(Cause(effect, finding.parameters, 1.0, (), np.inf, (), finding.evidence))
+            continue
+        instead = dict.fromkeys(
+            new
+            for one, _ in found.instead(effect)
+            if one.ids in tied
+            for new in sorted(one.ids - found.best.ids)
+            if not is_described(new)
+        )
+        without = max((one.value for one in found.pool if effect not in one.ids), default=found.plain.value)
+        ends = at_bound(CATALOGUE[effect], {name: value for name, (value, _) in own.items()})
+        causes.append(Cause(effect, own, found.probability(effect), tuple(instead), found.best.value - without, ends))
+    return tuple(causes)
+
+
+def _tried(found: Search) -> tuple[Tried, ...]:
+    """What comes next to the best model, and is not in it."""
+    said: dict[str, Tried] = {}
+    for one, weight in zip(found.pool, found.weights, strict=True):
+        more = one.ids - found.best.ids
+        if len(more) == 1 and one.ids > found.best.ids and weight > 0.01:
+            (effect,) = more
+            if not is_described(effect):
+                said[effect] = Tried(
+                    effect, f"unseen runs bear it out with a probability of {found.probability(effect):.2f}"
+                )
+    return tuple(said.values())
+
+
+def enough(channel: Channel) -> bool:
+    """Whether a channel's runs can be diagnosed at all: at least one with a step of the air, or a measured air."""
+    step = np.abs(channel.quantity.step(channel.conditions))
+    return bool((step >= channel.quantity.least_step).any() or channel.measured.any())
+
+
+def diagnose(
+    campaign: Campaign,
+    progress: Progress = lambda _: None,
+    tolerance: Tolerance | None = None,
+    earlier: StatedDiagnosis | None = None,
+) -> Diagnosis:
+    """Diagnose every channel of a campaign that has usable runs.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    progress : function of a sentence, optional
+    tolerance : Tolerance, optional
+        From which size on something that is left spoils a verdict.
+    earlier : StatedDiagnosis, optional
+        An earlier diagnosis of this campaign, read from its file: the search begins with what it named.
+
+    Raises
+    ------
+    InputError
+        Where no run of either sensor can be used.
+    """
+    input_ = checked(campaign)
+    for finding in input_.findings:
+        progress(f"input: {finding.sentence}")
+    found = []
+    for name in QUANTITIES:
+        channel = build_channel(input_.campaign, name)
+        if channel is not None and enough(channel):
+            known = named_earlier(earlier, name)
+            found.append(diagnose_channel(channel, progress, tolerance, known, findings=input_.findings))
+    return gathered(input_, found)
+
+
+def named_earlier(earlier: StatedDiagnosis | None, name: ChannelName) -> Earlier:
+    """What an earlier diagnosis named in a channel, as a search begins with it."""
+    if earlier is None or name not in earlier.channels:
+        return {}
+    return {c.effect: {k: v.value for k, v in c.parameters.items()} for c in earlier.channels[name].causes}
+
+
+def gathered(input_: Checked, channels: list[ChannelDiagnosis]) -> Diagnosis:
+    """The diagnosis of a campaign from those of its channels.
+
+    Raises
+    ------
+    InputError
+        Where there are none.
+    """
+    names = {channel.name for channel in channels}
+    missing = {name: _why_not(input_.campaign, name) for name in QUANTITIES if name not in names}
+    if not channels:
+        reasons = [f"{name}: {why}" for name, why in missing.items()]
+        raise InputError(f"{input_.campaign.path}: {'; '.join(reasons)}; record or import usable runs")
+    experiments = [run for channel in channels for run in next_experiments(channel)]
+    sentences = tuple(finding.sentence for finding in input_.findings)
+    return Diagnosis(input_.campaign.name, tuple(channels), tuple(experiments), missing, sentences)
+
+
+def _why_not(campaign: Campaign, name: ChannelName) -> str:
+    """Why a channel cannot be diagnosed."""
+    usable, left_out = usable_runs(campaign, name)
+    if left_out and not usable:
+        return why_none(left_out)
+    # The runs with a step may be those that were left out, as where the sensor was at its rail.
+    reasons = Counter(entry.reason for entry in left_out).most_common(1)
+    return "; ".join([NO_STEP, *(f"{counted(len(left_out), 'run')} left out: {reason}" for reason, _ in reasons)])
+
+
+def next_experiments(channel: ChannelDiagnosis) -> list[dict[str, object]]:
+    """Runs that would tell the channel's tied explanations apart; empty where nothing is tied."""
+    pairs = [(channel.search.best.fit, rival.fit) for rival in channel.search.rivals()]
+    described = channel.verdict == "described" and channel.final.structure.effects
+    return [*propose(channel.problem, pairs), *(unseen(channel.problem) if described else [])]

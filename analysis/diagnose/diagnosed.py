@@ -1,0 +1,287 @@
+"""What a diagnosis says of a channel and of a campaign, what it leaves standing for whoever plans, and its file's
+terms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.diagnose.adequacy import Adequacy
+from shockrig.analysis.diagnose.gain import Gain
+from shockrig.analysis.diagnose.remainder import Remainder
+from shockrig.analysis.diagnose.search import Search
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.effects.behaviours import form_of
+from shockrig.analysis.effects.described import described, is_described
+from shockrig.analysis.estimate.fit import Fit
+from shockrig.analysis.estimate.noise import Noise
+from shockrig.analysis.estimate.problem import Problem
+from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName
+from shockrig.files.diagnosis import (
+    StatedCause,
+    StatedChannel,
+    StatedDiagnosis,
+    StatedGain,
+    StatedRemainder,
+    Uncertain,
+    diagnosis_document,
+)
+from shockrig.files.diagnosis_data import Discovered
+from shockrig.files.discovered import plain
+
+# What a diagnosis leaves standing, as whoever plans takes it: the models that come near the stated one, with values.
+#
+# It is said in diagnosis.json (`explanations` of a channel), so that the same campaign is not diagnosed once more.
+
+FARTHEST_NATS = 12.0  # behind the stated model: what a planner calls tied at its thirtieth look, as it spends its error
+
+Explanation = Mapping[str, Mapping[str, float]]  # effect -> parameter -> value that a fit begins from
+
+
+@dataclass(frozen=True)
+class Near:
+    """A model that comes near the stated one.
+
+    `nats` is its value above that one's, `tied` whether its weight is not small beside that one's, `lacks` whether it
+    has not all of that one's laws.
+    """
+
+    explanation: Explanation
+    nats: float
+    tied: bool
+    lacks: bool
+
+
+@dataclass(frozen=True)
+class ChannelOutcome:
+    """What is left of a channel's diagnosis once its fits are forgotten.
+
+    `runs` were fitted; `passed` says that the stated model leaves nothing but noise; `best` is the heaviest model,
+    `weight` its weight, and `stated` the same as it is stated; `near` has the heaviest first.
+    """
+
+    verdict: str
+    runs: tuple[str, ...]
+    passed: bool
+    weight: float
+    best: Explanation
+    stated: Explanation
+    near: tuple[Near, ...]
+
+
+def explained_by(found: Fit) -> Explanation:
+    """A fit's effects with their values."""
+    return {e: {p: value for p, (value, _) in own.items()} for e, own in found.values().items()}
+
+
+def outcome_of(found: ChannelDiagnosis) -> ChannelOutcome:
+    """What a diagnosis of a channel leaves standing."""
+    search = found.search
+    even = {id(one) for one in search.tied()}
+    near = tuple(
+        Near(explained_by(one.fit), one.value - search.best.value, id(one) in even, not one.laws >= search.best.laws)
+        for one in search.pool
+        if one is not search.best and (id(one) in even or one.value > search.best.value - FARTHEST_NATS)
+    )
+    return ChannelOutcome(
+        found.verdict,
+        found.problem.channel.run_ids,
+        found.adequacy.passed,
+        search.weight(search.best),
+        explained_by(search.best.fit),
+        explained_by(found.final),
+        near,
+    )
+
+
+def outcome_document(outcome: ChannelOutcome) -> dict[str, Any]:
+    """It as diagnosis.json has it."""
+    return dict(plain({key: value for key, value in vars(outcome).items() if key != "verdict"}))
+
+
+def read_outcome(verdict: str | None, said: object, name: ChannelName) -> ChannelOutcome | None:
+    """It from diagnosis.json; None where the file does not have it, or has effects that this version has not."""
+    try:
+        assert isinstance(said, Mapping)
+        near = [Near(_explanation(n["explanation"], name), float(n["nats"]), bool(n["tied"]), bool(n["lacks"]))
+                for n in said["near"]]  # fmt: skip
+        return ChannelOutcome(
+            str(verdict),
+            tuple(map(str, said["runs"])),
+            bool(said["passed"]),
+            float(said["weight"]),
+            _explanation(said["best"], name),
+            _explanation(said["stated"], name),
+            tuple(near),
+        )
+    except (AssertionError, AttributeError, KeyError, TypeError, ValueError):
+        return None
+
+
+def _explanation(said: Mapping[str, Mapping[str, float]], name: ChannelName) -> Explanation:
+    """An explanation whose effects and parameters are this version's; raises ValueError where one is not."""
+    jumps = QUANTITIES[name].name == "humidity"
+    for id_, values in said.items():
+        effect = described(form_of(id_).key, jumps) if is_described(id_) else CATALOGUE[id_]
+        if set(values) != {parameter.name for parameter in effect.parameters}:
+            raise ValueError(f"{id_}: other parameters")
+    return {id_: {p: float(value) for p, value in values.items()} for id_, values in said.items()}
+
+
+# What a diagnosis says of a channel and of a campaign: data, without how it came about.
+
+NO_STEP = "no usable run with a step of the air"
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One named cause: parameters as (value, standard uncertainty), its probability, what is tied with it, and by how
+    much unseen runs are predicted worse without it [nats]."""
+
+    effect: str
+    parameters: dict[str, tuple[float, float]]
+    probability: float
+    indistinguishable_from: tuple[str, ...]
+    evidence: float
+    at_bound: tuple[str, ...] = ()
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class Tried:
+    """An effect that was tried and is not named, and why."""
+
+    effect: str
+    why: str
+
+
+@dataclass(frozen=True)
+class ChannelDiagnosis:
+    """The verdict on one channel with everything it rests on.
+
+    `plain` and `final` are the fits of the plain model and of the one that is stated; `discrepancy` describes what is
+    left where it matters.
+    """
+
+    name: ChannelName
+    verdict: str
+    causes: tuple[Cause, ...]
+    discovered: tuple[Discovered, ...]
+    gain: Gain
+    search: Search
+    adequacy: Adequacy
+    plain_adequacy: Adequacy
+    remainder: Remainder
+    problem: Problem
+    noise: Noise
+    plain: Fit
+    final: Fit
+    untestable: tuple[str, ...]
+    cannot_tell: tuple[str, ...] = ()
+    tried: tuple[Tried, ...] = ()
+    discrepancy: dict[str, object] | None = None
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The diagnosis of a campaign; `missing` says why a channel has none."""
+
+    campaign: str
+    channels: tuple[ChannelDiagnosis, ...]
+    next_experiments: tuple[dict[str, object], ...] = ()
+    missing: Mapping[ChannelName, str] = field(default_factory=dict)
+    input_findings: tuple[str, ...] = ()
+
+
+LEAST_WEIGHT = 0.005  # of a model that is told
+
+
+def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
+    """The content of diagnosis.json; every number is finite, unknown ones are left out."""
+    return diagnosis_document(stated(diagnosis))
+
+
+def stated(diagnosis: Diagnosis) -> StatedDiagnosis:
+    """What a diagnosis states of its campaign."""
+    return StatedDiagnosis(
+        campaign=diagnosis.campaign,
+        channels={channel.name: _channel(channel) for channel in diagnosis.channels},
+        next_experiments=diagnosis.next_experiments,
+        extra={"input_findings": diagnosis.input_findings},
+    )
+
+
+def _channel(channel: ChannelDiagnosis) -> StatedChannel:
+    gain, left = channel.gain, channel.remainder
+    names, matrix = correlations(channel)
+    return StatedChannel(
+        verdict=channel.verdict,
+        causes=tuple(stated_cause(cause) for cause in channel.causes),
+        discovered=channel.discovered,
+        gain=StatedGain(gain.before, gain.after, gain.noise_floor, gain.explained_fraction, gain.interval_95),
+        remainder=StatedRemainder(
+            rms=left.rms,
+            peak=left.peak,
+            unit=left.unit,
+            significant=left.significant,
+            material=left.material,
+            tolerance=left.tolerance,
+            from_s=left.from_s,
+            until_s=left.until_s,
+            varies_with=left.varies_with,
+        ),
+        discrepancy=(channel.discrepancy or {}) if channel.verdict == "unexplained" else None,
+        extra={
+            "untestable": channel.untestable,
+            "correlations": {"parameters": names, "matrix": np.round(matrix, 4)},
+            "cannot_tell": channel.cannot_tell,
+            "work": {"fits": channel.search.fits, "ended_early": channel.search.ended_early},
+            "models": weighed(channel),
+            "explanations": outcome_document(outcome_of(channel)),
+            "discrepancy_of_step": channel.search.best.score.discrepancy,
+            "tried": [{"effect": tried.effect, "why_not": tried.why} for tried in channel.tried],
+        },
+    )
+
+
+def weighed(channel: ChannelDiagnosis) -> list[dict[str, Any]]:
+    """The models with a weight worth telling: their effects, weight, and nats behind the one that is stated."""
+    found = channel.search
+    return [
+        {"effects": sorted(one.ids), "weight": round(float(w), 4), "nats": round(one.value - found.best.value, 2)}
+        for one, w in zip(found.pool, found.weights, strict=True)
+        if w >= LEAST_WEIGHT
+    ]
+
+
+def stated_cause(cause: Cause) -> StatedCause:
+    """A cause in the terms of the file."""
+    return StatedCause(
+        cause.effect,
+        {name: Uncertain(value, spread) for name, (value, spread) in cause.parameters.items()},
+        round(cause.probability, 4),
+        cause.indistinguishable_from,
+        at_bound=cause.at_bound,
+        evidence=cause.why,
+    )
+
+
+def correlations(channel: ChannelDiagnosis) -> tuple[list[str], NDArray[np.float64]]:
+    """Names of the final model's parameters (alpha, or D at each ambient; then the effects') and their correlations."""
+    data = channel.problem.channel
+    of = data.quantity
+    ambients = [f"{of.symbol} at {round(float(t), 1) + 0.0:.1f} degC" for t in data.ambients_c]
+    names = [*([of.symbol] if of.pooled else ambients), *channel.final.structure.names]
+    covariance = channel.final.covariance
+    # A parameter that the data do not see has no finite uncertainty, and none of its correlations means anything.
+    deviation = np.sqrt(np.clip(np.nan_to_num(np.diag(covariance), posinf=0.0), 0.0, None))
+    known = np.outer(deviation > 0, deviation > 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        matrix = np.where(known, covariance / np.outer(deviation, deviation), 0.0)
+    np.fill_diagonal(matrix, 1.0)
+    return names, np.clip(np.nan_to_num(matrix), -1.0, 1.0)

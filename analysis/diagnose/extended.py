@@ -1,0 +1,124 @@
+"""A diagnosis as characterizations: the sensor under the plain model, and under the one that carries the named causes.
+
+With the causes in the model alpha and D are the material's; without them they are effective numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from shockrig.analysis.characterize.extension import Extension
+from shockrig.analysis.characterize.part_fit import choose_runs, joint_rows, make_part
+from shockrig.analysis.characterize.response_times import response_time
+from shockrig.analysis.characterize.result import (
+    ChannelResult,
+    Characterization,
+    Part,
+    TableRow,
+    channel_result,
+    to_profile,
+)
+from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis, stated_cause
+from shockrig.analysis.diagnose.refitting import plain_fit
+from shockrig.analysis.diagnose.thresholds import level
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.estimate.fit import Fit, rmse_over_samples
+from shockrig.analysis.estimate.noise import whiteners
+from shockrig.analysis.estimate.problem import make_problem
+from shockrig.analysis.estimate.quantity import ChannelName
+from shockrig.analysis.estimate.seen import by_itself
+from shockrig.files.campaign import Campaign
+from shockrig.files.profile import Profile
+
+
+def plain_result(found: ChannelDiagnosis) -> ChannelResult | None:
+    """The channel as a characterization without any effect finds it; None where that determines nothing.
+
+    As there, a film is read from its isothermal shocks where an ambient has them.
+    """
+    parts: list[Part] = []
+    rows: list[TableRow] = []
+    groups, set_aside = choose_runs(found.problem.channel, found.noise, Extension())
+    for channel, models in groups:
+        problem = make_problem(channel, whiteners(channel, found.noise))
+        tried = {basis: make_part(problem, plain_fit(problem, model.structure)) for basis, model in models.items()}
+        basis = min(tried, key=lambda name: tried[name].rmse)
+        determined, undetermined = joint_rows(tried[basis], found.noise, basis)
+        set_aside += undetermined
+        if determined:
+            rows += determined
+            parts.append(tried[basis])
+    return channel_result(rows, found.noise, (), parts, set_aside) if rows else None
+
+
+def extended_result(found: ChannelDiagnosis) -> ChannelResult | None:
+    """The channel under the model that carries the named causes (none: the plain one, on all runs)."""
+    rmse = rmse_over_samples(found.problem.channel, found.final)
+    part = Part(found.problem, found.final, rmse, allows_for_misfit=True)
+    rows, undetermined = joint_rows(part, found.noise, "all runs")
+    if not rows:
+        return None
+    wider = _wider(found)
+    shown = by_itself(found.problem.channel) if found.verdict == "unexplained" and not found.gain.measured else None
+    rows = [_in_doubt(found, row, wider, shown) for row in rows]
+    effects = tuple(stated_cause(cause).as_effect() for cause in found.causes)
+    left_out = [*found.problem.channel.left_out, *undetermined]
+    return channel_result(rows, found.noise, effects, [part], left_out, found.discovered)
+
+
+def _in_doubt(
+    found: ChannelDiagnosis, row: TableRow, wider: Sequence[Fit], shown: tuple[float, float] | None
+) -> TableRow:
+    """A row as uncertain as the models are apart that are tied with the stated one, each by its weight, and no surer
+    than the models that it is a limit of; `shown` are the times to 63 and 90 % that a single run's readings show.
+    """
+    channel, search = found.problem.channel, found.search
+    ambient = int(np.argmin(np.abs(channel.ambients_c - row.ambient_c)))
+    rivals = search.rivals()
+    if not (rivals or wider or shown):
+        return row
+    fits = (*(one.fit for one in rivals), *wider)
+    stated, others = row.response, [response_time(channel, one, ambient) for one in fits]
+    times = np.array([[r.t63_s, r.t90_s, r.t98_s] for r in (stated, *others)])
+    apart = np.log(times[1:] / times[0]) ** 2
+    weight = np.array([search.weight(one) for one in (search.best, *rivals)])
+    away = np.sqrt(weight[1:] @ apart[: len(rivals)] / weight.sum())
+    away = np.maximum(away, np.sqrt(apart[len(rivals) :].max(axis=0, initial=0.0)))
+    if shown is not None:  # a shape that no other run has borne out is as sure as it agrees with the readings
+        away = np.maximum(away, np.abs(np.log(np.array([*shown, shown[1]]) / [*times[0, :2], times[0, 1]])))
+    sure = np.array([r.standard_uncertainties_s or (0.0, 0.0, 0.0) for r in (stated, *others[len(rivals) :])])
+    uncertain = np.hypot(sure.max(axis=0), times[0] * away)
+    first, second, third = (float(u) for u in uncertain)
+    return replace(
+        row,
+        standard_uncertainty=float(np.hypot(row.standard_uncertainty, row.diffusivity_m2_s * away[0])),
+        response=replace(stated, standard_uncertainties_s=(first, second, third)),
+    )
+
+
+def _wider(found: ChannelDiagnosis) -> list[Fit]:
+    """The models of which the one that is stated is a limit, where the runs could be theirs as well."""
+    wholes = {whole: c.effect for c in found.causes if (whole := CATALOGUE[c.effect].candidacy.limit_of)}
+    best = found.search.best
+    return [
+        one.fit
+        for one in found.search.pool
+        if any(one.ids == best.ids - {part} | {whole} for whole, part in wholes.items())
+        and one.score.total > best.score.total - level("effect")
+    ]
+
+
+def extended_profile(
+    campaign: Campaign,
+    seed: int,
+    results: Mapping[ChannelName, ChannelResult | None],
+    missing: Mapping[ChannelName, str],
+    provenance: Mapping[str, Any] | None = None,
+) -> Profile:
+    """The sensor profile of such characterizations; a channel that is None is left out."""
+    known = {name: results.get(name) for name in ("temperature", "humidity")}
+    return to_profile(Characterization(campaign, seed, known["temperature"], known["humidity"], missing), provenance)

@@ -1,0 +1,332 @@
+"""What an extension gains on runs that took part neither in fitting nor in choosing it, and where such runs are
+placed.
+
+A run's own start, rate and airs are placed where they fit best within two of their stated uncertainties, the same way
+for every model; errors are over single samples.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtrit
+
+from shockrig.analysis.diagnose.search import Rated
+from shockrig.analysis.estimate.arrow import Arrow
+from shockrig.analysis.estimate.bins import as_single_samples
+from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.fit import Fit, fit, linearise, run_misfit
+from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
+from shockrig.analysis.estimate.noise import Noise
+from shockrig.analysis.estimate.predictive import as_stated, bumps, score
+from shockrig.analysis.estimate.problem import RATE_SCATTER, Problem
+from shockrig.analysis.estimate.scan import STUCK_MEAN_SQUARE, scanned_starts
+from shockrig.analysis.physics.chain import at_jump, evaluate
+
+Array = NDArray[np.float64]
+
+# Where runs that a model was not fitted to began, and their airs: as fits best within what is stated of them.
+#
+# What stands at a limit stays there, and the rest of the run is placed anew beside it.
+
+PLACED_WITHIN = 2.0  # standard uncertainties
+FREE_LIMIT = 10.0  # likewise, of what nobody recorded
+NEWTON_STEPS = 8  # of Gauss and Newton within the limits
+TINY_SIZE = 1e-12
+TRUSTED_FACTOR = 10.0  # times what they leave: readings are weighted so that what is stated only limits
+SETTLED_STEP = 1e-3  # of the limits: a smaller step is none
+
+
+def placed(bins: Problem, found: Fit) -> Array:
+    """Random effects (R, U) of runs that a model was not fitted to."""
+    problem = bins.with_rate_scatter(RATE_SCATTER)
+    at, astray = _placed(problem, found)
+    if not astray.any():
+        return at
+    # Readings are weighted by their noise, and a wrong model's errors are none: where noise has a long memory such a
+    # run is placed by its increments, far from its level. Whatever leaves less of the readings is its place.
+    part = problem.select(astray)
+    before = _squares(part, found, at[astray])
+    evenly, _ = _placed(_by_count(part, before / TRUSTED_FACTOR**2), found)
+    at[astray] = np.where((_squares(part, found, evenly) < before)[:, None], evenly, at[astray])
+    return at
+
+
+def _by_count(problem: Problem, variance: Array) -> Problem:
+    """The problem with every reading of a run weighed alike, as if what is left of it (R,) were independent noise."""
+    level = np.sqrt(problem.channel.count / np.maximum(variance, TINY_SIZE)[:, None])
+    return replace(problem, whitener=level[:, :, None] * np.eye(level.shape[1]))
+
+
+def _placed(problem: Problem, found: Fit) -> tuple[Array, NDArray[np.bool_]]:
+    """Where runs fit best within what is stated of them (R, U), and which of them a model misses (R,)."""
+    at = problem.channel.at_rest()
+    reached = fit(problem, found.structure, found.theta, at, adapt_scatter=False, hold_theta=True)
+    moved = scanned_starts(problem, reached)
+    if moved is not None:
+        again = fit(problem, found.structure, found.theta, moved, adapt_scatter=False, hold_theta=True)
+        reached = min((reached, again), key=lambda f: f.objective)
+    # What nobody recorded is free: it is placed where it fits best, for every model alike.
+    limit = np.where(problem.stated, PLACED_WITHIN, FREE_LIMIT) * problem.scatter
+    return _within(problem, found, reached.deviations, limit), run_misfit(problem, reached) > STUCK_MEAN_SQUARE
+
+
+def _squares(problem: Problem, found: Fit, deviations: Array) -> Array:
+    """Mean square error of each run's readings (R,)."""
+    channel = problem.channel
+    prediction, _ = linearise(problem, found.structure, Point(found.theta, deviations))
+    squares = (channel.count * (channel.value - prediction) ** 2).sum(axis=1)
+    return np.asarray(squares / np.maximum(channel.count.sum(axis=1), 1))
+
+
+def _within(problem: Problem, found: Fit, deviations: Array, limit: Array) -> Array:
+    """The random effects (R, U) within `limit` under which each run fits best, from those that fit best without.
+
+    A run that is off by more in its rate, say, than it may be would else keep the start that went with that rate.
+    """
+    at = np.clip(deviations, -limit, limit)
+    beyond = np.flatnonzero((at != deviations).any(axis=1))
+    if not beyond.size:
+        return at
+    part, low, high = problem.select(beyond), -limit[beyond], limit[beyond]
+    here, best = at[beyond], np.full(beyond.size, np.inf)
+    kept = here
+    for _ in range(NEWTON_STEPS):
+        prediction, arrow = linearise(part, found.structure, Point(found.theta, here))
+        left = part.whiten(part.channel.value - prediction)
+        cost = (left**2).sum(axis=1) + (here**2 * arrow.weight).sum(axis=1)
+        kept = np.where((cost < best)[:, None], here, kept)
+        best = np.minimum(cost, best)
+        moved = _bounded_step(arrow, left, here, low, high)
+        if (np.abs(moved - here) <= SETTLED_STEP * high).all():
+            break
+        here = moved
+    at[beyond] = kept
+    return at
+
+
+def _bounded_step(arrow: Arrow, left: Array, here: Array, low: Array, high: Array) -> Array:
+    """Random effects (R, U) that leave least within their limits, to first order: what would leave them is held there
+    and the rest solved again, until nothing more does.
+    """
+    pull = (arrow.run_jacobian.transpose(0, 2, 1) @ left[..., None])[..., 0] - arrow.weight * here
+    step, held = np.zeros_like(here), np.zeros(here.shape, dtype=bool)
+    for _ in range(here.shape[1] + 1):
+        free = ~held
+        among = arrow.blocks * (free[:, :, None] & free[:, None, :]) + np.eye(here.shape[1]) * held[:, :, None]
+        right = np.where(held, step, pull - (arrow.blocks @ np.where(held, step, 0.0)[..., None])[..., 0])
+        step = np.asarray(np.linalg.solve(among, right[..., None])[..., 0])
+        beyond = free & ((here + step < low) | (here + step > high))
+        if not beyond.any():
+            break
+        held |= beyond
+        step = np.clip(here + step, low, high) - here
+    return np.clip(here + step, low, high)
+
+
+FOLDS = 3
+USUAL_SPREAD, USUAL_DEGREES = 0.5, 3  # of gains from run to run, relative, before any run has told
+USUAL_LOSS = 5.0  # by how much fewer runs tell less than all
+UNTOLD_SIGMA = 0.2  # standard uncertainty of ln rate from which a training part predicts nothing
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Held-out errors [K or %RH] over the samples after the transfer, before and after, and what share is explained.
+
+    Attributes
+    ----------
+    before, after, noise_floor : float
+    explained_fraction : float
+        (before^2 - after^2) / (before^2 - floor^2), from 0 to 1.
+    interval_95 : (float, float)
+        Of that share in the next campaign of the same plan.
+    run_before, run_after : ndarray (R,)
+        Mean squares of single runs; NaN where a run could not be held out.
+    """
+
+    before: float
+    after: float
+    noise_floor: float
+    explained_fraction: float
+    interval_95: tuple[float, float]
+    run_before: Array
+    run_after: Array
+
+    @property
+    def measured(self) -> bool:
+        """Whether any run could be held out."""
+        return bool(np.isfinite(self.run_before).any())
+
+
+def folds(channel: Channel, count: int = FOLDS) -> NDArray[np.int64]:
+    """Fold of each run (R,): runs of one ambient are spread over the folds, so that each training part knows its D.
+
+    So are those of either medium, and, where nobody recorded the airflow, of either direction: places may differ.
+    """
+    count = max(min(count, channel.runs), 1)
+    air, fold, place = channel.conditions, np.zeros(channel.runs, dtype=int), 0
+    up = (channel.quantity.step(air) > 0) & ~air.airflow_known.any()
+    kind = np.stack([channel.ambient, air.elsewhere, up], axis=1)
+    for one in np.unique(kind, axis=0):
+        for i in np.flatnonzero((kind == one).all(axis=1)):
+            fold[i] = place % count
+            place += 1
+    return fold
+
+
+def kinds(channel: Channel) -> NDArray[np.int64]:
+    """What kind of shock each run is (R,): up or down, isothermal or not. An effect acts in some kinds alone."""
+    up = channel.quantity.step(channel.conditions) > 0
+    return 2 * channel.isothermal.astype(int) + up.astype(int)
+
+
+def measure_gain(channel: Channel, problem: Problem, base: Structure, plain: Rated, best: Rated, noise: Noise) -> Gain:
+    """Held-out gain of an extended model over the plain one: in each fold it is chosen again without the runs held out,
+    from itself, itself less one effect, and the plain one, by the search's own score.
+
+    `channel` is the channel as recorded, `problem` the one that was searched (repeats taken out).
+    """
+    fold = folds(problem.channel)
+    before, after = np.full(channel.runs, np.nan), np.full(channel.runs, np.nan)
+    added = [e for e in best.fit.structure.ids if e not in base.ids]
+    for k in range(int(fold.max()) + 1):
+        train = fold != k
+        # The rate at an ambient that the training part never saw is not the extension's business.
+        test = np.flatnonzero((fold == k) & np.isin(channel.ambient, channel.ambient[train]))
+        if not train.any() or not test.size:
+            continue
+        part = problem.select(train)
+        bump = bumps(part)
+        value, simple = _fitted(part, bump, plain, plain.fit.structure, train)
+        # Nor is one that the training part has runs of and does not tell, while all runs together do.
+        told, known = (np.sqrt(np.diag(f.covariance))[: channel.rates] for f in (simple, plain.fit))
+        told = told < np.maximum(UNTOLD_SIGMA, USUAL_LOSS * known)
+        test = test[told[channel.ambient[test]]]
+        if not test.size:
+            continue
+        held, bins = channel.select(test), problem.select(test)
+        before[test] = run_errors(held, bins, plainly(simple))
+        if not best.fit.structure.ids:
+            after[test] = before[test]
+            continue
+        whole = best.fit.structure
+        smaller = [whole.dropping(e) for e in added] if len(added) > 1 else []
+        tried = [_fitted(part, bump, best, structure, train) for structure in (whole, *smaller)]
+        tried.append((value, simple))
+        _, chosen = max(tried, key=lambda one: one[0])
+        after[test] = run_errors(held, bins, chosen)
+    return summarise(before, after, noise.while_moving, kinds(channel))
+
+
+def _fitted(
+    part: Problem, bump: Array, whole: Rated, structure: Structure, train: NDArray[np.bool_]
+) -> tuple[float, Fit]:
+    """A structure fitted to the runs `train`, from where it was with all, and its value there [nats]."""
+    near = whole.fit
+    theta = Model(part.channel, structure).start(near.log_rates, near.choice)
+    own = fit(part, structure, theta, near.deviations[train])
+    rated = score(part, own, bump)
+    # What is held against each effect is about the same for all of them.
+    prior = whole.log_prior * len(structure.ids) / max(len(near.structure.ids), 1)
+    return rated.total + prior, as_stated(part, own, bump, rated.discrepancy, False)
+
+
+def plainly(found: Fit) -> Fit:
+    """The same rates under the plain chain, without even what single readings have shown."""
+    model = Model(found.model.channel, PLAIN)
+    return replace(found, model=model, theta=np.concatenate([found.log_rates, found.theta[found.model.behind]]))
+
+
+def run_errors(held: Channel, bins: Problem, found: Fit) -> Array:
+    """Mean square error of each held run [unit^2], sample by sample.
+
+    The model's parameters are those of `found`; a run's own start and airs are placed where they fit best within what
+    is stated of them (`bins` holds the run's data for that).
+    """
+    deviations = placed(bins, found)
+    samples = as_single_samples(held, _dated(held, found.structure))
+    chain = found.model.on(samples).chain(Point(found.theta[None], deviations[None]))
+    counted = samples.count * ~at_jump(chain)
+    squares = (samples.value - evaluate(chain, held.quantity.reading)[0]) ** 2
+    return np.asarray((counted * squares).sum(axis=1) / np.maximum(counted.sum(axis=1), 1))
+
+
+def _dated(channel: Channel, structure: Structure) -> list[Array]:
+    """Times at which the readings were fresh."""
+    times = [t for t, _ in channel.samples]
+    for effect in structure.effects:
+        if (fresh := effect.readout.dated) is not None:
+            values, period_s = structure.held_values(effect.id), channel.sampling_period_s
+            times = [fresh(t, y, period_s, values) for t, (_, y) in zip(times, channel.samples, strict=True)]
+    return times
+
+
+def summarise(
+    before: Array,
+    after: Array,
+    floor: float,
+    kind: NDArray[np.int64],
+) -> Gain:
+    """Errors over all held runs and the share explained."""
+    told = np.isfinite(before)
+    if not told.any():
+        return Gain(floor, floor, floor, 0.0, (0.0, 0.0), before, after)
+    run_before, run_after = before[told], after[told]
+    # A model cannot do better than the noise; where it seems to, the noise was stated too high.
+    floor = min(floor, float(np.sqrt(min(run_after.mean(), run_before.mean()))))
+    gained, spread, degrees = _mean_and_spread(run_before - run_after, kind[told])
+    share, interval = _share(gained, spread, degrees, run_after, floor)
+    return Gain(
+        before=float(np.sqrt(run_before.mean())),
+        after=float(np.sqrt(run_after.mean())),
+        noise_floor=floor,
+        explained_fraction=share,
+        interval_95=interval,
+        run_before=before,
+        run_after=after,
+    )
+
+
+def _mean_and_spread(gains: Array, kind: NDArray[np.int64]) -> tuple[float, float, int]:
+    """Mean gain over runs, its standard uncertainty and degrees of freedom; runs are compared with their own kind.
+
+    What a campaign records is a design, not a draw: an effect that acts in a quarter of the runs does so in the next
+    campaign too.
+    """
+    squares, degrees = 0.0, 0
+    groups = [gains[kind == k] for k in np.unique(kind)]
+    singles = np.concatenate([g for g in groups if g.size == 1]) if any(g.size == 1 for g in groups) else np.array([])
+    groups = [g for g in groups if g.size > 1] + ([singles] if singles.size > 1 else [])
+    inside = np.concatenate(groups) if groups else gains
+    for group in groups:
+        squares += group.size * float(group.var(ddof=1))
+        degrees += group.size - 1
+    mean, size = float(gains.mean()), gains.size
+    if size < 2:
+        return mean, float("inf"), 1
+    # A few runs say little of how gains scatter; before them it is taken that they do by half of their mean.
+    variance = squares / inside.size if degrees else 0.0
+    variance = (degrees * variance + USUAL_DEGREES * (USUAL_SPREAD * mean) ** 2) / (degrees + USUAL_DEGREES)
+    return mean, float(np.sqrt(variance / size)), degrees + USUAL_DEGREES
+
+
+def _share(
+    gained: float, spread: float, degrees: int, run_after: Array, floor: float
+) -> tuple[float, tuple[float, float]]:
+    """Share explained with a 95 % interval for the next campaign, which is a draw of runs as much as this one is."""
+    if gained <= 0:
+        return 0.0, (0.0, 0.0)
+    least = 0.02 * floor**2
+    left = max(float(run_after.mean()) - floor**2, 0.0)
+    share = gained / max(gained + left, least)
+    # Twice the variance; on a logarithmic scale, since neither gain nor remainder can be less than nothing.
+    wide = float(stdtrit(degrees, 0.975)) * np.sqrt(2.0)
+    relative = min(wide * spread / gained, 8.0)
+    low, high = gained * np.exp(-relative), gained * np.exp(relative)
+    own = float(run_after.std(ddof=1) / np.sqrt(run_after.size)) if run_after.size > 1 else float(run_after.mean())
+    most = max(float(run_after.mean()) + wide * own - floor**2, least)
+    least_left = max(float(run_after.mean()) - wide * own - floor**2, 0.0)
+    return min(share, 1.0), (float(min(low / (low + most), share)), float(max(high / (high + least_left), share)))

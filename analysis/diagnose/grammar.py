@@ -1,0 +1,285 @@
+"""The grammar of behaviours: every form that a channel's runs could show, and what is said of a form that a model
+holds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.effects.behaviours import STEP, Factor, Form, dew_margin_k, form_of, own_step
+from shockrig.analysis.effects.described import described, discovered_of, is_described
+from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.effect import Effect
+from shockrig.analysis.estimate.fit import Fit
+from shockrig.analysis.estimate.model import Model, Point
+from shockrig.analysis.estimate.problem import Problem
+from shockrig.analysis.physics.conditions import Conditions
+from shockrig.files.diagnosis_data import Discovered, Likeness
+
+if TYPE_CHECKING:
+    from shockrig.analysis.diagnose.search import Rated, Search
+
+Array = NDArray[np.float64]
+
+# The grammar of behaviours: every form that a channel's runs could show, with the values that its fit begins from.
+
+LEAST_RUNS = 8  # fewer say nothing of conditions that were held out
+MOST_RUNS = 250  # more take too much memory at once
+VARIED_AIRFLOW_RATIO, VARIED_STEP_RATIO = 1.2, 1.5  # ratios from which on a factor has varied
+AMBIENTS_K, LEVELS_PERCENT, PRESSURES = 3.0, 10.0, 0.03
+LEAST_DEW_K, LEAST_DEWED = 0.5, 3  # margin from which on dew falls, and runs in which it does
+ALL_BUT_ORDER = 0.98  # correlation of runs' times with their order from which on one stands for both
+PERIODS_TRIED = 28  # that are tried, from a second to the length of a run
+
+SCALING: tuple[Factor, ...] = (
+    ("airflow", "power"),
+    ("ambient", "exponential"),
+    ("direction", "ratio"),
+    ("step", "power"),
+    ("humidity", "exponential"),
+    ("pressure", "power"),
+    ("run_order", "exponential"),
+)
+
+
+def varied(channel: Channel) -> set[str]:
+    """Factors that the channel's runs vary, and that are known of all of them."""
+    c = channel.conditions
+    step = own_step(c, channel.jumps_with_air)
+    real = np.abs(step) >= channel.quantity.least_step
+    sizes = np.abs(step[real]) if real.any() else np.ones(1)
+    level = 0.5 * (c.source_percent + c.destination_percent)
+    tests = {
+        "airflow": c.airflow_known.all()
+        and c.airflow_m_s.max() > VARIED_AIRFLOW_RATIO * max(c.airflow_m_s.min(), 1e-9),
+        "ambient": np.ptp(c.destination_c) > AMBIENTS_K,
+        "direction": (step[real] > 0).any() and (step[real] < 0).any(),
+        "step": sizes.max() > VARIED_STEP_RATIO * sizes.min(),
+        "humidity": np.ptp(level) > LEVELS_PERCENT,
+        "pressure": np.ptp(c.pressure_hpa) > PRESSURES * c.pressure_hpa.mean(),
+        "dew": LEAST_DEWED <= (dew_margin_k(c) > LEAST_DEW_K).sum() < channel.runs,
+        "run_order": channel.runs >= LEAST_RUNS,
+        "time_of_campaign": channel.runs >= LEAST_RUNS and _uneven(c),
+    }
+    return {name for name, holds in tests.items() if holds}
+
+
+def _uneven(conditions: Conditions) -> bool:
+    """Whether runs began at known times that are not their order over again."""
+    hours, order = conditions.hours, conditions.order
+    if not np.isfinite(hours).all() or np.ptp(hours) == 0:
+        return False
+    return bool(np.corrcoef(hours, order)[0, 1] < ALL_BUT_ORDER)
+
+
+def scaling_factors(form: Form, channel: Channel) -> list[Factor]:
+    """Factors that a form's strength (or time constant, or the rate) may depend on in a channel, besides its own."""
+    there = varied(channel)
+    if form.behaves_as == "rate_change" and not channel.quantity.pooled:
+        there -= {"ambient"}  # each ambient has its own rate
+    if form.behaves_as == "periodic" or {"zero_at", "above"} & set(dict(form.depends_on).values()):
+        return []
+    if form.behaves_as == "gain" and ("ambient", "linear") in form.depends_on:
+        return []
+    if form.behaves_as in ("lag_in_series", "delay") and "linear" in dict(form.depends_on).values():
+        return []
+    if {"run_order", "time_of_campaign"} & set(form.factors) or form.driver == "die_temperature":
+        there -= {"run_order"}
+    if form.behaves_as in ("added_response", "added_rate", "gain", "periodic") and form.driver != "none":
+        there -= {"step"}  # it is in the driver
+    if form.behaves_as == "lag_in_series" and form.driver == "airflow":
+        there &= {"airflow", "ambient", "pressure", "direction"}
+    return [pair for pair in SCALING if pair[0] in there - set(form.factors)]
+
+
+def forms(channel: Channel) -> Iterator[Form]:
+    """All forms that the channel's runs could show; none where a record is driven all along, or runs are too many."""
+    c = channel.conditions
+    if channel.measured.any() or not LEAST_RUNS <= channel.runs <= MOST_RUNS:
+        return
+    for base in _bases(channel):
+        if base.behaves_as != "rate_change" or base.depends_on:
+            yield base
+        for factor in scaling_factors(base, channel):
+            yield base.with_factor(*factor)
+    if not c.airs_known.all():
+        return
+    there = varied(channel)
+    for first in range(LEAST_RUNS // 4, channel.runs - 1 if "run_order" in there else 0):
+        yield Form("rate_change", "none", (("run_order", f"{STEP}{first}"),))
+    for behaviour in ("gain", "offset"):
+        driver = "own_response" if behaviour == "gain" else "none"
+        for along in sorted({"run_order", "time_of_campaign"} & there):
+            yield Form(behaviour, driver, ((along, "linear"),))
+    if "ambient" in there:
+        zero = Form("gain", "own_response", (("ambient", "zero_at"),))
+        own = "air_humidity" if channel.jumps_with_air else "air_temperature"
+        room = Form("added_response", own, (("ambient", "zero_at"),))
+        if channel.jumps_with_air:
+            yield Form("gain", "own_response", (("ambient", "linear"),))
+            yield room.with_factor("humidity", "zero_at")
+        else:
+            yield zero
+            yield room
+            if "airflow" in there:
+                yield zero.with_factor("airflow", "power")
+    if "direction" in there:
+        yield Form("offset", "none", (("direction", "sign"), ("step", "sets_in_over")))
+    if channel.jumps_with_air:
+        yield Form("gain", "own_response", (("humidity", "above"),))
+    if "dew" in there:  # what dew brings, and takes away as it dries
+        yield Form("added_rate", "none", (("humidity", "dew_margin"),))
+
+
+def _bases(channel: Channel) -> Iterator[Form]:
+    """Behaviours with their drivers, depending on nothing yet."""
+    c = channel.conditions
+    own, other = ("air_humidity", "air_temperature") if channel.jumps_with_air else ("air_temperature", "air_humidity")
+    yield Form("lag_in_series", own)
+    if "airflow" in varied(channel):
+        yield Form("lag_in_series", "airflow")
+    yield Form("parallel_lag", own)
+    yield Form("rate_change", "none")
+    yield Form("added_rate", "own_response")
+    if channel.jumps_with_air and "humidity" in varied(channel):
+        yield Form("rate_change", "own_response", (("humidity", "linear"),))
+    if c.start_known.any():
+        yield Form("delay", "none")
+        yield Form("delay", "none", (("history", "linear"),))
+        for along in sorted({"run_order", "time_of_campaign"} & varied(channel)):
+            yield Form("delay", "none", ((along, "linear"),))
+        yield Form("lag_in_series", own, (("history", "linear"),))
+    if not c.airs_known.all():
+        return
+    yield Form("gain", "own_response")
+    yield Form("offset", "none")
+    for driver in (own, other, "none"):
+        yield Form("added_rate", driver)
+    for driver in (own, other, "own_response"):
+        yield Form("added_response", driver)
+    for driver in (own, "own_response"):  # creeping on, ever slower or all the time alike
+        yield Form("added_response", driver, (("history", "logarithmic"),))
+        yield Form("added_response", driver, (("history", "linear"),))
+    yield Form("periodic", "none")
+    yield Form("periodic", own)
+    if np.isfinite(channel.die_c).any():
+        yield Form("gain", "die_temperature")
+        yield Form("added_response", "die_temperature")
+
+
+def periods_s(channel: Channel) -> Array:
+    """Periods that a swing is looked for at."""
+    longest = float(np.median([time[-1] for time, _ in channel.samples]))
+    shortest = max(6.0 * channel.sampling_period_s, 1.0)
+    # Equally far apart in frequency: a run tells frequencies apart by the inverse of its length.
+    frequency = np.linspace(1.0 / longest, 1.0 / shortest, 4 * PERIODS_TRIED)
+    return np.asarray(1.0 / frequency)
+
+
+def starts_of(effect: Effect, form: Form, channel: Channel) -> list[dict[str, float]]:
+    """Values that a form's score is taken at."""
+    found = effect.starts(channel)
+    if form.behaves_as == "periodic":
+        found = [start | {"period_s": float(period)} for start in found for period in periods_s(channel)]
+    return found
+
+
+DEPENDENCE_SIGMAS = 3.0  # beyond which a dependence is one
+# A dependence of this size is worth knowing; what is known better than this is excluded.
+SHARP = {"power": 0.15, "exponential": 0.01, "ratio": 0.1}
+SHARP_HUMIDITY, SHARP_ORDER = 0.4, 0.01
+FACTOR_STEP = 1e-3  # of a factor's number, in finite differences
+MOST_ALTERNATIVES = 5
+
+
+def stated(problem: Problem, found: Search, final: Fit) -> tuple[Discovered, ...]:
+    """The forms of the best model as a diagnosis's file states them, most certain first."""
+    own = found.plain.fit.structure.ids  # what the readings showed is stated with them
+    ids = [effect for effect in final.structure.effects if is_described(effect.id) and effect.id not in own]
+    told = [_stated(problem, found, final, effect) for effect in ids]
+    return tuple(sorted(told, key=lambda one: -(one.probability or 0.0)))
+
+
+def _stated(problem: Problem, found: Search, final: Fit, effect: Effect) -> Discovered:
+    instead = found.instead(effect.id)
+    tied = {id(one) for one in found.tied()}
+    alternatives = []
+    for one, _ in instead:
+        new = [e for e in one.fit.structure.effects if e.id not in found.best.ids]
+        if id(one) in tied and len(new) == 1 and is_described(new[0].id):
+            alternatives.append(replace(discovered_of(new[0], one.fit.values()[new[0].id]), seen_over={}))
+    return replace(
+        discovered_of(effect, final.values()[effect.id]),
+        does_not_depend_on=_independent(problem, final, effect),
+        alternatives=tuple(alternatives[:MOST_ALTERNATIVES]),
+        nearest_catalogued=_nearest(problem, found, effect, instead),
+        probability=round(found.probability(effect.id), 3),
+        seen_over=seen_over(problem),
+    )
+
+
+def seen_over(problem: Problem) -> dict[str, tuple[float, float]]:
+    """Lowest and highest of the conditions under which the runs were made."""
+    c = problem.channel.conditions
+    over = {"ambient_temperature_c": (float(c.destination_c.min()), float(c.destination_c.max()))}
+    if c.airflow_known.all():
+        over["airflow_m_s"] = (float(c.airflow_m_s.min()), float(c.airflow_m_s.max()))
+    if "pressure" in varied(problem.channel):
+        over["pressure_hpa"] = (float(c.pressure_hpa.min()), float(c.pressure_hpa.max()))
+    return over
+
+
+def _independent(problem: Problem, final: Fit, effect: Effect) -> tuple[str, ...]:
+    """Factors that were varied, on which the effect depends so little that it would have been seen."""
+    form, channel = form_of(effect.id), problem.channel
+    factors = scaling_factors(form, channel)
+    if not factors:
+        return ()
+    base = final.model.predict(final.point)[0]
+    columns = []
+    for factor, how in factors:
+        more = described(form.with_factor(factor, how).key, channel.jumps_with_air)
+        neutral = 1.0 if how == "ratio" else 0.0
+        own = {f"{more.id}.{p.name}": final.choice[f"{effect.id}.{p.name}"] for p in effect.parameters}
+        own[f"{more.id}.{factor}"] = neutral + FACTOR_STEP
+        model = Model(channel, final.structure.dropping(effect.id).adding(more))
+        theta = model.start(final.log_rates, final.choice | own)
+        columns.append((model.predict(Point(theta, final.deviations))[0] - base) / FACTOR_STEP)
+    right, normal = final.scores(problem, problem.whiten(np.stack(columns, axis=-1)))
+    free = []
+    for (factor, how), score, information in zip(factors, right, np.diag(normal), strict=True):
+        if information <= 0:
+            continue
+        value, spread = score / information, 1.0 / np.sqrt(information)
+        sharp = {"humidity": SHARP_HUMIDITY, "run_order": SHARP_ORDER}.get(factor, SHARP[how])
+        if abs(value) < DEPENDENCE_SIGMAS * spread and spread < sharp:
+            free.append(factor)
+    return tuple(free)
+
+
+def _nearest(problem: Problem, found: Search, effect: Effect, instead: list[tuple[Rated, float]]) -> Likeness | None:
+    """The entry of the catalogue that does best in the place of a form; None where none was tried there."""
+    for one, behind in instead:
+        new = [e.id for e in one.fit.structure.effects if e.id not in found.best.ids]
+        if len(new) == 1 and not is_described(new[0]):
+            without = next((r for r in found.pool if r.ids == found.best.ids - {effect.id}), found.plain)
+            likeness = _alike(problem, without.fit, found.best.fit, one.fit)
+            if likeness <= 0.0:
+                return None
+            if one in found.tied():
+                return None  # it is told among what the runs do not tell apart
+            return Likeness(new[0], round(likeness, 3), f"with it unseen runs are e^{behind:.3g} times less likely")
+    return None
+
+
+def _alike(problem: Problem, without: Fit, first: Fit, second: Fit) -> float:
+    """Cosine between what two models take off the whitened residuals of a third."""
+    base = problem.whiten(without.residual)
+    one, other = (base - problem.whiten(fit.residual) for fit in (first, second))
+    size = float(np.linalg.norm(one) * np.linalg.norm(other))
+    return float((one * other).sum()) / size if size > 0 else 0.0

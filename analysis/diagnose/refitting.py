@@ -1,0 +1,130 @@
+"""A model fitted again from where another led: with an effect more, or without one.
+
+An effect can hide in the runs' own deviations, and these in an effect, so that one start is seldom enough.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.effect import Effect, by_name
+from shockrig.analysis.estimate.fit import Fit, fit, objective_at
+from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
+from shockrig.analysis.estimate.problem import Problem
+from shockrig.analysis.estimate.scan import open_starts, rough_point, scanned_starts
+from shockrig.analysis.physics.bodies import BODIES
+
+Array = NDArray[np.float64]
+
+SHARE_OF_RANGE = 0.98  # from which a share stands at the end of its range
+PLAINLY_WRONG = 3.0  # objective per bin from which a fit's deviations mean nothing
+NUDGED_FITS = 3  # from beside where one ended
+MOST_SCANS = 3  # for starts that nobody recorded, each from where the fit before ended
+
+
+def plainly_wrong(problem: Problem, found: Fit) -> bool:
+    """Whether a fit is so far off that the runs' deviations, and the last digits of its misfit, mean nothing."""
+    return found.objective > PLAINLY_WRONG * problem.channel.count.size
+
+
+def refit(
+    problem: Problem,
+    structure: Structure,
+    near: Fit,
+    iterations: int = 30,
+) -> Fit:
+    """Fit `structure` from the parameters of `near`; from two starts of the deviations.
+
+    An effect can hide in the runs' own deviations, and the deviations in an effect: hence both starts. Where the
+    objective has steps the fit is carried over them: stuck before one, it may need an effect that nobody else does.
+    """
+    theta = Model(problem.channel, structure).start(near.log_rates, near.choice)
+    best = fit(problem, structure, theta, begun_anew(problem, near), iterations)
+    # Without an effect that mattered the model is plainly wrong from any start.
+    lost = len(structure.effects) < len(near.structure.effects) and plainly_wrong(problem, best)
+    if not lost and not plainly_wrong(problem, near):
+        best = min((best, fit(problem, structure, theta, near.deviations, iterations)), key=lambda f: f.deviance)
+    best = _unstuck(problem, best, iterations)
+    if plainly_wrong(problem, best) and not problem.channel.conditions.start_known.all():
+        # Starts that were found under a model that is wrong need not be those of this one.
+        anew = rough_point(problem, structure, near.choice)
+        best = min((best, fit(problem, structure, anew.theta, anew.deviations, iterations)), key=lambda f: f.deviance)
+    mirrored = mirror(problem, best)
+    best = best if mirrored is None else min((best, mirrored), key=lambda f: f.deviance)
+    return min((best, *_nudged(problem, best)), key=lambda f: f.deviance)
+
+
+def mirror(problem: Problem, found: Fit) -> Fit | None:
+    """The fit from where a share at the end of its range and the body have changed places; None where none is."""
+    slowest = BODIES[problem.channel.body].held().rate[0]
+    middle = found.log_rates.mean()
+    for effect in found.structure.effects:
+        if not effect.start.mirrors:
+            continue
+        share, tau = (found.choice[f"{effect.id}.{name}"] for name in ("fraction", "time_constant_s"))
+        if share > SHARE_OF_RANGE * effect.parameter("fraction").high:
+            swapped = {"fraction": 1.0 - share, "time_constant_s": float(np.exp(-middle) / slowest)}
+            rates = found.log_rates - middle - np.log(tau * slowest)
+            theta = found.model.start(rates, found.choice | by_name(effect, swapped))
+            return fit(problem, found.structure, theta, found.deviations)
+    return None
+
+
+def rate_shift(effect: Effect, channel: Channel) -> float:
+    return float(np.log(effect.start.rate_factor(channel))) if effect.start.rate_factor else 0.0
+
+
+def has_steps(problem: Problem, structure: Structure) -> bool:
+    """Whether a model's objective has steps or ridges, before which a fit may end."""
+    return any(effect.start.nudges and effect.start.nudges(problem.channel) for effect in structure.effects)
+
+
+def _nudged(problem: Problem, found: Fit) -> list[Fit]:
+    """Fits from beside where one ended, where the objective has steps or ridges: from those that begin best."""
+    deviations, begun = begun_anew(problem, found), list[tuple[float, Array]]()
+    for effect in found.structure.effects:
+        for offsets in effect.start.nudges(problem.channel) if effect.start.nudges else ():
+            theta = found.theta.copy()
+            for name, offset in offsets.items():
+                theta[found.model.place(f"{effect.id}.{name}")] += offset
+            theta = np.clip(theta, *found.model.bounds())
+            begun.append((objective_at(problem, found.model, Point(theta, deviations)), theta))
+    begun.sort(key=lambda one: one[0])
+    return [fit(problem, found.structure, theta, deviations) for _, theta in begun[:NUDGED_FITS]]
+
+
+def plain_fit(problem: Problem, structure: Structure = PLAIN) -> Fit:
+    """Fit of the plain model (with the effects of the readings that `structure` holds fixed)."""
+    start = rough_point(problem, structure)
+    return _unstuck(problem, fit(problem, structure, start.theta, start.deviations, iterations=40))
+
+
+def _unstuck(problem: Problem, found: Fit, iterations: int = 40) -> Fit:
+    """The fit with the runs moved that are stuck on one side of a step: one of them may pass for an effect.
+
+    Where the model is plainly wrong, those alone whose starts nobody recorded: they are all that it has to go by.
+    """
+    if not found.converged:
+        return found
+    wrong = plainly_wrong(problem, found)
+    known = problem.channel.conditions.start_known
+    if wrong and known.all():
+        return found
+    for _ in range(MOST_SCANS if wrong else 1):
+        moved = scanned_starts(problem, found)
+        if moved is None:
+            break
+        if wrong:
+            moved = np.where(known[:, None], found.deviations, moved)
+        again = fit(problem, found.structure, found.theta, moved, iterations)
+        if again.deviance > found.deviance - 1.0:
+            break
+        found = again
+    return found
+
+
+def begun_anew(problem: Problem, near: Fit) -> Array:
+    """Deviations to begin from: none, but for the starts that nobody recorded, which stay where they were found."""
+    return np.where(open_starts(problem), near.deviations, 0.0)

@@ -1,0 +1,109 @@
+"""What the model with all its causes still leaves on held-out runs: its size above the noise, and whether it matters.
+
+Statistics finds 0.02 %RH in thirty runs; whether that matters is for the user to say, by a tolerance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.diagnose.adequacy import Adequacy, varies_with, when_largest
+from shockrig.analysis.diagnose.gain import Gain
+from shockrig.analysis.diagnose.thresholds import level
+from shockrig.analysis.estimate.fit import Fit
+from shockrig.analysis.estimate.noise import Noise
+from shockrig.analysis.estimate.problem import Problem
+
+Array = NDArray[np.float64]
+
+PEAK_TOLERANCES = 5.0  # a peak matters from this many times the tolerance of the rms on
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """From which size on a remainder matters: a tenth of the sensors' stated accuracy unless the user says else."""
+
+    temperature_k: float = 0.03
+    humidity_percent: float = 0.2
+
+    def of(self, unit: str) -> float:
+        """In a channel's unit, K or %RH."""
+        return self.temperature_k if unit == "K" else self.humidity_percent
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What is left on unseen runs: rms above the noise and peak [unit], and what it varies with."""
+
+    rms: float
+    peak: float
+    unit: str
+    significant: bool
+    tolerance: float
+    from_s: float
+    until_s: float
+    varies_with: tuple[str, ...]
+    discrepancy: float = 0.0  # of the model, on unseen runs, as a share of a run's step
+    step: float = 0.0  # rms of the runs' steps [unit]
+
+    @property
+    def material(self) -> bool:
+        """Whether it is as large as the tolerance: a significant one always is where none is allowed."""
+        if self.tolerance == 0:
+            return self.significant
+        misled = self.discrepancy * self.step  # by what a change of the air as large as the runs' is read wrong
+        return max(self.rms, misled) >= self.tolerance or self.peak >= PEAK_TOLERANCES * self.tolerance
+
+
+def predicted_badly(gain: Gain) -> bool:
+    """Whether unseen runs are missed by more than the noise and an accident."""
+    return gain.measured and gain.after > level("held_out_excess") * gain.noise_floor
+
+
+def _spread(whitener: Array, filled: NDArray[np.bool_]) -> Array:
+    """Standard deviation of the noise in the mean of each bin (runs, bins) [unit], 0 in an empty one: noise that hangs
+    together, and a coarse step's, is thinned out less than white noise."""
+    spread = np.zeros(filled.shape)
+    for run, there in enumerate(filled):
+        inverse = np.linalg.inv(whitener[run][np.ix_(there, there)])
+        spread[run, there] = np.sqrt((inverse**2).sum(axis=1))
+    return spread
+
+
+def measure_remainder(
+    problem: Problem,
+    found: Fit,
+    noise: Noise,
+    adequacy: Adequacy,
+    gain: Gain,
+    tolerance: Tolerance,
+    discrepancy: float = 0.0,
+) -> Remainder:
+    """The remainder of a fitted model; its peak is the largest mean over a bin that noise does not explain."""
+    channel = problem.channel
+    unit = channel.quantity.unit
+    filled = channel.count > 0
+    spread = _spread(problem.whitener, filled)
+    # Four standard deviations of the bin's own noise are what the largest of a few thousand bins may show by chance.
+    beyond = np.where(filled, np.abs(found.residual) - 4.0 * spread, 0.0)
+    begins, ends = when_largest(channel, found, noise)
+    if gain.measured:
+        square = gain.after**2 - gain.noise_floor**2
+    else:
+        square = float((channel.count * (found.residual**2 - spread**2)).sum() / channel.count.sum())
+    left = np.sqrt(max(square, 0.0))
+    return Remainder(
+        rms=float(np.hypot(left, adequacy.hidden_rms)),
+        peak=float(max(beyond.max(initial=0.0), 0.0)),
+        unit=unit,
+        significant=not adequacy.passed or predicted_badly(gain),
+        tolerance=tolerance.of(unit),
+        from_s=begins,
+        until_s=ends,
+        varies_with=tuple(varies_with(problem, found)),
+        discrepancy=discrepancy,
+        step=float(np.sqrt(np.mean(channel.quantity.step(channel.conditions) ** 2))),
+    )

@@ -1,0 +1,318 @@
+"""What single readings do all along, with no part in the response: a hum and bursts, described from the plateaus.
+
+A hum has one frequency and a phase of its own in each run; held out by whole conditions, the frequency that the other
+runs tell has to stand out of the spectrum of these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+from scipy.optimize import minimize_scalar
+
+from shockrig.analysis.diagnose.adequacy import BURST_SIGMAS, BURSTS, Adequacy, factors, plateaus
+from shockrig.analysis.diagnose.grammar import varied
+from shockrig.analysis.diagnose.thresholds import level
+from shockrig.analysis.estimate.bins import rebin
+from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.noise import estimate_noise
+from shockrig.analysis.estimate.readings import rounding_step
+from shockrig.files.causes import Uncertain
+from shockrig.files.diagnosis_data import Discovered, EffectSize
+
+Array = NDArray[np.float64]
+
+# Whole conditions that can be held out: all runs of one airflow, one ambient, one direction, one kind.
+
+SAME_AIRFLOW_LN = 0.1  # of the logarithm of two airflows that are one condition
+LEAST_TRAINED = 6  # runs that are left to fit to
+LEAST_P_VALUE = 1e-3  # of so much by accident, above which a finding is none
+
+
+def held_out(channel: Channel, factors: set[str]) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+    """Names and runs (R,) of the conditions that a description may be tried on."""
+    c, there = channel.conditions, varied(channel)
+    if "airflow" in there:
+        levels = np.round(np.log(np.maximum(c.airflow_m_s, 0.05)) / SAME_AIRFLOW_LN)
+        if np.unique(levels).size > 2 or "airflow" not in factors:
+            for level in np.unique(levels):
+                runs = levels == level
+                if runs.sum() < channel.runs - LEAST_TRAINED:
+                    yield f"airflow {c.airflow_m_s[runs].mean():.2g} m/s", runs
+    if "ambient" in there and channel.quantity.pooled:
+        ambient = np.round(c.destination_c / 2.0)
+        if np.unique(ambient).size > 2 or "ambient" not in factors:
+            for level in np.unique(ambient):
+                yield f"ambient {c.destination_c[ambient == level].mean():.0f} degC", ambient == level
+    if "direction" in there and not factors & {"direction", "humidity"}:
+        up = channel.quantity.step(c) > 0
+        yield "steps upwards", up
+        yield "steps downwards", ~up
+    if "step" in there and "step" not in factors:
+        size = np.abs(channel.quantity.step(c))
+        yield "small steps", size < 0.5 * size.max()
+    if channel.jumps_with_air and channel.isothermal.any() and (~channel.isothermal).any():
+        yield "thermal shocks", ~channel.isothermal
+        yield "isothermal shocks", channel.isothermal
+
+
+LONGEST_S = 60.0  # of a plateau, in one spectrum
+PER_WIDTH = 4  # frequencies in the width of a line
+FINE_FACTOR = 12  # times as many around the one that stands out
+BESIDE_WIDTHS = 3  # widths of a line, which are not taken for the noise beside it
+AROUND_WIDTHS = 40  # widths of a line, which are
+CLIPPED_SIGMAS = 2.0  # robust standard deviations: no sine goes there, and a burst is not to hide where it is
+LEFT_OUT_SIGMAS, NEAR_BURST_S = 3.0, 0.5  # robust standard deviations of a burst, and what else is left out beside it
+# relative uncertainty of a slope over a factor, and its size, from which it says nothing:
+SHARP_SLOPE = 0.15
+SLOPE_SIGMAS = 3.0
+EXPECTED_SHARE = 3e-4  # share of readings that are absurd in real logs
+NEAR_TURN, LEAST_READINGS = 0.3, 8  # of a turn over a run; of a plateau that tells a swing
+FEWEST_PLATEAUS = 4  # plateaus of a condition that is held out
+NAMES = {"ambient": "ambient", "airflow": "airflow", "step": "direction", "run order": "run_order"}
+
+
+@dataclass(frozen=True)
+class _Plateau:
+    run: int
+    time_s: Array
+    value: Array
+
+
+def _failing(adequacy: Adequacy) -> set[str]:
+    return {c.name for c in adequacy.checks if c.p * len(adequacy.checks) <= level("adequacy")}
+
+
+def nothing_else(adequacy: Adequacy, found: tuple[Discovered, ...]) -> bool:
+    """Whether what was described of single readings is all that the tests say is left."""
+    shown = {BURSTS for _ in found}
+    return bool(shown) and _failing(adequacy) <= shown
+
+
+def restless(channel: Channel, adequacy: Adequacy) -> tuple[Discovered, ...]:
+    """Bursts, where the test of single readings fails and every condition shows them; none elsewhere."""
+    found = _bursts(channel, _pieces(channel)) if BURSTS in _failing(adequacy) else None
+    return () if found is None else (found,)
+
+
+def without_hum(channel: Channel) -> tuple[Channel, Discovered | None]:
+    """A channel with a hum taken out of its readings, and the hum; the channel as it is where none is certain.
+
+    A hum is looked for from the lowest frequency that a plateau shows: as a line that stands out in every condition,
+    and out of the noise as it is estimated once the line is gone, which cannot then imitate it.
+    """
+    pieces = _pieces(channel)
+    hum = _hum(channel, pieces)
+    if hum is None or hum.period_s is None or hum.size is None:
+        return channel, None
+    frequency, u = _whole_runs(channel, 1.0 / hum.period_s.value, hum.size.value)
+    hum = replace(hum, period_s=Uncertain(1.0 / frequency, u / frequency**2))
+    samples = [
+        (time, value - _swing(time, value, channel.sampling_period_s, frequency)) for time, value in channel.samples
+    ]
+    quiet = rebin(channel, samples, channel.bin_of, channel.die_samples, 1)
+    noise = estimate_noise(quiet, rounding_step(quiet) or channel.quantity.resolution)
+    power, expected = 0.0, 0.0
+    for piece in pieces:
+        squares, _ = _amplitudes([piece], np.array([frequency]))
+        gamma = noise.autocovariance(piece.value.size)
+        lag = np.arange(gamma.size)
+        weight = np.where(lag == 0, 1.0, 2.0) * (gamma.size - lag)
+        usual = float((weight * gamma * np.cos(2.0 * np.pi * frequency * lag * channel.sampling_period_s)).sum())
+        power += float(squares[0, 0])
+        expected += 4.0 * max(usual, 1e-300) / piece.value.size**2
+    looks = sum(piece.value.size for piece in pieces) / len(pieces)
+    chance = float(special.gammaincc(len(pieces), power / expected * len(pieces))) * looks
+    return (channel, None) if chance > LEAST_P_VALUE**2 else (quiet, hum)
+
+
+def _pieces(channel: Channel) -> list[_Plateau]:
+    return [_Plateau(run, t[t - t[0] < LONGEST_S], y[t - t[0] < LONGEST_S]) for run, t, y in plateaus(channel)]
+
+
+def _whole_runs(channel: Channel, frequency_hz: float, size: float) -> tuple[float, float]:
+    """The frequency for which the two plateaus of each run fit one swing best, and its standard uncertainty [Hz]."""
+    period_s, spans = channel.sampling_period_s, [time[-1] - time[0] for time, _ in channel.samples]
+
+    def left(trial_hz: float) -> float:
+        total = 0.0
+        for time, value in channel.samples:
+            quiet = value - _swing(time, value, period_s, trial_hz)
+            for part in _plateaus_of(time, period_s):
+                z = quiet[part]
+                total += float(((z - np.polyval(np.polyfit(time[part], z, 2), time[part])) ** 2).sum())
+        return total
+
+    around = NEAR_TURN / float(np.median(spans))  # where the two plateaus of a run keep step
+    ends = (frequency_hz - around, frequency_hz + around)
+    found = minimize_scalar(left, bounds=ends, method="bounded", options={"xatol": 1e-7})
+    count = sum(int(part.sum()) for time, _ in channel.samples for part in _plateaus_of(time, period_s))
+    noise = found.fun / max(count, 1)
+    # Cramer and Rao over the length of whole runs (Rife and Boorstyn 1974, doi 10.1109/TIT.1974.1055282).
+    known = np.pi**2 * size**2 * count * float(np.median(spans)) ** 2 / (6.0 * max(noise, 1e-300))
+    return float(found.x), float(1.0 / np.sqrt(known))
+
+
+def _plateaus_of(time: Array, period_s: float) -> list[NDArray[np.bool_]]:
+    """The readings of a run (n,) before the transfer and at its end."""
+    return [part for part in (time < -2 * period_s, time > 0.67 * time[-1]) if part.sum() > LEAST_READINGS]
+
+
+def _swing(time: Array, value: Array, period_s: float, frequency_hz: float) -> Array:
+    """The sinusoid of a frequency in a run's readings (n,), of one size and phase, from its two plateaus."""
+    parts = _plateaus_of(time, period_s)
+    if not parts:
+        return np.zeros(time.size)
+    turn = 2.0 * np.pi * frequency_hz * time
+    swing = np.stack([np.sin(turn), np.cos(turn)], axis=1)
+    columns, rows = [], []
+    for place, part in enumerate(parts):
+        t = time[part] - time[part].mean()
+        bend = np.zeros((t.size, 3 * len(parts)))
+        bend[:, 3 * place : 3 * place + 3] = np.stack([np.ones(t.size), t, t**2], axis=1)
+        columns.append(np.hstack([swing[part], bend]))
+        rows.append(value[part])
+    both, *_ = np.linalg.lstsq(np.vstack(columns), np.concatenate(rows), rcond=None)
+    return np.asarray(swing @ both[:2])
+
+
+def _spread(values: Array) -> float:
+    """Robust standard deviation."""
+    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
+
+
+def _amplitudes(pieces: list[_Plateau], frequency_hz: Array) -> tuple[Array, Array]:
+    """Squared amplitudes (K, F) of sinusoids fitted to each plateau, and each one's variance (K,)."""
+    squares, noise = [], []
+    for piece in pieces:
+        size = CLIPPED_SIGMAS * _spread(piece.value)
+        y = np.clip(piece.value, -size, size)
+        turns = np.exp(-2j * np.pi * np.outer(frequency_hz, piece.time_s - piece.time_s[0]))
+        squares.append(np.abs(turns @ y / (0.5 * y.size)) ** 2)
+        noise.append(float(y.var()))
+    return np.array(squares), np.array(noise)
+
+
+def _hum(channel: Channel, pieces: list[_Plateau]) -> Discovered | None:
+    """A hum by its period and amplitude; None where conditions do not bear one another out."""
+    if len(pieces) < 2 * FEWEST_PLATEAUS:
+        return None
+    lasts_s = float(np.median([p.time_s[-1] - p.time_s[0] for p in pieces]))
+    width = 1.0 / lasts_s
+    grid = np.arange(2.0 * width, 0.5 / channel.sampling_period_s, width / PER_WIDTH)
+    squares, _ = _amplitudes(pieces, grid)
+    power = squares / np.median(squares, axis=1, keepdims=True)
+    run = np.array([p.run for p in pieces])
+    for _, runs in held_out(channel, set()):
+        test = runs[run]
+        if (
+            test.sum() >= FEWEST_PLATEAUS
+            and (~test).sum() >= FEWEST_PLATEAUS
+            and not _stands_out(power[~test], power[test])
+        ):
+            return None
+    coarse = int(np.argmax(power.mean(axis=0) / _beside(power.mean(axis=0))))
+    fine = grid[coarse] + np.arange(-PER_WIDTH * FINE_FACTOR, PER_WIDTH * FINE_FACTOR + 1) * width / (
+        PER_WIDTH * FINE_FACTOR
+    )
+    own, variance = _amplitudes(pieces, fine)
+    at = int(np.argmax((own / variance[:, None]).sum(axis=0)))
+    frequency = float(fine[at])
+    quiet = [_without_bursts(piece) for piece in pieces]
+    count = np.array([p.value.size for p in quiet])
+    lasts = np.array([p.time_s[-1] - p.time_s[0] for p in quiet])
+    amplitude, noise = np.array([_sinusoid(piece, frequency) for piece in quiet]).T
+    size = float(np.sqrt(np.median(np.maximum(amplitude**2 - 4.0 * noise / count, 0.0))))
+    if size == 0.0:
+        return None
+    # Cramer and Rao, of a sinusoid's frequency in white noise (Rife and Boorstyn 1974, doi 10.1109/TIT.1974.1055282).
+    known = (np.pi**2 * size**2 * count * lasts**2 / (6.0 * np.maximum(noise, 1e-300))).sum()
+    return Discovered(
+        behaves_as="periodic",
+        driver="none",
+        period_s=Uncertain(1.0 / frequency, float(1.0 / np.sqrt(known)) / frequency**2),
+        size=EffectSize(size, float(amplitude.std(ddof=1) / np.sqrt(amplitude.size)), channel.quantity.unit),
+        does_not_depend_on=_independent(channel, run, amplitude),
+        probability=1.0,
+    )
+
+
+def _without_bursts(piece: _Plateau) -> _Plateau:
+    """A plateau without what lies half a second around readings that are far off: a hum's bursts are not its size."""
+    far = np.abs(piece.value) > LEFT_OUT_SIGMAS * _spread(piece.value)
+    apart = np.abs(piece.time_s[:, None] - piece.time_s[far]).min(axis=1, initial=np.inf)
+    keep = apart > NEAR_BURST_S
+    return _Plateau(piece.run, piece.time_s[keep], piece.value[keep]) if keep.sum() > 0.5 * keep.size else piece
+
+
+def _sinusoid(piece: _Plateau, frequency_hz: float) -> tuple[float, float]:
+    """Amplitude of a sinusoid fitted to a plateau by least squares, and the variance of what it leaves."""
+    turn = 2.0 * np.pi * frequency_hz * piece.time_s
+    columns = np.stack([np.sin(turn), np.cos(turn)], axis=1)
+    both, *_ = np.linalg.lstsq(columns, piece.value, rcond=None)
+    return float(np.hypot(*both)), float((piece.value - columns @ both).var())
+
+
+def _beside(power: Array) -> Array:
+    """Median of a spectrum (F,) around each frequency, without those of the same line."""
+    reach, gap = AROUND_WIDTHS * PER_WIDTH // 2, BESIDE_WIDTHS * PER_WIDTH
+    padded = np.pad(power, reach, mode="reflect" if power.size > reach else "edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1)
+    keep = np.abs(np.arange(-reach, reach + 1)) > gap
+    return np.asarray(np.median(windows[:, keep], axis=-1))
+
+
+def _stands_out(train: Array, test: Array) -> bool:
+    """Whether the line that is highest in some spectra (K, F) is one in others."""
+    mean = train.mean(axis=0)
+    at = int(np.argmax(mean / _beside(mean)))
+    of = test.mean(axis=0)
+    ratio = of[at] / _beside(of)[at]
+    # A mean of K spectra of noise is a chi-square of 2 K degrees; its median is a little below its mean.
+    count = test.shape[0]
+    return bool(special.gammaincc(count, ratio * special.gammaincinv(count, 0.5)) < LEAST_P_VALUE)
+
+
+def _independent(channel: Channel, run: NDArray[np.int64], amplitude: Array) -> tuple[str, ...]:
+    """Factors with which the amplitudes of the plateaus' hum do not move."""
+    free = []
+    for name, values in factors(channel).items():
+        x = values[run] - values[run].mean()
+        if name not in NAMES or x.std() < 1e-9:
+            continue
+        slope = float(x @ amplitude / (x @ x))
+        left = amplitude - amplitude.mean() - slope * x
+        spread = float(np.sqrt(left.var(ddof=2) / (x @ x)))
+        if abs(slope) < SLOPE_SIGMAS * spread and spread * x.std() < SHARP_SLOPE * amplitude.mean():
+            free.append(NAMES[name])
+    return tuple(free)
+
+
+def _bursts(channel: Channel, pieces: list[_Plateau]) -> Discovered | None:
+    """Bursts by the size of their readings; None where not every condition shows them."""
+    # A plateau that stands at one code has no spread of its own.
+    usual = float(np.median([p.value.std() for p in pieces]))
+    far = [np.abs(p.value) > BURST_SIGMAS * max(_spread(p.value), usual) for p in pieces]
+    run = np.array([p.run for p in pieces])
+    count, outside = np.array([p.value.size for p in pieces]), np.array([int(f.sum()) for f in far])
+    for _, runs in held_out(channel, set()):
+        test = runs[run]
+        expected = 1.5 + EXPECTED_SHARE * count[test].sum()
+        if test.sum() >= FEWEST_PLATEAUS and special.pdtrc(outside[test].sum() - 1, expected) > LEAST_P_VALUE:
+            return None
+    values = np.concatenate([p.value[f] for p, f in zip(pieces, far, strict=True)])
+    if values.size == 0:
+        return None
+    # Readings of one burst go together: they count as one.
+    bursts = sum(int((np.diff(f.astype(int)) == 1).sum() + f[0]) for f in far)
+    size = float(np.sqrt((values**2).mean()))
+    return Discovered(
+        behaves_as="bursts",
+        driver="none",
+        size=EffectSize(size, size / np.sqrt(2.0 * max(bursts, 1)), channel.quantity.unit),
+        probability=1.0,
+    )

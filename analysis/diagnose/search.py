@@ -1,0 +1,486 @@
+"""The search: all candidates in one race, judged by how well they predict runs that they were not fitted to.
+
+A model grows by the candidate that gains most on unseen runs beyond what is held against it before any data; what then
+gains no longer is taken away, and each effect is tried against the others in its place. All sound models stand in one
+pool, and the weights of that pool are all that a diagnosis rests on.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.diagnose.candidates import Candidate, candidates, sound
+from shockrig.analysis.diagnose.refitting import begun_anew, plain_fit, plainly_wrong, rate_shift, refit
+from shockrig.analysis.diagnose.thresholds import level
+from shockrig.analysis.effects.behaviours import SCALES, STEP, Form, form_of, laws_of
+from shockrig.analysis.effects.described import is_described
+from shockrig.analysis.estimate.effect import Effect, by_name
+from shockrig.analysis.estimate.fit import Fit, fit, go_on
+from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
+from shockrig.analysis.estimate.predictive import Score, bumps, score, weights
+from shockrig.analysis.estimate.problem import RATE_SCATTER, Problem
+from shockrig.analysis.estimate.quantity import RunEffect
+from shockrig.analysis.estimate.scan import rough_point, rough_rates
+
+Array = NDArray[np.float64]
+Starts = Sequence[Mapping[str, float]]
+Screened = tuple[Candidate, Starts, float]  # with what the best start promises [nats]
+Earlier = Mapping[str, Mapping[str, float]]  # effects that an earlier search of the same runs ended with: parameters
+
+# How many candidates are begun, go on, and are fitted to their ends at each step: what a campaign may cost.
+BEGUN_COUNT, RUNNING_COUNT, FINISHED_COUNT = 16, 8, 3
+STARTS_EACH = 2  # of a candidate, the best to first order
+QUICK_STEPS, FURTHER_STEPS, WHOLE_STEPS = 3, 5, 25  # steps of Gauss and Newton
+MOST_EFFECTS = 6
+SMALLEST_DISCREPANCY = 1e-6  # discrepancy that is none
+FAR_DISCREPANCY = 0.005  # discrepancy, as a share of the step, from which the runs' deviations mean little
+WITHIN_REACH = 3.0  # nats that a candidate's promise to first order may lack and that its fit may bring
+MOST_MODELS = 80  # of the pool that are weighed: the best
+MOST_FITS = 900
+
+
+@dataclass(frozen=True)
+class Rated:
+    """A fitted model with its score on unseen runs, and the log prior of its effects [nats]."""
+
+    fit: Fit
+    score: Score
+    log_prior: float
+
+    @property
+    def ids(self) -> frozenset[str]:
+        """Of its effects."""
+        return frozenset(self.fit.structure.ids)
+
+    @property
+    def laws(self) -> frozenset[str]:
+        """Of its effects: at which run a change begins does not make another law."""
+        return frozenset(law_of(id_) for id_ in self.fit.structure.ids)
+
+    def holds(self, effect: str) -> bool:
+        """Whether it has an effect, or a form that is the effect's law with a strength that depends on something."""
+        return law_of(effect) in self.laws or any(effect in _scaled_law(id_) for id_ in self.ids if is_described(id_))
+
+    @property
+    def value(self) -> float:
+        """Log predictive density and log prior [nats]."""
+        return self.score.total + self.log_prior
+
+
+def law_of(effect: str) -> str:
+    """An effect's id without the run at which a change begins."""
+    return re.sub(rf"({STEP})\d+", r"\1n", effect)
+
+
+@cache
+def _scaled_law(form_id: str) -> frozenset[str]:
+    """Effects whose law a form is, but for what its strength depends on."""
+    form = form_of(form_id)
+    bare = replace(form, depends_on=tuple(on for on in form.depends_on if on[1] not in SCALES))
+    return frozenset(name for name, _ in laws_of(bare))
+
+
+@dataclass(frozen=True)
+class Search:
+    """Outcome of a search.
+
+    Attributes
+    ----------
+    plain, best : Rated
+        The model that it began from, and the heaviest of as many effects as are there with some certainty.
+    pool : tuple of Rated
+        All models that were weighed, the heaviest first.
+    weights : ndarray (M,)
+    fits : int
+        How many fits it took.
+    """
+
+    plain: Rated
+    best: Rated
+    pool: tuple[Rated, ...]
+    weights: Array
+    fits: int
+
+    @property
+    def ended_early(self) -> bool:
+        """Whether it made as many fits as it may, so that more may be there."""
+        return self.fits >= MOST_FITS
+
+    def probability(self, effect: str) -> float:
+        """Of an effect's being there: the weight of all models that hold its law, however that may depend on things."""
+        held = (w for one, w in zip(self.pool, self.weights, strict=True) if one.holds(effect))
+        return float(min(sum(held), 1.0))
+
+    def weight(self, one: Rated) -> float:
+        """Of one model."""
+        return float(sum(w for other, w in zip(self.pool, self.weights, strict=True) if other is one))
+
+    def instead(self, effect: str) -> list[tuple[Rated, float]]:
+        """The models without an effect of the best one that are as large, by what stands in its place, with how many
+        nats they are behind (the closest first)."""
+        found = []
+        for one in self.pool:
+            new = one.laws - self.best.laws
+            if law_of(effect) not in one.laws and new and len(self.best.laws - one.laws) <= len(new):
+                found.append((one, self.best.value - one.value))
+        return sorted(found, key=lambda item: item[1])
+
+    def rivals(self) -> list[Rated]:
+        """Models tied with the best one that hold something else in the place of something that it has."""
+        own = self.best.laws
+        return [one for one in self.tied() if one.laws - own and own - one.laws]
+
+    def tied(self) -> list[Rated]:
+        """Models whose weight is not small beside the best one's, the best first."""
+        least = level("tie") * self.weight(self.best)
+        return [one for one, w in zip(self.pool, self.weights, strict=True) if w >= least]
+
+
+class Race:
+    """A search under way: its problem, the candidates, and the pool of models so far."""
+
+    def __init__(self, problem: Problem, base: Structure, among: Sequence[Candidate]) -> None:
+        self.problem, self.base, self.fixed = problem, base, frozenset(base.ids)
+        self.among = tuple(among)
+        self.bump = bumps(problem)
+        self.priors = {one.effect.id: one.log_prior for one in self.among}
+        self.pool: dict[frozenset[str], Rated] = {}
+        self.done: dict[tuple[frozenset[str], frozenset[str]], Rated | None] = {}
+        self.fits = 0
+
+    def rated(self, found: Fit) -> Rated:
+        """A fit with its score."""
+        prior = sum(self.priors.get(id_, 0.0) for id_ in found.structure.ids)
+        return Rated(found, score(self.problem, found, self.bump), prior)
+
+    def fitted(self, structure: Structure, theta: Array, deviations: Array, steps: int = WHOLE_STEPS) -> Rated:
+        """A structure fitted from a start."""
+        self.fits += 1
+        return self.rated(fit(self.problem, structure, theta, deviations, steps))
+
+    def keep(self, one: Rated) -> Rated:
+        """The best fit so far of a model, which goes into the pool."""
+        known = self.pool.get(one.ids)
+        if known is None or one.fit.deviance < known.fit.deviance:
+            self.pool[one.ids] = one
+        return self.pool[one.ids]
+
+    def screened(self, near: Rated, among: Sequence[Candidate]) -> list[Screened]:
+        """Candidates with their starts and what the best of these promises to first order [nats], best first."""
+        found, channel = near.fit, self.problem.channel
+        base = found.model.predict(found.point)[0]
+        columns, owners = [], []
+        for one in among:
+            model = Model(channel, found.structure.adding(one.effect))
+            rates = found.log_rates + rate_shift(one.effect, channel)
+            thetas = []
+            for start in one.starts:
+                weak = {k: v if (w := one.effect.parameter(k).weakest) is None else w for k, v in start.items()}
+                theta = model.start(rates, found.choice | by_name(one.effect, weak))
+                theta[model.behind] = found.theta[found.model.behind]
+                thetas.append(theta)
+                owners.append((one, start))
+            predicted = model.predict(Point(np.stack(thetas), found.deviations)) - base
+            columns.append(np.matmul(self.problem.whitener, np.moveaxis(predicted, 0, -1)))
+        if not columns:
+            return []
+        right, normal = self._first_order(near, np.concatenate(columns, axis=-1))
+        size = np.diag(normal)
+        gains = np.where(size > 1e-9, 0.5 * right**2 / np.maximum(size, 1e-12), 0.0)
+        by: dict[str, list[tuple[float, Mapping[str, float]]]] = {}
+        for (one, start), gain in zip(owners, gains, strict=True):
+            by.setdefault(one.effect.id, []).append((float(gain), start))
+        out = []
+        for one in among:
+            pairs = sorted(by[one.effect.id], key=lambda pair: -pair[0])
+            out.append((one, [start for _, start in pairs], pairs[0][0]))
+        return sorted(out, key=lambda item: -(item[2] + item[0].log_prior))
+
+    def _first_order(self, near: Rated, columns: Array) -> tuple[Array, Array]:
+        """Scores of columns beside the model's own parameters, the runs' random effects, and its discrepancy."""
+        # A candidate may end what the model so far is wrong by: that is not to hide what it promises.
+        # Nor is how much runs differ in their rates, where that is more than sensors usually do.
+        found, sigma = near.fit, max(min(near.score.discrepancy, FAR_DISCREPANCY), SMALLEST_DISCREPANCY)
+        own = found.arrow.weight.copy()
+        own[:, RunEffect.RATE] = np.maximum(own[:, RunEffect.RATE], 1.0 / RATE_SCATTER**2)
+        discrepancy = np.full((self.bump.shape[0], self.bump.shape[-1]), 1.0 / sigma**2)
+        beside = replace(
+            found.arrow,
+            run_jacobian=np.concatenate([found.arrow.run_jacobian, self.bump], axis=-1),
+            weight=np.concatenate([own, discrepancy], axis=-1),
+        )
+        return found.scores(self.problem, columns, beside)
+
+    def _entered(self, screened: Sequence[Screened], far: bool) -> list[tuple[Candidate, Starts]]:
+        """Those whose fits are begun: of each family the best, then by promise."""
+        first: list[tuple[Candidate, Starts]] = []
+        rest: list[tuple[Candidate, Starts]] = []
+        seen: set[tuple[str, ...]] = set()
+        for one, starts, gain in screened:
+            effect = one.effect
+            # A start that the data give may be the whole answer, whatever its first order says; another body, or where
+            # a steady error is tried, is no small change.
+            told = effect.start.always or (effect.start.from_data is not None and len(starts) == 1)
+            told |= effect.start.rate_factor is not None and (far or not effect.rarity(self.problem.channel))
+            reach = -0.7 * one.log_prior if far else WITHIN_REACH
+            if gain + one.log_prior + reach <= 0 and not told:
+                continue
+            several = any(p.weakest is not None for p in effect.parameters)
+            (rest if one.family in seen and not told else first).append(
+                (one, starts[: STARTS_EACH + 1 if several else STARTS_EACH])
+            )
+            seen.add(one.family)
+        entered = [*first[:BEGUN_COUNT], *rest[: max(BEGUN_COUNT - len(first), BEGUN_COUNT // 4)]]
+        # A look-alike that is never fitted can never be tied: places that are left go to the next of the catalogue.
+        ids = {one.effect.id for one, _ in entered}
+        others = (
+            (one, starts[:STARTS_EACH]) for one, starts, _ in screened if one.form is None and one.effect.id not in ids
+        )
+        return [*entered, *itertools.islice(others, max(RUNNING_COUNT - len(entered), 0))]
+
+    def _begun(self, near: Rated, one: Candidate, starts: Starts, far: bool) -> list[Rated]:
+        """A few steps of a model with a candidate more, from each of its starts, the best first."""
+        problem, found, channel = self.problem, near.fit, self.problem.channel
+        structure = found.structure.adding(one.effect)
+        model, anew = Model(channel, structure), begun_anew(problem, found)
+        begins = []
+        for start in starts:
+            choice = found.choice | by_name(one.effect, start)
+            rates = found.log_rates + rate_shift(one.effect, channel)
+            begins.append((rates, choice, anew if far else found.deviations))
+        lags = one.form is not None and one.form.behaves_as == "lag_in_series"
+        if one.effect.start.own_rates or (far and lags):  # the body may be faster than it was taken to be alone
+            own = [choice for _, choice, _ in begins[: None if far else 1]]
+            begins += [(rough_rates(problem, structure, anew, choice), choice, anew) for choice in own]
+        if not far:  # what it does may hide in the runs' own deviations
+            begins.append((begins[0][0], begins[0][1], anew))
+        if one.effect.start.own_rates and not channel.conditions.start_known.all():
+            point = rough_point(problem, structure, begins[0][1])
+            begins.append((point.theta[: channel.rates], begins[0][1], point.deviations))
+        tried = [self.fitted(structure, model.start(r, choice), own, QUICK_STEPS) for r, choice, own in begins]
+        return sorted(tried, key=lambda r: -r.value)
+
+    def _further(self, one: Rated, steps: int) -> Rated:
+        if one.fit.converged:
+            return one
+        self.fits += 1
+        return self.rated(go_on(self.problem, one.fit, steps))
+
+    def finished(self, one: Rated) -> Rated:
+        """A model fitted to its end: from its own deviations, and as `refit` does from none and over ridges."""
+        ends = [self._further(one, WHOLE_STEPS)]
+        self.fits += 2
+        ends.append(self.rated(refit(self.problem, one.fit.structure, ends[0].fit)))
+        return min(ends, key=lambda r: r.fit.deviance)
+
+    def forward(self, near: Rated, among: Sequence[Candidate], barred: frozenset[str] = frozenset()) -> Rated | None:
+        """The best sound model with one candidate more, whether or not it is better than `near`; None without any."""
+        open_to = [c for c in among if c.effect.id not in barred and c.fits(near.fit.structure)]
+        key = (near.ids, frozenset(c.effect.id for c in open_to))
+        if key in self.done:
+            return self.done[key]
+        far = near.score.discrepancy > FAR_DISCREPANCY or plainly_wrong(self.problem, near.fit)
+        runners = [
+            self._begun(near, one, starts, far) for one, starts in self._entered(self.screened(near, open_to), far)
+        ]
+        for left in range(3 if far else 2, 0, -1):
+            runners.sort(key=lambda own: -own[0].value)
+            follow = runners[: RUNNING_COUNT + 2 * (left - 1)]
+            runners = [
+                sorted([self._further(b, FURTHER_STEPS) for b in own[:left]], key=lambda r: -r.value) for own in follow
+            ]
+        runners.sort(key=lambda own: -own[0].value)
+        ends = [self.finished(own[0]) for own in runners[:FINISHED_COUNT]]
+        ends += [own[0] for own in runners[FINISHED_COUNT:] if own[0].fit.converged]
+        ends = [self.keep(one) for one in ends if sound(one.fit, one.ids - self.fixed)]
+        self.done[key] = max(ends, key=lambda r: r.value) if ends else None
+        return self.done[key]
+
+    def without(self, current: Rated, effect: str) -> Rated:
+        """A model with one of its effects taken away."""
+        structure = current.fit.structure.dropping(effect)
+        known = self.pool.get(frozenset(structure.ids))
+        if known is not None:
+            return known
+        self.fits += 2
+        return self.keep(self.rated(refit(self.problem, structure, current.fit)))
+
+    def pruned(self, current: Rated) -> Rated:
+        """A model without what, beside the rest, gains nothing on unseen runs."""
+        while len(current.ids - self.fixed) > 1:
+            less = max((self.without(current, e) for e in sorted(current.ids - self.fixed)), key=lambda r: r.value)
+            if less.value <= current.value:
+                break
+            current = less
+        return current
+
+    def grown(self, current: Rated, among: Sequence[Candidate]) -> Rated:
+        """A model with all that gains on unseen runs, one after another."""
+        while len(current.ids - self.fixed) < MOST_EFFECTS and not self.ended:
+            found = self.forward(current, among)
+            if found is None or found.value <= current.value:
+                break
+            current = self.pruned(found)
+        return current
+
+    def exchanged(self, current: Rated, among: Sequence[Candidate]) -> Rated:
+        """A model with each of its effects tried against the others in its place, until none is better there."""
+        done: set[frozenset[str]] = set()
+        while current.ids not in done and not self.ended:
+            done.add(current.ids)
+            best = current
+            for effect in sorted(current.ids - self.fixed):
+                other = self.forward(self.without(current, effect), among, frozenset({effect}))
+                if other is not None and other.value > best.value:
+                    best = other
+            if best is current and len(current.ids - self.fixed) > 2:
+                # Two that each do half of it may stand in the place of one.
+                for two in itertools.combinations(sorted(current.ids - self.fixed), 2):
+                    less = self.without(self.without(current, two[0]), two[1])
+                    other = self.forward(less, among, frozenset(two))
+                    if other is not None and other.value > best.value:
+                        best = other
+            if best is not current:
+                current = self.grown(self.pruned(best), among)
+        return current
+
+    def simplest(self, current: Rated) -> Rated:
+        """A model with its forms' dependences taken away, or others added, where unseen runs are no worse for it."""
+        for effect in current.fit.structure.effects:
+            if effect.id in self.fixed or not is_described(effect.id):
+                continue
+            form, best = form_of(effect.id), current
+            for other in (one for one in self.among if one.form is not None and _kin(one.form, form)):
+                structure = current.fit.structure.dropping(effect.id).adding(other.effect)
+                if frozenset(structure.ids) in self.pool:
+                    trial = self.pool[frozenset(structure.ids)]
+                else:
+                    theta = _carried(current.fit, structure, effect, other)
+                    trial = self.fitted(structure, theta, current.fit.deviations)
+                    if not sound(trial.fit, trial.ids - self.fixed):
+                        continue
+                    trial = self.keep(trial)
+                best = max(best, trial, key=_value)
+            current = best
+        return current
+
+    @property
+    def ended(self) -> bool:
+        """Whether no further step may begin."""
+        return self.fits >= MOST_FITS
+
+
+def first_look(problem: Problem, base: Structure = PLAIN) -> Fit:
+    """The plain model with the one effect of the catalogue that gains most, if one does: about what a channel does."""
+    entries = [one for one in candidates(problem.channel) if one.form is None]
+    race = Race(problem, base, entries)
+    plain = race.keep(race.rated(plain_fit(problem, base)))
+    found = race.forward(plain, entries)
+    return (plain if found is None else max(plain, found, key=_value)).fit
+
+
+def search(
+    problem: Problem, base: Structure = PLAIN, earlier: Earlier | None = None, describing: bool = True
+) -> Search:
+    """Search for what explains a channel.
+
+    Parameters
+    ----------
+    problem : Problem
+    base : Structure
+        Effects that the readings themselves have shown; they are never taken away.
+    earlier : {effect: {parameter: value}}, optional
+        What an earlier search of the same runs, or of some of them, ended with: a place to begin from as well.
+    describing : bool
+        Whether forms of the grammar are candidates as well.
+    """
+    among = [one for one in candidates(problem.channel) if describing or one.form is None]
+    race = Race(problem, base, among)
+    plain = race.keep(race.rated(plain_fit(problem, base)))
+    entries = [one for one in among if one.form is None]
+    forms = [one for one in among if one.form is not None]
+    named = race.grown(plain, entries)
+    if earlier:
+        named = max(named, race.grown(_resumed(race, plain, earlier), entries), key=_value)
+    if named.score.discrepancy <= FAR_DISCREPANCY or not forms:
+        named = race.exchanged(named, entries)
+    if forms:
+        found = [race.forward(named, forms)]
+        if named is not plain:
+            # What takes several effects may be the law of a single one that nobody listed.
+            found.append(race.forward(plain, forms))
+        best = max((one for one in found if one is not None), key=_value, default=named)
+        if best.value > named.value:
+            grown = race.grown(race.pruned(race.simplest(best)), among)
+            race.exchanged(race.simplest(grown), among)
+        else:
+            for effect in sorted(named.ids - race.fixed) if not race.ended else ():
+                race.forward(race.without(named, effect), forms)
+    return _weighed(race, plain)
+
+
+def _carried(found: Fit, structure: Structure, effect: Effect, other: Candidate) -> Array:
+    """theta of a structure with another form in the place of one: its values where both have any."""
+    own = {p.name: found.choice[f"{effect.id}.{p.name}"] for p in effect.parameters}
+    begin = {
+        p.name: own.get(p.name, other.starts[0][p.name] if p.none is None else p.none) for p in other.effect.parameters
+    }
+    return Model(found.model.channel, structure).start(found.log_rates, found.choice | by_name(other.effect, begin))
+
+
+def _kin(one: Form, other: Form) -> bool:
+    """Whether two forms differ by one dependence at most that only scales a strength."""
+    if (one.behaves_as, one.driver) != (other.behaves_as, other.driver) or one == other:
+        return False
+    apart = set(one.depends_on) ^ set(other.depends_on)
+    return len(apart) == 1 and all(how in SCALES for _, how in apart)
+
+
+def _value(one: Rated) -> float:
+    return one.value
+
+
+def _resumed(race: Race, plain: Rated, earlier: Earlier) -> Rated:
+    """The plain model with the effects that an earlier search ended with, as far as they gain."""
+    structure, choice = plain.fit.structure, dict[str, float]()
+    for one in race.among:
+        values = earlier.get(one.effect.id)
+        if values is None or not one.fits(structure):
+            continue
+        structure = structure.adding(one.effect)
+        known = {
+            p.name: float(np.clip(values[p.name], p.low, p.high)) for p in one.effect.parameters if p.name in values
+        }
+        choice |= by_name(one.effect, known)
+    if structure.ids == plain.fit.structure.ids:
+        return plain
+    anew = begun_anew(race.problem, plain.fit)
+    rates = rough_rates(race.problem, structure, anew, choice)
+    begun = race.fitted(structure, Model(race.problem.channel, structure).start(rates, choice), anew)
+    if not sound(begun.fit, begun.ids - race.fixed):
+        return plain
+    return max(plain, race.pruned(race.keep(race.finished(begun))), key=_value)
+
+
+def _weighed(race: Race, plain: Rated) -> Search:
+    """The pool weighed by its models' predictive densities."""
+    among = [one for one in race.pool.values() if one.ids == plain.ids or sound(one.fit, one.ids - race.fixed)]
+    best = sorted(among, key=lambda r: -r.value)[:MOST_MODELS]
+    weight = weights([one.score.runs for one in best], [one.log_prior for one in best])
+    order = sorted(range(len(best)), key=lambda i: (-weight[i], -best[i].value))
+    pool = tuple(best[i] for i in order)
+    found = Search(plain, pool[0], pool, weight[order], race.fits)
+    # As many effects are stated as are there with that probability, whichever they are: look-alikes that share the
+    # weight of one are one effect, tied; weight that is shared for a second one is no evidence for any.
+    sizes = np.array([len(one.ids) for one in pool])
+    least = max(
+        int(k) for k in np.unique(sizes) if found.weights[sizes >= k].sum() >= level("named") or k == sizes.min()
+    )
+    return replace(found, best=next((one for one in pool if len(one.ids) == least), plain))

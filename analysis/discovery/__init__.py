@@ -1,1 +1,0 @@
-"""What nobody listed: what is left without any form, and the behaviour that describes it best."""

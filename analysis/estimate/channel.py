@@ -1,0 +1,223 @@
+"""One channel of a campaign as arrays over runs: samples gathered into bins that widen with time since the transfer.
+
+Averaging loses nothing where the response is slow and makes every later step an array operation of some 110 columns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.estimate.quantity import ChannelName, Quantity
+from shockrig.analysis.physics.chain import MeasuredAir
+from shockrig.analysis.physics.conditions import Conditions
+from shockrig.files.campaign_names import KNOWN_KINDS
+from shockrig.files.common_uncertainty import CommonUncertainty
+
+Array = NDArray[np.float64]
+AMBIENT_WIDTH_K = 1.0
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A run that cannot be used, and why."""
+
+    run: str
+    channel: ChannelName
+    reason: str
+
+
+@dataclass(frozen=True)
+class Channel:
+    """Binned data of one channel.
+
+    Attributes
+    ----------
+    quantity : Quantity
+    body : str
+        Shape of the sensing body, a key of `shockrig.analysis.physics.bodies.BODIES`.
+    kind : str
+        The sensor's kind as campaign.json has it; empty where it has none.
+    run_ids : tuple of str
+    time_s, value : ndarray (R, n)
+        Mean time since the nominal transfer start [s] and mean reading [degC or %RH] of each bin.
+    count : ndarray (R, n)
+        Samples in each bin; 0 marks an empty one (its time and value are place-holders).
+    die_c : ndarray (R, n)
+        The hygrometer's own temperature, smoothed [degC]; NaN where there is none.
+    conditions : Conditions
+    ambient : ndarray (R,) of int
+        Index into `ambients_c` (G,), the destination temperatures grouped within 1 K.
+    interpolation : ndarray (R, G)
+        ln rate of a run = interpolation @ ln rate of the ambients (linear in 1/T), so that destinations that differ a
+        little within an ambient do not scatter its diffusivity. One column of ones where one rate holds at all.
+    sampling_period_s, length_m : float
+    readings_per_sample : int
+        Readings that the logger takes in a sampling period: more than one where rows that repeat a reading are left
+        out, and it takes all the same those that it does not show.
+    tempo : float
+        How much slower (or faster) the sensor is than those that the bins in time were laid out for: 1 for them.
+    samples : tuple of (time_s, value) arrays
+        The raw samples of each run, time since the nominal start.
+    bin_of : tuple of int arrays
+        The bin that each sample lies in; -1 for the few that stand so near the start that the trigger's own uncertainty
+        leaves open on which side of it they are.
+    die_samples : tuple of arrays
+        The smoothed die temperature at the samples; empty where there is none.
+    air : tuple of MeasuredAir or None, one for each run
+    wet_until_s : ndarray (R,)
+        When the die passes the destination's dew point [s]; NaN for runs that no dew falls in.
+    left_out : tuple of LeftOut
+    common : CommonUncertainty or None
+        What may be off in all runs alike, where the campaign states it.
+    """
+
+    quantity: Quantity
+    body: str
+    kind: str
+    run_ids: tuple[str, ...]
+    time_s: Array
+    value: Array
+    count: NDArray[np.int64]
+    die_c: Array
+    conditions: Conditions
+    ambient: NDArray[np.int64]
+    ambients_c: Array
+    interpolation: Array
+    sampling_period_s: float
+    length_m: float
+    tempo: float
+    samples: tuple[tuple[Array, Array], ...]
+    bin_of: tuple[NDArray[np.int64], ...]
+    air: tuple[MeasuredAir | None, ...]
+    wet_until_s: Array
+    die_samples: tuple[Array, ...] = ()
+    left_out: tuple[LeftOut, ...] = field(default=())
+    common: CommonUncertainty | None = None
+    readings_per_sample: int = 1
+
+    @property
+    def reading_period_s(self) -> float:
+        """Time from one reading of the logger to the next [s]."""
+        return self.sampling_period_s / self.readings_per_sample
+
+    @property
+    def name(self) -> ChannelName:
+        """Of the channel."""
+        return self.quantity.name
+
+    @property
+    def runs(self) -> int:
+        """Number of runs, R."""
+        return len(self.run_ids)
+
+    @property
+    def rates(self) -> int:
+        """Number of rates that are fitted, G: one for each ambient, or one in all."""
+        return self.interpolation.shape[1]
+
+    @property
+    def measured(self) -> NDArray[np.bool_]:
+        """Runs (R,) whose air was measured all along."""
+        return np.array([air is not None for air in self.air], dtype=bool)
+
+    @property
+    def isothermal(self) -> NDArray[np.bool_]:
+        """Runs (R,) whose two airs have one temperature, within the width of an ambient."""
+        return np.abs(self.conditions.thermal_step_k) <= AMBIENT_WIDTH_K
+
+    @property
+    def known_sensor(self) -> bool:
+        """Whether it is one of the sensors whose body and resolution are known, or nothing speaks against it."""
+        unnamed = not self.kind and self.tempo == 1.0 and bool(self.conditions.airflow_known.all())
+        return self.kind in KNOWN_KINDS or unnamed
+
+    @property
+    def jumps_with_air(self) -> bool:
+        """Whether a reading jumps with the air's temperature, as RH does that is read at it."""
+        return not self.quantity.pooled
+
+    def trace_of(self, air: MeasuredAir) -> Array:
+        """What a measured air was in the channel's own quantity (m,)."""
+        return air.temperature_c if self.quantity.pooled else air.humidity_percent
+
+    @cached_property
+    def _earlier_dies(self) -> dict[float, Array]:
+        return {}
+
+    def die_earlier_c(self, shift_s: float) -> Array:
+        """The die's temperature (R, n) so long before each reading; computed once for each shift [s]."""
+        if shift_s not in self._earlier_dies:
+            traces = zip(self.time_s, self.samples, self.die_samples, strict=True)
+            self._earlier_dies[shift_s] = (
+                np.stack([np.interp(time - shift_s, t, die) for time, (t, _), die in traces])
+                if shift_s > 0 and self.die_samples
+                else self.die_c
+            )
+        return self._earlier_dies[shift_s]
+
+    def at_rest(self) -> Array:
+        """Random effects (R, U) of runs that are all as recorded."""
+        return np.zeros((self.runs, self.quantity.run_effects))
+
+    def select(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> Channel:
+        """The same channel with only the runs `keep` (mask or indices); ambients keep their places."""
+        index = run_indices(keep)
+        arrays = ("time_s", "value", "count", "die_c", "ambient", "interpolation", "wet_until_s")
+        lists = ("run_ids", "samples", "bin_of", "air", "die_samples")
+        picked: dict[str, Any] = {name: getattr(self, name)[index] for name in arrays}
+        picked |= {name: tuple(getattr(self, name)[i] for i in index) for name in lists if getattr(self, name)}
+        return replace(self, conditions=self.conditions.select(index), **picked)
+
+    def without_lost_ambients(self) -> Channel:
+        """The channel without the ambients that have no run."""
+        groups = np.unique(self.ambient)
+        if groups.size == self.rates:
+            return self
+        # A run's small distance from its ambient is bridged towards a neighbour; where that is gone, it counts as none.
+        weights = self.interpolation[:, groups]
+        weights = weights / weights.sum(axis=1, keepdims=True)
+        return replace(
+            self,
+            ambient=np.searchsorted(groups, self.ambient),
+            ambients_c=self.ambients_c[groups],
+            interpolation=weights,
+        )
+
+
+def run_indices(keep: NDArray[np.bool_] | NDArray[np.int64]) -> NDArray[np.int64]:
+    """Indices of runs from a mask or indices."""
+    given = np.asarray(keep)
+    return np.flatnonzero(given) if given.dtype == bool else given.astype(np.int64)
+
+
+def group_ambients(destination_c: Array, width_k: float = AMBIENT_WIDTH_K) -> tuple[NDArray[np.int64], Array]:
+    """Destinations within `width_k` are one ambient: index of each run (R,) and the ambients' means (G,)."""
+    order = np.argsort(destination_c, kind="stable")
+    index = np.zeros(destination_c.size, dtype=int)
+    group, first = -1, -np.inf
+    for i in order:
+        if destination_c[i] - first > width_k:
+            group, first = group + 1, destination_c[i]
+        index[i] = group
+    means = np.array([destination_c[index == g].mean() for g in range(group + 1)])
+    return index, means
+
+
+def between_ambients(destination_c: Array, ambient: NDArray[np.int64], ambients: Array) -> Array:
+    """Weights (R, G) of the ambients' ln rates in each run's, linear in 1/T."""
+    weights = np.zeros((ambient.size, ambients.size))
+    weights[np.arange(ambient.size), ambient] = 1.0
+    if ambients.size < 2:
+        return weights
+    inverse, at = 1.0 / (ambients + 273.15), 1.0 / (destination_c + 273.15)
+    for i, g in enumerate(ambient):
+        side = g + 1 if (at[i] < inverse[g] and g + 1 < ambients.size) or g == 0 else g - 1
+        share = (at[i] - inverse[g]) / (inverse[side] - inverse[g])
+        weights[i, g] -= share
+        weights[i, side] += share
+    return weights

@@ -1,0 +1,208 @@
+"""Runs whose air was measured: how slow the sensor is behind it, bins that are narrow where it has far to go, the trace
+averaged to match them, and a sensor that had not settled when its record began.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.estimate.noise import Noise
+from shockrig.analysis.estimate.problem import Problem
+from shockrig.analysis.estimate.scan import rough_rates
+from shockrig.analysis.physics.bodies import BODIES
+from shockrig.analysis.physics.chain import MeasuredAir
+from shockrig.analysis.physics.driven import beside_lagging_reference, noise_passed
+from shockrig.analysis.physics.modes import Modes, slowest
+
+Array = NDArray[np.float64]
+
+# What the noise of a measured air does to the prediction of a sensor that is driven by it.
+
+COSINE_MODES = 12
+
+
+def trace_noise(trace: Array) -> float:
+    """White noise of a trace (m,), from its second differences, which straight lines leave at zero."""
+    bends = trace[2:] - 2 * trace[1:-1] + trace[:-2]
+    return float(1.4826 * np.median(np.abs(bends)) / np.sqrt(6.0)) if bends.size > 5 else 0.0
+
+
+def with_reference_noise(noise: Noise, problem: Problem) -> Noise:
+    """The readings' noise, and beside it what the references' noise makes of a prediction by the plain model.
+
+    Through modes of rate lambda a sample's noise becomes that of a first-order process of about their slowest rate
+    (`shockrig.analysis.physics.driven.noise_passed`).
+    """
+    channel = problem.channel
+    rate = float(np.exp(np.median(rough_rates(problem))))
+    body = slowest(BODIES[channel.body].held().scaled(rate), COSINE_MODES)
+    passed = []
+    for air in channel.air:
+        if air is not None:
+            passed.append(_passed(air, channel.quantity.of_air(air), body))
+    decay = float(np.exp(-float(np.min(body.rate)) * channel.sampling_period_s))
+    return replace(noise, passed=float(np.median(passed)), passed_memory=min(decay, 0.999))
+
+
+def _passed(air: MeasuredAir, trace: Array, body: Modes) -> float:
+    period = float(np.median(np.diff(air.time_s)))
+    modes = beside_lagging_reference(body, air.lag_s) if air.lag_s > 0 else body
+    return trace_noise(trace) * float(np.max(noise_passed(modes, period)))
+
+
+GRID_STEPS = 4000  # steps over a record on which a sensor is followed roughly
+LAGS_TRIED, SLOWEST_LAG = 40, 5.0  # time constants; the longest in units of the record
+GAIN_SPREAD = 0.03  # of two sensors in one air, relative: a trace that stands still tells nothing of it
+MOST_BENDING = 0.5  # of the noise of a bin's mean: how much a bin may bend
+FASTER_PART = 3.0  # a response is taken to have a part that is so much faster than the whole
+QUIET_SIGMAS = 3.0  # times the noise: less of a departure is none
+MOST_BINS = 400
+TRACE_POINTS = 2  # of a measured air in each bin
+EARLY_SHARE = 0.05  # of the time constant: first readings, from which little is forgotten
+UNSETTLED_NOISE, UNSETTLED_SHARE = 6.0, 0.02  # times the noise, share of the readings' range: a smaller excess is none
+MOVED_SHARE = 0.25  # of the excess: an air that has moved so far no longer stands
+
+
+@dataclass(frozen=True)
+class Followed:
+    """A sensor followed through a record by a first-order lag, roughly.
+
+    Attributes
+    ----------
+    time_s, departure : ndarray (m,)
+        An even grid, and how far the air is from what the sensor shows there [the channel's unit].
+    time_constant_s : float
+    noise : float
+        Of single readings and of the trace together [the channel's unit].
+    excess : float
+        By how much the sensor was off its own settled reading when the record began; 0 where it had settled.
+    excess_uncertainty : float
+        Its standard uncertainty: a rough one's is all of it.
+    """
+
+    time_s: Array
+    departure: Array
+    time_constant_s: float
+    noise: float
+    excess: float
+    excess_uncertainty: float = 0.0
+
+
+def follow(time_s: Array, value: Array, air_time_s: Array, air: Array, resolution: float) -> Followed:
+    """Follow a sensor behind a measured air: the first-order lag that leaves least, with what it had not forgotten.
+
+    Its offset, its gain and a departure that decays since the record's begin are fitted along.
+    """
+    from scipy.signal import lfilter  # takes longer to import than all the rest, and few campaigns measure their airs
+
+    step = max((time_s[-1] - time_s[0]) / GRID_STEPS, 1e-3)
+    grid = np.arange(time_s[0], time_s[-1] + step, step)
+    driving, reading = np.interp(grid, air_time_s, air), np.interp(grid, time_s, value)
+    noise = float(np.hypot(max(trace_noise(value), resolution), trace_noise(air)))
+
+    def tried(tau: float) -> tuple[float, float, Array, Array]:
+        keep = np.exp(-step / tau)
+        lagged = lfilter([1 - keep], [1, -keep], driving, zi=[keep * driving[0]])[0]
+        held = np.exp(-(grid - grid[0]) / tau)
+        design = np.column_stack([np.ones(grid.size), lagged - driving[0], held])
+        normal = design.T @ design
+        right = design.T @ (reading - lagged)
+        loose = float(np.var(reading - lagged)) + noise**2
+        normal[1, 1] += loose / GAIN_SPREAD**2
+        found = np.linalg.lstsq(normal, right, rcond=None)[0]
+        return float(np.var(reading - lagged - design @ found)), tau, found, lagged + held * found[2]
+
+    taus = np.geomspace(step, SLOWEST_LAG * (time_s[-1] - time_s[0]), LAGS_TRIED)
+    near = min((tried(tau) for tau in taus), key=lambda t: t[0])[1]
+    taus = near * np.geomspace(taus[0] / taus[1], taus[1] / taus[0], LAGS_TRIED // 2)
+    _, tau, (offset, *_), shown = min((tried(tau) for tau in taus), key=lambda t: t[0])
+    early = time_s <= max(time_s[0] + EARLY_SHARE * tau, time_s[min(2, time_s.size - 1)])
+    excess = float(np.mean(value[early] - np.interp(time_s[early], air_time_s, air))) - float(offset)
+    excess /= float(np.mean(np.exp((time_s[0] - time_s[early]) / tau)))
+    least = max(UNSETTLED_NOISE * noise, UNSETTLED_SHARE * float(np.ptp(value)))
+    if not _forgets(excess, grid - grid[0], driving, reading, tau, least):
+        excess = 0.0
+    return Followed(grid, np.abs(driving - shown), tau, noise, excess, max(abs(excess), least))
+
+
+def _forgets(excess: float, since_s: Array, air: Array, reading: Array, tau: float, least: float) -> bool:
+    """Whether a reading is seen to lose an excess while the air still stands: else two calibrations only differ."""
+    moved = np.flatnonzero(np.abs(air - air[0]) > MOVED_SHARE * abs(excess))
+    end = int(min(moved[0] if moved.size else since_s.size, np.searchsorted(since_s, tau)))
+    part = max(end // 10, 1)
+    lost = float(np.mean(reading[:part]) - np.mean(reading[max(end - part, 0) : max(end, part)]))
+    due = excess * -float(np.expm1(-since_s[min(end, since_s.size - 1)] / tau))
+    return abs(excess) > least and abs(lost) > 0.5 * least and 0.5 < lost / (due or np.inf) < 2.0
+
+
+def follow_step(time_s: Array, value: Array, resolution: float) -> Followed:
+    """The same of a run whose air changed once, at time 0: what the reading is from its end departs."""
+    end = float(np.median(value[-max(value.size // 20, 3) :]))
+    departure = np.where(time_s > 0, np.abs(value - end), 0.0)
+    most = float(np.max(departure, initial=0.0))
+    late = time_s[(time_s > 0) & (departure > np.exp(-1.0) * most)]
+    tau = float(late[-1]) if late.size else float(np.median(np.diff(time_s)))
+    return Followed(time_s, departure, tau, max(trace_noise(value), resolution), 0.0)
+
+
+def edges_of_driven(first_s: float, last_s: float, period_s: float, runs: Sequence[Followed]) -> Array:
+    """Edges of bins over a record that is driven all along, so narrow that no mean bends by more than its noise.
+
+    A first-order lag tau that is d from its air bends by d (w / tau)^2 / 24 over a bin of width w, and the mean of w /
+    period readings has their noise over the root of that.
+    """
+    from scipy.ndimage import maximum_filter1d  # likewise
+
+    grid = np.linspace(first_s - 0.5 * period_s, last_s + period_s, GRID_STEPS)
+    density = np.zeros(grid.size)
+    for run in runs:
+        # Narrow also just before the air moves: the bin that it moves in must not begin long ago.
+        reach = run.time_constant_s / FASTER_PART
+        beyond = np.interp(grid, run.time_s, run.departure, left=0.0, right=0.0) - QUIET_SIGMAS * run.noise
+        beyond = maximum_filter1d(beyond, 2 * int(np.ceil(0.5 * reach / (grid[1] - grid[0]))) + 1)
+        bending = 24.0 * MOST_BENDING * run.noise * reach**2 * np.sqrt(period_s) / np.maximum(beyond, 1e-9)
+        width = np.clip(bending**0.4, period_s, max(run.time_constant_s, period_s))
+        density = np.maximum(density, 1.0 / width)
+    passed = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(grid))])
+    count = int(min(np.ceil(passed[-1]), MOST_BINS))
+    return np.asarray(np.interp(np.linspace(0.0, passed[-1], count + 1), passed, grid))
+
+
+def averaged_over(air: MeasuredAir, edges: Array) -> MeasuredAir:
+    """A measured air averaged within the bins, `TRACE_POINTS` in each; every mean stands at the mean of its times.
+
+    What a bin averages, the air averages too: a prediction at its middle would carry all of the trace's noise.
+    """
+    parts = np.linspace(0.0, 1.0, TRACE_POINTS, endpoint=False)
+    finer = (edges[:-1, None] + parts * np.diff(edges)[:, None]).ravel()
+    _, group = np.unique(np.searchsorted(finer, air.time_s, side="right"), return_inverse=True)
+    count = np.bincount(group)
+
+    def mean(values: Array) -> Array:
+        return np.asarray(np.bincount(group, values) / count)
+
+    return replace(
+        air,
+        time_s=mean(air.time_s),
+        temperature_c=mean(air.temperature_c),
+        humidity_percent=mean(air.humidity_percent),
+    )
+
+
+def begun_unsettled(air: MeasuredAir, first_s: float, temperature_k: float, humidity_percent: float) -> MeasuredAir:
+    """The air of a sensor that had settled to another one, off by so much, until its record began."""
+    begin = min(first_s, float(air.time_s[0]))
+
+    def before(values: Array, excess: float) -> Array:
+        return np.concatenate([[values[0] + excess, values[0]], values])
+
+    return replace(
+        air,
+        time_s=np.concatenate([[begin - 2e-6, begin - 1e-6], air.time_s]),
+        temperature_c=before(air.temperature_c, temperature_k),
+        humidity_percent=before(air.humidity_percent, humidity_percent),
+    )

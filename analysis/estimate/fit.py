@@ -1,0 +1,357 @@
+"""Generalised least squares of a model on one channel, with each run's own small deviations as random effects."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.estimate.arrow import Arrow
+from shockrig.analysis.estimate.bins import as_single_samples
+from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.common import LEAST_TRIGGER_OFFSET_S, TRIGGER
+from shockrig.analysis.estimate.model import Model, Point, Structure
+from shockrig.analysis.estimate.problem import OwnRates, Problem, likeliest, prior_cost, restriction
+from shockrig.analysis.estimate.quantity import RunEffect
+from shockrig.analysis.physics.chain import at_jump, evaluate
+
+Array = NDArray[np.float64]
+
+# Generalised least squares of a model on one channel, with each run's own small deviations as random effects.
+#
+# minimise sum_i |W_i (y_i - f_i(theta, u_i))|^2 + u_i' Lambda_i^-1 u_i by damped Gauss-Newton steps over theta and
+# all u_i together, linearised at each run's own estimate u_i.
+
+OBJECTIVE_TOLERANCE = 0.02  # drop of the objective at which a fit ends
+MOST_TRIES = 7  # of a step, each damped more
+DEVIATION_FACTOR = 0.35  # a run's random effects go that much less far at each
+LONGEST_RUN_STEP = 20.0  # of a run's random effects, in standard deviations
+LAST_DIGITS, FIRST_DIGITS = 2e-4, 1e-3  # of a misfit, by which a step must lower it where the model is wrong
+FAR_OFF = 10.0  # objective per bin from which the first digits do
+ADAPTED_FROM = 0.06  # relative change of the rates' scatter from which on it is taken over
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted model.
+
+    Attributes
+    ----------
+    model : Model
+    theta : ndarray (P,)
+    covariance : ndarray (P, P)
+        Of theta, the runs' deviations integrated out.
+    deviations : ndarray (R, U)
+    objective : float
+        Penalised sum of squares.
+    deviance : float
+        -2 log marginal likelihood up to a constant that all models of the problem share.
+    rate_scatter : float
+        Run-to-run scatter of the rate that the fit settled on.
+    residual : ndarray (R, n)
+        y - f [channel's unit]; zero where a bin is empty.
+    arrow : Arrow
+        The normal equations at the end, under that scatter.
+    converged : bool
+    at : Linearised
+        Where it ended, to go on from.
+    """
+
+    model: Model
+    theta: Array
+    covariance: Array
+    deviations: Array
+    objective: float
+    deviance: float
+    rate_scatter: float
+    residual: Array
+    arrow: Arrow
+    converged: bool
+    at: Linearised
+
+    @property
+    def structure(self) -> Structure:
+        """What the model adds to the plain chain."""
+        return self.model.structure
+
+    @property
+    def point(self) -> Point:
+        """Where the fit ended."""
+        return Point(self.theta, self.deviations)
+
+    @property
+    def log_rates(self) -> Array:
+        """ln rates of the ambients (G,)."""
+        return self.theta[self.model.rates]
+
+    @property
+    def choice(self) -> dict[str, float]:
+        """{"effect.parameter": value}."""
+        return self.model.choice(self.theta)
+
+    def values(self) -> dict[str, dict[str, tuple[float, float]]]:
+        """{effect: {parameter: (value, standard uncertainty)}} in the parameters' own units."""
+        return self.model.values(self.theta, self.covariance)
+
+    def own_rates(self) -> OwnRates:
+        """What each run alone says of its rate."""
+        return _own_rates(self.arrow, self.deviations, self.model)
+
+    def scores(self, problem: Problem, columns: Array, beside: Arrow | None = None) -> tuple[Array, Array]:
+        """Scores (C,) of whitened columns (R, n, C) and their covariance, see `Arrow.scores`.
+
+        What of theta stands at a bound takes nothing from a column: it cannot follow. `beside` is the fit's arrow with
+        random effects more than its own, behind these, or other weights of them.
+        """
+        mean, weight = self.model.priors()
+        low, high = self.model.bounds()
+        free = (self.theta > low) & (self.theta < high)
+        arrow, pull = self.arrow if beside is None else beside, weight * (mean - self.theta)
+        if not free.all():
+            arrow = Arrow(arrow.jacobian[..., free], arrow.run_jacobian, arrow.weight, arrow.prior_weight[free])
+        more = arrow.weight.shape[1] - self.deviations.shape[1]
+        deviations = np.pad(self.deviations, ((0, 0), (0, more)))
+        return arrow.scores(columns, problem.whiten(self.residual), deviations, pull[free])
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """Prediction and whitened sensitivities at a point."""
+
+    point: Point
+    prediction: Array
+    jacobian: Array
+    run_jacobian: Array
+    residual: Array
+    muted: int
+
+    def arrow(self, problem: Problem, model: Model) -> Arrow:
+        return Arrow(self.jacobian, self.run_jacobian, 1.0 / problem.scatter**2, model.priors()[1])
+
+    def objective(self, problem: Problem, model: Model) -> float:
+        """Penalised sum of squares; a muted bin counts as what noise alone would give, so that no model gains by
+        muting."""
+        return _penalised(problem, model, self.point, self.residual, self.muted)
+
+
+def _penalised(problem: Problem, model: Model, point: Point, residual: Array, muted: int) -> float:
+    mean, weight = model.priors()
+    penalty = ((point.deviations / problem.scatter) ** 2).sum() + (weight * (point.theta - mean) ** 2).sum()
+    return float((residual**2).sum() + muted + penalty)
+
+
+def _linearise(problem: Problem, model: Model, point: Point, hold_theta: bool = False) -> Linearised:
+    """From one batch of perturbed candidates; the sensitivities to a theta that is held are left at zero."""
+    channel, theta = problem.channel, point.theta
+    rates, step = channel.rates, model.steps()
+    run_step = np.array(channel.quantity.run_steps)
+    free, width = 0 if hold_theta else model.behind.start - rates, run_step.size
+    count = 1 + free + width
+    thetas = np.tile(theta, (count, 1))
+    deviations = np.tile(point.deviations, (count, 1, 1))
+    for k in range(free):
+        thetas[1 + k, rates + k] += step[rates + k]
+    for k in range(width):
+        deviations[1 + free + k, :, k] += run_step[k]
+    chain = model.chain(Point(thetas, deviations))
+    f = np.broadcast_to(evaluate(chain, channel.quantity.reading), (count, *channel.time_s.shape))
+    mute = at_jump(chain)
+    if mute.any():
+        f = np.where(mute, channel.value, f)
+    # One product whitens all candidates and the data; columns that lie together make it twice as fast.
+    columns = np.empty((*channel.time_s.shape, count + 1))
+    columns[..., :count] = np.moveaxis(f, 0, -1)
+    columns[..., count] = channel.value
+    whitened = problem.whiten(columns)
+    base = whitened[..., 0]
+    run_jacobian = (whitened[..., 1 + free : count] - base[..., None]) / run_step
+    jacobian = np.zeros((*base.shape, theta.size))
+    if not hold_theta:
+        jacobian[..., :rates] = run_jacobian[..., RunEffect.RATE, None] * channel.interpolation[:, None, :]
+        jacobian[..., rates : rates + free] = (whitened[..., 1 : 1 + free] - base[..., None]) / step[
+            rates : rates + free
+        ]
+        for k, one in enumerate(model.shared, start=rates + free):
+            moved = sum(run_jacobian[..., effect] for effect in one.moves)
+            jacobian[..., k] = moved * one.acts(channel)[:, None]
+    return Linearised(point, f[0], jacobian, run_jacobian, whitened[..., count] - base, int(mute.sum()))
+
+
+def objective_at(problem: Problem, model: Model, point: Point) -> float:
+    """The same penalised sum of squares, without sensitivities: an eighth of the work."""
+    channel = problem.channel
+    chain = model.chain(Point(point.theta[None], point.deviations[None]))
+    predicted = np.broadcast_to(evaluate(chain, channel.quantity.reading), (1, *channel.time_s.shape))[0]
+    mute = at_jump(chain)
+    residual = problem.whiten(np.where(mute, 0.0, channel.value - predicted))
+    return _penalised(problem, model, point, residual, int(mute.sum()))
+
+
+def linearise(problem: Problem, structure: Structure, point: Point) -> tuple[Array, Arrow]:
+    """Prediction (R, n) at a point, and the normal equations there: what a design needs of runs not made yet."""
+    model = Model(problem.channel, structure)
+    at = _linearise(problem, model, point)
+    return at.prediction, at.arrow(problem, model)
+
+
+def fit(
+    problem: Problem,
+    structure: Structure,
+    theta: Array,
+    deviations: Array | None = None,
+    iterations: int = 25,
+    tolerance: float = OBJECTIVE_TOLERANCE,
+    adapt_scatter: bool = True,
+    hold_theta: bool = False,
+) -> Fit:
+    """Fit theta and the runs' deviations jointly from one start.
+
+    Parameters
+    ----------
+    problem, structure : what is fitted
+    theta : ndarray (P,)
+        Start, on the scale that is fitted.
+    deviations : ndarray (R, U), optional
+        Start of the runs' deviations; zero if not given.
+    iterations : int
+        At most so many steps.
+    tolerance : float
+        Drop of the objective at which a fit ends.
+    adapt_scatter : bool
+        Whether the scatter of the rate is estimated along (as a variance component with its prior), or held.
+    hold_theta : bool
+        Only the runs' deviations are fitted: what a run says of its own start and airs under a given model.
+    """
+    model = Model(problem.channel, structure)
+    start = Point(np.clip(theta, *model.bounds()), problem.channel.at_rest() if deviations is None else deviations)
+    at = _linearise(problem, model, start, hold_theta)
+    return _descend(problem, model, at, iterations, tolerance, adapt_scatter, hold_theta)
+
+
+def go_on(problem: Problem, found: Fit, iterations: int) -> Fit:
+    """A fit that was left early, carried on for so many steps at most."""
+    if found.converged:
+        return found
+    return _descend(problem.with_rate_scatter(found.rate_scatter), found.model, found.at, iterations)
+
+
+def _descend(
+    problem: Problem,
+    model: Model,
+    at: Linearised,
+    iterations: int,
+    tolerance: float = OBJECTIVE_TOLERANCE,
+    adapt_scatter: bool = True,
+    hold_theta: bool = False,
+) -> Fit:
+    low, high = model.bounds()
+    prior_mean, prior_weight = model.priors()
+    reach, furthest = model.reach(), _longest_run_steps(problem)
+    size = problem.channel.count.size
+    objective, arrow = at.objective(problem, model), at.arrow(problem, model)
+    damping, converged, wary = 1e-3, False, False
+    for _ in range(iterations):
+        pull = prior_weight * (prior_mean - at.point.theta)
+        right, steps = arrow.right_sides(at.residual, at.point.deviations, pull)
+        # Parameters that stand at a bound and are pushed outwards are held there.
+        held = ((at.point.theta <= low) & (right < 0)) | ((at.point.theta >= high) & (right > 0))
+        free = ~held & (not hold_theta)
+        scale = np.diag(arrow.normal)[free]
+        new: Linearised | None = None
+        for tried in range(MOST_TRIES):
+            damped = arrow.normal[np.ix_(free, free)] + np.diag(damping * scale + 1e-9)
+            move = np.zeros(low.size)
+            move[free] = np.linalg.lstsq(damped, right[free], rcond=None)[0]
+            trial = np.clip(at.point.theta + np.clip(move, -reach, reach), low, high)
+            shift = arrow.run_steps(steps, trial - at.point.theta) * DEVIATION_FACTOR**tried
+            shift = np.clip(shift, -furthest, furthest)
+            point = Point(trial, at.point.deviations + shift)
+            # Where a step has just failed the next may too: its sensitivities wait until it holds.
+            new = None if wary or tried else _linearise(problem, model, point, hold_theta)
+            reached = objective_at(problem, model, point) if new is None else new.objective(problem, model)
+            if np.isfinite(reached) and reached <= objective + 1e-9:
+                break
+            damping = min(damping * 12, 1e6)
+        else:
+            converged = True
+            break
+        wary = tried > 0
+        at = new or _linearise(problem, model, point, hold_theta)
+        gain, objective = objective - reached, reached
+        arrow = at.arrow(problem, model)
+        damping = max(damping / 8, 1e-9)
+        if adapt_scatter:
+            scatter = likeliest(_own_rates(arrow, at.point.deviations, model), problem.rate_scatter_limit)
+            if abs(np.log(scatter / problem.rate_scatter)) >= ADAPTED_FROM:
+                problem = problem.with_rate_scatter(scatter)
+                objective, arrow = at.objective(problem, model), at.arrow(problem, model)
+                continue
+        # Where the model is plainly wrong, the last digits of its misfit tell nothing.
+        share = LAST_DIGITS if objective < FAR_OFF * size else FIRST_DIGITS
+        if gain < max(tolerance, share * (objective - 2 * size)):
+            converged = True
+            break
+    return _finished(problem, model, at, arrow, objective, converged)
+
+
+def _longest_run_steps(problem: Problem) -> Array:
+    """How far one step may move each run's random effects (R, U): what is known nearly, far; what is not, a little."""
+    c = problem.channel.conditions
+    longest = LONGEST_RUN_STEP * problem.scatter
+    longest[~c.start_known, RunEffect.START] = problem.scatter[~c.start_known, RunEffect.START]
+    for air in (RunEffect.SOURCE, RunEffect.DESTINATION):
+        longest[~c.airs_known, air] = problem.scatter[~c.airs_known, air]
+    return longest
+
+
+def _own_rates(arrow: Arrow, deviations: Array, model: Model) -> OwnRates:
+    """Each run's information and estimate of its rate, the prior taken off again."""
+    weight = arrow.weight[:, RunEffect.RATE]
+    information = np.maximum(1.0 / arrow.run_variances()[:, RunEffect.RATE] - weight, 1e-9)
+    own = deviations[:, RunEffect.RATE] * (information + weight) / information
+    return OwnRates(own, 1.0 / np.sqrt(information), model.channel.ambient)
+
+
+def _finished(problem: Problem, model: Model, at: Linearised, arrow: Arrow, objective: float, converged: bool) -> Fit:
+    covariance = arrow.covariance()
+    if TRIGGER not in model.names:
+        moved = covariance @ arrow.pull(arrow.run_jacobian[..., RunEffect.START]) * LEAST_TRIGGER_OFFSET_S
+        covariance = covariance + np.outer(moved, moved)
+    complexity = arrow.log_determinant() + 2 * float(np.log(problem.scatter).sum())
+    complexity += restriction(problem.rate_scatter, _own_rates(arrow, at.point.deviations, model))
+    return Fit(
+        model=model,
+        theta=at.point.theta,
+        covariance=covariance,
+        deviations=at.point.deviations,
+        objective=objective,
+        deviance=objective + complexity + float(prior_cost(np.array(problem.rate_scatter))),
+        rate_scatter=problem.rate_scatter,
+        residual=np.where(problem.channel.count > 0, problem.channel.value - at.prediction, 0.0),
+        arrow=arrow,
+        converged=converged,
+        at=at,
+    )
+
+
+def run_misfit(problem: Problem, found: Fit) -> Array:
+    """Mean square of each run's whitened residuals (R,): about 1 where the model leaves noise alone."""
+    squares = problem.whiten(found.residual) ** 2
+    return np.asarray(squares.sum(axis=1) / np.maximum((problem.channel.count > 0).sum(axis=1), 1))
+
+
+def model_at_samples(channel: Channel, found: Fit) -> tuple[Array, ...]:
+    """Model readings [channel's unit] at each run's samples, each run's own deviations included."""
+    model = found.model.on(as_single_samples(channel)).predict(found.point)[0]
+    return tuple(model[i, : t.size] for i, (t, _) in enumerate(channel.samples))
+
+
+def rmse_over_samples(channel: Channel, found: Fit) -> float:
+    """Root mean square of reading - model over the samples that the fit used [channel's unit]."""
+    models = model_at_samples(channel, found)
+    squares = [
+        ((value - model)[place >= 0]) ** 2
+        for (_, value), model, place in zip(channel.samples, models, channel.bin_of, strict=True)
+    ]
+    return float(np.sqrt(np.concatenate(squares).mean()))

@@ -1,0 +1,257 @@
+"""A model of one channel: the plain chain with effects, some of their parameters held; and a point in its space.
+
+`theta` holds ln rates of the ambients, then the effects' free parameters on the scale that is fitted, then what may be
+off in all runs alike (`shockrig.analysis.estimate.common`); a run's random effects stand beside it
+(`shockrig.analysis.estimate.quantity.RunEffect` names their columns).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.common import MOST_SIGMAS, Shared, shared
+from shockrig.analysis.estimate.effect import Effect, Parameter
+from shockrig.analysis.estimate.quantity import RunEffect
+from shockrig.analysis.physics.bodies import BODIES
+from shockrig.analysis.physics.chain import Chain, evaluate
+
+Array = NDArray[np.float64]
+LOG_RATE_BOUNDS = (-18.0, 8.0)
+
+
+@dataclass(frozen=True)
+class Held:
+    """A parameter of an effect that is not fitted."""
+
+    effect: str
+    parameter: str
+    value: float
+
+
+@dataclass(frozen=True)
+class Point:
+    """Where in a model's space a prediction is made.
+
+    Attributes
+    ----------
+    theta : ndarray (P,) or (B, P)
+        B candidates at once.
+    deviations : ndarray (R, U) or (B, R, U)
+        The runs' random effects.
+    """
+
+    theta: Array
+    deviations: Array
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What a model adds to the plain chain: effects in the order of the chain, and what is held."""
+
+    effects: tuple[Effect, ...] = ()
+    held: tuple[Held, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "effects", tuple(sorted(self.effects, key=lambda e: e.order)))
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """Of its effects."""
+        return tuple(effect.id for effect in self.effects)
+
+    @property
+    def parameters(self) -> tuple[tuple[Effect, Parameter], ...]:
+        """Those that are fitted, in the order of theta behind the rates."""
+        held = {(h.effect, h.parameter) for h in self.held}
+        return tuple((e, p) for e in self.effects for p in e.parameters if (e.id, p.name) not in held)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """`effect.parameter` of each."""
+        return tuple(f"{effect.id}.{parameter.name}" for effect, parameter in self.parameters)
+
+    def adding(self, effect: Effect, *held: Held) -> Structure:
+        """With one more effect."""
+        return Structure((*self.effects, effect), (*self.held, *held))
+
+    def keeping(self, ids: set[str] | frozenset[str]) -> Structure:
+        """With only the effects `ids`."""
+        return Structure(tuple(e for e in self.effects if e.id in ids), tuple(h for h in self.held if h.effect in ids))
+
+    def dropping(self, id_: str) -> Structure:
+        """Without one of its effects."""
+        return self.keeping(set(self.ids) - {id_})
+
+    def of_sensor(self) -> Structure:
+        """What flies with the sensor, without the bench's."""
+        return self.keeping({e.id for e in self.effects if e.of_sensor})
+
+    def held_values(self, id_: str) -> dict[str, float]:
+        """Values of an effect's held parameters."""
+        return {h.parameter: h.value for h in self.held if h.effect == id_}
+
+
+PLAIN = Structure()
+
+
+def _slowed_s(channel: Channel) -> Array | None:
+    """How long each run's air takes to change (1, R) [s], where some were slowed on purpose; others take no time."""
+    own = channel.conditions.ramp_own_s
+    return np.nan_to_num(own)[None] if np.isfinite(own).any() else None
+
+
+@dataclass(frozen=True)
+class Model:
+    """A structure on a channel: encoding, bounds, and prediction at a point."""
+
+    channel: Channel
+    structure: Structure = field(default=PLAIN)
+
+    @cached_property
+    def shared(self) -> tuple[Shared, ...]:
+        """What may be off in all runs alike and is fitted along, in the order of theta behind the parameters."""
+        return shared(self.channel)
+
+    @property
+    def size(self) -> int:
+        """Length of theta, P."""
+        return self.channel.rates + len(self.structure.parameters) + len(self.shared)
+
+    @property
+    def rates(self) -> slice:
+        """Where the ln rates stand in theta."""
+        return slice(0, self.channel.rates)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of theta: `ln rate` at each ambient, then `effect.parameter`, then keys of what all runs share."""
+        common = (one.name for one in self.shared)
+        return (*("ln rate" for _ in range(self.channel.rates)), *self.structure.names, *common)
+
+    def place(self, name: str) -> int:
+        """Where a parameter `effect.parameter` stands in theta."""
+        return self.channel.rates + self.structure.names.index(name)
+
+    @property
+    def behind(self) -> slice:
+        """Where what all runs share stands in theta."""
+        return slice(self.size - len(self.shared), self.size)
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Lower and upper ends of theta."""
+        own = [(p.encoded(p.low), p.encoded(p.high)) for _, p in self.structure.parameters]
+        own += [
+            (-MOST_SIGMAS * one.standard_uncertainty, MOST_SIGMAS * one.standard_uncertainty) for one in self.shared
+        ]
+        low, high = zip(*[LOG_RATE_BOUNDS] * self.channel.rates, *own, strict=True)
+        return np.array(low), np.array(high)
+
+    def reach(self) -> Array:
+        """How far one step of a fit may go in each coordinate of theta."""
+        own = [1.5 if p.log else 0.3 * (p.high - p.low) for _, p in self.structure.parameters]
+        own += [MOST_SIGMAS * one.standard_uncertainty for one in self.shared]
+        return np.array([1.0] * self.channel.rates + own)
+
+    def steps(self) -> Array:
+        """Finite differences of theta."""
+        own = [1e-4 if p.log else 1e-5 * (p.high - p.low) for _, p in self.structure.parameters]
+        own += [1e-3 * one.standard_uncertainty for one in self.shared]
+        return np.array([1e-4] * self.channel.rates + own)
+
+    def priors(self) -> tuple[Array, Array]:
+        """What is known of theta before any data: means, and weights 1 / variance that are 0 where nothing is."""
+        mean, weight = np.zeros(self.size), np.zeros(self.size)
+        for i, (_, parameter) in enumerate(self.structure.parameters, start=self.channel.rates):
+            if parameter.prior is not None:
+                mean[i], weight[i] = parameter.prior[0], 1.0 / parameter.prior[1] ** 2
+        weight[self.behind] = [1.0 / one.standard_uncertainty**2 for one in self.shared]
+        return mean, weight
+
+    def start(self, log_rates: ArrayLike, choice: Mapping[str, float] | None = None) -> Array:
+        """theta from ln rates (G,) and each parameter's first start, or `choice` by "effect.parameter"."""
+        own = [p.encoded((choice or {}).get(f"{e.id}.{p.name}", p.starts[0])) for e, p in self.structure.parameters]
+        return np.concatenate([np.asarray(log_rates, dtype=float), own, np.zeros(len(self.shared))])
+
+    def choice(self, theta: Array) -> dict[str, float]:
+        """{"effect.parameter": value} at one theta (P,)."""
+        values = theta[self.channel.rates : self.behind.start]
+        return {
+            name: float(np.exp(x) if p.log else x)
+            for name, (_, p), x in zip(self.structure.names, self.structure.parameters, values, strict=True)
+        }
+
+    def values(self, theta: Array, covariance: Array) -> dict[str, dict[str, tuple[float, float]]]:
+        """{effect: {parameter: (value, standard uncertainty)}} in the parameters' own units."""
+        found: dict[str, dict[str, tuple[float, float]]] = {effect.id: {} for effect in self.structure.effects}
+        for i, (effect, parameter) in enumerate(self.structure.parameters, start=self.channel.rates):
+            spread = float(np.sqrt(max(covariance[i, i], 0.0)))
+            value = float(np.exp(theta[i]) if parameter.log else theta[i])
+            found[effect.id][parameter.name] = (value, value * spread if parameter.log else spread)
+        for held in self.structure.held:
+            if held.effect in found:
+                found[held.effect][held.parameter] = (held.value, 0.0)
+        return found
+
+    def chain(self, point: Point) -> Chain:
+        """The chain at a point of B candidates."""
+        channel, theta = self.channel, point.theta
+        deviations = self._with_shared(theta, point.deviations)
+        rate = np.exp(theta[:, self.rates] @ channel.interpolation.T + deviations[..., RunEffect.RATE])
+        before = None
+        if channel.measured.any():  # where the air was measured, what it was before takes the destination's place
+            before = np.where(channel.measured, point.deviations[..., RunEffect.DESTINATION], 0.0)
+            deviations = np.array(deviations)
+            deviations[..., channel.measured, RunEffect.DESTINATION] = 0.0
+        airs = channel.quantity.airs(channel.conditions, deviations)
+        chain = Chain(
+            channel=channel,
+            time_s=channel.time_s - deviations[..., RunEffect.START][..., None],
+            source_c=airs.source_c,
+            destination_c=airs.destination_c,
+            source_percent=airs.source_percent,
+            destination_percent=airs.destination_percent,
+            rate=rate,
+            body=BODIES[channel.body],
+            air_offset=deviations[..., RunEffect.SOURCE],
+            die_c=channel.die_c,
+            before=before,
+            ramp_s=_slowed_s(channel),
+        )
+        values: dict[str, dict[str, Array]] = {effect.id: {} for effect in self.structure.effects}
+        for i, (effect, parameter) in enumerate(self.structure.parameters, start=channel.rates):
+            column = theta[:, i : i + 1]
+            values[effect.id][parameter.name] = np.exp(column) if parameter.log else column
+        for held in self.structure.held:
+            if held.effect in values:
+                values[held.effect][held.parameter] = np.full((theta.shape[0], 1), held.value)
+        for effect in self.structure.effects:
+            chain = effect.apply(chain, values[effect.id])
+        return chain
+
+    def _with_shared(self, theta: Array, deviations: Array) -> Array:
+        """The runs' random effects (B, R, U) with what all of them share."""
+        if not self.shared:
+            return deviations
+        moved = np.broadcast_to(deviations, (max(theta.shape[0], deviations.shape[0]), *deviations.shape[1:])).copy()
+        for one, off in zip(self.shared, theta.T[self.behind], strict=True):
+            for effect in one.moves:
+                moved[..., effect] += off[:, None] * one.acts(self.channel)
+        return np.asarray(moved)
+
+    def predict(self, point: Point) -> Array:
+        """Predicted readings (B, R, n) at a point."""
+        theta, deviations = np.atleast_2d(point.theta), np.asarray(point.deviations)
+        deviations = deviations[None] if deviations.ndim == 2 else deviations
+        shape = (max(theta.shape[0], deviations.shape[0]), *self.channel.time_s.shape)
+        chain = self.chain(Point(theta, deviations))
+        return np.broadcast_to(evaluate(chain, self.channel.quantity.reading), shape)
+
+    def on(self, channel: Channel) -> Model:
+        """The same structure on another channel (other runs, other times)."""
+        return replace(self, channel=channel)

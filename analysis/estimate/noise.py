@@ -1,0 +1,499 @@
+"""The readings' noise from the plateaus, before any model: white + AR(1), perhaps averaged over the last n readings.
+
+Restricted maximum likelihood on short pieces of plateau with their mean and slope projected out, all pieces pooled into
+one scatter matrix, so that one evaluation costs one small Cholesky factor however long the campaign is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.readings import white_noise
+from shockrig.analysis.estimate.starts import half_way_s
+
+Array = NDArray[np.float64]
+
+# The error of readings rounded to a step that is coarse beside their noise: no white noise, but a sawtooth of the
+# signal.
+#
+# A run's plateau stands at one code for all its length, and a slow creep crosses codes one after the other, so that
+# the error of one reading says much about the next. With each run's place between two codes unknown (uniform), and
+# Gaussian noise of autocovariance gamma before rounding, readings i and j of a signal y, l apart, have the covariance
+# (after Widrow and Kollar 2008, Quantization Noise, 10.1017/CBO9780511754661)
+#
+#     gamma_l + sum_k q^2 / (2 pi^2 k^2) exp(-(2 pi k / q)^2 (gamma_0 - gamma_l)) cos(2 pi k (y_i - y_j) / q).
+
+HARMONICS = 24
+COARSE_IN_NOISE = 2.0  # below this step in units of the noise the error is as good as white
+
+
+def rounding_covariance(signal: Array, lag: NDArray[np.int64], gamma: Array, step: float) -> Array:
+    """Covariance (n, n) [unit^2] of what rounding to `step` adds to the errors of a run's samples.
+
+    `signal` (n,) is the reading without noise and rounding [channel's unit], known to a fraction of a step; the samples
+    are `lag` (n, n) apart, their noise has the autocovariance `gamma` (lags,) before it is rounded.
+    """
+    decays = _decays(gamma, step)
+    phase = 2.0 * np.pi / step * signal
+    at = np.minimum(lag, gamma.size - 1)
+    total = np.zeros(lag.shape)
+    told = decays[:, 1:].max(axis=1) > 1e-4 * step**2  # the others are as good as white
+    for k in np.flatnonzero(told) + 1:
+        decay = decays[k - 1]
+        wave = np.stack([np.cos(k * phase), np.sin(k * phase)], axis=-1)
+        total += decay[at] * (wave @ wave.T)
+    total[np.diag_indices_from(total)] += step**2 / 12.0 - decays[told, 0].sum()
+    return total
+
+
+def rounded_autocovariance(gamma: Array, step: float) -> Array:
+    """Autocovariance [unit^2] of rounded readings of a signal that rests, over all its places between two codes."""
+    decays = _decays(gamma, step)
+    out = gamma + decays.sum(axis=0)
+    out[0] += step**2 / 12.0 - decays[:, 0].sum()
+    return out
+
+
+def _decays(gamma: Array, step: float) -> Array:
+    """Covariance of each harmonic by lag (K, lags) [unit^2]."""
+    k = np.arange(1, HARMONICS + 1)[:, np.newaxis]
+    return step**2 / (2.0 * np.pi**2 * k**2) * np.exp(-((2.0 * np.pi * k / step) ** 2) * (gamma[0] - gamma))
+
+
+def noise_before_rounding(variance: float, step: float) -> float:
+    """White noise [unit] that, rounded to `step`, varies by `variance` [unit^2] about a plateau's mean, over all its
+    places between two codes.
+
+    Solves sigma^2 + sum_k q^2 / (2 pi^2 k^2) (1 - exp(-(2 pi k sigma / q)^2)) = variance, which for little noise is
+    q sigma / sqrt(pi).
+    """
+    from scipy.optimize import brentq  # a fifth of a second, which no correction of a flight needs
+
+    k = np.arange(1, 400)
+
+    def excess(sigma: float) -> float:
+        shown = -np.expm1(-((2.0 * np.pi * k * sigma / step) ** 2)) / (2.0 * np.pi**2 * k**2)
+        return sigma**2 + step**2 * float(shown.sum()) - variance
+
+    low, high = 1e-4 * step, np.sqrt(variance) + 1e-3 * step
+    return low if excess(low) >= 0 else float(brentq(excess, low, high))
+
+
+PIECE_SAMPLES = 84  # samples in a piece of plateau where it is that long: long against the noise's memory
+SHORTEST_PIECE = 10
+MAX_AVERAGED = 24
+OWN_SHARE = 0.4  # of a sensor's time to half of a step
+TINY_VARIANCE = 1e-12  # variance of what is nothing
+BENT_IN_AIR = 4  # order of the polynomial that a piece of a driven response is taken for
+KINKED_DEVIATIONS = (
+    9.0  # median deviations above the median by which a piece of measured air departs from such a polynomial
+)
+LONGEST_MEMORY = 0.995  # from one sample to the next
+LEAST_WHITE = 0.01  # share of the correlated part's variance that is white at the least
+# (ln of total over observed variance, logit of the correlated share, logit of the memory) for a quick look
+QUICK = tuple((x, s, m) for x in (-0.3, 0.0, 0.4) for s, m in ((-5.0, 0.0), (0.0, 2.0)))
+WHITE = np.array([0.0, -30.0, 0.0])  # the same of noise that remembers nothing
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of one channel's readings.
+
+    Attributes
+    ----------
+    white, correlated : float
+        Standard deviations [channel's unit] of the white and the AR(1) part before averaging.
+    memory : float
+        AR(1) coefficient from one reading to the next.
+    averaged : int
+        Each reading is the mean of this many (1: none); the mean response is treated elsewhere.
+    readings_per_sample : int
+        Readings that the logger takes from one sample to the next.
+    extra : float
+        Standard deviation added as white noise for rounding that the plateaus do not show.
+    pieces : int
+        Pieces of plateau the estimate rests on.
+    log_likelihood_by_average : ndarray (MAX_AVERAGED,)
+        Log likelihood, best over the other parameters, for averages over 1, 2, ... readings; -inf where not tried.
+    passed, passed_memory : float
+        Of the noise that a measured air's reference puts into the model's prediction: standard deviation, and AR(1)
+        coefficient from one sample to the next.
+    step : float
+        To which readings are rounded, where that is coarse beside the noise [channel's unit]; else 0.
+    """
+
+    white: float
+    correlated: float
+    memory: float
+    averaged: int
+    extra: float
+    pieces: int
+    log_likelihood_by_average: Array
+    step: float = 0.0
+    passed: float = 0.0
+    passed_memory: float = 0.0
+    readings_per_sample: int = 1
+
+    def autocovariance(self, lags: int) -> Array:
+        """Autocovariance at lags 0 .. lags-1 samples [unit^2]; behind a coarse step, that of a signal that rests."""
+        parts = self.white**2, self.correlated**2, self.memory
+        gamma = _autocovariance(*parts, self.averaged, lags, self.readings_per_sample)
+        gamma[0] += self.extra**2
+        if self.passed:
+            gamma = gamma + self.passed**2 * self.passed_memory ** np.arange(lags)
+        return rounded_autocovariance(gamma, self.step) if self.step else gamma
+
+    @property
+    def standard_deviation(self) -> float:
+        """Standard deviation of one reading [channel's unit]."""
+        return float(np.sqrt(self.autocovariance(1)[0]))
+
+    @property
+    def while_moving(self) -> float:
+        """The same while the signal crosses codes: a coarse step then shows its own error, which at rest it hides."""
+        return float(np.hypot(self.standard_deviation, self.step / np.sqrt(12.0)))
+
+    @property
+    def increment(self) -> float:
+        """Standard deviation of the difference between two readings in a row [channel's unit]."""
+        now, next_ = self.autocovariance(2)
+        return float(np.sqrt(2 * (now - next_)))
+
+    def with_rounding(self, step: float) -> Noise:
+        """The same noise with the variance of rounding to `step`, step^2 / 12, added."""
+        return replace(self, extra=float(np.hypot(self.extra, step / np.sqrt(12.0))))
+
+
+def _autocovariance(
+    white: float, correlated: float, memory: float, averaged: int, lags: int, readings_per_sample: int = 1
+) -> Array:
+    """At lags of 0, 1, ... samples; noise and mean are those of the logger's readings, of which some may be hidden."""
+    if readings_per_sample > 1:
+        return _autocovariance(white, correlated, memory, averaged, (lags - 1) * readings_per_sample + 1)[
+            ::readings_per_sample
+        ]
+    reach = lags + averaged
+    gamma = correlated * memory ** np.arange(reach, dtype=float)
+    gamma[0] += white
+    if averaged == 1:
+        return gamma[:lags]
+    triangle = (averaged - np.abs(np.arange(-averaged + 1, averaged))) / averaged**2
+    both = np.concatenate([gamma[:0:-1], gamma])
+    return np.convolve(both, triangle, mode="same")[reach - 1 : reach - 1 + lags]
+
+
+def plateau_pieces(channel: Channel, late_share: float = 1 / 3) -> tuple[Array, Array]:
+    """Pieces of plateau (m, n) before the transfer, and from the last `late_share` of the time after it.
+
+    n is `PIECE_SAMPLES`, or less where a slow logger leaves fewer samples; where next to nothing was recorded before
+    the transfer, a third of what there is after it.
+    """
+    before = np.median([(time < 0).sum() for time, _ in channel.samples])
+    after = np.median([(time > (1 - late_share) * time[-1]).sum() for time, _ in channel.samples])
+    longest = 0.85 * before if 0.85 * before >= SHORTEST_PIECE else after / 3
+    piece = int(np.clip(longest, SHORTEST_PIECE, PIECE_SAMPLES))
+    early: list[Array] = []
+    late: list[Array] = []
+    driving: list[Array] = []
+    period = channel.sampling_period_s
+    for (time, value), air in zip(channel.samples, channel.air, strict=True):
+        # Air that was measured all along drives the sensor all along: what bends less than noise does is in pieces.
+        parts = [(time < -2 * period, early), (time > (1 - late_share) * time[-1], late)] if air is None else []
+        for part, pieces in parts or [(np.ones(time.size, dtype=bool), late)]:
+            t, y = time[part], value[part]
+            pieces.extend(whole_pieces(t, y, period, piece))
+        if air is not None:
+            driving.extend(whole_pieces(time, np.interp(time, air.time_s, channel.trace_of(air)), period, piece))
+    if driving and len(driving) == len(late):
+        late = [y for y, smooth in zip(late, _smooth(np.array(driving)), strict=True) if smooth]
+    return np.array(early).reshape(-1, piece), np.array(late).reshape(-1, piece)
+
+
+def _smooth(driving: Array) -> NDArray[np.bool_]:
+    """Pieces (m, n) of a measured air that bend as little as most, as does the piece before: behind a kink of the air a
+    sensor bends too, by little enough to pass for noise with a long memory."""
+    power = (_unbent(driving, BENT_IN_AIR)[0] ** 2).mean(axis=1)
+    middle = float(np.median(power))
+    kinked = power > middle + KINKED_DEVIATIONS * float(np.median(np.abs(power - middle))) + TINY_VARIANCE
+    return ~(kinked | np.append(False, kinked[:-1]))
+
+
+def _unbent(pieces: Array, order: int) -> tuple[Array, Array]:
+    """Pieces (m, n) less the polynomial of that order that fits each best; and the polynomials, orthonormal."""
+    polynomials = np.linalg.qr(np.vander(np.linspace(-1, 1, pieces.shape[1]), order + 1))[0]
+    return pieces - (pieces @ polynomials) @ polynomials.T, polynomials
+
+
+def whole_pieces(time_s: Array, value: Array, period_s: float, length: int) -> Iterator[Array]:
+    """Pieces of so many readings one after the other, up to two missing in a row bridged by a straight line; a longer
+    gap ends a piece."""
+    for stretch in np.split(np.arange(time_s.size), np.flatnonzero(np.diff(time_s) > 3.3 * period_s) + 1):
+        if stretch.size < 2:
+            continue
+        first, last = time_s[stretch[0]], time_s[stretch[-1]]
+        grid = first + period_s * np.arange(int(round((last - first) / period_s)) + 1)
+        filled = np.interp(grid, time_s[stretch], value[stretch])
+        yield from (filled[i : i + length] for i in range(0, grid.size - length + 1, length))
+
+
+@dataclass(frozen=True)
+class _Pool:
+    """Pieces with a polynomial projected out, pooled: their count, the polynomials (orthonormal), the scatter left."""
+
+    count: int
+    polynomials: Array
+    scatter: Array
+
+    def deviance(self, inverse: Array, log_determinant: float) -> float:
+        """-2 log restricted likelihood for noise of a covariance C, given by its inverse and log determinant.
+
+        With B a basis of what the polynomials Q leave: log det B'CB = log det C + log det Q'C^-1 Q, and
+        B (B'CB)^-1 B' = C^-1 - C^-1 Q (Q'C^-1 Q)^-1 Q'C^-1.
+        """
+        seen = inverse @ self.polynomials
+        inner = self.polynomials.T @ seen
+        fitted = np.trace(np.linalg.solve(inner, seen.T @ self.scatter @ seen))
+        misfit = (inverse * self.scatter).sum() - fitted
+        return float(self.count * (log_determinant + np.linalg.slogdet(inner)[1]) + misfit)
+
+
+def _pool(pieces: Array, order: int, reject: bool = True) -> _Pool:
+    reduced, polynomials = _unbent(pieces, order)
+    if reject and reduced.shape[0] >= 8:
+        # A burst or an unsettled plateau is not the noise.
+        power = (reduced**2).mean(axis=1)
+        reduced = reduced[power <= 4.0 * np.median(power) + TINY_VARIANCE]
+    return _Pool(reduced.shape[0], polynomials, reduced.T @ reduced)
+
+
+def estimate_noise(
+    channel: Channel,
+    rounding: float = 0.0,
+    lengths: tuple[int, ...] = (),
+    averaged: int | None = None,
+    coarse: bool = False,
+) -> Noise:
+    """Noise of a channel by restricted maximum likelihood on its plateaus.
+
+    `rounding` is the step [channel's unit] to which readings are rounded after any averaging: white noise that an
+    average does not thin out. `lengths` are averages to be fitted besides those that look promising; `averaged` takes
+    one of them as given, whatever the noise says of it. `coarse`: the step is coarse beside the noise, which shows only
+    where a plateau happens to lie near the edge of a code (see `analysis.rounding`); nothing is said of averages then.
+    """
+    early, late = plateau_pieces(channel)
+    piece, each = early.shape[1], channel.readings_per_sample
+    # Before the transfer the reading rests; after it the end of the transient may still bend a little.
+    bent, longest = 2, LONGEST_MEMORY
+    if coarse:
+        pools = [_pool(early, 0, reject=False)] if early.size else []
+    else:
+        # A sensor that a measured air drives is hardly ever at rest: what still bends is no noise of a long memory, and
+        # a memory as long as such bends could not be told from them.
+        if channel.measured.any():
+            bent, longest = BENT_IN_AIR, float(np.exp(-(BENT_IN_AIR + 1) / piece))
+        pools = [p for p in (_pool(early, 0), _pool(late, bent)) if p.count]
+    count = sum(p.count for p in pools)
+    if count < 3:
+        return _crude(channel, rounding if coarse else 0.0)
+    scale = sum(np.trace(p.scatter) for p in pools) / sum(p.count * (piece - p.polynomials.shape[1]) for p in pools)
+    if coarse:
+        # The mean over pieces that mostly show nothing at all, and a few that flip.
+        scale = noise_before_rounding(scale, rounding) ** 2
+    if scale < 1e-12:
+        return Noise(1e-4, 0.0, 0.0, 1, 0.0, count, np.zeros(MAX_AVERAGED), rounding if coarse else 0.0)
+
+    extra = max(rounding**2 / 12.0, 1e-3 * scale)
+    apart = np.abs(np.subtract.outer(np.arange(piece), np.arange(piece)))
+
+    def parts(x: Array, averaged: int) -> tuple[float, float, float]:
+        total, share, memory = scale * averaged * np.exp(x[0]), _logistic(x[1]), longest * _logistic(x[2])
+        return (1 - share) * total, share * total, memory ** (1.0 / each)
+
+    def deviance(x: Array, averaged: int) -> float:
+        gamma = _autocovariance(*parts(x, averaged), averaged, piece, each)
+        if coarse:
+            gamma = rounded_autocovariance(gamma, rounding)
+        elif averaged > 1:
+            gamma[0] += extra
+        factor, failed = linalg.lapack.dpotrf(gamma[apart], lower=True)
+        if failed:
+            return 1e12
+        lower = np.tril(linalg.lapack.dpotri(factor, lower=True)[0])
+        inverse = lower + np.tril(lower, -1).T
+        log_determinant = 2 * float(np.log(np.diag(factor)).sum())
+        return sum(pool.deviance(inverse, log_determinant) for pool in pools)
+
+    longest_mean = longest_average(channel)
+    # A quick look at every length picks the few that are worth a full fit; plain noise always is.
+    wanted = {1, *lengths} if not coarse else {averaged or 1}
+    if not coarse:
+        quick = [min(deviance(np.array(x), n) for x in QUICK) for n in range(1, longest_mean + 1)]
+        wanted |= {int(n) + 1 for n in np.argsort(quick)[:3]}
+    from scipy.optimize import minimize  # a fifth of a second, which no correction of a flight needs
+
+    promising = sorted(n for n in wanted if 1 <= n <= MAX_AVERAGED)
+    best = np.full(MAX_AVERAGED, -np.inf)
+    found: dict[int, Array] = {}
+    for length in promising:
+        starts = [[0.0, -1.5, 2.0], [0.0, -5.0, 0.0]] if length == 1 else [[0.0, -2.0, 1.5]]
+        fits = [
+            minimize(
+                deviance,
+                start,
+                args=(length,),
+                method="Nelder-Mead",
+                options={
+                    "xatol": 0.01,
+                    "fatol": 0.05,
+                    "maxiter": 150,
+                    "initial_simplex": np.array(start) + np.vstack([np.zeros(3), np.diag([0.3, 0.8, 0.8])]),
+                },
+            )
+            for start in starts
+        ]
+        fit = min(fits, key=lambda f: f.fun)
+        best[length - 1] = -0.5 * fit.fun
+        found[length] = fit.x
+    if averaged not in found:
+        averaged = int(np.argmax(best)) + 1
+        # One more parameter has to pay for itself: plain noise unless an average is clearly better.
+        if best[averaged - 1] - best[0] < 8.0 or (_open(channel) and _of_wandering(*parts(found[averaged], averaged))):
+            averaged = 1
+    at = found[averaged]
+    if averaged == 1 and not coarse:
+        # A memory has to pay for its two parameters (Schwarz 1978, doi 10.1214/aos/1176344136): a few plateaus always
+        # show some by chance, and noise that remembers would pass for the slow end of a response.
+        readings = sum(p.count * (piece - p.polynomials.shape[1]) for p in pools)
+        if deviance(WHITE, 1) - deviance(at, 1) < 2.0 * np.log(readings):
+            at = WHITE
+    white, correlated, memory = parts(at, averaged)
+    # A plateau that creeps looks like noise without a white part, and such noise would trust every difference.
+    white = max(white, LEAST_WHITE * correlated)
+    return Noise(
+        white=float(np.sqrt(white)),
+        correlated=float(np.sqrt(correlated)),
+        memory=memory,
+        averaged=averaged,
+        extra=float(np.sqrt(extra)) if averaged > 1 and not coarse else 0.0,
+        pieces=count,
+        log_likelihood_by_average=best,
+        readings_per_sample=each,
+        step=rounding if coarse else 0.0,
+    )
+
+
+def _open(channel: Channel) -> bool:
+    """Whether nobody recorded the airs of any run."""
+    return not (channel.conditions.airs_known.all() or channel.measured.any())
+
+
+def _of_wandering(white: float, correlated: float, memory: float) -> bool:
+    """Whether readings differ more by what wanders than by what is new in each (variances): an air that moves by
+    itself comes through a sensor's lag without corners, as a mean of readings would."""
+    return white < (1.0 - memory) * correlated
+
+
+def _logistic(x: float) -> float:
+    return float(1.0 / (1.0 + np.exp(-np.clip(x, -30, 30))))
+
+
+def longest_average(channel: Channel) -> int:
+    """How many readings a logger may be said to average.
+
+    An air that nobody recorded moves by itself, and what a sensor shows of it hangs together over the sensor's own
+    time: a mean that is nearly as long cannot be told from that.
+    """
+    if not _open(channel):
+        return MAX_AVERAGED
+    halves_s = np.array([half_way_s(time, value) for time, value in channel.samples])
+    if not np.isfinite(halves_s).any():
+        return MAX_AVERAGED
+    return int(np.clip(OWN_SHARE * float(np.nanmedian(halves_s)) / channel.reading_period_s, 1, MAX_AVERAGED))
+
+
+def _crude(channel: Channel, step: float) -> Noise:
+    """White noise from differences where no plateau is long enough for more."""
+    rests = [y[t > 0.6 * t[-1]] for t, y in channel.samples]
+    spread = [white_noise(y) for y in rests]
+    if not step:
+        # Where most readings are the one before over again, as those of a coarse step are, their median change is none.
+        spread = [s or float(np.sqrt(np.mean(np.diff(y) ** 2) / 2.0)) for s, y in zip(spread, rests, strict=True)]
+    return Noise(max(float(np.median(spread)), 1e-4), 0.0, 0.0, 1, 0.0, 0, np.zeros(MAX_AVERAGED), step)
+
+
+def whiteners(channel: Channel, noise: Noise, signals: Sequence[Array] | None = None) -> Array:
+    """Whitening matrices (R, n, n): W y has unit covariance for bins that hold samples, zero rows for empty ones.
+
+    The errors of a coarse step go together as the signal crosses codes; without `signals`, each run's readings at its
+    samples before noise and rounding, they are taken for white.
+    """
+    step, noise = noise.step, replace(noise, step=0.0)
+    if step and signals is None:
+        step, noise = 0.0, noise.with_rounding(step)
+    period = channel.sampling_period_s
+    # The whole length of the longest run: an autocovariance cut short is none.
+    longest = max(max(int((time[-1] - time[0]) / period), time.size) for time, _ in channel.samples)
+    gamma = noise.autocovariance(longest + 2)
+    bins = channel.count.shape[1]
+    whitener = np.zeros((channel.runs, bins, bins))
+    white_only = noise.averaged == 1 and max(noise.correlated, noise.passed) < 0.03 * noise.standard_deviation
+    twice_summed = _twice_summed(gamma)
+    for run in range(channel.runs):
+        count = channel.count[run]
+        filled = np.flatnonzero(count)
+        if white_only and not step:
+            whitener[run, filled, filled] = np.sqrt(count[filled] / gamma[0])
+            continue
+        used = channel.bin_of[run] >= 0
+        time = channel.samples[run][0]
+        index = np.rint((time[used] - time[0]) / period).astype(int)
+        # No two readings have all of their noise in common, however irregularly a logger stamps them.
+        index = np.maximum.accumulate(index - np.arange(index.size)) + np.arange(index.size)
+        if step and signals is not None:
+            lag = np.abs(index[:, None] - index[None, :])
+            covariance: Array = np.where(lag < gamma.size, gamma[np.minimum(lag, gamma.size - 1)], 0.0)
+            covariance += rounding_covariance(signals[run][used], lag, gamma, step)
+            starts = np.concatenate([[0], np.cumsum(count[filled])[:-1]])
+            summed = np.add.reduceat(np.add.reduceat(covariance, starts, axis=0), starts, axis=1)
+            summed /= count[filled][:, None] * count[filled][None, :]
+        else:
+            summed = _of_means(twice_summed, index, count[filled])
+        factor = linalg.cholesky(summed + 1e-12 * gamma[0] * np.eye(filled.size), lower=True)
+        whitener[run][np.ix_(filled, filled)] = linalg.solve_triangular(factor, np.eye(filled.size), lower=True)
+    return whitener
+
+
+def _twice_summed(gamma: Array) -> Array:
+    """H(k) with gamma(k) = H(k+1) - 2 H(k) + H(k-1), H even: sums over two stretches are differences of it."""
+    rise = np.cumsum(np.concatenate([[0.5 * gamma[0]], gamma[1:]]))
+    return np.concatenate([[0.0], np.cumsum(rise)])
+
+
+def _of_means(twice_summed: Array, index: NDArray[np.int64], count: NDArray[np.int64]) -> Array:
+    """Covariance of the means of bins (m, m), from the places `index` of their samples on the sampling grid.
+
+    A bin is cut into stretches without a gap; the covariance between the sums over two stretches is four values of
+    `twice_summed`, however long they are.
+    """
+    opens = np.append(True, np.diff(index) != 1)
+    bin_starts = np.concatenate([[0], np.cumsum(count)[:-1]])
+    opens[bin_starts] = True
+    at = np.flatnonzero(opens)
+    first, length = index[at], np.diff(np.append(at, index.size))
+    last = first + length
+
+    def value(lag: NDArray[np.int64]) -> Array:
+        return np.asarray(twice_summed[np.minimum(np.abs(lag), twice_summed.size - 1)])
+
+    a, b, c, d = first[:, None], last[:, None], first[None, :], last[None, :]
+    sums = value(b - c) + value(a - d) - value(b - d) - value(a - c)
+    if at.size > count.size:
+        own = np.searchsorted(at, bin_starts)
+        sums = np.add.reduceat(np.add.reduceat(sums, own, axis=0), own, axis=1)
+    return np.asarray(sums / (count[:, None] * count[None, :]))

@@ -1,0 +1,153 @@
+"""The problem that a fit solves: runs, start, noise, how far rates scatter from run to run, and what is uncertain."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.estimate.channel import Channel, run_indices
+from shockrig.analysis.estimate.quantity import RunEffect
+
+Array = NDArray[np.float64]
+
+# How much runs differ from one another in their rate: one restricted likelihood, from what each run alone says.
+#
+# Each run i says x_i, known to s_i, of its ln rate; within an ambient these scatter by sigma about a mean of their
+# own: -2 log L = sum_g [log sum w - sum log w + sum w (x - mean)^2], w = 1 / (sigma^2 + s_i^2), plus the prior below.
+
+# Runs differ a little: relative scatter of the rate from run to run, before the data say otherwise.
+RATE_SCATTER = 0.004
+RATE_SCATTER_WEIGHT = 2.0  # in runs: how strongly the data must contradict it
+RATE_SCATTER_LIMIT = 0.03  # beyond this, runs do not differ a little: the model is wrong
+UNVENTILATED_LIMIT = 0.5  # where nobody recorded the airflow, runs may differ as much as airflows do
+
+
+@dataclass(frozen=True)
+class OwnRates:
+    """What each run alone says of its ln rate, less the joint one: value and standard uncertainty (R,), its ambient."""
+
+    own: Array
+    spread: Array
+    ambient: NDArray[np.int64]
+
+
+def prior_cost(scatter: Array) -> Array:
+    """-2 log prior of the scatter, 0 at `RATE_SCATTER`."""
+    ratio = scatter / RATE_SCATTER
+    return np.asarray(RATE_SCATTER_WEIGHT * (2 * np.log(ratio) + 1 / ratio**2 - 1))
+
+
+def cost(trials: Array, parts: Iterable[OwnRates]) -> Array:
+    """-2 log posterior of trial scatters (T,), up to a constant, from all parts together."""
+    total = prior_cost(trials)
+    for part in parts:
+        weight = 1.0 / (trials[:, None] ** 2 + part.spread**2)
+        for g in np.unique(part.ambient):
+            here = part.ambient == g
+            w, x = weight[:, here], part.own[here]
+            mean = (w * x).sum(axis=1) / w.sum(axis=1)
+            total = total + np.log(w.sum(axis=1)) - np.log(w).sum(axis=1) + (w * (x - mean[:, None]) ** 2).sum(axis=1)
+    return total
+
+
+def restriction(scatter: float, part: OwnRates) -> float:
+    """What -2 log L lacks where the ambients' means are fitted along as if they cost nothing, less that at
+    `RATE_SCATTER`: without it the few runs of each ambient would make a scatter likelier the smaller it is."""
+    total = 0.0
+    for g in np.unique(part.ambient):
+        spread = part.spread[part.ambient == g]
+        now, before = ((1.0 / (s**2 + spread**2)).sum() for s in (scatter, RATE_SCATTER))
+        total += float(np.log(now / before))
+    return total
+
+
+def likeliest(part: OwnRates, limit: float = RATE_SCATTER_LIMIT) -> float:
+    """The scatter, up to a limit, that one part's runs make most likely."""
+    trials = np.geomspace(0.2 * RATE_SCATTER, limit, 41)
+    return float(trials[np.argmin(cost(trials, [part]))])
+
+
+def posterior_scatter(parts: Iterable[OwnRates], limit: float = RATE_SCATTER_LIMIT) -> float:
+    """Root of the posterior mean of sigma^2, up to a limit, over all parts together.
+
+    The mean and not the mode, so that a scatter known from a dozen runs does not make the uncertainties too small.
+    """
+    trials = np.geomspace(0.1 * RATE_SCATTER, limit, 80)
+    total = cost(trials, parts)
+    posterior = np.exp(-0.5 * (total - total.min()))
+    return float(np.sqrt((posterior * trials**2).sum() / posterior.sum()))
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Data of one channel, whitened, with what is known of each run's scatter.
+
+    Attributes
+    ----------
+    channel : Channel
+    whitener : ndarray (R, n, n)
+    scatter : ndarray (R, U)
+        Standard deviations of the runs' random effects, columns as in `RunEffect`.
+    """
+
+    channel: Channel
+    whitener: Array
+    scatter: Array
+
+    def select(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> Problem:
+        """With only the runs `keep` (mask or indices)."""
+        index = run_indices(keep)
+        return Problem(self.channel.select(index), self.whitener[index], self.scatter[index])
+
+    @property
+    def stated(self) -> NDArray[np.bool_]:
+        """Random effects (R, U) whose size was stated: nobody can be off from what nobody recorded."""
+        c = self.channel.conditions
+        known = np.ones(self.scatter.shape, dtype=bool)
+        known[:, RunEffect.START] = c.start_known
+        known[:, RunEffect.SOURCE] = known[:, RunEffect.DESTINATION] = c.airs_known
+        return known
+
+    @property
+    def rate_scatter(self) -> float:
+        """Scatter of ln rate from run to run."""
+        return float(self.scatter[0, RunEffect.RATE])
+
+    @property
+    def rate_scatter_limit(self) -> float:
+        """The largest scatter of ln rate from run to run that is none of the model's faults."""
+        return RATE_SCATTER_LIMIT if self.channel.conditions.airflow_known.all() else UNVENTILATED_LIMIT
+
+    def with_rate_scatter(self, rate_scatter: float) -> Problem:
+        """With another scatter of ln rate."""
+        scatter = self.scatter.copy()
+        scatter[:, RunEffect.RATE] = rate_scatter
+        return replace(self, scatter=scatter)
+
+    def whiten(self, values: Array) -> Array:
+        """Whitened values (R, n) or columns (R, n, C)."""
+        if values.ndim == 2:
+            return np.asarray(np.matmul(self.whitener, values[..., None])[..., 0])
+        return np.asarray(np.matmul(self.whitener, values))
+
+
+def make_problem(
+    channel: Channel, whitener: Array, rate_scatter: float = RATE_SCATTER, rounding: float = 0.0
+) -> Problem:
+    """Problem with the stated scatter of triggers and airs; `rounding` adds that of plateaus rounded to a coarse
+    step."""
+    c, quantity = channel.conditions, channel.quantity
+    extra = rounding / np.sqrt(12.0)
+    source, destination = quantity.air_scatters(c)
+    scatter = np.empty((channel.runs, quantity.run_effects))
+    scatter[:, RunEffect.START] = c.start_scatter_s
+    scatter[:, RunEffect.RATE] = rate_scatter
+    scatter[:, RunEffect.SOURCE] = np.hypot(source, extra)
+    scatter[:, RunEffect.DESTINATION] = np.hypot(destination, extra)
+    if quantity.run_effects > RunEffect.DESTINATION_C:
+        # An isothermal run has one temperature; what matters is the difference between the two airs.
+        scatter[:, RunEffect.DESTINATION_C] = np.hypot(c.source_c_scatter, c.destination_c_scatter)
+    return Problem(channel, whitener, scatter)

@@ -1,0 +1,98 @@
+"""What each run shows by itself, before any model: how long its reading took for most of its way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.driven_air import follow
+from shockrig.analysis.estimate.readings import white_noise
+
+Array = NDArray[np.float64]
+
+FEW_RUNS = 6
+SHARES_OF_STEP = (0.632, 0.90)
+STEP_IN_NOISE = 20.0  # a smaller step has no times worth saying
+LAG_TO_90 = float(np.log(10.0))  # time constants of a first-order lag
+MOST_BETWEEN = 0.3  # of the way between two readings: from here on a line between them is invented
+
+
+@dataclass(frozen=True)
+class RunSeen:
+    """One run: readings at rest before and at the end, and seconds to 63 % and 90 % of the way from its found start.
+
+    Where two readings hold most of the way between them, the times are those of the later, and `at_most` is true;
+    where nobody recorded the start either, it may have been as early as the first of the two.
+    `behind_s` is the first-order lag behind a measured air that leaves least; the times are then not given.
+    """
+
+    run: str
+    begin: float
+    end: float
+    times_s: tuple[float, float] | None
+    behind_s: float | None
+    at_most: bool = False
+
+
+def little_known(channel: Channel) -> bool:
+    """Whether a campaign is one of a few runs, or of runs whose start, airs or airflow nobody recorded."""
+    c = channel.conditions
+    known = c.start_known.all() and c.airs_known.all() and c.airflow_known.all()
+    return channel.runs <= FEW_RUNS or not bool(known)
+
+
+def seen(channel: Channel) -> tuple[RunSeen, ...]:
+    """What each run shows by itself; runs without a step worth the name are left out."""
+    found = []
+    starts = channel.conditions.start_known
+    for run, (time, value), air, triggered in zip(channel.run_ids, channel.samples, channel.air, starts, strict=True):
+        tail = max(value.size // 20, 3)
+        before = value[time < 0] if (time < 0).sum() >= 3 else value[:3]
+        begin, end = float(np.median(before)), float(np.median(value[-tail:]))
+        noise = white_noise(value)
+        if abs(end - begin) < max(STEP_IN_NOISE * noise, channel.quantity.least_step):
+            continue
+        if air is None:
+            times_s, at_most = _crossings(time, (value - begin) / (end - begin), bool(triggered))
+            found.append(RunSeen(run, begin, end, times_s, None, at_most))
+        else:
+            lag = follow(time, value, air.time_s, channel.trace_of(air), channel.quantity.resolution).time_constant_s
+            found.append(RunSeen(run, begin, end, None, lag))
+    return tuple(found)
+
+
+def by_itself(channel: Channel) -> tuple[float, float] | None:
+    """Times [s] to 63 and 90 % that a single run shows by no model; None where it shows none."""
+    for one in seen(channel):
+        if one.times_s is not None and not one.at_most:
+            return one.times_s
+        if one.behind_s:
+            return one.behind_s, LAG_TO_90 * one.behind_s
+    return None
+
+
+def _crossings(time: Array, share: Array, triggered: bool) -> tuple[tuple[float, float], bool]:
+    """Times at which a share of the way is passed [s]: straight between the two readings around it, or that of the
+    later where the first of them lies too far back; where noise takes a reading over it and back, midway between the
+    first time and the last.
+    """
+    times, later, earlier, apart = [], [], [], []
+    for wanted in SHARES_OF_STEP:
+        first = int(np.argmax(share >= wanted))
+        far = share >= 0.5 * (1.0 + wanted)
+        short = np.flatnonzero(share[: int(np.argmax(far)) if far.any() else share.size] < wanted)
+        last = int(short[-1]) + 1 if short.size else first
+        around = np.array([max(first, 1), max(min(last, share.size - 1), 1)])
+        before = around - 1
+        part = np.clip((wanted - share[before]) / (share[around] - share[before]), 0.0, 1.0)
+        times.append(float((time[before] + part * (time[around] - time[before])).mean()))
+        later.append(float(time[around[-1]]))
+        earlier.append(0.0 if triggered else min(float(time[before[0]]), 0.0))
+        apart.append(float((share[around] - share[before]).max()))
+    at_most = max(apart) > MOST_BETWEEN
+    if at_most:
+        return (later[0] - min(earlier), later[1] - min(earlier)), True
+    return (times[0], times[1]), False

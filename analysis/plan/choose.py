@@ -1,0 +1,170 @@
+"""The runs that bring most per minute, chosen one after the other; an anchor every so often."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.plan.designs import Designs
+from shockrig.analysis.plan.evidence import REJECTED
+from shockrig.analysis.plan.information import nats
+from shockrig.analysis.plan.minutes import Airs, Minutes, airs_of, airs_of_run
+from shockrig.analysis.plan.precision import FEWEST_RUNS, UNKNOWN_SIGMA, Target
+from shockrig.analysis.plan.shock import LONGEST_S, PlannedShock
+from shockrig.analysis.plan.varied import farthest, is_again, shock_of
+from shockrig.files.campaign import Campaign, Run
+
+Array = NDArray[np.float64]
+ANCHOR_EVERY = 6
+UNTOLD = float("nan")  # where nothing is expected of a run: it was not chosen for what it brings
+NEARLY = (
+    0.97  # of the best worth per minute: among these chance chooses, so that order and conditions do not go together
+)
+OPTIONS_SHOWN = 6
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A run, the bench minutes that it is expected to take, and what is expected of it.
+
+    Attributes
+    ----------
+    worth : float
+        Of all goals together, what one goal in full is worth being 1.
+    goals : float
+        Of that, the share for precision.
+    information : float
+        That it adds on the rates that goals want [nats].
+    evidence : float
+        Expected ln E against the explanation that it speaks against most, whichever of those tied is the true one.
+    expected : mapping
+        Label of each goal -> its relative standard uncertainty after the run.
+    """
+
+    shock: PlannedShock
+    minutes: float
+    worth: float
+    goals: float
+    information: float
+    evidence: float
+    expected: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def per_minute(self) -> float:
+        return self.worth / self.minutes
+
+
+@dataclass(frozen=True)
+class _SoFar:
+    """What campaign and runs chosen already tell: normal matrices and runs of each target, evidence, the last airs."""
+
+    normals: tuple[Array, ...]
+    runs: tuple[Array, ...]
+    have: Array
+    airs: Airs | None
+
+    @classmethod
+    def recorded(cls, designs: Designs, last: Run | None) -> _SoFar:
+        """Before anything is chosen; `last` was recorded last."""
+        runs = tuple(np.array([t.runs for t, _ in p.of]) for p in designs.precise)
+        airs = None if last is None else airs_of_run(last)
+        return cls(tuple(p.info.known for p in designs.precise), runs, np.zeros(designs.needed.size), airs)
+
+    def after(self, designs: Designs, m: int) -> _SoFar:
+        """With one run of the menu more."""
+        added = [p.info.added[m] for p in designs.precise]
+        return _SoFar(
+            tuple(normal + more for normal, more in zip(self.normals, added, strict=True)),
+            tuple(
+                runs + np.array([more[g, g] > 1.0 for _, g in p.of])
+                for runs, more, p in zip(self.runs, added, designs.precise, strict=True)
+            ),
+            self.have + np.array([pair[m] for pair in designs.pairs]),
+            airs_of(designs.menu[m]),
+        )
+
+
+def choose_runs(
+    designs: Designs, minutes: Minutes, recorded: Sequence[Run], count: int
+) -> tuple[list[Choice], tuple[Choice, ...]]:
+    """The runs that bring most per minute, one after the other; and the best of the menu for the first of them.
+
+    A run is weighed by what it brings once, or made twice where that is more a minute: what no run has varied needs
+    two, and the chambers travel once. The runs that are `recorded` come before them; at every sixth place stands the
+    first run once more, so that a drift of sensors or bench shows, but where one of the five before it is that already,
+    such as the last one of a protocol that closes.
+    """
+    number = len(recorded)
+    rng = np.random.default_rng([number, 1])
+    so_far = _SoFar.recorded(designs, recorded[-1] if recorded else None)
+    again = [i for i in range(1, number) if is_again(recorded[i], recorded[0])]
+    since = number - 1 - again[-1] if again else ANCHOR_EVERY
+    chosen: list[Choice] = []
+    considered: tuple[Choice, ...] = ()
+    for _ in range(count):
+        bonus = designs.varied([one.shock for one in chosen])
+        options = [_weighed(designs, m, so_far, bonus[m, 0], minutes) for m in range(len(designs.menu))]
+        twice = [
+            _weighed(designs, m, so_far.after(designs, m), bonus[m, 1], minutes) for m in range(len(designs.choosable))
+        ]
+        rates = [max(one.per_minute, (one.worth + two.worth) / (one.minutes + two.minutes))
+                 for one, two in zip(options, twice, strict=False)]  # fmt: skip
+        best = max(rates, default=0.0)
+        if best < 1e-5:
+            break
+        m = int(rng.choice([m for m, rate in enumerate(rates) if rate >= NEARLY * best]))
+        due = (number + len(chosen) + 1) % ANCHOR_EVERY == 0 and since + len(chosen) >= ANCHOR_EVERY - 1
+        if designs.anchor is not None and due:
+            m = designs.anchor
+        if not considered:
+            others = sorted((i for i in range(len(rates)) if i != m), key=lambda i: -rates[i])
+            considered = (options[m], *(options[i] for i in others[: OPTIONS_SHOWN - 1]))
+        chosen.append(options[m])
+        so_far = so_far.after(designs, m)
+    return chosen, considered
+
+
+def _weighed(designs: Designs, m: int, so_far: _SoFar, bonus: float, minutes: Minutes) -> Choice:
+    share, told_of_goals, expected = 0.0, 0.0, {}
+    for p, normal, count in zip(designs.precise, so_far.normals, so_far.runs, strict=True):
+        added, factors = p.info.added[m], p.factors()
+        now, then = p.info.variances(np.stack([normal, normal + added]))
+        told_of_goals += nats(normal, normal + added, p.places)
+        for k, (target, g) in enumerate(p.of):
+            helps = added[g, g] > 1.0
+            before = progress(target, factors[k] * now[g], int(count[k]))
+            after = progress(target, factors[k] * then[g], int(count[k]) + helps)
+            share += max(after - before, 0.0)
+            expected[target.label] = float(np.sqrt(min(factors[k] * then[g], UNKNOWN_SIGMA**2)))
+    told, have = np.array([pair[m] for pair in designs.pairs]), so_far.have
+    deciding = float((np.minimum(have + told, designs.needed) - np.minimum(have, designs.needed)).sum() / REJECTED)
+    best = float(told.max(initial=0.0))
+    took = minutes.of(so_far.airs, designs.menu[m])
+    return Choice(designs.menu[m], took, share + deciding + bonus, share, told_of_goals, best, expected)
+
+
+def progress(target: Target, variance: float, runs: int) -> float:
+    """The share of a goal that is reached: of the information that it needs, and of the runs, at most 1."""
+    return min(target.wanted**2 / max(variance, 1e-30), runs / FEWEST_RUNS, 1.0)
+
+
+def chase(
+    designs: Designs, campaign: Campaign, worst: Sequence[str], minutes: Minutes, chased: int, count: int
+) -> list[Choice]:
+    """Runs for what nothing explains: once more where it is largest, and where nobody has looked yet, by turns.
+
+    `worst` are the runs that are explained worst, `chased` is how many runs were chosen so before.
+    """
+    before = airs_of_run(campaign.runs[-1])
+    by_id = {run.id: run for run in campaign.runs}
+    again = [shock for id_ in worst if (shock := shock_of(by_id[id_])) is not None]
+    if again and chased % 2 == 0:
+        chosen = replace(again[0], dwell_s=LONGEST_S, why="what is left is largest there")
+    elif designs.choosable:
+        chosen = replace(farthest(designs.choosable, campaign.runs), why="nothing like it has been recorded")
+    else:
+        return []
+    return [Choice(chosen, minutes.of(before, chosen), 0.0, UNTOLD, UNTOLD, UNTOLD)][:count]

@@ -1,0 +1,422 @@
+"""The decision after each run: what is known and tied, what each possible run is worth per minute, when to stop.
+
+worth of a run = sum over goals of the share of what is wanted that it adds (variance wanted / variance then, at most 1)
+               + sum over pairs of tied explanations of expected ln E / ln 100, as far as it is needed
+               + half a goal for each direction or airflow that it varies and too few runs have
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.characterize.result import Characterization
+from shockrig.analysis.checks.check import checked
+from shockrig.analysis.diagnose.diagnosed import ChannelOutcome
+from shockrig.analysis.diagnose.grammar import MOST_RUNS
+from shockrig.analysis.estimate.arrow import Arrow
+from shockrig.analysis.estimate.fit import linearise
+from shockrig.analysis.estimate.model import Point
+from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName
+from shockrig.analysis.fleet.prior import WithFleet, with_population
+from shockrig.analysis.plan.choose import UNTOLD, Choice, chase, choose_runs
+from shockrig.analysis.plan.decision import (
+    CONTINUE,
+    INCONCLUSIVE,
+    MOST_UNEXPLAINED,
+    Decision,
+    ended_by,
+    missing,
+)
+from shockrig.analysis.plan.designs import Designs, menu_of
+from shockrig.analysis.plan.evidence import OLD_RUNS_POWER, REJECTED, student
+from shockrig.analysis.plan.goals import Goals, Place, place_of, places
+from shockrig.analysis.plan.information import each_run, imagined, nats, rates_known
+from shockrig.analysis.plan.judged import ChannelLook, Verdict, diagnosed, extended, look_at
+from shockrig.analysis.plan.minutes import learn, spent_minutes
+from shockrig.analysis.plan.precision import Target, gained_by, measured, targets
+from shockrig.analysis.plan.shock import (
+    ORDINARY,
+    USUAL_C,
+    PlannedShock,
+    Surroundings,
+    Usual,
+    deciding_menu,
+    opening,
+)
+from shockrig.analysis.plan.varied import shock_of, usual_of, variety
+from shockrig.files.campaign import Campaign
+from shockrig.files.fleet import Population
+
+Array = NDArray[np.float64]
+
+# The evidence that is expected of a run before it is made, as `evidence.against` will count it once it is there.
+#
+# Were i true, and to first order in what either model may still move by, for rival j and one further run:
+#
+#     2 E[ln E_ij] = |f_i - f_j|^2 - ln det N_i(with it) / N_i
+#         + at the first run of a dispute: lam p_j - tr[(N + lam N_old)^-1 (N + lam^2 N_old)]_j + p_j ln(1 - lam)
+#
+# The distance is what is left of it once j and the run's random effects have moved, the old runs counting lam for j;
+# the determinant is what i pays for predicting with parameters that are not quite known, the last line what j is
+# allowed. A run at an ambient of which a film's rate is not known yet says nothing.
+
+
+def expected_evidence(looks: Sequence[ChannelLook], shocks: Sequence[PlannedShock]) -> list[float]:
+    """ln E (M,) against the explanation that each run, made once, is expected to hurt most; 0 where nothing is tied.
+
+    Averaged over which explanation is true, each as likely as the evidence so far leaves it.
+    """
+    expected = np.zeros(len(shocks))
+    for look in looks:
+        if len(look.rivals) > 1 and look.problem is not None and look.verdict.dispute is not None and shocks:
+            now = np.array([x for x in look.verdict.against if x < REJECTED])
+            likely = np.exp(now.min() - now)
+            told = [_if_true(look, i, now, shocks) for i in range(len(look.rivals))]
+            known = rates_known(look.problem.channel, shocks)
+            expected = np.maximum(expected, known * (likely @ np.array(told) / likely.sum()))
+    return [float(x) for x in expected]
+
+
+def _if_true(look: ChannelLook, i: int, now: Array, shocks: Sequence[PlannedShock]) -> Array:
+    """ln E (M,) that runs would add against the most hurt rival of explanation i."""
+    assert look.problem is not None and look.noise is not None and look.verdict.dispute is not None
+    problem, true = look.problem, look.rivals[i]
+    new = imagined(problem.with_rate_scatter(true.rate_scatter), look.noise, shocks, problem.channel.ambients_c)
+    at_rest = new.channel.at_rest()
+    truth, own = linearise(new, true.structure, Point(true.theta, at_rest))
+    every = range(true.theta.size)
+    known = true.arrow.normal
+    paid = [2.0 * nats(known, known + one.normal - _prior(one), every) for one in each_run(own)]
+    old = np.isin(problem.channel.run_ids, look.verdict.dispute.runs)
+    degrees = look.verdict.dispute.degrees(problem.channel.rates)
+    found = np.full(len(shocks), -np.inf)
+    for j, rival in enumerate(look.rivals):
+        if j == i:
+            continue
+        there, arrow = linearise(new, rival.structure, Point(rival.theta, at_rest))
+        before = _of_runs(rival.arrow, old)
+        moves = rival.arrow.normal - (1.0 - OLD_RUNS_POWER) * (before.normal - _prior(before))
+        for m, one in enumerate(each_run(arrow)):
+            difference = new.whiten(truth - there)[m : m + 1]
+            right, _ = one.right_sides(difference, at_rest[m : m + 1], np.zeros(rival.theta.size))
+            added = one.normal - _prior(one)
+            absorbed = float(right @ np.linalg.lstsq(moves + added, right, rcond=None)[0])
+            twice = max(one.hidden(difference) - absorbed, 0.0) - paid[m]
+            if old.all():
+                twice += _allowed(added, before.normal - _prior(before), rival.theta.size)
+            so_far = _not_student(float(now[j]), degrees)
+            told = student(so_far + 0.5 * twice, degrees) - float(now[j])
+            found[m] = max(found[m], told)
+    return found
+
+
+def _allowed(added: Array, old: Array, free: int) -> float:
+    """What a rival of so many parameters may gain by the old runs, less what the bound takes off for it."""
+    scale = np.sqrt(np.maximum(np.diag(old), 1e-12))
+    new, then = added / np.outer(scale, scale), old / np.outer(scale, scale)
+    inverse = np.linalg.pinv(new + OLD_RUNS_POWER * then, rcond=1e-11, hermitian=True)
+    fitted = float(np.trace(inverse @ (new + OLD_RUNS_POWER**2 * then)))
+    return OLD_RUNS_POWER * free - fitted + free * float(np.log1p(-OLD_RUNS_POWER))
+
+
+def _of_runs(arrow: Arrow, runs: NDArray[np.bool_]) -> Arrow:
+    return replace(arrow, **{name: getattr(arrow, name)[runs] for name in ("jacobian", "run_jacobian", "weight")})
+
+
+def _prior(arrow: Arrow) -> Array:
+    return np.diag(arrow.prior_weight)
+
+
+def _not_student(said: float, degrees: int) -> float:
+    """The log ratio of which `student` says that."""
+    return 0.5 * degrees * float(np.expm1(2.0 * said / (degrees + 1))) if said > 0.0 else said
+
+
+LEAST_GAIN = 0.01  # of a goal, by the best run of the menu: it would take a hundred, if nobody gives minutes for them
+MOST_BEFORE_JUDGED = 24  # runs: a channel of which fewer than can be judged were usable by then is given up
+FEW = "too few to judge by"
+Progress = Callable[[str], None]
+Found = Mapping[str, Characterization | None]  # of each probe
+Due = Callable[[Place], Verdict | None]
+NONE_MADE: Mapping[Place, ChannelOutcome] = MappingProxyType({})
+
+
+def anything(shock: PlannedShock) -> bool:
+    """A bench that can make every run of the menu."""
+    return True
+
+
+def decide(
+    campaign: Campaign | None,
+    goals: Goals,
+    before: Decision | None = None,
+    *,
+    beside: Sequence[Campaign] = (),
+    count: int = 1,
+    feasible: Callable[[PlannedShock], bool] = anything,
+    vetoed: Sequence[PlannedShock] = (),
+    surroundings: Surroundings = ORDINARY,
+    later: bool = False,
+    due: Due | None = None,
+    made: Mapping[Place, ChannelOutcome] = NONE_MADE,
+    population: Population | None = None,
+    progress: Progress = lambda _: None,
+) -> Decision:
+    """Decide what to record next; a function of its arguments alone.
+
+    Parameters
+    ----------
+    campaign : Campaign or None
+        What has been recorded; None where nothing has.
+    goals : Goals
+    before : Decision, optional
+        The last one on this campaign: which explanations were tied, since which runs.
+    beside : sequence of Campaign
+        The same runs as further probes saw them: goals and ties are theirs too, so a run that serves several is worth
+        more.
+    count : int
+        How many runs to choose.
+    feasible : function of a Shock
+        Whether the bench can do it.
+    vetoed : sequence of Shock
+        Which the operator does not want.
+    surroundings : Surroundings
+        Pressures and lights that the bench can make, besides those that the campaign has had.
+    later : bool
+        Whether diagnoses are left for the time in which the next run is recorded: the decision says which are due, and
+        the one after it rests on them. One that may end the campaign is not.
+    due : function of a place, optional
+        Gives the verdict of a diagnosis that the last decision left, where somebody has made it; otherwise it is made
+        here, with the same result.
+    made : mapping of a place to Outcome
+        Of diagnoses that somebody made of these campaigns as they are: where one of all runs is wanted it is taken.
+    population : Population, optional
+        Of the sensors' type: what is known of them before any run, where they belong to it.
+    progress : function of a sentence, optional
+    """
+    campaigns = () if campaign is None else (campaign, *beside)
+    if before is not None and campaigns:
+        before = with_due(campaigns, before, due)
+    usual = usual_of(campaign, goals, surroundings)
+    campaigns = tuple(checked(one).campaign for one in campaigns)
+    campaign = campaigns[0] if campaigns else None
+    spent = 0.0 if campaign is None else sum(spent_minutes(campaign).values())
+    recorded = () if campaign is None else tuple(run.id for run in campaign.runs)
+
+    def allowed(shock: PlannedShock) -> bool:
+        return feasible(shock) and shock not in vetoed
+
+    then = {} if before is None else before.verdicts
+    looks, verdicts = _look(campaigns, then, False, later, made, progress)
+    found = _measured(campaigns, verdicts)
+    fleets = _with_fleet(found, population, progress)
+    wanted = _wanted(goals, campaigns, found, fleets)
+    met = all(t.met for t in wanted) and not any(v.tied for v in verdicts.values())
+    # What depends on a direction or an airflow that no run has had can be no finding.
+    unvaried = goals.ties and bool(variety(looks, menu_of(found, looks, goals, usual, allowed)).any())
+    first = _first(campaigns, goals, found, usual, allowed)
+    short = {place: look for place, look in looks.items() if look.short and goals.ties}
+    if met and short and not first:
+        first = _more_of_them(campaigns, goals, usual, allowed, short)
+    if met and recorded and not unvaried and not first:
+        judged = verdicts
+        looks, verdicts = _look(campaigns, verdicts, True, later, made, progress)
+        if _carried(campaigns, verdicts) != _carried(campaigns, judged):
+            found = _measured(campaigns, verdicts)
+            fleets = _with_fleet(found, population, progress)
+        wanted = _wanted(goals, campaigns, found, fleets)
+    chased = before.chased if before is not None else 0
+    new = set(recorded) - set(before.recorded if before is not None else ())
+    gained = _gained(new, found, wanted)
+    few = tuple(short) if met else ()
+    state = Decision("", "", recorded, spent, tuple(wanted), verdicts, (), (), chased, unvaried, gained, few)
+    anchor = None if campaign is None or not campaign.runs else campaign.runs[0]
+    designs = Designs.of(found, looks, wanted, goals, usual, allowed, anchor, population, fleets)
+    if not unvaried and not (goals.ties and first) and (ended := ended_by(state, goals, looks)):
+        return _with(state, *ended)
+    minutes = learn(campaign)
+    if first:
+        chosen = [Choice(s, minutes.of(None, s), 0.0, UNTOLD, UNTOLD, UNTOLD) for s in first][:count]
+        considered = tuple(chosen)
+    else:
+        chosen, considered = choose_runs(designs, minutes, () if campaign is None else campaign.runs, count)
+        told = expected_evidence(list(looks.values()), [c.shock for c in (*chosen, *considered)])
+        weighed = [replace(c, evidence=x) for c, x in zip((*chosen, *considered), told, strict=True)]
+        chosen, considered = weighed[: len(chosen)], tuple(weighed[len(chosen) :])
+    worst = [look.left_over for look in looks.values() if look.left_over]
+    describes = any(v.describes for v in verdicts.values())
+    if goals.ties and campaign and worst and chased < MOST_UNEXPLAINED and not first and not describes:
+        chosen, chased = chase(designs, campaign, worst, minutes, chased, count), chased + 1
+    if not chosen:
+        return _with(state, INCONCLUSIVE, f"no run of the menu brings what is missing: {missing(state)}")
+    chosen, enough = _within(goals, chosen, considered, spent, len(recorded))
+    if enough:
+        return _with(state, INCONCLUSIVE, f"{enough}; {missing(state)}", considered=considered)
+    return _with(state, CONTINUE, missing(state), tuple(chosen), considered, chased)
+
+
+def _within(
+    goals: Goals, chosen: list[Choice], considered: Sequence[Choice], spent: float, recorded: int
+) -> tuple[list[Choice], str]:
+    """The chosen runs for which the minutes suffice that were given; and why there is none, if there is none.
+
+    Where none were given it ends where no run brings enough, of those that are chosen for what they bring.
+    """
+    if goals.minutes is not None:
+        ends = spent + np.cumsum([c.minutes for c in chosen])
+        chosen = [c for c, end in zip(chosen, ends, strict=True) if end <= goals.minutes]
+        return chosen, "" if chosen else f"{goals.minutes:g} minutes are spent"
+    if recorded >= MOST_RUNS:
+        return [], f"{recorded} runs are recorded, and no minutes were given for more"
+    if not np.isnan(chosen[0].information) and max(c.worth for c in considered) < LEAST_GAIN:
+        return [], f"no run brings {100 * LEAST_GAIN:g} % of a goal, and no minutes were given for more"
+    return chosen, ""
+
+
+def _with(
+    state: Decision,
+    status: str,
+    reason: str,
+    choices: tuple[Choice, ...] = (),
+    considered: tuple[Choice, ...] = (),
+    chased: int | None = None,
+) -> Decision:
+    return replace(
+        state,
+        status=status,
+        reason=reason,
+        choices=choices,
+        considered=considered,
+        chased=state.chased if chased is None else chased,
+    )
+
+
+def with_due(campaigns: Sequence[Campaign], before: Decision, due: Due | None = None) -> Decision:
+    """A decision with the diagnoses that it left for later: made already, or made here from the probes' campaigns."""
+    if not any(verdict.due for verdict in before.verdicts.values()):
+        return before
+    then = places(of_decision(one, before) for one in campaigns)
+    verdicts = {
+        place: ((due and due(place)) or diagnosed(*then[place], verdict)) if verdict.due else verdict
+        for place, verdict in before.verdicts.items()
+    }
+    return replace(before, verdicts=verdicts)
+
+
+def of_decision(campaign: Campaign, decision: Decision) -> Campaign:
+    """The campaign as it was when a decision was taken, checked."""
+    runs = tuple(run for run in campaign.runs if run.id in decision.recorded)
+    return checked(replace(campaign, runs=runs)).campaign
+
+
+def _look(
+    campaigns: Sequence[Campaign],
+    before: Mapping[Place, Verdict],
+    final: bool,
+    later: bool,
+    made: Mapping[Place, ChannelOutcome],
+    progress: Progress,
+) -> tuple[dict[Place, ChannelLook], dict[Place, Verdict]]:
+    looks: dict[Place, ChannelLook] = {}
+    for place, (campaign, name) in places(campaigns).items():
+        progress(f"{place}: {'diagnosing all runs' if final else 'looking at what is left'}")
+        looks[place] = look_at(campaign, name, before.get(place, Verdict()), final, later, made.get(place))
+    return looks, {place: look.verdict for place, look in looks.items()}
+
+
+def _measured(campaigns: Sequence[Campaign], verdicts: Mapping[Place, Verdict]) -> Found:
+    """What is known by each probe, with what is named of it in the model."""
+    carried = _carried(campaigns, verdicts)
+    return {one.probe: measured(one, carried[one.probe]) for one in campaigns}
+
+
+def _carried(campaigns: Sequence[Campaign], verdicts: Mapping[Place, Verdict]) -> dict[str, Any]:
+    """The models of each probe, with what is named of it."""
+    return {one.probe: extended({n: verdicts[place_of(n, one.probe)] for n in QUANTITIES}) for one in campaigns}
+
+
+def _with_fleet(found: Found, population: Population | None, progress: Progress) -> dict[str, WithFleet]:
+    """What the sensors' type adds to what is known by each probe."""
+    if population is None:
+        return {}
+    fleets = {probe: with_population(one, population) for probe, one in found.items() if one is not None}
+    for fleet in fleets.values():
+        for channel, sentence in zip(fleet.probability, fleet.sentences, strict=True):
+            if not fleet.belongs(channel):
+                progress(sentence)
+    return fleets
+
+
+def _wanted(goals: Goals, campaigns: Sequence[Campaign], found: Found, fleets: Mapping[str, WithFleet]) -> list[Target]:
+    """What the goals want of every probe that has the sensor for it; of the first where none has."""
+    if not campaigns:
+        return targets(goals, None)
+    having = {(name, one.probe) for one in campaigns for name, q in QUANTITIES.items() if q.sensor in one.sensors}
+    nobody = set(QUANTITIES) - {name for name, _ in having}
+    having |= {(name, campaigns[0].probe) for name in nobody}
+    of_all = [t for probe, own in found.items() for t in targets(goals, own, probe, fleets.get(probe))]
+    return [t for t in of_all if (t.channel, t.probe) in having]
+
+
+def _gained(new: Collection[str], found: Found, wanted: Sequence[Target]) -> float | None:
+    """What some runs brought to the rates that are wanted of all probes [nats]; None where there are no such runs."""
+    if not new:
+        return None
+    return sum(gained_by(new, own, [t for t in wanted if t.probe == probe]) for probe, own in found.items())
+
+
+def _first(
+    campaigns: Sequence[Campaign], goals: Goals, found: Found, usual: Usual, allowed: Callable[[PlannedShock], bool]
+) -> list[PlannedShock]:
+    """The runs that a campaign begins with, as far as it lacks them: those that show a channel which none has shown.
+
+    Any other of the menu will do where the bench can make none of these, or the operator wants none.
+    """
+    middle = sorted(goals.ambients_c, key=lambda t: abs(t - USUAL_C))[0]
+    begin = {shock: _shown_by(shock) for shock in opening(middle, usual) if usual.allows(shock)}
+    if campaigns and len(campaigns[0].runs) >= 2 * len(begin):
+        return []
+    wanted = [name for name in QUANTITIES if goals.ties or name in goals.channels]
+    lacking = set() if campaigns else set(wanted)
+    for one in campaigns:
+        own = found[one.probe]
+        known = {} if own is None else own.channels()
+        lacking |= {n for n in wanted if QUANTITIES[n].sensor in one.sensors and n not in known}
+    fitting = [shock for shock, channel in begin.items() if channel in lacking]
+    others = [shock for shock in deciding_menu([middle], usual) if _shown_by(shock) in lacking]
+    return [shock for shock in fitting if allowed(shock)] or [s for s in others if allowed(s)][: len(fitting)]
+
+
+def _more_of_them(
+    campaigns: Sequence[Campaign],
+    goals: Goals,
+    usual: Usual,
+    allowed: Callable[[PlannedShock], bool],
+    short: Mapping[Place, ChannelLook],
+) -> list[PlannedShock]:
+    """Runs that show channels of which too few are there to judge by, those of rarer directions first."""
+    middle = sorted(goals.ambients_c, key=lambda t: abs(t - USUAL_C))[0]
+    names = {name for place, (_, name) in places(campaigns).items() if place in short}
+    begin = [s for s in opening(middle, usual) if usual.allows(s) and allowed(s) and _shown_by(s) in names]
+    runs = campaigns[0].runs
+    if len(runs) >= MOST_BEFORE_JUDGED:
+        return []
+    there = [_way(shock) for run in runs if (shock := shock_of(run)) is not None]
+    return [replace(s, why=FEW) for s in sorted(begin, key=lambda s: there.count(_way(s)))]
+
+
+def _way(shock: PlannedShock) -> tuple[bool, bool]:
+    """Which channel a run is for, and its direction."""
+    rises = shock.destination_percent > shock.source_percent
+    return shock.isothermal, rises if shock.isothermal else shock.destination_c > shock.source_c
+
+
+def _shown_by(shock: PlannedShock) -> ChannelName:
+    """The channel that a run of the opening is for."""
+    return "humidity" if shock.isothermal else "temperature"

@@ -1,0 +1,205 @@
+"""What each run of a menu would bring: information on what goals want, evidence between what is tied, variety."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.characterize.result import ChannelResult, Characterization
+from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName
+from shockrig.analysis.fleet.prior import WithFleet
+from shockrig.analysis.fleet.statistics import LEAST_VARIANCE, film
+from shockrig.analysis.plan.evidence import REJECTED, student
+from shockrig.analysis.plan.goals import Goals, Place
+from shockrig.analysis.plan.information import Information, information, rates_at, separations
+from shockrig.analysis.plan.judged import ChannelLook
+from shockrig.analysis.plan.precision import Target
+from shockrig.analysis.plan.shock import (
+    LONG_S,
+    LONGEST_S,
+    SHORTEST_S,
+    USUAL_C,
+    PlannedShock,
+    Usual,
+    deciding_menu,
+    precision_menu,
+)
+from shockrig.analysis.plan.varied import shock_of, variety
+from shockrig.files.campaign import Run
+from shockrig.files.fleet import ALPHA, Coordinate, Population
+
+Array = NDArray[np.float64]
+ENOUGH_T63 = 9.0  # of record after the transfer in which a film's rate is told: 98 % of its step takes 4.7
+ENOUGH_BEAD_T63 = 14.0
+MOST_AMBIENTS = 3  # at which runs that decide are looked for
+
+
+@dataclass(frozen=True)
+class Precise:
+    """One channel's information, and which targets it holds: (target, index of its rate)."""
+
+    info: Information
+    of: tuple[tuple[Target, int], ...]
+
+    def factors(self) -> Array:
+        """Square of each target's uncertainty over that of the fit alone: scatter shared by channels, misfit."""
+        now = self.info.variances(self.info.known)
+        return np.array([(t.relative**2 / now[g]) if t.runs else 1.0 for t, g in self.of])
+
+    @property
+    def places(self) -> list[int]:
+        """Of the rates that targets want."""
+        return sorted({g for _, g in self.of})
+
+
+@dataclass(frozen=True)
+class Designs:
+    """A menu with what each of its runs would bring.
+
+    Attributes
+    ----------
+    menu : tuple of Shock
+        M runs; the last one is the anchor where there is one.
+    anchor : int or None
+        Where in the menu the first run once more is; it is chosen by its turn alone.
+    precise : tuple of Precise
+        For each channel with goals of precision.
+    pairs : tuple of ndarray (M,)
+        Expected ln E of each run for each pair of tied explanations.
+    needed : ndarray (pairs,)
+        ln E that each still needs.
+    varied : function of planned runs
+        Worth (M, 2) of each run, and of the second of two, for what has not been varied by then.
+    """
+
+    menu: tuple[PlannedShock, ...]
+    anchor: int | None
+    precise: tuple[Precise, ...]
+    pairs: tuple[Array, ...]
+    needed: Array
+    varied: Callable[[Sequence[PlannedShock]], Array]
+
+    @classmethod
+    def of(
+        cls,
+        found: Mapping[str, Characterization | None],
+        looks: Mapping[Place, ChannelLook],
+        wanted: Sequence[Target],
+        goals: Goals,
+        usual: Usual,
+        allowed: Callable[[PlannedShock], bool],
+        first: Run | None = None,
+        population: Population | None = None,
+        fleets: Mapping[str, WithFleet] = MappingProxyType({}),
+    ) -> Designs:
+        """The menu for what is wanted, as far as anything is known to design by; `found` of each probe, `fleets` of
+        those whose type's population is known."""
+        known = [(probe, name, r) for probe, one in found.items() if one for name, r in one.channels().items()]
+        shocks = menu_of(found, looks, goals, usual, allowed)
+        again = None if first is None else shock_of(first)
+        anchor = None
+        if again is not None and allowed(again):
+            anchor = len(shocks)
+            shocks += (replace(again, why="the first run once more: does anything drift?"),)
+        precise, pairs, needed = [], [], []
+        for probe, name, result in known if shocks else ():
+            own = [t for t in wanted if (t.channel, t.probe) == (name, probe)]
+            if not own:
+                continue
+            part = result.parts[0]
+            info = information(part.problem, part.fit, result.noise, shocks, goals.ambients_c)
+            plain = not part.fit.structure.effects and not QUANTITIES[name].pooled
+            used = np.array([s.isothermal or not plain for s in shocks])
+            info = replace(info, added=info.added * used[:, None, None])
+            if population is not None and probe in fleets and fleets[probe].belongs(name):
+                info = replace(info, known=info.known + _beforehand(info, population, name))
+            places = [0 if t.ambient_c is None else int(np.argmin(np.abs(info.ambients_c - t.ambient_c))) for t in own]
+            precise.append(Precise(info, tuple(zip(own, places, strict=True))))
+        for look in looks.values() if goals.ties and shocks else ():
+            for i, one in enumerate(look.rivals):
+                for j, other in enumerate(look.rivals):
+                    if i != j and look.problem is not None and look.noise is not None and look.verdict.dispute:
+                        degrees = look.verdict.dispute.degrees(look.problem.channel.rates)
+                        apart = 0.5 * separations(look.problem, look.noise, one, other, shocks)
+                        pairs.append(np.array([student(float(x), degrees) for x in apart]))
+                        needed.append(_still_needed(look, j))
+        varied = partial(variety, looks if goals.ties else {}, shocks)
+        return cls(shocks, anchor, tuple(precise), tuple(pairs), np.array(needed), varied)
+
+    @property
+    def choosable(self) -> tuple[PlannedShock, ...]:
+        """The menu without the anchor."""
+        return self.menu[: self.anchor]
+
+
+def _beforehand(info: Information, population: Population, name: ChannelName) -> Array:
+    """What the population of a type says of the rates, as a normal matrix (P, P)."""
+    rates = info.ambients_c.size
+    asked = [Coordinate(name, ALPHA)] if QUANTITIES[name].pooled else [film(float(t)) for t in info.ambients_c]
+    H = population.design(asked)
+    scatter = population.table_scatter**2 * (not QUANTITIES[name].pooled) + population.beyond(asked)
+    covariance = H @ population.predictive @ H.T + np.diag(scatter + LEAST_VARIANCE)
+    known = np.zeros_like(info.known)
+    known[:rates, :rates] = np.linalg.inv(covariance)
+    return known
+
+
+def menu_of(
+    found: Mapping[str, Characterization | None],
+    looks: Mapping[Place, ChannelLook],
+    goals: Goals,
+    usual: Usual,
+    allowed: Callable[[PlannedShock], bool],
+) -> tuple[PlannedShock, ...]:
+    """Runs that could be made for some goals, from what is known so far."""
+    dwells = _Dwells(found)
+    menu = precision_menu(goals.ambients_c, usual, dwells)
+    if goals.ties:
+        menu += deciding_menu(_deciding_ambients(looks), usual, dwells)
+    return tuple(dict.fromkeys(s for s in menu if allowed(s)))
+
+
+class _Dwells:
+    """How long a record after the transfer has to be, from the response times of the slowest probe so far."""
+
+    def __init__(self, found: Mapping[str, Characterization | None]):
+        self._channels = [one.channels() for one in found.values() if one is not None]
+
+    def __call__(self, ambient_c: float, isothermal: bool) -> float:
+        name: ChannelName = "humidity" if isothermal else "temperature"
+        slowest = max((_t63_s(own[name], name, ambient_c) for own in self._channels if name in own), default=None)
+        if slowest is None:
+            return LONG_S
+        return float(np.clip((ENOUGH_T63 if isothermal else ENOUGH_BEAD_T63) * slowest, SHORTEST_S, LONGEST_S))
+
+
+def _t63_s(result: ChannelResult, name: ChannelName, ambient_c: float) -> float:
+    t63 = np.array([row.response.t63_s for row in result.rows])
+    if QUANTITIES[name].pooled:
+        return float(t63[0])
+    at = rates_at(np.array([row.ambient_c for row in result.rows]), -np.log(t63), np.array([ambient_c]))
+    return float(np.exp(-at[0]))
+
+
+def _deciding_ambients(looks: Mapping[Place, ChannelLook]) -> list[float]:
+    """Ambients with runs already, about the usual one: elsewhere a new rate would take up what a run says."""
+    seen: dict[float, float] = {}
+    for look in looks.values():
+        if look.problem is not None and look.rivals:
+            channel = look.problem.channel
+            for t in channel.conditions.destination_c if channel.quantity.pooled else channel.ambients_c:
+                seen[float(round(t))] = abs(t - USUAL_C)
+    nearest = sorted(seen, key=seen.__getitem__)
+    return nearest[:MOST_AMBIENTS] or [USUAL_C]
+
+
+def _still_needed(look: ChannelLook, rival: int) -> float:
+    """ln E that is missing against a rival that still stands."""
+    verdict = look.verdict
+    standing = [x for x in verdict.against if x < REJECTED]
+    return REJECTED - min(max(standing[rival], 0.0), REJECTED - 0.5)

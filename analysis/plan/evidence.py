@@ -1,0 +1,149 @@
+"""Evidence between tied explanations that holds however often one looks: e-values from runs recorded after the tie.
+
+For a rival j, fitted anew, against explanation i, whose prediction of the new runs rests on earlier runs alone:
+
+    2 ln E_ij = dev_j(new + lam old) - lam dev_j(old) + p_j ln(1 - lam)
+                - [dev_i(old + new) - dev_i(old) + ln det N_i(old + new) / N_i(old)]
+
+The bracket is -2 ln of the predictive density of the new runs (Laplace), however these were chosen. The rest bounds
+what the rival can reach: its old likelihood ratio, chi-square of p_j degrees of freedom were it true, is raised to a
+power lam < 1, whose mean is (1 - lam)^(-p_j / 2). So E_ij has mean at most 1 where j is true, and by Ville's
+inequality exceeds 100 at any look with probability at most 1 % (universal inference: Wasserman, Ramdas and Balakrishnan
+2020, doi 10.1073/pnas.1922664117). Against j stands the mean of E_ij over all i, which is an e-value too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.diagnose.diagnosed import Explanation
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.effects.behaviours import form_of
+from shockrig.analysis.effects.described import described, is_described
+from shockrig.analysis.estimate.fit import Fit, fit
+from shockrig.analysis.estimate.model import Model, Structure
+from shockrig.analysis.estimate.problem import Problem, posterior_scatter, prior_cost
+from shockrig.analysis.estimate.scan import rough_rates
+
+Array = NDArray[np.float64]
+OLD_RUNS_POWER = 0.5  # power of the old runs' likelihood
+REJECTED = float(np.log(100.0))  # ln E from which an explanation is out
+FEWEST_DEGREES = 4
+
+
+@dataclass(frozen=True)
+class Dispute:
+    """Explanations that were tied at one look, the likeliest first, and the runs that had been recorded by then."""
+
+    explanations: tuple[Explanation, ...]
+    runs: tuple[str, ...]
+
+    def degrees(self, rates: int) -> int:
+        """Degrees of freedom with which the scatter of runs was known then."""
+        return max(len(self.runs) - rates, FEWEST_DEGREES)
+
+    def labels(self) -> list[str]:
+        """What sets each explanation apart from the others."""
+        return [label_of(e, self.explanations) for e in self.explanations]
+
+
+def label_of(explanation: Explanation, among: Sequence[Explanation]) -> str:
+    """An explanation's effects that not all others have too; "nothing" where it has none beyond these."""
+    common = set.intersection(*(set(other) for other in among))
+    return " + ".join(_words(e) for e in explanation if e not in common) or "nothing"
+
+
+def _words(effect: str) -> str:
+    """A catalogued effect's id; of one that nobody listed how it behaves, on what, and what it depends on."""
+    if not is_described(effect):
+        return effect
+    form = form_of(effect)
+    parts = [form.behaves_as, *([] if form.driver == "none" else [f"of {form.driver}"])]
+    return " ".join([*parts, *(f"by {factor}" for factor in form.factors)]).replace("_", " ")
+
+
+def structure_of(explanation: Explanation, base: Structure, channel: str) -> Structure:
+    """The model of an explanation of a channel, with what the readings themselves show in `base`."""
+    structure = base
+    for id_ in explanation:
+        effect = described(id_, channel == "humidity") if is_described(id_) else CATALOGUE[id_]
+        if id_ not in structure.ids and effect.fitted:
+            structure = structure.adding(effect)
+    return structure
+
+
+def against(problem: Problem, base: Structure, dispute: Dispute) -> list[float]:
+    """ln E against each explanation, 0 before any new run; `problem` holds old and new runs.
+
+    Runs at ambients that the old ones did not have say nothing: their rates are known to no explanation.
+    """
+    channel = problem.channel
+    old = np.isin(channel.run_ids, dispute.runs)
+    seen = np.isin(channel.ambient, channel.ambient[old])
+    count = len(dispute.explanations)
+    if not (seen & ~old).any() or not old.any() or count < 2:
+        return [0.0] * count
+    part = replace(problem.select(seen), channel=problem.channel.select(seen).without_lost_ambients())
+    is_old = old[seen]
+    fits = [_Fitted.of(part, is_old, structure_of(e, base, channel.name), e) for e in dispute.explanations]
+    degrees = dispute.degrees(channel.rates)
+    out = []
+    for j, rival in enumerate(fits):
+        others = [student(0.5 * (rival.bound - other.predicted), degrees) for i, other in enumerate(fits) if i != j]
+        out.append(float(np.logaddexp.reduce(others) - np.log(len(others))))
+    return out
+
+
+def student(log_ratio: float, degrees: int) -> float:
+    """A log-likelihood ratio with the scatter of runs known from so many degrees of freedom."""
+    return 0.5 * (degrees + 1) * float(np.log1p(2.0 * log_ratio / degrees)) if log_ratio > 0.0 else log_ratio
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """-2 ln of an explanation's predictive density of the new runs, and of the most that it can reach as a rival."""
+
+    predicted: float
+    bound: float
+
+    @classmethod
+    def of(cls, problem: Problem, old: NDArray[np.bool_], structure: Structure, start: Explanation) -> _Fitted:
+        before = problem.select(old)
+        choice = {f"{e}.{p}": v for e, values in start.items() for p, v in values.items()}
+        choice = {name: value for name, value in choice.items() if name in structure.names}
+        rates = rough_rates(before, structure, None, choice)
+        theta = Model(before.channel, structure).start(rates, choice)
+        rough = fit(before, structure, theta)
+        scatter = posterior_scatter([rough.own_rates()])
+        then = _fit(before.with_rate_scatter(scatter), structure, rough)
+        now = _fit(problem.with_rate_scatter(scatter), structure, then)
+        tempered = _fit(_tempered(problem.with_rate_scatter(scatter), old), structure, now)
+        added = _log_det(now) - _log_det(then)
+        predicted = now.deviance - then.deviance + added
+        own = then.deviance - then.objective - float(prior_cost(np.array(then.rate_scatter)))
+        free = len(structure.parameters) + before.channel.rates
+        reached = tempered.deviance - float(prior_cost(np.array(scatter))) - (OLD_RUNS_POWER * then.objective + own)
+        return cls(float(predicted), float(reached + free * np.log1p(-OLD_RUNS_POWER)))
+
+
+def _fit(problem: Problem, structure: Structure, near: Fit) -> Fit:
+    """A fit at a held scatter of rates, from the parameters of another one."""
+    theta = Model(problem.channel, structure).start(near.log_rates, near.choice)
+    return fit(problem, structure, theta, iterations=30, adapt_scatter=False)
+
+
+def _log_det(found: Fit) -> float:
+    normal = found.arrow.normal
+    return float(np.linalg.slogdet(normal + 1e-9 * np.diag(np.diag(normal)))[1])
+
+
+def _tempered(problem: Problem, old: NDArray[np.bool_]) -> Problem:
+    """The problem with the old runs' likelihood, random effects integrated out, to the power `OLD_RUNS_POWER`."""
+    weight = np.where(old, np.sqrt(OLD_RUNS_POWER), 1.0)
+    return replace(
+        problem, whitener=problem.whitener * weight[:, None, None], scatter=problem.scatter / weight[:, None]
+    )

@@ -1,0 +1,293 @@
+"""Runs that have not been made as a channel and a problem, and what they would say: Fisher information, distance of
+rivals.
+
+For one run with sensitivities J (to theta) and U (to its own random effects, of variances Lambda), all whitened:
+    information = J' (I + U Lambda U')^-1 J
+    separation  = least over the rival's theta, as far as the campaign leaves it open, of |f_true - f_rival|^2
+
+What runs bring to the goals is counted in nats, before they are made and after them alike: half the change of
+ln det of the goals' precision matrix, all other parameters eliminated (Bayesian D-optimality, Chaloner and Verdinelli
+1995, doi 10.1214/ss/1177009939).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.estimate.arrow import Arrow
+from shockrig.analysis.estimate.bins import bin_means, edges_after_transfer, place
+from shockrig.analysis.estimate.channel import AMBIENT_WIDTH_K, Channel
+from shockrig.analysis.estimate.fit import Fit, linearise
+from shockrig.analysis.estimate.gather import TRIGGER_SCATTER_S
+from shockrig.analysis.estimate.model import Point
+from shockrig.analysis.estimate.noise import Noise, whiteners
+from shockrig.analysis.estimate.problem import Problem, make_problem
+from shockrig.analysis.estimate.quantity import HUMIDITY, TEMPERATURE
+from shockrig.analysis.physics.conditions import Conditions
+from shockrig.analysis.plan.shock import LEAD_S, PHASE_S, PlannedShock
+
+Array = NDArray[np.float64]
+
+# Runs that have not been made, as a channel and a problem: their conditions, sampling, bins and noise.
+
+DIE_S = 10.0  # time constant with which a HYT-271's die follows the air, about
+
+
+def imagined(problem: Problem, noise: Noise, shocks: Sequence[PlannedShock], ambients_c: Array) -> Problem:
+    """A problem of one run for each shock, on the ambients `ambients_c` (G,) of the rates that are fitted.
+
+    Readings are place-holders: what such runs would say does not depend on them.
+    """
+    like = problem.channel
+    longest_s = max(shock.dwell_s + (shock.transfer_s or 0.0) for shock in shocks)
+    edges = edges_after_transfer(-LEAD_S, longest_s, like.sampling_period_s, like.tempo)
+    kinds: dict[float, int] = {}
+    samples: list[tuple[Array, Array]] = []
+    for shock in shocks:
+        last_s = shock.dwell_s + (shock.transfer_s or 0.0)
+        if last_s not in kinds:
+            kinds[last_s] = len(samples)
+            time = np.arange(-LEAD_S + 0.5 * like.sampling_period_s, last_s, like.sampling_period_s)
+            samples.append((time, np.zeros(time.size)))
+    of_kind = np.array([kinds[shock.dwell_s + (shock.transfer_s or 0.0)] for shock in shocks])
+    bin_of = place(samples, edges, np.full(len(samples), TRIGGER_SCATTER_S))
+    time, value, count = bin_means([t for t, _ in samples], [y for _, y in samples], bin_of)
+    conditions = _conditions(like.conditions, shocks)
+    ambient = np.array(
+        [0 if like.quantity.pooled else int(np.argmin(np.abs(ambients_c - s.destination_c))) for s in shocks]
+    )
+    weights = np.zeros((len(shocks), ambients_c.size))
+    weights[np.arange(len(shocks)), ambient] = 1.0
+    forms = replace(
+        like,
+        run_ids=tuple(f"kind {i}" for i in range(len(samples))),
+        time_s=time,
+        value=value,
+        count=count,
+        samples=tuple(samples),
+        bin_of=bin_of,
+        die_c=np.zeros_like(time),
+        die_samples=(),
+        air=(None,) * len(samples),
+        conditions=conditions.select(np.array([int(np.argmax(of_kind == i)) for i in range(len(samples))])),
+        ambient=np.zeros(len(samples), dtype=int),
+        interpolation=weights[: len(samples)],
+        wet_until_s=np.full(len(samples), np.nan),
+    )
+    whitener = whiteners(forms, noise)[of_kind]
+    since = np.maximum(time[of_kind], 0.0)
+    left = np.where(time[of_kind] > 0, np.exp(-since / DIE_S), 1.0)
+    die = conditions.destination_c[:, None] - conditions.thermal_step_k[:, None] * left
+    channel = replace(
+        forms,
+        run_ids=tuple(f"imagined {i}" for i in range(len(shocks))),
+        time_s=time[of_kind],
+        value=value[of_kind],
+        count=count[of_kind],
+        samples=tuple(samples[k] for k in of_kind),
+        bin_of=tuple(bin_of[k] for k in of_kind),
+        die_c=die if like.quantity is HUMIDITY else np.full_like(die, np.nan),
+        air=(None,) * len(shocks),
+        conditions=conditions,
+        ambient=ambient,
+        ambients_c=ambients_c,
+        interpolation=weights,
+        wet_until_s=np.full(len(shocks), np.nan),
+    )
+    return make_problem(channel, whitener, problem.rate_scatter)
+
+
+def _conditions(like: Conditions, shocks: Sequence[PlannedShock]) -> Conditions:
+    def each(name: str) -> Array:
+        return np.array([getattr(shock, name) for shock in shocks], dtype=float)
+
+    many = np.ones(len(shocks))
+    slowed = np.array([np.nan if shock.transfer_s is None else shock.transfer_s for shock in shocks])
+    return Conditions(
+        source_c=each("source_c"),
+        destination_c=each("destination_c"),
+        source_percent=each("source_percent"),
+        destination_percent=each("destination_percent"),
+        airflow_m_s=each("airflow_m_s"),
+        pressure_hpa=each("pressure_hpa"),
+        start_s=each("lead_s") + PHASE_S,
+        start_scatter_s=TRIGGER_SCATTER_S * many,
+        source_c_scatter=TEMPERATURE.air_scatter * many,
+        destination_c_scatter=TEMPERATURE.air_scatter * many,
+        source_percent_scatter=HUMIDITY.air_scatter * many,
+        destination_percent_scatter=HUMIDITY.air_scatter * many,
+        airflow_known=many.astype(bool),
+        start_known=many.astype(bool),
+        airs_known=many.astype(bool),
+        irradiance_w_m2=each("irradiance_w_m2"),
+        duration_s=slowed,
+        ramp_ratio=many,
+        ramp_own_s=slowed,
+        elsewhere=~many.astype(bool),
+        order=(float(like.order.max()) + 1.0) * many,
+        hours=float(like.hours.max()) * many,
+    )
+
+
+def joined_ambients(known_c: Array, wanted_c: Sequence[float]) -> Array:
+    """Ambients (G,) of a fit followed by those wanted that it does not have."""
+    new = [t for t in wanted_c if not (np.abs(known_c - t) <= AMBIENT_WIDTH_K).any()]
+    return np.concatenate([known_c, new])
+
+
+def rates_at(known_c: Array, log_rates: Array, wanted_c: Array) -> Array:
+    """ln rates at `wanted_c`, straight in 1/T through those known; beyond them with a film's usual slope.
+
+    The slope, 2500 K, is that of a rate that doubles in 25 K; one that is wrong by half of it is wrong by 12 % in 10 K,
+    which an expected amount of information does not feel.
+    """
+    order = np.argsort(known_c)
+    inverse, rates = -1.0 / (known_c[order] + 273.15), log_rates[order]
+    at = -1.0 / (wanted_c + 273.15)
+    inside = np.interp(at, inverse, rates)
+    return np.asarray(inside + 2500.0 * (at - np.clip(at, inverse[0], inverse[-1])))
+
+
+NOT_KNOWN = 0.5  # standard uncertainty of ln rate at an ambient without runs
+
+
+@dataclass(frozen=True)
+class Information:
+    """What a fit knows of its ln rates and what each of M runs would add.
+
+    Attributes
+    ----------
+    ambients_c : ndarray (G,)
+        Of the rates, those without runs last; one value where one rate holds at all.
+    known : ndarray (P, P)
+        Normal matrix of the rates and the effects' parameters so far.
+    added : ndarray (M, P, P)
+    floor : ndarray (G,)
+        Variance of each ln rate that more runs do not lower: what all triggers have in common.
+    """
+
+    ambients_c: Array
+    known: Array
+    added: Array
+    floor: Array
+
+    def variances(self, normal: Array) -> Array:
+        """Of the ln rates (..., G), at normal matrices (..., P, P)."""
+        scale = np.sqrt(np.maximum(np.diagonal(normal, axis1=-2, axis2=-1), 1e-12))
+        inverse = np.linalg.pinv(normal / scale[..., :, None] / scale[..., None, :], rcond=1e-11, hermitian=True)
+        rates = np.diagonal(inverse, axis1=-2, axis2=-1) / scale**2
+        return np.asarray(rates[..., : self.floor.size] + self.floor)
+
+
+def nats(before: Array, after: Array, places: Sequence[int]) -> float:
+    """Information on the parameters `places` by which one normal matrix (P, P) exceeds another."""
+    return 0.5 * (_log_precision(after, places) - _log_precision(before, places))
+
+
+def _log_precision(normal: Array, places: Sequence[int]) -> float:
+    """ln det of the normal matrix of some parameters once the others are eliminated."""
+    own = np.isin(np.arange(normal.shape[0]), places)
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-12))
+    scaled = normal / scale[:, None] / scale
+    within, across, rest = scaled[np.ix_(own, own)], scaled[np.ix_(own, ~own)], scaled[np.ix_(~own, ~own)]
+    left = within - across @ np.linalg.pinv(rest, rcond=1e-11, hermitian=True) @ across.T
+    left += 1e-9 * np.eye(left.shape[0])  # for parameters that nothing has told of
+    return float(np.linalg.slogdet(left)[1] + 2.0 * np.log(scale[own]).sum())
+
+
+def gained(problem: Problem, found: Fit, runs: NDArray[np.bool_], places: Sequence[int]) -> float:
+    """What some recorded runs of a fit brought to the ln rates `places` [nats].
+
+    From their own readings, noise and random effects, as the fit with all runs has them: it does not scatter as an
+    estimate does, and a run that is noisier than the others, or that the model does not describe, brought less.
+
+    Parameters
+    ----------
+    problem : Problem
+    found : Fit
+        Of the problem.
+    runs : ndarray of bool (R,)
+    places : sequence of int
+    """
+    arrow = found.arrow
+    bins = (problem.channel.count > 0).sum(axis=1) - arrow.weight.shape[1]
+    own_noise = np.sqrt((problem.whiten(found.residual) ** 2).sum(axis=1) / np.maximum(bins, 1))
+    scale = 1.0 / np.maximum(own_noise[runs], 1e-3)[:, None, None]
+    stated = replace(
+        arrow,
+        jacobian=arrow.jacobian[runs],
+        run_jacobian=arrow.run_jacobian[runs],
+        weight=arrow.weight[runs],
+        prior_weight=np.zeros_like(arrow.prior_weight),
+    )
+    own = replace(stated, jacobian=scale * stated.jacobian, run_jacobian=scale * stated.run_jacobian)
+    known = np.zeros(found.theta.size)
+    known[found.model.rates] = 1.0 / NOT_KNOWN**2
+    before = arrow.normal - stated.normal + np.diag(known)
+    return nats(before, before + own.normal, places)
+
+
+def information(
+    problem: Problem, found: Fit, noise: Noise, shocks: Sequence[PlannedShock], wanted_c: Sequence[float]
+) -> Information:
+    """What a fit knows, and what each of some runs would add, at its ambients and those wanted besides."""
+    channel, rates = problem.channel, found.model.rates
+    pooled = channel.quantity.pooled
+    ambients = channel.ambients_c if pooled else joined_ambients(channel.ambients_c, wanted_c)
+    more = ambients.size - channel.rates
+    place = np.concatenate([np.arange(channel.rates), np.arange(ambients.size, found.theta.size + more)])
+    known = np.zeros((found.theta.size + more,) * 2)
+    known[np.ix_(place, place)] = found.arrow.normal
+    new = np.arange(channel.rates, ambients.size)
+    known[new, new] = 1.0 / NOT_KNOWN**2
+    theta = np.zeros(found.theta.size + more)
+    theta[place] = found.theta
+    if more:
+        theta[new] = rates_at(channel.ambients_c, found.theta[rates], ambients[new])
+    imaginary = imagined(problem.with_rate_scatter(found.rate_scatter), noise, shocks, ambients)
+    _, arrow = linearise(imaginary, found.structure, Point(theta, imaginary.channel.at_rest()))
+    prior = np.diag(found.model.on(imaginary.channel).priors()[1])
+    added = np.stack([one.normal - prior for one in each_run(arrow)])
+    spread = np.diag(found.covariance)[rates] - np.diag(found.arrow.covariance())[rates]
+    floor = np.concatenate([np.maximum(spread, 0.0), np.full(more, float(np.median(np.maximum(spread, 0.0))))])
+    return Information(ambients, known, added, floor)
+
+
+def each_run(arrow: Arrow) -> list[Arrow]:
+    """The normal equations of each run alone."""
+    runs = range(arrow.jacobian.shape[0])
+    parts = ("jacobian", "run_jacobian", "weight")
+    return [replace(arrow, **{name: getattr(arrow, name)[i : i + 1] for name in parts}) for i in runs]
+
+
+def separations(problem: Problem, noise: Noise, true: Fit, rival: Fit, shocks: Sequence[PlannedShock]) -> Array:
+    """Expected drop in deviance (M,) by which each run, made once, speaks for `true` against `rival`.
+
+    The rival is free to move as far as the campaign leaves it open. A run that goes where no rate is known yet says
+    nothing of either.
+    """
+    channel = problem.channel
+    new = imagined(problem.with_rate_scatter(rival.rate_scatter), noise, shocks, channel.ambients_c)
+    at_rest = new.channel.at_rest()
+    truth = true.model.on(new.channel).predict(Point(true.theta, at_rest))[0]
+    there, arrow = linearise(new, rival.structure, Point(rival.theta, at_rest))
+    difference = new.whiten(truth - there)
+    prior, nothing = np.diag(arrow.prior_weight), np.zeros(rival.theta.size)
+    known = rival.arrow.normal
+    found = np.zeros(len(shocks))
+    for i, one in enumerate(each_run(arrow)):
+        own = difference[i : i + 1]
+        right, _ = one.right_sides(own, at_rest[i : i + 1], nothing)
+        absorbed = float(right @ np.linalg.lstsq(known + one.normal - prior, right, rcond=None)[0])
+        found[i] = max(one.hidden(own) - absorbed, 0.0)
+    return found * rates_known(channel, shocks)
+
+
+def rates_known(channel: Channel, shocks: Sequence[PlannedShock]) -> NDArray[np.bool_]:
+    """Whether runs (M,) go to where the rates of a channel's fit hold."""
+    away = np.abs(np.array([shock.destination_c for shock in shocks])[:, None] - channel.ambients_c)
+    return np.asarray((away <= AMBIENT_WIDTH_K).any(axis=1) | channel.quantity.pooled)

@@ -1,0 +1,295 @@
+"""What a look at a channel finds, and what is kept of it from look to look: its verdict, ties, what new runs ruled
+out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from shockrig.analysis.characterize.extension import Extension, extension_of
+from shockrig.analysis.diagnose.adequacy import judge
+from shockrig.analysis.diagnose.diagnose import diagnose_channel, enough
+from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis, ChannelOutcome, Explanation, outcome_of
+from shockrig.analysis.diagnose.prepare import Prepared, prepare
+from shockrig.analysis.diagnose.thresholds import level
+from shockrig.analysis.effects.described import described, discovered_of, is_described
+from shockrig.analysis.estimate.fit import Fit, fit
+from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.estimate.model import Model, Structure
+from shockrig.analysis.estimate.noise import Noise
+from shockrig.analysis.estimate.problem import Problem
+from shockrig.analysis.estimate.quantity import ChannelName
+from shockrig.analysis.estimate.scan import rough_point
+from shockrig.analysis.plan.evidence import REJECTED, Dispute, against, label_of, structure_of
+from shockrig.files.campaign import Campaign
+from shockrig.files.causes import StatedEffect, Uncertain
+
+# What is kept of a channel from look to look: its verdict, what is tied, and what new runs have ruled out.
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is kept of a channel from look to look.
+
+    Attributes
+    ----------
+    verdict : str
+        As in a diagnosis; "adequate" before the first.
+    runs : int
+        With how many runs the last diagnosis was made; 0: none yet.
+    causes : mapping
+        What its model carries beside the plain one, named or described, with the values that a fit begins from.
+    dispute : Dispute or None
+        What was tied then.
+    against : tuple of float
+        ln E against each of its explanations by now.
+    out : tuple of tuple of str
+        Effects of each explanation that new runs have ruled out.
+    looks : int
+        How many diagnoses were made.
+    settled : tuple of (Dispute, tuple of float)
+        Disputes that are over, with ln E against each explanation at their ends.
+    final : bool
+        Whether the last diagnosis would be no other as one of all runs at the end.
+    due : bool
+        Whether a diagnosis of the runs of this look is to be made while the next run is recorded.
+    """
+
+    verdict: str = "adequate"
+    runs: int = 0
+    causes: Explanation = field(default_factory=dict)
+    dispute: Dispute | None = None
+    against: tuple[float, ...] = ()
+    out: tuple[tuple[str, ...], ...] = ()
+    looks: int = 0
+    settled: tuple[tuple[Dispute, tuple[float, ...]], ...] = ()
+    final: bool = False
+    due: bool = False
+
+    @property
+    def tied(self) -> tuple[str, ...]:
+        """Explanations that still stand beside one another; empty where there is one."""
+        standing = self.standing
+        return tuple(label_of(e, self.explanations) for e in standing) if len(standing) > 1 else ()
+
+    @property
+    def explanations(self) -> tuple[Explanation, ...]:
+        """Of the dispute."""
+        return self.dispute.explanations if self.dispute else ()
+
+    @property
+    def standing(self) -> tuple[Explanation, ...]:
+        """Explanations of the dispute that are not out."""
+        return tuple(e for e, out in zip(self.explanations, self.against, strict=True) if out < REJECTED)
+
+    @property
+    def left(self) -> bool:
+        """Whether something is left that no catalogued effect explains, described or not."""
+        return self.verdict in ("unexplained", "described")
+
+    @property
+    def decided(self) -> bool:
+        """Whether there was a dispute and new runs have left at most one explanation."""
+        return self.dispute is not None and len(self.standing) < 2
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """Effects of the catalogue that it names."""
+        return tuple(e for e in self.causes if not is_described(e))
+
+    @property
+    def describes(self) -> bool:
+        """Whether an explanation that stands beside others is one that nobody listed."""
+        return bool(self.tied) and any(is_described(e) for one in self.standing for e in one)
+
+    def extension(self, channel: ChannelName) -> Extension:
+        """The model that the characterization uses: with what is named or described, or may be."""
+        causes = [
+            StatedEffect(effect, {name: Uncertain(value, 0.0) for name, value in self.causes[effect].items()}, 1.0)
+            for effect in self.named
+        ]
+        others = [
+            discovered_of(described(id_, channel == "humidity"), {k: (v, 0.0) for k, v in values.items()})
+            for id_, values in self.causes.items()
+            if is_described(id_)
+        ]
+        return extension_of(causes, others, channel)
+
+
+def extended(verdicts: Mapping[ChannelName, Verdict]) -> dict[ChannelName, Extension]:
+    """Extended models of the channels of which something is named."""
+    return {name: verdict.extension(name) for name, verdict in verdicts.items() if verdict.causes}
+
+
+FALSE_ALARMS = 0.01  # of campaigns in which a look may choose wrongly
+MOST_TIED = 6  # beside the best one
+FEWEST_RUNS = 4  # that are diagnosed
+MORE_RUNS = 1.2  # times as many as at the last diagnosis, from which on one that left something is made again
+
+
+@dataclass(frozen=True)
+class ChannelLook:
+    """A channel at one look: its verdict, and the fits that a design needs (None where it cannot be diagnosed).
+
+    `short` is True where a few runs more would do for that.
+    """
+
+    verdict: Verdict
+    problem: Problem | None = None
+    noise: Noise | None = None
+    rivals: tuple[Fit, ...] = ()
+    left_over: str = ""  # the run that is explained worst, where something is left
+    short: bool = False
+
+
+def spending(look: int) -> float:
+    """The share of the permitted error that look number `look` (from 1) may spend: these add up to 1."""
+    return 1.0 / (look * (look + 1.0))
+
+
+def tie_level(look: int) -> float:
+    """Difference in deviance (twice that in nats) above which explanations are not tied at a look.
+
+    The odds of a wrong choice, summed over all looks, stay below the rate of false alarms.
+    """
+    return 2.0 * float(np.log(1.0 / (FALSE_ALARMS * spending(look))))
+
+
+def look_at(
+    campaign: Campaign,
+    name: ChannelName,
+    before: Verdict,
+    final: bool = False,
+    later: bool = False,
+    made: ChannelOutcome | None = None,
+) -> ChannelLook:
+    """Look at one channel of a checked campaign.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    name : channel
+    before : Verdict
+        Of the last look.
+    final : bool
+        Whether a verdict on all runs is wanted, come what may.
+    later : bool
+        Whether a diagnosis is left for later, and only said to be due; not one that is wanted come what may.
+    made : Outcome, optional
+        Of a diagnosis that somebody made of this campaign: it is taken where one of the same runs is wanted.
+    """
+    channel = build_channel(campaign, name)
+    if channel is None or not enough(channel) or channel.runs < FEWEST_RUNS:
+        return ChannelLook(before, short=channel is not None and enough(channel))
+    ready = prepare(channel)
+    now, base = before, ready.structure
+    if before.dispute is not None:
+        now = replace(before, against=tuple(against(ready.problem, base, before.dispute)))
+    anew = final or now.decided or before.runs == 0 and channel.runs >= 2 * FEWEST_RUNS
+    if not anew and now.dispute is None:
+        current = _fitted(ready.problem, now.causes, base)
+        passed = judge(ready.problem, current, ready.noise).passed
+        anew = (not passed or before.left) and channel.runs >= max(MORE_RUNS * before.runs, before.runs + 1)
+    wanted = channel.runs > before.runs or (final and not before.final)
+    if anew and wanted and made is not None and made.runs == channel.run_ids:
+        now = _taken(made, now, True, ready)
+    elif anew and wanted and later and not final:
+        now = replace(now, due=True)
+    elif anew and wanted:
+        found = diagnose_channel(channel, earlier=now.causes, describing=final, ready=ready)
+        ready = _as_diagnosed(ready, found)
+        now = _taken(outcome_of(found), now, final, ready)
+    rivals = tuple(_fitted(ready.problem, e, base) for e in now.standing) if len(now.standing) > 1 else ()
+    worst = ""
+    if now.left:
+        current = _fitted(ready.problem, now.causes, base)
+        squares = (ready.problem.whiten(current.residual) ** 2).sum(axis=1)
+        worst = ready.problem.channel.run_ids[int(np.argmax(squares))]
+    return ChannelLook(now, ready.problem, ready.noise, rivals, worst)
+
+
+def diagnosed(campaign: Campaign, name: ChannelName, due: Verdict) -> Verdict:
+    """The verdict of a diagnosis that was left for later; `campaign` has been checked and holds the runs of then."""
+    channel = build_channel(campaign, name)
+    assert channel is not None  # or nothing was due
+    ready = prepare(channel)
+    found = diagnose_channel(channel, earlier=due.causes, describing=False, ready=ready)
+    return _taken(outcome_of(found), due, False, _as_diagnosed(ready, found))
+
+
+def _as_diagnosed(ready: Prepared, found: ChannelDiagnosis) -> Prepared:
+    """The channel as a diagnosis prepared it in the end."""
+    return replace(ready, problem=found.problem, noise=found.noise, structure=found.plain.structure)
+
+
+def _fitted(problem: Problem, explanation: Explanation, base: Structure) -> Fit:
+    """An explanation fitted to a channel, from the values that it came with."""
+    structure = structure_of(explanation, base, problem.channel.name)
+    choice = {f"{e}.{p}": v for e, values in explanation.items() for p, v in values.items()}
+    point = rough_point(problem, base)
+    start = {name: value for name, value in choice.items() if name in structure.names}
+    theta = Model(problem.channel, structure).start(point.theta[: problem.channel.rates], start)
+    return fit(problem, structure, theta, point.deviations, iterations=40)
+
+
+def _taken(found: ChannelOutcome, before: Verdict, final: bool, ready: Prepared) -> Verdict:
+    """The verdict of a diagnosis, with what it leaves tied at this look; what new runs have ruled out stays out.
+
+    Before the end an ambient may have a single run, without which it cannot be predicted: what is not seen in the fit
+    is no remainder then.
+    """
+    verdict, as_at_the_end = found.verdict, final or found.verdict in ("explained", "adequate")
+    if not final and found.passed and verdict == "unexplained":
+        verdict = "adequate" if all(map(is_described, found.stated)) else "explained"
+    newly = (tuple(e) for e, x in zip(before.explanations, before.against, strict=True) if x >= REJECTED)
+    out = tuple(dict.fromkeys((*before.out, *(tuple(sorted(ids)) for ids in newly))))
+    look = before.looks + 1
+    over = () if before.dispute is None else ((before.dispute, before.against),)
+    settled = (*before.settled, *over)
+    kept: dict[tuple[str, ...], Explanation] = {}
+    for one in _possible(found, look):
+        ids = tuple(sorted(one))
+        if ids not in out:
+            kept.setdefault(ids, one)
+    # What stood before and is not out stands where all that the diagnosis thinks of is out, or is not enough.
+    survivors = [one for one in before.standing or (before.causes,) if tuple(sorted(one)) not in out]
+    if not found.passed and (best := _enough(ready, survivors)) is not None:
+        kept = {tuple(sorted(best)): best}
+        verdict, as_at_the_end = "explained" if best else "adequate", True
+    runs, explanations = len(found.runs), tuple(kept.values() or survivors)
+    if not explanations:
+        return Verdict("unexplained", runs, found.stated, None, (), out, look, settled, as_at_the_end)
+    if tuple(sorted(found.stated)) in out:
+        # What this look does not think best, new runs have borne out: what is left is judged of the model they leave.
+        stands = _enough(ready, explanations[:1])
+        named = "explained" if stands else "adequate"
+        verdict, as_at_the_end = ("unexplained", as_at_the_end) if stands is None else (named, True)
+    dispute = Dispute(explanations, found.runs) if len(explanations) > 1 else None
+    nothing_yet = (0.0,) * len(explanations) if dispute else ()
+    return Verdict(verdict, runs, explanations[0], dispute, nothing_yet, out, look, settled, as_at_the_end)
+
+
+def _enough(ready: Prepared, explanations: Sequence[Explanation]) -> Explanation | None:
+    """The first of some explanations that leaves nothing but noise."""
+    for one in explanations:
+        if judge(ready.problem, _fitted(ready.problem, one, ready.structure), ready.noise).passed:
+            return one
+    return None
+
+
+def _possible(found: ChannelOutcome, look: int) -> list[Explanation]:
+    """The explanation that a diagnosis ends with, and those that it is tied with at this look: models that lack a part
+    of it, whether or not something else stands there, and predict unseen runs nearly as well, or all but a few of them,
+    which may be the odd ones."""
+    close = [one for one in found.near if one.tied or one.nats > -0.5 * tie_level(look)]
+    # Of what holds more, the heaviest is tied with a model that is not likely enough by itself.
+    unsure = found.weight < level("named")
+    more = [one for one in close if one.tied and one.nats > 0.0][: int(unsure)]
+    others = [one.explanation for one in close if one.lacks or one in more]
+    if not any(map(is_described, found.best)):
+        # What a name explains, some form of behaviour nearly does as well: it is no other cause to be ruled out.
+        others = [one for one in others if not any(map(is_described, one))]
+    return [found.best, *others[:MOST_TIED]]

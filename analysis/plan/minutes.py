@@ -1,0 +1,148 @@
+"""How long runs take on this bench, by kind of move, learnt from when its runs began and how long they were recorded.
+
+time between two records = base + per kelvin of chamber travel + per %RH of it + per %RH that the film has to settle
+
+fitted without negative terms, and drawn towards what benches usually need until the campaign says otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from statistics import median_low
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from shockrig.analysis.plan.shock import SOAK_OVER_S, PlannedShock
+from shockrig.files.campaign import Campaign, Run
+
+Array = NDArray[np.float64]
+Airs = tuple[float, float, float, float]  # source degC and %RH, destination degC and %RH
+
+# Between two records, in s: for a stage's way back and a soak's least; for 1 K and 1 %RH of either chamber; for 1 %RH
+# between where the probes were and where they start from. Chambers do 1 to 3 K/min and more %RH.
+USUAL = np.array([SOAK_OVER_S + 5.0, 3.0, 0.3, 0.2])
+HOW_SURE = 0.7  # of the usual, in pairs of runs
+SLOWEST = USUAL * (1.0, 20.0, 20.0, 1.0)  # chambers that do 1 K/min
+LONGEST_BETWEEN_S = 3 * 3600.0  # more is a pause, not a move, however slow the bench
+
+
+@dataclass(frozen=True)
+class Minutes:
+    """Seconds between records for one unit of each feature, and how many moves they rest on."""
+
+    coefficients: Array
+    moves: int
+
+    def between_s(self, before: Airs | None, shock: PlannedShock) -> float:
+        """From the end of one record to the start of the next [s]; `before` None is a bench that stands still."""
+        after = airs_of(shock)
+        return float(_features(after if before is None else before, after) @ self.coefficients)
+
+    def of(self, before: Airs | None, shock: PlannedShock) -> float:
+        """Bench minutes of a run with everything that comes before it."""
+        return (self.between_s(before, shock) + shock.recorded_s) / 60.0
+
+
+def airs_of(shock: PlannedShock) -> Airs:
+    """The two airs of a planned run."""
+    return (shock.source_c, shock.source_percent, shock.destination_c, shock.destination_percent)
+
+
+def airs_of_run(run: Run) -> Airs | None:
+    """The two airs of a recorded run; None where one is not known."""
+    values = [getattr(a, n) for a in (run.source, run.destination) for n in ("temperature_c", "humidity_percent")]
+    known = [v for v in values if v is not None]
+    return (known[0], known[1], known[2], known[3]) if len(known) == len(values) else None
+
+
+def _features(before: Airs, after: Airs) -> Array:
+    kelvin = max(abs(after[0] - before[0]), abs(after[2] - before[2]))
+    percent = max(abs(after[1] - before[1]), abs(after[3] - before[3]))
+    return np.array([1.0, kelvin, percent, abs(after[1] - before[3])])
+
+
+@dataclass(frozen=True)
+class BetweenRuns:
+    """What lies between the records of two runs: the airs of both, the time between them, the later one's record."""
+
+    before: Airs
+    after: Airs
+    between_s: float
+    record_s: float
+
+    @property
+    def features(self) -> Array:
+        return _features(self.before, self.after)
+
+
+def learn(campaign: Campaign | None) -> Minutes:
+    """The bench's minutes from a campaign's own moves; what is usual where it has none."""
+    moves = list({} if campaign is None else _moves(campaign.runs).values())
+    if not moves:
+        return Minutes(USUAL, 0)
+    # Each coefficient as a multiple of the usual one, drawn towards 1.
+    scaled = np.array([move.features for move in moves]) * USUAL
+    # Errors go with the time: a long travel must not drown the rest.
+    size = np.maximum([move.between_s for move in moves], 1.0)[:, None]
+    weights = np.full(USUAL.size, HOW_SURE / np.sqrt(USUAL.size))
+    design = np.vstack([scaled / size, np.diag(weights)])
+    found, _ = nnls(design, np.concatenate([np.ones(len(moves)), weights]))
+    return Minutes(found * USUAL, len(moves))
+
+
+def _moves(runs: Sequence[Run]) -> dict[str, BetweenRuns]:
+    """The moves between records, by the id of the run that each leads to, without those in which the bench stood idle.
+
+    It stood idle where another run would have fitted in (lunch, a night): where more than two moves and a record lie
+    between two records, a move being what is common in this campaign, and what a slow chamber needs for these airs.
+    """
+    began_of = [(began, run) for run in runs if (began := _began(run)) is not None]
+    timed = sorted(began_of, key=lambda one: (one[0], one[1].id))
+    moves = {}
+    for (began, run), (next_, later) in zip(timed, timed[1:], strict=False):
+        before, after = airs_of_run(run), airs_of_run(later)
+        between_s = next_ - began - recorded_s(run)
+        same_session = run.extra.get("session") == later.extra.get("session")
+        if before is not None and after is not None and same_session and 0.0 < between_s < LONGEST_BETWEEN_S:
+            moves[later.id] = BetweenRuns(before, after, between_s, recorded_s(later))
+    # The lower median, with what is usual: of two that differ the longer one is taken for idle until a third comes.
+    common_s = median_low([USUAL[0], *(move.between_s for move in moves.values())])
+    return {
+        id_: move
+        for id_, move in moves.items()
+        if move.between_s <= 2.0 * max(common_s, float(move.features @ SLOWEST)) + move.record_s
+    }
+
+
+def _began(run: Run) -> float | None:
+    try:
+        return datetime.fromisoformat(run.started_at or "").timestamp()
+    except ValueError:
+        return None
+
+
+def recorded_s(run: Run) -> float:
+    """Length of a run's record [s]."""
+    return max((float(t.time_s[-1]) for t in (run.imet, run.hyt) if t is not None and t.time_s.size), default=0.0)
+
+
+def spent_minutes(campaign: Campaign) -> dict[str, float]:
+    """Bench minutes of each run, by id: from the end of the record before it; as learnt where that is not known, or the
+    bench stood idle."""
+    learnt, moves = learn(campaign), _moves(campaign.runs)
+    taken: dict[str, float] = {}
+    before: Run | None = None
+    for run in sorted(campaign.runs, key=lambda run: (_began(run) or 0.0, run.id)):
+        between_s = float(learnt.coefficients[0])
+        airs = None if before is None else airs_of_run(before), airs_of_run(run)
+        if run.id in moves:
+            between_s = moves[run.id].between_s
+        elif airs[0] is not None and airs[1] is not None:
+            between_s = float(_features(airs[0], airs[1]) @ learnt.coefficients)
+        taken[run.id] = (between_s + recorded_s(run)) / 60.0
+        before = run
+    return taken

@@ -1,0 +1,131 @@
+"""What a campaign's runs usually have, what they have varied and what not, and runs that could be made once more."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.quantity import QUANTITIES
+from shockrig.analysis.plan.goals import Goals, Place
+from shockrig.analysis.plan.judged import ChannelLook
+from shockrig.analysis.plan.minutes import airs_of_run
+from shockrig.analysis.plan.shock import SHORTEST_S, USUAL_C, PlannedShock, Surroundings, Usual
+from shockrig.files.campaign import Campaign, Run
+
+Array = NDArray[np.float64]
+VARIETY_WORTH = 0.5  # worth of a run in another direction or airflow, where ties are to be decided
+ENOUGH_RUNS = 1.8  # runs of one kind, a smaller step than the largest counting as much less
+OTHER_PRESSURE = 0.03  # relative difference from which on a pressure is another one, and no weather
+OTHER_FLOW = 1.5  # times as much airflow is another one
+
+
+def variety(
+    looks: Mapping[Place, ChannelLook], shocks: Sequence[PlannedShock], planned: Sequence[PlannedShock] = ()
+) -> Array:
+    """Worth (M, 2) of the runs that vary what fewer than two of a channel's runs have: direction, airflow.
+
+    Of each made once, and of the second of two. One run says nothing: runs differ. A step that is smaller than the
+    largest so far says as much less. Runs that are `planned` count as recorded.
+    """
+    bonus = np.zeros((len(shocks), 2))
+    for look in looks.values():
+        if look.problem is None:
+            continue
+        channel = look.problem.channel
+        least = channel.quantity.least_step
+        steps = np.array([*channel.quantity.step(channel.conditions), *(_step_of(channel, s) for s in planned)])
+        flows = np.array([*channel.conditions.airflow_m_s, *(s.airflow_m_s for s in planned)])
+        largest = max(float(np.abs(steps).max()), least)
+        for i, shock in enumerate(shocks):
+            own = _step_of(channel, shock)
+            for time in range(2) if abs(own) > least else ():
+                size = np.abs([*steps, *time * [own]]) / largest
+                other_way = size[np.sign([*steps, *time * [own]]) == np.sign(own)].sum() < ENOUGH_RUNS
+                other_flow = _other_flow(np.array([*flows, *time * [shock.airflow_m_s]]), size, shock.airflow_m_s)
+                bonus[i, time] += VARIETY_WORTH * min(abs(own) / largest, 1.0) * (int(other_way) + int(other_flow))
+    bonus[:, 1] *= bonus[:, 0] > 0.0
+    return bonus
+
+
+def _other_flow(flows: Array, share: Array, flow: float) -> bool:
+    """Whether an airflow is one that less than two runs of the largest step have had something like."""
+    low, high = float(flows.min()), float(flows.max())
+    if high < OTHER_FLOW * low:
+        return max(high, flow) > OTHER_FLOW * min(low, flow)
+    slow = flows < np.sqrt(low * high)
+    few = [float(share[slow].sum()) < ENOUGH_RUNS, float(share[~slow].sum()) < ENOUGH_RUNS]
+    return few[0] and flow <= OTHER_FLOW * low or few[1] and flow >= high / OTHER_FLOW
+
+
+def _step_of(channel: Channel, shock: PlannedShock) -> float:
+    if channel.quantity.pooled:
+        return shock.destination_c - shock.source_c
+    return shock.destination_percent - shock.source_percent if shock.isothermal else 0.0
+
+
+def is_again(run: Run, first: Run) -> bool:
+    """Whether a run is another one once more: the same airs, as far as they make no step, airflow and pressure."""
+    airs, others = airs_of_run(run), airs_of_run(first)
+    if airs is None or others is None:
+        return False
+    least = [QUANTITIES[name].least_step for name in ("temperature", "humidity")]
+    apart = np.abs(np.subtract(airs, others)) < [*least, *least]
+    slow, fast = sorted(one.airflow_m_s or PlannedShock.airflow_m_s for one in (run, first))
+    same_pressure = abs(run.pressure_hpa / first.pressure_hpa - 1.0) <= OTHER_PRESSURE
+    return bool(apart.all()) and fast < OTHER_FLOW * slow and same_pressure
+
+
+def shock_of(run: Run) -> PlannedShock | None:
+    """A recorded run as one that could be made again, its set points rounded; None where its airs are not known."""
+    airs = airs_of_run(run)
+    if airs is None:
+        return None
+    last_s = max((float(t.time_s[-1]) for t in (run.imet, run.hyt) if t is not None and t.time_s.size), default=0.0)
+    return PlannedShock(
+        float(round(airs[0])),
+        float(round(airs[1])),
+        float(round(airs[2])),
+        float(round(airs[3])),
+        PlannedShock.airflow_m_s if run.airflow_m_s is None else round(run.airflow_m_s, 2),
+        float(round(max(last_s - (run.start_s or 0.0), SHORTEST_S))),
+        None,
+        round(run.pressure_hpa, 2),
+        float(run.extra.get("irradiance_w_m2") or 0.0),
+    )
+
+
+def usual_of(campaign: Campaign | None, goals: Goals, surroundings: Surroundings) -> Usual:
+    """What runs of a campaign have that nothing is said of, and what else they can have."""
+    low, high = min(*goals.ambients_c, USUAL_C), max(*goals.ambients_c, 2 * USUAL_C)
+    runs = () if campaign is None else campaign.runs
+    airs = [a.temperature_c for r in runs for a in (r.source, r.destination) if a.temperature_c is not None]
+    flows = [run.airflow_m_s for run in runs if run.airflow_m_s]
+    lights = {float(x) for run in runs if isinstance(x := run.extra.get("irradiance_w_m2"), int | float) and x > 0}
+    pressure = round(float(np.median([run.pressure_hpa for run in runs])), 2) if runs else Usual.pressure_hpa
+    others = {round(p, -1) for run in runs if abs((p := run.pressure_hpa) / pressure - 1.0) > OTHER_PRESSURE}
+    others |= {p for p in surroundings.pressures_hpa if abs(p / pressure - 1.0) > OTHER_PRESSURE}
+    return Usual(
+        airflow_m_s=round(float(np.median(flows)), 2) if flows else Usual.airflow_m_s,
+        pressure_hpa=pressure,
+        other=Surroundings(tuple(sorted(others)), tuple(sorted(lights | set(surroundings.irradiances_w_m2)))),
+        coldest_c=round(min([low, *airs])),
+        warmest_c=round(max([high, *airs])),
+    )
+
+
+def farthest(menu: Sequence[PlannedShock], runs: Sequence[Run]) -> PlannedShock:
+    """The run of a menu that is least like any that was recorded."""
+    there = np.array([_place(s) for run in runs if (s := shock_of(run)) is not None])
+    places = np.array([_place(shock) for shock in menu])
+    apart = ((places[:, None, :] - there[None, :, :]) ** 2).sum(axis=-1).min(axis=1)
+    return menu[int(np.argmax(apart))]
+
+
+def _place(shock: PlannedShock) -> tuple[float, ...]:
+    """Conditions scaled so that differences that matter alike are alike."""
+    kelvin = (shock.source_c / 15.0, shock.destination_c / 15.0)
+    percent = (shock.source_percent / 25.0, shock.destination_percent / 25.0)
+    return (*kelvin, *percent, np.log(shock.airflow_m_s) / 0.7, 2.0 * (shock.transfer_s is not None))
