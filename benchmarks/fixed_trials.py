@@ -4,7 +4,7 @@
 
 records the standard campaign without the run that closes it (with one run more all noise is drawn anew), prints a line
 a trial and ends with status 1 where one is not as expected. Beside whole trials there are effects whose
-entry is taken away from the catalogue, in one channel. `tests/test_diagnosis_trials.py` has the cheap ones.
+entry is taken away from the catalogue, in one channel. `tests/diagnose/test_diagnosis_trials.py` has the cheap ones.
 """
 
 from __future__ import annotations

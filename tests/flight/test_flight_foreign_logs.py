@@ -1,0 +1,224 @@
+"""Flights as other makers' loggers write them: clocks, names, lines of metadata and units, slow rows, plumes."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pandas
+import pytest
+from scipy.signal import lfilter
+
+from shockrig.analysis.flight.correct import correct
+from shockrig.analysis.flight.screen import screen
+from shockrig.analysis.flight.simulated.typical import typical_profile
+from shockrig.files.errors import InputError
+from shockrig.files.flight import Flight, read_layout
+from shockrig.files.flight_rows import to_flight
+from shockrig.files.profile import read_profile, write_profile
+from shockrig.files.ranges import RANGES
+from shockrig.protocols.cli import main
+from shockrig.protocols.flight_logs import to_csv
+
+PROFILE = typical_profile()
+PLACE = "latitude,longitude,altitude"
+
+
+def rms(error):
+    return float(np.sqrt(np.nanmean(np.square(error))))
+
+
+def read(tmp_path, header, rows):
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([header, *rows]) + "\n")
+    layout = read_layout(path)
+    return to_flight(list(csv.reader(path.read_text().splitlines()))[1:], layout)
+
+
+def run(tmp_path, capsys, text, *arguments, profile=PROFILE):
+    write_profile(profile, tmp_path / "profile.json")
+    (tmp_path / "log.csv").write_text(text)
+    command = ["correct", str(tmp_path / "log.csv"), "--profile", str(tmp_path / "profile.json")]
+    status = main([*command, "--out", str(tmp_path / "out.csv"), *arguments])
+    return status, capsys.readouterr().err
+
+
+def test_hours_minutes_and_seconds_in_one_number_are_no_seconds(tmp_path):
+    clock = [f"{10 + s // 3600}{s // 60 % 60:02d}{s % 60:02d}" for s in range(3570, 3640, 3)]
+    flight = read(tmp_path, "Time,Temperature", [f"{stamp},{20 + 0.01 * i:.2f}" for i, stamp in enumerate(clock)])
+    np.testing.assert_allclose(np.diff(flight.time_s), 3.0)
+    assert flight.time_s[0] == 10 * 3600 + 3570
+
+
+@pytest.mark.parametrize("seconds", [range(0, 50), range(140, 320), range(0, 6000, 100), range(0, 6000, 47)])
+def test_seconds_stay_seconds(tmp_path, seconds):
+    flight = read(tmp_path, "Time,Temperature", [f"{s},{20 + 0.01 * s:.2f}" for s in seconds])
+    np.testing.assert_allclose(flight.time_s, list(seconds))
+
+
+def test_a_time_of_day_has_no_date_and_no_wmo_file(tmp_path, capsys):
+    rows = [f"11:{s // 60:02d}:{s % 60:02d},{20 + 0.01 * s:.2f},45,48.1,11.5,{500 + s}" for s in range(200)]
+    flight = read(tmp_path, f"time,temperature,humidity,{PLACE}", rows)
+    assert flight.time_s[0] == 11 * 3600
+    text = "\n".join([f"time,temperature,humidity,{PLACE}", *rows]) + "\n"
+    status, said = run(tmp_path, capsys, text, "--wmo", "007:ABC12")
+    assert status == 2 and "no date" in said
+
+
+def test_degrees_and_minutes_are_no_wmo_position(tmp_path, capsys):
+    rows = [f"2026-05-01 11:00:{s:02d},{20 + 0.01 * s:.2f},45,4032.06,-8854.8,{500 + s}" for s in range(60)]
+    text = "\n".join([f"time,temperature,humidity,{PLACE}", *rows]) + "\n"
+    status, said = run(tmp_path, capsys, text, "--wmo", "007:ABC12")
+    assert status == 2 and "decimal degrees" in said
+
+
+@pytest.mark.parametrize(
+    ("header", "places"),
+    [("DateTime,T,RH", (0, 1)), ("DateTime,t,rh", (0, 1)), ("t,T,RH", (0, 1)), ("T,t,RH", (1, 0))],
+)
+def test_t_is_the_temperature_where_another_column_is_the_time(tmp_path, header, places):
+    path = tmp_path / "log.csv"
+    path.write_text(header + "\n")
+    place = read_layout(path).place
+    assert (place["time"], place["temperature"]) == places
+
+
+def test_a_lone_capital_t_is_no_time(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("T,RH\n")
+    with pytest.raises(InputError, match="no column of time"):
+        read_layout(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("Serial,5,\nFirmware,1.2,\nTime,Temperature,Humidity\n1,20,45\n", "line 3"),
+        ("2026:05:01_11:00:00,20.1,45.2\n2026:05:01_11:00:02,20.2,45.3\n", "no line of names"),
+        ("time_s,temperature_c\n" + "".join(f"{100 - s},20\n" for s in range(50)), "oldest row first"),
+    ],
+)
+def test_what_is_wrong_with_a_log_is_said_with_its_remedy(tmp_path, capsys, text, said):
+    status, error = run(tmp_path, capsys, text)
+    assert status == 2 and said in error and len(error.splitlines()) == 1
+
+
+def test_a_channel_that_is_not_recognised_is_said_to_be(tmp_path, capsys):
+    rows = [f"{s},{45 + 0.1 * np.sin(s / 9):.2f},{20 + 0.1 * np.sin(s / 9):.2f}" for s in range(60)]
+    status, said = run(tmp_path, capsys, "\n".join(["time,humidity,external temperature", *rows]) + "\n")
+    assert status == 0 and "--column temperature=NAME" in said
+
+
+def test_lines_of_metadata_and_a_row_of_units_go_by_the_map_that_look_writes(tmp_path, capsys):
+    head = ["Version,1.0,", "Serial,77,", "Started,1780000000,s,"]
+    names = "UTC Date,UTC Time,Altitude ASL,Pressure,Air Temp C,Rel Hum C,Speed Over Ground,Latitude,Longitude"
+    units = "MM/DD/YY,HH:MM:SS,m,mB,C,%,m/s,deg,deg"
+    rows = [
+        f"05/29/26,16:17:{s:02d},{360 + 3 * s:.1f},{970 - 0.35 * s:.2f},{22 - 0.02 * s:.2f},{55 + 0.1 * s:.1f},0.2,"
+        f"{35.2226 + 1e-6 * s:.6f},-97.4394"
+        for s in range(60)
+    ]
+    log = tmp_path / "log.csv"
+    log.write_text("\n".join([*head, names, units, *rows]) + "\n")
+    assert main(["import", str(log), "--look", "--out", str(tmp_path / "look")]) == 0
+    assert to_csv(log, tmp_path / "flight.csv", map_path=tmp_path / "look" / "log.toml")
+    found = pandas.read_csv(tmp_path / "flight.csv")
+    assert found["temperature_c"][50] == pytest.approx(21.0) and found["humidity_percent"][50] == pytest.approx(60.0)
+    assert found["altitude_m"][50] == pytest.approx(510.0) and found["latitude_deg"][50] == pytest.approx(35.22265)
+    assert found["time_s"][0] == pandas.Timestamp("2026-05-29 16:17:00").timestamp()
+    assert "airspeed_m_s" not in found
+    capsys.readouterr()
+
+
+def test_an_altitude_in_feet_comes_by_a_map_in_metres(tmp_path):
+    (tmp_path / "log.csv").write_text("sec;warm;Alt (ft)\n" + "".join(f"{s};20.{s};{1000 + s}\n" for s in range(9)))
+    (tmp_path / "map.toml").write_text('[log]\ntime = "sec"\n[sensor.S]\ntemperature = "warm"\naltitude = "Alt (ft)"\n')
+    assert to_csv(tmp_path / "log.csv", tmp_path / "flight.csv", map_path=tmp_path / "map.toml")
+    assert pandas.read_csv(tmp_path / "flight.csv")["altitude_m"][0] == pytest.approx(304.8)
+
+
+@pytest.mark.parametrize("housed", [False, True])
+def test_the_stated_profile_of_the_documentation_is_one_and_its_lags_are_what_it_says(tmp_path, capsys, housed):
+    text = (Path(__file__).parents[2] / "docs" / "flights_reading.md").read_text(encoding="utf-8")
+    profile, _, below = text.partition("```json\n")[2].partition("```")
+    if housed:  # the second lag that is stated below it
+        profile = profile.replace('"effects": []', below.partition("`")[2].partition("`")[0], 1)
+    (tmp_path / "stated.json").write_text(profile)
+    time_s = np.arange(0.0, 600.0, 1.0)
+    air = 15.0 + 4.0 * np.sin(time_s / 40.0)
+    rng = np.random.default_rng(1)
+
+    def lagged(values, lag_s):
+        fine = np.arange(0.0, 600.0, 0.01)
+        seen = lfilter([0.01 / lag_s], [1.0, 0.01 / lag_s - 1.0], np.interp(fine, time_s, values) - values[0])
+        return values[0] + seen[::100]
+
+    inside = lagged(air, 2.5) if housed else air
+    log = pandas.DataFrame({"time_s": time_s, "temperature_c": lagged(inside, 8.0) + 0.02 * rng.standard_normal(600)})
+    log["humidity_percent"] = 40.0 + 0.1 * rng.standard_normal(600)
+    log.to_csv(tmp_path / "flight.csv", index=False)
+    files = [str(tmp_path / "flight.csv"), "--profile", str(tmp_path / "stated.json"), "--out", str(tmp_path / "o.csv")]
+    assert main(["correct", *files]) == 0
+    done = pandas.read_csv(tmp_path / "o.csv")
+    error = np.abs(done["temperature_corrected_c"] - air)[30:-30]
+    assert error.max() < 0.15 and np.abs(log["temperature_c"] - air)[30:-30].max() > 0.7
+    # a quarter of a lag that is uncertain by a quarter
+    assert done["temperature_uncertainty_k"].max() == pytest.approx(0.25 * 8.0 * 4.0 / 40.0, rel=0.3)
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize("period_s", [1.0, 2.0, 47.0])
+def test_twenty_rows_have_an_uncertainty_in_proportion(tmp_path, period_s):
+    """A balloon's row every 47 s was stated to 100 K."""
+    (tmp_path / "stated.json").write_text(
+        '{"format": "sensor-profile/1", "sensors": {"imet": {"body": "lumped"}}, "temperature": {"bead_radius_m": 4e-4,'
+        ' "thermal_diffusivity_m2_s": {"value": 8e-9, "standard_uncertainty": 4e-10}, "noise_k": 0.02, "effects": []}}'
+    )
+    profile = read_profile(tmp_path / "stated.json")
+    inside, errors, sizes = [], [], []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        step = period_s / max(round(period_s / 0.05), 20)
+        fine = np.arange(-200.0, 20 * period_s, step)
+        air = 20.0 - 0.005 * fine + 0.15 * np.sqrt(step) * np.cumsum(rng.standard_normal(fine.size))
+        reading = air[0] + lfilter([step / 20.0], [1.0, step / 20.0 - 1.0], air - air[0])
+        time_s, nothing = np.arange(20) * period_s, np.full(20, np.nan)
+        air, reading = (np.interp(time_s, fine, values) for values in (air, reading))
+        reading += 0.02 * rng.standard_normal(20)
+        done = correct(Flight(time_s, reading, nothing, nothing, nothing, nothing), profile)
+        errors.append([rms(done.temperature_c - air), rms(reading - air)])
+        inside.append(np.mean(np.abs(done.temperature_c - air) < 1.96 * done.temperature_uncertainty_k))
+        sizes.append(rms(done.temperature_uncertainty_k))
+    corrected, raw = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert corrected < 0.9 * raw and np.mean(inside) > 0.85
+    assert max(sizes) < 6.0 * raw
+
+
+def test_readings_in_a_plume_are_not_implausible_and_absurd_ones_are():
+    """Calm air on the way to a plume, a row every 2 s: readings wander by many times the usual there."""
+    wrongly = 0
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        calm, plume = 45.0 + 0.05 * rng.standard_normal(200), 50.0 + np.cumsum(rng.normal(0.0, 2.5, 200))
+        reading = np.concatenate([calm, np.clip(plume, 35.0, 65.0), calm])
+        absurd = [60, 280, 340]
+        reading[absurd] = 100.0
+        found = screen(2.0 * np.arange(reading.size), reading, RANGES["humidity_reading_percent"], 0.06)
+        assert found.implausible[absurd].all()
+        wrongly += np.count_nonzero(found.implausible) - len(absurd)
+    assert wrongly <= 12  # of 1200, at the plume's edges
+
+
+def test_short_logs_are_screened_as_well():
+    for count in range(1, 40):
+        reading = 20.0 + 0.1 * np.sin(np.arange(count))
+        reading[count // 2] = 60.0 if count > 8 else reading[count // 2]
+        found = screen(np.arange(float(count)), reading, RANGES["temperature_c"], 0.02)
+        assert np.flatnonzero(found.implausible).tolist() == ([count // 2] if count > 8 else [])
+
+
+def test_the_turn_of_a_fast_change_is_not_implausible_in_slow_rows():
+    rng = np.random.default_rng(1)
+    reading = 18.0 + 0.4 * np.sin(np.arange(120) / 17.0) + 0.02 * rng.standard_normal(120)
+    reading[60:66] += [0.2, 0.45, 0.7, 0.3, 0.1, 0.0]
+    found = screen(3.0 * np.arange(120), reading, RANGES["temperature_c"], 0.02)
+    assert not found.implausible.any()

@@ -1,0 +1,81 @@
+"""The smoother's recursions: compiled as written down, and from a flight's first row to its last."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from shockrig.analysis.flight import smoother
+from shockrig.analysis.flight.correct import correct
+from shockrig.analysis.flight.prior import Passing, Prior
+from shockrig.analysis.flight.response import LagResponse
+from shockrig.analysis.flight.simulated.scenes import to_flight
+from shockrig.analysis.flight.simulated.sensor import fly
+from shockrig.analysis.flight.simulated.typical import typical_profile
+from shockrig.analysis.flight.simulated.weather import convective
+from shockrig.analysis.flight.smooth_channel import estimate
+from shockrig.analysis.flight.smoother import Jumps
+
+
+@pytest.mark.skipif(smoother._kernel is None, reason="the kernel was not built")
+@pytest.mark.parametrize(
+    ("modes", "cap", "inside", "passing", "smooth"),
+    [(4, (), 0, None, False), (6, (), 0, -1.3, False), (6, (0.7, 0.3), 3, 0.5, True), (5, (1.0,), 3, None, True)],
+)
+def test_the_compiled_recursion_is_the_one_written_down(modes, cap, inside, passing, smooth):
+    rng = np.random.default_rng(1)
+    nodes = (3, 120)
+    rate = np.sort(rng.uniform(0.05, 3.0, (*nodes, modes)), axis=-1)
+    weight = rng.normal(size=rate.shape)
+    rate[..., : len(cap)], weight[..., : len(cap)] = (5.0, 9.0)[: len(cap)], 0.0
+    response = LagResponse(weight / weight.sum(axis=-1, keepdims=True), rate, np.zeros(nodes), cap=cap, inside=inside)
+    step, noise = np.full(nodes, 0.1), np.full(nodes, 0.02**2)
+    step[:, 50], noise[:, 20:25] = 1.7, np.inf
+    reading = np.cumsum(0.1 * rng.normal(size=nodes), axis=1)
+    strengths = (size * rng.uniform(0.5, 2.0, nodes) for size in (0.3, 0.1, 0.02))
+    through = None if passing is None else Passing(rng.uniform(0.02, 0.1, nodes), 4.0, passing)
+    jumps = Jumps(np.zeros((*nodes, 2)), rng.uniform(0.0, 1.0, nodes))
+    jumps.variance[:, 70, 0], jumps.variance[1, 90, 1] = 4.0, 2.0
+    size = 6 + modes + 2 * (through is not None)
+    mean, p = rng.normal(size=(3, size)), np.eye(size) * np.ones((3, 1, 1))
+    given = (step, reading, noise, response, Prior(*strengths, smooth=smooth), through, jumps, mean, p)
+    written, built = smoother.plain(*given), smoother.compiled(*given)
+    for name in smoother.Smoothed.__annotations__:
+        right = getattr(written, name)
+        np.testing.assert_allclose(getattr(built, name), right, atol=1e-7 * np.nanmax(np.abs(right)))
+
+
+@pytest.mark.skipif(smoother._kernel is None, reason="the kernel was not built")
+def test_without_a_compiler_a_flight_is_corrected_alike(monkeypatch):
+    """The package installs without its kernel, and the recursions written down give the same flight."""
+    build = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["tool"]["setuptools"]
+    assert all(extension["optional"] for extension in build["ext-modules"])
+    profile = typical_profile()
+    log = to_flight(fly(convective(np.random.default_rng(3), duration_s=20.0), profile, 3).log)
+    built = correct(log, profile)
+    monkeypatch.setattr(smoother, "_kernel", None)
+    assert np.isfinite(built.temperature_c).all() and np.isfinite(built.humidity_percent).all()
+    written = correct(log, profile)
+    for name in ("temperature_c", "temperature_uncertainty_k", "humidity_percent", "humidity_uncertainty_percent"):
+        np.testing.assert_allclose(getattr(written, name), getattr(built, name), rtol=1e-4)
+
+
+def test_a_film_slower_than_minutes_is_followed_at_ten_readings_a_second():
+    """Twenty minutes through layers with a t63 of 160 s: its memory is longer than any window that one would cut."""
+    rng = np.random.default_rng(4)
+    time_s = 0.1 * np.arange(12_000)
+    levels = rng.uniform(30.0, 80.0, 7)
+    air = np.interp(time_s, np.arange(1, 13) * 92.0 + np.tile([0.0, -80.0], 6), np.repeat(levels, 2)[1:-1])
+    eigenvalues = (np.arange(6) + 0.5) * np.pi
+    rate, weight = eigenvalues**2 * 0.32 / 160.0, 2.0 / eigenvalues**2
+    decay, weight = np.exp(-0.1 * rate), weight / weight.sum()
+    lags = [lfilter([1 - d], [1.0, -d], air, zi=[d * air[0]])[0] for d in decay]
+    reading = weight @ lags + 0.06 * rng.standard_normal(air.size)
+    one = np.ones(air.size)
+    response = LagResponse(one[:, None] * weight, one[:, None] * rate, 0 * one)
+    found = estimate(time_s, reading, one > 0, response, 0.06**2 * one)
+    off = found.air - air
+    assert np.mean(np.abs(off) < 1.96 * np.sqrt(found.variance)) > 0.9
+    assert np.sqrt(np.mean(off**2)) < 0.5
