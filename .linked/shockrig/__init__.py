@@ -1,1 +1,0 @@
-../../shockrig/__init__.py

@@ -1,1 +1,0 @@
-../../shockrig/notebook.py
