@@ -1,9 +1,15 @@
-"""Emulated instruments over a tiny analytic world, put under the real drivers, for the drivers' tests."""
+"""Emulated instruments under the real drivers, over a tiny analytic world; the command `emulate` in its own process."""
 
 from __future__ import annotations
 
 import itertools
+import os
+import signal
+import subprocess
+import sys
 from contextlib import contextmanager
+
+from processes import ended, heard
 
 from shockrig.rig.buses.i2c import SmbusBus
 from shockrig.rig.buses.serial_port import PyserialPort
@@ -98,3 +104,26 @@ def watch(part, clock, for_s):
             readings += part.poll()
     clock.sleep_until(end_s)
     return readings
+
+
+@contextmanager
+def emulating(tmp_path, *arguments, begin=None, number=signal.SIGINT):
+    """The command in a process of its own; yields it once it has said how to reach its instruments."""
+    command = [sys.executable, "-m", "shockrig.protocols.cli", "emulate", *arguments, "--folder", str(tmp_path)]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=begin
+    ) as process:
+        try:
+            on_bus = {"hyt-271", "sht31", "sht41"} & set(arguments)
+            process.hello = heard(process, process.stdout, "export", *([] if on_bus else [" on /dev/"]))
+            yield process
+        finally:
+            process.last_words = ended(process, number)
+
+
+def with_bus(tmp_path):
+    return os.environ | {
+        "LD_PRELOAD": str(tmp_path / "i2c_preload.so"),
+        "SHOCKRIG_I2C_1": str(tmp_path / "i2c-1.socket"),
+        "PATH": os.environ["PATH"] + ":/usr/sbin",
+    }

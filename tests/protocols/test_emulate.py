@@ -9,11 +9,11 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from processes import ended, heard, in_background
+from emulated import emulating, with_bus
+from processes import in_background
 
 from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.analysis.physics.modes import response_times, sphere_core
@@ -30,29 +30,6 @@ needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler 
 def needs(*programs):
     missing = [program for program in programs if shutil.which(program) is None]
     return pytest.mark.skipif(bool(missing), reason=f"no {', '.join(missing)} (apt install i2c-tools picocom)")
-
-
-@contextmanager
-def emulating(tmp_path, *arguments, begin=None, number=signal.SIGINT):
-    """The command in a process of its own; yields it once it has said how to reach its instruments."""
-    command = [sys.executable, "-m", "shockrig.protocols.cli", "emulate", *arguments, "--folder", str(tmp_path)]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=begin
-    ) as process:
-        try:
-            on_bus = {"hyt-271", "sht31", "sht41"} & set(arguments)
-            process.hello = heard(process, process.stdout, "export", *([] if on_bus else [" on /dev/"]))
-            yield process
-        finally:
-            process.last_words = ended(process, number)
-
-
-def with_bus(tmp_path):
-    return os.environ | {
-        "LD_PRELOAD": str(tmp_path / "i2c_preload.so"),
-        "SHOCKRIG_I2C_1": str(tmp_path / "i2c-1.socket"),
-        "PATH": os.environ["PATH"] + ":/usr/sbin",
-    }
 
 
 def rows_of(path, quantity):

@@ -14,8 +14,8 @@ from urllib.request import urlopen
 
 import numpy as np
 import pytest
+from emulated import emulating, with_bus
 from processes import ended, heard, wait_for
-from test_emulate import emulating, with_bus
 
 from shockrig.analysis.flight.causal import Corrector, rows_of
 from shockrig.analysis.flight.causal_design import design_of

@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 import pytest
-from test_emulate import emulating, with_bus
+from emulated import emulating, with_bus
 
 from shockrig.rig.virtual.chips.bme280 import Bme280Chip, Trimming, count_of
 from shockrig.rig.virtual.chips.sht import Sht3xChip, Sht4xChip, crc8, words
