@@ -33,7 +33,7 @@ Mask = NDArray[np.bool_]
 MOST_SHARE_OFF = 0.25  # of how far both columns go, that they are from the other's last values where they change place
 WARM_C = 35.0  # few airs are flown in that are warmer
 LEAST_SHARE_WARMER = 0.02  # of the rows of one kind of stretch, more than of the other, that are
-SIDE_ROWS = 3  # rows on either side
+BESIDE_ROWS = 3  # rows on either side
 LEAST_COLUMNS_APART = 2.0  # K or %RH; columns that are closer cannot be told from one another
 PASCAL = "pressure_hpa: pascal"
 EXCHANGED = "temperature and humidity, each in the other's place"
@@ -93,12 +93,12 @@ def _exchanged(temperature: Array, humidity: Array) -> Mask:
     can_be = RANGES["humidity_reading_percent"]
     both = np.stack([temperature, humidity])
     rows = np.flatnonzero(((both >= can_be.low) & (both <= can_be.high)).all(axis=0))
-    if rows.size < 2 * SIDE_ROWS + 1:
+    if rows.size < 2 * BESIDE_ROWS + 1:
         return exchanged
     either = (
-        (SIDE_ROWS, SIDE_ROWS),
-        (1, SIDE_ROWS),
-        (SIDE_ROWS, 1),
+        (BESIDE_ROWS, BESIDE_ROWS),
+        (1, BESIDE_ROWS),
+        (BESIDE_ROWS, 1),
     )  # something else may have changed in the row beside
     turns = np.logical_or.reduce([_turns(temperature[rows], humidity[rows], *sides) for sides in either])
     ends = np.flatnonzero(np.diff(np.concatenate([[0], turns.astype(int), [0]])))
@@ -139,16 +139,18 @@ def _turns(temperature: Array, humidity: Array, before: int, behind: int) -> Mas
     single readings may be noise, and where either goes fast, the two may cross."""
 
     def level(values: Array, size: int, first: int) -> tuple[Array, Array]:
-        padded = np.pad(values, SIDE_ROWS, mode="edge")
+        padded = np.pad(values, BESIDE_ROWS, mode="edge")
         least, most, *more = (padded[first + k : first + k + values.size] for k in (0, size - 1, *range(1, size - 1)))
         least, most = np.minimum(least, most), np.maximum(least, most)
         if not more:
             return 0.5 * (least + most), most - least
-        (middle,) = more  # of up to SIDE_ROWS rows
+        (middle,) = more  # of up to BESIDE_ROWS rows
         return np.clip(middle, least, most), np.maximum(most, middle) - np.minimum(least, middle)
 
     ends = [
-        level(v, *side) for v in (temperature, humidity) for side in ((before, SIDE_ROWS - before), (behind, SIDE_ROWS))
+        level(v, *side)
+        for v in (temperature, humidity)
+        for side in ((before, BESIDE_ROWS - before), (behind, BESIDE_ROWS))
     ]
     (t, after_t, h, after_h), moved = (one[0] for one in ends), np.max([one[1] for one in ends], axis=0)
     straight, crossed = np.abs(after_t - t) + np.abs(after_h - h), np.abs(after_t - h) + np.abs(after_h - t)
