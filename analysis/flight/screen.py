@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
+from scipy.ndimage import maximum_filter1d, median_filter
 
 from shockrig.analysis.flight.coarse import COARSE_IN_NOISE
 from shockrig.analysis.flight.stretches import judge, within
@@ -178,6 +178,7 @@ def code_notes(codes: Mapping[str, Mask | int]) -> list[str]:
 
 MEDIAN_WIDTH = 11  # a burst of up to 5 absurd samples in a row is seen
 LONE_SIGMAS = 10.0  # of what is usual over the flight
+WORST_SHARE = 0.5  # of what the farthest reading around is off: those go together
 SPIKE_STEPS = 3.0  # of the log: rounding at both ends, and one for the air
 AROUND_WIDTH = 31
 AROUND_SIGMAS = 6.0  # of what is usual in so many rows before, or behind
@@ -364,15 +365,7 @@ def screen(
     # of a value that is written again and again the first stands for all
     new = np.flatnonzero(np.diff(reading[rows], prepend=np.inf) != 0)
     if new.size >= 3:
-        around = reading[rows[new]]
-        # the turning point of a fast change is off the median too, but its neighbours share it
-        step = np.abs(np.diff(around, prepend=around[0]))
-        after, again = np.append(step[1:], 0.0), np.diff(np.append(new, rows.size)) > 1
-        jump = np.where(again, np.minimum(step, after), np.maximum(step, after))
-        lone = _unusual(jump, noise, resolution)
-        if lone.any():
-            off = np.abs(around - median_filter(around, min(MEDIAN_WIDTH, new.size), mode="nearest"))
-            lone &= (jump > 0.5 * off) & _unusual(off, noise, resolution)
+        lone = _lone(reading[rows[new]], np.diff(np.append(new, rows.size)) > 1, noise, resolution)
         spiked = _spikes(reading[rows], new, swing * share, noise, resolution)
         if lagging is not None and spiked.any():
             spiked &= _spikes(lagging[rows], new, swing * share, noise, resolution)
@@ -403,6 +396,31 @@ def screen(
         capped = believed & (reading >= limit - 0.5 * resolution)
         usable &= ~capped
     return Screened(usable, missing, repeated, implausible, resolution, stretches.louder, capped)
+
+
+def _lone(values: Array, again: Mask, noise: float, resolution: float) -> Mask:
+    """Which of the values (n,), some of them held for several rows (`again`), stand alone against the median around.
+
+    One that does moves the medians of its neighbours, and is left out before these are judged: on a front that goes one
+    way none is off its median.
+    """
+    lone, left = np.zeros(values.size, dtype=bool), np.arange(values.size)
+    while left.size >= 3:
+        around = values[left]
+        # the turning point of a fast change is off the median too, but its neighbours share it
+        step = np.abs(np.diff(around, prepend=around[0]))
+        after = np.append(step[1:], 0.0)
+        jump = np.where(again[left], np.minimum(step, after), np.maximum(step, after))
+        off = np.zeros(left.size)
+        if (unusual := _unusual(jump, noise, resolution)).any():
+            off = np.abs(around - median_filter(around, min(MEDIAN_WIDTH, left.size), mode="nearest"))
+            off[~(unusual & (jump > 0.5 * off) & _unusual(off, noise, resolution))] = 0.0
+        worst = (off > 0.0) & (off >= WORST_SHARE * maximum_filter1d(off, MEDIAN_WIDTH, mode="nearest"))
+        if not worst.any():
+            break
+        lone[left[worst]] = True
+        left = left[~worst]
+    return lone
 
 
 def _spikes(values: Array, new: NDArray[np.int64], swing: float, noise: float, resolution: float) -> Mask:
