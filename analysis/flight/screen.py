@@ -511,7 +511,14 @@ def resolution_of(values: Array) -> float:
     if counts[again].sum() > REPEATED_SHARE * counts.sum() and (again.size >= FEWEST_LEVELS or _steps(counts, again)):
         levels = levels[again]
     steps = np.diff(levels)
-    return float(np.quantile(steps, 0.05, method="lower")) if steps.size else 0.0
+    if not steps.size:
+        return 0.0
+    step = float(np.quantile(steps, 0.05, method="lower"))
+    taken = np.count_nonzero(np.abs(np.abs(np.diff(values)) / step - 1.0) < OFF_GRID)
+    if levels.size < FEWEST_LEVELS and taken < FEWEST_CHANGES:
+        # levels that the air went between once are steps apart that nobody saw; all are multiples of the step
+        step = float(np.gcd.reduce(np.round(levels * 1e9).astype(np.int64))) / 1e9
+    return step
 
 
 def _grid(values: Array, levels: Array, counts: NDArray[np.int64]) -> float:

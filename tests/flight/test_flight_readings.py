@@ -130,6 +130,15 @@ def test_readings_between_two_jumps_that_no_lag_lets_through_are_implausible():
     assert beyond(done) < 1.0
 
 
+def test_an_absurd_reading_on_a_front_does_not_condemn_those_beside_it():
+    """Of a front that goes 1 K in a row between calm airs; the absurd reading moves the median by one place."""
+    rng = np.random.default_rng(1)
+    reading = np.clip(22.0 - (np.arange(240) - 120.0), 10.0, 22.0) + 0.02 * rng.standard_normal(240)
+    reading[127] = 38.0
+    found = screen(np.arange(240.0), reading, RANGES["temperature_c"], 0.02, share=0.98, swing=15.0)
+    assert np.flatnonzero(found.implausible).tolist() == [127]
+
+
 def test_an_ordinary_flight_has_nothing_of_all_that():
     for weather in (frontal(airspeed_m_s=45.0, lead_m=900.0), convective(np.random.default_rng(5), duration_s=60.0)):
         flown = fly(weather, PROFILE, 4)
@@ -339,6 +348,8 @@ def test_the_step_of_a_log_is_that_of_the_grid_its_readings_lie_on():
     assert resolution_of(coarse) == 1.0
     door = np.round(np.where(np.arange(1200) < 600, 25.7, 12.5) + 0.01 * rng.standard_normal(1200), 2)
     assert resolution_of(door) == pytest.approx(0.01)
+    two_levels = np.where(np.arange(1200) < 600, 23.0, 8.5)  # one a multiple of 0.5 and no more
+    assert resolution_of(two_levels) == 0.5
 
 
 def test_a_ceiling_is_where_the_sensor_stopped():
