@@ -404,22 +404,26 @@ def _lone(values: Array, again: Mask, noise: float, resolution: float) -> Mask:
     One that does moves the medians of its neighbours, and is left out before these are judged: on a front that goes one
     way none is off its median.
     """
-    lone, left = np.zeros(values.size, dtype=bool), np.arange(values.size)
-    while left.size >= 3:
+    # the turning point of a fast change is off the median too, but its neighbours share it
+    step = np.abs(np.diff(values, prepend=values[0]))
+    after = np.append(step[1:], 0.0)
+    jump = np.where(again, np.minimum(step, after), np.maximum(step, after))
+    lone, suspect = np.zeros(values.size, dtype=bool), _unusual(jump, noise, resolution)
+    if not suspect.any():
+        return lone
+    off = np.abs(values - median_filter(values, min(MEDIAN_WIDTH, values.size), mode="nearest"))
+    suspect &= (jump > 0.5 * off) & _unusual(off, noise, resolution)
+    while suspect.any():
+        off[~suspect] = 0.0
+        worst = suspect & (off >= WORST_SHARE * maximum_filter1d(off, MEDIAN_WIDTH, mode="nearest"))
+        lone |= worst
+        left = np.flatnonzero(~lone)
         around = values[left]
-        # the turning point of a fast change is off the median too, but its neighbours share it
-        step = np.abs(np.diff(around, prepend=around[0]))
-        after = np.append(step[1:], 0.0)
-        jump = np.where(again[left], np.minimum(step, after), np.maximum(step, after))
-        off = np.zeros(left.size)
-        if (unusual := _unusual(jump, noise, resolution)).any():
-            off = np.abs(around - median_filter(around, min(MEDIAN_WIDTH, left.size), mode="nearest"))
-            off[~(unusual & (jump > 0.5 * off) & _unusual(off, noise, resolution))] = 0.0
-        worst = (off > 0.0) & (off >= WORST_SHARE * maximum_filter1d(off, MEDIAN_WIDTH, mode="nearest"))
-        if not worst.any():
-            break
-        lone[left[worst]] = True
-        left = left[~worst]
+        off[left] = np.abs(around - median_filter(around, min(MEDIAN_WIDTH, left.size), mode="nearest"))
+        step = np.diff(around, prepend=around[0], append=around[-1])
+        on_the_way = np.ones(values.size, dtype=bool)
+        on_the_way[left] = (step[:-1] * step[1:] > 0.0) & (off[left] <= LONE_SIGMAS * np.hypot(noise, resolution))
+        suspect &= ~on_the_way
     return lone
 
 
