@@ -123,11 +123,16 @@ def _exchanged(temperature: Array, humidity: Array) -> Mask:
 
 def _from_one_end(temperature: Array, humidity: Array, turn: int) -> Mask:
     """Rows (n,) of a stretch of which one end is seen: the other is where the columns meet, since nothing tells behind
-    that which is which; of the two sides the one with warmer rows than air mostly has, or else the shorter one."""
-    met = np.flatnonzero(np.abs(temperature - humidity) < LEAST_COLUMNS_APART)
+    that which is which; of the two sides the one where they meet by a jump (one of them was stuck as the other changed
+    its place), the one with warmer rows than air mostly has, or else the shorter one."""
+    apart = np.abs(temperature - humidity)
+    met = np.flatnonzero(apart < LEAST_COLUMNS_APART)
     rows = np.arange(temperature.size)
     first, last = np.max(met[met < turn], initial=-1), np.min(met[met >= turn], initial=rows.size)
     before, after = (rows > first) & (rows < turn), (rows >= turn) & (rows < last)
+    jumps = np.abs(np.diff(apart, prepend=apart[0], append=apart[-1])) > LEAST_COLUMNS_APART
+    if jumps[first + 1] != jumps[last]:
+        return before if jumps[first + 1] else after
     hot = temperature > WARM_C
     hotter = np.mean(hot[after]) - np.mean(hot[before]) if before.any() and after.any() else 0.0
     shorter = np.count_nonzero(after) <= np.count_nonzero(before)

@@ -276,6 +276,23 @@ def test_columns_that_change_back_where_they_meet_are_told_up_to_there():
     assert not found[900:].any()  # before: all of them
 
 
+def test_columns_of_which_one_is_stuck_as_they_change_place_are_told_by_the_other_end():
+    """The stretch is the longer side of the end that is seen; its other end is where the stuck one goes on."""
+    row = np.arange(2400)
+    temperature = 22.0 - row / 1200.0 + 0.02 * np.random.default_rng(4).standard_normal(row.size)
+    humidity = 24.0 + row / 700.0 + 0.05 * np.random.default_rng(5).standard_normal(row.size)
+    there = (row >= 1850) & (row < 2300)
+    nothing = np.full(row.size, np.nan)
+    log = dataclasses.replace(
+        flight(), time_s=0.1 * row, temperature_c=np.where(there, humidity, temperature),
+        humidity_percent=np.where(there, temperature, humidity), airspeed_m_s=nothing, pressure_hpa=nothing,
+        die_temperature_c=nothing, altitude_m=None,
+    )  # fmt: skip
+    log.temperature_c[1700:1900] = 20.6
+    found = without_codes(log)[1][EXCHANGED]
+    assert found[1900:2300].all() and not found[:1700].any() and not found[2300:].any()
+
+
 def test_damaged_flights_give_nothing_that_cannot_be():
     """A fixed sample of benchmarks/fuzz_flights.py, which flies a million rows."""
     fuzz = benchmark("fuzz_flights")
