@@ -130,13 +130,21 @@ def _from_one_end(temperature: Array, humidity: Array, turn: int) -> Mask:
     rows = np.arange(temperature.size)
     first, last = np.max(met[met < turn], initial=-1), np.min(met[met >= turn], initial=rows.size)
     before, after = (rows > first) & (rows < turn), (rows >= turn) & (rows < last)
-    jumps = np.abs(np.diff(apart, prepend=apart[0], append=apart[-1])) > LEAST_COLUMNS_APART
-    if jumps[first + 1] != jumps[last]:
-        return before if jumps[first + 1] else after
+    opens, closes = (_jumps(apart[max(k - BESIDE_ROWS, 0) : k], apart[k : k + BESIDE_ROWS]) for k in (first + 1, last))
+    if opens != closes:
+        return before if opens else after
     hot = temperature > WARM_C
     hotter = np.mean(hot[after]) - np.mean(hot[before]) if before.any() and after.any() else 0.0
     shorter = np.count_nonzero(after) <= np.count_nonzero(before)
     return after if hotter > LEAST_SHARE_WARMER or (shorter and hotter > -LEAST_SHARE_WARMER) else before
+
+
+def _jumps(before: Array, behind: Array) -> bool:
+    """Whether values (up to BESIDE_ROWS each) stay on either side of a jump, as in a burst of noise they do not."""
+    if not (before.size and behind.size):
+        return False
+    size = abs(float(np.median(behind) - np.median(before)))
+    return size > LEAST_COLUMNS_APART and max(np.ptp(before), np.ptp(behind)) < MOST_SHARE_OFF * size
 
 
 def _turns(temperature: Array, humidity: Array, before: int, behind: int) -> Mask:
