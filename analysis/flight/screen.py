@@ -144,7 +144,7 @@ def _jumps(before: Array, behind: Array) -> bool:
     if not (before.size and behind.size):
         return False
     size = abs(float(np.median(behind) - np.median(before)))
-    return size > LEAST_COLUMNS_APART and max(np.ptp(before), np.ptp(behind)) < MOST_SHARE_OFF * size
+    return bool(size > LEAST_COLUMNS_APART and max(np.ptp(before), np.ptp(behind)) < MOST_SHARE_OFF * size)
 
 
 def _turns(temperature: Array, humidity: Array, before: int, behind: int) -> Mask:
