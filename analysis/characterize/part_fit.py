@@ -17,7 +17,7 @@ from shockrig.analysis.effects.described import entry_of, with_values
 from shockrig.analysis.estimate.channel import Channel, LeftOut
 from shockrig.analysis.estimate.evolution import Misfit, Optimum, cross_check, evolve
 from shockrig.analysis.estimate.fit import Fit, fit, rmse_over_samples
-from shockrig.analysis.estimate.model import Held, Model, Structure
+from shockrig.analysis.estimate.model import Held, Model, Point, Structure
 from shockrig.analysis.estimate.noise import Noise, whiteners
 from shockrig.analysis.estimate.problem import UNVENTILATED_LIMIT, Problem, make_problem
 from shockrig.analysis.estimate.quantity import RunEffect
@@ -72,7 +72,6 @@ def choose_runs(
     groups = [(whole.select(mask).without_lost_ambients(), models) for mask, models in choices if mask.any()]
     return groups, [*whole.left_out, *(LeftOut(whole.run_ids[i], whole.name, reasons[i]) for i in sorted(reasons))]
 
-
 WORST_RELATIVE = 0.5  # a diffusivity or a response time known no better than this is none
 
 
@@ -103,10 +102,38 @@ def fit_part(
     start = Model(channel, extension.structure).start(log_rates, dict(extension.starts or {}))
     deviations = channel.at_rest()
     deviations[:, RunEffect.START] = late_s
-    found = fit(problem, extension.structure, start, deviations)
-    part = make_part(problem, found)
+    part = make_part(problem, labelled(problem, fit(problem, extension.structure, start, deviations)))
     rows, undetermined = joint_rows(part, noise, basis, optima)
     return part, rows, undetermined
+
+
+SAME_RESPONSE = 1e-9  # of the readings' span, within which two parameter sets are one response
+
+
+def labelled(problem: Problem, found: Fit) -> Fit:
+    """The fit with the slower of two time constants as the lag's, where either could be called the body's.
+
+    Where the body is one exponential, (rate, fraction, time_constant) and (1 / time_constant, 1 - fraction, 1 / rate)
+    are one response: without a rule two sensors that are alike would be given different numbers.
+    """
+    model = found.model
+    for effect in found.structure.effects:
+        names = [f"{effect.id}.{name}" for name in ("fraction", "time_constant_s")]
+        if not effect.start.mirrors or model.channel.rates != 1 or not set(names) <= set(found.structure.names):
+            continue
+        share, lag = (model.place(name) for name in names)
+        if found.theta[lag] >= -found.theta[0]:
+            continue
+        theta = found.theta.copy()
+        theta[[0, share, lag]] = -found.theta[lag], 1.0 - found.theta[share], -found.theta[0]
+        low, high = model.bounds()
+        if (theta < low).any() or (theta > high).any():
+            continue
+        rest = model.channel.at_rest()
+        before, after = (model.predict(Point(one, rest)) for one in (found.theta, theta))
+        if np.allclose(after, before, rtol=0.0, atol=SAME_RESPONSE * np.ptp(before)):
+            return fit(problem, found.structure, theta, found.deviations)
+    return found
 
 
 def make_part(problem: Problem, found: Fit) -> Part:
@@ -129,7 +156,7 @@ def quick_part(
         point = rough_point(problem, extension.structure)
         theta = Model(channel, extension.structure).start(point.theta[: channel.rates], dict(extension.starts or {}))
         found = fit(problem, extension.structure, theta, point.deviations, iterations=40)
-        parts[basis] = make_part(problem, found)
+        parts[basis] = make_part(problem, labelled(problem, found))
     basis = min(parts, key=lambda name: parts[name].rmse)
     rows, undetermined = joint_rows(parts[basis], noise, basis)
     return parts[basis], rows, undetermined

@@ -13,9 +13,12 @@ import pytest
 from made_fleets import AMBIENTS_C, drawn_fleet, drawn_sensor, record_sensor, short_plan, type_of_sensors
 
 import shockrig
+from shockrig.analysis.characterization.characterize import characterize
+from shockrig.analysis.characterization.extension import read_extension
 from shockrig.analysis.fleet.fleet import fleet_of
 from shockrig.analysis.fleet.population import benjamini_hochberg
 from shockrig.analysis.fleet.prior import with_population
+from shockrig.analysis.fleet.statistics import statistics_of
 from shockrig.files.errors import InputError
 from shockrig.files.fleet import fleet_document, read_fleet
 from shockrig.files.profile import read_profile
@@ -268,6 +271,63 @@ def test_python_finds_what_the_command_finds(bench):
     assert data.sizes["row"] == len(fleet.to_frame())
     with pytest.raises(InputError, match="is no folder"):
         shockrig.fleet("nowhere")
+
+
+def record_logger(folder, rng, fast_s, slow_s, share):
+    """Two plunges of a lump of which a share follows slowly, each second."""
+    folder.mkdir()
+    sensor = {"kind": "as logged", "body": "lumped", "serial": folder.name}
+    (folder / "campaign.json").write_text(
+        json.dumps({"format": "shock-campaign/1", "name": folder.name, "sensors": {"imet": sensor}})
+    )
+    for i, (first, last) in enumerate([(22.0, 2.0), (2.0, 22.0)]):
+        run = folder / "runs" / f"{i:04d}"
+        run.mkdir(parents=True)
+        ends = {"source": {"temperature_c": first}, "destination": {"temperature_c": last}}
+        (run / "run.json").write_text(
+            json.dumps({"format": "shock-run/1", "id": run.name, **ends, "transfer": {"start_s": 20.0}})
+        )
+        time = np.arange(0.0, 220.0)
+        since = np.maximum(time - 20.0, 0.0)
+        left = (1.0 - share) * np.exp(-since / fast_s) + share * np.exp(-since / slow_s)
+        value = last + (first - last) * left + 0.02 * rng.standard_normal(time.size)
+        table = pd.DataFrame({"time_s": time, "temperature_c": value})
+        table.to_csv(run / "imet.csv", index=False, float_format="%.3f")
+
+
+@pytest.fixture(scope="module")
+def loggers(tmp_path_factory):
+    """Four loggers of two exponentials, and diagnoses that call either of them the body."""
+    folder, rng = tmp_path_factory.mktemp("loggers"), np.random.default_rng(31)
+    for i in range(4):
+        fast, slow, share = np.array([4.0, 20.0, 0.4]) * np.exp(0.05 * rng.standard_normal(3))
+        record_logger(folder / f"L{i}", rng, fast, slow, share)
+    return folder, {"slow lag": (0.4, 20.0), "fast lag": (0.6, 4.0)}
+
+
+def extended_by(path, fraction, time_constant_s):
+    parameters = {"fraction": {"value": fraction}, "time_constant_s": {"value": time_constant_s}}
+    channels = {"temperature": {"verdict": "explained", "causes": [{"effect": "parallel_lag", "parameters": parameters}]}}
+    path.write_text(json.dumps({"format": "shock-diagnosis/1", "campaign": "x", "channels": channels}))
+    return read_extension(path)
+
+
+def test_two_time_constants_are_one_solution_whichever_is_called_the_body(loggers, tmp_path):
+    folder, starts = loggers
+    found = []
+    for i in range(4):
+        campaign = shockrig.read_campaign(folder / f"L{i}")
+        both = [
+            statistics_of(characterize(campaign, 0, extended_by(tmp_path / "d.json", *start)), f"{i}")
+            for start in starts.values()
+        ]
+        one, other = (s.channels["temperature"] for s in both)
+        assert one.value == pytest.approx(other.value, abs=2e-3)
+        assert one.covariance == pytest.approx(other.covariance, rel=0.02, abs=1e-7)
+        found.append(both[i % 2])
+    fleet = fleet_of(found)
+    assert fleet.outsiders("temperature") == []
+    assert fleet.population.mean[2] == pytest.approx(np.log(20.0), abs=0.1)  # the slower one is the lag
 
 
 @pytest.fixture(scope="module")
