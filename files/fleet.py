@@ -206,13 +206,16 @@ def design(coordinates: Sequence[Coordinate], asked: Sequence[Coordinate]) -> Ar
 class FleetFigure:
     """A number of one sensor: as its own data have it, and as it is with what the others say.
 
-    `share` is that of its own data in the latter, from 0 to 1.
+    `share` is that of its own data in the latter, from 0 to 1. Of alpha and D `own_t63_s` and `t63_s` are the times to
+    63 % of a step of the air that go with the two, the sensor's effects included.
     """
 
     coordinate: Coordinate
     own: Uncertain
     shrunk: Uncertain
     share: float
+    own_t63_s: Uncertain | None = None
+    t63_s: Uncertain | None = None
 
 
 @dataclass(frozen=True)
@@ -379,6 +382,11 @@ def _sensor_document(sensor: FleetSensor) -> dict[str, Any]:
                         "own": _rounded(f.own),
                         "shrunk": _rounded(f.shrunk),
                         "share_of_own_data": measured(f.share),
+                        **{
+                            key: _rounded(time)
+                            for key, time in (("own_t63_s", f.own_t63_s), ("t63_s", f.t63_s))
+                            if time is not None
+                        },
                     }
                     for f in found.figures
                 ],
@@ -479,7 +487,9 @@ def _sensor(item: FileTable) -> FleetSensor:
             own, shrunk = read_uncertain(one, "own"), read_uncertain(one, "shrunk")
             if own is None or shrunk is None:
                 raise one.error("own" if own is None else "shrunk", "a value with its standard uncertainty", None)
-            figures.append(FleetFigure(_coordinate(one), own, shrunk, one.number("share_of_own_data") or 0.0))
+            share = one.number("share_of_own_data") or 0.0
+            times = read_uncertain(one, "own_t63_s"), read_uncertain(one, "t63_s")
+            figures.append(FleetFigure(_coordinate(one), own, shrunk, share, *times))
         channels[name] = FleetChannel(
             stated.yes_or_no("belongs"),
             stated.number("probability") or 0.0,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from shockrig.files.causes import Uncertain
 from shockrig.files.exports import replace_whole
 from shockrig.files.figures import BLUE, GREY, LIGHT, RED, literal, notebook_figure, styled
 from shockrig.files.fleet import Coordinate, Fleet, FleetChannel, FleetFigure, FleetSensor, Population
@@ -92,7 +93,14 @@ def _row(
         "shrunk": one.shrunk.value,
         "shrunk_standard_uncertainty": one.shrunk.standard_uncertainty,
         "share_of_own_data": one.share,
+        **_time("own_t63", one.own_t63_s),
+        **_time("t63", one.t63_s),
     }
+
+
+def _time(name: str, time: Uncertain | None) -> dict[str, float]:
+    value, spread = (math.nan, math.nan) if time is None else (time.value, time.standard_uncertainty)
+    return {f"{name}_s": value, f"{name}_standard_uncertainty_s": spread}
 
 
 def fleet_dataset(fleet: Fleet) -> xr.Dataset:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from shockrig.analysis.fleet.statistics import CampaignStatistics
 
 KEPT_IN = "measured"
-KEPT_FORMAT = "shock-fleet-sensor/1"
+KEPT_FORMAT = "shock-fleet-sensor/2"
 DIED = f"the process that worked on it died {DEATHS} times (out of memory?); characterize it by itself"
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.analysis.fleet.statistics import CampaignStatistics, ChannelStatistics, film
+from shockrig.analysis.fleet.statistics import CampaignStatistics, ChannelStatistics, Responses, film
 from shockrig.files.fleet import Coordinate, design
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.plans import wide_plan
@@ -45,8 +45,10 @@ def drawn_fleet(rng, count, *, spread=0.02, uncertainty=0.004, common=0.0, off=N
 def statistics(coordinates, value, uncertainty, common, length_m, body):
     size = len(coordinates)
     shared = {"airflow_percent": np.full(size, common)} if common else {}
+    variance = np.full(size, uncertainty**2 + common**2)
+    responses = Responses(np.arange(size), np.log(0.3 * length_m**2) - value, variance, -np.eye(size))
     return ChannelStatistics(
-        tuple(coordinates), value, uncertainty**2 * np.eye(size), shared, 10, True, body, length_m, 0.02, 0.1
+        tuple(coordinates), value, uncertainty**2 * np.eye(size), shared, responses, 10, True, body, length_m, 0.02, 0.1
     )
 
 

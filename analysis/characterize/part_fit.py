@@ -72,6 +72,7 @@ def choose_runs(
     groups = [(whole.select(mask).without_lost_ambients(), models) for mask, models in choices if mask.any()]
     return groups, [*whole.left_out, *(LeftOut(whole.run_ids[i], whole.name, reasons[i]) for i in sorted(reasons))]
 
+
 WORST_RELATIVE = 0.5  # a diffusivity or a response time known no better than this is none
 
 

@@ -23,7 +23,7 @@ from shockrig.analysis.fleet.population import (
     nodes,
     table_scatter,
 )
-from shockrig.analysis.fleet.statistics import CampaignStatistics
+from shockrig.analysis.fleet.statistics import CampaignStatistics, Responses
 from shockrig.files.causes import Uncertain
 from shockrig.files.errors import InputError
 from shockrig.files.fleet import (
@@ -179,6 +179,7 @@ def _member(name: str, group: Sequence[CampaignStatistics], keys: tuple[str, ...
         covariance=covariance,
         common=common,
         bench=bench,
+        responses=Responses.joined([c.responses for c in parts]),
     )
 
 
@@ -195,6 +196,7 @@ def _knowing(one: FleetMember, coordinates: Sequence[Coordinate]) -> FleetMember
         one.covariance[np.ix_(keep, keep)],
         one.common[keep],
         one.bench,
+        one.responses.knowing(keep, one.covariance + one.common @ one.common.T),
     )
 
 
@@ -227,15 +229,17 @@ def population_of(members: Members, judged: JudgedFleet) -> Population:
 def _sensor(members: Members, judged: JudgedFleet, i: int) -> FleetSensor:
     one = members.sensors[i]
     value, covariance = _shrunk(members, judged, i)
-    whole = np.diag(one.covariance + one.common @ one.common.T)
+    whole = one.covariance + one.common @ one.common.T
+    t63 = _times(one.responses, one.responses.log_t63, one.responses.variance)
+    shrunk_t63 = _times(one.responses, *one.responses.moved(value - one.value, whole, covariance))
     channels, missing = {}, {}
     for name in dict.fromkeys(one.channel):
         belongs = bool(judged.belongs[name][i])
         figures = []
         for place in np.flatnonzero(one.channel == name):
             c = one.coordinates[place]
-            own = c.natural(float(one.value[place]), math.sqrt(whole[place]))
-            variance = float(covariance[place, place]) if belongs else float(whole[place])
+            own = c.natural(float(one.value[place]), math.sqrt(whole[place, place]))
+            variance = float((covariance if belongs else whole)[place, place])
             H = design(members.coordinates, [c])[0]
             prior = float(H @ (judged.estimate.sigma + judged.estimate.at.mean_covariance) @ H)
             figures.append(
@@ -244,6 +248,8 @@ def _sensor(members: Members, judged: JudgedFleet, i: int) -> FleetSensor:
                     own,
                     c.natural(float(value[place]), math.sqrt(variance)) if belongs else own,
                     min(max(1.0 - variance / prior, 0.0), 1.0) if belongs else 1.0,
+                    t63.get(int(place)),
+                    (shrunk_t63 if belongs else t63).get(int(place)),
                 )
             )
         found = [s.channels[name] for s in one.campaigns if name in s.channels]
@@ -267,6 +273,12 @@ def _sensor(members: Members, judged: JudgedFleet, i: int) -> FleetSensor:
         channels,
         missing,
     )
+
+
+def _times(of: Responses, log_t63: Array, variance: Array) -> dict[int, Uncertain]:
+    """Times to 63 % [s] by the number that each belongs to."""
+    found = zip(of.of, np.exp(log_t63), np.sqrt(variance), strict=True)
+    return {int(place): Uncertain(float(t), float(t * u)) for place, t, u in found}
 
 
 def _shrunk(members: Members, judged: JudgedFleet, i: int) -> tuple[Array, Array]:

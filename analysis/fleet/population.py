@@ -22,7 +22,7 @@ from scipy.optimize import brentq
 from scipy.special import gammainc
 from scipy.stats import chi2, f
 
-from shockrig.analysis.fleet.statistics import CampaignStatistics
+from shockrig.analysis.fleet.statistics import CampaignStatistics, Responses
 from shockrig.files.fleet import KELVIN, Coordinate, design
 
 Array = NDArray[np.float64]
@@ -61,6 +61,7 @@ class FleetMember:
     covariance: Array
     common: Array
     bench: str
+    responses: Responses
 
     def errors(self, table_scatter: float) -> Array:
         """Covariance of its own errors (m, m), what a table of ln D scatters by included."""

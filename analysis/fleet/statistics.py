@@ -6,15 +6,17 @@ Given the population, sensors are independent: these few numbers are all that it
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from shockrig.analysis.characterize.budget import sources
 from shockrig.analysis.characterize.history import began_at, bench_of
+from shockrig.analysis.characterize.response_times import response_slopes
 from shockrig.analysis.characterize.result import ChannelResult, Characterization, Part
 from shockrig.analysis.estimate.noise import Noise
 from shockrig.files.campaign import Campaign
@@ -27,6 +29,54 @@ LEAST_VARIANCE = 1e-12  # of a logarithm: a millionth
 
 
 @dataclass(frozen=True)
+class Responses:
+    """Times to 63 % of a step, as a characterization states them.
+
+    Attributes
+    ----------
+    of : ndarray (r,)
+        Which coordinate (alpha, or D at an ambient) each belongs to.
+    log_t63 : ndarray (r,)
+        Of seconds.
+    variance : ndarray (r,)
+        Of that, what benches share included.
+    slopes : ndarray (r, m)
+        By how much it moves with each coordinate.
+    """
+
+    of: NDArray[np.int64]
+    log_t63: Array
+    variance: Array
+    slopes: Array
+
+    @classmethod
+    def joined(cls, parts: Sequence[Responses]) -> Responses:
+        """Those of several campaigns, whose coordinates stand one below the other."""
+        sizes = [part.slopes.shape[1] for part in parts]
+        first = np.cumsum([0, *sizes[:-1]])
+        return cls(
+            np.concatenate([part.of + start for part, start in zip(parts, first, strict=True)]),
+            np.concatenate([part.log_t63 for part in parts]),
+            np.concatenate([part.variance for part in parts]),
+            block_diag(*(part.slopes for part in parts)),
+        )
+
+    def knowing(self, keep: NDArray[np.bool_], whole: Array) -> Responses:
+        """Without the coordinates that are not kept: these follow from the others by the covariance `whole`."""
+        there = keep[self.of]
+        follow = np.linalg.solve(whole[np.ix_(keep, keep)], whole[np.ix_(keep, ~keep)])
+        slopes = self.slopes[there]
+        of = (np.cumsum(keep) - 1)[self.of[there]]
+        moved = slopes[:, keep] + slopes[:, ~keep] @ follow.T
+        return Responses(of, self.log_t63[there], self.variance[there], moved)
+
+    def moved(self, by: Array, before: Array, after: Array) -> tuple[Array, Array]:
+        """ln t63 (r,) and its variance (r,) where the coordinates are `by` further and their covariance is another."""
+        linear, now = (np.einsum("rm,mn,rn->r", self.slopes, V, self.slopes) for V in (before, after))
+        return self.log_t63 + self.slopes @ by, np.maximum(self.variance - linear, 0.0) + now
+
+
+@dataclass(frozen=True)
 class ChannelStatistics:
     """One channel of one campaign.
 
@@ -35,6 +85,8 @@ class ChannelStatistics:
     coordinates : tuple of Coordinate
         ln alpha, or ln D at each ambient; then parameters of the model that fly with the sensor.
     value : ndarray (m,)
+    responses : Responses
+        To a step of the air, and how they move with these.
     covariance : ndarray (m, m)
         Of its own errors.
     shared : mapping
@@ -45,6 +97,7 @@ class ChannelStatistics:
     value: Array
     covariance: Array
     shared: Mapping[str, Array]
+    responses: Responses
     runs: int
     explained: bool
     body: str
@@ -102,6 +155,7 @@ def _channel(found: ChannelResult) -> ChannelStatistics:
     values: list[float] = []
     blocks: list[Array] = []
     columns: list[dict[str, Array]] = []
+    responses: list[Responses] = []
     for part in found.parts:
         places, names = stated(found, part, effects=part is found.parts[0])
         if not places:
@@ -112,6 +166,7 @@ def _channel(found: ChannelResult) -> ChannelStatistics:
         own, shared = _errors(found, part, found.noise, places)
         blocks.append(own)
         columns.append(shared)
+        responses.append(_responses(found, part, places))
     size, first = len(values), 0
     covariance = np.zeros((size, size))
     moves: dict[str, Array] = {}
@@ -126,6 +181,7 @@ def _channel(found: ChannelResult) -> ChannelStatistics:
         value=np.array(values),
         covariance=covariance,
         shared=moves,
+        responses=Responses.joined(responses),
         runs=len(found.runs),
         explained=found.explained,
         body=found.channel.body,
@@ -149,6 +205,15 @@ def stated(found: ChannelResult, part: Part, *, effects: bool) -> tuple[list[int
             places.append(k)
             names.append(Coordinate(channel.name, f"{effect.id}.{parameter.name}", log=parameter.log))
     return places, names
+
+
+def _responses(found: ChannelResult, part: Part, places: list[int]) -> Responses:
+    """Of a part's rows, in the order in which `stated` has them."""
+    rows = [row.response for row in found.rows if row.runs[0] in part.channel.run_ids]
+    t63 = np.array([one.t63_s for one in rows])
+    spread = np.array([(one.standard_uncertainties_s or (0.0,))[0] for one in rows])
+    slopes = [response_slopes(part.channel, part.fit, place)[1][0, places] for place in places[: len(rows)]]
+    return Responses(np.arange(len(rows)), np.log(t63), (spread / t63) ** 2, np.array(slopes) / t63[:, None])
 
 
 def film(temperature_c: float) -> Coordinate:
@@ -185,6 +250,7 @@ def statistics_document(one: CampaignStatistics) -> dict[str, Any]:
                 "value": c.value.tolist(),
                 "covariance": c.covariance.tolist(),
                 "shared": {key: column.tolist() for key, column in c.shared.items()},
+                "responses": {key: column.tolist() for key, column in vars(c.responses).items()},
             }
             for name, c in one.channels.items()
         },
@@ -208,6 +274,7 @@ def statistics_from(document: Mapping[str, Any]) -> CampaignStatistics:
                 value=np.array(c["value"], dtype=float),
                 covariance=np.array(c["covariance"], dtype=float).reshape(len(c["value"]), -1),
                 shared={key: np.array(column, dtype=float) for key, column in c["shared"].items()},
+                responses=Responses(**{key: np.array(column) for key, column in c["responses"].items()}),
             )
             for name, c in document["channels"].items()
         },

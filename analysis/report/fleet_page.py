@@ -11,7 +11,7 @@ from shockrig.analysis.fleet.prior import WithFleet
 from shockrig.analysis.report.html import Block, Cell, Details, Figure, HtmlPage, KeyNumber, Section, Table, Text
 from shockrig.analysis.report.numbers import counted, measured, plain
 from shockrig.analysis.report.style import save_figure
-from shockrig.files.fleet import Fleet, FleetFigure, FleetSensor, FleetTrend
+from shockrig.files.fleet import Coordinate, Fleet, FleetFigure, FleetSensor, FleetTrend
 from shockrig.files.fleet_views import nearest_figure, plot_fleet
 
 NOUN: dict[str, str] = {name: quantity.noun for name, quantity in QUANTITIES.items()}
@@ -185,15 +185,18 @@ def _type(fleet: Fleet) -> list[Block]:
 def _tables(fleet: Fleet) -> list[Block]:
     """The sensors' numbers: those of the first sensors at sight, all behind a line."""
     population = fleet.population
+    timed = [c for c in population.coordinates if c.unit]
     heads = (
         "sensor",
         *(population.label(c) for c in population.coordinates),
+        *(f"t63 with {population.label(c)}" for c in timed),
         "own data's share",
         "runs",
     )
     rows: list[Sequence[Cell]] = []
     for sensor in fleet.sensors:
         cells: list[Cell] = []
+        times: dict[Coordinate, Cell] = dict.fromkeys(timed)
         shares = []
         for c in population.coordinates:
             found = sensor.channels.get(c.channel)
@@ -203,8 +206,12 @@ def _tables(fleet: Fleet) -> list[Block]:
                 continue
             cells.append(population.text(nearest.coordinate, nearest.shrunk))
             shares.append(nearest.share)
+            if (t63 := nearest.t63_s) is not None:
+                times[c] = measured(t63.value, t63.standard_uncertainty, "s")
         share = f"{100.0 * min(shares):.0f} to {100.0 * max(shares):.0f} %" if shares else None
-        rows.append((sensor.name, *cells, share, sum(found.runs for found in sensor.channels.values())))
+        rows.append(
+            (sensor.name, *cells, *times.values(), share, sum(found.runs for found in sensor.channels.values()))
+        )
     if len(rows) <= OPEN_ROWS:
         return [Table(heads, rows)]
     return [Details(f"All {len(rows)} sensors", [Table(heads, rows)])]

@@ -11,10 +11,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from made_fleets import AMBIENTS_C, drawn_fleet, drawn_sensor, record_sensor, short_plan, type_of_sensors
+from scipy.optimize import brentq
 
 import shockrig
-from shockrig.analysis.characterization.characterize import characterize
-from shockrig.analysis.characterization.extension import read_extension
+from shockrig.analysis.characterize.characterize import characterize
+from shockrig.analysis.characterize.extension import read_extension
 from shockrig.analysis.fleet.fleet import fleet_of
 from shockrig.analysis.fleet.population import benjamini_hochberg
 from shockrig.analysis.fleet.prior import with_population
@@ -138,6 +139,7 @@ def at(channel, keep):
         coordinates=tuple(channel.coordinates[k] for k in keep),
         value=channel.value[keep],
         covariance=channel.covariance[np.ix_(keep, keep)],
+        responses=channel.responses.knowing(np.isin(np.arange(channel.value.size), keep), channel.covariance),
     )
 
 
@@ -236,6 +238,16 @@ def test_the_command_writes_what_it_found_and_does_nothing_twice(bench, tmp_path
     for sensor, truth in zip(fleet.sensors, truths, strict=True):
         own = sensor.channels["temperature"].figures[0].own
         assert abs(own.value - truth.thermal_diffusivity_m2_s) < 4 * own.standard_uncertainty
+    for sensor in fleet.sensors[:1]:
+        alone = shockrig.characterize(folder / sensor.campaigns[0].rpartition("/")[2]).profile
+        stated = [alone.temperature.response_time_s] + [r.response_time_s for r in alone.humidity.diffusivity_table]
+        figures = [figure for channel in ("temperature", "humidity") for figure in sensor.channels[channel].figures]
+        for figure, times in zip(figures, stated, strict=True):
+            own, shrunk = figure.own_t63_s, figure.t63_s
+            assert (own.value, own.standard_uncertainty) == pytest.approx(
+                (times.t63_s, times.standard_uncertainties_s[0]), rel=1e-6
+            )
+            assert shrunk.value * figure.shrunk.value == pytest.approx(own.value * figure.own.value, rel=1e-6)
     assert len(list((out / "measured").iterdir())) == 5
     page = (out / "fleet.html").read_text()
     assert "5 sensors of one type" in page and "invented, not measured" in page
@@ -299,21 +311,23 @@ def record_logger(folder, rng, fast_s, slow_s, share):
 def loggers(tmp_path_factory):
     """Four loggers of two exponentials, and diagnoses that call either of them the body."""
     folder, rng = tmp_path_factory.mktemp("loggers"), np.random.default_rng(31)
-    for i in range(4):
-        fast, slow, share = np.array([4.0, 20.0, 0.4]) * np.exp(0.05 * rng.standard_normal(3))
+    true = np.array([4.0, 20.0, 0.4]) * np.exp(0.05 * rng.standard_normal((4, 3)))
+    for i, (fast, slow, share) in enumerate(true):
         record_logger(folder / f"L{i}", rng, fast, slow, share)
-    return folder, {"slow lag": (0.4, 20.0), "fast lag": (0.6, 4.0)}
+    return folder, true, {"slow lag": (0.4, 20.0), "fast lag": (0.6, 4.0)}
 
 
 def extended_by(path, fraction, time_constant_s):
     parameters = {"fraction": {"value": fraction}, "time_constant_s": {"value": time_constant_s}}
-    channels = {"temperature": {"verdict": "explained", "causes": [{"effect": "parallel_lag", "parameters": parameters}]}}
+    channels = {
+        "temperature": {"verdict": "explained", "causes": [{"effect": "parallel_lag", "parameters": parameters}]}
+    }
     path.write_text(json.dumps({"format": "shock-diagnosis/1", "campaign": "x", "channels": channels}))
     return read_extension(path)
 
 
 def test_two_time_constants_are_one_solution_whichever_is_called_the_body(loggers, tmp_path):
-    folder, starts = loggers
+    folder, true, starts = loggers
     found = []
     for i in range(4):
         campaign = shockrig.read_campaign(folder / f"L{i}")
@@ -327,6 +341,12 @@ def test_two_time_constants_are_one_solution_whichever_is_called_the_body(logger
         found.append(both[i % 2])
     fleet = fleet_of(found)
     assert fleet.outsiders("temperature") == []
+    for sensor, (fast, slow, share) in zip(fleet.sensors, true, strict=True):
+        figure = sensor.channels["temperature"].figures[0]
+        left = lambda t: (1.0 - share) * np.exp(-t / fast) + share * np.exp(-t / slow) - np.exp(-1.0)  # noqa: B023, E731
+        for t63 in (figure.own_t63_s, figure.t63_s):
+            assert abs(t63.value - brentq(left, 0.0, 100.0)) < 3.5 * t63.standard_uncertainty
+        assert figure.t63_s.standard_uncertainty <= 1.001 * figure.own_t63_s.standard_uncertainty
     assert fleet.population.mean[2] == pytest.approx(np.log(20.0), abs=0.1)  # the slower one is the lag
 
 
