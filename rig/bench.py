@@ -16,7 +16,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from shockrig.files.campaign_names import FIRST_PROBE, probes_of
+from shockrig.files.campaign_names import FIRST_PROBE, probes_of, sensor_and_probe, sensor_name
 from shockrig.files.disk import read_text
 from shockrig.files.errors import InputError
 from shockrig.rig.bench_file import CHAMBERS, BenchConfig, InstrumentPart, check_bench, load_bench
@@ -350,6 +350,42 @@ def _through(config: BenchConfig) -> dict[str, dict[str, str]]:
         if (unit := getattr(part.settings, "through", None)) is not None:
             found.setdefault(unit, {})[part.settings.line or XF_FILM] = name
     return found
+
+
+def carrying(config: BenchConfig, probes: int) -> BenchConfig:
+    """The bench with so many emulated probes, each like its first one.
+
+    Raises
+    ------
+    BenchError
+        It names further probes itself, or its sensors are no emulated ones.
+    """
+    if probes_of(config.sensors) != (FIRST_PROBE,):
+        raise BenchError(f"{config.path}: names its probes; leave out --probes")
+    if not all(config.is_virtual(part) for part in config.sensors.values()):
+        raise BenchError(f"{config.path}: has sensors that are not emulated; leave out --probes, and name each there")
+    names = [FIRST_PROBE, *(str(k) for k in range(2, probes + 1))]
+    parts = [(name, probe, part) for probe in names for name, part in config.sensors.items()]
+    sensors = {
+        sensor_name(name, probe): part if probe == FIRST_PROBE else _called(part, f"{part.settings.serial}-{probe}")
+        for name, probe, part in parts
+    }
+    return replace(config, sensors=sensors)
+
+
+def of_one_type(config: BenchConfig, truth: Any) -> BenchConfig:
+    """The bench with serial numbers of the sensors that a truth of a type has."""
+    from shockrig.rig.virtual.truth import serial_number
+
+    sensors = {
+        name: _called(part, serial_number(truth, *place)) if (place := sensor_and_probe(name)) else part
+        for name, part in config.sensors.items()
+    }
+    return replace(config, sensors=sensors)
+
+
+def _called(part: InstrumentPart, serial: str) -> InstrumentPart:
+    return replace(part, settings=replace(part.settings, serial=serial))
 
 
 def default_bench(seed: int = 0, clock: str = "virtual") -> BenchConfig:

@@ -24,7 +24,7 @@ from shockrig.files.fleet import ALPHA, SENSOR_OF, Coordinate, D
 
 Array = NDArray[np.float64]
 
-NO_SERIAL = "virtual"  # what the virtual bench calls each of its sensors
+NO_SERIAL = "virtual"  # how the virtual bench calls all of its sensors, but for those of a type
 LEAST_VARIANCE = 1e-12  # of a logarithm: a millionth
 
 
@@ -145,7 +145,7 @@ def _serials(campaign: Campaign) -> dict[str, str]:
     for channel, name in SENSOR_OF.items():
         sensor: Mapping[str, Any] = campaign.sensors.get(name) or {}
         serial = str(sensor.get("serial") or "")
-        if serial and not (campaign.emulated and serial == NO_SERIAL):
+        if serial and not (campaign.emulated and serial.startswith(NO_SERIAL)):
             found[channel] = serial
     return found
 

@@ -14,6 +14,8 @@ from typing import Any
 from shockrig.files.numbers import counted
 
 ADAPTIVE = "adaptive"
+MOST_PROBES = 99
+LEAST_SPREAD, MOST_SPREAD = 0.01, 30.0  # percent
 EXAMPLE = "alpha 0.2 %, D 0.3 %, ties decided, minutes 90"
 
 
@@ -46,8 +48,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     loop.add_argument(
         "--fleet",
         metavar="FLEET.json",
-        type=Path,
-        help="what other sensors of the type say, as shockrig fleet wrote it",
+        action="append",
+        default=[],
+        help="what other sensors of the type say, as shockrig fleet wrote it; a number is a SEED, see below",
     )
     loop.add_argument("--add", metavar="RUNS.toml", type=Path, help="a protocol whose runs are recorded first")
     parser.add_argument(
@@ -66,6 +69,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--watch", action="store_true", help="show the live view of shockrig watch meanwhile")
     virtual = parser.add_argument_group("emulated instruments")
     virtual.add_argument("--seed", type=int, help="which sensors, noise and hidden effects")
+    virtual.add_argument("--probes", metavar="N", type=int, help="how many are recorded at once (1)")
+    virtual.add_argument(
+        "--spread",
+        metavar="PERCENT",
+        type=float,
+        help="with --fleet SEED, which draws a type of sensors (--seed draws which of them): how far alpha and D "
+        "differ from sensor to sensor (2)",
+    )
     virtual.add_argument("--rough", action="store_true", help="correlated noise, trigger jitter, gaps")
     virtual.add_argument(
         "--realistic",
@@ -84,13 +95,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     from shockrig.files.disk import is_there, real_path
-    from shockrig.rig.bench import default_bench, load_bench, open_bench
+    from shockrig.rig.bench import carrying, default_bench, load_bench, open_bench
     from shockrig.rig.errors import BenchError
     from shockrig.rig.planning import check_plan
     from shockrig.rig.protocol import load_protocol
     from shockrig.rig.virtual.hide import seal
 
     adaptive = args.protocol == ADAPTIVE
+    args.fleet, args.type_seed = _fleets(args)
     _demand_goals(args, adaptive)
     protocol = _opening(args) if adaptive else load_protocol(args.protocol)
     if args.bench is None and protocol.by_hand and not args.dry_run:
@@ -99,12 +111,13 @@ def main(args: argparse.Namespace) -> int:
     if args.out is None and not args.dry_run:
         raise BenchError("--out CAMPAIGN is missing: where shall the recording go?")
     if not config.emulated:
-        for name in ("seed", "rough", "realistic", "hide", "sealed"):
+        for name in ("seed", "rough", "realistic", "hide", "sealed", "probes", "spread", "type_seed"):
             if getattr(args, name):
-                raise BenchError(f"--{name} is for emulated instruments; this bench has none")
+                option = "fleet SEED" if name == "type_seed" else name
+                raise BenchError(f"--{option} is for emulated instruments; this bench has none")
         bench, sealed = open_bench(config), None
     else:
-        bench, sealed = _emulated(args, config)
+        bench, sealed = _emulated(args, config if args.probes is None else carrying(config, args.probes))
     for warning in check_plan(protocol, bench, _free_bytes(args.out)):
         print(f"warning: {warning}", file=sys.stderr)
     if args.dry_run:
@@ -141,6 +154,23 @@ def _demand_goals(args: argparse.Namespace, adaptive: bool) -> None:
             raise BenchError(f"--{name} is for shockrig run adaptive; leave it out")
 
 
+def _fleets(args: argparse.Namespace) -> tuple[Path | None, int | None]:
+    """The fleet that is a prior, and the seed of a type of emulated sensors; and whether what goes with them fits."""
+    from shockrig.rig.errors import BenchError
+
+    seeds = [int(text) for text in args.fleet if text.isdecimal()]
+    files = [Path(text) for text in args.fleet if not text.isdecimal()]
+    if len(seeds) > 1 or len(files) > 1:
+        raise BenchError("--fleet: give one FLEET.json, one SEED, or one of each")
+    if args.probes is not None and not 1 <= args.probes <= MOST_PROBES:
+        raise BenchError(f"--probes {args.probes}: expected 1 to {MOST_PROBES}")
+    if args.spread is not None and not seeds:
+        raise BenchError("--spread: is how far sensors of a type differ; give --fleet SEED too")
+    if args.spread is not None and not LEAST_SPREAD <= args.spread <= MOST_SPREAD:
+        raise BenchError(f"--spread {args.spread:g}: expected {LEAST_SPREAD:g} to {MOST_SPREAD:g}")
+    return (files or [None])[0], (seeds or [None])[0]
+
+
 def _opening(args: argparse.Namespace) -> Any:
     """What `run adaptive` opens a campaign with: no runs yet, behind those that it has."""
     from shockrig.analysis.plan.goals import parse_goals
@@ -175,12 +205,20 @@ def _emulated(args: argparse.Namespace, config: Any) -> tuple[Any, _Sealed]:
     import numpy as np
 
     from shockrig.files.disk import is_there, real_path
-    from shockrig.rig.bench import open_bench
+    from shockrig.rig.bench import of_one_type, open_bench
     from shockrig.rig.bench_file import LARGEST_SEED
     from shockrig.rig.errors import BenchError
     from shockrig.rig.recorder.state import read_head
     from shockrig.rig.virtual.hide import COMFORTABLE, draw_hidden, open_seal
-    from shockrig.rig.virtual.truth import REALISTIC, ROUGH, SMOOTH, draw_truth, with_effects
+    from shockrig.rig.virtual.truth import (
+        REALISTIC,
+        ROUGH,
+        SMOOTH,
+        TYPE_SPREAD,
+        draw_truth,
+        of_type,
+        with_effects,
+    )
 
     out = real_path(args.out or Path("dry-run"))
     path = args.sealed or out.with_name(out.name + ".sealed")
@@ -201,14 +239,22 @@ def _emulated(args: argparse.Namespace, config: Any) -> tuple[Any, _Sealed]:
     if seed is None:
         # A blind trial that could be looked up by its seed would not be blind.
         seed = secrets.randbits(32) if args.hide is not None else config.virtual.seed
-    if truth is None and (args.hide is not None or args.rough or args.realistic or config.virtual.truth is None):
+    given = args.hide is not None or args.rough or args.realistic or args.type_seed is not None
+    if truth is None and (given or config.virtual.truth is None):
         rng = np.random.default_rng(seed)
-        truth = draw_truth(rng, REALISTIC if args.realistic else ROUGH if args.rough else SMOOTH)
+        tier = REALISTIC if args.realistic else ROUGH if args.rough else SMOOTH
+        if args.type_seed is None:
+            truth = draw_truth(rng, tier)
+        else:
+            spread = TYPE_SPREAD if args.spread is None else 0.01 * args.spread
+            truth = of_type(args.type_seed, seed, tier, spread)
         strength = REALISTIC if args.realistic else COMFORTABLE
         truth = with_effects(truth, draw_hidden(rng, args.hide or "none", strength))
     # A campaign that goes on must not replay the noise that it began with.
     noise_seed = (seed + 1_000_003 * recorded) % (LARGEST_SEED + 1)
     config = replace(config, virtual=replace(config.virtual, seed=noise_seed))
+    if truth is not None and truth.type_spread:
+        config = of_one_type(config, truth)
     bench = open_bench(config, truth=truth)
     return bench, _Sealed(path, bench.truth, seed)
 

@@ -8,6 +8,7 @@ curvature).
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 import sys
 from collections.abc import Mapping, Sequence
@@ -16,11 +17,14 @@ from typing import Any
 
 import numpy as np
 
+from shockrig.files.campaign_names import FIRST_PROBE
 from shockrig.rig.errors import BenchError
 from shockrig.rig.virtual.effects import KINDS
 
 SMOOTH, ROUGH, REALISTIC = "smooth", "rough", "realistic"
 TIERS = (SMOOTH, ROUGH, REALISTIC)
+TYPE_SPREAD = 0.02  # of ln alpha and ln D from sensor to sensor of a virtual type, where nothing else is asked for
+TILT = 1.0 / 3.0  # of that, by which ln D at 0 degC differs besides
 REAL_BIOT = (0.09, 0.18)  # of a bead of 0.8 mm at 5 m/s
 CORE_T98 = 0.46660  # alpha t98 / R^2 of a sphere's core after a step
 FILM_T63 = 0.32025  # D t63 / L^2 of a film's mean after a step
@@ -65,7 +69,8 @@ class Hidden:
 @dataclass(frozen=True)
 class Truth:
     """One virtual pair of sensors. The defaults are a good bench: exact trigger, exact references, white noise,
-    nothing hidden. Further probes on the same bench are drawn from `probe_seed`.
+    nothing hidden. Further probes on the same bench are drawn from `probe_seed`; where `type_spread` is not 0 all are
+    of one type, whose rates have that standard deviation of the logarithm.
     """
 
     thermal_diffusivity_m2_s: float
@@ -89,6 +94,7 @@ class Truth:
     temperature_step_k: float = 0.01
     humidity_step_percent: float = HUMIDITY_STEP_PERCENT
     probe_seed: int = 0
+    type_spread: float = 0.0
 
     def diffusivity_m2_s(self, temperature_c: float | np.ndarray) -> np.ndarray:
         """D of the film at `temperature_c` (any shape), m2/s."""
@@ -125,6 +131,8 @@ class Truth:
             for name, value in (item for table in tables for item in table.items()):
                 if isinstance(value, bool) or not abs(value) <= sys.float_info.max:
                     raise ValueError(f"{name} is {value!r}, not a number")
+            if content.get("type_spread", 0.0) < 0.0:
+                raise ValueError(f"type_spread is {content['type_spread']!r}, not a number from 0")
             seed = content.get("probe_seed", 0)
             if not isinstance(seed, int) or seed < 0:
                 raise ValueError(f"probe_seed is {seed!r}, not a whole number from 0")
@@ -191,16 +199,49 @@ def standing_effects(rng: np.random.Generator) -> tuple[Hidden, ...]:
 
 def of_probe(truth: Truth, probe: str) -> Truth:
     """Another probe on the same bench: of the same kinds, each of its rates between two thirds and one and a half times
-    the first one's.
+    the first one's; or, where the first one is of a type, of the same type.
 
     Drawn from the bench's seed and the probe's name alone: a digest of the truth's numbers would make another probe
     where `exp` differs by one last bit, as it does from processor to processor."""
+    if truth.type_spread:
+        return _moved(truth, _from_type(truth, probe) - _from_type(truth, FIRST_PROBE))
     rng = np.random.default_rng([truth.probe_seed, *probe.encode()])
     alpha, d = np.exp(rng.uniform(-np.log(1.5), np.log(1.5), 2))
     return dataclasses.replace(
         truth,
         thermal_diffusivity_m2_s=float(alpha * truth.thermal_diffusivity_m2_s),
         diffusivity_20c_m2_s=float(d * truth.diffusivity_20c_m2_s),
+    )
+
+
+def of_type(fleet_seed: int, seed: int, tier: str = SMOOTH, spread: float = TYPE_SPREAD) -> Truth:
+    """A pair of sensors of the type that `fleet_seed` draws, which one by `seed`: ln alpha and ln D differ from those
+    of the type by `spread`, and ln D at 0 degC by a third of that besides."""
+    of_both = np.random.SeedSequence([fleet_seed, seed])
+    usual = draw_truth(np.random.default_rng(fleet_seed), tier)
+    first = dataclasses.replace(usual, probe_seed=int(of_both.generate_state(1)[0]), type_spread=spread)
+    return _moved(first, _from_type(first, FIRST_PROBE))
+
+
+def serial_number(truth: Truth, sensor: str, probe: str) -> str:
+    """Of a probe's sensor ("imet" or "hyt"), where they are of a type: it tells sensors apart and says nothing else."""
+    digest = hashlib.sha256(str(truth.probe_seed).encode()).hexdigest()
+    return f"{'B' if sensor == 'imet' else 'F'}{digest[:6]}-{probe}"
+
+
+def _from_type(truth: Truth, probe: str) -> np.ndarray:
+    """How far a probe's ln alpha, ln D and activation [K] are from its type's."""
+    scale = np.array([1.0, 1.0, TILT / (1.0 / 273.15 - 1.0 / 293.15)])
+    rng = np.random.default_rng([truth.probe_seed, *probe.encode()])
+    return np.asarray(truth.type_spread * scale * rng.standard_normal(3))
+
+
+def _moved(truth: Truth, by: np.ndarray) -> Truth:
+    return dataclasses.replace(
+        truth,
+        thermal_diffusivity_m2_s=float(np.exp(by[0]) * truth.thermal_diffusivity_m2_s),
+        diffusivity_20c_m2_s=float(np.exp(by[1]) * truth.diffusivity_20c_m2_s),
+        activation_k=float(truth.activation_k + by[2]),
     )
 
 

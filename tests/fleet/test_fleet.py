@@ -25,6 +25,8 @@ from shockrig.files.fleet import fleet_document, read_fleet
 from shockrig.files.profile import read_profile
 from shockrig.protocols import fleet_map
 from shockrig.protocols.cli import main
+from shockrig.rig.virtual.hide import open_seal
+from shockrig.rig.virtual.truth import Truth, draw_truth, of_probe, of_type, serial_number
 
 SCHEMA = json.loads((resources.files("shockrig.data") / "schemas" / "shock-fleet-1.json").read_text())
 
@@ -348,6 +350,60 @@ def test_two_time_constants_are_one_solution_whichever_is_called_the_body(logger
             assert abs(t63.value - brentq(left, 0.0, 100.0)) < 3.5 * t63.standard_uncertainty
         assert figure.t63_s.standard_uncertainty <= 1.001 * figure.own_t63_s.standard_uncertainty
     assert fleet.population.mean[2] == pytest.approx(np.log(20.0), abs=0.1)  # the slower one is the lag
+
+
+def test_the_virtual_bench_makes_fleets(tmp_path, capsys):
+    """Three sensors recorded at once and one by itself are four of one type, and each is found where its seal says."""
+    type_7 = ["--fleet", "7", "--spread", "3"]
+    assert main(["run", "quick", *type_7, "--probes", "3", "--seed", "1", "--out", str(tmp_path / "f/a")]) == 0
+    assert main(["run", "quick", *type_7, "--seed", "2", "--out", str(tmp_path / "f/b")]) == 0
+    assert main(["fleet", str(tmp_path / "f"), "--out", str(tmp_path / "out"), "--workers", "1"]) == 0
+    fleet = read_fleet(tmp_path / "out" / "fleet.json")
+    truths = {}
+    for name, probes in (("a", "123"), ("b", "1")):
+        first = open_seal(tmp_path / "f" / f"{name}.sealed")[0]
+        for probe in probes:
+            truth = first if probe == "1" else of_probe(first, probe)
+            truths[serial_number(truth, "imet", probe)] = truth
+    assert len(truths) == len({truth.thermal_diffusivity_m2_s for truth in truths.values()}) == len(fleet.sensors) == 4
+    for sensor in fleet.sensors:
+        own = sensor.channels["temperature"].figures[0].own
+        truth = truths[sensor.serials["temperature"]]
+        assert abs(own.value - truth.thermal_diffusivity_m2_s) < 4 * own.standard_uncertainty
+    # The same command goes on with the same sensors.
+    capsys.readouterr()
+    assert main(["run", "quick", *type_7, "--probes", "3", "--seed", "1", "--out", str(tmp_path / "f/a")]) == 0
+    assert "(0 recorded now)" in capsys.readouterr().out
+
+
+def test_virtual_sensors_of_a_type_differ_by_as_much_as_is_said():
+    first = of_type(7, 1, "rough", 0.03)
+    probes = [of_probe(first, str(k)) for k in range(2, 200)] + [of_type(7, k, "rough", 0.03) for k in range(99)]
+    mean = draw_truth(np.random.default_rng(7), "rough")
+    for true in (lambda t: t.thermal_diffusivity_m2_s, lambda t: t.diffusivity_20c_m2_s):
+        away = np.log([true(one) / true(mean) for one in probes])
+        assert away.std() == pytest.approx(0.03, rel=0.15) and abs(away.mean()) < 0.008
+    at_0 = np.log([one.diffusivity_m2_s(0.0) / mean.diffusivity_m2_s(0.0) for one in probes])
+    assert at_0.std() == pytest.approx(0.03 * np.sqrt(1 + 1 / 9), rel=0.15)
+    again = Truth.from_json(first.to_json())
+    assert of_probe(again, "5") == of_probe(first, "5")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--probes", "0"], "expected 1 to 99"),
+        (["--spread", "2"], "give --fleet SEED too"),
+        (["--fleet", "7", "--spread", "90"], "expected 0.01 to 30"),
+        (["--fleet", "7", "--fleet", "8"], "one SEED"),
+        (["--fleet", "fleet.json"], "is for shockrig run adaptive"),
+        (["--fleet", "7", "--bench", "manual"], "is for emulated instruments"),
+        (["--probes", "2", "--bench", "manual"], "is for emulated instruments"),
+    ],
+)
+def test_options_of_a_virtual_fleet_that_do_not_fit_are_refused(tmp_path, capsys, options, said):
+    assert main(["run", "quick", *options, "--out", str(tmp_path / "c")]) == 2
+    assert said in capsys.readouterr().err
 
 
 @pytest.fixture(scope="module")
