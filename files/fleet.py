@@ -43,6 +43,8 @@ REMEDY = "give the fleet.json that shockrig fleet wrote"
 ALPHA, D = "alpha", "D"
 CHANNELS = ("temperature", "humidity")
 SENSOR_OF = {"temperature": "imet", "humidity": "hyt"}
+BENCH, TYPE, SENSOR, SEVERAL = "bench", "type", "sensor", "several"
+WHOSE = (BENCH, TYPE, SENSOR, SEVERAL)
 KELVIN = 273.15
 
 
@@ -256,15 +258,41 @@ class FleetTrend:
     probability: float
 
 
+@dataclass(frozen=True)
+class SharedParameter:
+    """A parameter of a cause over the sensors that show it: mean, how far they scatter beyond their uncertainties, and
+    whether all may have one value."""
+
+    mean: Uncertain
+    spread: float
+    common: bool
+
+
+@dataclass(frozen=True)
+class FleetCause:
+    """An effect that diagnoses name, and whose it is: "bench", "type", "sensor", or "several" where it is in some
+    sensors and nothing tells why; the sensors that show it, how many were diagnosed, the campaigns, its parameters."""
+
+    channel: str
+    effect: str
+    whose: str
+    sensors: tuple[str, ...]
+    diagnosed: int
+    campaigns: tuple[str, ...]
+    parameters: Mapping[str, SharedParameter]
+
+
 @dataclass(frozen=True, repr=False)
 class Fleet:
-    """What `shockrig fleet` found: the population, its sensors, what differs along it, and campaigns left out."""
+    """What `shockrig fleet` found: the population, its sensors, what differs along it, campaigns left out, and whose
+    the causes are that diagnoses name."""
 
     population: Population
     sensors: tuple[FleetSensor, ...]
     trends: tuple[FleetTrend, ...] = ()
     left_out: Mapping[str, str] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    causes: tuple[FleetCause, ...] = ()
 
     def outsiders(self, channel: str) -> list[str]:
         """Names of the sensors that do not belong."""
@@ -350,8 +378,24 @@ def fleet_document(fleet: Fleet) -> dict[str, Any]:
             }
             for t in fleet.trends
         ],
+        "causes": [_cause_document(one) for one in fleet.causes],
         "left_out": dict(fleet.left_out),
         "provenance": dict(fleet.provenance),
+    }
+
+
+def _cause_document(one: FleetCause) -> dict[str, Any]:
+    return {
+        "channel": one.channel,
+        "effect": one.effect,
+        "whose": one.whose,
+        "sensors": list(one.sensors),
+        "diagnosed": one.diagnosed,
+        "campaigns": list(one.campaigns),
+        "parameters": {
+            name: {**uncertain_document(p.mean), "spread": p.spread, "common": p.common}
+            for name, p in one.parameters.items()
+        },
     }
 
 
@@ -417,6 +461,7 @@ def read_fleet(path: str | os.PathLike[str]) -> Fleet:
         tuple(_trend(item) for item in whole.items("trends")),
         {str(k): str(v) for k, v in whole.mapping("left_out").content.items()},
         MappingProxyType(dict(whole.mapping("provenance").content)),
+        tuple(_cause(item) for item in whole.items("causes")),
     )
 
 
@@ -505,6 +550,25 @@ def _sensor(item: FileTable) -> FleetSensor:
         {str(k): str(v) for k, v in item.mapping("serials").content.items()},
         channels,
         {str(k): str(v) for k, v in item.mapping("missing").content.items()},
+    )
+
+
+def _cause(item: FileTable) -> FleetCause:
+    parameters = {}
+    stated = item.mapping("parameters")
+    for name, one in item.children("parameters"):
+        mean = read_uncertain(stated, name)
+        if mean is None:
+            raise one.error("value", "a number", None)
+        parameters[name] = SharedParameter(mean, one.number("spread", at_least=0.0) or 0.0, one.yes_or_no("common"))
+    return FleetCause(
+        item.word("channel", CHANNELS),
+        item.text("effect") or "",
+        item.word("whose", WHOSE),
+        item.texts("sensors"),
+        int(item.number("diagnosed", at_least=0.0) or 0),
+        item.texts("campaigns"),
+        parameters,
     )
 
 

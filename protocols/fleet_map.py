@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +19,7 @@ from shockrig.protocols.parallel import DEATHS, mapped
 
 if TYPE_CHECKING:
     from shockrig.analysis.fleet.statistics import CampaignStatistics
+    from shockrig.files.causes import StatedEffect
 
 KEPT_IN = "measured"
 KEPT_FORMAT = "shock-fleet-sensor/2"
@@ -48,22 +49,24 @@ def measure(task: FleetTask) -> dict[str, Any]:
     from shockrig.files.campaign import read_campaign
     from shockrig.files.fingerprint import fingerprint
     from shockrig.protocols.folder import software_version
+    from shockrig.protocols.made_before import current
 
     try:
         campaign = read_campaign(task.path, task.probe)
+        diagnosed = current(Path(task.path), campaign)
         mark = fingerprint(campaign)
         extended = "" if task.extend is None else Path(task.extend).read_text(encoding="utf-8")
         settings = json.dumps([mark, task.probe, task.seed, extended, software_version(), KEPT_FORMAT])
         key = sha256(settings.encode()).hexdigest()[:32]
         if task.kept is not None and (Path(task.kept) / f"{key}.json").is_file():
-            return {"key": key}
+            return {"key": key, "diagnosis": diagnosed}
         extensions = None if task.extend is None else read_extension(task.extend)
         found = statistics_of(characterize(campaign, task.seed, extensions), mark)
     except InputError as error:
         return {"failed": str(error)}
     except Exception as error:  # one campaign must not end the work on all others
         return {"failed": f"{type(error).__name__}: {error}; please report it with the campaign"}
-    return {"key": key, "found": statistics_document(found)}
+    return {"key": key, "found": statistics_document(found), "diagnosis": diagnosed}
 
 
 def tasks_of(
@@ -137,10 +140,24 @@ def measured_fleet(
             elif file is not None:
                 file.parent.mkdir(parents=True, exist_ok=True)
                 write_json(file, {"format": KEPT_FORMAT, **document})
-            found[place] = statistics_from({**document, "path": task.path})
+            found[place] = replace(
+                statistics_from({**document, "path": task.path}), causes=causes_in(outcome["diagnosis"])
+            )
         kept = f", {before} of them before" if before else ""
         say(f"{done} of {len(tasks)} characterized{kept}{clock.after(done / len(tasks))}")
     return [found[place] for place in sorted(found)], failed
+
+
+def causes_in(diagnosis: Path | None) -> dict[str, tuple[StatedEffect, ...]]:
+    """Channel -> the causes that a diagnosis names."""
+    from shockrig.files.diagnosis import read_diagnosis
+
+    if diagnosis is None:
+        return {}
+    return {
+        name: tuple(cause.as_effect() for cause in channel.causes)
+        for name, channel in read_diagnosis(diagnosis).channels.items()
+    }
 
 
 def said_now_and_then(every_s: float) -> Callable[[str], None]:

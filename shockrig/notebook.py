@@ -359,7 +359,8 @@ def fleet(
     from shockrig.analysis.fleet.fleet import fleet_of
     from shockrig.analysis.fleet.statistics import statistics_of
     from shockrig.files.fingerprint import fingerprint
-    from shockrig.protocols.fleet_map import FleetTask, tasks_of
+    from shockrig.protocols.fleet_map import FleetTask, causes_in, tasks_of
+    from shockrig.protocols.made_before import current
 
     say = progress or (lambda text: None)
     given = [campaigns] if isinstance(campaigns, str | os.PathLike) else list(campaigns)
@@ -375,7 +376,8 @@ def fleet(
             try:
                 campaign = one if isinstance(one, Campaign) else read_campaign(Path(one.path), one.probe)
                 result = _characterize(campaign, seed=seed, extensions=extensions)
-                found.append(statistics_of(result, fingerprint(campaign)))
+                causes = causes_in(current(campaign.path, campaign))
+                found.append(replace(statistics_of(result, fingerprint(campaign)), causes=causes))
             except InputError as error:
                 failed[name] = str(error)
         return fleet_of(found, failed, {"software": f"shockrig {_version()}"})

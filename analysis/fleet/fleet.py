@@ -24,6 +24,7 @@ from shockrig.analysis.fleet.population import (
     table_scatter,
 )
 from shockrig.analysis.fleet.statistics import CampaignStatistics, Responses
+from shockrig.analysis.fleet.whose import causes_of
 from shockrig.files.causes import Uncertain
 from shockrig.files.errors import InputError
 from shockrig.files.fleet import (
@@ -76,6 +77,7 @@ def fleet_of(
         tuple(_trends(members, judged)),
         refused,
         dict(provenance or {}),
+        causes_of(members.sensors),
     )
 
 

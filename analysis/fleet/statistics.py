@@ -20,6 +20,7 @@ from shockrig.analysis.characterize.response_times import response_slopes
 from shockrig.analysis.characterize.result import ChannelResult, Characterization, Part
 from shockrig.analysis.estimate.noise import Noise
 from shockrig.files.campaign import Campaign
+from shockrig.files.causes import StatedEffect
 from shockrig.files.fleet import ALPHA, SENSOR_OF, Coordinate, D
 
 Array = NDArray[np.float64]
@@ -108,7 +109,8 @@ class ChannelStatistics:
 
 @dataclass(frozen=True)
 class CampaignStatistics:
-    """One probe of one campaign; a channel that could not be had is in `missing`, with the reason."""
+    """One probe of one campaign; a channel that could not be had is in `missing`, with the reason. `causes` are those
+    that a diagnosis names, by channel; a channel that was not diagnosed is not there."""
 
     name: str
     path: str
@@ -120,6 +122,7 @@ class CampaignStatistics:
     channels: Mapping[str, ChannelStatistics]
     missing: Mapping[str, str] = field(default_factory=dict)
     emulated: bool = False
+    causes: Mapping[str, tuple[StatedEffect, ...]] = field(default_factory=dict)
 
 
 def statistics_of(result: Characterization, fingerprint: str) -> CampaignStatistics:

@@ -11,7 +11,17 @@ from shockrig.analysis.fleet.prior import WithFleet
 from shockrig.analysis.report.html import Block, Cell, Details, Figure, HtmlPage, KeyNumber, Section, Table, Text
 from shockrig.analysis.report.numbers import counted, measured, plain
 from shockrig.analysis.report.style import save_figure
-from shockrig.files.fleet import Coordinate, Fleet, FleetFigure, FleetSensor, FleetTrend
+from shockrig.files.fleet import (
+    BENCH,
+    SENSOR,
+    TYPE,
+    Coordinate,
+    Fleet,
+    FleetCause,
+    FleetFigure,
+    FleetSensor,
+    FleetTrend,
+)
 from shockrig.files.fleet_views import nearest_figure, plot_fleet
 
 NOUN: dict[str, str] = {name: quantity.noun for name, quantity in QUANTITIES.items()}
@@ -36,6 +46,7 @@ def verdict(fleet: Fleet) -> str:
     else:
         said.append("All belong together.")
     said += [sentence(trend) for trend in fleet.trends]
+    said += [cause_sentence(one) for one in fleet.causes if one.whose == BENCH]
     if fleet.left_out:
         said.append(f"{counted(len(fleet.left_out), 'campaign')} left out.")
     return " ".join(said)
@@ -48,6 +59,21 @@ def sentence(trend: FleetTrend) -> str:
     if trend.per == "year":
         return f"{symbol} changes by {by} in a year."
     return f"{symbol} differs by {by} from serial number {trend.since} on: another batch."
+
+
+def cause_sentence(one: FleetCause) -> str:
+    """Whose a cause is, and why."""
+    what = f"{one.effect} ({NOUN[one.channel]})"
+    many = f"{len(one.sensors)} of {one.diagnosed} sensors show it"
+    if one.whose == SENSOR:
+        return f"{what} is {one.sensors[0]}'s own: none of the other {one.diagnosed - 1} sensors shows it."
+    if one.whose == BENCH:
+        return f"{what} is the bench's: {many}, with one value, in {counted(len(one.campaigns), 'campaign')}."
+    if one.whose == TYPE:
+        scatters = not all(p.common for p in one.parameters.values())
+        why = "with values that differ" if scatters else f"with one value in {counted(len(one.campaigns), 'campaign')}"
+        return f"{what} is the type's: {many}, {why}."
+    return f"{what}: {many}; whether it is theirs or a bench's is open."
 
 
 def strange(fleet: Fleet, sensor: FleetSensor, channel: str) -> str:
@@ -81,6 +107,8 @@ def write_fleet_page(fleet: Fleet, folder: Path) -> Path:
             Text(f"{sentence(t)} By accident: {plain(t.probability, 2)}.", "warning") for t in fleet.trends
         ]
         sections.append(Section("What differs along the fleet", trends))
+    if fleet.causes:
+        sections.append(Section("Whose the causes are", _causes(fleet)))
     image = save_figure(plot_fleet(fleet), folder, "fleet")
     caption = (
         "Each sensor against the mean of the type: as its own data have it (grey), with what the others say (blue), "
@@ -139,6 +167,29 @@ The others are moved towards the population by as much as their own data leave o
 
 A drift with the date, or a batch that begins at a serial number, is said where one as plain comes by accident in less
 than one of 100 fleets."""
+
+
+def _causes(fleet: Fleet) -> list[Block]:
+    """A sentence for each cause that diagnoses name, and its parameters."""
+    rows: list[Sequence[Cell]] = [
+        (
+            f"{one.effect}.{name}",
+            one.whose,
+            measured(p.mean.value, p.mean.standard_uncertainty),
+            "one value" if p.common else plain(p.spread, 2),
+            ", ".join(one.sensors[:NAMED]) + (" ..." if len(one.sensors) > NAMED else ""),
+        )
+        for one in fleet.causes
+        for name, p in one.parameters.items()
+    ]
+    said: list[Block] = [Text(cause_sentence(one)) for one in fleet.causes]
+    heads = ("parameter", "whose", "mean ± u", "spread from sensor to sensor", "sensors")
+    return [*said, *([Table(heads, rows)] if rows else []), Text(WHOSE_IT_IS)]
+
+
+WHOSE_IT_IS = """A cause that most sensors show with one value, all on one bench, is taken for the bench's: a property
+that all sensors share to within its uncertainty would look the same, and campaigns on another bench tell. One that most
+show with values that differ, or on several benches, is the type's; one that a single sensor shows is its own."""
 
 
 def _mean(fleet: Fleet, k: int) -> str:

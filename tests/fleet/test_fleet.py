@@ -16,15 +16,20 @@ from scipy.optimize import brentq
 import shockrig
 from shockrig.analysis.characterize.characterize import characterize
 from shockrig.analysis.characterize.extension import read_extension
-from shockrig.analysis.fleet.fleet import fleet_of
+from shockrig.analysis.diagnose.remainder import Tolerance
+from shockrig.analysis.fleet.fleet import fleet_of, members_of
 from shockrig.analysis.fleet.population import benjamini_hochberg
 from shockrig.analysis.fleet.prior import with_population
 from shockrig.analysis.fleet.statistics import statistics_of
+from shockrig.analysis.fleet.whose import causes_of
+from shockrig.analysis.report.fleet_page import cause_sentence, write_fleet_page
+from shockrig.files.causes import StatedEffect, Uncertain
 from shockrig.files.errors import InputError
 from shockrig.files.fleet import fleet_document, read_fleet
 from shockrig.files.profile import read_profile
 from shockrig.protocols import fleet_map
 from shockrig.protocols.cli import main
+from shockrig.protocols.made_before import made_from
 from shockrig.rig.virtual.hide import open_seal
 from shockrig.rig.virtual.truth import Truth, draw_truth, of_probe, of_type, serial_number
 
@@ -119,6 +124,62 @@ def test_another_batch_is_said_and_since_which_serial_number():
     assert set(trends) == {"batch", "year"} and trends["batch"].channel == "humidity"
     assert abs(int(trends["batch"].since[1:]) - 38) <= 3  # serial numbers count on from 8, as numbers
     assert abs(trends["batch"].change.value - 0.04) < 4 * trends["batch"].change.standard_uncertainty
+
+
+def diagnosed(rng, places, benches, spread):
+    """Eight sensors, each diagnosed; those at `places` show a lag of (1 + spread z) s, known to 2 %."""
+    statistics, _ = drawn_fleet(rng, 8)
+    found = []
+    for i, one in enumerate(statistics):
+        lag_s = 1.0 + spread * rng.standard_normal() + 0.02 * rng.standard_normal()
+        cause = StatedEffect("series_lag", {"time_constant_s": Uncertain(lag_s, 0.02)})
+        causes = {"temperature": (cause,) if i in places else (), "humidity": ()}
+        probe = str(1 + i % (8 // benches))
+        bench = i // (8 // benches)
+        found.append(replace(one, path=f"b{bench}", probe=probe, bench=f"b{bench}", causes=causes))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("places", "benches", "spread", "whose", "said"),
+    [
+        (range(8), 1, 0.0, "bench", "is the bench's: 8 of 8 sensors show it, with one value, in 1 campaign."),
+        (range(7), 1, 0.0, "bench", "7 of 8 sensors"),
+        ((3,), 1, 0.0, "sensor", "is X11 / H11's own: none of the other 7 sensors shows it."),
+        (range(8), 1, 0.3, "type", "is the type's: 8 of 8 sensors show it, with values that differ."),
+        (range(8), 2, 0.0, "type", "with one value in 2 campaigns."),
+        (range(4), 2, 0.0, "bench", "in 1 campaign."),
+        ((0, 5), 1, 0.0, "several", "whether it is theirs or a bench's is open."),
+    ],
+)
+def test_whose_a_cause_is(tmp_path, places, benches, spread, whose, said):
+    fleet = fleet_of(diagnosed(np.random.default_rng(1), places, benches, spread))
+    (cause,) = fleet.causes
+    assert (cause.whose, len(cause.sensors), cause.diagnosed) == (whose, len(places), 8)
+    assert said in cause_sentence(cause)
+    lag = cause.parameters["time_constant_s"]
+    assert abs(lag.mean.value - 1.0) < 4 * lag.mean.standard_uncertainty
+    assert (lag.spread == pytest.approx(spread, rel=0.6)) if spread else lag.spread < 0.03
+    fleet.write(tmp_path / "fleet.json")
+    jsonschema.validate(json.loads((tmp_path / "fleet.json").read_text()), SCHEMA)
+    assert read_fleet(tmp_path / "fleet.json").causes == fleet.causes
+    assert "Whose the causes are" in write_fleet_page(fleet, tmp_path).read_text()
+
+
+def test_a_value_that_is_one_is_seldom_denied():
+    rng = np.random.default_rng(2)
+    said = [fleet_causes(diagnosed(rng, range(8), 1, 0.0)) for _ in range(100)]
+    assert said.count("bench") >= 90
+
+
+def test_values_without_uncertainties_are_not_called_one():
+    statistics = diagnosed(np.random.default_rng(3), range(8), 1, 0.0)
+    blunt = {"temperature": (StatedEffect("series_lag", {"time_constant_s": Uncertain(1.0)}),)}
+    assert fleet_causes([replace(one, causes=blunt) for one in statistics]) == "several"
+
+
+def fleet_causes(statistics):
+    return causes_of(members_of(statistics).sensors)[0].whose
 
 
 def test_sensors_with_other_ambients_and_without_a_channel_take_part():
@@ -319,12 +380,15 @@ def loggers(tmp_path_factory):
     return folder, true, {"slow lag": (0.4, 20.0), "fast lag": (0.6, 4.0)}
 
 
-def extended_by(path, fraction, time_constant_s):
+def extended_by(path, fraction, time_constant_s, campaign=None):
     parameters = {"fraction": {"value": fraction}, "time_constant_s": {"value": time_constant_s}}
     channels = {
         "temperature": {"verdict": "explained", "causes": [{"effect": "parallel_lag", "parameters": parameters}]}
     }
-    path.write_text(json.dumps({"format": "shock-diagnosis/1", "campaign": "x", "channels": channels}))
+    document = {"format": "shock-diagnosis/1", "campaign": "x", "channels": channels}
+    if campaign is not None:
+        document |= {"campaign": campaign.name, "made_from": made_from(campaign, Tolerance())}
+    path.write_text(json.dumps(document))
     return read_extension(path)
 
 
@@ -350,6 +414,19 @@ def test_two_time_constants_are_one_solution_whichever_is_called_the_body(logger
             assert abs(t63.value - brentq(left, 0.0, 100.0)) < 3.5 * t63.standard_uncertainty
         assert figure.t63_s.standard_uncertainty <= 1.001 * figure.own_t63_s.standard_uncertainty
     assert fleet.population.mean[2] == pytest.approx(np.log(20.0), abs=0.1)  # the slower one is the lag
+
+
+def test_diagnoses_beside_the_campaigns_are_read(loggers):
+    folder, _, starts = loggers
+    for i in range(4):
+        campaign = shockrig.read_campaign(folder / f"L{i}")
+        extended_by(folder / f"L{i}" / "diagnosis.json", *starts["slow lag"], campaign)
+    outdated = json.loads((folder / "L3" / "diagnosis.json").read_text())
+    outdated["made_from"]["fingerprint"] = "another"
+    (folder / "L3" / "diagnosis.json").write_text(json.dumps(outdated))
+    (cause,) = shockrig.fleet(folder).causes
+    assert (cause.effect, cause.sensors, cause.diagnosed) == ("parallel_lag", ("L0", "L1", "L2"), 3)
+    assert cause.whose == "type"
 
 
 def test_the_virtual_bench_makes_fleets(tmp_path, capsys):
