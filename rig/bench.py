@@ -367,7 +367,9 @@ def carrying(config: BenchConfig, probes: int) -> BenchConfig:
     names = [FIRST_PROBE, *(str(k) for k in range(2, probes + 1))]
     parts = [(name, probe, part) for probe in names for name, part in config.sensors.items()]
     sensors = {
-        sensor_name(name, probe): part if probe == FIRST_PROBE else _called(part, f"{part.settings.serial}-{probe}")
+        sensor_name(name, probe): _called(part, f"{part.settings.serial}-{probe}")
+        if part.settings.serial and probe != FIRST_PROBE
+        else part
         for name, probe, part in parts
     }
     return replace(config, sensors=sensors)

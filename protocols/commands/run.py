@@ -112,7 +112,7 @@ def main(args: argparse.Namespace) -> int:
         raise BenchError("--out CAMPAIGN is missing: where shall the recording go?")
     if not config.emulated:
         for name in ("seed", "rough", "realistic", "hide", "sealed", "probes", "spread", "type_seed"):
-            if getattr(args, name):
+            if (given := getattr(args, name)) is not None and given is not False:
                 option = "fleet SEED" if name == "type_seed" else name
                 raise BenchError(f"--{option} is for emulated instruments; this bench has none")
         bench, sealed = open_bench(config), None
@@ -168,7 +168,7 @@ def _fleets(args: argparse.Namespace) -> tuple[Path | None, int | None]:
         raise BenchError("--spread: is how far sensors of a type differ; give --fleet SEED too")
     if args.spread is not None and not LEAST_SPREAD <= args.spread <= MOST_SPREAD:
         raise BenchError(f"--spread {args.spread:g}: expected {LEAST_SPREAD:g} to {MOST_SPREAD:g}")
-    return (files or [None])[0], (seeds or [None])[0]
+    return next(iter(files), None), next(iter(seeds), None)
 
 
 def _opening(args: argparse.Namespace) -> Any:

@@ -474,7 +474,7 @@ def test_virtual_sensors_of_a_type_differ_by_as_much_as_is_said():
         (["--fleet", "7", "--spread", "90"], "expected 0.01 to 30"),
         (["--fleet", "7", "--fleet", "8"], "one SEED"),
         (["--fleet", "fleet.json"], "is for shockrig run adaptive"),
-        (["--fleet", "7", "--bench", "manual"], "is for emulated instruments"),
+        (["--fleet", "0", "--bench", "manual"], "is for emulated instruments"),
         (["--probes", "2", "--bench", "manual"], "is for emulated instruments"),
     ],
 )
