@@ -26,7 +26,7 @@ APART = 0.05  # of values that are one, the share of which it is denied
 
 
 @dataclass(frozen=True)
-class _Seen:
+class _Diagnosed:
     """One probe of one campaign whose channel was diagnosed, and the effect where it was named."""
 
     sensor: str
@@ -45,14 +45,14 @@ def causes_of(sensors: Sequence[FleetMember]) -> tuple[FleetCause, ...]:
             continue
         for effect in sorted({cause.effect for _, s in there for cause in s.causes[channel]}):
             seen = [
-                _Seen(name, s.path, s.bench, next((c for c in s.causes[channel] if c.effect == effect), None))
+                _Diagnosed(name, s.path, s.bench, next((c for c in s.causes[channel] if c.effect == effect), None))
                 for name, s in there
             ]
             found.append(_judged(channel, effect, seen))
     return tuple(found)
 
 
-def _judged(channel: str, effect: str, seen: Sequence[_Seen]) -> FleetCause:
+def _judged(channel: str, effect: str, seen: Sequence[_Diagnosed]) -> FleetCause:
     having = [one for one in seen if one.cause is not None]
     carriers, all_ = (list(dict.fromkeys(one.sensor for one in of)) for of in (having, seen))
     campaigns = list(dict.fromkeys(one.campaign for one in having))
@@ -72,7 +72,7 @@ def _judged(channel: str, effect: str, seen: Sequence[_Seen]) -> FleetCause:
     return FleetCause(channel, effect, whose, tuple(carriers), len(all_), tuple(campaigns), parameters)
 
 
-def _parameters(having: Sequence[_Seen]) -> dict[str, SharedParameter]:
+def _parameters(having: Sequence[_Diagnosed]) -> dict[str, SharedParameter]:
     """Mean and scatter of each parameter that is stated with its uncertainty."""
     stated: dict[str, list[Uncertain]] = {}
     for one in having:
