@@ -206,6 +206,9 @@ ARGUMENTS = {
     "export": ["c"],
     "certify": ["c"],
     "history": ["c"],
+    "fleet": ["c"],
+    "fly": ["--bench", "drone", "--profile", "p.json"],
+    "hil": ["f.csv"],
 }
 
 
