@@ -109,4 +109,4 @@ def test_a_shipped_bench_is_printed_to_be_copied(capsys):
     import tomllib
 
     check_bench(tomllib.loads(capsys.readouterr().out), "copied")
-    assert main(["bench", "pi"]) == 2 and "give one of manual, raspberry-pi, virtual" in capsys.readouterr().err
+    assert main(["bench", "pi"]) == 2 and "give one of drone, manual, raspberry-pi, virtual" in capsys.readouterr().err
