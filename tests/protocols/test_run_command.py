@@ -404,4 +404,5 @@ def test_shipped_benches_go_by_their_names(tmp_path, capsys, monkeypatch):
     assert run("quick", "--bench", "raspberry-pi", "--dry-run") == 1  # its instruments are not here
     said = capsys.readouterr().out
     assert "2 runs on raspberry pi with imet, hyt" in said and "\nnot ready, " in said
-    assert "or one of drone, manual, raspberry-pi, virtual" in refused(capsys, "run", "quick", "--bench", "pi", "--dry-run")
+    error = refused(capsys, "run", "quick", "--bench", "pi", "--dry-run")
+    assert "or one of drone, manual, raspberry-pi, virtual" in error
