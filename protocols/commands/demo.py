@@ -51,12 +51,18 @@ def main(args: argparse.Namespace) -> int:
 
     made_at = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
     campaign, sealed = args.out / "campaign", args.out / "campaign.sealed"
+    is_new = not args.out.exists()
     try:
         args.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise BenchError(f"--out {args.out}: {error.strerror}; name a folder that can be written") from None
     _step(1, "an effect is drawn, sealed and hidden in the sensors; shocks are recorded")
-    _record(campaign, args.seed, args.hide)
+    try:
+        _record(campaign, args.seed, args.hide)
+    except BenchError:
+        if is_new and not any(args.out.iterdir()):  # nothing was recorded
+            args.out.rmdir()
+        raise
     # Neither needs the other's result, and one processor alone would wait for both.
     _step(2, "the plain model is fitted")
     with branch(_plain, campaign, args.out / "plain", made_at) as plain:

@@ -146,3 +146,9 @@ def test_of_one_profile_there_is_no_extended_column(monkeypatch):
     monkeypatch.setattr(demo, "diffusivities", {"plain": {("D", 20.0): (5e-12, 1e-14)}}.get)
     header, row = demo.against_truth(["plain"], TRUTH)
     assert "extended" not in header and row.startswith("  D at 20.0 °C")
+
+
+def test_a_demo_that_cannot_begin_leaves_no_folder(tmp_path, capsys):
+    assert main(["demo", "--out", str(tmp_path / "new"), "--hide", "no_such_effect"]) == 2
+    assert "effect 'no_such_effect' is not known" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
