@@ -28,7 +28,7 @@ def branch(function: Callable[..., None], *arguments: object) -> Iterator[Connec
 
     At the end of the block the process ends, whether it is done or not.
     """
-    forks = _alone()
+    forks = alone()
     context: Any = get_context("fork" if forks else "spawn")
     mine, theirs = context.Pipe(duplex=False)
     process = context.Process(target=_run, args=(theirs, function, arguments, os.getpid()))
@@ -83,7 +83,7 @@ def end(process: BaseProcess) -> None:
     process.join()
 
 
-def _alone() -> bool:
+def alone() -> bool:
     """Whether this process can be forked: not beside threads, also such as a library has started, nor on macOS."""
     return sys.platform == "linux" and len(os.listdir("/proc/self/task")) == 1
 

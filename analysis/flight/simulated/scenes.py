@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from shockrig.analysis.flight.correct import METHODS, correct
@@ -16,6 +16,9 @@ from shockrig.analysis.flight.simulated.sensor import Flown, fly_many
 from shockrig.analysis.flight.simulated.weather import SCENES, Weather
 from shockrig.files.flight import Corrected, Flight
 from shockrig.files.profile import Profile
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 

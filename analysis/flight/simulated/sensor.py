@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 from scipy.signal import lfilter, lfiltic
@@ -21,6 +21,9 @@ from shockrig.analysis.flight.simulated.weather import FINE_STEP_S, Weather
 from shockrig.analysis.physics.humidity import humidity_from_ppmv, ppmv_from_humidity
 from shockrig.files.errors import InputError
 from shockrig.files.profile import HumidityProfile, Profile, StatedEffect, TemperatureProfile
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 
@@ -382,6 +385,8 @@ def _hygrometer(part: HumidityProfile, body: str, air: dict[str, Array]) -> dict
 
 
 def _log(weather: Weather, profile: Profile, fine: dict[str, Array], seed: int, noise: float, rounded: bool) -> Flown:
+    import pandas as pd
+
     rng = np.random.default_rng(seed)
     rows = slice(0, None, round(SAMPLING_PERIOD_S / (weather.time_s[1] - weather.time_s[0])))
     time = weather.time_s[rows]
