@@ -26,7 +26,7 @@ settings.load_profile("busy")
 
 @pytest.fixture(scope="session", autouse=True)
 def forked_as_in_a_terminal():
-    """A worker of pytest-xdist has a thread that listens to pytest, beside which a command would not fork: every process
+    """A worker of pytest-xdist has a thread that listens to pytest, beside which a command would not fork: each process
     that it starts would import everything again. That thread does nothing meanwhile; those of a test's own count."""
     from shockrig.protocols import branch
 

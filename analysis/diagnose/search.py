@@ -191,8 +191,7 @@ class Race:
             columns.append(np.matmul(self.problem.whitener, np.moveaxis(predicted, 0, -1)))
         if not columns:
             return []
-        right, normal = self._first_order(near, np.concatenate(columns, axis=-1))
-        size = np.diag(normal)
+        right, size = self._first_order(near, np.concatenate(columns, axis=-1))
         gains = np.where(size > 1e-9, 0.5 * right**2 / np.maximum(size, 1e-12), 0.0)
         by: dict[str, list[tuple[float, Mapping[str, float]]]] = {}
         for (one, start), gain in zip(owners, gains, strict=True):
@@ -204,7 +203,7 @@ class Race:
         return sorted(out, key=lambda item: -(item[2] + item[0].log_prior))
 
     def _first_order(self, near: Rated, columns: Array) -> tuple[Array, Array]:
-        """Scores of columns beside the model's own parameters, the runs' random effects, and its discrepancy."""
+        """Scores of columns and their variances beside the model's parameters, the random effects and its discrepancy."""
         # A candidate may end what the model so far is wrong by: that is not to hide what it promises.
         # Nor is how much runs differ in their rates, where that is more than sensors usually do.
         found, sigma = near.fit, max(min(near.score.discrepancy, FAR_DISCREPANCY), SMALLEST_DISCREPANCY)
@@ -216,7 +215,7 @@ class Race:
             run_jacobian=np.concatenate([found.arrow.run_jacobian, self.bump], axis=-1),
             weight=np.concatenate([own, discrepancy], axis=-1),
         )
-        return found.scores(self.problem, columns, beside)
+        return found.score_variances(self.problem, columns, beside)
 
     def _entered(self, screened: Sequence[Screened], far: bool) -> list[tuple[Candidate, Starts]]:
         """Those whose fits are begun: of each family the best, then by promise."""

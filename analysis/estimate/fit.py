@@ -98,21 +98,29 @@ class Fit:
         """What each run alone says of its rate."""
         return _own_rates(self.arrow, self.deviations, self.model)
 
-    def scores(self, problem: Problem, columns: Array, beside: Arrow | None = None) -> tuple[Array, Array]:
-        """Scores (C,) of whitened columns (R, n, C) and their covariance, see `Arrow.scores`.
+    def scores(self, problem: Problem, columns: Array) -> tuple[Array, Array]:
+        """Scores (C,) of whitened columns (R, n, C) and their covariance, see `Arrow.scores`."""
+        arrow, pull = self._free(self.arrow)
+        return arrow.scores(columns, problem.whiten(self.residual), self.deviations, pull)
 
-        What of theta stands at a bound takes nothing from a column: it cannot follow. `beside` is the fit's arrow with
-        random effects more than its own, behind these, or other weights of them.
-        """
+    def score_variances(self, problem: Problem, columns: Array, beside: Arrow) -> tuple[Array, Array]:
+        """Likewise the scores and their variances alone. `beside` is the fit's arrow with random effects more than its
+        own, behind these, or other weights of them."""
+        arrow, pull = self._free(beside)
+        more = arrow.weight.shape[1] - self.deviations.shape[1]
+        deviations = np.pad(self.deviations, ((0, 0), (0, more)))
+        return arrow.score_variances(columns, problem.whiten(self.residual), deviations, pull)
+
+    def _free(self, arrow: Arrow) -> tuple[Arrow, Array]:
+        """An arrow of this model, and the prior's pull, without what of theta stands at a bound: it cannot follow, and
+        takes nothing from a column."""
         mean, weight = self.model.priors()
         low, high = self.model.bounds()
         free = (self.theta > low) & (self.theta < high)
-        arrow, pull = self.arrow if beside is None else beside, weight * (mean - self.theta)
-        if not free.all():
-            arrow = Arrow(arrow.jacobian[..., free], arrow.run_jacobian, arrow.weight, arrow.prior_weight[free])
-        more = arrow.weight.shape[1] - self.deviations.shape[1]
-        deviations = np.pad(self.deviations, ((0, 0), (0, more)))
-        return arrow.scores(columns, problem.whiten(self.residual), deviations, pull[free])
+        pull = weight * (mean - self.theta)
+        if free.all():
+            return arrow, pull
+        return Arrow(arrow.jacobian[..., free], arrow.run_jacobian, arrow.weight, arrow.prior_weight[free]), pull[free]
 
 
 @dataclass(frozen=True)

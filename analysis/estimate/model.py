@@ -60,18 +60,18 @@ class Structure:
     def __post_init__(self) -> None:
         object.__setattr__(self, "effects", tuple(sorted(self.effects, key=lambda e: e.order)))
 
-    @property
+    @cached_property
     def ids(self) -> tuple[str, ...]:
         """Of its effects."""
         return tuple(effect.id for effect in self.effects)
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[tuple[Effect, Parameter], ...]:
         """Those that are fitted, in the order of theta behind the rates."""
         held = {(h.effect, h.parameter) for h in self.held}
         return tuple((e, p) for e in self.effects for p in e.parameters if (e.id, p.name) not in held)
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """`effect.parameter` of each."""
         return tuple(f"{effect.id}.{parameter.name}" for effect, parameter in self.parameters)
@@ -118,7 +118,7 @@ class Model:
         """What may be off in all runs alike and is fitted along, in the order of theta behind the parameters."""
         return shared(self.channel)
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Length of theta, P."""
         return self.channel.rates + len(self.structure.parameters) + len(self.shared)

@@ -136,40 +136,46 @@ def gram(problem: Problem, found: Fit, bump: Array) -> Gram:
     )
 
 
-def _reduced(g: Gram, discrepancy: float) -> tuple[Array, Array, Array, Array]:
-    """Each run's N_i (R, P, P), g_i (R, P), r_i' C_i^-1 r_i (R,) and log det C_i (R,)."""
-    bumps_of = np.full((g.own.shape[0], g.vv.shape[-1] - g.own.shape[-1]), discrepancy**2)
-    root = np.sqrt(np.concatenate([g.own, bumps_of], axis=-1))
+def _reduced(g: Gram, discrepancies: Array) -> tuple[Array, Array, Array, Array]:
+    """Under T discrepancies each run's N_i (T, R, P, P), g_i (T, R, P), r_i' C_i^-1 r_i and log det C_i (T, R)."""
+    bumps_of = np.empty((discrepancies.size, g.own.shape[0], g.vv.shape[-1] - g.own.shape[-1]))
+    bumps_of[:] = (discrepancies**2)[:, None, None]
+    own_of = np.broadcast_to(g.own, (discrepancies.size, *g.own.shape))
+    root = np.sqrt(np.concatenate([own_of, bumps_of], axis=-1))
     # With V scaled to unit variance, C^-1 = I - V (I + V'V)^-1 V'.
-    scaled = g.vv * root[:, :, None] * root[:, None, :]
+    scaled = g.vv * root[..., :, None] * root[..., None, :]
     index = np.arange(scaled.shape[-1])
-    scaled[:, index, index] += 1.0
-    jv, vr = g.jv * root[:, None, :], g.vr * root
-    solved = np.linalg.solve(scaled, np.concatenate([jv.transpose(0, 2, 1), vr[..., None]], axis=-1))
+    scaled[..., index, index] += 1.0
+    jv, vr = g.jv * root[..., None, :], g.vr * root
+    solved = np.linalg.solve(scaled, np.concatenate([np.swapaxes(jv, -1, -2), vr[..., None]], axis=-1))
     own = g.jj - jv @ solved[..., :-1]
     right = g.jr - (jv @ solved[..., -1:])[..., 0]
     square = g.rr - (vr * solved[..., -1]).sum(axis=-1)
     return own, right, square, np.linalg.slogdet(scaled)[1]
 
 
-def densities(g: Gram, discrepancy: float, blocks: NDArray[np.int64] | None = None) -> Array:
-    """Log predictive density of each block of runs (B,) given all the others [nats]; single runs by default."""
-    own, right, square, log_det = _reduced(g, discrepancy)
+def densities(g: Gram, discrepancies: Array, blocks: NDArray[np.int64] | None = None) -> Array:
+    """Log predictive density of each block of runs given all the others (T, B) [nats], under each of T discrepancies;
+    single runs by default."""
+    own, right, square, log_det = _reduced(g, discrepancies)
     count = g.count
     if blocks is not None:
         _, place = np.unique(blocks, return_inverse=True)
         size = int(place.max()) + 1
-        own, right, square, log_det, count = (_summed(x, place, size) for x in (own, right, square, log_det, count))
-    scale = 1.0 / np.sqrt(own.sum(axis=0).diagonal() + g.prior)
-    own, right = own * scale[:, None] * scale, right * scale
-    whole = own.sum(axis=0) + np.diag(g.prior * scale**2)
-    pull = right.sum(axis=0) + g.pull * scale
-    rest = whole - own
-    shift = np.linalg.solve(rest, (pull - right)[..., None])
+        own, right, square, log_det = (
+            np.stack([_summed(one, place, size) for one in x]) for x in (own, right, square, log_det)
+        )
+        count = _summed(count, place, size)
+    scale = 1.0 / np.sqrt(np.diagonal(own.sum(axis=1), axis1=1, axis2=2) + g.prior)[:, None]
+    own, right = own * scale[..., None] * scale[..., None, :], right * scale
+    whole = own.sum(axis=1) + (g.prior * scale**2) * np.eye(g.prior.size)
+    pull = right.sum(axis=1) + g.pull * scale[:, 0]
+    rest = whole[:, None] - own
+    shift = np.linalg.solve(rest, (pull[:, None] - right)[..., None])
     left = right - (own @ shift)[..., 0]
-    off = square - 2.0 * (shift[..., 0] * right).sum(axis=-1) + (shift.transpose(0, 2, 1) @ own @ shift)[:, 0, 0]
-    off = off - (left * np.linalg.solve(whole, left.T).T).sum(axis=-1)
-    log_det = log_det + np.linalg.slogdet(whole)[1] - np.linalg.slogdet(rest)[1]
+    off = square - 2.0 * (shift[..., 0] * right).sum(axis=-1) + (np.swapaxes(shift, -1, -2) @ own @ shift)[..., 0, 0]
+    off = off - (left * np.swapaxes(np.linalg.solve(whole, np.swapaxes(left, -1, -2)), -1, -2)).sum(axis=-1)
+    log_det = log_det + np.linalg.slogdet(whole)[1][:, None] - np.linalg.slogdet(rest)[1]
     # How large the noise is, is known about as well as from so many readings: Student's density in place of Gauss's, so
     # that a run which no model describes counts by how much less one leaves of it than another, and not for thousands.
     student = (NOISE_DEGREES + count) * np.log1p((off - count) / (NOISE_DEGREES + count))
@@ -185,7 +191,7 @@ def _summed(values: Array, place: NDArray[np.int64], count: int) -> Array:
 def score(problem: Problem, found: Fit, bump: Array, blocks: NDArray[np.int64] | None = None) -> Score:
     """A fit's score, under the discrepancy that makes it best."""
     g = gram(problem, found, bump)
-    tried = [densities(g, sigma, blocks) for sigma in DISCREPANCIES]
+    tried = densities(g, DISCREPANCIES, blocks)
     # A fit that led to no number predicts nothing.
     totals = [total if np.isfinite(total := float(one.sum())) else -np.inf for one in tried]
     best = int(np.argmax(totals))
@@ -223,7 +229,7 @@ def no_surer(problem: Problem, found: Fit, bump: Array, discrepancy: float, than
     if discrepancy == 0.0 and not than_runs:
         return found
     g = gram(problem, found, bump)
-    own, right, _, _ = _reduced(g, 0.0)
+    own, right = (x[0] for x in _reduced(g, np.zeros(1))[:2])
     low, high = found.model.bounds()
     free = (found.theta > low) & (found.theta < high)
     scale = 1.0 / np.sqrt(own.sum(axis=0).diagonal() + g.prior)

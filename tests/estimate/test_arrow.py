@@ -83,6 +83,8 @@ def test_scores_are_those_of_the_marginal_model_with_theta_projected_out(case):
     pulled = directions.T @ precision @ jacobian @ np.linalg.solve(known, pull)
     assert right == pytest.approx(directions.T @ seen @ at_zero - pulled, rel=1e-6)
     assert normal == pytest.approx(directions.T @ seen @ directions, rel=1e-6)
+    alone, variances = arrow.score_variances(columns, residual, deviations, pull)
+    assert alone == pytest.approx(right, rel=1e-6) and variances == pytest.approx(np.diag(normal), rel=1e-6)
 
 
 def test_what_is_off_in_every_run_alike_and_what_random_effects_cannot_hide(case):

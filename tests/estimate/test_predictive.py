@@ -91,7 +91,7 @@ def test_a_density_is_that_of_a_run_given_all_others(linear, discrepancy, blocks
     g, columns = linear
     blocks = None if blocks is None else np.array(blocks)
     exact = conditional(g, columns, discrepancy, np.arange(RUNS) if blocks is None else blocks)
-    np.testing.assert_allclose(densities(g, discrepancy, blocks), exact, rtol=0.0, atol=1e-8)
+    np.testing.assert_allclose(densities(g, np.array([discrepancy]), blocks)[0], exact, rtol=0.0, atol=1e-8)
 
 
 @pytest.fixture(scope="module")
@@ -111,13 +111,13 @@ def test_the_products_of_a_fit_are_those_of_its_whitened_columns(fitted):
     np.testing.assert_allclose(g.own, problem.with_rate_scatter(found.rate_scatter).scatter ** 2)
     for discrepancy in (0.0, 0.003):
         exact = conditional(g, (j, u, bump, r), discrepancy, np.arange(problem.channel.runs))
-        np.testing.assert_allclose(densities(g, discrepancy), exact, atol=1e-5)
+        np.testing.assert_allclose(densities(g, np.array([discrepancy]))[0], exact, atol=1e-5)
 
 
 def test_a_score_is_the_best_over_what_a_model_may_be_wrong_by(fitted):
     problem, found, bump = fitted
     g, rated = gram(problem, found, bump), score(problem, found, bump)
-    tried = [float(densities(g, sigma).sum()) for sigma in DISCREPANCIES]
+    tried = [float(densities(g, np.array([sigma])).sum()) for sigma in DISCREPANCIES]
     assert rated.total == pytest.approx(max(tried)) and rated.discrepancy == DISCREPANCIES[np.argmax(tried)]
     assert rated.runs.shape == (6,)
 
