@@ -203,7 +203,7 @@ class Race:
         return sorted(out, key=lambda item: -(item[2] + item[0].log_prior))
 
     def _first_order(self, near: Rated, columns: Array) -> tuple[Array, Array]:
-        """Scores of columns and their variances beside the model's parameters, the random effects and its discrepancy."""
+        """Scores of columns and their variances, beside the model's parameters, discrepancy and random effects."""
         # A candidate may end what the model so far is wrong by: that is not to hide what it promises.
         # Nor is how much runs differ in their rates, where that is more than sensors usually do.
         found, sigma = near.fit, max(min(near.score.discrepancy, FAR_DISCREPANCY), SMALLEST_DISCREPANCY)

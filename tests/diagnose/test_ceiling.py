@@ -1,7 +1,6 @@
 """A ceiling is named where readings stop below what the air is, and not where plateaus are merely alike."""
 
 import numpy as np
-import pytest
 from small_worlds import record
 
 from shockrig.analysis.diagnose.candidates import refused
@@ -43,11 +42,10 @@ def test_a_limit_amid_the_readings_of_a_plateau_is_no_ceiling(tmp_path):
     assert search(problem).best.fit.structure.ids == ("calibration_error",)
 
 
-@pytest.mark.parametrize("depth", [1.0, 3.0])
-def test_a_limit_below_the_air_is_a_ceiling(tmp_path, depth):
-    problem = wet_world(tmp_path, Hidden("saturation_clipping", {"limit_percent": 80.0 - depth}))
+def test_a_limit_below_the_air_is_a_ceiling(tmp_path):
+    problem = wet_world(tmp_path, Hidden("saturation_clipping", {"limit_percent": 79.0}))
     found = search(problem).best.fit
     assert found.structure.ids == ("saturation_clipping",)
     (limit, spread) = found.values()["saturation_clipping"]["limit_percent"]
-    assert abs(limit - (80.0 - depth)) < 3.5 * spread + 0.01
+    assert abs(limit - 79.0) < 3.5 * spread + 0.01
     assert not refused(found, CEILING)

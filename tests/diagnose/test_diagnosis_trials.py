@@ -39,18 +39,6 @@ def test_what_no_catalogue_holds_is_described_as_far_as_it_can_be():
     assert scored.verdict_right and not scored.wrong
 
 
-def test_a_coarse_resolution_is_no_other_effect():
-    """Rounded to 0.6 %RH beside 0.07 %RH of noise: a plateau's error is one code's, not white noise."""
-    result = trials.trial("quantization", "rough", "comfortable", 7051, without="imet")
-    assert result["score"].exact, trials.line(7051, result)
-
-
-def test_an_average_that_hides_its_own_noise_is_no_ramp():
-    """A mean over eleven readings leaves less noise than the logger's step: only the response can tell."""
-    result = trials.trial("moving_average", "rough", "comfortable", 7063, without="hyt")
-    assert result["score"].exact, trials.line(7063, result)
-
-
 def test_a_wrong_noise_model_is_caught(tmp_path):
     """Guards the calibration: were correlated noise taken for white, plain campaigns would raise false alarms."""
     noisy = {"temperature_noise": TrueNoise(0.012, 0.012, 1.0)}

@@ -14,11 +14,12 @@ import sys
 import tempfile
 import time
 import zlib
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 import pytest
-from processes import ended, heard
+from processes import PATIENCE_S, ended, heard
 
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.files.campaign import read_campaign
@@ -487,26 +488,30 @@ def test_a_command_that_is_told_to_end_leaves_nothing(tmp_path):
         assert entries(tmp_path) == []
 
 
+def killed_import(call, count):
+    """An import, in a process that is no more when it comes to a call of `os` for the nth time."""
+    left, real = [count], getattr(os, call)
+
+    def counted(*arguments, **options):
+        left[0] -= 1
+        if left[0] == 0:
+            os._exit(9)
+        return real(*arguments, **options)
+
+    setattr(os, call, counted)
+    main(["import", "--imet", "f.csv", "--out", "c"])
+
+
 def test_an_import_that_was_killed_leaves_no_run_and_can_be_done_again(tmp_path, monkeypatch, capsys):
     """Killed at each file that it writes, and once more before the rename that makes the run count."""
     monkeypatch.chdir(tmp_path)
     Path("f.csv").write_text("time_s,temperature_c\n0,20\n1,21\n2,22\n")
-    code = (
-        "import os, sys; from shockrig.protocols.cli import main\n"
-        "left, real = [int(sys.argv[1])], os.{0}\n"
-        "def counted(*a, **k):\n"
-        "    left[0] -= 1\n"
-        "    if left[0] == 0: os._exit(9)\n"
-        "    return real(*a, **k)\n"
-        "os.{0} = counted\n"
-        "sys.exit(main(['import', '--imet', 'f.csv', '--out', 'c']))"
-    )
     for call, times in (("replace", (1, 2, 3)), ("rename", (1,))):
         for count in times:
-            done = subprocess.run(
-                [sys.executable, "-c", code.format(call), str(count)], capture_output=True, timeout=60
-            )
-            assert done.returncode == 9
+            killed = get_context("fork").Process(target=killed_import, args=(call, count))
+            killed.start()
+            killed.join(PATIENCE_S)
+            assert killed.exitcode == 9
             assert main(["characterize", "c", "--out", "o"]) == 2
             assert main(["import", "--imet", "f.csv", "--out", "c"]) == 0, capsys.readouterr().err
             assert [run.id for run in read_campaign("c").runs] == ["0001"]
