@@ -19,8 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.special import gammainc
-from scipy.stats import chi2, f
+from scipy.special import chdtrc, fdtrc, gammainc
 
 from shockrig.analysis.fleet.statistics import CampaignStatistics, Responses
 from shockrig.files.fleet import KELVIN, Coordinate, design
@@ -479,12 +478,12 @@ def distance(
     from_sigma = (U.T @ sigma @ U) * np.outer(root, root)
     S = np.eye(root.size) + from_sigma + J @ covariance @ J.T
     direction = np.linalg.solve(S, left)
-    squared = float(left @ direction)
+    squared = max(float(left @ direction), 0.0)
     m = root.size
     share = float(np.trace(np.linalg.solve(S, from_sigma))) / m
     weight = np.abs(np.diag(sigma)) * np.diag(A)
     nu = float(weight @ degrees / max(weight.sum(), 1e-300)) / max(share, 1e-3) ** 2
     if nu > 1e5:
-        return float(chi2.sf(squared, m))
+        return float(chdtrc(m, squared))
     nu = max(nu, m + 0.5)
-    return float(f.sf(squared * (nu - m + 1.0) / (nu * m), m, nu - m + 1.0))
+    return float(fdtrc(m, nu - m + 1.0, squared * (nu - m + 1.0) / (nu * m)))

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from shockrig.analysis.fleet.population import LEAST_SENSORS, FleetMember
 from shockrig.files.causes import StatedEffect, Uncertain
@@ -94,4 +94,4 @@ def _shared(values: Sequence[Uncertain], level: float) -> SharedParameter:
     variance = max((Q - (n - 1)) / (weight.sum() - (weight @ weight) / weight.sum()), 0.0)
     weight = 1.0 / (u**2 + variance)
     of_mean = Uncertain(float(weight @ x / weight.sum()), float(weight.sum() ** -0.5))
-    return SharedParameter(of_mean, math.sqrt(variance), bool(chi2.sf(Q, n - 1) >= level))
+    return SharedParameter(of_mean, math.sqrt(variance), bool(chdtrc(n - 1, Q) >= level))

@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, maximum_filter1d, uniform_filter1d
-from scipy.signal import lfilter
 
 from shockrig.analysis.flight.channel import (
     VAGUE_TIMES,
@@ -120,6 +119,8 @@ def unseen(
     within = np.zeros(time_s.shape, dtype=bool)
     within[first[own] + rows // 2] = True
     within = maximum_filter1d(within, rows + 1)  # a window is judged as a whole
+    from scipy.signal import lfilter  # takes longer to import than all the rest
+
     moves = np.concatenate([[0.0], np.diff(temperature_c) * within[:-1]])
     keep = float(np.exp(-period / (FORGOTTEN_LAGS * response.slowest_s)))
     return np.asarray(lfilter([1.0], [1.0, -keep], moves))

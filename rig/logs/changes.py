@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
-from scipy.signal import find_peaks
 
 Array = NDArray[np.float64]
 
@@ -89,6 +88,8 @@ def find_changes(channel: LogPiece) -> tuple[ChangePoint, ...]:
     time_s, value = channel.time_s, channel.value
     if value.size < 2 * WINDOW + 2 or np.ptp(value) < channel.least:
         return ()
+    from scipy.signal import find_peaks  # takes longer to import than all the rest
+
     period = max(channel.period_s, float(time_s[-1] - time_s[0]) / GRID_AT_MOST)
     blocks = np.interp(np.arange(time_s[0], time_s[-1] + 0.5 * period, period), time_s, value)
     width = period

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
-from scipy.signal import lfilter, lfiltic
 
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.flight.simulated.typical import NOISE_K, NOISE_PERCENT
@@ -165,6 +164,8 @@ def march(body: Cells, rate: Array, biot: Array, drive: Array, follow: Follow | 
 
 def lag(drive: Array, time_constant_s: float) -> Array:
     """First-order lag behind (r, n), from rest, exact for air that is straight over each step."""
+    from scipy.signal import lfilter, lfiltic  # takes longer to import than all the rest
+
     x = FINE_STEP_S / time_constant_s
     decay = np.exp(-x)
     new = 1.0 - (1.0 - decay) / x
