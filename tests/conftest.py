@@ -24,6 +24,11 @@ settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCh
 settings.load_profile("busy")
 
 
+def pytest_collection_modifyitems(items):
+    """A test that waits for minutes begins first, beside those that compute: as the last one all would wait for it."""
+    items.sort(key=lambda item: item.get_closest_marker("waits") is None)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def forked_as_in_a_terminal():
     """A worker of pytest-xdist has a thread that listens to pytest, beside which a command would not fork: each process

@@ -30,7 +30,7 @@ from shockrig.files.dcc import dcc_text
 from shockrig.protocols.cli import main
 from shockrig.rig.virtual.hide import draw_effect
 
-SCHEMA = Path(__file__).parents[1] / "dcc" / "dcc_used.xsd"
+SCHEMA = Path(__file__).parents[1] / "dcc_schemas" / "dcc_used.xsd"
 STATED = CommonUncertainty(0.05, 0.5, 2.0, 5.0, 0.01, 50.0)
 
 

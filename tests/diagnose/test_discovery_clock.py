@@ -3,11 +3,10 @@ plateaus before the transfers differ, by name and, where no name is listed, as a
 
 import numpy as np
 import pytest
-from small_worlds import record, small_plan
+from small_worlds import record
 
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.remainder import Tolerance
-from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.behaviours import when_it_jumps_s
 from shockrig.analysis.effects.described import described, discovered_of
 from shockrig.analysis.estimate.gather import build_channel
@@ -46,19 +45,6 @@ def test_a_clock_that_the_catalogue_has_not_is_described_as_a_delay_that_grows()
     assert (one.size.value, one.size.unit) == (PPM, "1e-6")
     assert "parts per million" in sentence(one, "K") and "how long the run has lasted" in sentence(one, "K")
     assert "no part in a flight" in flies(one, "temperature")
-
-
-def test_a_delay_is_not_sold_as_a_clock_where_the_catalogue_has_no_delay(tmp_path, monkeypatch):
-    """Beside the plain model, whose runs have all moved their starts, no delay scores: it is the form that does better
-    in the clock's place that is described."""
-    hidden = [Hidden("dead_time", {"delay_s": 0.15}, ("temperature",))]
-    channel = build_channel(record(tmp_path / "late", 900, hidden, ROUGH, small_plan()), "temperature")
-    monkeypatch.delitem(CATALOGUE, "dead_time")
-    found = diagnose_channel(channel, tolerance=Tolerance(0.0, 0.0))
-    (one,) = found.discovered
-    assert (one.behaves_as, one.depends_on) == ("delay", ())
-    assert abs(one.size.value - 0.15) < 3.0 * one.size.standard_uncertainty
-    assert found.verdict == "described" and not found.causes
 
 
 def test_jumps_tell_the_share_by_which_each_is_late(fast):

@@ -51,6 +51,7 @@ class Shell:
         return done.stdout
 
 
+@pytest.mark.waits
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) to build the preload library with")
 def test_the_page_as_it_stands(tmp_path):
     (recording,) = [command for command in COMMANDS if "--operator" in command]
