@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
+from datetime import UTC, datetime
 from itertools import islice
 from operator import methodcaller
 from pathlib import Path
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 from shockrig.files.disk import open_text, shown
 from shockrig.files.errors import InputError
 from shockrig.files.flight_intermet import clock_of
+from shockrig.files.flight_known import KnownLog, day_of, known_log
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -63,6 +65,9 @@ NAMES: dict[str, tuple[str, ...]] = {
         "altitudem", "altitude", "xqimetxqaltitude", "alt", "height", "altagl", "altmsl", "altitudeasl", "altitudeagl",
         "altitudemsl", "z", "gpsaltitude",
     ),
+    "vertical_speed": (
+        "verticalspeedms", "verticalspeed", "risespeedms", "risespeed", "climbratems", "climbrate", "vspeed",
+    ),
 }  # fmt: skip
 FURTHEST_HEADER = 60  # lines of metadata above the names
 INTERMET = "COM Elapse"  # a column that only the log of InterMet's application has
@@ -75,7 +80,7 @@ XQ2_FIELDS = (
 @dataclass(frozen=True)
 class Flight:
     """Rows of a log: arrays (n,), NaN where a value is missing; `temperature_c` the bead's, `humidity_percent` the
-    film's. What says where the drone was is None in a log without it."""
+    film's. What says where the drone was, and how fast it rose, is None in a log without it."""
 
     time_s: Array
     temperature_c: Array
@@ -86,6 +91,7 @@ class Flight:
     altitude_m: Array | None = None
     latitude_deg: Array | None = None
     longitude_deg: Array | None = None
+    vertical_speed_m_s: Array | None = None
 
     def at(self, rows: slice | NDArray[np.int64]) -> Flight:
         """Some of the rows."""
@@ -132,7 +138,9 @@ class Corrected:
 class FlightColumns:
     """Columns of a log: `header` and for each quantity the place of its column.
 
-    `zero_is_missing`: it is InterMet's application's, which writes zeros where nothing is connected.
+    `zero_is_missing`: it is InterMet's application's, which writes zeros where nothing is connected. `known`: it is a
+    log whose columns are known. `begins_s`: when its first row was read [s since 1970], of times of day without a date.
+    `said`: what was read as what, a sentence.
     """
 
     header: tuple[str, ...]
@@ -141,6 +149,9 @@ class FlightColumns:
     date_place: int | None = None
     raw_xq2: bool = False
     zero_is_missing: bool = False
+    known: KnownLog | None = None
+    begins_s: float | None = None
+    said: str = ""
 
 
 def squeeze(name: str) -> str:
@@ -219,12 +230,17 @@ def read_layout(path: Path, chosen: Mapping[str, str] | None = None) -> FlightCo
             f"{shown(path)}, line 1: column {taken[0]!r} is there already; give the log as it was before correction"
         )
     place = {}
+    log = known_log(header)
     for quantity, names in NAMES.items():
         if quantity in chosen:
             if chosen[quantity] not in header:
                 missing = f"no column {chosen[quantity]!r} for {quantity}"
                 raise InputError(f"{shown(path)}, line 1: {missing}; name one of its own ({_listed(header)})")
             place[quantity] = header.index(chosen[quantity])
+            continue
+        if log is not None:
+            if log.columns.get(quantity) in header:
+                place[quantity] = header.index(log.columns[quantity])
             continue
         # "T" is a temperature; "t" is one where another column is the time
         other = {"time": "T", "temperature": header[place["time"]] if "time" in place else "t"}.get(quantity)
@@ -238,6 +254,11 @@ def read_layout(path: Path, chosen: Mapping[str, str] | None = None) -> FlightCo
         raise InputError(
             f"{shown(path)}, line 1: neither temperature nor humidity recognised ({_listed(header)}); "
             "name them with --column temperature=NAME --column humidity=NAME"
+        )
+    if log is not None:
+        begins_s, dated = _first_row(path, place["time"])
+        return FlightColumns(
+            tuple(header), place, str(path), known=log, begins_s=begins_s, said=log.sentence(place, header) + dated
         )
     squeezed = [_plain(name) for name in header]
     own = {
@@ -256,7 +277,27 @@ def read_layout(path: Path, chosen: Mapping[str, str] | None = None) -> FlightCo
         date = date if of_own is None else of_own
     date = date if "time" in squeezed[place["time"]] else None
     intermet = INTERMET in header or any("-iMet-" in name for name in header)
-    return FlightColumns(tuple(header), place, str(path), date, zero_is_missing=intermet)
+    said = ""
+    if intermet:
+        whose = "the sensor's own" if place["time"] == own.get("time") else "the application's"
+        said = f"read as a log of InterMet's application: the clock is {whose}, {header[place['time']]!r}"
+    return FlightColumns(tuple(header), place, str(path), date, zero_is_missing=intermet, said=said)
+
+
+def _first_row(path: Path, time_place: int) -> tuple[float | None, str]:
+    """When the first row of a log with times of day was read [s since 1970; of an unknown day where the file's name has
+    none], and the end of a sentence that says whence the day is; nothing where the times have dates."""
+    with open_text(path, REMEDY, errors="replace") as stream:
+        row = next(islice(csv.reader(without_nul(stream)), 1, None), [])
+    found = re.fullmatch(r"\s*(\d{1,2}):(\d\d):(\d\d)\s*", row[time_place] if len(row) > time_place else "")
+    if found is None:
+        return None, ""
+    hours, minutes, seconds = map(int, found.groups())
+    of_day_s = 3600.0 * hours + 60.0 * minutes + seconds
+    day_s = day_of(path.name, of_day_s)
+    if day_s is None:
+        return of_day_s, "; times are of a day that neither the log nor its name says"
+    return day_s + of_day_s, f"; times are of {datetime.fromtimestamp(day_s, UTC):%Y-%m-%d}, as the file's name says"
 
 
 def without_nul(stream: Iterable[str]) -> Iterator[str]:

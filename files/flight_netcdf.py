@@ -47,7 +47,10 @@ class NetcdfWriter:
         "longitude": "longitude",
         "airspeed": "platform_speed_wrt_air",
     }
-    ENDINGS = {"pressure": {"hpa": "hPa", "mbar": "hPa", "pa": "Pa"}, "altitude": {"m": "m"}}
+    ENDINGS = {
+        "pressure": {"hpa": "hPa", "mbar": "hPa", "pa": "Pa", "pascal": "Pa"},
+        "altitude": {"m": "m", "mmsl": "m"},
+    }
     CORRECTED = (
         ("temperature_corrected_c", "temperature_c", "air_temperature", "degC", "air temperature, sensor lag undone"),
         (

@@ -24,6 +24,7 @@ ESSENTIAL = ("time", "temperature", "humidity")
 DAY_S = 86400.0
 DATED = r"\d[-/.]\d{1,2}[-/.]\d"  # a stamp with its date
 TIME_OF_DAY = r"\d{1,2}:\d\d(:\d\d([.,]\d+)?)?( ?[AaPp][Mm])?"
+DISORDER_S = 3600.0  # by which a row may be earlier than a log's first: 23 hours on, its day is the next
 SLOWEST_PACKED_S = 20.0  # a step from one reading to the next, or minutes could be passed over
 MISSING = frozenset(("", "na", "n/a", "null", "none", "-", "--", "---"))  # what loggers write for no value
 
@@ -88,11 +89,13 @@ def to_flight(rows: Rows | list[list[str]], layout: FlightColumns) -> Flight:
     def numbers(quantity: str) -> Array:
         if quantity not in layout.place:
             return np.full(len(rows), np.nan)
-        return rows.numbers[layout.place[quantity]].copy()
+        values = rows.numbers[layout.place[quantity]]
+        return values.copy() if layout.known is None else layout.known.values(quantity, values)
 
     temperature, humidity, die = numbers("temperature"), numbers("humidity"), numbers("die")
     pressure, altitude = numbers("pressure"), numbers("altitude")
     latitude, longitude = numbers("latitude"), numbers("longitude")
+    no_fix = (latitude == 0.0) & (longitude == 0.0)
     if layout.raw_xq2:
         temperature, humidity, die = temperature / 100, humidity / 10, die / 100
         altitude = altitude / 1000
@@ -102,14 +105,22 @@ def to_flight(rows: Rows | list[list[str]], layout: FlightColumns) -> Flight:
             name = squeeze(layout.header[layout.place[quantity]]) if quantity in layout.place else ""
             if name.endswith(("kelvin", "temperaturek", "tempk")):
                 values -= 273.15
+    time_s = _times(rows, layout)
     if layout.zero_is_missing:
-        for block in ((temperature, humidity, die, pressure), (latitude, longitude)):
-            nothing = np.logical_and.reduce([np.isnan(values) | (values == 0.0) for values in block])
-            for values in block:
-                values[nothing] = np.nan
+        block = (temperature, humidity, die, pressure)
+        nothing = np.logical_and.reduce([np.isnan(values) | (values == 0.0) for values in block])
+        for values in block:
+            values[nothing] = np.nan
+    if layout.zero_is_missing or layout.raw_xq2:
+        for values in (latitude, longitude, altitude):
+            values[no_fix] = np.nan
+        time_s = _since_fix(time_s, no_fix)
     pressure = _possible(pressure, layout)
-    time_s = _apart(_times(rows, layout), np.stack([temperature, humidity, die]))
-    return Flight(time_s, temperature, humidity, numbers("airspeed"), die, pressure, altitude, latitude, longitude)
+    time_s = _apart(time_s, np.stack([temperature, humidity, die]))
+    vertical = numbers("vertical_speed") if "vertical_speed" in layout.place else None
+    return Flight(
+        time_s, temperature, humidity, numbers("airspeed"), die, pressure, altitude, latitude, longitude, vertical
+    )
 
 
 def whole_flight(path: Path, columns: Mapping[str, str] | None = None) -> Flight:
@@ -125,6 +136,15 @@ def whole_flight(path: Path, columns: Mapping[str, str] | None = None) -> Flight
     if not blocks:
         raise InputError(f"{path}: no rows under the header; give a log with samples")
     return to_flight(joined(blocks), layout)
+
+
+def _since_fix(time_s: Array, no_fix: NDArray[np.bool_]) -> Array:
+    """Times (n,) of an InterMet sensor, missing before its clock is set: until the first fix it counts from the day on
+    which its receiver's firmware was made, years ago."""
+    fixed = np.isfinite(time_s) & ~no_fix
+    if not fixed.any():
+        return time_s
+    return np.where(no_fix & (time_s < np.min(time_s[fixed]) - DAY_S), np.nan, time_s)
 
 
 def _apart(time_s: Array, readings: Array) -> Array:
@@ -195,7 +215,12 @@ def _times(rows: Rows, layout: FlightColumns) -> Array:
             first = day_first(text.tolist())
             stamps = pd.to_datetime(text, errors="coerce", utc=True, format="mixed", dayfirst=first)
             seconds = np.asarray((stamps - pd.Timestamp(0, tz="UTC")).dt.total_seconds(), dtype=np.float64)
-            return seconds % DAY_S if of_day else seconds  # a time of day is none of today
+            if not of_day:
+                return seconds
+            if layout.begins_s is None:
+                return seconds % DAY_S  # a time of day is none of today
+            earliest_s = layout.begins_s - DISORDER_S
+            return earliest_s + (seconds - earliest_s) % DAY_S
         except (ValueError, OverflowError) as error:  # a year that cannot be is not always made a missing time
             raise InputError(f"{layout.source}: times cannot be read as dates ({error}); fix that row") from error
     name = squeeze(layout.header[place])

@@ -49,7 +49,7 @@ _HUMIDITY = _ZERO | {
 CODES: Mapping[str, Mapping[float, str]] = MappingProxyType(
     {"temperature": _ANY | _TEMPERATURE, "die": _ANY | _TEMPERATURE, "humidity": _ANY | _HUMIDITY}
     | dict.fromkeys(("pressure", "latitude", "longitude"), _ANY | _ZERO)
-    | dict.fromkeys(("time", "airspeed", "altitude"), _ANY)
+    | dict.fromkeys(("time", "airspeed", "altitude", "vertical_speed"), _ANY)
 )
 NEAR = 1e-6  # relative, and 1e-4 in the quantity's unit: digits that a column of text has lost
 FARTHER = 2.0  # times what nine of ten readings differ from the next by

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from shockrig.files.disk import shown
 from shockrig.files.errors import InputError
+from shockrig.files.gps_time import GPS_EPOCH_S, LEAP_S, WEEK_S
 
 Array = NDArray[np.float64]
 # quantity -> MESSAGE.FIELD in the order of preference
@@ -31,9 +32,6 @@ FIELDS: dict[str, tuple[str, ...]] = {
     "longitude": ("POS.Lng", "GPS.Lng"),
 }
 HEAD = b"\xa3\x95"  # every message begins so
-GPS_EPOCH_S = 315_964_800.0  # 6 January 1980 since 1970
-WEEK_S = 604_800.0
-LEAP_S = 18.0  # GPS ahead of UTC since 2017
 KELVIN_FROM = 150.0
 PASCAL_FROM = 2000.0
 FIRST_INSTANCE = ("I", "Id", "Inst", "Instance")

@@ -1,4 +1,5 @@
-"""Flights in other forms than a CSV file: ArduPilot's .bin, netCDF, and any text log by a map. All become one CSV file.
+"""Flights in other forms than a CSV file: ArduPilot's .bin, netCDF, FlySight 2, radiosonde_auto_rx's JSON, and any text
+log by a map. All become one CSV file.
 
 It has the columns that `correct` knows (time_s, temperature_c, humidity_percent, ...), a row for each reading of the
 sensor that is read most often; what is read more seldom stands in the nearest row.
@@ -9,14 +10,15 @@ from __future__ import annotations
 import csv
 import tempfile
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.files.disk import shown
+from shockrig.files.disk import open_text, shown
 from shockrig.files.errors import InputError
-from shockrig.files.flight import Flight
+from shockrig.files.flight import REMEDY, Flight, read_layout
 from shockrig.files.flight_rows import whole_flight
 
 Array = NDArray[np.float64]
@@ -29,16 +31,25 @@ COLUMNS = {
     "altitude": "altitude_m",
     "latitude": "latitude_deg",
     "longitude": "longitude_deg",
+    "vertical_speed": "vertical_speed_m_s",
 }
+FIRST_LINE = 200  # characters that tell a log
 BACK_S = 1.0  # that the clock steps back: less is rows out of order
 READINGS = ("temperature", "humidity", "die")  # are not made up between readings; where the drone is, is
 Series = tuple[Array, Array]  # time [s], value
 
 
+@dataclass(frozen=True)
+class AsCsv:
+    """A log that was written as a CSV file: `said` are sentences on what was read as what."""
+
+    said: tuple[str, ...]
+
+
 def to_csv(
     source: Path, target: Path, *, columns: Mapping[str, str] | None = None, map_path: Path | None = None
-) -> bool:
-    """Write a flight that is no CSV file (or one that is read by a map) as one; False where it is one already.
+) -> AsCsv | None:
+    """Write a flight that is no CSV file (or one that is read by a map) as one; None where it is one already.
 
     Parameters
     ----------
@@ -53,6 +64,7 @@ def to_csv(
     InputError
         Names the file, what is missing, and the remedy; BenchError for a map that does not fit.
     """
+    said: tuple[str, ...] = ()
     if map_path is not None:
         found = _by_map(source, map_path)
     elif source.suffix.lower() == ".bin":
@@ -63,10 +75,30 @@ def to_csv(
         from shockrig.files.flight_from_netcdf import read_netcdf
 
         found = read_netcdf(source, columns or {})
+    elif (read := _by_content(source)) is not None:
+        found, said = read
     else:
-        return False
+        return None
     _write(source, found, target)
-    return True
+    return AsCsv(said)
+
+
+def _by_content(source: Path) -> tuple[dict[str, Series], tuple[str, ...]] | None:
+    """What a log holds that its first line tells, and what was read as what; None of any other."""
+    from shockrig.files import flight_flysight as flysight
+    from shockrig.files.flight_telemetry import read_telemetry
+
+    if source.is_dir() and (source / flysight.SENSORS).is_file():
+        return flysight.read_flysight(source)
+    with open_text(source, REMEDY, errors="replace") as stream:
+        first = stream.readline(FIRST_LINE).lstrip("\0 \t")
+    if first.startswith(flysight.BEGINS):
+        return flysight.read_flysight(source)
+    if first.startswith(flysight.FIRST_FLYSIGHT):
+        raise InputError(
+            f"{shown(source)}: a track of FlySight 1, which has positions and no temperature; give the sensor's own log"
+        )
+    return read_telemetry(source) if first.startswith(("{", "[")) else None
 
 
 def _by_map(source: Path, map_path: Path) -> dict[str, Series]:
@@ -125,7 +157,7 @@ def _write(source: Path, found: Mapping[str, Series], target: Path) -> None:
         order = np.argsort(own, kind="stable")
         own, value = own[order], value[order]
         if quantity not in READINGS:
-            values[quantity] = np.interp(time_s, own, value)
+            values[quantity] = np.interp(time_s, own, value, left=np.nan, right=np.nan)
             continue
         row = np.clip(np.searchsorted(time_s, own), 1, max(time_s.size - 1, 1))
         row = np.where(own - time_s[row - 1] < time_s[np.minimum(row, time_s.size - 1)] - own, row - 1, row)
@@ -145,6 +177,22 @@ def _write(source: Path, found: Mapping[str, Series], target: Path) -> None:
 
 def read_flight(path: Path) -> Flight:
     """All rows of a flight, in any form that `correct` takes."""
+    return read_log(path)[0]
+
+
+def read_log(
+    path: Path, columns: Mapping[str, str] | None = None, map_path: Path | None = None
+) -> tuple[Flight, tuple[str, ...]]:
+    """All rows of a flight in any form that `correct` takes, and sentences on what was read as what.
+
+    Parameters and errors as for `to_csv`; `columns` names those of a CSV file too.
+    """
     with tempfile.TemporaryDirectory() as folder:
-        made = Path(folder) / f"{path.stem}.csv"
-        return whole_flight(made if to_csv(path, made) else path)
+        made = Path(folder) / "rows.csv"
+        try:
+            if read := to_csv(path, made, columns=columns, map_path=map_path):
+                return whole_flight(made), read.said
+        except InputError as error:
+            raise type(error)(str(error).replace(str(made), str(path))) from error
+    own = read_layout(path, columns).said
+    return whole_flight(path, columns), (own,) if own else ()

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 
 from shockrig.files.errors import InputError
 from shockrig.files.flight import Flight
-from shockrig.files.flight_rows import whole_flight
-from shockrig.protocols.flight_logs import to_csv
+from shockrig.protocols.flight_logs import read_log
 from shockrig.remedies import as_python
 
 if TYPE_CHECKING:
@@ -25,7 +24,7 @@ def read_flight(
     columns: Mapping[str, str] | None = None,
     map: PathLike | None = None,
 ) -> Flight:
-    """A flight's rows from a file (CSV, netCDF, ArduPilot's .bin, any text log by a map) or a DataFrame.
+    """A flight's rows from a file (CSV, netCDF, ArduPilot's .bin, soundings' logs, any by a map) or a DataFrame.
 
     Parameters
     ----------
@@ -34,7 +33,7 @@ def read_flight(
         column has any.
     columns : mapping, optional
         Quantity ("time", "temperature", "humidity", "airspeed", "die", "pressure", "altitude", "latitude",
-        "longitude") -> the column's name where it is not recognised; in a .bin log MESSAGE.FIELD.
+        "longitude", "vertical_speed") -> the column's name where it is not recognised; in a .bin log MESSAGE.FIELD.
     map : path, optional
         A map (shock-map/1) by which any text log is read, or the name of one that ships.
 
@@ -54,8 +53,17 @@ def read_flight(
     >>> bool(flight.altitude_m.max() > 300.0)
     True
     """
+    return with_words(flight, columns, map)[0]
+
+
+def with_words(
+    flight: pd.DataFrame | Flight | PathLike,
+    columns: Mapping[str, str] | None = None,
+    map: PathLike | None = None,
+) -> tuple[Flight, tuple[str, ...]]:
+    """As `read_flight`, with sentences on what was read as what."""
     if isinstance(flight, Flight):
-        return flight
+        return flight, ()
     with as_python(), tempfile.TemporaryDirectory() as folder:
         if isinstance(flight, str | os.PathLike):
             source = Path(flight)
@@ -63,13 +71,10 @@ def read_flight(
         else:
             source, called = Path(folder) / "frame.csv", "the DataFrame"
             with_times(flight).to_csv(source, index=False)
-        made = Path(folder) / "rows.csv"
         try:
-            if to_csv(source, made, columns=columns, map_path=None if map is None else Path(map)):
-                return whole_flight(made)
-            return whole_flight(source, columns)
+            return read_log(source, columns, None if map is None else Path(map))
         except InputError as error:
-            said = str(error).replace(str(made), called).replace(str(source), called)
+            said = str(error).replace(str(source), called)
             raise InputError(said.replace(f"{called}, line 1:", f"{called}:")) from error
 
 

@@ -27,7 +27,7 @@ from shockrig.files.errors import InputError
 from shockrig.files.fleet import Fleet, read_fleet
 from shockrig.files.flight import Flight
 from shockrig.files.profile import Profile, read_profile
-from shockrig.flights import PathLike, read_flight
+from shockrig.flights import PathLike, with_words
 from shockrig.remedies import as_python, in_python
 from shockrig.results import Characterized, CorrectedFlight, Diagnosed, Planned
 
@@ -313,9 +313,9 @@ def correct(
         profile = profile.profile
     with as_python():
         sensors = of_profile(profile if isinstance(profile, Profile) else read_profile(profile), channels)
-        rows = read_flight(flight, columns, map)
+        rows, said = with_words(flight, columns, map)
         found = _correct(rows, sensors, method, **settings)
-    notes = [in_python(note) for note in found.notes]
+    notes = [*said, *(in_python(note) for note in found.notes)]
     for name, values in (("temperature", rows.temperature_c), ("humidity", rows.humidity_percent)):
         if getattr(sensors, name) is not None and not np.isfinite(values).any():
             notes.append(f"{name}: no column of it recognised; if there is one, columns={{{name!r}: ...}}")

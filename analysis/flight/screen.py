@@ -48,6 +48,7 @@ FIELDS = {
     "altitude": ("altitude_m", "altitude_m"),
     "latitude": ("latitude_deg", "latitude_deg"),
     "longitude": ("longitude_deg", "longitude_deg"),
+    "vertical_speed": ("vertical_speed_m_s", ""),
 }
 
 

@@ -86,6 +86,8 @@ def correct_file(
     except OSError as error:
         raise InputError(f"{target}: {error.strerror or error}; name a file in a folder that can be written") from error
     totals = _Totals()
+    if layout.said:
+        totals.notes[layout.said] = None
     totals.notes.update(dict.fromkeys(serial_doubts(of_log(source, layout, source.name), profile.sensors)))
     if damage.damaged:
         how_many = f"{damage.damaged} of {damage.rows} rows could not be read as numbers throughout"

@@ -34,7 +34,7 @@ class Hover:
 
 
 @dataclass(frozen=True)
-class Level:
+class OutAndBack:
     """Out for half of `metres` along the plan's heading and back, at the altitude where the drone is."""
 
     metres: float
@@ -61,7 +61,7 @@ class Spiral:
     airspeed_m_s: float
 
 
-Leg = Climb | Descend | Hover | Level | Turn | Spiral
+Leg = Climb | Descend | Hover | OutAndBack | Turn | Spiral
 
 
 def end_m(leg: Leg, at_m: float) -> float:
@@ -76,7 +76,7 @@ def seconds_of(leg: Leg, at_m: float) -> float:
             return abs(to_m - at_m) / speed
         case Hover(_, seconds):
             return seconds
-        case Level(metres, speed):
+        case OutAndBack(metres, speed):
             return metres / speed
         case Turn(turns, radius, speed):
             return turns * _circle_m(radius) / speed

@@ -20,7 +20,7 @@ from shockrig.analysis.plan.legs import (
     Descend,
     Hover,
     Leg,
-    Level,
+    OutAndBack,
     Spiral,
     Turn,
     circles,
@@ -59,7 +59,7 @@ class FlightPlan:
     takeoff_m : float
         Altitude to which the drone rises by itself before the first leg.
     heading_deg : float
-        Where `Level` goes out to, and on which side circles lie, clockwise from north.
+        Where `OutAndBack` goes out to, and on which side circles lie, clockwise from north.
     end : {"return", "land"}
         At last: return to launch, or land where the legs ended.
     ceiling_m : float
@@ -125,7 +125,7 @@ def _demand_flown(where: str, leg: Leg, at_m: float, plan: FlightPlan) -> float:
                 raise InputError(
                     f"{where}: a hover at {to_m:g} m, and the drone is at {at_m:g} m; climb or descend before it"
                 )
-        case Level(metres, speed):
+        case OutAndBack(metres, speed):
             _demand(where, "metres", metres, Range(10.0, 20_000.0, "is it in kilometres"))
             _demand(where, "airspeed_m_s", speed, LEVEL_M_S)
         case Turn(turns, radius, speed):
@@ -197,7 +197,7 @@ def words(plan: FlightPlan) -> list[str]:
                 sentences.append(f"Descend straight down from {at_m:g} to {to_m:g} m at {speed:g} m/s {took}.")
             case Hover(_, seconds):
                 sentences.append(f"Hover at {at_m:g} m for {seconds:g} s.")
-            case Level(metres, speed):
+            case OutAndBack(metres, speed):
                 sentences.append(
                     f"Fly level at {at_m:g} m, {metres / 2:g} m out towards {plan.heading_deg % 360:g}° and back, at "
                     f"{speed:g} m/s over the ground {took}."
@@ -270,7 +270,7 @@ def _items(plan: FlightPlan) -> Iterator[Item]:
                 yield waypoint(to_m)
             case Hover(_, seconds):
                 yield Item(Command.LOITER_TIME, (seconds, 0.0, 0.0, 0.0), _place(plan, at_m))
-            case Level(metres, value):
+            case OutAndBack(metres, value):
                 yield from speed(GROUND_SPEED, value)
                 yield waypoint(at_m, metres / 2)
                 yield waypoint(at_m)

@@ -6,6 +6,7 @@ import argparse
 import os
 import sys
 import tempfile
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,8 +16,8 @@ if TYPE_CHECKING:
 
 QUANTITIES = (
     "time", "temperature", "humidity", "airspeed", "die", "pressure", "altitude", "latitude", "longitude",
+    "vertical_speed",
 )  # fmt: skip
-
 
 SAMPLE_BYTES = 65_536
 FIGURES = (".pdf", ".svg", ".jpg", ".jpeg", ".gif", ".tif", ".tiff", ".eps", ".webp")
@@ -25,7 +26,10 @@ FIGURES = (".pdf", ".svg", ".jpg", ".jpeg", ".gif", ".tif", ".tiff", ".eps", ".w
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     parser.add_argument(
-        "flight", type=Path, metavar="FLIGHT", help="log of the flight: CSV, netCDF (.nc), or ArduPilot's .bin"
+        "flight",
+        type=Path,
+        metavar="FLIGHT",
+        help="log of the flight: CSV, netCDF (.nc), ArduPilot's .bin, FlySight 2, radiosonde_auto_rx",
     )
     parser.add_argument("--profile", type=Path, required=True, metavar="P", help="profile.json of the sensors flown")
     parser.add_argument(
@@ -115,7 +119,8 @@ def main(args: argparse.Namespace) -> int:
     gather = [one.add for one in (wmo, layers, drawn) if one is not None]
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / args.flight.name  # as CSV, by the name that the result and messages carry
-        if not to_csv(args.flight, source, columns=columns, map_path=args.map):
+        read = to_csv(args.flight, source, columns=columns, map_path=args.map)
+        if read is None:
             source = args.flight
         elif real_path(args.out) == real_path(args.flight):
             raise InputError(f"{args.out}: the log itself; name another file for the corrected flight")
@@ -139,6 +144,7 @@ def main(args: argparse.Namespace) -> int:
         except InputError as error:
             raise type(error)(str(error).replace(str(source), str(args.flight))) from error
     written = wmo.write(args.out, args.flight.name) if wmo else args.out
+    done = replace(done, notes=(*(read.said if read else ()), *done.notes))
     notes = [note for note in done.notes if note not in doubted]
     for note in (parted := [note for note in notes if PARTED in note]):
         print(f"note: {note}", file=sys.stderr, flush=True)

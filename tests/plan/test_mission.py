@@ -12,7 +12,7 @@ from shockrig.analysis.plan.mission import (
     Descend,
     FlightPlan,
     Hover,
-    Level,
+    OutAndBack,
     Spiral,
     Turn,
     minutes,
@@ -27,7 +27,7 @@ HOME = (46.8130, 6.9430, 491.0)
 LEGS = (
     Climb(110.0, 2.0),
     Hover(110.0, 60.0),
-    Level(400.0, 8.0),
+    OutAndBack(400.0, 8.0),
     Turn(2, 50.0, 8.0),
     Descend(60.0, 4.0),
     Spiral(20.0, 1.0, 30.0, 6.0),
