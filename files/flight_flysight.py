@@ -148,12 +148,15 @@ def _column(lines: FlySightFile, kind: str, name: str, path: Path, quantity: str
 
 def _clock(lines: FlySightFile, path: Path) -> tuple[float, str]:
     """When the sensors' clock was 0 [s since 1970], 0 where that is not known; and a sentence's end on it."""
-    if not lines.cells.get("TIME"):
+    began_s = np.empty(0)
+    if lines.cells.get("TIME"):
+        of_device, week, of_week = (_column(lines, "TIME", name, path) for name in ("time", "week", "tow"))
+        began_s = GPS_EPOCH_S + week * WEEK_S + of_week - of_device
+        began_s = began_s[np.isfinite(began_s)]
+    if not began_s.size:
         return 0.0, "it has no lines of $TIME: times are since the device's start"
-    of_device, week, of_week = (_column(lines, "TIME", name, path) for name in ("time", "week", "tow"))
-    began_s = GPS_EPOCH_S + week * WEEK_S + of_week - of_device
-    usual = float(np.nanmedian(began_s))
-    apart_s = float(np.nanmax(np.abs(began_s - usual)))
+    usual = float(np.median(began_s))
+    apart_s = float(np.max(np.abs(began_s - usual)))
     # a pulse's stamp is of that second or of the next
     doubt = f", whose lines disagree by up to {apart_s:.0f} s" if apart_s > SAME_SECOND_S else ""
     return usual, f"times in UTC from $TIME{doubt}"

@@ -85,6 +85,7 @@ AUTO_RX = KnownLog(
     },
     frozenset(("timestamp", "serial", "frame", "vel_v", "vel_h", "temp", "humidity", "freq_mhz")),
     missing={"temperature": -273.0, "humidity": -1.0, "pressure": -1.0},
+    said="; -273 °C, -1 %RH and -1 hPa stand for no value",
 )
 KNOWN_LOGS = (WINDSOND, AUTO_RX)
 

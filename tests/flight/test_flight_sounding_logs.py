@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
+import shockrig
 from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.files.profile import write_profile
 from shockrig.protocols.cli import main
@@ -185,6 +186,7 @@ def test_flysights_two_files_are_one_flight(tmp_path, name):
 def test_positions_of_another_session_or_clock_are_left_out(tmp_path, settings, said):
     flysight(tmp_path, **settings)
     flight, sentences = read_log(tmp_path / "SENSOR.CSV")
+    assert shockrig.correct(tmp_path / "SENSOR.CSV", PROFILE).notes[0] == sentences[0]
     assert flight.altitude_m is None or np.isnan(flight.altitude_m).all()
     assert said in sentences[0] and flight.humidity_percent.size == 10
 
