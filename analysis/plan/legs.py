@@ -96,6 +96,6 @@ def _circle_m(radius_m: float) -> float:
 
 def circles(turns: int, radius_m: float) -> Iterator[tuple[float, float]]:
     """Corners of circles from home and back to it: how far away along the heading, and aside [m]."""
-    for number in range(1, turns * CORNERS + 1):
+    for number in range(1, int(turns) * CORNERS + 1):
         angle = 2.0 * math.pi * (number % CORNERS) / CORNERS
         yield radius_m * (1.0 - math.cos(angle)), radius_m * math.sin(angle)

@@ -90,6 +90,8 @@ class FlightPlan:
         ):
             if not possible.holds(value):
                 raise InputError(f"home: {name} {possible.refusal(value)}; give latitude, longitude, altitude")
+        if not LIKELY["altitude_m"].holds(self.ceiling_m):
+            raise InputError(f"ceiling_m {LIKELY['altitude_m'].refusal(self.ceiling_m)}")
         if self.end not in {"return", "land"}:
             raise InputError(f"end {self.end!r}: expected 'return' or 'land'")
         if not math.isfinite(self.heading_deg):
@@ -129,9 +131,9 @@ def _demand_flown(where: str, leg: Leg, at_m: float, plan: FlightPlan) -> float:
             _demand(where, "metres", metres, Range(10.0, 20_000.0, "is it in kilometres"))
             _demand(where, "airspeed_m_s", speed, LEVEL_M_S)
         case Turn(turns, radius, speed):
+            _demand(where, "turns", turns, Range(1, MOST_ITEMS // CORNERS))
             if turns != int(turns):
                 raise InputError(f"{where}: {turns:g} turns; give whole circles, which end where they began")
-            _demand(where, "turns", turns, Range(1, MOST_ITEMS // CORNERS))
             _demand(where, "radius_m", radius, RADIUS_M)
             _demand(where, "airspeed_m_s", speed, LEVEL_M_S)
         case Spiral(to_m, speed, radius, airspeed):

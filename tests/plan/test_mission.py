@@ -132,6 +132,8 @@ def test_a_pilot_reads_a_sentence_a_leg_and_the_minutes():
         ((Descend(5.0, 1.0), Climb(5.0, 1.0)), {}, "leg 2: a climb to 5 m"),
         ((Hover(10.0, math.nan),), {}, "seconds nan"),
         ((Turn(1.5, 50.0, 5.0),), {}, "1.5 turns"),
+        ((Turn(math.nan, 50.0, 5.0),), {}, "turns nan"),
+        ((Spiral(math.inf, 5.0, 50.0, 5.0),), {"ceiling_m": math.inf}, "ceiling_m inf"),
         ((Spiral(100.0, 5.0, 1000.0, 5.0),), {}, "airspeed_m_s on whole circles"),
         ((Hover(10.0, 1800.0),), {"endurance_minutes": 20.0}, "takes 30.4 minutes and the drone flies 20"),
         ((Turn(50, 5.0, 5.0), Turn(50, 5.0, 5.0)), {}, "mission items"),
