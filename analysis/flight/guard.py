@@ -22,7 +22,6 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 REMEMBERED_LAGS = 5.0  # of the slowest time constant: what is left of a step is less than its hundredth
 READING_SIGMAS = 4.0  # of a reading's noise at either end
-LOUD_FACTOR = 2.0  # times the usual noise: such readings are no ends
 LEAST_SHARE = 0.05
 MOST_SHARE = 0.8  # readings are noisy, and a sensor is seldom what its profile says to a fifth
 USUAL_TIMES = 2.0  # the median uncertainty, up to which a method is as certain as usual
@@ -92,7 +91,10 @@ def _nearer(channel: FlightChannel, readings: FlightReadings, unit: Array, sigma
     known = np.isfinite(channel.value) & np.isfinite(sigma) & ~channel.raw
     if not known.any():
         return channel
-    usual = np.maximum(USUAL_TIMES * np.median(sigma[known]), USUAL_NOISES * np.sqrt(readings.noise_variance) * unit)
+    # of rows that were read: of a flight that hardly was, a gap's is no usual one
+    read = known & readings.usable
+    noise = np.interp(rows, rows[seen], np.sqrt(readings.noise_variance)[seen]) * unit
+    usual = np.maximum(USUAL_TIMES * np.median(sigma[read if read.any() else known]), USUAL_NOISES * noise)
     off = np.where(known, channel.value - reading, 0.0)
     extra = np.where(known, SURE_SIGMAS**2 * np.maximum(sigma**2 - usual**2, 0.0), 0.0)
     vague = extra > 0.0
@@ -128,7 +130,7 @@ def reach(readings: FlightReadings, resolved_rate: float) -> tuple[Array, Array]
     either side."""
     noise = np.sqrt(readings.noise_variance)
     rows = np.arange(readings.reading.size)
-    ends = np.flatnonzero(readings.usable & (noise <= LOUD_FACTOR * np.median(noise[readings.usable])))
+    ends = np.flatnonzero(readings.usable if readings.loud is None else readings.usable & ~readings.loud)
     if not ends.size:
         ends = np.flatnonzero(readings.usable)
     # gaps bridged by straight lines: what lies between two readings is no farther than they are

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter
+from scipy.special import bdtrc
 
 from shockrig.analysis.flight.coarse import COARSE_IN_NOISE
 from shockrig.analysis.flight.stretches import judge, within
@@ -210,6 +211,8 @@ REPEATED_SHARE = 0.5
 FEWEST_LEVELS = 20
 ENOUGH_SHARE, ON_A_STEP = 0.75, 10.0  # of the readings, on levels that hold so many each: these are steps, however few
 OFF_GRID = 0.05  # of a step, that rounded steps add up to
+EXACTLY = 1e-6  # of a step, that a log's digits are off its grid
+BY_CHANCE_ON_GRID = 1e-3  # probability that levels of finer steps lie there
 BESIDE_ONE_ANOTHER = 0.5  # of the lines between the lowest and the highest of these few are held
 LATEST_S = 1e13  # since 1970 it is 2e9 s; beyond this a double's steps are no longer milliseconds
 
@@ -551,7 +554,11 @@ def _grid(values: Array, levels: Array, counts: NDArray[np.int64]) -> float:
         held, of_level = np.unique(np.round(line[on]), return_inverse=True)
         most = np.zeros(held.size)
         np.maximum.at(most, of_level, counts[on])  # one level a line: calm air lies near a line of any wide grid
-        if most.sum() < ENOUGH_SHARE * counts.sum() or held.size < 3 or most.sum() < ON_A_STEP * held.size:
+        if most.sum() < ENOUGH_SHARE * counts.sum() or held.size < 3:
+            continue
+        if _beyond_chance(levels, step, counts):
+            return float(step)
+        if most.sum() < ON_A_STEP * held.size:
             continue
         if held.size < BESIDE_ONE_ANOTHER * (held[-1] - held[0]):
             continue
@@ -560,6 +567,18 @@ def _grid(values: Array, levels: Array, counts: NDArray[np.int64]) -> float:
     return 0.0
 
 
+def _beyond_chance(levels: Array, step: float, counts: NDArray[np.int64]) -> bool:
+    """Whether so many of the levels lie exactly on the grid through the one with most readings, that those of a log with
+    finer steps would not."""
+    line = (levels - levels[np.argmax(counts)]) / step
+    exact = int(np.count_nonzero(np.abs(line - np.round(line)) < EXACTLY)) - 1
+    share = float(np.quantile(np.diff(levels), 0.05, method="lower")) / step
+    if share >= ENOUGH_SHARE:
+        return False
+    return bool(bdtrc(exact - 1, levels.size - 1, share) < BY_CHANCE_ON_GRID)
+
+
 def _steps(counts: NDArray[np.int64], some: NDArray[np.int64]) -> bool:
     """Whether some of the levels that occur so often are a log's steps, and hold many readings each."""
-    return some.size >= 3 and float(counts[some].mean()) >= ON_A_STEP
+    held = counts[some]
+    return some.size >= 2 and float(held.mean() if some.size > 2 else held.min()) >= ON_A_STEP

@@ -31,6 +31,8 @@ JUMP_IN_NOISE = 12.0  # times the noise between rows
 BESIDE_SHARE = (
     0.25  # of a jump, that the rows beside it go at most; behind a lag they go on by 1 - MOST_SHARE of it and more
 )
+# steps of the log: of a jump that a lag lets through the row beside goes 1 - MOST_SHARE, rounded by one step or less
+JUMP_IN_STEPS = 1.0 / (1.0 - MOST_SHARE - BESIDE_SHARE)
 FARTHEST_SWINGS = 2.0  # times what air swings: from a heated room into winter, in rows that the sensor follows
 RETURN_SHARE = 0.5  # of a jump, that one back is at least where the air moved in between
 APART_SHARE = 0.3  # of a jump, that the readings after another are away from those before
@@ -91,7 +93,9 @@ def judge(
     if rows.size < 2 * WINDOW_ROWS:
         return found
     values = reading[rows]
-    least = JUMP_IN_NOISE * float(np.hypot(noise, resolution)) if share <= MOST_SHARE else FARTHEST_SWINGS * swing
+    least = float(np.hypot(JUMP_IN_NOISE * noise, JUMP_IN_STEPS * resolution))
+    if share > MOST_SHARE:
+        least = FARTHEST_SWINGS * swing
     # a sensor that was stuck jumps when it goes on
     going_on = maximum_filter1d(_stuck(values, resolution, noise, scatter(values)), 3)
     elsewhere = _elsewhere(rows, values, least, swing, share, going_on)
