@@ -33,7 +33,7 @@ from fuzz_made import GOALS, sound
 
 NOBODY = 65534
 HANG_S = 20.0
-BUSY = 4.0  # times its processor time, that a command may take beside it on a machine that others use
+LOOK_S = 0.2  # between two looks at what a command does
 PROCESSOR_S = 60  # beyond which a computing command is ended
 COMPUTING = ("diagnose", "certify", "plan", "history")  # take as long as their fits do
 FOLDERS = ("runs", "0001", "c")
@@ -175,7 +175,7 @@ def run(case: Case, made: Path, folder: Path, commands: Callable[[list[str]], in
     case.spoil(work)
     if case.nobody and os.geteuid() == 0:  # root may read everything
         _give_away(folder)
-    before, began_s = entries(work), time.monotonic()
+    before, looked_s, worked_s, idle_s = entries(work), time.monotonic(), 0.0, 0.0
     child = os.fork()
     if not child:
         _child(case, work, folder, commands)
@@ -184,22 +184,30 @@ def run(case: Case, made: Path, folder: Path, commands: Callable[[list[str]], in
         done, code, used = os.wait4(child, os.WNOHANG)
         if done:
             status = os.waitstatus_to_exitcode(code)
-        elif not hung and time.monotonic() - began_s > HANG_S + BUSY * spent_s(child):
-            os.killpg(child, signal.SIGKILL)
-            hung = True
-        else:
-            time.sleep(0.01)
+            break
+        if (since_s := time.monotonic() - looked_s) > LOOK_S:
+            now_s = at_work_s(child)
+            idle_s += since_s - min(max(now_s - worked_s, 0.0), since_s)
+            looked_s, worked_s = looked_s + since_s, now_s
+            if not hung and idle_s > HANG_S:
+                os.killpg(child, signal.SIGKILL)
+                hung = True
+        time.sleep(0.01)
     said = (folder / "stderr").read_bytes().decode("utf-8", "replace")
     return status, said, ["no end"] if hung else wrongs(case, status, said, work, folder, before, used.ru_utime)
 
 
-def spent_s(process: int) -> float:
-    """Processor time of a process and of those that it waited for."""
-    try:
-        fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
-    except OSError:
-        return 0.0
-    return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")
+def at_work_s(group: int) -> float:
+    """Time [s] that the processes of a group have computed, or waited for a processor to do so."""
+    total = 0
+    for place in Path("/proc").glob("[0-9]*"):
+        try:
+            if os.getpgid(int(place.name)) == group:
+                computed, waited, _ = (place / "schedstat").read_text().split()
+                total += int(computed) + int(waited)
+        except OSError:  # it has ended
+            continue
+    return 1e-9 * total
 
 
 def _give_away(folder: Path) -> None:
@@ -336,7 +344,7 @@ def main() -> int:
 
     build_parser(None, every=True)
     # Imported late, where nobody may not read the interpreter's own files.
-    for late in ("colorsys", "statistics", "xml.etree.ElementTree"):
+    for late in ("colorsys", "multiprocessing.popen_fork", "statistics", "xml.etree.ElementTree", "zoneinfo"):
         importlib.import_module(late)
     tally, wrong = Counter(), 0
     with tempfile.TemporaryDirectory() as name:

@@ -106,6 +106,9 @@ UNITS = {1 / 60: "minutes", 1 / 3600: "hours", 1 / 86400: "days", 1e3: "millisec
 SAME_SPEED, NO_SPEED = 0.2, 0.7  # ln of how far the airspeed may be off where it never changes, and where there is none
 CLOSE_PERIOD = 0.05  # relative, that a period is of one of these
 FASTEST_S = 0.004  # between rows of a thermometer or a hygrometer
+CLIMB_ROWS = 10  # that a climb is taken over: altitudes come in steps
+FASTEST_CLIMB_M_S = 100.0  # of half of a log; what falls from high up comes to 70
+BESIDE_AIRSPEED, LEAST_AIRSPEED_M_S = 3.0, 10.0  # times the largest airspeed in the log, or this, that a climb may be
 LIKELIER_LN = 1.5  # by so much in ln of the noise, over both columns, where each has the other's noise
 HALF_STILL = 0.2  # of a flight's rows, that a reading stands for in one stretch
 LEAST_HPA = 110.0  # of a whole log, where half of it is above freezing: 16 km up, where air is far colder
@@ -125,12 +128,37 @@ def slips(flight: Flight, profile: Profile) -> list[str]:
         )
     elif period < FASTEST_S:
         found.append(f"time_s: a row every {period:.3g} s, faster than such sensors are read; convert times to seconds")
+    elif (climb := _climb(flight)) > _fastest_climb(flight):
+        minutes = "minutes" if climb / 60.0 <= FASTEST_CLIMB_M_S else "another unit"
+        found.append(
+            f"time_s and altitude_m: half of the log climbs or sinks by {climb:.3g} m/s or more, as nothing flies: times "
+            f"seem to be in {minutes}; convert them to seconds, or read the log by a map with its time_unit"
+        )
     if _swapped(flight, profile):
         found.append(
             "temperature_c and humidity_percent seem to stand in one another's place; name them with "
             "--column temperature=NAME --column humidity=NAME"
         )
     return found
+
+
+def _climb(flight: Flight) -> float:
+    """Median speed up or down [m/s] of the rows that climb or sink at all; 0 without an altitude."""
+    if flight.altitude_m is None:
+        return 0.0
+    rows = np.flatnonzero(np.isfinite(flight.altitude_m))
+    height, time_s = flight.altitude_m[rows], flight.time_s[rows]
+    went, lasted = (np.abs(v[CLIMB_ROWS:] - v[:-CLIMB_ROWS]) for v in (height, time_s))
+    moved = (went > 0.0) & (lasted > 0.0)
+    return float(np.median(went[moved] / lasted[moved])) if np.count_nonzero(moved) >= FEWEST_READINGS else 0.0
+
+
+def _fastest_climb(flight: Flight) -> float:
+    """The fastest climb [m/s] that may be, beside the airspeed where one is logged."""
+    possible, speed = RANGES["airflow_m_s"], flight.airspeed_m_s
+    flown = speed[(speed > possible.low) & (speed <= possible.high)]
+    largest = float(np.quantile(flown, 0.95)) if flown.size else np.inf
+    return min(FASTEST_CLIMB_M_S, BESIDE_AIRSPEED * max(largest, LEAST_AIRSPEED_M_S))
 
 
 def _swapped(flight: Flight, profile: Profile) -> bool:

@@ -548,6 +548,7 @@ def _grid(values: Array, levels: Array, counts: NDArray[np.int64]) -> float:
     At least half of its lines are held, each by many readings, which go from one line to the next often enough; on
     every second line of a grid lies half of what is on it.
     """
+    often = int(counts.max(initial=0))
     for step in np.unique(np.round(np.diff(levels[counts > 1]), 9))[::-1].tolist():
         line = (levels - levels[np.argmax(counts)]) / step
         on = np.abs(line - np.round(line)) < OFF_GRID
@@ -556,6 +557,8 @@ def _grid(values: Array, levels: Array, counts: NDArray[np.int64]) -> float:
         np.maximum.at(most, of_level, counts[on])  # one level a line: calm air lies near a line of any wide grid
         if most.sum() < ENOUGH_SHARE * counts.sum() or held.size < 3:
             continue
+        if most.sum() - often < REPEATED_SHARE * (counts.sum() - often):
+            continue  # one level, that a stuck sensor stays on, is no grid
         if _beyond_chance(levels, step, counts):
             return float(step)
         if most.sum() < ON_A_STEP * held.size:
@@ -580,5 +583,6 @@ def _beyond_chance(levels: Array, step: float, counts: NDArray[np.int64]) -> boo
 
 def _steps(counts: NDArray[np.int64], some: NDArray[np.int64]) -> bool:
     """Whether some of the levels that occur so often are a log's steps, and hold many readings each."""
-    held = counts[some]
-    return some.size >= 2 and float(held.mean() if some.size > 2 else held.min()) >= ON_A_STEP
+    if some.size == 2 and counts.size >= FEWEST_LEVELS:  # a calm room on either side of a door, beside a burst
+        return float(counts[some].min()) >= ON_A_STEP
+    return some.size >= 3 and float(counts[some].mean()) >= ON_A_STEP

@@ -170,13 +170,14 @@ def _posterior(time_s: Array, value: Array, starts_s: Array, lags_s: Array, nois
     with np.errstate(invalid="ignore", divide="ignore"):
         gained = np.where(power > 1e-12 * n, along**2 / power, 0.0)
     left = np.maximum(rest @ rest - gained, 0.0) + 0.5 * n * noise**2
+    left = np.maximum(left, np.finfo(float).tiny)  # a reading that never moves is explained by anything
     best = np.unravel_index(int(np.argmin(left)), left.shape)
     residual = rest - along[best] / max(float(power[best]), 1e-300) * shape[best]
     energy = float(residual @ residual)
     together = float(residual[1:] @ residual[:-1]) / energy if energy > 0 else 0.0
     # Residuals that hang together, of noise or of a shape that the lags have not, count for as many fewer readings.
     effective = max(n * (1.0 - max(together, 0.0)) / (1.0 + max(together, 0.0)), 0.25 * n, FEWEST)
-    weight = np.exp(-0.5 * effective * np.log(left / left.min())).sum(axis=(1, 2))
+    weight = np.exp(-0.5 * effective * (np.log(left) - np.log(left.min()))).sum(axis=(1, 2))
     weight /= weight.sum()
     mean = float(weight @ starts_s)
     width = float(starts_s[1] - starts_s[0]) if starts_s.size > 1 else 0.0
