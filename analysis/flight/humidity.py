@@ -33,6 +33,7 @@ from shockrig.analysis.flight.response import LagResponse, film_response, unsure
 from shockrig.analysis.flight.screen import screen
 from shockrig.analysis.flight.simulated.typical import NOISE_PERCENT
 from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
+from shockrig.analysis.flight.smoother import followed
 from shockrig.analysis.flight.stretches import largest_share
 from shockrig.analysis.flight.sweep import lags_behind
 from shockrig.analysis.physics.exchange import Stream
@@ -123,7 +124,7 @@ def unseen(
 
     moves = np.concatenate([[0.0], np.diff(temperature_c) * within[:-1]])
     keep = float(np.exp(-period / (FORGOTTEN_LAGS * response.slowest_s)))
-    return np.asarray(lfilter([1.0], [1.0, -keep], moves))
+    return followed(moves, keep, 0.0) / (1.0 - keep)
 
 
 def _rows(response: LagResponse, period: float) -> int:
