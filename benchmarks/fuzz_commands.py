@@ -344,7 +344,7 @@ def main() -> int:
 
     build_parser(None, every=True)
     # Imported late, where nobody may not read the interpreter's own files.
-    for late in ("colorsys", "multiprocessing.popen_fork", "statistics", "xml.etree.ElementTree", "zoneinfo"):
+    for late in ("colorsys", "multiprocessing.popen_fork", "statistics", "xml.etree.ElementTree", "zoneinfo._zoneinfo"):
         importlib.import_module(late)
     tally, wrong = Counter(), 0
     with tempfile.TemporaryDirectory() as name:

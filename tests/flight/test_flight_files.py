@@ -108,6 +108,25 @@ def test_rows_of_one_whole_second_are_spread_over_it(folder):
     assert sigma[1] == pytest.approx(sigma[0], rel=0.1)
 
 
+def test_stamps_are_read_as_pandas_reads_them_and_need_no_pandas(folder):
+    """Nor half of SciPy: their import takes longer than the correction."""
+    log = pd.read_csv(folder / "flight.csv")[:300]
+    stamps = pd.Timestamp("2026-05-05T06:30:00Z") + pd.to_timedelta(log.pop("time_s"), unit="s")
+    log.insert(0, "time", stamps.dt.strftime("%Y-%m-%dT%H:%M:%S.%fZ"))
+    log.loc[7, "time"] = ""
+    log.to_csv(folder / "stamps.csv", index=False)
+    read = to_flight([row for row in cells(folder / "stamps.csv")[1:]], read_layout(folder / "stamps.csv"))
+    expected = (pd.to_datetime(log["time"], utc=True) - pd.Timestamp(0, tz="UTC")).dt.total_seconds()
+    assert np.allclose(read.time_s, expected, rtol=0.0, atol=1e-6, equal_nan=True)
+    assert np.isnan(read.time_s[7])
+    arguments = ["correct", "stamps.csv", "--profile", "profile.json", "--no-report", "--out", "out.csv"]
+    code = (
+        "import sys; from shockrig.protocols.cli import main; "
+        f"assert main({arguments!r}) == 0; assert not {{'pandas', 'scipy.signal', 'scipy.stats'}} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], cwd=folder, check=True, capture_output=True)
+
+
 @pytest.mark.parametrize("method", ["smoother", "inverse", "paper"])
 def test_every_method_runs_from_the_command_line(folder, flown, method, capsys):
     assert run(folder, "--method", method) == 0

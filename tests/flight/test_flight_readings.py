@@ -296,8 +296,8 @@ def test_columns_of_which_one_is_stuck_as_they_change_place_are_told_by_the_othe
 def test_damaged_flights_give_nothing_that_cannot_be():
     """A fixed sample of benchmarks/fuzz_flights.py, which flies a million rows."""
     fuzz = benchmark("fuzz_flights")
-    # the last four: a door in a slow log, bursts in humidity and in temperature, a ceiling
-    for seed in (3, 64, 108, 129, 280, 20182, 101094, 101182, 101402, 101225):
+    # the last six: a door in a slow log, bursts in humidity, in temperature, a ceiling, bursts among steps, in warm air
+    for seed in (3, 64, 108, 129, 280, 20182, 101094, 101182, 101402, 101225, 151154, 151379):
         found = fuzz.judged(seed, list(fuzz.DAMAGE))
         for channel in fuzz.CHANNELS:
             assert found[channel]["outside"] == 0 and found[channel]["no_reading"] == 0, found
@@ -337,6 +337,15 @@ def test_a_slip_of_the_log_is_a_sentence_and_its_uncertainty_holds(changed, said
             assert np.mean(np.abs(value - TRUTH[name])[known] <= 1.96 * sigma[known]) > 0.85
 
 
+def test_times_in_minutes_are_told_by_the_climb():
+    """At a pace that the profile does not name, no pace is odd: but nothing climbs by 300 m/s."""
+    log = flight().at(np.arange(0, 800, 7))
+    climbing = dataclasses.replace(log, altitude_m=5.0 * log.time_s)
+    minutes = dataclasses.replace(climbing, time_s=log.time_s / 60.0)
+    said = [any("seem to be in minutes" in note for note in correct(one, PROFILE).notes) for one in (climbing, minutes)]
+    assert said == [False, True]
+
+
 def test_columns_in_one_anothers_place_are_said_and_given_as_read():
     log = flight()
     swapped = dataclasses.replace(log, temperature_c=log.humidity_percent, humidity_percent=log.temperature_c)
@@ -367,6 +376,26 @@ def test_the_step_of_a_log_is_that_of_the_grid_its_readings_lie_on():
     assert resolution_of(door) == pytest.approx(0.01)
     two_levels = np.where(np.arange(1200) < 600, 23.0, 8.5)  # one a multiple of 0.5 and no more
     assert resolution_of(two_levels) == 0.5
+    two_levels[1000:1080] += rng.standard_normal(80)  # a burst in a calm room
+    assert resolution_of(two_levels) >= 0.5
+    seldom = np.round(24.0 - 14.0 * np.tanh((np.arange(240) - 120.0) / 5.0))  # few rows on a step, then stuck
+    seldom[40:64] = 23.0 + 0.0061 * rng.integers(-1, 2, 24)
+    assert resolution_of(seldom) == 1.0
+
+
+def test_a_sensor_that_stands_to_the_end_of_the_log_is_said_to():
+    """However many of its readings lie on one level: one level is no grid."""
+    done = correct(flight(humidity_percent=lambda v: put(slice(170, None), v[170])(v)), PROFILE)
+    assert any("humidity_percent: the reading stands at" in note for note in done.notes)
+
+
+def test_a_jump_of_a_few_coarse_steps_is_seen():
+    """27.5 degC, 33.5 for three seconds, 27.5 again, by a bead that shows a third of a step in a row."""
+    rng = np.random.default_rng(1)
+    reading = np.round((27.5 + 0.3 * np.sin(np.arange(600) / 40.0) + 0.02 * rng.standard_normal(600)) / 0.5) * 0.5
+    reading[300:315] = 33.5
+    found = screen(0.2 * np.arange(600), reading, RANGES["temperature_c"], 0.02, share=0.33, swing=20.0)
+    assert found.implausible[300:315].all() and not found.implausible[:300].any()
 
 
 def test_a_ceiling_is_where_the_sensor_stopped():

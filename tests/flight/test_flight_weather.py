@@ -4,7 +4,9 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.signal import detrend, welch
 
+from shockrig.analysis.flight.inverse import power_density
 from shockrig.analysis.flight.judging import power_spectrum, slope, structure_function
 from shockrig.analysis.flight.simulated.sensor import fly, fly_many
 from shockrig.analysis.flight.simulated.typical import typical_profile
@@ -150,3 +152,12 @@ def test_air_beyond_the_table_and_unknown_effects_are_refused():
         fly(convective(np.random.default_rng(0), duration_s=20.0, temperature_c=60.0), PROFILE, 0)
     with pytest.raises(InputError, match="frost"):
         fly(step_weather(), with_effects(effects(frost={})), 0)
+
+
+@pytest.mark.parametrize(("count", "size"), [(1000, 256), (777, 301), (10, 10)])
+def test_power_spectra_are_those_of_scipy(count, size):
+    """Here without scipy.signal, whose import takes longer than a flight's correction."""
+    values = np.random.default_rng(1).standard_normal(count).cumsum()
+    expected = welch(values, 10.0, nperseg=size, detrend=detrend)
+    for found, known in zip(power_density(values, 0.1, size), expected, strict=True):
+        assert np.allclose(found, known, rtol=1e-9, atol=1e-12 * known.max())

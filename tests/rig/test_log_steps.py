@@ -10,9 +10,10 @@ from scipy.signal import lfilter
 
 from shockrig.files.campaign import read_campaign
 from shockrig.protocols.cli import main
-from shockrig.rig.logs.changes import LogPiece, noise_of, without_spikes
+from shockrig.rig.logs.changes import ChangePoint, LogPiece, noise_of, without_spikes
 from shockrig.rig.logs.channels import LEAST_SHARE
 from shockrig.rig.logs.first_map import look_at
+from shockrig.rig.logs.onset import fit_onset
 from shockrig.rig.logs.steps import find_steps
 
 REAL = Path(__file__).parents[2] / "data" / "real"
@@ -338,3 +339,11 @@ def test_the_maps_that_ship_import_the_data_that_ship(tmp_path, name, logs, runs
             one.air is not None and one.reference.temperature_standard_uncertainty_k == 0.15 for one in closed.runs
         )
         assert closed.runs[0].air.values["temperature_c"][-1] == pytest.approx(25.17, abs=0.05)
+
+
+def test_a_column_that_never_moves_has_no_start():
+    """Noise 0 and nothing left to explain: no division of nothing by nothing (warnings are errors)."""
+    time_s = 0.5 * np.arange(400)
+    still = LogPiece("bead", "temperature", time_s, np.zeros(time_s.size), 0.0, 0.1)
+    found = fit_onset(still, ChangePoint(100.0, 1.0), 50.0, 150.0)
+    assert np.isfinite([found.at_s, found.uncertainty_s]).all()
