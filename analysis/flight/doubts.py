@@ -131,8 +131,8 @@ def slips(flight: Flight, profile: Profile) -> list[str]:
     elif (climb := _climb(flight)) > _fastest_climb(flight):
         minutes = "minutes" if climb / 60.0 <= FASTEST_CLIMB_M_S else "another unit"
         found.append(
-            f"time_s and altitude_m: half of the log climbs or sinks by {climb:.3g} m/s or more, as nothing flies: times "
-            f"seem to be in {minutes}; convert them to seconds, or read the log by a map with its time_unit"
+            f"time_s and altitude_m: half of the log climbs or sinks by {climb:.3g} m/s or more, as nothing flies: "
+            f"times seem to be in {minutes}; convert them to seconds, or read the log by a map with its time_unit"
         )
     if _swapped(flight, profile):
         found.append(

@@ -120,8 +120,6 @@ def unseen(
     within = np.zeros(time_s.shape, dtype=bool)
     within[first[own] + rows // 2] = True
     within = maximum_filter1d(within, rows + 1)  # a window is judged as a whole
-    from scipy.signal import lfilter  # takes longer to import than all the rest
-
     moves = np.concatenate([[0.0], np.diff(temperature_c) * within[:-1]])
     keep = float(np.exp(-period / (FORGOTTEN_LAGS * response.slowest_s)))
     return followed(moves, keep, 0.0) / (1.0 - keep)

@@ -46,9 +46,10 @@ def power_density(values: Array, period_s: float, size: int) -> tuple[Array, Arr
     level = segments.mean(axis=1, keepdims=True)
     line = level + np.outer(segments @ along / max(float(along @ along), 1.0), along)
     taper = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(size) / size)
-    power = (np.abs(np.fft.rfft((segments - line) * taper, axis=1)) ** 2).mean(axis=0) * period_s / np.sum(taper**2)
+    spectra = np.abs(np.fft.rfft((segments - line) * taper, axis=1)) ** 2
+    power = np.asarray(spectra.mean(axis=0) * period_s / np.sum(taper**2), dtype=np.float64)
     power[1 : (size + 1) // 2] *= 2.0  # all but 0 and the highest of an even number
-    return np.fft.rfftfreq(size, period_s), power
+    return np.asarray(np.fft.rfftfreq(size, period_s), dtype=np.float64), power
 
 
 def suggest_cutoff_hz(reading: Array, period_s: float, noise: float) -> float:

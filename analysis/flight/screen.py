@@ -571,8 +571,8 @@ def _grid(values: Array, levels: Array, counts: NDArray[np.int64]) -> float:
 
 
 def _beyond_chance(levels: Array, step: float, counts: NDArray[np.int64]) -> bool:
-    """Whether so many of the levels lie exactly on the grid through the one with most readings, that those of a log with
-    finer steps would not."""
+    """Whether more levels than chance explains lie exactly on the grid through the one with most readings, if the log's
+    steps were finer."""
     line = (levels - levels[np.argmax(counts)]) / step
     exact = int(np.count_nonzero(np.abs(line - np.round(line)) < EXACTLY)) - 1
     share = float(np.quantile(np.diff(levels), 0.05, method="lower")) / step
