@@ -1,0 +1,1 @@
+"""Flights that diagnose themselves: what the same air, passed twice, says of the sensor."""

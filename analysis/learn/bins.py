@@ -1,0 +1,233 @@
+"""A flight as learning sees it: a few hundred bins in time, its track, and its passes through the same air."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.files.flight import Flight
+from shockrig.files.ranges import RANGES
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+CHANNELS = ("temperature", "humidity")
+SUB_SAMPLES = 4  # of the track in a bin, over which what the air adds is averaged
+GROUND_SHARE, GROUND_M = 0.03, 10.0  # of the range of altitudes, and at most: what is nearer to the ground is not flown
+PASS_SHARE, LEAST_PASS_M = 0.15, 20.0  # of the range of altitudes that a pass covers at least, and in metres
+FEWEST_BINS = 24
+OUTLIER_SIGMAS = 6.0  # of the readings around: a reading further from their median is not one
+AROUND = 7  # readings of which that is the median
+LEAST_AIRFLOW_M_S = 0.5  # past a sensor that hovers in air that moves
+CLIMB_SMOOTHED_S = 5.0  # over which the track's vertical speed is taken
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One way through the air: rows `first` to `last` of the bins (both in it), and its mean vertical speed [m/s]."""
+
+    first: int
+    last: int
+    climb_m_s: float
+
+    @property
+    def rows(self) -> slice:
+        """The bins of the pass."""
+        return slice(self.first, self.last + 1)
+
+
+@dataclass(frozen=True)
+class FlightBins:
+    """A flight in n bins; NaN where nothing was read.
+
+    Attributes
+    ----------
+    name : str
+    time_s, length_s : ndarray (n,)
+        Middle of each bin, and how long it is.
+    within_s : ndarray (n, SUB_SAMPLES)
+        Times in each bin at which the track is taken.
+    track_s, track_m : ndarray (r,)
+        Altitude as logged.
+    altitude_m, climb_m_s, airflow_m_s : ndarray (n,)
+    values : mapping of channel -> ndarray (n,)
+        Means of the readings.
+    passes : tuple of Pass
+    """
+
+    name: str
+    time_s: Array
+    length_s: Array
+    within_s: Array
+    track_s: Array
+    track_m: Array
+    altitude_m: Array
+    climb_m_s: Array
+    airflow_m_s: Array
+    values: Mapping[str, Array]
+    passes: tuple[Pass, ...]
+
+    def seen(self, channel: str) -> Mask:
+        """Bins in which the channel was read (n,)."""
+        return np.isfinite(self.values[channel])
+
+    def has(self, channel: str) -> bool:
+        """Whether there is enough of a channel to learn from."""
+        return int(self.seen(channel).sum()) >= FEWEST_BINS
+
+    @property
+    def within_altitudes(self) -> Array:
+        """Altitude at each of `within_s` (n, SUB_SAMPLES) [m]."""
+        return np.interp(self.within_s, self.track_s, self.track_m)
+
+    @property
+    def minutes(self) -> float:
+        """How long was flown."""
+        return float(np.ptp(self.time_s)) / 60.0
+
+
+def why_nothing(flight: Flight) -> str:
+    """Why nothing can be learned of a flight, in a sentence; empty where something may."""
+    if flight.altitude_m is None or np.isfinite(flight.altitude_m).sum() < FEWEST_BINS:
+        return "it has no altitude, so nobody knows which air was passed twice"
+    known = flight.altitude_m[np.isfinite(flight.altitude_m)]
+    if np.ptp(known) < 2.0 * LEAST_PASS_M:
+        return f"its altitudes are within {np.ptp(known):.0f} m, so no air was passed twice"
+    if not any(np.isfinite(x).sum() >= FEWEST_BINS for x in (flight.temperature_c, flight.humidity_percent)):
+        return "it has no temperature and no humidity"
+    return ""
+
+
+def binned(flight: Flight, name: str, count: int) -> FlightBins:
+    """A flight in at most `count` bins, as many to the time as to the metres that were flown.
+
+    Raises
+    ------
+    ValueError
+        Nothing can be learned of the flight (see `why_nothing`).
+    """
+    why = why_nothing(flight)
+    if why:
+        raise ValueError(f"{name}: {why}")
+    assert flight.altitude_m is not None
+    order = np.argsort(flight.time_s, kind="stable")
+    time = flight.time_s[order]
+    known = np.isfinite(flight.altitude_m[order]) & np.isfinite(time)
+    known[known] = np.diff(time[known], prepend=-np.inf) > 0
+    track_s, track_m = time[known], _without_outliers(flight.altitude_m[order][known])
+    track_s, track_m = track_s[np.isfinite(track_m)], track_m[np.isfinite(track_m)]
+    begins, ends = _flown(track_s, track_m)
+    # Half of the measure is time and half is way, so that neither a hover nor a fast descent is left without bins.
+    inside = (track_s >= begins) & (track_s <= ends)
+    at, metres = track_s[inside], track_m[inside]
+    smooth = np.interp(at, *_coarse(at, metres))
+    way = np.r_[0.0, np.cumsum(np.abs(np.diff(smooth)))]
+    measure = (at - at[0]) / max(np.ptp(at), 1e-9) + way / max(way[-1], 1e-9)
+    readings = int(np.count_nonzero((time >= begins) & (time <= ends)))
+    bins = max(FEWEST_BINS, min(count, readings // 2))
+    edges = np.interp(np.linspace(0.0, 2.0, bins + 1), measure, at)
+    # A bin holds whole readings, each with the time around it: its mean is then that of its time.
+    read = np.unique(time[np.isfinite(flight.temperature_c[order]) | np.isfinite(flight.humidity_percent[order])])
+    between = np.r_[read[0], 0.5 * (read[1:] + read[:-1]), read[-1]]
+    edges = np.unique(between[np.clip(np.searchsorted(between, edges), 0, between.size - 1)])
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    place = (np.arange(SUB_SAMPLES) + 0.5) / SUB_SAMPLES
+    within = edges[:-1, None] + np.diff(edges)[:, None] * place
+    bin_of = np.searchsorted(edges, time, side="right") - 1
+    used = (bin_of >= 0) & (bin_of < middle.size)
+
+    def mean(values: Array) -> Array:
+        good = used & np.isfinite(values)
+        number = np.bincount(bin_of[good], minlength=middle.size)
+        total = np.bincount(bin_of[good], weights=values[good], minlength=middle.size)
+        return np.where(number > 0, total / np.maximum(number, 1), np.nan)
+
+    columns = {"temperature": flight.temperature_c[order], "humidity": flight.humidity_percent[order]}
+    values = {key: mean(_plausible(key, column)) for key, column in columns.items()}
+    altitude = np.interp(within, track_s, track_m).mean(axis=1)
+    climb = np.interp(middle, *_climb(track_s, track_m))
+    airspeed = mean(np.where(flight.airspeed_m_s[order] >= 0, flight.airspeed_m_s[order], np.nan))
+    airflow = np.where(np.isfinite(airspeed), airspeed, np.abs(climb))
+    return FlightBins(
+        name=name,
+        time_s=middle,
+        length_s=np.diff(edges),
+        within_s=within,
+        track_s=track_s,
+        track_m=track_m,
+        altitude_m=altitude,
+        climb_m_s=climb,
+        airflow_m_s=np.maximum(airflow, LEAST_AIRFLOW_M_S),
+        values=values,
+        passes=passes(altitude, middle),
+    )
+
+
+def passes(altitude_m: Array, time_s: Array) -> tuple[Pass, ...]:
+    """The ways up and down of a track, between turns that are a share of its range of altitudes apart."""
+    least = max(PASS_SHARE * float(np.ptp(altitude_m)), LEAST_PASS_M)
+    turns = [0]
+    extreme, way = 0, 0  # last extreme, and which way the track goes since
+    for i in range(1, altitude_m.size):
+        off = altitude_m[i] - altitude_m[extreme]
+        if way * off >= 0 and (way != 0):
+            extreme = i
+        elif abs(off) >= least:
+            if way != 0 and extreme != turns[-1]:
+                turns.append(extreme)
+            way, extreme = (1 if off > 0 else -1), i
+    turns.append(extreme if extreme > turns[-1] else altitude_m.size - 1)
+    found = []
+    for first, last in zip(turns[:-1], turns[1:], strict=True):
+        rise = altitude_m[last] - altitude_m[first]
+        if abs(rise) >= least and last > first:
+            found.append(Pass(first, last, float(rise / (time_s[last] - time_s[first]))))
+    return tuple(found)
+
+
+def _flown(track_s: Array, track_m: Array) -> tuple[float, float]:
+    """From when to when the track is off the ground."""
+    low = float(np.quantile(track_m, 0.005))
+    over = np.flatnonzero(track_m > low + min(GROUND_SHARE * float(track_m.max() - low), GROUND_M))
+    return float(track_s[over[0]]), float(track_s[over[-1]])
+
+
+def _coarse(time_s: Array, values: Array) -> tuple[Array, Array]:
+    """Means over a few seconds, so that a track's own noise is no way that was flown."""
+    number = np.floor((time_s - time_s[0]) / CLIMB_SMOOTHED_S).astype(int)
+    count = np.bincount(number)
+    filled = count > 0
+    return (
+        np.bincount(number, weights=time_s)[filled] / count[filled],
+        np.bincount(number, weights=values)[filled] / count[filled],
+    )
+
+
+def _climb(track_s: Array, track_m: Array) -> tuple[Array, Array]:
+    at, metres = _coarse(track_s, track_m)
+    return at, np.gradient(metres, at) if at.size > 1 else np.zeros_like(at)
+
+
+def _plausible(channel: str, values: Array) -> Array:
+    """Readings within what the quantity can be, without single ones far from those around."""
+    bounds = RANGES["temperature_c" if channel == "temperature" else "humidity_reading_percent"]
+    good = np.where((values >= bounds.low) & (values <= bounds.high), values, np.nan)
+    return _without_outliers(good)
+
+
+def _without_outliers(values: Array) -> Array:
+    from scipy.ndimage import median_filter
+
+    good = np.isfinite(values)
+    if good.sum() < AROUND:
+        return values
+    kept = values[good]
+    off = np.abs(kept - median_filter(kept, AROUND, mode="nearest"))
+    spread = 1.4826 * float(np.median(off[off > 0])) if (off > 0).any() else 0.0
+    usual = np.maximum(median_filter(off, 101, mode="nearest"), spread)
+    out = values.copy()
+    out[np.flatnonzero(good)[off > np.maximum(OUTLIER_SIGMAS * usual, 1e-9)]] = np.nan
+    return out

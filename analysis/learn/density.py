@@ -1,0 +1,224 @@
+"""How likely a flight's readings are under a model of the sensor, whatever the air was: closed form, with its slopes.
+
+The air is a random function of altitude and time, a(z, t) = g(z) + c(z, t). g is a straight line with unknown ends and
+a random walk along z; layers move up or down meanwhile, z -> z + m(z) t; c is what else changed, and grows with the time between
+two passes: as a whole, in layers, and by turbulence that is forgotten in minutes. The readings y of a channel are
+linear in g and c, so that they are Gaussian with covariance
+
+    S = H G G' H' + sum_j exp(h_j) B_j,
+
+H the sensor's response along the moved track, G the walk, B_j the change's and the noise's covariances of unit size,
+h_j their logarithms. h and m are a flight's own, found by restricted maximum likelihood with average information
+(Gilmour, Thompson and Cullis 1995, doi 10.2307/2533274).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve, lapack
+
+from shockrig.analysis.learn.bins import FlightBins
+from shockrig.analysis.learn.laws import Law, Values, response
+
+Array = NDArray[np.float64]
+
+KNOTS_PER_BIN = 0.5  # of the shared air
+LAYER_SHARE, LEAST_LAYER_M = 0.1, 30.0  # of the range of altitudes: how far a change of the air reaches
+EDDY_M, EDDY_S = 40.0, 60.0  # how far turbulence reaches, and how long it lasts
+UNKNOWN = 30.0  # times a channel's own spread: what is known of the ends of the air's profile before any reading
+SIZE_SPREAD = 3.0  # of a size's logarithm, before any reading
+# Usual sizes, as a share of the channel's spread along the flight (standard deviations): the walk over the whole range
+# of altitudes, the change of all of the air and of layers by the flight's end, eddies, noise.
+USUAL = {"walk": 0.5, "drift": 0.1, "layers": 0.1, "eddies": 0.03, "noise": 0.01}
+MOVING_LAYERS = 4  # heights at which layers move by themselves, straight between them
+MOVES = 1 + MOVING_LAYERS  # all of the air at once, and each of them
+MOVE_STEP = 0.01  # over which slopes are taken
+MOVED_M, MOVED_M_PER_H = 10.0, 60.0  # that layers move: by waves, and as a boundary layer grows (standard deviations)
+
+
+@dataclass(frozen=True)
+class FlightChannelData:
+    """One channel of a flight, ready: what of its likelihood no law changes.
+
+    Attributes
+    ----------
+    bins : FlightBins
+    channel : str
+    rows : ndarray (m,)
+        Bins in which it was read.
+    reading : ndarray (m,)
+        Less their mean, over `unit`.
+    unit : float
+        The channel's spread along the flight [K or %RH].
+    knots : ndarray (k,)
+        Altitudes of the shared air [m].
+    changes : ndarray (j, m, m)
+        Covariances of the air's change, of unit size; behind them the noise's, the unit matrix.
+    usual, spread : ndarray (2 + j + MOVES,)
+        What is known of the flight's own numbers before any reading: logarithms of sizes (variances) of the walk, the
+        changes and the noise, then the moves of layers in units of `moved_m`.
+    moved_m : float
+    """
+
+    bins: FlightBins
+    channel: str
+    rows: NDArray[np.int64]
+    reading: Array
+    unit: float
+    knots: Array
+    changes: Array
+    usual: Array
+    spread: Array
+    moved_m: float
+
+
+def prepared(bins: FlightBins, channel: str) -> FlightChannelData:
+    """A channel of a flight, ready to be weighed."""
+    rows = np.flatnonzero(bins.seen(channel))
+    value = bins.values[channel][rows]
+    unit = max(float(value.std()), 1e-6)
+    altitude, time = bins.altitude_m[rows], bins.time_s[rows]
+    low, high = float(bins.within_altitudes.min()), float(bins.within_altitudes.max())
+    knots = np.linspace(low, high, max(int(KNOTS_PER_BIN * bins.time_s.size), 8))
+    layer = max(LAYER_SHARE * (high - low), LEAST_LAYER_M)
+    since = (time - time[0]) / max(float(np.ptp(time)), 1e-9)
+    meanwhile = np.minimum(since[:, None], since[None, :])  # the covariance of what grows as a random walk
+    apart_m = np.abs(altitude[:, None] - altitude[None, :])
+    apart_s = np.abs(time[:, None] - time[None, :])
+    near = np.exp(-apart_m / layer)
+    changes = np.stack(
+        [
+            meanwhile,
+            meanwhile * near,
+            np.exp(-apart_m / EDDY_M - apart_s / EDDY_S),
+        ]
+    )
+    sizes = 2.0 * np.log([USUAL[key] for key in ("walk", "drift", "layers", "eddies", "noise")])
+    usual = np.r_[sizes, np.zeros(MOVES)]
+    spread = np.r_[np.full(sizes.size, SIZE_SPREAD), np.ones(MOVES)]
+    moved_m = float(np.hypot(MOVED_M, MOVED_M_PER_H * bins.minutes / 60.0))
+    return FlightChannelData(
+        bins, channel, rows, (value - value.mean()) / unit, unit, knots, changes, usual, spread, moved_m
+    )
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A model of the sensor on one channel: laws, and the values of their parameters."""
+
+    laws: tuple[Law, ...]
+    values: Values
+
+    def seen_air(self, data: FlightChannelData, moves: Array) -> Array:
+        """What the sensor reads of the shared air's columns (m, 2 + k), layers moved (MOVES,)."""
+        shift = sum(law.shift_s(self.values) for law in self.laws if law.shift_s is not None)
+        return self.seen(data, walked(data, shift, moves))
+
+    def seen(self, data: FlightChannelData, air: Array) -> Array:
+        """What it reads of columns of air that are given within bins, (n, SUB_SAMPLES, q): (m, q)."""
+        lags = [law.lags(self.values, data.bins) for law in self.laws if law.lags is not None]
+        return response(lags[0] if lags else (), data.bins, air)[data.rows]
+
+    def offset(self, data: FlightChannelData) -> Array:
+        """What is added to the readings (m,), over the channel's unit."""
+        total = np.zeros(data.rows.size)
+        for law in self.laws:
+            if law.offset is not None:
+                total = total + law.offset(self.values, data.bins)[data.rows]
+        return total / data.unit
+
+    def settling(self, data: FlightChannelData) -> Array:
+        """What the sensor still shows of what it was before the first bin (m,)."""
+        before = np.zeros((*data.bins.within_s.shape, 1))
+        before[0, 0] = 1.0
+        return self.seen(data, before)[:, 0]
+
+
+def walked(data: FlightChannelData, shift_s: float, moves: Array) -> Array:
+    """The shared air's columns within bins (n, SUB_SAMPLES, 2 + k): a constant, a slope, its random walk's steps."""
+    bins, knots = data.bins, data.knots
+    altitude = np.interp(bins.within_s + shift_s, bins.track_s, bins.track_m)
+    since = (bins.time_s - bins.time_s[0]) / max(float(np.ptp(bins.time_s)), 1e-9)
+    heights = np.linspace(knots[0], knots[-1], MOVING_LAYERS)
+    by = moves[0] + np.interp(altitude, heights, moves[1:])
+    altitude = altitude + data.moved_m * by * since[:, None]
+    width = knots[1] - knots[0]
+    place = np.clip((altitude - knots[0]) / width, 0.0, knots.size - 1.0)
+    # A step at knot k counts in full above it, and in part within the interval below: ramps clipped to 0 and 1.
+    columns = np.empty((*place.shape, knots.size + 1))
+    columns[..., 0] = UNKNOWN
+    columns[..., 1] = UNKNOWN * (2.0 * place / (knots.size - 1.0) - 1.0)
+    np.clip(place[..., None] - np.arange(knots.size - 1), 0.0, 1.0, out=columns[..., 2:])
+    columns[..., 2:] /= np.sqrt(knots.size - 1.0)
+    return columns
+
+
+@dataclass(frozen=True)
+class Density:
+    """The log density of a flight's channel [nats], with its slopes over laws' parameters and the flight's sizes.
+
+    `slope` (p + s,) and `information` (p + s, p + s), the parameters first, without what is known before any reading.
+    """
+
+    value: float
+    slope: Array
+    information: Array
+
+
+def density(
+    data: FlightChannelData, sensor: Sensor, own: Array, parameters: tuple[tuple[str, float, bool], ...] = ()
+) -> Density:
+    """The density under a sensor and a flight's own numbers (as `usual`); slopes over `parameters` (name, step, log)."""
+    sizes, moves = own[:-MOVES], own[-MOVES:]
+    seen, residual = sensor.seen_air(data, moves), data.reading - sensor.offset(data)
+    walk = np.exp(sizes[0])
+    weight = np.r_[1.0, 1.0, np.full(seen.shape[1] - 2, walk)]
+    scaled = seen * weight
+    covariance = scaled @ seen.T
+    covariance += np.tensordot(np.exp(sizes[1:-1]), data.changes, axes=1)
+    covariance += UNKNOWN**2 * np.outer(start := sensor.settling(data), start)
+    index = np.arange(covariance.shape[0])
+    covariance[index, index] += np.exp(sizes[-1])
+    try:
+        factor = cho_factor(covariance, lower=True, overwrite_a=True, check_finite=False)
+    except np.linalg.LinAlgError:
+        return Density(-np.inf, np.zeros(len(parameters) + own.size), np.eye(len(parameters) + own.size))
+    lower = factor[0]
+    v = cho_solve(factor, residual, check_finite=False)
+    value = -0.5 * float(residual @ v) - float(np.log(lower.diagonal()).sum()) - index.size * np.log(data.unit)
+    inverse = lapack.dpotri(lower, lower=1)[0]
+    inverse = np.tril(inverse) + np.tril(inverse, -1).T
+    # S_j v of each slope, tr(S^-1 S_j), and what the offset adds: its slope is offset'v, its information
+    # offset'S^-1 offset, where a covariance's are half as large.
+    moved, traces, pulled = [], [], []
+    for name, step, log in parameters:
+        at = sensor.values[name]
+        ahead = Sensor(sensor.laws, {**sensor.values, name: at * np.exp(step) if log else at + step})
+        d_seen, d_offset = (ahead.seen_air(data, moves) - seen) / step, (ahead.offset(data) - sensor.offset(data)) / step
+        through = d_seen @ (scaled.T @ v) + scaled @ (d_seen.T @ v)
+        moved.append(through + np.sqrt(2.0) * d_offset)
+        traces.append(2.0 * float(np.sum((inverse @ scaled) * d_seen)))
+        pulled.append((1.0 - np.sqrt(0.5)) * float(d_offset @ v))
+    walk_part = seen[:, 2:]
+    moved.append(walk * (walk_part @ (walk_part.T @ v)))
+    traces.append(walk * float(np.sum((inverse @ walk_part) * walk_part)))
+    for size, change in zip(np.exp(sizes[1:-1]), data.changes, strict=True):
+        moved.append(size * (change @ v))
+        traces.append(size * float(np.sum(inverse * change)))
+    noise = np.exp(sizes[-1])
+    moved.append(noise * v)
+    traces.append(noise * float(inverse.trace()))
+    for i in range(MOVES):
+        ahead_by = moves.copy()
+        ahead_by[i] += MOVE_STEP
+        d_seen = (sensor.seen_air(data, ahead_by) - seen) / MOVE_STEP
+        moved.append(d_seen @ (scaled.T @ v) + scaled @ (d_seen.T @ v))
+        traces.append(2.0 * float(np.sum((inverse @ scaled) * d_seen)))
+    each = np.stack(moved)
+    slope = 0.5 * (each @ v - np.array(traces))
+    slope[: len(pulled)] += pulled
+    information = 0.5 * each @ cho_solve(factor, each.T, check_finite=False)
+    return Density(value, slope, information)

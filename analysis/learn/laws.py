@@ -1,0 +1,287 @@
+"""What flights can show of a sensor: each law with its equation, its source, and the causes that would give it.
+
+The sensor reads the air a along the flight through a linear response and an offset:
+
+    y(t) = sum_k share_k q_k(t) + offset(t),   tau_k(t) dq_k/dt = a(z(t + shift)) - q_k
+
+A law gives the response its lags, the track its shift, or the reading its offset. Laws that no flight can tell apart
+are one law with several causes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_banded
+
+from shockrig.analysis.learn.bins import SUB_SAMPLES, FlightBins
+from shockrig.analysis.physics.humidity import saturation_pressure_hpa
+
+Array = NDArray[np.float64]
+Values = Mapping[str, float]
+
+REFERENCE_AIRFLOW_M_S = 5.0
+REFERENCE_TEMPERATURE_C = 20.0
+USUAL_PATH_S = 60.0  # of a stem or a housing
+
+
+@dataclass(frozen=True)
+class LawParameter:
+    """One number of a law on the scale that is fitted: the logarithm where `log`, else the number itself.
+
+    `usual` and `spread` are what is known of it before any flight (a normal density on that scale), `low` and `high`
+    where it may be, `starts` where a fit begins; all but `spread` in the parameter's own unit.
+    """
+
+    name: str
+    unit: str
+    usual: float
+    spread: float
+    low: float
+    high: float
+    starts: tuple[float, ...]
+    log: bool = False
+
+    def encoded(self, value: float) -> float:
+        """On the scale that is fitted."""
+        return float(np.log(value)) if self.log else value
+
+    def decoded(self, value: float) -> float:
+        """In its own unit."""
+        return float(np.exp(value)) if self.log else value
+
+
+@dataclass(frozen=True)
+class Law:
+    """One thing that flights can show.
+
+    Attributes
+    ----------
+    key : str
+        Its name in files.
+    causes : tuple of str
+        What would give it; more than one where no flight tells them apart.
+    channel : str
+        Of which readings it is; empty where it is the position's, and so of all.
+    parameters : tuple of LawParameter
+    equation, source : str
+    lags : (values, bins) -> ((share (n,), time constant (n,) [s]), ...), or None
+        The response; what the shares leave of 1 is read at once.
+    offset : (values, bins, channel) -> ndarray (n,), or None
+        What is added to the reading.
+    shift_s : values -> s, or None
+        By how much the track's time is behind the sensor's.
+    replaces : str
+        A law whose response this one is a case of.
+    needs : str
+        What flights must vary for it to show, for a reader.
+    """
+
+    key: str
+    causes: tuple[str, ...]
+    channel: str
+    parameters: tuple[LawParameter, ...]
+    equation: str
+    source: str
+    needs: str
+    lags: Callable[[Values, FlightBins], tuple[tuple[Array, Array], ...]] | None = None
+    offset: Callable[[Values, FlightBins], Array] | None = None
+    shift_s: Callable[[Values], float] | None = None
+    replaces: str = ""
+
+
+def response(lags: tuple[tuple[Array, Array], ...], bins: FlightBins, air: Array) -> Array:
+    """What a mix of lags reads of columns of air, as means over bins: (n, m).
+
+    `air` (n, SUB_SAMPLES, m) is held over each part of a bin. A lag's state at the end of a bin is
+    q = e q' + sum_k w_k u_k, w_k = exp(-(h - t_k)/tau) between the parts' ends, and its mean over the bin is
+    that of the air less tau (q - q')/h, both exact; it begins settled to the first air.
+    """
+    mean = air.mean(axis=1)
+    if not lags:
+        return mean
+    rest = 1.0 - np.sum([share for share, _ in lags], axis=0)
+    seen = rest[:, None] * mean
+    parts = np.arange(air.shape[1] + 1) / air.shape[1]
+    for share, tau in lags:
+        x = bins.length_s / np.maximum(tau, 1e-6)
+        left = np.exp(-np.minimum(x[:, None] * (1.0 - parts), 700.0))  # of what came by the end of each part
+        state = np.einsum("ik,ikm->im", np.diff(left, axis=1), air)
+        state[0] += left[0, 0] * air[0, 0]
+        band = np.ones((2, x.size))
+        band[1, :-1] = -left[1:, 0]
+        band[1, -1] = 0.0
+        state = solve_banded((1, 0), band, state, overwrite_b=True, check_finite=False)
+        before = np.vstack([air[:1, 0], state[:-1]])
+        seen = seen + share[:, None] * (mean - (state - before) / x[:, None])
+    return np.asarray(seen)
+
+
+def _time_constant(usual: float, name: str = "time_constant_s") -> LawParameter:
+    return LawParameter(name, "s", usual, 1.5, 0.1, 400.0, (1.0, 3.0, 8.0, 20.0, 60.0), log=True)
+
+
+def _one_lag(values: Values, bins: FlightBins) -> tuple[tuple[Array, Array], ...]:
+    n = bins.time_s.size
+    return ((np.ones(n), np.full(n, values["time_constant_s"])),)
+
+
+def _lag_in_the_cold(values: Values, bins: FlightBins) -> tuple[tuple[Array, Array], ...]:
+    cold = REFERENCE_TEMPERATURE_C - air_temperature(bins)
+    tau = values["time_constant_s"] * np.exp(np.clip(values["growth_per_k"] * cold, -6.0, 6.0))
+    return ((np.ones(tau.size), tau),)
+
+
+def _two_paths(values: Values, bins: FlightBins) -> tuple[tuple[Array, Array], ...]:
+    n, share = bins.time_s.size, values["fraction"]
+    return (
+        (np.full(n, 1.0 - share), np.full(n, values["time_constant_s"])),
+        (np.full(n, share), np.full(n, values["second_time_constant_s"])),
+    )
+
+
+def air_temperature(bins: FlightBins) -> Array:
+    """The bead's reading (n,) with gaps bridged; a usual day where there is none [degC]."""
+    value = bins.values["temperature"]
+    good = np.isfinite(value)
+    if not good.any():
+        return np.full(value.size, REFERENCE_TEMPERATURE_C)
+    return np.interp(bins.time_s, bins.time_s[good], value[good])
+
+
+def _ventilated(values: Values, bins: FlightBins) -> Array:
+    return np.asarray(values["rise_k_at_5_m_s"] * np.sqrt(REFERENCE_AIRFLOW_M_S / bins.airflow_m_s))
+
+
+def _descending(values: Values, bins: FlightBins) -> Array:
+    return np.asarray(values["offset_in_descent"] * (bins.climb_m_s < 0))
+
+
+def _warm_die(values: Values, bins: FlightBins) -> Array:
+    """What a film reads too little of, whose temperature is above the air's while the vapour is right."""
+    warm = values["rise_k_at_5_m_s"] * np.sqrt(REFERENCE_AIRFLOW_M_S / bins.airflow_m_s)
+    air = air_temperature(bins)
+    return np.asarray(_humidity(bins) * (saturation_pressure_hpa(air) / saturation_pressure_hpa(air + warm) - 1.0))
+
+
+def _late_die(values: Values, bins: FlightBins) -> Array:
+    air = air_temperature(bins)
+    n = air.size
+    held = np.repeat(air[:, None, None], SUB_SAMPLES, axis=1)
+    die = response(((np.ones(n), np.full(n, values["die_time_constant_s"])),), bins, held)[:, 0]
+    return np.asarray(_humidity(bins) * (saturation_pressure_hpa(air) / saturation_pressure_hpa(die) - 1.0))
+
+
+def _humidity(bins: FlightBins) -> Array:
+    value = bins.values["humidity"]
+    good = np.isfinite(value)
+    return np.interp(bins.time_s, bins.time_s[good], value[good]) if good.any() else np.full(value.size, 50.0)
+
+
+_AIRFLOW = "two airspeeds or climb rates"
+_STRUCTURE = "layers or inversions, passed upwards and downwards"
+
+
+def _laws() -> tuple[Law, ...]:
+    found = [
+        Law(
+            "clock_offset",
+            ("clock_offset", "pressure_lag"),
+            "",
+            (LawParameter("shift_s", "s", 0.0, 15.0, -120.0, 120.0, (-30.0, -12.0, -5.0, 5.0, 12.0, 30.0)),),
+            "y(t) = a(z(t + shift)); a pressure that lags by tau moves every level by tau w, the same shift",
+            "WMO-No. 8 (2021), I.12 (time stamps of merged records); Rodi and Leon 2012, doi 10.5194/amt-5-2569-2012",
+            _STRUCTURE,
+            shift_s=lambda p: p["shift_s"],
+        )
+    ]
+    for channel, usual, unit, size in (("temperature", 4.0, "K", 0.7), ("humidity", 8.0, "%RH", 3.0)):
+        lag = _time_constant(usual)
+        found += [
+            Law(
+                "lag",
+                ("lag",),
+                channel,
+                (lag,),
+                "tau dq/dt = a - q",
+                "Miloshevich and others 2004, doi 10.1175/1520-0426(2004)021<1305:DAVOAT>2.0.CO;2",
+                _STRUCTURE,
+                lags=_one_lag,
+            ),
+            Law(
+                "lag_in_the_cold",
+                ("lag_in_the_cold",),
+                channel,
+                (lag, LawParameter("growth_per_k", "1/K", 0.03, 0.03, -0.02, 0.15, (0.02, 0.06))),
+                "tau(T) = tau(20 degC) exp(growth (20 degC - T))",
+                "Miloshevich and others 2004; GRUAN-TD-8 (2022)",
+                f"{_STRUCTURE} at temperatures 15 K apart",
+                lags=_lag_in_the_cold,
+                replaces="lag",
+            ),
+            Law(
+                "second_path",
+                ("stem_conduction", "housing"),
+                channel,
+                (
+                    lag,
+                    LawParameter("fraction", "1", 0.1, 0.15, 0.005, 0.7, (0.1, 0.3)),
+                    LawParameter("second_time_constant_s", "s", USUAL_PATH_S, 0.8, 10.0, 900.0, (40.0, 120.0), True),
+                ),
+                "y = (1 - f) q(tau) + f q(tau2)",
+                "Segales and others 2022, doi 10.5194/amt-15-2607-2022 (housing); Bell and others 2020 (stem)",
+                "a hover after a climb, or two climb rates",
+                lags=_two_paths,
+                replaces="lag",
+            ),
+            Law(
+                "offset_in_descent",
+                ("rotor_wash",) if channel == "temperature" else ("rotor_wash", "hysteresis"),
+                channel,
+                (LawParameter("offset_in_descent", unit, 0.0, size, -20 * size, 20 * size, (-size, size)),),
+                "y = q + offset while the flight descends",
+                "Greene and others 2018, doi 10.5194/amt-11-5519-2018",
+                "a descent beside the ascent, and a hover",
+                offset=_descending,
+            ),
+        ]
+    found += [
+        Law(
+            "ventilated_warmth",
+            ("radiative_heating", "self_heating"),
+            "temperature",
+            (LawParameter("rise_k_at_5_m_s", "K", 0.0, 0.5, -10.0, 10.0, (0.5, -0.3)),),
+            "y = q + rise sqrt(5 m/s / v)",
+            "WMO-No. 8 (2021), I.2; GRUAN-TD-8 (2022)",
+            _AIRFLOW,
+            offset=_ventilated,
+        ),
+        Law(
+            "warm_die",
+            ("self_heating", "radiative_heating"),
+            "humidity",
+            (LawParameter("rise_k_at_5_m_s", "K", 0.0, 0.7, -10.0, 10.0, (0.7, 2.0)),),
+            "y = q + RH (es(T) / es(T + rise sqrt(5 m/s / v)) - 1)",
+            "IST application note on the HYT-271; Miloshevich and others 2009, doi 10.1029/2008JD011565",
+            f"{_AIRFLOW} in air that is not dry",
+            offset=_warm_die,
+        ),
+        Law(
+            "late_die",
+            ("die_thermal_lag",),
+            "humidity",
+            (LawParameter("die_time_constant_s", "s", 17.0, 0.8, 0.5, 200.0, (5.0, 17.0, 50.0), True),),
+            "y = q + RH (es(T) / es(T_die) - 1), tau dT_die/dt = T - T_die",
+            "Segales and others 2022; iMet-XQ2 flights, whose chips follow the air by 17 to 19 s",
+            "a lapse or an inversion, passed upwards and downwards",
+            offset=_late_die,
+        ),
+    ]
+    return tuple(found)
+
+
+LAWS: Mapping[str, Law] = MappingProxyType({f"{law.channel or 'position'}.{law.key}": law for law in _laws()})
