@@ -5,11 +5,13 @@ a random walk along z; layers move up or down meanwhile, z -> z + m(z) t; c is w
 two passes: as a whole, in layers, and by turbulence that is forgotten in minutes. The readings y of a channel are
 linear in g and c, so that they are Gaussian with covariance
 
-    S = H G G' H' + sum_j exp(h_j) B_j,
+    S = H G W G' H' + sum_j exp(h_j) B_j,
 
 H the sensor's response along the moved track, G the walk, B_j the change's and the noise's covariances of unit size,
 h_j their logarithms. h and m are a flight's own, found by restricted maximum likelihood with average information
-(Gilmour, Thompson and Cullis 1995, doi 10.2307/2533274).
+(Gilmour, Thompson and Cullis 1995, doi 10.2307/2533274). Inversions are no steps of a Gaussian walk that is the same at
+all heights: W has the variance of a step where it is, from how steep the readings are around it. With equal ones a
+sharp inversion would be taken for a slow one, seen by a faster sensor.
 """
 
 from __future__ import annotations
@@ -28,7 +30,10 @@ Array = NDArray[np.float64]
 KNOTS_PER_BIN = 0.5  # of the shared air
 LAYER_SHARE, LEAST_LAYER_M = 0.1, 30.0  # of the range of altitudes: how far a change of the air reaches
 EDDY_M, EDDY_S = 40.0, 60.0  # how far turbulence reaches, and how long it lasts
+AROUND_SHARE, AROUND_M = 0.05, 50.0  # of the range of altitudes, and at least: over which a profile is as steep
+LEAST_STEEPNESS = 0.05  # of the usual, where the readings are as flat as can be
 UNKNOWN = 30.0  # times a channel's own spread: what is known of the ends of the air's profile before any reading
+BEGIN = {"walk": 0.2, "drift": 0.03, "layers": 0.01, "eddies": 0.01, "noise": 0.01}  # where a fit begins: air that stays
 SIZE_SPREAD = 3.0  # of a size's logarithm, before any reading
 # Usual sizes, as a share of the channel's spread along the flight (standard deviations): the walk over the whole range
 # of altitudes, the change of all of the air and of layers by the flight's end, eddies, noise.
@@ -53,8 +58,8 @@ class FlightChannelData:
         Less their mean, over `unit`.
     unit : float
         The channel's spread along the flight [K or %RH].
-    knots : ndarray (k,)
-        Altitudes of the shared air [m].
+    knots, steps : ndarray (k,), (k - 1,)
+        Altitudes of the shared air [m], and the variances of its steps between them, over what is usual.
     changes : ndarray (j, m, m)
         Covariances of the air's change, of unit size; behind them the noise's, the unit matrix.
     usual, spread : ndarray (2 + j + MOVES,)
@@ -69,6 +74,7 @@ class FlightChannelData:
     reading: Array
     unit: float
     knots: Array
+    steps: Array
     changes: Array
     usual: Array
     spread: Array
@@ -101,8 +107,26 @@ def prepared(bins: FlightBins, channel: str) -> FlightChannelData:
     spread = np.r_[np.full(sizes.size, SIZE_SPREAD), np.ones(MOVES)]
     moved_m = float(np.hypot(MOVED_M, MOVED_M_PER_H * bins.minutes / 60.0))
     return FlightChannelData(
-        bins, channel, rows, (value - value.mean()) / unit, unit, knots, changes, usual, spread, moved_m
+        bins, channel, rows, (value - value.mean()) / unit, unit, knots, _steepness(bins, channel, knots), changes, usual, spread, moved_m
     )
+
+
+def _steepness(bins: FlightBins, channel: str, knots: Array) -> Array:
+    """How steep the profile is around each step (k - 1,), squared, over what is usual along the flight."""
+    value, altitude = bins.values[channel], bins.altitude_m
+    reach = max(AROUND_SHARE * float(np.ptp(knots)), AROUND_M)
+    squares, weights = np.zeros(knots.size - 1), np.zeros(knots.size - 1)
+    middle = 0.5 * (knots[1:] + knots[:-1])
+    for one in bins.passes:
+        rows = one.first + np.flatnonzero(np.isfinite(value[one.rows]))
+        rise, step = np.diff(altitude[rows]), np.diff(value[rows])
+        at = 0.5 * (altitude[rows][1:] + altitude[rows][:-1])
+        near = np.exp(-0.5 * ((middle[:, None] - at) / (0.5 * reach)) ** 2)
+        squares += near @ step**2
+        weights += near @ np.abs(rise)
+    steep = squares / np.maximum(weights, 1e-9)
+    usual = float(steep.mean())
+    return np.maximum(steep / usual, LEAST_STEEPNESS) if usual > 0 else np.ones(steep.size)
 
 
 @dataclass(frozen=True)
@@ -145,9 +169,12 @@ def walked(data: FlightChannelData, shift_s: float, moves: Array) -> Array:
     heights = np.linspace(knots[0], knots[-1], MOVING_LAYERS)
     by = moves[0] + np.interp(altitude, heights, moves[1:])
     altitude = altitude + data.moved_m * by * since[:, None]
-    width = knots[1] - knots[0]
-    place = np.clip((altitude - knots[0]) / width, 0.0, knots.size - 1.0)
-    # A step at knot k counts in full above it, and in part within the interval below: ramps clipped to 0 and 1.
+    return _columns(knots, altitude)
+
+
+def _columns(knots: Array, altitude: Array) -> Array:
+    """A constant, a slope, and ramps from knot to knot at altitudes of any shape (..., 2 + k - 1)."""
+    place = np.clip((altitude - knots[0]) / (knots[1] - knots[0]), 0.0, knots.size - 1.0)
     columns = np.empty((*place.shape, knots.size + 1))
     columns[..., 0] = UNKNOWN
     columns[..., 1] = UNKNOWN * (2.0 * place / (knots.size - 1.0) - 1.0)
@@ -160,12 +187,22 @@ def walked(data: FlightChannelData, shift_s: float, moves: Array) -> Array:
 class Density:
     """The log density of a flight's channel [nats], with its slopes over laws' parameters and the flight's sizes.
 
-    `slope` (p + s,) and `information` (p + s, p + s), the parameters first, without what is known before any reading.
+    `slope` (p + s,) and `information` (p + s, p + s), the parameters first, without what is known before any reading;
+    `grown` the sizes' logarithms
+    where the next step of the minorisation of Zhou and others (2019, doi 10.1080/10618600.2018.1529601) takes them,
+    less where they are; `effective` how many readings each size is known from, by what the others leave.
     """
 
     value: float
     slope: Array
     information: Array
+    grown: Array
+    effective: Array
+
+
+def begun(data: FlightChannelData) -> Array:
+    """The flight's own numbers where a fit begins: what air that stays cannot explain is then the change's."""
+    return np.r_[2.0 * np.log(list(BEGIN.values())), np.zeros(MOVES)]
 
 
 def density(
@@ -175,7 +212,7 @@ def density(
     sizes, moves = own[:-MOVES], own[-MOVES:]
     seen, residual = sensor.seen_air(data, moves), data.reading - sensor.offset(data)
     walk = np.exp(sizes[0])
-    weight = np.r_[1.0, 1.0, np.full(seen.shape[1] - 2, walk)]
+    weight = np.r_[1.0, 1.0, walk * data.steps]
     scaled = seen * weight
     covariance = scaled @ seen.T
     covariance += np.tensordot(np.exp(sizes[1:-1]), data.changes, axes=1)
@@ -185,7 +222,7 @@ def density(
     try:
         factor = cho_factor(covariance, lower=True, overwrite_a=True, check_finite=False)
     except np.linalg.LinAlgError:
-        return Density(-np.inf, np.zeros(len(parameters) + own.size), np.eye(len(parameters) + own.size))
+        return Density(-np.inf, np.zeros(len(parameters) + own.size), np.eye(len(parameters) + own.size), np.zeros(sizes.size), np.ones(sizes.size))
     lower = factor[0]
     v = cho_solve(factor, residual, check_finite=False)
     value = -0.5 * float(residual @ v) - float(np.log(lower.diagonal()).sum()) - index.size * np.log(data.unit)
@@ -202,15 +239,18 @@ def density(
         moved.append(through + np.sqrt(2.0) * d_offset)
         traces.append(2.0 * float(np.sum((inverse @ scaled) * d_seen)))
         pulled.append((1.0 - np.sqrt(0.5)) * float(d_offset @ v))
-    walk_part = seen[:, 2:]
-    moved.append(walk * (walk_part @ (walk_part.T @ v)))
-    traces.append(walk * float(np.sum((inverse @ walk_part) * walk_part)))
+    walk_part, walk_scaled = seen[:, 2:], scaled[:, 2:]
+    moved.append(walk_scaled @ (walk_part.T @ v))
+    traces.append(float(np.sum((inverse @ walk_part) * walk_scaled)))
     for size, change in zip(np.exp(sizes[1:-1]), data.changes, strict=True):
         moved.append(size * (change @ v))
         traces.append(size * float(np.sum(inverse * change)))
     noise = np.exp(sizes[-1])
     moved.append(noise * v)
     traces.append(noise * float(inverse.trace()))
+    first = len(parameters)
+    through = np.array([one @ v for one in moved[first:]])
+    grown = np.log(np.maximum(through, 1e-12) / np.maximum(np.array(traces[first:]), 1e-12))
     for i in range(MOVES):
         ahead_by = moves.copy()
         ahead_by[i] += MOVE_STEP
@@ -221,4 +261,18 @@ def density(
     slope = 0.5 * (each @ v - np.array(traces))
     slope[: len(pulled)] += pulled
     information = 0.5 * each @ cho_solve(factor, each.T, check_finite=False)
-    return Density(value, slope, information)
+    return Density(value, slope, information, grown, np.maximum(np.array(traces[first : first + sizes.size]), 1.0))
+
+
+def air_of(data: FlightChannelData, sensor: Sensor, own: Array, rows: NDArray[np.int64], at: Array) -> Array:
+    """The air at altitudes `at` (q,) that some readings alone leave, over the channel's unit: its expected value."""
+    sizes, moves = own[:-MOVES], own[-MOVES:]
+    seen = sensor.seen_air(data, moves)[rows]
+    weight = np.r_[1.0, 1.0, np.exp(sizes[0]) * data.steps]
+    covariance = (seen * weight) @ seen.T + np.exp(sizes[-1]) * np.eye(rows.size)
+    covariance += np.exp(sizes[-2]) * data.changes[-1][np.ix_(rows, rows)]
+    start = sensor.settling(data)[rows]
+    covariance += UNKNOWN**2 * np.outer(start, start)
+    residual = (data.reading - sensor.offset(data))[rows]
+    columns = _columns(data.knots, at)
+    return np.asarray((columns * weight) @ (seen.T @ np.linalg.solve(covariance, residual)))

@@ -8,12 +8,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.learn.density import Density, FlightChannelData, Sensor, density
+from shockrig.analysis.learn.density import (
+    MOVES,
+    Density,
+    FlightChannelData,
+    Sensor,
+    begun,
+    density,
+)
 from shockrig.analysis.learn.laws import Law, LawParameter
 
 Array = NDArray[np.float64]
 
 MOST_STEPS = 25
+SCATTERS = (0.03, 0.07, 0.15, 0.3)  # of a parameter from flight to flight, in its own spread; the second is usual
+USUAL_SCATTER, SCATTER_SPREAD = 0.07, 0.7  # before any flight: in that unit, and of its logarithm
+FEW_STEPS = 5  # from each start, to see which leads furthest
 ENOUGH_NATS = 0.02  # that the next step would gain
 DIFFERENCE = 1e-3  # of a parameter's spread, over which slopes are taken
 LONGEST_STEP = 1.5  # of a parameter or a size, in its own spread: at most in one step
@@ -62,7 +72,7 @@ class Learned:
     theta : ndarray (P,)
         On the scale that is fitted.
     sizes : tuple of ndarray
-        Of each unit's air and noise.
+        Of each unit's air and noise (`density`).
     value : ndarray (U,)
         Log density of each unit at theta [nats].
     slope, information : ndarray (U, P), (U, P, P)
@@ -81,6 +91,12 @@ class Learned:
     def prior(self) -> Array:
         """Weights of what is known before any flight (P,)."""
         return np.array([one.spread**-2.0 for one in self.known])
+
+    @property
+    def total(self) -> float:
+        """Log density of all units, and of theta before them [nats]."""
+        mean = np.array([one.mean for one in self.known])
+        return float(self.value.sum() - 0.5 * np.sum(self.prior * (self.theta - mean) ** 2))
 
     @property
     def covariance(self) -> Array:
@@ -109,22 +125,21 @@ class Learned:
         rest = self.information.sum(axis=0) - self.information[unit] + np.diag(self.prior)
         return np.asarray(self.theta - np.linalg.solve(rest, self.slope[unit]))
 
-    def held_out(self) -> Array:
-        """Log density of each unit given all others (U,) [nats]: exact for a density that is quadratic in theta."""
-        if not self.theta.size:
-            return self.value
-        whole = self.information.sum(axis=0) + np.diag(self.prior)
-        _, log_whole = np.linalg.slogdet(whole)
+    def predicted(self) -> Array:
+        """Log density of each unit given those before it (U,) [nats]; their sum is the evidence for the model.
+
+        Exact for densities that are quadratic in theta (prequential: Dawid 1984, doi 10.2307/2981683). Given all the
+        others instead, a law that does nothing would cost nothing.
+        """
+        weight = np.diag(self.prior)
+        pull = self.prior * (np.array([one.mean for one in self.known]) - self.theta)
         found = []
         for value, slope, own in zip(self.value, self.slope, self.information, strict=True):
-            rest = whole - own
-            shift = -np.linalg.solve(rest, slope)
-            pull = slope + rest @ shift
-            _, log_rest = np.linalg.slogdet(rest)
-            found.append(
-                value - 0.5 * shift @ rest @ shift + 0.5 * pull @ np.linalg.solve(whole, pull)
-                + 0.5 * (log_rest - log_whole)
-            )  # fmt: skip
+            shift = np.linalg.solve(weight, pull)
+            after, both = weight + own, pull + slope
+            gain = 0.5 * (both @ np.linalg.solve(after, both) - pull @ shift)
+            found.append(value + gain + 0.5 * (np.linalg.slogdet(weight)[1] - np.linalg.slogdet(after)[1]))
+            weight, pull = after, both
         return np.array(found)
 
 
@@ -155,48 +170,58 @@ def fitted(
     laws: tuple[Law, ...],
     units: Sequence[FlightChannelData],
     theta: Array,
-    sizes: Sequence[Array] | None = None,
+    begin: Learned | None = None,
     stated: Mapping[str, tuple[float, float]] | None = None,
     most_steps: int = MOST_STEPS,
 ) -> Learned:
-    """The most likely parameters for all units (each a channel of a flight), from `theta` and `sizes` on."""
+    """The most likely parameters for all units (each a channel of a flight), from `theta` on, the air from a fit `begin`."""
     known = known_of(laws, stated)
     mean, weight = np.array([one.mean for one in known]), np.array([one.spread**-2.0 for one in known])
     low, high = np.array([one.low for one in known]), np.array([one.high for one in known])
-    state = _at(laws, known, units, theta, tuple(one.usual for one in units) if sizes is None else tuple(sizes))
-    damping = 1e-3
+    sizes = tuple(begun(one) for one in units) if begin is None else begin.sizes
+    state = _at(laws, known, units, theta, sizes)
+    spread = np.array([one.spread for one in known])
+    damping, bold = 1e-3, True  # bold: sizes by average information, which may overshoot; else by minorisation
     for _ in range(most_steps):
-        shared = np.diag(weight)
-        pull = weight * (mean - state.theta)
+        shared, pull = np.diag(weight), weight * (mean - state.theta)
         own = []
         for unit, size, found in zip(units, state.sizes, state.found, strict=True):
             p = len(known)
-            h_slope = found.slope[p:] + (unit.usual - size) / unit.spread**2
-            h_weight = found.information[p:, p:] + np.diag(unit.spread**-2.0)
-            h_weight = h_weight + damping * np.diag(h_weight.diagonal())
-            cross = found.information[:p, p:]
-            solved = np.linalg.solve(h_weight, np.column_stack([cross.T, h_slope]))
+            q = p if bold else p + size.size - MOVES
+            slope = found.slope[q:] + ((unit.usual - size) / unit.spread**2)[q - p :]
+            curved = found.information[q:, q:] + np.diag(unit.spread[q - p :] ** -2.0)
+            curved = curved + damping * np.diag(curved.diagonal())
+            cross = found.information[:p, q:]
+            solved = np.linalg.solve(curved, np.column_stack([cross.T, slope]))
             shared = shared + found.information[:p, :p] - cross @ solved[:, :p]
             pull = pull + found.slope[:p] - cross @ solved[:, p]
-            own.append((solved, cross))
+            own.append(solved)
         free = ~(((state.theta <= low) & (pull < 0)) | ((state.theta >= high) & (pull > 0)))
         step = np.zeros(len(known))
         if free.any():
             damped = shared + damping * np.diag(shared.diagonal())
             step[free] = np.linalg.solve(damped[np.ix_(free, free)], pull[free])
-        spread = np.array([one.spread for one in known])
         step *= min(1.0, LONGEST_STEP / max(float(np.max(np.abs(step) / spread, initial=0.0)), 1e-12))
-        new_theta = np.clip(state.theta + step, low, high)
-        new_sizes = tuple(
-            size + np.clip(solved[:, -1] - solved[:, :-1] @ step, -LONGEST_STEP * 2, LONGEST_STEP * 2)
-            for size, (solved, _) in zip(state.sizes, own, strict=True)
-        )
-        tried = _at(laws, known, units, new_theta, new_sizes)
+        sizes = tuple(
+            size + np.clip(
+                np.r_[
+                    [] if bold else found.grown + ((unit.usual - size) / unit.spread**2)[:-MOVES] / found.effective,
+                    solved[:, -1] - solved[:, :-1] @ step,
+                ],
+                -LONGEST_STEP,
+                LONGEST_STEP,
+            )
+            for unit, size, found, solved in zip(units, state.sizes, state.found, own, strict=True)
+        )  # fmt: skip
+        tried = _at(laws, known, units, np.clip(state.theta + step, low, high), sizes)
         if tried.total >= state.total:
             gained = tried.total - state.total
             state, damping = tried, max(damping / 8.0, 1e-6)
-            if gained < ENOUGH_NATS:
+            if gained < ENOUGH_NATS and bold:
                 break
+            bold = True
+        elif bold:
+            bold = False
         else:
             damping = max(8.0 * damping, 1e-2)
             if damping > 1e4:
@@ -217,14 +242,14 @@ def _at(
         mine = tuple(law for law in laws if law.channel in ("", unit.channel))
         sensor = Sensor(mine, values_of(laws, known, theta, unit.channel))
         which = [i for i, law in enumerate(_law_of(laws)) if law.channel in ("", unit.channel)]
-        steps = tuple((known[i].name, DIFFERENCE * known[i].spread, known[i].parameter.log) for i in which)
-        part = density(unit, sensor, size, steps)
+        slopes = tuple((known[i].name, DIFFERENCE * known[i].spread, known[i].parameter.log) for i in which)
+        part = density(unit, sensor, size, slopes)
         place = [*which, *range(len(known), len(known) + size.size)]
         slope = np.zeros(len(known) + size.size)
         information = np.zeros((slope.size, slope.size))
         slope[place] = part.slope
         information[np.ix_(place, place)] = part.information
-        found.append(Density(part.value, slope, information))
+        found.append(Density(part.value, slope, information, part.grown, part.effective))
         total += part.value - 0.5 * float(np.sum(((size - unit.usual) / unit.spread) ** 2))
     return _State(theta, sizes, tuple(found), total if np.isfinite(total) else -np.inf)
 
@@ -247,29 +272,74 @@ def _learned(
         slopes.append(found.slope[:p] - cross @ solved[:, p])
         informations.append(found.information[:p, :p] - cross @ solved[:, :p])
         values.append(found.value - 0.5 * float(np.sum(((size - unit.usual) / unit.spread) ** 2)))
-    return Learned(
+    found = Learned(
         laws, known, state.theta, state.sizes, np.array(values), np.array(slopes).reshape(len(units), p),
         np.array(informations).reshape(len(units), p, p),
     )  # fmt: skip
+    if not p:
+        return found
+    return max(
+        (_scattered(found, scatter) for scatter in SCATTERS),
+        key=lambda one: float(one[0]),
+    )[1]
 
 
-def together(fits: Sequence[Learned], flights: Sequence[str], of: Sequence[Sequence[str]]) -> Array:
-    """Held-out density of each flight (F,), over fits of its channels: `of` names the flight of each fit's units."""
-    total = np.zeros(len(flights))
-    for one, names in zip(fits, of, strict=True):
-        for name, value in zip(names, one.held_out(), strict=True):
-            total[flights.index(name)] += value
-    return total
+def _scattered(found: Learned, scatter: float) -> tuple[float, Learned]:
+    """A fit whose parameters may differ from flight to flight, and how likely so much of it is [nats].
+
+    What a flight's air does beyond the model moves its parameters, as wet sensors and other airspeeds do: each flight's
+    own are drawn around the common ones, and marginal. All densities are quadratic here.
+    """
+    spread = np.array([one.spread for one in found.known])
+    between = np.diag((scatter * spread) ** 2)
+    mean = np.array([one.mean for one in found.known])
+    values, slopes, informations = [], [], []
+    for value, slope, own in zip(found.value, found.slope, found.information, strict=True):
+        # (I^-1 + S)^-1 without I^-1, which may not be
+        keep = np.linalg.inv(np.eye(spread.size) + own @ between)
+        information = keep @ own
+        gentle = keep @ slope
+        values.append(value + 0.5 * slope @ between @ gentle + 0.5 * np.linalg.slogdet(keep)[1])
+        slopes.append(gentle)
+        informations.append(0.5 * (information + information.T))
+    slopes_of, informations_of = np.array(slopes), np.array(informations)
+    whole = informations_of.sum(axis=0) + np.diag(spread**-2.0)
+    low, high = np.array([one.low for one in found.known]), np.array([one.high for one in found.known])
+    step = np.linalg.solve(whole, slopes_of.sum(axis=0) + (mean - found.theta) / spread**2)
+    theta = np.clip(found.theta + step, low, high)
+    step = theta - found.theta
+    moved = replace(
+        found,
+        theta=theta,
+        value=np.array(values) + slopes_of @ step - 0.5 * np.einsum("p,upq,q->u", step, informations_of, step),
+        slope=slopes_of - informations_of @ step,
+        information=informations_of,
+    )
+    before = -0.5 * (np.log(scatter / USUAL_SCATTER) / SCATTER_SPREAD) ** 2
+    return moved.total - 0.5 * float(np.linalg.slogdet(whole)[1]) + before, moved
 
 
-def started(law: Law, fitted_so_far: Learned | None = None) -> list[Array]:
+def started(law: Law) -> list[Array]:
     """Starts of a law's parameters: each start of the first with each of the others', on the scale that is fitted."""
     grid = np.array(np.meshgrid(*[[p.encoded(s) for s in p.starts] for p in law.parameters], indexing="ij"))
     return list(grid.reshape(len(law.parameters), -1).T)
 
 
-def narrowed(found: Learned, to: int) -> Learned:
-    """The same with the first `to` units alone."""
-    return replace(
-        found, sizes=found.sizes[:to], value=found.value[:to], slope=found.slope[:to], information=found.information[:to]
-    )
+def best_start(
+    laws: tuple[Law, ...],
+    units: Sequence[FlightChannelData],
+    starts: Sequence[Array],
+    stated: Mapping[str, tuple[float, float]] | None = None,
+    begin: Learned | None = None,
+) -> Learned:
+    """The likeliest fit from several starts, the air of each as fits begin it, or from a fit `begin`.
+
+    What layers did meanwhile and how the sensor lags have ridges and more than one summit: a few steps from each start,
+    the whole way from the best two.
+    """
+    tried: list[Learned] = []
+    for theta in starts:
+        tried.append(fitted(laws, units, theta, begin, stated, FEW_STEPS))
+    tried.sort(key=lambda one: -one.total)
+    ends = [fitted(laws, units, one.theta, one, stated) for one in tried[:2]]
+    return max(ends, key=lambda one: one.total)

@@ -122,7 +122,7 @@ def response(lags: tuple[tuple[Array, Array], ...], bins: FlightBins, air: Array
 
 
 def _time_constant(usual: float, name: str = "time_constant_s") -> LawParameter:
-    return LawParameter(name, "s", usual, 1.5, 0.1, 400.0, (1.0, 3.0, 8.0, 20.0, 60.0), log=True)
+    return LawParameter(name, "s", usual, 1.5, 0.1, 400.0, tuple(np.geomspace(0.7, 90.0, 13)), log=True)
 
 
 def _one_lag(values: Values, bins: FlightBins) -> tuple[tuple[Array, Array], ...]:

@@ -1,0 +1,343 @@
+"""What flights say of their sensor: all models in one race, judged by flights that were not fitted.
+
+    binned -> each channel's models fitted to all flights -> with the clock, both channels at once
+           -> density of each flight given those before it, under each pair of models -> weights -> what is named, tied, left open
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.estimate.predictive import weights
+from shockrig.analysis.learn.bins import CHANNELS, FlightBins, binned, why_nothing
+from shockrig.analysis.learn.density import FlightChannelData, prepared
+from shockrig.analysis.learn.fit import Learned, best_start, fitted, known_of, started
+from shockrig.analysis.learn.laws import LAWS, Law
+from shockrig.analysis.learn.passes import Disagreement, disagreement
+from shockrig.files.flight import Flight
+
+Array = NDArray[np.float64]
+
+BINS = 160  # of a flight
+FULL_RACE = 6  # flights on which all models race; more are weighed by the finalists alone
+FINALISTS = 4  # of each channel
+NAMED = 0.95  # probability from which a law is named
+POSSIBLE = 0.05  # probability from which it stands among what may be
+LAW_LOG_PRIOR = -1.5  # nats that a law beyond a lag has to gain
+SAME_LAG = 0.5  # standard uncertainty of ln tau from which a lag counts as not identifiable
+UNLIKE_SPEEDS = 1.5  # ratio of the speeds of passes from which they are more than one
+
+# What is fitted to each channel: names of its laws, with the first of which the others begin.
+MODELS: Mapping[str, tuple[tuple[str, ...], ...]] = {
+    "temperature": (
+        (),
+        ("lag",),
+        ("lag_in_the_cold",),
+        ("second_path",),
+        ("offset_in_descent",),
+        ("ventilated_warmth",),
+        ("lag", "offset_in_descent"),
+        ("lag", "ventilated_warmth"),
+    ),
+    "humidity": (
+        (),
+        ("lag",),
+        ("lag_in_the_cold",),
+        ("second_path",),
+        ("warm_die",),
+        ("late_die",),
+        ("lag", "offset_in_descent"),
+        ("lag", "warm_die"),
+        ("lag", "late_die"),
+    ),
+}
+CLOCK = LAWS["position.clock_offset"]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number of a law, in its own unit: value and standard uncertainty (of the logarithm's where `log`, relative)."""
+
+    name: str
+    unit: str
+    value: float
+    standard_uncertainty: float
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A law that may act: its probability, what would give it, its numbers under the likeliest model that has it."""
+
+    law: Law
+    probability: float
+    parameters: tuple[Parameter, ...]
+
+
+@dataclass(frozen=True)
+class ChannelLearned:
+    """What flights say of one channel.
+
+    Attributes
+    ----------
+    channel : str
+    verdict : str
+        "named", "tied", "not identifiable" or "adequate".
+    causes : tuple of Cause
+        Most probable first; those that are named, or tied.
+    why : str
+        Why a lag is not identifiable, or what cannot be told apart.
+    fit : Learned
+        The model with the largest weight.
+    lag : Learned
+        One lag alone: what a user would fit.
+    read, single, model : Disagreement
+        How far passes of the same flight disagree as read, and corrected on flights that were not fitted.
+    """
+
+    channel: str
+    verdict: str
+    causes: tuple[Cause, ...]
+    why: str
+    fit: Learned
+    lag: Learned
+    read: Disagreement
+    single: Disagreement
+    model: Disagreement
+
+
+@dataclass(frozen=True)
+class FlightsLearned:
+    """What flights say of their sensor.
+
+    `position` holds the shift of the track where it is named or may be; `left_out` names flights that say nothing, and
+    why; `bins` the flights as they were used.
+    """
+
+    bins: tuple[FlightBins, ...]
+    left_out: Mapping[str, str]
+    channels: Mapping[str, ChannelLearned]
+    position: tuple[Cause, ...] = ()
+    position_named: bool = False
+    weights: tuple[tuple[str, float], ...] = field(default=())
+
+
+def learn(
+    flights: Mapping[str, Flight],
+    stated: Mapping[str, tuple[float, float]] | None = None,
+    progress: Callable[[str], None] = lambda said: None,
+) -> FlightsLearned:
+    """Learn from flights of one sensor, by name.
+
+    Parameters
+    ----------
+    flights : mapping of name -> Flight
+    stated : mapping, optional
+        What a bench has found: channel.parameter -> mean and standard deviation on the scale that is fitted.
+    progress : callable
+        Is told what is being done.
+
+    Raises
+    ------
+    ValueError
+        No flight passes the same air twice.
+    """
+    left_out = {name: why for name, flight in flights.items() if (why := why_nothing(flight))}
+    used = tuple(binned(flight, name, BINS) for name, flight in flights.items() if name not in left_out)
+    alone = [one.name for one in used if len(one.passes) < 2]
+    left_out |= {name: "it passes no air twice: an ascent needs its descent" for name in alone}
+    used = tuple(one for one in used if one.name not in alone)
+    if not used:
+        raise ValueError("; ".join(f"{name}: {why}" for name, why in left_out.items()))
+    units = {c: [prepared(one, c) for one in used if one.has(c)] for c in CHANNELS}
+    channels = [c for c in CHANNELS if units[c]]
+    raced: dict[str, list[Learned]] = {}
+    for channel in channels:
+        raced[channel] = _raced(channel, units[channel], stated, progress)
+    progress("clock of the position")
+    joint = _with_clock(channels, raced, units, stated)
+    names = [one.name for one in used]
+    of = {c: [unit.bins.name for unit in units[c]] for c in channels}
+    pairs = list(product(*(raced[c] for c in channels)))
+    models: list[tuple[Learned, ...]] = [*pairs, *[(one,) for one in joint]]
+    scores, priors = [], []
+    for model in models:
+        total = np.zeros(len(names))
+        for part in model:
+            owners = [name for c in channels if _acts(part, c, model, channels) for name in of[c]]
+            for name, value in zip(owners, part.predicted(), strict=True):
+                total[names.index(name)] += value
+        scores.append(total)
+        laws = [law for part in model for law in part.laws]
+        priors.append(LAW_LOG_PRIOR * sum(law.key != "lag" for law in laws))
+    weight = weights(scores, priors)
+    found = {c: _judged(c, channels, models, weight, raced[c], used, units[c]) for c in channels}
+    clock = float(sum(w for w, model in zip(weight, models, strict=True) if CLOCK in _laws_of(model)))
+    position: tuple[Cause, ...] = ()
+    if clock >= POSSIBLE:
+        best = max((w, i) for i, (w, m) in enumerate(zip(weight, models, strict=True)) if CLOCK in _laws_of(m))[1]
+        position = (Cause(CLOCK, clock, _parameters(models[best][0], CLOCK)),)
+    table = sorted(
+        ((" + ".join(_said(law) for law in _laws_of(m)) or "nothing", float(w)) for w, m in zip(weight, models, strict=True)),
+        key=lambda row: -row[1],
+    )
+    return FlightsLearned(used, left_out, found, position, clock >= NAMED, tuple(table[:12]))
+
+
+def _acts(part: Learned, channel: str, model: tuple[Learned, ...], channels: Sequence[str]) -> bool:
+    """Whether a part of a model is fitted to a channel: one of its own, or all at once."""
+    return len(model) == 1 or model[channels.index(channel)] is part
+
+
+def _laws_of(model: tuple[Learned, ...]) -> tuple[Law, ...]:
+    return tuple(law for part in model for law in part.laws)
+
+
+def _said(law: Law) -> str:
+    return f"{law.channel or 'position'}.{law.key}"
+
+
+def _raced(
+    channel: str,
+    units: list[FlightChannelData],
+    stated: Mapping[str, tuple[float, float]] | None,
+    progress: Callable[[str], None],
+) -> list[Learned]:
+    """Each model of a channel, fitted to all flights."""
+    few = units if len(units) <= FULL_RACE else units[:: -(-len(units) // FULL_RACE)]
+    lag = LAWS[f"{channel}.lag"]
+    progress(f"{channel}: one lag")
+    first = best_start((lag,), few, started(lag), stated)
+    found: list[Learned] = []
+    for keys in MODELS[channel]:
+        laws = tuple(LAWS[f"{channel}.{key}"] for key in keys)
+        progress(f"{channel}: {' and '.join(keys).replace('_', ' ') or 'nothing'}")
+        if keys == ("lag",):
+            found.append(first)
+        elif not keys:
+            found.append(fitted((), few, np.array([]), None, stated))
+        elif keys[0] in ("lag", "lag_in_the_cold", "second_path"):
+            found.append(best_start(laws, few, _beside(laws, first), stated, first))
+        else:
+            found.append(best_start(laws, few, started(laws[0]), stated, found[0]))
+    if len(few) == len(units):
+        return found
+    order = sorted(found, key=lambda one: -float(one.predicted().sum()))
+    kept = [one for one in found if one in order[:FINALISTS] or one is first or not one.laws]
+    return [fitted(one.laws, units, one.theta, None, stated) for one in kept]
+
+
+def _beside(laws: tuple[Law, ...], lag: Learned) -> list[Array]:
+    """Starts of laws that have the lag's time constant, from where the lag alone ended."""
+    others = [known.parameter for known in known_of(laws) if known.name != "time_constant_s"]
+    grid = np.array(np.meshgrid(*[[p.encoded(s) for s in p.starts] for p in others], indexing="ij"))
+    return [np.r_[lag.theta, row] for row in grid.reshape(len(others), -1).T]
+
+
+def _with_clock(
+    channels: Sequence[str],
+    raced: Mapping[str, list[Learned]],
+    units: Mapping[str, list[FlightChannelData]],
+    stated: Mapping[str, tuple[float, float]] | None,
+) -> list[Learned]:
+    """The clock beside nothing, and beside each combination of the channels' lags and best models: all at once."""
+    every = [unit for c in channels for unit in units[c]]
+    options = []
+    for c in channels:
+        best = max(raced[c], key=lambda one: float(one.predicted().sum()) + LAW_LOG_PRIOR * len(one.laws))
+        lag = next(one for one in raced[c] if [law.key for law in one.laws] == ["lag"])
+        nothing = next(one for one in raced[c] if not one.laws)
+        options.append([one for i, one in enumerate((nothing, lag, best)) if one not in (nothing, lag, best)[:i]])
+    found = []
+    shift = None
+    for parts in product(*options):
+        laws = (CLOCK, *[law for part in parts for law in part.laws])
+        rest = np.concatenate([part.theta for part in parts]) if parts else np.array([])
+        starts = started(CLOCK) if shift is None else [shift, np.zeros(1)]
+        one = best_start(laws, every, [np.r_[start, rest] for start in starts], stated)
+        shift = one.theta[:1] if shift is None else shift
+        found.append(one)
+    return found
+
+
+def _parameters(fit: Learned, law: Law) -> tuple[Parameter, ...]:
+    covariance = fit.covariance
+    at, found = 0, []
+    for one in fit.laws:
+        for parameter in one.parameters:
+            if one is law:
+                value, sigma = parameter.decoded(float(fit.theta[at])), float(np.sqrt(covariance[at, at]))
+                found.append(Parameter(parameter.name, parameter.unit, value, sigma * (value if parameter.log else 1.0)))
+            at += 1
+    return tuple(found)
+
+
+def _judged(
+    channel: str,
+    channels: Sequence[str],
+    models: Sequence[tuple[Learned, ...]],
+    weight: Array,
+    raced: list[Learned],
+    used: Sequence[FlightBins],
+    units: list[FlightChannelData],
+) -> ChannelLearned:
+    """Verdict on a channel: probabilities of laws are sums of the weights of the models that have them."""
+
+    def part_of(model: tuple[Learned, ...]) -> Learned:
+        return model[0] if len(model) == 1 else model[channels.index(channel)]
+
+    mine = [tuple(law for law in part_of(model).laws if law.channel == channel) for model in models]
+    probability = {
+        law: float(sum(w for w, laws in zip(weight, mine, strict=True) if law in laws))
+        for law in LAWS.values()
+        if law.channel == channel
+    }
+    nothing = float(sum(w for w, laws in zip(weight, mine, strict=True) if not laws))
+    best = int(np.argmax(weight))
+    possible = sorted((law for law, p in probability.items() if p >= POSSIBLE), key=lambda law: -probability[law])
+    causes = []
+    for law in possible:
+        holder = max((w, i) for i, (w, laws) in enumerate(zip(weight, mine, strict=True)) if law in laws)[1]
+        causes.append(Cause(law, probability[law], _parameters(part_of(models[holder]), law)))
+    lag = next(one for one in raced if [law.key for law in one.laws] == ["lag"])
+    open_lag = float(np.sqrt(lag.covariance[0, 0])) > SAME_LAG
+    any_lag = sum(p for law, p in probability.items() if law.lags is not None)
+    named = [cause for cause in causes if cause.probability >= NAMED]
+    unsure = [cause for cause in causes if cause.probability < NAMED]
+    why = ""
+    if nothing >= POSSIBLE and any_lag < NAMED and open_lag:
+        verdict, why = "not identifiable", _why_open(used, units)
+    elif nothing > 1.0 - NAMED and not named:
+        verdict = "adequate" if nothing >= 0.5 else "tied"
+    else:
+        verdict = "tied" if unsure or any(len(cause.law.causes) > 1 for cause in named) else "named"
+    if verdict == "adequate":
+        causes = []
+    fit = part_of(models[best])
+    single = disagreement(units, lag, channel)
+    return ChannelLearned(
+        channel, verdict, tuple(causes), why, fit, lag, disagreement(units, None, channel), single,
+        disagreement(units, fit, channel, 0 if channel == channels[0] else len(fit.value) - len(units)),
+    )  # fmt: skip
+
+
+def _why_open(used: Sequence[FlightBins], units: Sequence[FlightChannelData]) -> str:
+    """Why the flights leave a lag open: what they do not vary."""
+    reasons = []
+    for unit in units:
+        value, altitude = unit.reading, unit.bins.altitude_m[unit.rows]
+        straight = np.polynomial.polynomial.Polynomial.fit(altitude, value, 1)(altitude)
+        if float(np.std(value - straight)) < 0.15:
+            reasons.append("the profile is a straight line, which a lag only shifts as an offset would")
+            break
+    speeds = [abs(p.climb_m_s) for one in used for p in one.passes]
+    if max(speeds) < UNLIKE_SPEEDS * min(speeds):
+        reasons.append("all passes have one speed")
+    apart = [float(np.diff([one.time_s[(p.first + p.last) // 2] for p in one.passes]).mean()) for one in used]
+    if min(apart) > 1800.0:
+        reasons.append(f"passes are {min(apart) / 60:.0f} minutes apart, in which the air changes by more than a lag does")
+    return "; ".join(reasons) or "the air changed between the passes by more than a lag of this sensor would show"

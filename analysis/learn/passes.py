@@ -1,0 +1,94 @@
+"""How far passes of one flight disagree, as read and as a model corrects them; the air of a pass from its own readings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.learn.density import MOVES, FlightChannelData, Sensor, air_of
+from shockrig.analysis.learn.fit import Learned
+
+Array = NDArray[np.float64]
+
+LAYERS = 25  # of a flight, at which passes are held beside one another
+LEAST_LAYERS = 3
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """Later pass less the earlier one at layers [K or %RH]: all of them, and the flight of each (l,)."""
+
+    flight: tuple[str, ...]
+    altitude_m: Array
+    off: Array
+
+    @property
+    def rms(self) -> float:
+        """Root mean square."""
+        return float(np.sqrt(np.mean(self.off**2))) if self.off.size else float("nan")
+
+    @property
+    def mean(self) -> float:
+        """Mean, with its sign."""
+        return float(np.mean(self.off)) if self.off.size else float("nan")
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation about each flight's own mean."""
+        if not self.off.size:
+            return float("nan")
+        names = np.array(self.flight)
+        left = self.off - np.array([self.off[names == name].mean() for name in names])
+        return float(np.sqrt(np.mean(left**2)))
+
+
+def disagreement(
+    units: Sequence[FlightChannelData], fit: Learned | None, channel: str, first: int = 0
+) -> Disagreement:
+    """How far neighbouring passes disagree: as read where there is no fit, else by a fit without that flight.
+
+    `first` is the place of the channel's first unit in a fit of more than one channel.
+    """
+    names: list[str] = []
+    heights, off = [], []
+    for i, unit in enumerate(units):
+        place = first + i
+        if fit is None:
+            sensor, own = Sensor((), {}), None
+        else:
+            sensor, own = fit.sensor(fit.without(place), channel), fit.sizes[place]
+        profiles = []
+        for one in unit.bins.passes:
+            rows = np.flatnonzero((unit.rows >= one.first) & (unit.rows <= one.last))
+            if rows.size < LEAST_LAYERS:
+                profiles.append(None)
+                continue
+            altitude = unit.bins.altitude_m[unit.rows[rows]]
+            profiles.append((altitude.min(), altitude.max(), rows))
+        layers = np.linspace(unit.knots[0], unit.knots[-1], LAYERS + 1)
+        middle = 0.5 * (layers[1:] + layers[:-1])
+        for before, after in zip(profiles[:-1], profiles[1:], strict=True):
+            if before is None or after is None:
+                continue
+            both = middle[(middle > max(before[0], after[0])) & (middle < min(before[1], after[1]))]
+            if both.size < LEAST_LAYERS:
+                continue
+            values = [_profile(unit, sensor, own, part[2], both) for part in (before, after)]
+            off.append(unit.unit * (values[1] - values[0]))
+            heights.append(both)
+            names.extend([unit.bins.name] * both.size)
+    return Disagreement(tuple(names), np.concatenate(heights) if heights else np.array([]), np.concatenate(off) if off else np.array([]))
+
+
+def _profile(unit: FlightChannelData, sensor: Sensor, own: Array | None, rows: NDArray[np.int64], at: Array) -> Array:
+    """A pass's profile at altitudes, over the channel's unit: of its readings alone, corrected where there is a model."""
+    if own is None:
+        altitude = unit.bins.altitude_m[unit.rows[rows]]
+        order = np.argsort(altitude)
+        return np.interp(at, altitude[order], unit.reading[rows][order])
+    still = own.copy()
+    still[-MOVES:] = 0.0
+    return air_of(unit, sensor, still, rows, at)
