@@ -38,6 +38,7 @@ COMMANDS = {
     "reveal": ("reveal", "open a sealed truth beside a diagnosis and score it"),
     "certify": ("certify", "write uncertainty budgets and a calibration certificate, also as DCC XML"),
     "history": ("history", "chart the campaigns of one serial number, and say what changed and since when"),
+    "learn": ("learn", "say what flights show of their sensor, without a bench"),
     "fleet": ("fleet", "say what many sensors of one type have in common, and which do not belong"),
     "correct": ("correct", "correct a flight's temperature and humidity with a profile"),
     "onboard": ("onboard", "write a profile's correction as a C and a Lua program for autopilots"),

@@ -1,9 +1,9 @@
 """How likely a flight's readings are under a model of the sensor, whatever the air was: closed form, with its slopes.
 
 The air is a random function of altitude and time, a(z, t) = g(z) + c(z, t). g is a straight line with unknown ends and
-a random walk along z; layers move up or down meanwhile, z -> z + m(z) t; c is what else changed, and grows with the time between
-two passes: as a whole, in layers, and by turbulence that is forgotten in minutes. The readings y of a channel are
-linear in g and c, so that they are Gaussian with covariance
+a random walk along z; layers move up or down meanwhile, z -> z + m(z) t; c is what else changed, and grows with the
+time between two passes: as a whole, in layers, and by turbulence that is forgotten in minutes. The readings y of a
+channel are linear in g and c, so that they are Gaussian with covariance
 
     S = H G W G' H' + sum_j exp(h_j) B_j,
 
@@ -33,7 +33,13 @@ EDDY_M, EDDY_S = 40.0, 60.0  # how far turbulence reaches, and how long it lasts
 AROUND_SHARE, AROUND_M = 0.05, 50.0  # of the range of altitudes, and at least: over which a profile is as steep
 LEAST_STEEPNESS = 0.05  # of the usual, where the readings are as flat as can be
 UNKNOWN = 30.0  # times a channel's own spread: what is known of the ends of the air's profile before any reading
-BEGIN = {"walk": 0.2, "drift": 0.03, "layers": 0.01, "eddies": 0.01, "noise": 0.01}  # where a fit begins: air that stays
+BEGIN = {
+    "walk": 0.2,
+    "drift": 0.03,
+    "layers": 0.01,
+    "eddies": 0.01,
+    "noise": 0.01,
+}  # where a fit begins: air that stays
 SIZE_SPREAD = 3.0  # of a size's logarithm, before any reading
 # Usual sizes, as a share of the channel's spread along the flight (standard deviations): the walk over the whole range
 # of altitudes, the change of all of the air and of layers by the flight's end, eddies, noise.
@@ -107,7 +113,17 @@ def prepared(bins: FlightBins, channel: str) -> FlightChannelData:
     spread = np.r_[np.full(sizes.size, SIZE_SPREAD), np.ones(MOVES)]
     moved_m = float(np.hypot(MOVED_M, MOVED_M_PER_H * bins.minutes / 60.0))
     return FlightChannelData(
-        bins, channel, rows, (value - value.mean()) / unit, unit, knots, _steepness(bins, channel, knots), changes, usual, spread, moved_m
+        bins,
+        channel,
+        rows,
+        (value - value.mean()) / unit,
+        unit,
+        knots,
+        _steepness(bins, channel, knots),
+        changes,
+        usual,
+        spread,
+        moved_m,
     )
 
 
@@ -208,7 +224,7 @@ def begun(data: FlightChannelData) -> Array:
 def density(
     data: FlightChannelData, sensor: Sensor, own: Array, parameters: tuple[tuple[str, float, bool], ...] = ()
 ) -> Density:
-    """The density under a sensor and a flight's own numbers (as `usual`); slopes over `parameters` (name, step, log)."""
+    """The density under a sensor and a flight's own numbers; slopes over `parameters` (name, step, log)."""
     sizes, moves = own[:-MOVES], own[-MOVES:]
     seen, residual = sensor.seen_air(data, moves), data.reading - sensor.offset(data)
     walk = np.exp(sizes[0])
@@ -222,7 +238,13 @@ def density(
     try:
         factor = cho_factor(covariance, lower=True, overwrite_a=True, check_finite=False)
     except np.linalg.LinAlgError:
-        return Density(-np.inf, np.zeros(len(parameters) + own.size), np.eye(len(parameters) + own.size), np.zeros(sizes.size), np.ones(sizes.size))
+        return Density(
+            -np.inf,
+            np.zeros(len(parameters) + own.size),
+            np.eye(len(parameters) + own.size),
+            np.zeros(sizes.size),
+            np.ones(sizes.size),
+        )
     lower = factor[0]
     v = cho_solve(factor, residual, check_finite=False)
     value = -0.5 * float(residual @ v) - float(np.log(lower.diagonal()).sum()) - index.size * np.log(data.unit)
@@ -234,7 +256,10 @@ def density(
     for name, step, log in parameters:
         at = sensor.values[name]
         ahead = Sensor(sensor.laws, {**sensor.values, name: at * np.exp(step) if log else at + step})
-        d_seen, d_offset = (ahead.seen_air(data, moves) - seen) / step, (ahead.offset(data) - sensor.offset(data)) / step
+        d_seen, d_offset = (
+            (ahead.seen_air(data, moves) - seen) / step,
+            (ahead.offset(data) - sensor.offset(data)) / step,
+        )
         through = d_seen @ (scaled.T @ v) + scaled @ (d_seen.T @ v)
         moved.append(through + np.sqrt(2.0) * d_offset)
         traces.append(2.0 * float(np.sum((inverse @ scaled) * d_seen)))

@@ -23,8 +23,9 @@ Array = NDArray[np.float64]
 MOST_STEPS = 25
 SCATTERS = (0.03, 0.07, 0.15, 0.3)  # of a parameter from flight to flight, in its own spread; the second is usual
 USUAL_SCATTER, SCATTER_SPREAD = 0.07, 0.7  # before any flight: in that unit, and of its logarithm
+FIRST_FLIGHTS, BEST_STARTS = 2, 2  # on which starts are tried, and how many of them go on
 FEW_STEPS = 5  # from each start, to see which leads furthest
-ENOUGH_NATS = 0.02  # that the next step would gain
+ENOUGH_NATS = 0.1  # that the next step would gain
 DIFFERENCE = 1e-3  # of a parameter's spread, over which slopes are taken
 LONGEST_STEP = 1.5  # of a parameter or a size, in its own spread: at most in one step
 
@@ -174,7 +175,7 @@ def fitted(
     stated: Mapping[str, tuple[float, float]] | None = None,
     most_steps: int = MOST_STEPS,
 ) -> Learned:
-    """The most likely parameters for all units (each a channel of a flight), from `theta` on, the air from a fit `begin`."""
+    """The most likely parameters for all units (a channel of a flight each), from `theta` and the air of `begin` on."""
     known = known_of(laws, stated)
     mean, weight = np.array([one.mean for one in known]), np.array([one.spread**-2.0 for one in known])
     low, high = np.array([one.low for one in known]), np.array([one.high for one in known])
@@ -272,14 +273,14 @@ def _learned(
         slopes.append(found.slope[:p] - cross @ solved[:, p])
         informations.append(found.information[:p, :p] - cross @ solved[:, :p])
         values.append(found.value - 0.5 * float(np.sum(((size - unit.usual) / unit.spread) ** 2)))
-    found = Learned(
+    whole = Learned(
         laws, known, state.theta, state.sizes, np.array(values), np.array(slopes).reshape(len(units), p),
         np.array(informations).reshape(len(units), p, p),
     )  # fmt: skip
     if not p:
-        return found
+        return whole
     return max(
-        (_scattered(found, scatter) for scatter in SCATTERS),
+        (_scattered(whole, scatter) for scatter in SCATTERS),
         key=lambda one: float(one[0]),
     )[1]
 
@@ -334,12 +335,21 @@ def best_start(
 ) -> Learned:
     """The likeliest fit from several starts, the air of each as fits begin it, or from a fit `begin`.
 
-    What layers did meanwhile and how the sensor lags have ridges and more than one summit: a few steps from each start,
-    the whole way from the best two.
+    What layers did meanwhile and how the sensor lags have ridges and more than one summit: a few steps from each start
+    on the first flights, the whole way on all from the best two.
     """
-    tried: list[Learned] = []
-    for theta in starts:
-        tried.append(fitted(laws, units, theta, begin, stated, FEW_STEPS))
-    tried.sort(key=lambda one: -one.total)
-    ends = [fitted(laws, units, one.theta, one, stated) for one in tried[:2]]
+    first = _first(units)
+    part = None if begin is None else replace(begin, sizes=tuple(begin.sizes[i] for i in first))
+    few = [units[i] for i in first]
+    tried = sorted((fitted(laws, few, theta, part, stated, FEW_STEPS) for theta in starts), key=lambda one: -one.total)
+    if len(few) < len(units):
+        ends = [fitted(laws, units, one.theta, begin, stated) for one in tried[:BEST_STARTS]]
+    else:
+        ends = [fitted(laws, units, one.theta, one, stated) for one in tried[:BEST_STARTS]]
     return max(ends, key=lambda one: one.total)
+
+
+def _first(units: Sequence[FlightChannelData]) -> list[int]:
+    """Places of the units of the first flights."""
+    names = list(dict.fromkeys(unit.bins.name for unit in units))[:FIRST_FLIGHTS]
+    return [i for i, unit in enumerate(units) if unit.bins.name in names]

@@ -1,7 +1,7 @@
 """What flights say of their sensor: all models in one race, judged by flights that were not fitted.
 
-    binned -> each channel's models fitted to all flights -> with the clock, both channels at once
-           -> density of each flight given those before it, under each pair of models -> weights -> what is named, tied, left open
+binned -> each channel's models fitted to all flights -> with the clock, both channels at once
+       -> density of each flight given those before it, under each pair of models -> weights -> what is named, tied, left open
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from shockrig.files.flight import Flight
 
 Array = NDArray[np.float64]
 
-BINS = 160  # of a flight
+BINS = 128  # of a flight
 FULL_RACE = 6  # flights on which all models race; more are weighed by the finalists alone
 FINALISTS = 4  # of each channel
 NAMED = 0.95  # probability from which a law is named
-POSSIBLE = 0.05  # probability from which it stands among what may be
-LAW_LOG_PRIOR = -1.5  # nats that a law beyond a lag has to gain
-SAME_LAG = 0.5  # standard uncertainty of ln tau from which a lag counts as not identifiable
+POSSIBLE = 0.1  # probability from which it stands among what may be
+LAW_LOG_PRIOR = -2.5  # nats that a law beyond a lag has to gain
+USUAL_LAG_S = {"temperature": 4.0, "humidity": 8.0}  # that flights which say nothing leave possible
 UNLIKE_SPEEDS = 1.5  # ratio of the speeds of passes from which they are more than one
 
 # What is fitted to each channel: names of its laws, with the first of which the others begin.
@@ -79,6 +79,15 @@ class Cause:
 
 
 @dataclass(frozen=True)
+class Rival:
+    """A model of one channel that may be right: its laws, their numbers in their own units, its probability."""
+
+    laws: tuple[Law, ...]
+    values: Mapping[str, float]
+    probability: float
+
+
+@dataclass(frozen=True)
 class ChannelLearned:
     """What flights say of one channel.
 
@@ -89,6 +98,10 @@ class ChannelLearned:
         "named", "tied", "not identifiable" or "adequate".
     causes : tuple of Cause
         Most probable first; those that are named, or tied.
+    rivals : tuple of Rival
+        Models that may be right, most probable first; at least two where the channel is tied or not identifiable.
+    limit_s : float
+        Up to where a single lag may be (95 %).
     why : str
         Why a lag is not identifiable, or what cannot be told apart.
     fit : Learned
@@ -102,6 +115,8 @@ class ChannelLearned:
     channel: str
     verdict: str
     causes: tuple[Cause, ...]
+    rivals: tuple[Rival, ...]
+    limit_s: float
     why: str
     fit: Learned
     lag: Learned
@@ -182,7 +197,10 @@ def learn(
         best = max((w, i) for i, (w, m) in enumerate(zip(weight, models, strict=True)) if CLOCK in _laws_of(m))[1]
         position = (Cause(CLOCK, clock, _parameters(models[best][0], CLOCK)),)
     table = sorted(
-        ((" + ".join(_said(law) for law in _laws_of(m)) or "nothing", float(w)) for w, m in zip(weight, models, strict=True)),
+        (
+            (" + ".join(_said(law) for law in _laws_of(m)) or "nothing", float(w))
+            for w, m in zip(weight, models, strict=True)
+        ),
         key=lambda row: -row[1],
     )
     return FlightsLearned(used, left_out, found, position, clock >= NAMED, tuple(table[:12]))
@@ -246,21 +264,26 @@ def _with_clock(
 ) -> list[Learned]:
     """The clock beside nothing, and beside each combination of the channels' lags and best models: all at once."""
     every = [unit for c in channels for unit in units[c]]
-    options = []
-    for c in channels:
-        best = max(raced[c], key=lambda one: float(one.predicted().sum()) + LAW_LOG_PRIOR * len(one.laws))
-        lag = next(one for one in raced[c] if [law.key for law in one.laws] == ["lag"])
-        nothing = next(one for one in raced[c] if not one.laws)
-        options.append([one for i, one in enumerate((nothing, lag, best)) if one not in (nothing, lag, best)[:i]])
-    found = []
-    shift = None
-    for parts in product(*options):
+    nothing = [next(one for one in raced[c] if not one.laws) for c in channels]
+    lag = [next(one for one in raced[c] if [law.key for law in one.laws] == ["lag"]) for c in channels]
+    best = [
+        max(raced[c], key=lambda one: float(one.predicted().sum()) + LAW_LOG_PRIOR * len(one.laws)) for c in channels
+    ]
+    combined = [lag, nothing, best]
+    if len(channels) > 1:
+        combined += [[nothing[0], lag[1]], [lag[0], nothing[1]]]
+    found: list[Learned] = []
+    done: list[tuple[Law, ...]] = []
+    shift: Array | None = None
+    for parts in combined:
         laws = (CLOCK, *[law for part in parts for law in part.laws])
-        rest = np.concatenate([part.theta for part in parts]) if parts else np.array([])
-        starts = started(CLOCK) if shift is None else [shift, np.zeros(1)]
-        one = best_start(laws, every, [np.r_[start, rest] for start in starts], stated)
-        shift = one.theta[:1] if shift is None else shift
-        found.append(one)
+        if laws in done:
+            continue
+        done.append(laws)
+        rest = np.concatenate([part.theta for part in parts])
+        starts = started(CLOCK) if shift is None else [shift]
+        found.append(best_start(laws, every, [np.r_[start, rest] for start in starts], stated))
+        shift = found[0].theta[:1]
     return found
 
 
@@ -271,7 +294,9 @@ def _parameters(fit: Learned, law: Law) -> tuple[Parameter, ...]:
         for parameter in one.parameters:
             if one is law:
                 value, sigma = parameter.decoded(float(fit.theta[at])), float(np.sqrt(covariance[at, at]))
-                found.append(Parameter(parameter.name, parameter.unit, value, sigma * (value if parameter.log else 1.0)))
+                found.append(
+                    Parameter(parameter.name, parameter.unit, value, sigma * (value if parameter.log else 1.0))
+                )
             at += 1
     return tuple(found)
 
@@ -304,23 +329,31 @@ def _judged(
         holder = max((w, i) for i, (w, laws) in enumerate(zip(weight, mine, strict=True)) if law in laws)[1]
         causes.append(Cause(law, probability[law], _parameters(part_of(models[holder]), law)))
     lag = next(one for one in raced if [law.key for law in one.laws] == ["lag"])
-    open_lag = float(np.sqrt(lag.covariance[0, 0])) > SAME_LAG
+    limit_s = float(np.exp(lag.theta[0] + 1.645 * np.sqrt(lag.covariance[0, 0])))
     any_lag = sum(p for law, p in probability.items() if law.lags is not None)
-    named = [cause for cause in causes if cause.probability >= NAMED]
-    unsure = [cause for cause in causes if cause.probability < NAMED]
+    sure = [cause for cause in causes if cause.probability >= NAMED and len(cause.law.causes) == 1]
     why = ""
-    if nothing >= POSSIBLE and any_lag < NAMED and open_lag:
+    if any_lag < NAMED and limit_s > USUAL_LAG_S[channel]:
         verdict, why = "not identifiable", _why_open(used, units)
-    elif nothing > 1.0 - NAMED and not named:
-        verdict = "adequate" if nothing >= 0.5 else "tied"
+    elif nothing >= 0.5:
+        verdict, causes = "adequate", []
     else:
-        verdict = "tied" if unsure or any(len(cause.law.causes) > 1 for cause in named) else "named"
-    if verdict == "adequate":
-        causes = []
+        verdict = "named" if causes and len(sure) == len(causes) else "tied"
     fit = part_of(models[best])
     single = disagreement(units, lag, channel)
+    rivals: dict[tuple[Law, ...], Rival] = {}
+    for i in np.argsort(-weight).tolist():
+        laws = mine[i]
+        before = rivals.get(laws)
+        if before is None:
+            rivals[laws] = Rival(laws, part_of(models[i]).sensor(channel=channel).values, float(weight[i]))
+        else:
+            rivals[laws] = Rival(laws, before.values, before.probability + float(weight[i]))
+    ranked = sorted(rivals.values(), key=lambda one: -one.probability)
+    kept = [one for k, one in enumerate(ranked) if k < 2 or one.probability >= POSSIBLE]
     return ChannelLearned(
-        channel, verdict, tuple(causes), why, fit, lag, disagreement(units, None, channel), single,
+        channel, verdict, tuple(causes), tuple(kept), limit_s, why, fit, lag,
+        disagreement(units, None, channel), single,
         disagreement(units, fit, channel, 0 if channel == channels[0] else len(fit.value) - len(units)),
     )  # fmt: skip
 
@@ -339,5 +372,7 @@ def _why_open(used: Sequence[FlightBins], units: Sequence[FlightChannelData]) ->
         reasons.append("all passes have one speed")
     apart = [float(np.diff([one.time_s[(p.first + p.last) // 2] for p in one.passes]).mean()) for one in used]
     if min(apart) > 1800.0:
-        reasons.append(f"passes are {min(apart) / 60:.0f} minutes apart, in which the air changes by more than a lag does")
+        reasons.append(
+            f"passes are {min(apart) / 60:.0f} minutes apart, in which the air changes by more than a lag does"
+        )
     return "; ".join(reasons) or "the air changed between the passes by more than a lag of this sensor would show"

@@ -1,4 +1,4 @@
-"""How far passes of one flight disagree, as read and as a model corrects them; the air of a pass from its own readings."""
+"""How far passes of one flight disagree, as read and as a model corrects them."""
 
 from __future__ import annotations
 
@@ -45,9 +45,7 @@ class Disagreement:
         return float(np.sqrt(np.mean(left**2)))
 
 
-def disagreement(
-    units: Sequence[FlightChannelData], fit: Learned | None, channel: str, first: int = 0
-) -> Disagreement:
+def disagreement(units: Sequence[FlightChannelData], fit: Learned | None, channel: str, first: int = 0) -> Disagreement:
     """How far neighbouring passes disagree: as read where there is no fit, else by a fit without that flight.
 
     `first` is the place of the channel's first unit in a fit of more than one channel.
@@ -60,14 +58,14 @@ def disagreement(
             sensor, own = Sensor((), {}), None
         else:
             sensor, own = fit.sensor(fit.without(place), channel), fit.sizes[place]
-        profiles = []
+        profiles: list[tuple[float, float, NDArray[np.int64]] | None] = []
         for one in unit.bins.passes:
             rows = np.flatnonzero((unit.rows >= one.first) & (unit.rows <= one.last))
             if rows.size < LEAST_LAYERS:
                 profiles.append(None)
                 continue
             altitude = unit.bins.altitude_m[unit.rows[rows]]
-            profiles.append((altitude.min(), altitude.max(), rows))
+            profiles.append((float(altitude.min()), float(altitude.max()), rows))
         layers = np.linspace(unit.knots[0], unit.knots[-1], LAYERS + 1)
         middle = 0.5 * (layers[1:] + layers[:-1])
         for before, after in zip(profiles[:-1], profiles[1:], strict=True):
@@ -80,11 +78,12 @@ def disagreement(
             off.append(unit.unit * (values[1] - values[0]))
             heights.append(both)
             names.extend([unit.bins.name] * both.size)
-    return Disagreement(tuple(names), np.concatenate(heights) if heights else np.array([]), np.concatenate(off) if off else np.array([]))
+    none = [np.array([])]
+    return Disagreement(tuple(names), np.concatenate(heights or none), np.concatenate(off or none))
 
 
 def _profile(unit: FlightChannelData, sensor: Sensor, own: Array | None, rows: NDArray[np.int64], at: Array) -> Array:
-    """A pass's profile at altitudes, over the channel's unit: of its readings alone, corrected where there is a model."""
+    """A pass's profile at altitudes, over the channel's unit: of its readings alone, corrected by a model."""
     if own is None:
         altitude = unit.bins.altitude_m[unit.rows[rows]]
         order = np.argsort(altitude)

@@ -78,6 +78,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--humidity-noise-percent", type=float, help="noise floor of the flight's film")
 
 
+def chosen_columns(choices: list[str]) -> dict[str, str]:
+    """Columns that were chosen as QUANTITY=NAME.
+
+    Raises
+    ------
+    InputError
+        Names the choice that is none.
+    """
+    from shockrig.files.errors import InputError
+
+    columns = {}
+    for choice in choices:
+        quantity, equals, name = choice.partition("=")
+        if not equals or quantity not in QUANTITIES:
+            raise InputError(f"--column {choice}: expected QUANTITY=NAME with a quantity of {', '.join(QUANTITIES)}")
+        columns[quantity] = name
+    return columns
+
+
 def main(args: argparse.Namespace) -> int:
     """Correct the flight and print what was done."""
     from shockrig.analysis.flight.comparisons import PARTED, Layers
@@ -92,12 +111,7 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.protocols.time_left import CountedRows
     from shockrig.protocols.wmo import demand_position, of_argument
 
-    columns = {}
-    for choice in args.column:
-        quantity, equals, name = choice.partition("=")
-        if not equals or quantity not in QUANTITIES:
-            raise InputError(f"--column {choice}: expected QUANTITY=NAME with a quantity of {', '.join(QUANTITIES)}")
-        columns[quantity] = name
+    columns = chosen_columns(args.column)
     if args.out.suffix.lower() in FIGURES and args.wmo is None:
         raise InputError(f"--out {args.out}: figures are written as .png; the flight itself as .csv or .nc")
     if args.no_report and args.report is not None:

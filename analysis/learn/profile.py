@@ -1,0 +1,167 @@
+"""A sensor profile from flights, and what a bench's profile says before them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from shockrig.analysis.learn.laws import REFERENCE_TEMPERATURE_C, air_temperature
+from shockrig.analysis.learn.learn import Cause, ChannelLearned, FlightsLearned, Parameter
+from shockrig.files.causes import StatedEffect, Uncertain
+from shockrig.files.errors import InputError
+from shockrig.files.profile import DiffusivityRow, HumidityProfile, Profile, TemperatureProfile
+from shockrig.files.profile_data import BEAD_RADIUS_M, FILM_THICKNESS_M
+
+ROWS_K = 10.0  # between rows of a table of D over temperature
+LIKELIER = 0.5  # probability from which a cause's effect goes into the profile
+EFFECTS = {  # law -> effect of the catalogue that a correction takes off
+    "temperature.ventilated_warmth": "self_heating",
+    "humidity.late_die": "die_thermal_lag",
+}
+
+
+def stated_by(profile: Profile, temperature_c: float) -> dict[str, tuple[float, float]]:
+    """What a bench has found, as `learn` takes it: mean and standard deviation of ln tau.
+
+    Raises
+    ------
+    InputError
+        The profile states no response time.
+    """
+    found = {}
+    if (t := profile.temperature) is not None:
+        relative = t.thermal_diffusivity_m2_s.standard_uncertainty / t.thermal_diffusivity_m2_s.value
+        found["temperature.time_constant_s"] = (_log_time(t.response_time_s, "temperature"), relative)
+    if (h := profile.humidity) is not None:
+        row = min(h.diffusivity_table, key=lambda one: abs(one.ambient_temperature_c - temperature_c))
+        relative = row.standard_uncertainty / row.diffusivity_m2_s
+        found["humidity.time_constant_s"] = (_log_time(row.response_time_s, "humidity"), relative)
+    return {key: (mean, max(sigma, 1e-3)) for key, (mean, sigma) in found.items()}
+
+
+def _log_time(times: Any, channel: str) -> float:
+    if times is None:
+        raise InputError(f"--profile: {channel} states no response time (response_time_s); characterize anew")
+    return float(np.log(times.t63_s))
+
+
+def learned_profile(
+    learned: FlightsLearned, provenance: Mapping[str, Any], bench: Profile | None = None
+) -> Profile | None:
+    """A profile of first-order sensors with the lags that flights show; a bench's with its rates moved by them.
+
+    None where no flight shows a lag and there is no bench's. A lag that is not identifiable is not in it.
+    """
+    temperature, humidity = (_shown(learned.channels.get(c)) for c in ("temperature", "humidity"))
+    if bench is not None:
+        return _moved(bench, temperature, humidity, learned, provenance)
+    if temperature is None and humidity is None:
+        return None
+    sensors: dict[str, Any] = {}
+    bead = film = None
+    if temperature is not None:
+        tau = temperature["time_constant_s"]
+        alpha = BEAD_RADIUS_M**2 / tau.value
+        bead = TemperatureProfile(
+            Uncertain(alpha, alpha * tau.standard_uncertainty / tau.value),
+            effects=_effects(learned.channels["temperature"], temperature),
+        )
+        sensors["imet"] = {"kind": "learned from flights", "body": "lumped"}
+    if humidity is not None:
+        film = HumidityProfile(_table(learned, humidity), effects=_effects(learned.channels["humidity"], humidity))
+        sensors["hyt"] = {"kind": "learned from flights", "body": "lumped"}
+    return Profile(bead, film, sensors, dict(provenance))
+
+
+def _shown(channel: ChannelLearned | None) -> dict[str, Parameter] | None:
+    """Parameters of the likeliest law that gives a channel its lag, where flights show one."""
+    if channel is None or channel.verdict in ("adequate", "not identifiable"):
+        return None
+    lags = [cause for cause in channel.causes if cause.law.lags is not None]
+    return {one.name: one for one in lags[0].parameters} if lags else None
+
+
+def _table(learned: FlightsLearned, shown: Mapping[str, Parameter]) -> tuple[DiffusivityRow, ...]:
+    """D of a first-order film over the temperatures that were flown."""
+    flown = np.concatenate([air_temperature(one) for one in learned.bins])
+    low, high = float(flown.min()), float(flown.max())
+    tau = shown["time_constant_s"]
+    growth = shown.get("growth_per_k")
+    rows = []
+    for ambient in np.linspace(low, high, max(int(np.ceil((high - low) / ROWS_K)) + 1, 2)):
+        cold = REFERENCE_TEMPERATURE_C - ambient
+        here, relative = tau.value, tau.standard_uncertainty / tau.value
+        if growth is not None:
+            middle = REFERENCE_TEMPERATURE_C - float(flown.mean())
+            here *= float(np.exp(growth.value * cold))
+            # uncertain as it is in the middle of what was flown, and more towards the ends
+            relative = float(np.hypot(min(relative, 0.5), growth.standard_uncertainty * (cold - middle)))
+        d = FILM_THICKNESS_M**2 / here
+        rows.append(DiffusivityRow(float(ambient), d, d * relative))
+    return tuple(rows)
+
+
+def _effects(channel: ChannelLearned, shown: Mapping[str, Parameter]) -> tuple[StatedEffect, ...]:
+    found = []
+    if "fraction" in shown:
+        second = {"fraction": shown["fraction"], "time_constant_s": shown["second_time_constant_s"]}
+        found.append(_effect("parallel_lag", second, None))
+    for cause in channel.causes:
+        effect = EFFECTS.get(f"{cause.law.channel}.{cause.law.key}")
+        if effect is not None and cause.probability >= LIKELIER and _can_be(cause):
+            numbers = {} if effect == "die_thermal_lag" else {one.name: one for one in cause.parameters}
+            found.append(_effect(effect, numbers, cause.probability))
+    return tuple(found)
+
+
+def _can_be(cause: Cause) -> bool:
+    """Whether the catalogue's effect can have such a value: a current only warms."""
+    return all(one.value >= 0 for one in cause.parameters)
+
+
+def _effect(name: str, numbers: Mapping[str, Parameter], probability: float | None) -> StatedEffect:
+    stated = {key: Uncertain(one.value, one.standard_uncertainty) for key, one in numbers.items()}
+    return StatedEffect(name, stated, probability)
+
+
+def _moved(
+    bench: Profile,
+    temperature: Mapping[str, Parameter] | None,
+    humidity: Mapping[str, Parameter] | None,
+    learned: FlightsLearned,
+    provenance: Mapping[str, Any],
+) -> Profile:
+    """A bench's profile, its rates times what the flights moved the response time by."""
+    flown = np.concatenate([air_temperature(one) for one in learned.bins])
+    before = stated_by(bench, float(flown.mean()))
+    bead, film = bench.temperature, bench.humidity
+    if bead is not None and temperature is not None:
+        tau = temperature["time_constant_s"]
+        alpha = bead.thermal_diffusivity_m2_s.value * np.exp(before["temperature.time_constant_s"][0]) / tau.value
+        bead = replace(
+            bead,
+            thermal_diffusivity_m2_s=Uncertain(float(alpha), float(alpha * tau.standard_uncertainty / tau.value)),
+            response_time_s=None,
+            effects=(*bead.effects, *_effects(learned.channels["temperature"], temperature)),
+        )
+    if film is not None and humidity is not None:
+        tau = humidity["time_constant_s"]
+        ratio = float(np.exp(before["humidity.time_constant_s"][0]) / tau.value)
+        relative = tau.standard_uncertainty / tau.value
+        film = replace(
+            film,
+            diffusivity_table=tuple(
+                replace(
+                    row,
+                    diffusivity_m2_s=row.diffusivity_m2_s * ratio,
+                    standard_uncertainty=row.diffusivity_m2_s * ratio * relative,
+                    response_time_s=None,
+                )
+                for row in film.diffusivity_table
+            ),
+            effects=(*film.effects, *_effects(learned.channels["humidity"], humidity)),
+        )
+    return replace(bench, temperature=bead, humidity=film, provenance=dict(provenance))
