@@ -1,4 +1,5 @@
-"""shockrig plan: the runs to record next for given goals, as a protocol that `run` takes, or why there are none."""
+"""shockrig plan: the runs to record next for given goals, as a protocol that `run` takes, or why there are none; or the
+flight that would decide what flights left open, as a mission."""
 
 from __future__ import annotations
 
@@ -13,16 +14,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
         "Every decision is kept in CAMPAIGN/decisions.jsonl. What is written with --out is a protocol: shockrig run "
         "NEXT.toml --out CAMPAIGN goes on with the campaign; any other program may record the runs of NEXT.json. A "
-        "diagnosis of the campaign as it is, in its folder or beside it, is used and not made once more."
+        "diagnosis of the campaign as it is, in its folder or beside it, is used and not made once more. "
+        "With --flights there is no bench: of what flights left open it says which flight would decide most per minute, and --out "
+        "writes it as a mission."
     )
-    parser.add_argument("campaign", metavar="CAMPAIGN", type=Path, help="campaign folder; may be empty or not there")
+    parser.add_argument(
+        "campaign", metavar="CAMPAIGN", nargs="?", type=Path, help="campaign folder; may be empty or not there"
+    )
     parser.add_argument(
         "--until",
         metavar="GOALS",
-        required=True,
         help='such as "alpha 0.2 %%, D 0.3 %%, ties decided"; "minutes 90" limits the bench time',
     )
-    parser.add_argument("--out", metavar="NEXT.toml", type=Path, required=True, help="the protocol, with NEXT.json")
+    parser.add_argument(
+        "--out",
+        metavar="NEXT.toml",
+        type=Path,
+        help="the protocol, with NEXT.json; with --flights a mission, NEXT.waypoints or NEXT.plan",
+    )
     parser.add_argument("--runs", metavar="N", type=int, default=6, help="how many runs to choose at most (6)")
     parser.add_argument("--probe", metavar="NAME", help=BY_WHICH)
     parser.add_argument(
@@ -32,9 +41,88 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="what other sensors of the type say, as shockrig fleet wrote it",
     )
     parser.add_argument("--bench", metavar="BENCH.toml", type=Path, help="choose only what this bench can do")
+    flights = parser.add_argument_group("the flight that would decide")
+    flights.add_argument("--flights", metavar="LEARNED", type=Path, help="folder that shockrig learn wrote")
+    flights.add_argument(
+        "--home",
+        metavar="LAT,LON,ALT",
+        help="where the drone takes off, altitude above the sea (as learned); write --home=-33.5,151,20 south of the "
+        "equator",
+    )
+    flights.add_argument("--ceiling", metavar="M", type=float, help="highest altitude above home (120)")
+    flights.add_argument("--endurance", metavar="MIN", type=float, help="how long the drone flies (20)")
 
 
 def main(args: argparse.Namespace) -> int:
+    from shockrig.files.errors import InputError
+
+    if args.flights is not None:
+        for name in ("campaign", "until", "probe", "fleet", "bench"):
+            if getattr(args, name) is not None:
+                shown_name = "CAMPAIGN" if name == "campaign" else f"--{name}"
+                raise InputError(f"{shown_name} is for a bench; leave it out with --flights")
+        return _plan_flight(args)
+    for name in ("home", "ceiling", "endurance"):
+        if getattr(args, name) is not None:
+            raise InputError(f"--{name} is of a flight; give --flights LEARNED, the folder that shockrig learn wrote")
+    for name, value in (("CAMPAIGN", args.campaign), ("--until GOALS", args.until), ("--out NEXT.toml", args.out)):
+        if value is None:
+            raise InputError(f"{name} is missing; shockrig plan --help says what it takes")
+    return _plan_runs(args)
+
+
+def _plan_flight(args: argparse.Namespace) -> int:
+    from shockrig.analysis.plan.decide_flight import AT_NIGHT, FlightLimits, advice, by_night, ranked
+    from shockrig.analysis.plan.mission import mission_of, words
+    from shockrig.files.disk import demand_place, shown
+    from shockrig.files.errors import InputError
+    from shockrig.files.learned import read_learned
+    from shockrig.files.mission import write_mission
+
+    if args.out is not None:
+        demand_place(args.out)  # before the work
+        if args.out.suffix not in (".waypoints", ".plan"):
+            raise InputError(f"--out {shown(args.out)}: a mission's name ends in .waypoints or .plan; name it so")
+    path = args.flights / "learned.json"
+    learned = read_learned(path)
+    home = learned.home if args.home is None else _place(args.home)
+    if home is None and args.out is not None:
+        raise InputError(f"{shown(path)} does not say where home is; give --home LAT,LON,ALT")
+    given = {"ceiling_m": args.ceiling, "endurance_minutes": args.endurance}
+    limits = FlightLimits(**{name: value for name, value in given.items() if value is not None})
+    flights = ranked(learned, home or (0.0, 0.0, 0.0), limits)  # without home no mission is written
+    best = flights[0]
+    print(f"the next flight: {best.what}; {advice(best)}")
+    print("\n".join(f"  {sentence}" for sentence in words(best.plan)))
+    if by_night(learned):
+        print(f"  {AT_NIGHT}")
+    for channel, one in learned.channels.items():
+        models = [" and ".join(rival.laws).replace("_", " ") or "nothing" for rival in one.rivals]
+        if len(models) > 1:
+            print(f"{channel}: {best.nats_of[channel]:.1f} nats expected between {' / '.join(models)}")
+    print("nats a minute, nats, minutes:")
+    for flight in flights:
+        print(f"  {flight.nats_per_minute:8.2f} {flight.nats:8.1f} {flight.minutes:6.1f}  {flight.what}")
+    if args.out is not None:
+        write_mission(args.out, mission_of(best.plan))
+        print(f"mission: {args.out}")
+    return 0
+
+
+def _place(text: str) -> tuple[float, float, float]:
+    """LAT,LON,ALT as numbers; what they can be is the plan's to say."""
+    from shockrig.files.errors import InputError
+
+    try:
+        latitude, longitude, altitude = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(
+            f"--home {text!r}: expected latitude, longitude [deg] and altitude [m], such as 46.81,6.94,491"
+        ) from None
+    return latitude, longitude, altitude
+
+
+def _plan_runs(args: argparse.Namespace) -> int:
     from shockrig.analysis.plan.decide import anything, decide
     from shockrig.analysis.plan.decision import CONTINUE, log_entry, plan_document, remembered
     from shockrig.analysis.plan.goals import parse_goals

@@ -1,0 +1,347 @@
+"""The flight that would decide between models of a sensor: expected information of candidate flights, per minute.
+
+Under model i the readings of a flight are Gaussian with covariance S_i and offset d_i, as `analysis.learn.density` has
+them. It leaves the line through the air's profile open (a wide prior); a flight to come meets air of the usual slope,
+under which the readings' covariance is A_i. What it is expected to say for i where i is right, against j, is
+
+    D(i, j) = E_i[ln p_i - ln p_j] = 1/2 (tr(S_j^-1 (A_i + d d') - S_i^-1 A_i) + ln|S_j| - ln|S_i|),   d = d_i - d_j
+
+nats, a difference of two Kullback-Leibler divergences, and one where A is S (Kullback 1959, ch. 9); at its least over
+what j may say of the air instead: its sizes and the moves of its layers, each with the prior that a fit gives it. So
+nothing counts that a change of the air would explain as well. The information of a flight is the mean of D over
+ordered pairs of candidates, by their weights, added over channels.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from shockrig.analysis.learn.bins import LEAST_PASS_M, FlightBins, binned
+from shockrig.analysis.learn.density import MOVE_STEP, MOVES, UNKNOWN, FlightChannelData, Sensor, prepared
+from shockrig.analysis.learn.fit import LONGEST_STEP
+from shockrig.analysis.learn.laws import LAWS, REFERENCE_TEMPERATURE_C, Law
+from shockrig.analysis.plan.legs import Climb, Descend, Hover, Leg, OutAndBack, Spiral, Turn, end_m, seconds_of
+from shockrig.analysis.plan.mission import (
+    LANDING_FROM_M,
+    LANDING_M_S,
+    LEGAL_CEILING_M,
+    LEVEL_USUAL_M_S,
+    TAKEOFF_M_S,
+    FlightPlan,
+    minutes,
+)
+from shockrig.files.errors import InputError
+from shockrig.files.flight import Flight
+from shockrig.files.learned import REMEDY, LearnedChannel, LearnedFile
+from shockrig.files.spelling import did_you_mean
+
+Array = NDArray[np.float64]
+
+BINS = 64  # of a candidate flight: as fine as two models of a sensor differ
+EVENLY = math.sqrt(12.0)  # range of what is spread evenly, over its standard deviation
+STEPS, BEGIN_DAMPING = 5, 1e-3  # towards the air that suits the other model best
+MOST_CANDIDATES = 3  # of a channel: the most probable, each against each
+ENDURANCE_MINUTES = 20.0  # of a usual multicopter
+SLOW_M_S, SLOW_LEVEL_M_S = 1.0, 2.0
+SLOWEST_SHARE = 0.4  # of the endurance that a slow climb takes at most
+HOVER_S = 120.0  # twice the time that a stem or a housing usually takes
+LEVEL_S = 60.0  # out and back at one airspeed
+USUAL_HUMIDITY_PERCENT = 50.0
+USUAL_LAPSE_K_PER_M = 0.0065  # ISO 2533, where flights said nothing of temperature
+DECISIVE_NATS = math.log(20.0)  # 20 to 1, at which `learn` names
+LEAST_NATS = 0.05  # of a flight that says anything
+SUNLIT = ("ventilated_warmth", "warm_die")
+AT_NIGHT = (
+    "Fly the same once more at night or under a closed cloud. Warmth that stays is the sensor's own; warmth that goes "
+    "is the sun's."
+)
+
+
+@dataclass(frozen=True)
+class FlightLimits:
+    """What a drone may and can do: ceiling above home [m], endurance [min], top speeds up, down and level [m/s]."""
+
+    ceiling_m: float = LEGAL_CEILING_M
+    endurance_minutes: float = ENDURANCE_MINUTES
+    climb_m_s: float = 5.0
+    descent_m_s: float = 3.0
+    level_m_s: float = LEVEL_USUAL_M_S
+
+
+@dataclass(frozen=True)
+class SensorCandidate:
+    """A model of the sensor on one channel that may be right, and its weight among the others."""
+
+    sensor: Sensor
+    weight: float
+
+
+@dataclass(frozen=True)
+class DecidingFlight:
+    """A flight that could be flown: in a word what it is, its plan, and the nats expected of each channel."""
+
+    what: str
+    plan: FlightPlan
+    nats_of: Mapping[str, float]
+
+    @property
+    def nats(self) -> float:
+        """Of all channels."""
+        return sum(self.nats_of.values())
+
+    @property
+    def minutes(self) -> float:
+        """From takeoff to landing."""
+        return minutes(self.plan)
+
+    @property
+    def nats_per_minute(self) -> float:
+        """What it is ranked by."""
+        return self.nats / self.minutes
+
+
+def ranked(learned: LearnedFile, home: tuple[float, float, float], limits: FlightLimits) -> list[DecidingFlight]:
+    """Flights within limits by the information that a minute brings, most first.
+
+    Raises
+    ------
+    InputError
+        No flight is within the limits, or a model is none that is known.
+    """
+    candidates = {channel: candidates_of(channel, one) for channel, one in learned.channels.items()}
+    found = []
+    for what, plan in menu(home, limits):
+        bins = planned_bins(plan, learned)
+        nats = {channel: expected_nats(bins, channel, learned, models) for channel, models in candidates.items()}
+        found.append(DecidingFlight(what, plan, nats))
+    return sorted(found, key=lambda one: -one.nats_per_minute)
+
+
+def candidates_of(channel: str, learned: LearnedChannel) -> tuple[SensorCandidate, ...]:
+    """The most probable models of a channel; raises InputError where one is not known."""
+    found = []
+    for i, one in enumerate(learned.rivals[:MOST_CANDIDATES]):
+        where = f"channels.{channel}.rivals[{i}]"
+        laws = tuple(_law(f"{where}.laws", channel, key) for key in one.laws)
+        for parameter in (parameter for law in laws for parameter in law.parameters):
+            value = one.values.get(parameter.name, math.nan)
+            if not parameter.low <= value <= parameter.high:
+                raise InputError(
+                    f"{where}.values: {parameter.name} {value:g}; expected {parameter.low:g} to {parameter.high:g} "
+                    f"{parameter.unit}; {REMEDY}"
+                )
+        found.append(SensorCandidate(Sensor(laws, one.values), one.probability))
+    return tuple(found)
+
+
+def _law(where: str, channel: str, key: str) -> Law:
+    found = LAWS.get(f"{channel}.{key}") or LAWS.get(f"position.{key}")
+    if found is None:
+        known = [law.key for law in LAWS.values() if law.channel in ("", channel)]
+        raise InputError(f"{where}: no law {key!r}{did_you_mean(key, known)}; {REMEDY}")
+    return found
+
+
+def by_night(learned: LearnedFile) -> bool:
+    """Whether a flight without sun would say more: radiation and a sensor's own warmth are one law by day."""
+    return any(key in SUNLIT for one in learned.channels.values() for model in one.rivals for key in model.laws)
+
+
+def advice(flight: DecidingFlight) -> str:
+    """How often a flight has to be flown before it decides, in a sentence."""
+    if flight.nats < LEAST_NATS:
+        return "nothing that a flight of this menu would decide is left open"
+    times = math.ceil(DECISIVE_NATS / flight.nats)
+    odds = f"{flight.nats:.1f} nats are expected of it, 3 of which are 20 to 1"
+    return f"{odds}: once should decide" if times == 1 else f"{odds}: about {times} such flights decide"
+
+
+def menu(home: tuple[float, float, float], limits: FlightLimits) -> list[tuple[str, FlightPlan]]:
+    """Candidate flights within limits, each with what it is in a word.
+
+    Raises
+    ------
+    InputError
+        There is none: the ceiling is too low, or the drone cannot fly so long.
+    """
+    low, top = LANDING_FROM_M, limits.ceiling_m
+    if not top >= low + 2.0 * LEAST_PASS_M:
+        raise InputError(
+            f"a ceiling of {top:g} m above home leaves no air to pass twice; expected {low + 2.0 * LEAST_PASS_M:g} m "
+            "or more"
+        )
+    middle = round(0.5 * (low + top))
+    fast_up, fast_down = limits.climb_m_s, limits.descent_m_s
+    usual_up, usual_down = min(TAKEOFF_M_S, fast_up), min(TAKEOFF_M_S, fast_down)
+    slow = min(max(SLOW_M_S, (top - low) / (SLOWEST_SHARE * 60.0 * limits.endurance_minutes)), fast_up)
+    level, slow_level = limits.level_m_s, min(SLOW_LEVEL_M_S, 0.5 * limits.level_m_s)
+    up, down = Climb(top, fast_up), Descend(low, fast_down)
+    hover, inside = Hover(top, HOVER_S), Hover(middle, HOVER_S)
+    flights: dict[str, tuple[Leg, ...]] = {
+        "up and down at one speed": (Climb(top, usual_up), Descend(low, usual_down)),
+        "up and down fast": (up, down),
+        "slow up, fast down": (Climb(top, slow), down),
+        "fast up, a hover at the top, fast down": (up, hover, down),
+        "slow up, a hover at the top, fast down": (Climb(top, slow), hover, down),
+        "fast up and down with a hover halfway": (Climb(middle, fast_up), inside, Climb(top, fast_up), down),
+        "up and down twice in a row": (up, down, up, down),
+        "up and down, slow and then fast": (Climb(top, slow), down, up, Descend(low, min(slow, fast_down))),
+        "level out and back at two airspeeds": (
+            Climb(middle, usual_up),
+            OutAndBack(LEVEL_S * slow_level, slow_level),
+            OutAndBack(LEVEL_S * level, level),
+            Descend(low, usual_down),
+        ),
+    }
+    found = []
+    for what, legs in flights.items():
+        plan = FlightPlan(home, legs, takeoff_m=low, ceiling_m=top)  # raises where the place or a speed cannot be
+        if minutes(plan) <= limits.endurance_minutes:
+            found.append((what, plan))
+    if not found:
+        raise InputError(
+            f"no flight to {top:g} m takes less than {limits.endurance_minutes:g} minutes; give a lower ceiling or a "
+            "longer endurance"
+        )
+    return found
+
+
+def planned_bins(plan: FlightPlan, learned: LearnedFile) -> FlightBins:
+    """Bins of a flight as they will be, read once a second in calm air."""
+    times, heights, airspeeds, at_m = [0.0], [0.0], [], 0.0
+    for leg in (Climb(plan.takeoff_m, TAKEOFF_M_S), *plan.legs, Descend(0.0, LANDING_M_S)):
+        times.append(times[-1] + seconds_of(leg, at_m))
+        airspeeds.append(_airspeed(leg))
+        at_m = end_m(leg, at_m)
+        heights.append(at_m)
+    time = np.arange(0.0, times[-1], 1.0)
+    airspeed = np.array(airspeeds)[np.searchsorted(times, time, side="right") - 1]
+    return bins_along(time, np.interp(time, times, heights), airspeed, learned)
+
+
+def _airspeed(leg: Leg) -> float:
+    """In calm air [m/s]."""
+    match leg:
+        case Climb(_, speed) | Descend(_, speed) | OutAndBack(_, speed) | Turn(_, _, speed) | Spiral(_, _, _, speed):
+            return speed
+        case Hover():
+            return 0.0
+
+
+def bins_along(time_s: Array, altitude_m: Array, airspeed_m_s: Array, learned: LearnedFile) -> FlightBins:
+    """Bins of a track (n,) through air that changes evenly with altitude, by as much as the flights showed."""
+    temperature, humidity = learned.channels.get("temperature"), learned.channels.get("humidity")
+    mean_c = temperature.mean if temperature and temperature.mean is not None else REFERENCE_TEMPERATURE_C
+    percent = humidity.mean if humidity and humidity.mean is not None else USUAL_HUMIDITY_PERCENT
+    lapse = temperature.unit * EVENLY / float(np.ptp(learned.altitude_m)) if temperature else USUAL_LAPSE_K_PER_M
+    unknown = np.full(time_s.size, np.nan)
+    flight = Flight(
+        time_s=time_s,
+        temperature_c=mean_c - lapse * (altitude_m - altitude_m.mean()),
+        humidity_percent=np.full(time_s.size, percent),
+        airspeed_m_s=airspeed_m_s,
+        die_temperature_c=unknown,
+        pressure_hpa=unknown,
+        altitude_m=altitude_m,
+    )
+    return binned(flight, "the next flight", BINS)
+
+
+def planned_data(bins: FlightBins, channel: str, learned: LearnedFile) -> FlightChannelData:
+    """A channel of a flight to come, ready: nobody knows yet where its air is steep."""
+    data = prepared(bins, channel)
+    return replace(data, unit=learned.channels[channel].unit, steps=np.ones(data.steps.size))
+
+
+def planned_sizes(bins: FlightBins, channel: str, learned: LearnedFile) -> Array:
+    """The flight's own numbers as `density` takes them: what the flights showed, over its altitudes and its minutes."""
+    walk, drift, layers, eddies, noise = learned.channels[channel].sizes
+    longer = 0.0 if learned.minutes is None else math.log(bins.minutes / learned.minutes)
+    higher = math.log(float(np.ptp(bins.within_altitudes)) / float(np.ptp(learned.altitude_m)))
+    return np.r_[walk + higher, drift + longer, layers + longer, eddies, noise, np.zeros(MOVES)]
+
+
+def usual_line(bins: FlightBins, learned: LearnedFile) -> float:
+    """Variance of the slope's column of a flight's air: as steep as readings are that spread evenly over altitudes."""
+    higher = float(np.ptp(bins.within_altitudes)) / float(np.ptp(learned.altitude_m))
+    return (EVENLY / 2.0 * higher / UNKNOWN) ** 2
+
+
+def expected_nats(bins: FlightBins, channel: str, learned: LearnedFile, candidates: Sequence[SensorCandidate]) -> float:
+    """Mean of what a flight says over ordered pairs of candidates, by the product of their weights [nats]; 0 where
+    there is one."""
+    weights = [one.weight * other.weight for one, other in permutations(candidates, 2)]
+    if not sum(weights) > 0.0:
+        return 0.0
+    data, own = planned_data(bins, channel, learned), planned_sizes(bins, channel, learned)
+    line = usual_line(bins, learned)
+    pairs = permutations([one.sensor for one in candidates], 2)
+    return float(np.average([nats_against(data, own, line, right, other) for right, other in pairs], weights=weights))
+
+
+def nats_against(data: FlightChannelData, own: Array, line: float, right: Sensor, other: Sensor) -> float:
+    """Nats that readings under `right`, with the air's numbers `own` and its `line`, are expected to speak against
+    `other`."""
+    truth = _covariance(data, own, right, right.seen_air(data, own[-MOVES:]), line)
+    off = right.offset(data) - other.offset(data)
+    expected = truth + np.outer(off, off)
+    at, damping = own, BEGIN_DAMPING
+    value, slope, information = _against(data, at, other, expected)
+    for _ in range(STEPS):
+        curved = information + np.diag(data.spread**-2.0)
+        curved += damping * np.diag(curved.diagonal())
+        step = np.linalg.solve(curved, slope - (at - own) / data.spread**2)
+        ahead = at + step * min(1.0, LONGEST_STEP / max(float(np.max(np.abs(step) / data.spread)), 1e-12))
+        tried, *slopes = _against(data, ahead, other, expected)
+        if tried + _prior_nats(data, ahead - own) < value + _prior_nats(data, at - own):
+            at, value, damping = ahead, tried, damping / 8.0
+            slope, information = slopes
+        else:
+            damping = 8.0 * max(damping, 1e-2)
+    return max(value + _prior_nats(data, at - own) - _against(data, own, right, truth)[0], 0.0)
+
+
+def _prior_nats(data: FlightChannelData, moved: Array) -> float:
+    return 0.5 * float(np.sum((moved / data.spread) ** 2))
+
+
+def _covariance(data: FlightChannelData, own: Array, sensor: Sensor, seen: Array, line: float = 1.0) -> Array:
+    """Of a flight's readings (m, m) under a model that sees the air as `seen`; before a flight whose `line` is known,
+    the sensor is settled."""
+    sizes = np.exp(own[:-MOVES])
+    found = (seen * np.r_[1.0, line, sizes[0] * data.steps]) @ seen.T
+    found += np.tensordot(sizes[1:-1], data.changes, axes=1) + sizes[-1] * np.eye(seen.shape[0])
+    if line < 1.0:
+        return np.asarray(found)
+    start = sensor.settling(data)
+    return np.asarray(found + UNKNOWN**2 * np.outer(start, start))
+
+
+def _against(data: FlightChannelData, own: Array, sensor: Sensor, expected: Array) -> tuple[float, Array, Array]:
+    """Mean of minus the log density of readings of second moment `expected`, less n/2 ln 2 pi [nats]; the slope of the
+    log density over the air's own numbers, and its information."""
+    sizes, moves = np.exp(own[:-MOVES]), own[-MOVES:]
+    seen = sensor.seen_air(data, moves)
+    try:
+        factor = cho_factor(_covariance(data, own, sensor, seen), lower=True, check_finite=False)
+    except np.linalg.LinAlgError:
+        return math.inf, np.zeros(own.size), np.eye(own.size)
+    scaled = seen * np.r_[1.0, 1.0, sizes[0] * data.steps]
+    covariance_slopes = [scaled[:, 2:] @ seen[:, 2:].T]
+    covariance_slopes += [size * change for size, change in zip(sizes[1:-1], data.changes, strict=True)]
+    covariance_slopes.append(sizes[-1] * np.eye(seen.shape[0]))
+    for unit in MOVE_STEP * np.eye(MOVES):
+        through = ((sensor.seen_air(data, moves + unit) - seen) / MOVE_STEP) @ scaled.T
+        covariance_slopes.append(through + through.T)
+    weighed = cho_solve(factor, expected, check_finite=False)
+    solved = np.stack([cho_solve(factor, one, check_finite=False) for one in covariance_slopes])
+    value = 0.5 * float(weighed.trace()) + float(np.log(factor[0].diagonal()).sum())
+    slope = 0.5 * (np.einsum("kij,ji->k", solved, weighed) - np.einsum("kii->k", solved))
+    return value, slope, 0.5 * np.einsum("kij,lji->kl", solved, solved, optimize=True)
