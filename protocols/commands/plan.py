@@ -15,8 +15,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "Every decision is kept in CAMPAIGN/decisions.jsonl. What is written with --out is a protocol: shockrig run "
         "NEXT.toml --out CAMPAIGN goes on with the campaign; any other program may record the runs of NEXT.json. A "
         "diagnosis of the campaign as it is, in its folder or beside it, is used and not made once more. "
-        "With --flights there is no bench: of what flights left open it says which flight would decide most per minute, and --out "
-        "writes it as a mission."
+        "With --flights there is no bench: it says which flight would decide most per minute of what is left open, "
+        "and --out writes it as a mission."
     )
     parser.add_argument(
         "campaign", metavar="CAMPAIGN", nargs="?", type=Path, help="campaign folder; may be empty or not there"
