@@ -55,6 +55,7 @@ HOVER_S = 120.0  # twice the time that a stem or a housing usually takes
 LEVEL_S = 60.0  # out and back at one airspeed
 USUAL_HUMIDITY_PERCENT = 50.0
 USUAL_LAPSE_K_PER_M = 0.0065  # ISO 2533, where flights said nothing of temperature
+ROUNDED = 1e-6
 DECISIVE_NATS = math.log(20.0)  # 20 to 1, at which `learn` names
 LEAST_NATS = 0.05  # of a flight that says anything
 SUNLIT = ("ventilated_warmth", "warm_die")
@@ -132,7 +133,8 @@ def candidates_of(channel: str, learned: LearnedChannel) -> tuple[SensorCandidat
         laws = tuple(_law(f"{where}.laws", channel, key) for key in one.laws)
         for parameter in (parameter for law in laws for parameter in law.parameters):
             value = one.values.get(parameter.name, math.nan)
-            if not parameter.low <= value <= parameter.high:
+            slack = ROUNDED * (1.0 + abs(value))  # a fit ends at a bound, and is rounded
+            if not parameter.low - slack <= value <= parameter.high + slack:
                 raise InputError(
                     f"{where}.values: {parameter.name} {value:g}; expected {parameter.low:g} to {parameter.high:g} "
                     f"{parameter.unit}; {REMEDY}"
