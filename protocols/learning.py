@@ -103,6 +103,7 @@ def _channel(one: ChannelLearned, learned: FlightsLearned) -> dict[str, Any]:
             {"laws": [law.key for law in rival.laws], "values": dict(rival.values), "probability": rival.probability}
             for rival in one.rivals
         ],
+        "refuted": list(one.refuted),
         "passes_disagree": {
             "as_read": one.read.rms,
             "one_lag": one.single.rms,

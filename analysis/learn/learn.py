@@ -1,7 +1,7 @@
 """What flights say of their sensor: all models in one race, judged by flights that were not fitted.
 
 binned -> each channel's models fitted to all flights -> with the clock, both channels at once
-       -> density of each flight given those before it, under each pair of models -> weights -> what is named, tied, left open
+       -> density of each flight given those before it -> weights of models -> verdicts
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from shockrig.analysis.learn.bins import CHANNELS, FlightBins, binned, why_nothi
 from shockrig.analysis.learn.density import FlightChannelData, prepared
 from shockrig.analysis.learn.fit import Learned, best_start, fitted, known_of, started
 from shockrig.analysis.learn.laws import LAWS, Law
-from shockrig.analysis.learn.passes import Disagreement, disagreement
+from shockrig.analysis.learn.passes import Disagreement, disagreement, refutes
 from shockrig.files.flight import Flight
 
 Array = NDArray[np.float64]
@@ -100,6 +100,8 @@ class ChannelLearned:
         Most probable first; those that are named, or tied.
     rivals : tuple of Rival
         Models that may be right, most probable first; at least two where the channel is tied or not identifiable.
+    refuted : tuple of str
+        Models that make passes less alike in structure than they are as read.
     limit_s : float
         Up to where a single lag may be (95 %).
     why : str
@@ -116,6 +118,7 @@ class ChannelLearned:
     verdict: str
     causes: tuple[Cause, ...]
     rivals: tuple[Rival, ...]
+    refuted: tuple[str, ...]
     limit_s: float
     why: str
     fit: Learned
@@ -173,8 +176,18 @@ def learn(
     raced: dict[str, list[Learned]] = {}
     for channel in channels:
         raced[channel] = _raced(channel, units[channel], stated, progress)
+    lags = {c: next(one for one in raced[c] if [law.key for law in one.laws] == ["lag"]) for c in channels}
     progress("clock of the position")
     joint = _with_clock(channels, raced, units, stated)
+    progress("what the structure of the passes refutes")
+    refuted: dict[str, tuple[str, ...]] = {}
+    for c in channels:
+        read = disagreement(units[c], None, c)
+        out = [one for one in raced[c] if one.laws and refutes(read, disagreement(units[c], one, c))]
+        refuted[c] = tuple(" and ".join(law.key for law in one.laws) for one in out)
+        raced[c] = [one for one in raced[c] if not any(one is other for other in out)]
+        first = 0 if c == channels[0] else len(units[channels[0]])
+        joint = [one for one in joint if not refutes(read, disagreement(units[c], one, c, first))]
     names = [one.name for one in used]
     of = {c: [unit.bins.name for unit in units[c]] for c in channels}
     pairs = list(product(*(raced[c] for c in channels)))
@@ -190,7 +203,7 @@ def learn(
         laws = [law for part in model for law in part.laws]
         priors.append(LAW_LOG_PRIOR * sum(law.key != "lag" for law in laws))
     weight = weights(scores, priors)
-    found = {c: _judged(c, channels, models, weight, raced[c], used, units[c]) for c in channels}
+    found = {c: _judged(c, channels, models, weight, lags[c], refuted[c], used, units[c]) for c in channels}
     clock = float(sum(w for w, model in zip(weight, models, strict=True) if CLOCK in _laws_of(model)))
     position: tuple[Cause, ...] = ()
     if clock >= POSSIBLE:
@@ -245,7 +258,7 @@ def _raced(
     if len(few) == len(units):
         return found
     order = sorted(found, key=lambda one: -float(one.predicted().sum()))
-    kept = [one for one in found if one in order[:FINALISTS] or one is first or not one.laws]
+    kept = [one for one in found if any(one is x for x in order[:FINALISTS]) or one is first or not one.laws]
     return [fitted(one.laws, units, one.theta, None, stated) for one in kept]
 
 
@@ -306,7 +319,8 @@ def _judged(
     channels: Sequence[str],
     models: Sequence[tuple[Learned, ...]],
     weight: Array,
-    raced: list[Learned],
+    lag: Learned,
+    refuted: tuple[str, ...],
     used: Sequence[FlightBins],
     units: list[FlightChannelData],
 ) -> ChannelLearned:
@@ -328,7 +342,6 @@ def _judged(
     for law in possible:
         holder = max((w, i) for i, (w, laws) in enumerate(zip(weight, mine, strict=True)) if law in laws)[1]
         causes.append(Cause(law, probability[law], _parameters(part_of(models[holder]), law)))
-    lag = next(one for one in raced if [law.key for law in one.laws] == ["lag"])
     limit_s = float(np.exp(lag.theta[0] + 1.645 * np.sqrt(lag.covariance[0, 0])))
     any_lag = sum(p for law, p in probability.items() if law.lags is not None)
     sure = [cause for cause in causes if cause.probability >= NAMED and len(cause.law.causes) == 1]
@@ -352,7 +365,7 @@ def _judged(
     ranked = sorted(rivals.values(), key=lambda one: -one.probability)
     kept = [one for k, one in enumerate(ranked) if k < 2 or one.probability >= POSSIBLE]
     return ChannelLearned(
-        channel, verdict, tuple(causes), tuple(kept), limit_s, why, fit, lag,
+        channel, verdict, tuple(causes), tuple(kept), refuted, limit_s, why, fit, lag,
         disagreement(units, None, channel), single,
         disagreement(units, fit, channel, 0 if channel == channels[0] else len(fit.value) - len(units)),
     )  # fmt: skip

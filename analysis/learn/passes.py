@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from shockrig.analysis.learn.density import MOVES, FlightChannelData, Sensor, air_of
 from shockrig.analysis.learn.fit import Learned
@@ -35,6 +36,11 @@ class Disagreement:
         """Mean, with its sign."""
         return float(np.mean(self.off)) if self.off.size else float("nan")
 
+    def of(self, name: str) -> Disagreement:
+        """That of one flight."""
+        mine = np.array([one == name for one in self.flight])
+        return Disagreement((name,) * int(mine.sum()), self.altitude_m[mine], self.off[mine])
+
     @property
     def spread(self) -> float:
         """Standard deviation about each flight's own mean."""
@@ -43,6 +49,21 @@ class Disagreement:
         names = np.array(self.flight)
         left = self.off - np.array([self.off[names == name].mean() for name in names])
         return float(np.sqrt(np.mean(left**2)))
+
+
+def refutes(read: Disagreement, corrected: Disagreement) -> bool:
+    """Whether the structure of the passes refutes a correction: they are less alike with it than as read.
+
+    A response that is right brings kinks and layers of two passes together. A mean difference may be the air's or an
+    offset, and does not count; flights do, by how far they agree that it got worse (Student's, 95 %).
+    """
+    names = sorted(set(read.flight) & set(corrected.flight))
+    if not names:
+        return False
+    worse = np.array([corrected.of(name).spread ** 2 - read.of(name).spread ** 2 for name in names])
+    if worse.size == 1:
+        return bool(corrected.spread > read.spread)
+    return bool(worse.mean() > stdtrit(worse.size - 1.0, 0.95) * worse.std(ddof=1) / np.sqrt(worse.size))
 
 
 def disagreement(units: Sequence[FlightChannelData], fit: Learned | None, channel: str, first: int = 0) -> Disagreement:

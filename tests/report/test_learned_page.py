@@ -42,7 +42,7 @@ def apart(size, names=("one", "two")):
 def channel(name, said, causes=(), why="", model=0.1, names=("one", "two")):
     lag = fit(f"{name}.lag", np.log(5.0))
     off = [apart(size, names) for size in (0.6, 0.2, model)]
-    return ChannelLearned(name, said, causes, (), 9.0, why, lag, lag, *off)
+    return ChannelLearned(name, said, causes, (), (), 9.0, why, lag, lag, *off)
 
 
 LAG = Cause(LAWS["temperature.lag"], 0.991, (Parameter("time_constant_s", "s", 5.0, 0.3),))
