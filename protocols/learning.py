@@ -12,7 +12,7 @@ from shockrig.files.errors import InputError
 from shockrig.files.flight import Flight
 
 if TYPE_CHECKING:
-    from shockrig.analysis.learn.learn import Cause, ChannelLearned, FlightsLearned
+    from shockrig.analysis.learn.learn import ChannelLearned, FlightCause, FlightsLearned
     from shockrig.files.profile import Profile
 
 
@@ -105,14 +105,13 @@ def _channel(one: ChannelLearned, learned: FlightsLearned) -> dict[str, Any]:
         ],
         "refuted": list(one.refuted),
         "passes_disagree": {
-            "as_read": one.read.rms,
-            "one_lag": one.single.rms,
-            "model": one.model.rms,
+            key: {"mean": off.mean, "about_it": off.spread}
+            for key, off in (("as_read", one.read), ("one_lag", one.single), ("model", one.model))
         },
     }
 
 
-def _cause(cause: Cause) -> dict[str, Any]:
+def _cause(cause: FlightCause) -> dict[str, Any]:
     return {
         "law": cause.law.key,
         "would_be": list(cause.law.causes),
@@ -139,17 +138,31 @@ def _home(flights: Mapping[str, Flight]) -> list[float] | None:
     return None
 
 
+def disagree(one: ChannelLearned) -> str:
+    """How far passes of a flight disagree, in a sentence."""
+    unit = "K" if one.channel == "temperature" else "%RH"
+    parts = [
+        f"{name} by {off.mean:+.2g} on average and {off.spread:.2g} {unit} about it"
+        for name, off in (("as read", one.read), ("with one lag", one.single), ("with the model", one.model))
+    ]
+    said = f"passes of flights that were not fitted differ {', '.join(parts)}"
+    if one.verdict != "adequate" and not one.gains:
+        said += ": no gain, so the profile leaves this channel as it is read"
+    return said
+
+
 def sentence(one: ChannelLearned) -> str:
     """A channel's verdict in a sentence."""
     said = ", or ".join(_said(cause) for cause in one.causes)
     if one.verdict == "adequate":
         return f"{one.channel}: adequate: no lag above {one.limit_s:.2g} s, and nothing else shows"
     if one.verdict == "not identifiable":
-        return f"{one.channel}: not identifiable from these flights: {one.why}"
+        others = f"; it may be: {said}" if said else ""
+        return f"{one.channel}: a lag is not identifiable from these flights: {one.why}{others}"
     return f"{one.channel}: {one.verdict}: {said}"
 
 
-def _said(cause: Cause) -> str:
+def _said(cause: FlightCause) -> str:
     numbers = ", ".join(f"{p.value:.3g} ± {p.standard_uncertainty:.2g} {p.unit}" for p in cause.parameters)
     names = " or ".join(name.replace("_", " ") for name in cause.law.causes)
     if cause.law.key == "lag_in_the_cold":

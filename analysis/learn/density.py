@@ -146,7 +146,7 @@ def _steepness(bins: FlightBins, channel: str, knots: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Sensor:
+class SensorModel:
     """A model of the sensor on one channel: laws, and the values of their parameters."""
 
     laws: tuple[Law, ...]
@@ -222,7 +222,7 @@ def begun(data: FlightChannelData) -> Array:
 
 
 def density(
-    data: FlightChannelData, sensor: Sensor, own: Array, parameters: tuple[tuple[str, float, bool], ...] = ()
+    data: FlightChannelData, sensor: SensorModel, own: Array, parameters: tuple[tuple[str, float, bool], ...] = ()
 ) -> Density:
     """The density under a sensor and a flight's own numbers; slopes over `parameters` (name, step, log)."""
     sizes, moves = own[:-MOVES], own[-MOVES:]
@@ -255,7 +255,7 @@ def density(
     moved, traces, pulled = [], [], []
     for name, step, log in parameters:
         at = sensor.values[name]
-        ahead = Sensor(sensor.laws, {**sensor.values, name: at * np.exp(step) if log else at + step})
+        ahead = SensorModel(sensor.laws, {**sensor.values, name: at * np.exp(step) if log else at + step})
         d_seen, d_offset = (
             (ahead.seen_air(data, moves) - seen) / step,
             (ahead.offset(data) - sensor.offset(data)) / step,
@@ -289,7 +289,7 @@ def density(
     return Density(value, slope, information, grown, np.maximum(np.array(traces[first : first + sizes.size]), 1.0))
 
 
-def air_of(data: FlightChannelData, sensor: Sensor, own: Array, rows: NDArray[np.int64], at: Array) -> Array:
+def air_of(data: FlightChannelData, sensor: SensorModel, own: Array, rows: NDArray[np.int64], at: Array) -> Array:
     """The air at altitudes `at` (q,) that some readings alone leave, over the channel's unit: its expected value."""
     sizes, moves = own[:-MOVES], own[-MOVES:]
     seen = sensor.seen_air(data, moves)[rows]

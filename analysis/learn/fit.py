@@ -12,7 +12,7 @@ from shockrig.analysis.learn.density import (
     MOVES,
     Density,
     FlightChannelData,
-    Sensor,
+    SensorModel,
     begun,
     density,
 )
@@ -115,11 +115,11 @@ class Learned:
         wide = root @ axes
         return np.asarray((wide * np.maximum(values, 1.0)) @ wide.T)
 
-    def sensor(self, theta: Array | None = None, channel: str | None = None) -> Sensor:
+    def sensor(self, theta: Array | None = None, channel: str | None = None) -> SensorModel:
         """The model of the sensor, at theta or at another; of one channel alone."""
         theta = self.theta if theta is None else theta
         laws = tuple(law for law in self.laws if channel is None or law.channel in ("", channel))
-        return Sensor(laws, values_of(self.laws, self.known, theta, channel))
+        return SensorModel(laws, values_of(self.laws, self.known, theta, channel))
 
     def without(self, unit: int) -> Array:
         """Theta where one unit is left out."""
@@ -241,7 +241,7 @@ def _at(
     total = -0.5 * sum(((t - one.mean) / one.spread) ** 2 for t, one in zip(theta, known, strict=True))
     for unit, size in zip(units, sizes, strict=True):
         mine = tuple(law for law in laws if law.channel in ("", unit.channel))
-        sensor = Sensor(mine, values_of(laws, known, theta, unit.channel))
+        sensor = SensorModel(mine, values_of(laws, known, theta, unit.channel))
         which = [i for i, law in enumerate(_law_of(laws)) if law.channel in ("", unit.channel)]
         slopes = tuple((known[i].name, DIFFERENCE * known[i].spread, known[i].parameter.log) for i in which)
         part = density(unit, sensor, size, slopes)

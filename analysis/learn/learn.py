@@ -60,7 +60,7 @@ CLOCK = LAWS["position.clock_offset"]
 
 
 @dataclass(frozen=True)
-class Parameter:
+class LearnedNumber:
     """A number of a law, in its own unit: value and standard uncertainty (of the logarithm's where `log`, relative)."""
 
     name: str
@@ -70,12 +70,12 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Cause:
+class FlightCause:
     """A law that may act: its probability, what would give it, its numbers under the likeliest model that has it."""
 
     law: Law
     probability: float
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[LearnedNumber, ...]
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class ChannelLearned:
     channel : str
     verdict : str
         "named", "tied", "not identifiable" or "adequate".
-    causes : tuple of Cause
+    causes : tuple of FlightCause
         Most probable first; those that are named, or tied.
     rivals : tuple of Rival
         Models that may be right, most probable first; at least two where the channel is tied or not identifiable.
@@ -116,7 +116,7 @@ class ChannelLearned:
 
     channel: str
     verdict: str
-    causes: tuple[Cause, ...]
+    causes: tuple[FlightCause, ...]
     rivals: tuple[Rival, ...]
     refuted: tuple[str, ...]
     limit_s: float
@@ -126,6 +126,11 @@ class ChannelLearned:
     read: Disagreement
     single: Disagreement
     model: Disagreement
+
+    @property
+    def gains(self) -> bool:
+        """Whether passes of flights that were not fitted are more alike with the model than as read."""
+        return self.model.spread < self.read.spread
 
 
 @dataclass(frozen=True)
@@ -139,7 +144,7 @@ class FlightsLearned:
     bins: tuple[FlightBins, ...]
     left_out: Mapping[str, str]
     channels: Mapping[str, ChannelLearned]
-    position: tuple[Cause, ...] = ()
+    position: tuple[FlightCause, ...] = ()
     position_named: bool = False
     weights: tuple[tuple[str, float], ...] = field(default=())
 
@@ -205,10 +210,10 @@ def learn(
     weight = weights(scores, priors)
     found = {c: _judged(c, channels, models, weight, lags[c], refuted[c], used, units[c]) for c in channels}
     clock = float(sum(w for w, model in zip(weight, models, strict=True) if CLOCK in _laws_of(model)))
-    position: tuple[Cause, ...] = ()
+    position: tuple[FlightCause, ...] = ()
     if clock >= POSSIBLE:
         best = max((w, i) for i, (w, m) in enumerate(zip(weight, models, strict=True)) if CLOCK in _laws_of(m))[1]
-        position = (Cause(CLOCK, clock, _parameters(models[best][0], CLOCK)),)
+        position = (FlightCause(CLOCK, clock, _parameters(models[best][0], CLOCK)),)
     table = sorted(
         (
             (" + ".join(_said(law) for law in _laws_of(m)) or "nothing", float(w))
@@ -300,7 +305,7 @@ def _with_clock(
     return found
 
 
-def _parameters(fit: Learned, law: Law) -> tuple[Parameter, ...]:
+def _parameters(fit: Learned, law: Law) -> tuple[LearnedNumber, ...]:
     covariance = fit.covariance
     at, found = 0, []
     for one in fit.laws:
@@ -308,7 +313,7 @@ def _parameters(fit: Learned, law: Law) -> tuple[Parameter, ...]:
             if one is law:
                 value, sigma = parameter.decoded(float(fit.theta[at])), float(np.sqrt(covariance[at, at]))
                 found.append(
-                    Parameter(parameter.name, parameter.unit, value, sigma * (value if parameter.log else 1.0))
+                    LearnedNumber(parameter.name, parameter.unit, value, sigma * (value if parameter.log else 1.0))
                 )
             at += 1
     return tuple(found)
@@ -341,7 +346,7 @@ def _judged(
     causes = []
     for law in possible:
         holder = max((w, i) for i, (w, laws) in enumerate(zip(weight, mine, strict=True)) if law in laws)[1]
-        causes.append(Cause(law, probability[law], _parameters(part_of(models[holder]), law)))
+        causes.append(FlightCause(law, probability[law], _parameters(part_of(models[holder]), law)))
     limit_s = float(np.exp(lag.theta[0] + 1.645 * np.sqrt(lag.covariance[0, 0])))
     any_lag = sum(p for law, p in probability.items() if law.lags is not None)
     sure = [cause for cause in causes if cause.probability >= NAMED and len(cause.law.causes) == 1]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from shockrig.analysis.learn.density import MOVES, FlightChannelData, Sensor, air_of
+from shockrig.analysis.learn.density import MOVES, FlightChannelData, SensorModel, air_of
 from shockrig.analysis.learn.fit import Learned
 
 Array = NDArray[np.float64]
@@ -76,7 +76,7 @@ def disagreement(units: Sequence[FlightChannelData], fit: Learned | None, channe
     for i, unit in enumerate(units):
         place = first + i
         if fit is None:
-            sensor, own = Sensor((), {}), None
+            sensor, own = SensorModel((), {}), None
         else:
             sensor, own = fit.sensor(fit.without(place), channel), fit.sizes[place]
         profiles: list[tuple[float, float, NDArray[np.int64]] | None] = []
@@ -103,7 +103,9 @@ def disagreement(units: Sequence[FlightChannelData], fit: Learned | None, channe
     return Disagreement(tuple(names), np.concatenate(heights or none), np.concatenate(off or none))
 
 
-def _profile(unit: FlightChannelData, sensor: Sensor, own: Array | None, rows: NDArray[np.int64], at: Array) -> Array:
+def _profile(
+    unit: FlightChannelData, sensor: SensorModel, own: Array | None, rows: NDArray[np.int64], at: Array
+) -> Array:
     """A pass's profile at altitudes, over the channel's unit: of its readings alone, corrected by a model."""
     if own is None:
         altitude = unit.bins.altitude_m[unit.rows[rows]]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from shockrig.analysis.learn.laws import REFERENCE_TEMPERATURE_C, air_temperature
-from shockrig.analysis.learn.learn import Cause, ChannelLearned, FlightsLearned, Parameter
+from shockrig.analysis.learn.learn import ChannelLearned, FlightCause, FlightsLearned, LearnedNumber
 from shockrig.files.causes import StatedEffect, Uncertain
 from shockrig.files.errors import InputError
 from shockrig.files.profile import DiffusivityRow, HumidityProfile, Profile, TemperatureProfile
@@ -53,7 +53,8 @@ def learned_profile(
 ) -> Profile | None:
     """A profile of first-order sensors with the lags that flights show; a bench's with its rates moved by them.
 
-    None where no flight shows a lag and there is no bench's. A lag that is not identifiable is not in it.
+    None where no flight shows a lag and there is no bench's. A lag that is not identifiable, or that brings
+    passes which were not fitted no nearer, is not in it.
     """
     temperature, humidity = (_shown(learned.channels.get(c)) for c in ("temperature", "humidity"))
     if bench is not None:
@@ -76,15 +77,15 @@ def learned_profile(
     return Profile(bead, film, sensors, dict(provenance))
 
 
-def _shown(channel: ChannelLearned | None) -> dict[str, Parameter] | None:
+def _shown(channel: ChannelLearned | None) -> dict[str, LearnedNumber] | None:
     """Parameters of the likeliest law that gives a channel its lag, where flights show one."""
-    if channel is None or channel.verdict in ("adequate", "not identifiable"):
+    if channel is None or channel.verdict in ("adequate", "not identifiable") or not channel.gains:
         return None
     lags = [cause for cause in channel.causes if cause.law.lags is not None]
     return {one.name: one for one in lags[0].parameters} if lags else None
 
 
-def _table(learned: FlightsLearned, shown: Mapping[str, Parameter]) -> tuple[DiffusivityRow, ...]:
+def _table(learned: FlightsLearned, shown: Mapping[str, LearnedNumber]) -> tuple[DiffusivityRow, ...]:
     """D of a first-order film over the temperatures that were flown."""
     flown = np.concatenate([air_temperature(one) for one in learned.bins])
     low, high = float(flown.min()), float(flown.max())
@@ -104,7 +105,7 @@ def _table(learned: FlightsLearned, shown: Mapping[str, Parameter]) -> tuple[Dif
     return tuple(rows)
 
 
-def _effects(channel: ChannelLearned, shown: Mapping[str, Parameter]) -> tuple[StatedEffect, ...]:
+def _effects(channel: ChannelLearned, shown: Mapping[str, LearnedNumber]) -> tuple[StatedEffect, ...]:
     found = []
     if "fraction" in shown:
         second = {"fraction": shown["fraction"], "time_constant_s": shown["second_time_constant_s"]}
@@ -117,20 +118,20 @@ def _effects(channel: ChannelLearned, shown: Mapping[str, Parameter]) -> tuple[S
     return tuple(found)
 
 
-def _can_be(cause: Cause) -> bool:
+def _can_be(cause: FlightCause) -> bool:
     """Whether the catalogue's effect can have such a value: a current only warms."""
     return all(one.value >= 0 for one in cause.parameters)
 
 
-def _effect(name: str, numbers: Mapping[str, Parameter], probability: float | None) -> StatedEffect:
+def _effect(name: str, numbers: Mapping[str, LearnedNumber], probability: float | None) -> StatedEffect:
     stated = {key: Uncertain(one.value, one.standard_uncertainty) for key, one in numbers.items()}
     return StatedEffect(name, stated, probability)
 
 
 def _moved(
     bench: Profile,
-    temperature: Mapping[str, Parameter] | None,
-    humidity: Mapping[str, Parameter] | None,
+    temperature: Mapping[str, LearnedNumber] | None,
+    humidity: Mapping[str, LearnedNumber] | None,
     learned: FlightsLearned,
     provenance: Mapping[str, Any],
 ) -> Profile:

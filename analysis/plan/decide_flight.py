@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from shockrig.analysis.learn.bins import LEAST_PASS_M, FlightBins, binned
-from shockrig.analysis.learn.density import MOVE_STEP, MOVES, UNKNOWN, FlightChannelData, Sensor, prepared
+from shockrig.analysis.learn.density import MOVE_STEP, MOVES, UNKNOWN, FlightChannelData, SensorModel, prepared
 from shockrig.analysis.learn.fit import LONGEST_STEP
 from shockrig.analysis.learn.laws import LAWS, REFERENCE_TEMPERATURE_C, Law
 from shockrig.analysis.plan.legs import Climb, Descend, Hover, Leg, OutAndBack, Spiral, Turn, end_m, seconds_of
@@ -80,7 +80,7 @@ class FlightLimits:
 class SensorCandidate:
     """A model of the sensor on one channel that may be right, and its weight among the others."""
 
-    sensor: Sensor
+    sensor: SensorModel
     weight: float
 
 
@@ -139,7 +139,7 @@ def candidates_of(channel: str, learned: LearnedChannel) -> tuple[SensorCandidat
                     f"{where}.values: {parameter.name} {value:g}; expected {parameter.low:g} to {parameter.high:g} "
                     f"{parameter.unit}; {REMEDY}"
                 )
-        found.append(SensorCandidate(Sensor(laws, one.values), one.probability))
+        found.append(SensorCandidate(SensorModel(laws, one.values), one.probability))
     return tuple(found)
 
 
@@ -288,7 +288,7 @@ def expected_nats(bins: FlightBins, channel: str, learned: LearnedFile, candidat
     return float(np.average([nats_against(data, own, line, right, other) for right, other in pairs], weights=weights))
 
 
-def nats_against(data: FlightChannelData, own: Array, line: float, right: Sensor, other: Sensor) -> float:
+def nats_against(data: FlightChannelData, own: Array, line: float, right: SensorModel, other: SensorModel) -> float:
     """Nats that readings under `right`, with the air's numbers `own` and its `line`, are expected to speak against
     `other`."""
     truth = _covariance(data, own, right, right.seen_air(data, own[-MOVES:]), line)
@@ -314,7 +314,7 @@ def _prior_nats(data: FlightChannelData, moved: Array) -> float:
     return 0.5 * float(np.sum((moved / data.spread) ** 2))
 
 
-def _covariance(data: FlightChannelData, own: Array, sensor: Sensor, seen: Array, line: float = 1.0) -> Array:
+def _covariance(data: FlightChannelData, own: Array, sensor: SensorModel, seen: Array, line: float = 1.0) -> Array:
     """Of a flight's readings (m, m) under a model that sees the air as `seen`; before a flight whose `line` is known,
     the sensor is settled."""
     sizes = np.exp(own[:-MOVES])
@@ -326,7 +326,7 @@ def _covariance(data: FlightChannelData, own: Array, sensor: Sensor, seen: Array
     return np.asarray(found + UNKNOWN**2 * np.outer(start, start))
 
 
-def _against(data: FlightChannelData, own: Array, sensor: Sensor, expected: Array) -> tuple[float, Array, Array]:
+def _against(data: FlightChannelData, own: Array, sensor: SensorModel, expected: Array) -> tuple[float, Array, Array]:
     """Mean of minus the log density of readings of second moment `expected`, less n/2 ln 2 pi [nats]; the slope of the
     log density over the air's own numbers, and its information."""
     sizes, moves = np.exp(own[:-MOVES]), own[-MOVES:]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from shockrig.analysis.learn.bins import FlightBins
 from shockrig.analysis.learn.density import EDDY_M, EDDY_S, LAYER_SHARE, LEAST_LAYER_M, MOVED_M, MOVED_M_PER_H
 from shockrig.analysis.learn.laws import LAWS, Law
-from shockrig.analysis.learn.learn import NAMED, POSSIBLE, Cause, ChannelLearned, FlightsLearned, Parameter
+from shockrig.analysis.learn.learn import NAMED, POSSIBLE, ChannelLearned, FlightCause, FlightsLearned, LearnedNumber
 from shockrig.analysis.learn.passes import Disagreement
 from shockrig.analysis.report.diagnosis_words import listed
 from shockrig.analysis.report.html import Block, Cell, Details, Figure, HtmlPage, KeyNumber, Section, Table, Text
@@ -159,7 +159,7 @@ def _channel_sentence(channel: str, one: ChannelLearned) -> str:
     return f"{said}."
 
 
-def _likely(causes: Sequence[Cause]) -> str:
+def _likely(causes: Sequence[FlightCause]) -> str:
     return listed([f"{_law(cause.law)} (probability {_probability(cause.probability)})" for cause in causes], "or")
 
 
@@ -171,12 +171,12 @@ def _cause(key: str) -> str:
     return CAUSE_WORDS.get(key, key.replace("_", " "))
 
 
-def _with_numbers(cause: Cause) -> str:
+def _with_numbers(cause: FlightCause) -> str:
     numbers = ", ".join(_parameter(cause.law, one) for one in cause.parameters)
     return f"{_law(cause.law)} ({numbers})" if numbers else _law(cause.law)
 
 
-def _parameter(law: Law, one: Parameter) -> str:
+def _parameter(law: Law, one: LearnedNumber) -> str:
     """A number of a law with its name, as a person says it."""
     name = PARAMETER_WORDS.get(one.name, one.name.replace("_", " "))
     positive = any(known.name == one.name and known.log for known in law.parameters)
@@ -242,7 +242,7 @@ def _acting(learned: FlightsLearned) -> list[Block]:
     return blocks
 
 
-def _cause_row(cause: Cause) -> list[Cell]:
+def _cause_row(cause: FlightCause) -> list[Cell]:
     numbers = "; ".join(_parameter(cause.law, one) for one in cause.parameters) or "–"
     causes = [_cause(key) for key in cause.law.causes if key != cause.law.key or len(cause.law.causes) > 1]
     what = f"{_law(cause.law)}: {listed(causes, 'or')}" if causes else _law(cause.law)

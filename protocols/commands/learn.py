@@ -37,7 +37,7 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.files.profile import read_profile, write_profile
     from shockrig.protocols.commands.correct import chosen_columns
     from shockrig.protocols.folder import software_version, whole_folder
-    from shockrig.protocols.learning import learned_document, learned_from, named_flights, sentence
+    from shockrig.protocols.learning import disagree, learned_document, learned_from, named_flights, sentence
 
     columns = chosen_columns(args.column)
     bench = None if args.profile is None else read_profile(args.profile)
@@ -60,10 +60,7 @@ def main(args: argparse.Namespace) -> int:
         write_learned_page(learned, folder / "learned.html", [str(path) for path in args.flights])
     for one in learned.channels.values():
         print(sentence(one))
-        print(
-            f"  passes of a flight disagree by {one.read.rms:.2g} as read, {one.single.rms:.2g} with one lag, "
-            f"{one.model.rms:.2g} with the model (rms, on flights that were not fitted)"
-        )
+        print(f"  {disagree(one)}")
     for cause in learned.position:
         (shift,) = cause.parameters
         names = " or ".join(cause.law.causes).replace("_", " ")
@@ -74,5 +71,9 @@ def main(args: argparse.Namespace) -> int:
     for name, why in learned.left_out.items():
         print(f"left out: {name}: {why}")
     print(f"report: {args.out / 'learned.html'}")
-    print(f"profile: {args.out / 'profile.json'}" if profile is not None else "no profile: these flights show no lag")
+    print(
+        f"profile: {args.out / 'profile.json'}"
+        if profile is not None
+        else "no profile: no lag that these flights show brings their passes together"
+    )
     return 0

@@ -9,7 +9,7 @@ import pytest
 from shockrig.analysis.learn.bins import SUB_SAMPLES, FlightBins, passes
 from shockrig.analysis.learn.fit import Learned, known_of
 from shockrig.analysis.learn.laws import LAWS
-from shockrig.analysis.learn.learn import Cause, ChannelLearned, FlightsLearned, Parameter
+from shockrig.analysis.learn.learn import ChannelLearned, FlightCause, FlightsLearned, LearnedNumber
 from shockrig.analysis.learn.passes import Disagreement
 from shockrig.analysis.report.learned_page import verdict, write_learned_page
 
@@ -45,9 +45,9 @@ def channel(name, said, causes=(), why="", model=0.1, names=("one", "two")):
     return ChannelLearned(name, said, causes, (), (), 9.0, why, lag, lag, *off)
 
 
-LAG = Cause(LAWS["temperature.lag"], 0.991, (Parameter("time_constant_s", "s", 5.0, 0.3),))
-DESCENT = Cause(LAWS["humidity.offset_in_descent"], 0.98, (Parameter("offset_in_descent", "%RH", -2.0, 0.4),))
-CLOCK = Cause(LAWS["position.clock_offset"], 0.97, (Parameter("shift_s", "s", 18.0, 0.4),))
+LAG = FlightCause(LAWS["temperature.lag"], 0.991, (LearnedNumber("time_constant_s", "s", 5.0, 0.3),))
+DESCENT = FlightCause(LAWS["humidity.offset_in_descent"], 0.98, (LearnedNumber("offset_in_descent", "%RH", -2.0, 0.4),))
+CLOCK = FlightCause(LAWS["position.clock_offset"], 0.97, (LearnedNumber("shift_s", "s", 18.0, 0.4),))
 
 
 @pytest.fixture
@@ -79,7 +79,7 @@ def test_the_page_says_what_acts_what_is_open_and_what_was_left_out(learned, tmp
         ({"verdict": "not identifiable", "why": "all passes have one speed"}, "these flights: all passes have one"),
         ({"verdict": "tied", "causes": (replace(LAG, probability=0.6),)}, "may have a lag (probability 0.60); these"),
         (
-            {"causes": (replace(LAG, probability=0.6), Cause(LAWS["temperature.second_path"], 0.38, ()))},
+            {"causes": (replace(LAG, probability=0.6), FlightCause(LAWS["temperature.second_path"], 0.38, ()))},
             "lags by a lag (probability 0.60) or a slow second path (probability 0.38); these flights do not settle",
         ),
         ({"model": apart(0.7)}, "correcting the temperature makes passes disagree more than the readings do"),

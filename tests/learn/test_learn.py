@@ -1,0 +1,115 @@
+"""Flights that diagnose themselves: closed forms, slopes, and worlds whose sensor and clock are known."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from benchmark_scripts import benchmark
+from scipy.signal import lfilter
+
+from shockrig.analysis.learn.bins import SUB_SAMPLES, binned, passes, why_nothing
+from shockrig.analysis.learn.density import SensorModel, begun, density, prepared
+from shockrig.analysis.learn.laws import LAWS, response
+from shockrig.files.learned import read_learned
+from shockrig.files.profile import read_profile
+from shockrig.protocols.cli import main
+
+WORLDS = benchmark("learn_worlds")
+
+
+@pytest.fixture(scope="module")
+def flight():
+    """An ascent and a descent through one inversion and turbulence."""
+    return WORLDS.mission(3, WORLDS.Truth(), flights=1)[0]
+
+
+def test_a_track_has_its_passes():
+    """Two ways up and one down; a wobble on the way is none."""
+    time = np.arange(0.0, 600.0, 2.0)
+    altitude = np.interp(time, [0, 200, 220, 240, 300, 600], [0, 500, 490, 500, 100, 900])
+    found = passes(altitude, time)
+    assert [np.sign(one.climb_m_s) for one in found] == [1, -1, 1]
+    assert [round(altitude[one.last]) for one in found] == [500, 100, 898]
+
+
+def test_a_lag_follows_a_step_as_its_exponential(flight):
+    """Means over bins of 1 - exp(-t/tau) after a step of the air, exactly where the step is at a bin's edge."""
+    bins = binned(flight, "one", 100)
+    tau, at = 7.0, 40
+    air = np.zeros((bins.time_s.size, SUB_SAMPLES, 1))
+    air[at:] = 1.0
+    tau_of = np.full(bins.time_s.size, tau)
+    seen = response(((np.ones_like(tau_of), tau_of),), bins, air)[at:, 0]
+    ends = np.r_[0.0, np.cumsum(bins.length_s[at:])]
+    mean = 1.0 + tau * np.diff(np.exp(-ends / tau)) / np.diff(ends)
+    np.testing.assert_allclose(seen, mean, rtol=1e-9)
+
+
+@pytest.mark.parametrize("keys", [("lag",), ("lag", "offset_in_descent")])
+def test_slopes_are_those_of_the_density(flight, keys):
+    """Analytic slopes over parameters, sizes and moves, against differences of the density."""
+    unit = prepared(binned(flight, "one", 60), "temperature")
+    laws = tuple(LAWS[f"temperature.{key}"] for key in keys)
+    values = {"time_constant_s": 4.0, "offset_in_descent": 0.1}
+    own = begun(unit) + 0.1
+    slopes = tuple((p.name, 1e-4, p.log) for law in laws for p in law.parameters)
+    found = density(unit, SensorModel(laws, values), own, slopes)
+    for i, (name, step, log) in enumerate(slopes):
+        near = [
+            density(
+                unit,
+                SensorModel(laws, {**values, name: values[name] * np.exp(s) if log else values[name] + s}),
+                own,
+            ).value
+            for s in (-step, step)
+        ]
+        assert found.slope[i] == pytest.approx((near[1] - near[0]) / (2 * step), rel=0.02, abs=0.05)
+    for i in range(own.size):
+        ahead = [own + s * np.eye(own.size)[i] for s in (-1e-3, 1e-3)]
+        near = [density(unit, SensorModel(laws, values), one).value for one in ahead]
+        assert found.slope[len(slopes) + i] == pytest.approx((near[1] - near[0]) / 2e-3, rel=0.05, abs=0.1)
+
+
+def test_a_flight_that_says_nothing_is_left_out_with_its_reason(flight):
+    """No altitude; a level flight."""
+    assert "altitude" in why_nothing(replace(flight, altitude_m=None))
+    assert "no air was passed twice" in why_nothing(replace(flight, altitude_m=np.full(flight.time_s.size, 80.0)))
+
+
+def test_a_clock_and_lags_are_found_from_the_command_line(tmp_path, capsys):
+    """A clock that is 18 s off beside lags of 5 and 10 s: named as a clock; the profile has the lags."""
+    truth = WORLDS.Truth(clock_s=18.0)
+    paths = [str(WORLDS.write(one, tmp_path / f"{i}.csv")) for i, one in enumerate(WORLDS.mission(5, truth, flights=2))]
+    assert main(["learn", *paths, "--out", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr().out
+    assert "clock offset" in said
+    document = json.loads((tmp_path / "out" / "learned.json").read_text(encoding="utf-8"))
+    (clock,) = document["position"]["causes"]
+    shift = clock["parameters"]["shift_s"]
+    assert shift["value"] == pytest.approx(18.0, abs=max(3.0 * shift["standard_uncertainty"], 1.5))
+    assert clock["probability"] > 0.8
+    profile = read_profile(tmp_path / "out" / "profile.json")
+    tau = profile.temperature.bead_radius_m**2 / profile.temperature.thermal_diffusivity_m2_s.value
+    assert tau == pytest.approx(truth.temperature_lag_s, rel=0.35)
+    assert set(read_learned(tmp_path / "out" / "learned.json").channels) == {"temperature", "humidity"}
+    assert (tmp_path / "out" / "learned.html").exists()
+
+
+def test_a_flight_without_a_descent_is_refused(tmp_path, capsys, flight):
+    """One way alone: status 2, a sentence with the mend, nothing written."""
+    up = flight.at(slice(0, flight.time_s.size // 3))
+    path = WORLDS.write(up, tmp_path / "up.csv")
+    assert main(["learn", str(path), "--out", str(tmp_path / "out")]) == 2
+    assert "come down again" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_worlds_lag_by_their_own_equation():
+    """The benchmark's sensor against SciPy's filter."""
+    air = np.random.default_rng(1).normal(size=50)
+    kept = np.exp(-WORLDS.STEP_S / 3.0)
+    expected = lfilter([1.0 - kept], [1.0, -kept], air, zi=[kept * air[0]])[0]
+    np.testing.assert_allclose(WORLDS.lagged(air, 3.0), expected, rtol=1e-12)
