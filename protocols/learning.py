@@ -148,6 +148,8 @@ def disagree(one: ChannelLearned) -> str:
     said = f"passes of flights that were not fitted differ {', '.join(parts)}"
     if one.verdict != "adequate" and not one.gains:
         said += ": no gain, so the profile leaves this channel as it is read"
+    elif one.verdict != "adequate" and one.model.rms > one.read.rms:
+        said += ": nearer in their structure, and on average farther apart than as read"
     return said
 
 

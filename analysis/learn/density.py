@@ -226,13 +226,14 @@ def density(
 ) -> Density:
     """The density under a sensor and a flight's own numbers; slopes over `parameters` (name, step, log)."""
     sizes, moves = own[:-MOVES], own[-MOVES:]
-    seen, residual = sensor.seen_air(data, moves), data.reading - sensor.offset(data)
+    start = UNKNOWN * sensor.settling(data)
+    seen = np.column_stack([sensor.seen_air(data, moves), start])
+    residual = data.reading - sensor.offset(data)
     walk = np.exp(sizes[0])
-    weight = np.r_[1.0, 1.0, walk * data.steps]
+    weight = np.r_[1.0, 1.0, walk * data.steps, 1.0]
     scaled = seen * weight
     covariance = scaled @ seen.T
     covariance += np.tensordot(np.exp(sizes[1:-1]), data.changes, axes=1)
-    covariance += UNKNOWN**2 * np.outer(start := sensor.settling(data), start)
     index = np.arange(covariance.shape[0])
     covariance[index, index] += np.exp(sizes[-1])
     try:
@@ -256,15 +257,13 @@ def density(
     for name, step, log in parameters:
         at = sensor.values[name]
         ahead = SensorModel(sensor.laws, {**sensor.values, name: at * np.exp(step) if log else at + step})
-        d_seen, d_offset = (
-            (ahead.seen_air(data, moves) - seen) / step,
-            (ahead.offset(data) - sensor.offset(data)) / step,
-        )
+        d_seen = (np.column_stack([ahead.seen_air(data, moves), UNKNOWN * ahead.settling(data)]) - seen) / step
+        d_offset = (ahead.offset(data) - sensor.offset(data)) / step
         through = d_seen @ (scaled.T @ v) + scaled @ (d_seen.T @ v)
         moved.append(through + np.sqrt(2.0) * d_offset)
         traces.append(2.0 * float(np.sum((inverse @ scaled) * d_seen)))
         pulled.append((1.0 - np.sqrt(0.5)) * float(d_offset @ v))
-    walk_part, walk_scaled = seen[:, 2:], scaled[:, 2:]
+    walk_part, walk_scaled = seen[:, 2:-1], scaled[:, 2:-1]
     moved.append(walk_scaled @ (walk_part.T @ v))
     traces.append(float(np.sum((inverse @ walk_part) * walk_scaled)))
     for size, change in zip(np.exp(sizes[1:-1]), data.changes, strict=True):
@@ -279,7 +278,7 @@ def density(
     for i in range(MOVES):
         ahead_by = moves.copy()
         ahead_by[i] += MOVE_STEP
-        d_seen = (sensor.seen_air(data, ahead_by) - seen) / MOVE_STEP
+        d_seen = (np.column_stack([sensor.seen_air(data, ahead_by), start]) - seen) / MOVE_STEP
         moved.append(d_seen @ (scaled.T @ v) + scaled @ (d_seen.T @ v))
         traces.append(2.0 * float(np.sum((inverse @ scaled) * d_seen)))
     each = np.stack(moved)

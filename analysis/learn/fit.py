@@ -21,7 +21,7 @@ from shockrig.analysis.learn.laws import Law, LawParameter
 Array = NDArray[np.float64]
 
 MOST_STEPS = 25
-SCATTERS = (0.03, 0.07, 0.15, 0.3)  # of a parameter from flight to flight, in its own spread; the second is usual
+SCATTERS = (0.07, 0.15, 0.3)  # of a parameter from flight to flight, in its own spread; the first is usual
 USUAL_SCATTER, SCATTER_SPREAD = 0.07, 0.7  # before any flight: in that unit, and of its logarithm
 FIRST_FLIGHTS, BEST_STARTS = 2, 2  # on which starts are tried, and how many of them go on
 FEW_STEPS = 5  # from each start, to see which leads furthest

@@ -240,12 +240,14 @@ def _laws() -> tuple[Law, ...]:
             ),
             Law(
                 "offset_in_descent",
-                ("rotor_wash",) if channel == "temperature" else ("rotor_wash", "hysteresis"),
+                ("rotor_wash", "wake", "radiative_heating")
+                if channel == "temperature"
+                else ("rotor_wash", "wake", "hysteresis"),
                 channel,
                 (LawParameter("offset_in_descent", unit, 0.0, size, -20 * size, 20 * size, (-size, size)),),
                 "y = q + offset while the flight descends",
                 "Greene and others 2018, doi 10.5194/amt-11-5519-2018",
-                "a descent beside the ascent, and a hover",
+                "another speed of descent, a night, and a hover",
                 offset=_descending,
             ),
         ]

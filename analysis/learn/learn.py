@@ -299,8 +299,10 @@ def _with_clock(
             continue
         done.append(laws)
         rest = np.concatenate([part.theta for part in parts])
+        # Lags that were fitted without the clock have taken a part of it for theirs: usual ones are tried as well.
+        usual = np.array([known.mean for known in known_of(laws, stated)])[1:]
         starts = started(CLOCK) if shift is None else [shift]
-        found.append(best_start(laws, every, [np.r_[start, rest] for start in starts], stated))
+        found.append(best_start(laws, every, [np.r_[s, lags] for s in starts for lags in (rest, usual)], stated))
         shift = found[0].theta[:1]
     return found
 
@@ -351,7 +353,7 @@ def _judged(
     any_lag = sum(p for law, p in probability.items() if law.lags is not None)
     sure = [cause for cause in causes if cause.probability >= NAMED and len(cause.law.causes) == 1]
     why = ""
-    if any_lag < NAMED and limit_s > USUAL_LAG_S[channel]:
+    if nothing >= POSSIBLE and any_lag < NAMED and limit_s > USUAL_LAG_S[channel]:
         verdict, why = "not identifiable", _why_open(used, units)
     elif nothing >= 0.5:
         verdict, causes = "adequate", []

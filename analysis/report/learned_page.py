@@ -47,6 +47,7 @@ CAUSE_WORDS = {
     "stem_conduction": "heat along the stem",
     "housing": "a housing that follows slowly",
     "rotor_wash": "the rotors' wash",
+    "wake": "the carrier's wake",
     "hysteresis": "hysteresis of the film",
     "radiative_heating": "radiation",
     "self_heating": "the sensor's own warmth",
@@ -172,19 +173,19 @@ def _cause(key: str) -> str:
 
 
 def _with_numbers(cause: FlightCause) -> str:
-    numbers = ", ".join(_parameter(cause.law, one) for one in cause.parameters)
+    numbers = ", ".join(" ".join(_number(cause.law, one)) for one in cause.parameters)
     return f"{_law(cause.law)} ({numbers})" if numbers else _law(cause.law)
 
 
-def _parameter(law: Law, one: LearnedNumber) -> str:
-    """A number of a law with its name, as a person says it."""
+def _number(law: Law, one: LearnedNumber) -> tuple[str, str]:
+    """Name and value of a law's number, as a person says them."""
     name = PARAMETER_WORDS.get(one.name, one.name.replace("_", " "))
     positive = any(known.name == one.name and known.log for known in law.parameters)
     if positive and one.standard_uncertainty > LOPSIDED * one.value:
         factor = float(np.exp(one.standard_uncertainty / one.value))
-        return f"{name} {between(one.value, one.value / factor, one.value * factor)} {one.unit}"
+        return name, f"{between(one.value, one.value / factor, one.value * factor)} {one.unit}"
     scale, unit = {"1": (100.0, " %"), "1/K": (100.0, " % per K")}.get(one.unit, (1.0, f" {one.unit}"))
-    return f"{name} {measured(scale * one.value, scale * one.standard_uncertainty)}{unit}"
+    return name, f"{measured(scale * one.value, scale * one.standard_uncertainty)}{unit}"
 
 
 def _probability(value: float) -> str:
@@ -225,11 +226,11 @@ def _acting(learned: FlightsLearned) -> list[Block]:
     rows: list[list[Cell]] = []
     for channel, one in learned.channels.items():
         if not one.causes:
-            rows.append([channel, one.verdict, "nothing", None, "–"])
-        rows += [[channel, one.verdict, *_cause_row(cause)] for cause in one.causes]
+            rows.append([channel, one.verdict, "nothing", "–", "–", "–"])
+        rows += [[channel, one.verdict, *row] for cause in one.causes for row in _cause_rows(cause)]
     word = "named" if learned.position_named else "open"
-    rows += [["altitude", word, *_cause_row(cause)] for cause in learned.position]
-    columns = ("of", "verdict", "what acts", "probability", "value ± standard uncertainty")
+    rows += [["altitude", word, *row] for cause in learned.position for row in _cause_rows(cause)]
+    columns = ("of", "verdict", "what acts", "probability", "number", "value ± standard uncertainty")
     text = (
         f"A probability is the sum of the weights of all models that contain it. It is named from {NAMED:g} on, and "
         f"listed from {POSSIBLE:g} on. Its numbers are those under the likeliest model that contains it."
@@ -242,11 +243,12 @@ def _acting(learned: FlightsLearned) -> list[Block]:
     return blocks
 
 
-def _cause_row(cause: FlightCause) -> list[Cell]:
-    numbers = "; ".join(_parameter(cause.law, one) for one in cause.parameters) or "–"
+def _cause_rows(cause: FlightCause) -> list[list[Cell]]:
+    """What acts, what it may come from and how probable it is, once for each of its numbers."""
     causes = [_cause(key) for key in cause.law.causes if key != cause.law.key or len(cause.law.causes) > 1]
     what = f"{_law(cause.law)}: {listed(causes, 'or')}" if causes else _law(cause.law)
-    return [what, _probability(cause.probability), numbers]
+    numbers = [_number(cause.law, one) for one in cause.parameters] or [("–", "–")]
+    return [[what, _probability(cause.probability), *number] for number in numbers]
 
 
 def _left_open(learned: FlightsLearned, decides: Sequence[str]) -> list[Block]:

@@ -32,7 +32,7 @@ def test_a_track_has_its_passes():
     altitude = np.interp(time, [0, 200, 220, 240, 300, 600], [0, 500, 490, 500, 100, 900])
     found = passes(altitude, time)
     assert [np.sign(one.climb_m_s) for one in found] == [1, -1, 1]
-    assert [round(altitude[one.last]) for one in found] == [500, 100, 898]
+    assert [round(altitude[one.last]) for one in found] == [500, 100, 895]
 
 
 def test_a_lag_follows_a_step_as_its_exponential(flight):
@@ -89,11 +89,12 @@ def test_a_clock_and_lags_are_found_from_the_command_line(tmp_path, capsys):
     document = json.loads((tmp_path / "out" / "learned.json").read_text(encoding="utf-8"))
     (clock,) = document["position"]["causes"]
     shift = clock["parameters"]["shift_s"]
-    assert shift["value"] == pytest.approx(18.0, abs=max(3.0 * shift["standard_uncertainty"], 1.5))
+    assert shift["value"] == pytest.approx(truth.clock_s, rel=0.2)
     assert clock["probability"] > 0.8
     profile = read_profile(tmp_path / "out" / "profile.json")
-    tau = profile.temperature.bead_radius_m**2 / profile.temperature.thermal_diffusivity_m2_s.value
-    assert tau == pytest.approx(truth.temperature_lag_s, rel=0.35)
+    film = profile.humidity
+    tau = film.film_thickness_m**2 / film.diffusivity_table[0].diffusivity_m2_s
+    assert tau == pytest.approx(truth.humidity_lag_s, rel=0.35)
     assert set(read_learned(tmp_path / "out" / "learned.json").channels) == {"temperature", "humidity"}
     assert (tmp_path / "out" / "learned.html").exists()
 

@@ -64,7 +64,7 @@ def test_the_page_says_what_acts_what_is_open_and_what_was_left_out(learned, tmp
     page = write_learned_page(learned, tmp_path / "learned.html", ["one.csv", "two.csv"], ["climb at 2 m/s by night"])
     text = page.read_text()
     assert "The thermometer has a lag (time constant 5.00 ± 0.30 s)." in text
-    assert "the rotors&#x27; wash or hysteresis of the film: flights alone cannot tell" in text
+    assert "the rotors&#x27; wash, the carrier&#x27;s wake or hysteresis of the film: flights alone cannot tell" in text
     assert "0.60 → 0.10 K" in text and "up 3.0; down 5.9" in text
     assert "it passes no air twice" in text and "Climb at 2 m/s by night." in text and "97.0 %" in text
     assert text.count("<img") == 2
