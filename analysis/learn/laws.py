@@ -77,6 +77,8 @@ class Law:
         By how much the track's time is behind the sensor's.
     replaces : str
         A law whose response this one is a case of.
+    flown_as : str
+        The effect of the catalogue that a correction takes off.
     needs : str
         What flights must vary for it to show, for a reader.
     """
@@ -92,6 +94,7 @@ class Law:
     offset: Callable[[Values, FlightBins], Array] | None = None
     shift_s: Callable[[Values], float] | None = None
     replaces: str = ""
+    flown_as: str = ""
 
 
 def response(lags: tuple[tuple[Array, Array], ...], bins: FlightBins, air: Array) -> Array:
@@ -182,6 +185,19 @@ def _humidity(bins: FlightBins) -> Array:
     return np.interp(bins.time_s, bins.time_s[good], value[good]) if good.any() else np.full(value.size, 50.0)
 
 
+CAUSE_WORDS = {  # causes of laws, for readers
+    "clock_offset": "a clock offset between logger and position",
+    "pressure_lag": "a pressure that lags",
+    "stem_conduction": "heat along the stem",
+    "housing": "a housing that follows slowly",
+    "rotor_wash": "the rotors' wash",
+    "wake": "the carrier's wake",
+    "hysteresis": "hysteresis of the film",
+    "radiative_heating": "radiation",
+    "self_heating": "the sensor's own warmth",
+    "die_thermal_lag": "the chip's thermal lag",
+}
+
 _AIRFLOW = "two airspeeds or climb rates"
 _STRUCTURE = "layers or inversions, passed upwards and downwards"
 
@@ -237,6 +253,7 @@ def _laws() -> tuple[Law, ...]:
                 "a hover after a climb, or two climb rates",
                 lags=_two_paths,
                 replaces="lag",
+                flown_as="parallel_lag",
             ),
             Law(
                 "offset_in_descent",
@@ -261,6 +278,7 @@ def _laws() -> tuple[Law, ...]:
             "WMO-No. 8 (2021), I.2; GRUAN-TD-8 (2022)",
             _AIRFLOW,
             offset=_ventilated,
+            flown_as="self_heating",
         ),
         Law(
             "warm_die",
@@ -281,6 +299,7 @@ def _laws() -> tuple[Law, ...]:
             "Segales and others 2022; iMet-XQ2 flights, whose chips follow the air by 17 to 19 s",
             "a lapse or an inversion, passed upwards and downwards",
             offset=_late_die,
+            flown_as="die_thermal_lag",
         ),
     ]
     return tuple(found)

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from shockrig.analysis.learn.laws import REFERENCE_TEMPERATURE_C, air_temperature
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.learn.laws import LAWS, REFERENCE_TEMPERATURE_C, air_temperature
 from shockrig.analysis.learn.learn import ChannelLearned, FlightCause, FlightsLearned, LearnedNumber
 from shockrig.files.causes import StatedEffect, Uncertain
 from shockrig.files.errors import InputError
@@ -17,10 +18,6 @@ from shockrig.files.profile_data import BEAD_RADIUS_M, FILM_THICKNESS_M
 
 ROWS_K = 10.0  # between rows of a table of D over temperature
 LIKELIER = 0.5  # probability from which a cause's effect goes into the profile
-EFFECTS = {  # law -> effect of the catalogue that a correction takes off
-    "temperature.ventilated_warmth": "self_heating",
-    "humidity.late_die": "die_thermal_lag",
-}
 
 
 def stated_by(profile: Profile, temperature_c: float) -> dict[str, tuple[float, float]]:
@@ -109,11 +106,12 @@ def _effects(channel: ChannelLearned, shown: Mapping[str, LearnedNumber]) -> tup
     found = []
     if "fraction" in shown:
         second = {"fraction": shown["fraction"], "time_constant_s": shown["second_time_constant_s"]}
-        found.append(_effect("parallel_lag", second, None))
+        found.append(_effect(LAWS[f"{channel.channel}.second_path"].flown_as, second, None))
     for cause in channel.causes:
-        effect = EFFECTS.get(f"{cause.law.channel}.{cause.law.key}")
-        if effect is not None and cause.probability >= LIKELIER and _can_be(cause):
-            numbers = {} if effect == "die_thermal_lag" else {one.name: one for one in cause.parameters}
+        effect = cause.law.flown_as
+        if effect and cause.law.offset is not None and cause.probability >= LIKELIER and _can_be(cause):
+            known = {parameter.name for parameter in CATALOGUE[effect].parameters}
+            numbers = {one.name: one for one in cause.parameters if one.name in known}
             found.append(_effect(effect, numbers, cause.probability))
     return tuple(found)
 

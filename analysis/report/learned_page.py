@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.learn.bins import FlightBins
 from shockrig.analysis.learn.density import EDDY_M, EDDY_S, LAYER_SHARE, LEAST_LAYER_M, MOVED_M, MOVED_M_PER_H
-from shockrig.analysis.learn.laws import LAWS, Law
+from shockrig.analysis.learn.laws import CAUSE_WORDS, LAWS, Law
 from shockrig.analysis.learn.learn import NAMED, POSSIBLE, ChannelLearned, FlightCause, FlightsLearned, LearnedNumber
 from shockrig.analysis.learn.passes import Disagreement
 from shockrig.analysis.report.diagnosis_words import listed
@@ -40,18 +40,6 @@ LAW_WORDS = {
     "ventilated_warmth": "a warmth that airflow carries off",
     "warm_die": "a chip warmer than the air",
     "late_die": "a chip that follows the air's temperature late",
-}
-CAUSE_WORDS = {
-    "clock_offset": "a clock offset between logger and position",
-    "pressure_lag": "a pressure that lags",
-    "stem_conduction": "heat along the stem",
-    "housing": "a housing that follows slowly",
-    "rotor_wash": "the rotors' wash",
-    "wake": "the carrier's wake",
-    "hysteresis": "hysteresis of the film",
-    "radiative_heating": "radiation",
-    "self_heating": "the sensor's own warmth",
-    "die_thermal_lag": "the chip's thermal lag",
 }
 PARAMETER_WORDS = {
     "shift_s": "shift",
