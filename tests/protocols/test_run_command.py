@@ -207,6 +207,7 @@ ARGUMENTS = {
     "certify": ["c"],
     "history": ["c"],
     "fleet": ["c"],
+    "learn": ["f.csv"],
     "fly": ["--bench", "drone", "--profile", "p.json"],
     "hil": ["f.csv"],
 }
