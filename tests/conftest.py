@@ -16,6 +16,9 @@ from hypothesis import HealthCheck, settings
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
+# Hundreds of tests start a command: each would compile the whole project anew where bytecode is not to be written.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, lambda *_: None)):
     if signal.getsignal(number) is signal.SIG_IGN:
         signal.signal(number, handler)

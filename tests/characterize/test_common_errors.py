@@ -184,7 +184,9 @@ def diagnosed(campaign, errors, common, name="temperature"):
     ("errors", "stated", "alone"),
     [
         ({"trigger_offset_s": 0.025}, {"trigger_offset_s": 0.010}, "dead_time"),
-        ({"air_temperature_k": 0.2}, {"air_temperature_k": 0.1}, "calibration_error"),
+        pytest.param(
+            {"air_temperature_k": 0.2}, {"air_temperature_k": 0.1}, "calibration_error", marks=pytest.mark.trial
+        ),
     ],
 )
 def test_no_cause_is_named_that_a_stated_common_error_explains(campaign, errors, stated, alone):
@@ -214,6 +216,7 @@ def test_effects_refuse_what_the_bench_itself_may_be_off_by(campaign):
     )
 
 
+@pytest.mark.trial
 def test_coverage_benchmark_makes_its_table(tmp_path):
     """One world of the benchmark, with a film in the model: alpha within three standard uncertainties."""
     script = benchmark("common_errors")

@@ -1,6 +1,7 @@
 """A ceiling is named where readings stop below what the air is, and not where plateaus are merely alike."""
 
 import numpy as np
+import pytest
 from small_worlds import record
 
 from shockrig.analysis.diagnose.candidates import refused
@@ -26,6 +27,7 @@ def wet_world(folder, *effects):
     return prepare(build_channel(campaign, "humidity")).problem
 
 
+@pytest.mark.trial
 def test_a_limit_amid_the_readings_of_a_plateau_is_no_ceiling(tmp_path):
     """It gains a lot: the runs' stated airs scatter, their plateaus do not."""
     problem = wet_world(tmp_path, OFF)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
 from benchmark_scripts import benchmark
 from small_worlds import record
 
@@ -29,6 +30,7 @@ def test_nothing_is_named_where_nothing_is_hidden():
         assert channel["causes"] == []
 
 
+@pytest.mark.trial
 def test_what_no_catalogue_holds_is_described_as_far_as_it_can_be():
     """A hum whose bursts are left over."""
     result = trials.trial("outside", "rough", "comfortable", 7033, without="hyt")

@@ -40,6 +40,7 @@ def test_one_airflow_cannot_tell_self_heating_from_calibration(undecided):
     assert content["next_experiments"], "a tie asks for the run that decides"
 
 
+@pytest.mark.trial
 def test_the_runs_asked_for_decide(undecided, tmp_path):
     truth, plan, content = undecided
     asked = content["next_experiments"]

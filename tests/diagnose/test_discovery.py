@@ -150,6 +150,7 @@ def test_conditions_are_held_out_whole(warm_rates):
     assert "steps upwards" not in dict(held_out(channel, {"direction"}))
 
 
+@pytest.mark.trial
 @pytest.mark.usefixtures("catalogue_as_it_was")
 def test_what_explains_rates_that_scatter_is_described(tmp_path, monkeypatch):
     """A film that dries by a tenth more slowly than it wets: where rates may scatter by 3 % it hides in them."""

@@ -27,6 +27,7 @@ def fast(tmp_path_factory):
     return {name: build_channel(campaign, name) for name in ("temperature", "humidity")}
 
 
+@pytest.mark.trial
 def test_the_standard_campaign_tells_a_clock_from_a_delay(fast):
     found = diagnose_channel(fast["temperature"], tolerance=Tolerance(0.0, 0.0))
     (cause,) = found.causes

@@ -75,6 +75,7 @@ def with_effects(problem, plain, start, *effects):
     return fit(problem, structure, Model(problem.channel, structure).start(plain.log_rates, start))
 
 
+@pytest.mark.trial
 def test_a_delay_is_named_and_no_clock_beside_it(late):
     """A clock's drift moves the transfer by its share of the plateau before it; here plateaus are all alike."""
     ready, plain = late
@@ -181,7 +182,9 @@ def test_a_mean_that_no_entry_accounts_for_is_described(tmp_path, monkeypatch):
     assert described(MEAN.key, False).in_flight.delay_s(values, 0.1) == pytest.approx(0.3)
 
 
-@pytest.mark.parametrize(("name", "step"), [("temperature", 0.1), ("humidity", 1.0)])
+@pytest.mark.parametrize(
+    ("name", "step"), [("temperature", 0.1), pytest.param("humidity", 1.0, marks=pytest.mark.trial)]
+)
 def test_a_rounding_that_no_entry_accounts_for_is_described(tmp_path, monkeypatch, name, step):
     """It is seen in single readings; no part of the response, nor of a flight."""
     coarse = [Hidden("quantization", {"step": step}, (name,))]
@@ -195,6 +198,7 @@ def test_a_rounding_that_no_entry_accounts_for_is_described(tmp_path, monkeypatc
     assert entry_of(one, name) is None
 
 
+@pytest.mark.trial
 def test_the_response_says_how_long_a_mean_is_of_which_every_sixth_reading_is_shown(tmp_path):
     """Two such means in a row share four readings of ten; how many of how many the noise hardly tells."""
     late = [Hidden("moving_average", {"samples": 10.0}, T)]
@@ -323,6 +327,7 @@ def test_a_description_without_factors_flies_as_the_catalogued_effect_of_its_clo
     assert as_listed(discovered_of(scaled, {"size": (0.1, 0.01), "airflow": (-0.5, 0.1)})) is None
 
 
+@pytest.mark.trial
 def test_a_number_that_a_channel_cannot_see_is_not_held_against_an_effect(tmp_path):
     """A room's humidity moves no bead: air that comes in from it is not outdone by a form with one number less."""
     true = {"fraction": 0.05, "time_constant_s": 9.0, "room_temperature_c": 23.0, "room_humidity_percent": 44.0}

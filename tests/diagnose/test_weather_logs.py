@@ -1,9 +1,11 @@
 """A weather sensor's log between a room and a cold box, from log to verdict; `benchmarks/weather_logs.py` has many."""
 
 import numpy as np
+import pytest
 from benchmark_scripts import benchmark
 
 
+@pytest.mark.trial
 def test_a_weather_sensors_log_gives_its_response_and_no_false_name():
     trials = benchmark("weather_logs")
     one = trials.trial(803)

@@ -23,7 +23,7 @@ from shockrig.rig.virtual.truth import Hidden, draw_truth
 EXAMPLE = Path(__file__).parents[2] / "data" / "examples" / "plain-rough"
 
 
-@pytest.mark.parametrize("readings", [5, 13])
+@pytest.mark.parametrize("readings", [5, pytest.param(13, marks=pytest.mark.trial)])
 def test_the_true_model_leaves_noise_alone(readings, tmp_path):
     rng = np.random.default_rng(90 + readings)
     hidden = [

@@ -101,6 +101,7 @@ def test_several_that_do_not_belong_do_not_hide_one_another():
     assert np.sqrt(fleet.population.covariance[2, 2]) < 0.035
 
 
+@pytest.mark.trial
 def test_plain_fleets_have_few_false_discoveries():
     rng, said = np.random.default_rng(6), 0
     for _ in range(25):

@@ -69,8 +69,9 @@ def sources(folder, design):
 
 
 @needs_compiler
-@pytest.mark.parametrize("profile", [typical_profile(), rich_profile()], ids=["plain", "rich"])
-@pytest.mark.parametrize("damage", [False, True], ids=["clean", "damaged"])
+@pytest.mark.parametrize(
+    ("profile", "damage"), [(typical_profile(), False), (rich_profile(), True)], ids=["clean plain", "damaged rich"]
+)
 def test_c_is_the_reference_in_single_precision(tmp_path, profile, damage):
     flight, design = flight_with(profile, damage), flown(profile, 0.1)
     found = run(build(sources(tmp_path, design), compiler(), tmp_path, SANITIZED), flight)

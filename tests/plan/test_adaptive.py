@@ -243,6 +243,7 @@ def test_one_of_several_probes_may_decide_and_its_log_stays_its_own(two_probes, 
     assert "decisions.jsonl: decides by probe 2, not by probes 1 and 2; give --probe 2, or" in capsys.readouterr().err
 
 
+@pytest.mark.trial
 def test_through_files_alone_with_another_program_as_the_bench(tmp_path, capsys):
     """It begins with a folder that is not there, and ends with what that program made its sensors of."""
     other = benchmark("loop_by_files")

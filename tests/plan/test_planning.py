@@ -276,6 +276,7 @@ def test_the_true_explanation_is_not_ruled_out_by_looking_on(tmp_path):
     assert max(look[1] for look in looks) < 2.0 and told[0] > REJECTED
 
 
+@pytest.mark.trial
 def test_what_new_runs_bear_out_is_named_though_most_runs_cannot_show_it(tmp_path):
     """Light in one of eight runs may be that run's own accident; two further ones rule out that it does nothing."""
     lit = replace(LIVELY, effects=(Hidden("radiative_heating", {"kelvin_per_w_m2_at_5_m_s": 1e-3}),))
