@@ -115,7 +115,8 @@ def test_in_real_time_a_jump_of_the_time_of_day_is_seen(tmp_path):
     began_s = time.time()
     _, found = examined(tmp_path, clock="real", wall=lambda: time.time() + 3600.0 * (time.time() > began_s + 1.0))
     assert "jumped by +3600.0 s" in found["clock"].cause
-    assert found["imet"].well and found["hyt"].well and found["stage"].well
+    # No device is told off for that hour; on a busy machine it may be late for reasons of its own.
+    assert not any("3600" in found[name].cause for name in ("imet", "hyt", "stage"))
     assert "kB reach the disk in" in found["disk"].says
 
 
