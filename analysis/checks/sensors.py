@@ -48,24 +48,23 @@ def impossible_readings(view: CampaignView) -> Iterator[InputFinding]:
 
 
 def dead_sensors(view: CampaignView) -> Iterator[InputFinding]:
-    """Readings that stay the same, or hardly move, although the air stepped or the sensor's other runs show noise."""
+    """Readings that stay the same, or hardly move, although the air stepped or the sensor's other runs show noise.
+
+    Where both thermometers show noise and neither a step it is the air that did not step.
+    """
+    calm = {column: {seen.run.id for seen in view.column(column) if _is_calm(view, seen)} for column in COLUMNS}
     for column in COLUMNS:
         columns = view.column(column)
         lively = [seen for seen in columns if _share_of_mode(seen) < 0.5]
+        unmoved = calm[column] - (calm[TEMPERATURE] & calm[DIE])
         dead = []
         for seen in columns:
-            step = _air_step(view, seen)
-            large = limit("dead_air_step_percent" if column == HUMIDITY else "dead_air_step_k")
-            stuck = _share_of_mode(seen) >= limit("dead_share")
-            if stuck and (abs(step) >= large or (column != DIE and len(lively) > 0.5 * len(columns))):
+            stepped = abs(_air_step(view, seen)) >= _large(column)
+            if _is_stuck(seen) and (stepped or (column != DIE and len(lively) > 0.5 * len(columns))):
                 dead.append(seen)
-            elif (
-                abs(step) >= large
-                and _watched_s(seen) > limit("dead_after_s")
-                and _moves_by(seen) < (limit("dead_follows") * abs(step))
-            ):
+            elif stepped and seen.run.id in unmoved:
                 dead.append(seen)
-        if not dead and len(columns) > 1 and all(_share_of_mode(seen) >= limit("dead_share") for seen in columns):
+        if not dead and len(columns) > 1 and all(map(_is_stuck, columns)):
             dead = columns if column != DIE and _others_move(view, column) else []
         if dead:
             yield _dead(view, column, dead)
@@ -143,6 +142,21 @@ def _other_thermometer(view: CampaignView, run: Run, column: str) -> ColumnSeen 
 
 def _others_move(view: CampaignView, column: str) -> bool:
     return any(seen.moves for other in COLUMNS if other != column for seen in view.column(other))
+
+
+def _large(column: str) -> float:
+    """A step of the air that every live sensor shows."""
+    return limit("dead_air_step_percent" if column == HUMIDITY else "dead_air_step_k")
+
+
+def _is_stuck(seen: ColumnSeen) -> bool:
+    return bool(_share_of_mode(seen) >= limit("dead_share"))
+
+
+def _is_calm(view: CampaignView, seen: ColumnSeen) -> bool:
+    """Noise, and of the stated step hardly anything in all the time it was watched."""
+    hardly = limit("dead_follows") * abs(_air_step(view, seen))
+    return not _is_stuck(seen) and _watched_s(seen) > limit("dead_after_s") and bool(_moves_by(seen) < hardly)
 
 
 def _is_constant(seen: ColumnSeen) -> bool:

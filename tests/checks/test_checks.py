@@ -326,6 +326,22 @@ def test_airs_that_bead_and_die_contradict_together_are_said(pairs, by_k):
     assert f"read 2 K {'less' if by_k > 0 else 'more'}" in found.sentence
 
 
+def test_a_destination_stated_too_warm_is_no_dead_thermometer(pairs):
+    """In runs of humidity alone the air is then said to step by 2 K: bead and die show noise and no step."""
+    _, campaign, _ = pairs
+
+    def warmer(run):
+        air = run.destination
+        return (
+            run
+            if air.temperature_c is None
+            else replace(run, destination=replace(air, temperature_c=air.temperature_c + 2))
+        )
+
+    assert any(abs(run.source.temperature_c - run.destination.temperature_c) < 0.5 for run in campaign.runs)
+    assert {f.kind for f in check_campaign(slips.each(campaign, warmer))} == {"airs_disagree"}
+
+
 def test_cooling_water_is_not_said_to_be_in_milliseconds():
     """An hour's rise read every 30 s: where the log names its unit nothing is said, and else both that may be."""
     slow = lag(4000.0, length=40000.0, period=30.0, noise=0.02)
