@@ -194,6 +194,7 @@ def test_no_cause_is_named_that_a_stated_common_error_explains(campaign, errors,
     assert diagnosed(campaign, errors, replace(NOTHING_COMMON, **stated)) == []
 
 
+@pytest.mark.trial
 def test_a_cause_beyond_what_is_stated_keeps_its_name(campaign):
     stated = replace(NOTHING_COMMON, trigger_offset_s=0.010)
     assert diagnosed(campaign, {"trigger_offset_s": 0.08}, stated) == ["dead_time"]

@@ -81,6 +81,7 @@ def of_film(found):
     return budgets(found[1])
 
 
+@pytest.mark.trial
 def test_a_whole_fit_ends_where_the_ridge_says(found, of_film):
     """Readings as they are with every transfer later, and with every run's rate off: fitted anew as a whole."""
     _, result = found

@@ -166,6 +166,7 @@ def test_what_explains_rates_that_scatter_is_described(tmp_path, monkeypatch):
     assert abs(on.value - 0.88) < 3.5 * on.standard_uncertainty < 0.07
 
 
+@pytest.mark.trial
 def test_where_there_is_nothing_nothing_is_said(tmp_path):
     """Whatever is tried; and what gains most by chance has no half of the weight."""
     channel = build_channel(record(tmp_path / "campaign", 4, (), ROUGH, standard_plan()), "temperature")

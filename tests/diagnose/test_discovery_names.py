@@ -166,6 +166,7 @@ def test_what_dew_brings_goes_with_the_margin_of_the_dew_point(tmp_path):
     np.testing.assert_allclose(run, expected, atol=6e-3)  # chambers scatter
 
 
+@pytest.mark.trial
 def test_a_mean_that_no_entry_accounts_for_is_described(tmp_path, monkeypatch):
     """The noise hangs together over seven readings, and the response is late by half of them; nothing else is said."""
     late = [Hidden("moving_average", {"samples": 7.0}, T)]
@@ -226,6 +227,7 @@ def test_readings_over_again_are_no_mean(late):
     assert seen(SingleReadings(channel, 0.001, noise)) is not None and seen(SingleReadings(held, 0.001, noise)) is None
 
 
+@pytest.mark.trial
 def test_a_mean_that_the_noise_denies_is_none_whatever_the_response_says(tmp_path, monkeypatch):
     """A ramp that nothing names leaves a plainly wrong model, which a mean would help by thousands; the noise is of
     single readings."""

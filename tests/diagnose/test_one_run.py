@@ -102,6 +102,7 @@ def test_what_brings_less_than_is_left_has_even_odds(tmp_path):
     assert most.pop("parallel_lag") > 0.5 and all(p <= 0.6 for p in most.values())
 
 
+@pytest.mark.trial
 def test_three_sensors_taken_for_one_are_not_explained(tmp_path):
     """Their curves have one shape, at times that are twice as long from each to the next."""
     found = recorded(tmp_path, 1500.0, times=[(10.0, 100.0), (20.0, 200.0), (40.0, 400.0)])

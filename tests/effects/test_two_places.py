@@ -45,6 +45,7 @@ def told(campaign):
     return channel, {effect: found for effect, found in values.items() if effect != "quantization"}
 
 
+@pytest.mark.trial
 def test_a_box_with_a_fan_and_a_room_without(tmp_path):
     runs = [(21.0, 5.0, 50.0), (5.0, 21.0, 90.0)] * 4
     channel, found = told(write(tmp_path / "c", runs, 2.0))

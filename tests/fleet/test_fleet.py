@@ -569,6 +569,7 @@ def test_a_wide_population_changes_nothing_and_a_narrow_one_is_the_answer(bench,
     assert alpha.value == pytest.approx(own.own.value, rel=1e-6) and alpha.standard_uncertainty < 1e-5 * alpha.value
 
 
+@pytest.mark.trial
 def test_goals_are_reached_with_fewer_runs_where_the_type_is_known(bench, type_fleet):
     """D at 0 and 40 degC from runs at 20 degC: done with a narrow type, to be recorded without."""
     folder, _ = bench

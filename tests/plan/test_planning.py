@@ -220,6 +220,7 @@ def evidence_after(folder, truth, more):
     return against(ready.problem, ready.structure, Dispute((HEATING, OFFSET), old)), ready, old
 
 
+@pytest.mark.trial
 def test_evidence_comes_from_runs_that_tell_the_explanations_apart(tmp_path):
     """Nothing new, nothing; the same airflow once more, hardly anything; another airflow, the right one stays alone."""
     assert evidence_after(tmp_path / "none", HEATED, [])[0] == [0.0, 0.0]
@@ -239,6 +240,7 @@ def test_evidence_comes_from_runs_that_tell_the_explanations_apart(tmp_path):
     assert expected_evidence([ChannelLook(Verdict())], [slow]) == [0.0]
 
 
+@pytest.mark.trial
 def test_what_nobody_listed_is_held_against_what_is_catalogued(tmp_path):
     """A described offset and a self-heating: a slow run of a bead with an offset rules the heating out, one of a bead
     that heats itself the description."""
@@ -290,6 +292,7 @@ def test_what_new_runs_bear_out_is_named_though_most_runs_cannot_show_it(tmp_pat
     assert () in after.out and after.named == ("radiative_heating",) and after.verdict == "explained"
 
 
+@pytest.mark.trial
 def test_what_hardly_ever_happens_is_tied_too_and_stays_where_the_likelier_is_ruled_out(tmp_path):
     """A clock that runs fast, which looks like a delay until a run is recorded for longer before its transfer."""
     fast = replace(LIVELY, effects=(Hidden("clock_drift", {"ppm": 14000.0}, ("temperature",)),))
@@ -322,6 +325,7 @@ def test_a_fit_is_carried_over_the_steps_of_its_objective(tmp_path, begun_s):
     assert found.objective < 1.3 * problem.channel.count.size
 
 
+@pytest.mark.trial
 def test_a_delay_is_not_named_a_clock_by_four_equal_runs(tmp_path):
     found = diagnose_channel(late_film(tmp_path, 205, 14)[0], describing=False)
     assert [cause.effect for cause in found.causes] == ["dead_time"]
