@@ -242,15 +242,18 @@ def no_surer(problem: Problem, found: Fit, bump: Array, discrepancy: float, than
         each = right @ inverse
         each = each - each.mean(axis=0)
         part = np.ix_(free, free)
-        covariance[part] = _no_less(covariance[part], each.T @ each * runs / (runs - 1.0))
+        covariance[part] = no_less_than_scatter(covariance[part], each.T @ each * runs / (runs - 1.0))
     return replace(found, covariance=covariance)
 
 
-def _no_less(covariance: Array, other: Array) -> Array:
-    """A covariance that is in no direction less than another: along the axes of both, the larger of the two."""
+def no_less_than_scatter(covariance: Array, scatter: Array) -> Array:
+    """A covariance (P, P) that is in no direction less than a scatter: along the axes of both, the larger of the two.
+
+    Along any direction its variance is at least that of either.
+    """
     root = np.linalg.cholesky(covariance)
     inverse = np.linalg.inv(root)
-    values, axes = np.linalg.eigh(inverse @ other @ inverse.T)
+    values, axes = np.linalg.eigh(inverse @ scatter @ inverse.T)
     wide = root @ axes
     return np.asarray((wide * np.maximum(values, 1.0)) @ wide.T)
 
