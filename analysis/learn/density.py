@@ -24,6 +24,7 @@ from scipy.linalg import cho_factor, cho_solve, lapack
 
 from shockrig.analysis.learn.bins import FlightBins
 from shockrig.analysis.learn.laws import Law, Values, response
+from shockrig.files.learned import SIZES
 
 Array = NDArray[np.float64]
 
@@ -33,17 +34,11 @@ EDDY_M, EDDY_S = 40.0, 60.0  # how far turbulence reaches, and how long it lasts
 AROUND_SHARE, AROUND_M = 0.05, 50.0  # of the range of altitudes, and at least: over which a profile is as steep
 LEAST_STEEPNESS = 0.05  # of the usual, where the readings are as flat as can be
 UNKNOWN = 30.0  # times a channel's own spread: what is known of the ends of the air's profile before any reading
-BEGIN = {
-    "walk": 0.2,
-    "drift": 0.03,
-    "layers": 0.01,
-    "eddies": 0.01,
-    "noise": 0.01,
-}  # where a fit begins: air that stays
 SIZE_SPREAD = 3.0  # of a size's logarithm, before any reading
 # Usual sizes, as a share of the channel's spread along the flight (standard deviations): the walk over the whole range
 # of altitudes, the change of all of the air and of layers by the flight's end, eddies, noise.
-USUAL = {"walk": 0.5, "drift": 0.1, "layers": 0.1, "eddies": 0.03, "noise": 0.01}
+USUAL = dict(zip(SIZES, (0.5, 0.1, 0.1, 0.03, 0.01), strict=True))
+BEGIN = dict(zip(SIZES, (0.2, 0.03, 0.01, 0.01, 0.01), strict=True))  # where a fit begins: air that stays
 MOVING_LAYERS = 4  # heights at which layers move by themselves, straight between them
 MOVES = 1 + MOVING_LAYERS  # all of the air at once, and each of them
 MOVE_STEP = 0.01  # over which slopes are taken
@@ -108,7 +103,7 @@ def prepared(bins: FlightBins, channel: str) -> FlightChannelData:
             np.exp(-apart_m / EDDY_M - apart_s / EDDY_S),
         ]
     )
-    sizes = 2.0 * np.log([USUAL[key] for key in ("walk", "drift", "layers", "eddies", "noise")])
+    sizes = 2.0 * np.log(list(USUAL.values()))
     usual = np.r_[sizes, np.zeros(MOVES)]
     spread = np.r_[np.full(sizes.size, SIZE_SPREAD), np.ones(MOVES)]
     moved_m = float(np.hypot(MOVED_M, MOVED_M_PER_H * bins.minutes / 60.0))
@@ -203,10 +198,16 @@ def _columns(knots: Array, altitude: Array) -> Array:
 class Density:
     """The log density of a flight's channel [nats], with its slopes over laws' parameters and the flight's sizes.
 
-    `slope` (p + s,) and `information` (p + s, p + s), the parameters first, without what is known before any reading;
-    `grown` the sizes' logarithms
-    where the next step of the minorisation of Zhou and others (2019, doi 10.1080/10618600.2018.1529601) takes them,
-    less where they are; `effective` how many readings each size is known from, by what the others leave.
+    Attributes
+    ----------
+    value : float
+    slope, information : ndarray (p + s,), (p + s, p + s)
+        The parameters first; without what is known before any reading.
+    grown : ndarray (s - MOVES,)
+        How far the next step of the minorisation of Zhou and others (2019, doi 10.1080/10618600.2018.1529601) takes
+        the sizes' logarithms.
+    effective : ndarray (s - MOVES,)
+        How many readings each size is known from, by what the others leave.
     """
 
     value: float

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.analysis.estimate.predictive import no_less_than_scatter
 from shockrig.analysis.learn.density import (
     MOVES,
     Density,
@@ -32,12 +33,16 @@ LONGEST_STEP = 1.5  # of a parameter or a size, in its own spread: at most in on
 
 @dataclass(frozen=True)
 class Known:
-    """What is known of a model's parameters on the scale that is fitted: name, law's key, mean, spread, bounds."""
+    """What is known of a model's parameter on the scale that is fitted: mean, spread, bounds."""
 
     parameter: LawParameter
-    name: str
     mean: float
     spread: float
+
+    @property
+    def name(self) -> str:
+        """The parameter's."""
+        return self.parameter.name
 
     @property
     def low(self) -> float:
@@ -58,7 +63,7 @@ def known_of(laws: Sequence[Law], stated: Mapping[str, tuple[float, float]] | No
             mean, spread = parameter.encoded(parameter.usual), parameter.spread
             if stated and (key := f"{law.channel}.{parameter.name}") in stated:
                 mean, spread = stated[key]
-            found.append(Known(parameter, parameter.name, mean, spread))
+            found.append(Known(parameter, mean, spread))
     return tuple(found)
 
 
@@ -78,6 +83,8 @@ class Learned:
         Log density of each unit at theta [nats].
     slope, information : ndarray (U, P), (U, P, P)
         Of each unit's log density, its sizes eliminated.
+    channels : tuple of str
+        Of each unit.
     """
 
     laws: tuple[Law, ...]
@@ -87,6 +94,7 @@ class Learned:
     value: Array
     slope: Array
     information: Array
+    channels: tuple[str, ...] = ()
 
     @property
     def prior(self) -> Array:
@@ -108,18 +116,13 @@ class Learned:
         if units < 3:
             return inverse
         moved = (self.slope - self.slope.mean(axis=0)) @ inverse
-        seen = moved.T @ moved * units / (units - 1.0)
-        root = np.linalg.cholesky(inverse)
-        back = np.linalg.inv(root)
-        values, axes = np.linalg.eigh(back @ seen @ back.T)
-        wide = root @ axes
-        return np.asarray((wide * np.maximum(values, 1.0)) @ wide.T)
+        return no_less_than_scatter(inverse, moved.T @ moved * units / (units - 1.0))
 
     def sensor(self, theta: Array | None = None, channel: str | None = None) -> SensorModel:
         """The model of the sensor, at theta or at another; of one channel alone."""
         theta = self.theta if theta is None else theta
         laws = tuple(law for law in self.laws if channel is None or law.channel in ("", channel))
-        return SensorModel(laws, values_of(self.laws, self.known, theta, channel))
+        return SensorModel(laws, values_of(self.laws, theta, channel))
 
     def without(self, unit: int) -> Array:
         """Theta where one unit is left out."""
@@ -144,9 +147,7 @@ class Learned:
         return np.array(found)
 
 
-def values_of(
-    laws: Sequence[Law], known: Sequence[Known], theta: Array, channel: str | None = None
-) -> dict[str, float]:
+def values_of(laws: Sequence[Law], theta: Array, channel: str | None = None) -> dict[str, float]:
     """Parameters' values in their own units, by name; of one channel's laws and the position's."""
     found, at = {}, 0
     for law in laws:
@@ -187,15 +188,8 @@ def fitted(
         shared, pull = np.diag(weight), weight * (mean - state.theta)
         own = []
         for unit, size, found in zip(units, state.sizes, state.found, strict=True):
-            p = len(known)
-            q = p if bold else p + size.size - MOVES
-            slope = found.slope[q:] + ((unit.usual - size) / unit.spread**2)[q - p :]
-            curved = found.information[q:, q:] + np.diag(unit.spread[q - p :] ** -2.0)
-            curved = curved + damping * np.diag(curved.diagonal())
-            cross = found.information[:p, q:]
-            solved = np.linalg.solve(curved, np.column_stack([cross.T, slope]))
-            shared = shared + found.information[:p, :p] - cross @ solved[:, :p]
-            pull = pull + found.slope[:p] - cross @ solved[:, p]
+            slope, information, solved = _eliminated(unit, size, found, 0 if bold else size.size - MOVES, damping)
+            shared, pull = shared + information, pull + slope
             own.append(solved)
         free = ~(((state.theta <= low) & (pull < 0)) | ((state.theta >= high) & (pull > 0)))
         step = np.zeros(len(known))
@@ -241,7 +235,7 @@ def _at(
     total = -0.5 * sum(((t - one.mean) / one.spread) ** 2 for t, one in zip(theta, known, strict=True))
     for unit, size in zip(units, sizes, strict=True):
         mine = tuple(law for law in laws if law.channel in ("", unit.channel))
-        sensor = SensorModel(mine, values_of(laws, known, theta, unit.channel))
+        sensor = SensorModel(mine, values_of(laws, theta, unit.channel))
         which = [i for i, law in enumerate(_law_of(laws)) if law.channel in ("", unit.channel)]
         slopes = tuple((known[i].name, DIFFERENCE * known[i].spread, known[i].parameter.log) for i in which)
         part = density(unit, sensor, size, slopes)
@@ -255,6 +249,22 @@ def _at(
     return _State(theta, sizes, tuple(found), total if np.isfinite(total) else -np.inf)
 
 
+def _eliminated(
+    unit: FlightChannelData, size: Array, found: Density, first: int = 0, damping: float = 0.0
+) -> tuple[Array, Array, Array]:
+    """Slope (p,) and information (p, p) of the parameters once the unit's own numbers, from the `first` on, are at
+    their best; and what that is: the step of those numbers is the last column less the others times the parameters'.
+    """
+    p = found.slope.size - size.size
+    q = p + first
+    slope = found.slope[q:] + ((unit.usual - size) / unit.spread**2)[first:]
+    curved = found.information[q:, q:] + np.diag(unit.spread[first:] ** -2.0)
+    curved += damping * np.diag(curved.diagonal())
+    cross = found.information[:p, q:]
+    solved = np.linalg.solve(curved, np.column_stack([cross.T, slope]))
+    return found.slope[:p] - cross @ solved[:, p], found.information[:p, :p] - cross @ solved[:, :p], solved
+
+
 def _law_of(laws: Sequence[Law]) -> list[Law]:
     """The law of each parameter, in order."""
     return [law for law in laws for _ in law.parameters]
@@ -266,16 +276,13 @@ def _learned(
     p = len(known)
     slopes, informations, values = [], [], []
     for unit, size, found in zip(units, state.sizes, state.found, strict=True):
-        h_weight = found.information[p:, p:] + np.diag(unit.spread**-2.0)
-        h_slope = found.slope[p:] + (unit.usual - size) / unit.spread**2
-        cross = found.information[:p, p:]
-        solved = np.linalg.solve(h_weight, np.column_stack([cross.T, h_slope]))
-        slopes.append(found.slope[:p] - cross @ solved[:, p])
-        informations.append(found.information[:p, :p] - cross @ solved[:, :p])
+        slope, information, _ = _eliminated(unit, size, found)
+        slopes.append(slope)
+        informations.append(information)
         values.append(found.value - 0.5 * float(np.sum(((size - unit.usual) / unit.spread) ** 2)))
     whole = Learned(
         laws, known, state.theta, state.sizes, np.array(values), np.array(slopes).reshape(len(units), p),
-        np.array(informations).reshape(len(units), p, p),
+        np.array(informations).reshape(len(units), p, p), tuple(unit.channel for unit in units),
     )  # fmt: skip
     if not p:
         return whole

@@ -75,8 +75,6 @@ class Law:
         What is added to the reading.
     shift_s : values -> s, or None
         By how much the track's time is behind the sensor's.
-    replaces : str
-        A law whose response this one is a case of.
     flown_as : str
         The effect of the catalogue that a correction takes off.
     needs : str
@@ -93,7 +91,6 @@ class Law:
     lags: Callable[[Values, FlightBins], tuple[tuple[Array, Array], ...]] | None = None
     offset: Callable[[Values, FlightBins], Array] | None = None
     shift_s: Callable[[Values], float] | None = None
-    replaces: str = ""
     flown_as: str = ""
 
 
@@ -237,7 +234,6 @@ def _laws() -> tuple[Law, ...]:
                 "Miloshevich and others 2004; GRUAN-TD-8 (2022)",
                 f"{_STRUCTURE} at temperatures 15 K apart",
                 lags=_lag_in_the_cold,
-                replaces="lag",
             ),
             Law(
                 "second_path",
@@ -252,7 +248,6 @@ def _laws() -> tuple[Law, ...]:
                 "Segales and others 2022, doi 10.5194/amt-15-2607-2022 (housing); Bell and others 2020 (stem)",
                 "a hover after a climb, or two climb rates",
                 lags=_two_paths,
-                replaces="lag",
                 flown_as="parallel_lag",
             ),
             Law(

@@ -20,6 +20,7 @@ from shockrig.analysis.learn.fit import Learned, best_start, fitted, known_of, s
 from shockrig.analysis.learn.laws import LAWS, Law
 from shockrig.analysis.learn.passes import Disagreement, disagreement, refutes
 from shockrig.files.flight import Flight
+from shockrig.files.learned import RivalModel
 
 Array = NDArray[np.float64]
 
@@ -79,15 +80,6 @@ class FlightCause:
 
 
 @dataclass(frozen=True)
-class Rival:
-    """A model of one channel that may be right: its laws, their numbers in their own units, its probability."""
-
-    laws: tuple[Law, ...]
-    values: Mapping[str, float]
-    probability: float
-
-
-@dataclass(frozen=True)
 class ChannelLearned:
     """What flights say of one channel.
 
@@ -98,7 +90,7 @@ class ChannelLearned:
         "named", "tied", "not identifiable" or "adequate".
     causes : tuple of FlightCause
         Most probable first; those that are named, or tied.
-    rivals : tuple of Rival
+    rivals : tuple of RivalModel
         Models that may be right, most probable first; at least two where the channel is tied or not identifiable.
     refuted : tuple of str
         Models that make passes less alike in structure than they are as read.
@@ -117,7 +109,7 @@ class ChannelLearned:
     channel: str
     verdict: str
     causes: tuple[FlightCause, ...]
-    rivals: tuple[Rival, ...]
+    rivals: tuple[RivalModel, ...]
     refuted: tuple[str, ...]
     limit_s: float
     why: str
@@ -186,13 +178,14 @@ def learn(
     joint = _with_clock(channels, raced, units, stated)
     progress("what the structure of the passes refutes")
     refuted: dict[str, tuple[str, ...]] = {}
+    read = {c: disagreement(units[c], None, c) for c in channels}
+    off: dict[str, dict[int, Disagreement]] = {}  # under each fit
     for c in channels:
-        read = disagreement(units[c], None, c)
-        out = [one for one in raced[c] if one.laws and refutes(read, disagreement(units[c], one, c))]
+        off[c] = {id(one): disagreement(units[c], one, c) for one in (*raced[c], *joint)}
+        out = [one for one in raced[c] if one.laws and refutes(read[c], off[c][id(one)])]
         refuted[c] = tuple(" and ".join(law.key for law in one.laws) for one in out)
-        raced[c] = [one for one in raced[c] if not any(one is other for other in out)]
-        first = 0 if c == channels[0] else len(units[channels[0]])
-        joint = [one for one in joint if not refutes(read, disagreement(units[c], one, c, first))]
+        raced[c] = [one for one in raced[c] if all(one is not other for other in out)]
+        joint = [one for one in joint if not refutes(read[c], off[c][id(one)])]
     names = [one.name for one in used]
     of = {c: [unit.bins.name for unit in units[c]] for c in channels}
     pairs = list(product(*(raced[c] for c in channels)))
@@ -208,7 +201,9 @@ def learn(
         laws = [law for part in model for law in part.laws]
         priors.append(LAW_LOG_PRIOR * sum(law.key != "lag" for law in laws))
     weight = weights(scores, priors)
-    found = {c: _judged(c, channels, models, weight, lags[c], refuted[c], used, units[c]) for c in channels}
+    found = {
+        c: _judged(c, channels, models, weight, lags[c], refuted[c], used, units[c], read[c], off[c]) for c in channels
+    }
     clock = float(sum(w for w, model in zip(weight, models, strict=True) if CLOCK in _laws_of(model)))
     position: tuple[FlightCause, ...] = ()
     if clock >= POSSIBLE:
@@ -330,6 +325,8 @@ def _judged(
     refuted: tuple[str, ...],
     used: Sequence[FlightBins],
     units: list[FlightChannelData],
+    read: Disagreement,
+    off: Mapping[int, Disagreement],
 ) -> ChannelLearned:
     """Verdict on a channel: probabilities of laws are sums of the weights of the models that have them."""
 
@@ -360,21 +357,18 @@ def _judged(
     else:
         verdict = "named" if causes and len(sure) == len(causes) else "tied"
     fit = part_of(models[best])
-    single = disagreement(units, lag, channel)
-    rivals: dict[tuple[Law, ...], Rival] = {}
+    rivals: dict[tuple[str, ...], RivalModel] = {}
     for i in np.argsort(-weight).tolist():
-        laws = mine[i]
-        before = rivals.get(laws)
-        if before is None:
-            rivals[laws] = Rival(laws, part_of(models[i]).sensor(channel=channel).values, float(weight[i]))
-        else:
-            rivals[laws] = Rival(laws, before.values, before.probability + float(weight[i]))
+        laws = tuple(law.key for law in mine[i])
+        values, before = part_of(models[i]).sensor(channel=channel).values, 0.0
+        if laws in rivals:  # of the most probable model that has them
+            values, before = rivals[laws].values, rivals[laws].probability
+        rivals[laws] = RivalModel(laws, values, before + float(weight[i]))
     ranked = sorted(rivals.values(), key=lambda one: -one.probability)
     kept = [one for k, one in enumerate(ranked) if k < 2 or one.probability >= POSSIBLE]
     return ChannelLearned(
         channel, verdict, tuple(causes), tuple(kept), refuted, limit_s, why, fit, lag,
-        disagreement(units, None, channel), single,
-        disagreement(units, fit, channel, 0 if channel == channels[0] else len(fit.value) - len(units)),
+        read, off[id(lag)], off[id(fit)],
     )  # fmt: skip
 
 

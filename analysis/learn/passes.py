@@ -66,18 +66,15 @@ def refutes(read: Disagreement, corrected: Disagreement) -> bool:
     return bool(worse.mean() > stdtrit(worse.size - 1.0, 0.95) * worse.std(ddof=1) / np.sqrt(worse.size))
 
 
-def disagreement(units: Sequence[FlightChannelData], fit: Learned | None, channel: str, first: int = 0) -> Disagreement:
-    """How far neighbouring passes disagree: as read where there is no fit, else by a fit without that flight.
-
-    `first` is the place of the channel's first unit in a fit of more than one channel.
-    """
+def disagreement(units: Sequence[FlightChannelData], fit: Learned | None, channel: str) -> Disagreement:
+    """How far neighbouring passes disagree: as read where there is no fit, else by a fit without that flight."""
     names: list[str] = []
     heights, off = [], []
     for i, unit in enumerate(units):
-        place = first + i
         if fit is None:
             sensor, own = SensorModel((), {}), None
         else:
+            place = fit.channels.index(channel) + i
             sensor, own = fit.sensor(fit.without(place), channel), fit.sizes[place]
         profiles: list[tuple[float, float, NDArray[np.int64]] | None] = []
         for one in unit.bins.passes:
