@@ -100,7 +100,7 @@ def _channel(one: ChannelLearned, learned: FlightsLearned) -> dict[str, Any]:
         "mean": float(values.mean()),
         "sizes": np.median([one.lag.sizes[i][:-MOVES] for i in units], axis=0).tolist(),
         "rivals": [
-            {"laws": [law.key for law in rival.laws], "values": dict(rival.values), "probability": rival.probability}
+            {"laws": list(rival.laws), "values": dict(rival.values), "probability": rival.probability}
             for rival in one.rivals
         ],
         "refuted": list(one.refuted),

@@ -20,10 +20,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve, lapack
+from scipy.linalg import lapack
 
 from shockrig.analysis.learn.bins import FlightBins
-from shockrig.analysis.learn.laws import Law, Values, response
+from shockrig.analysis.learn.laws import Law, Values, drawn_back, response
 from shockrig.files.learned import SIZES
 
 Array = NDArray[np.float64]
@@ -149,13 +149,20 @@ class SensorModel:
 
     def seen_air(self, data: FlightChannelData, moves: Array) -> Array:
         """What the sensor reads of the shared air's columns (m, 2 + k), layers moved (MOVES,)."""
-        shift = sum(law.shift_s(self.values) for law in self.laws if law.shift_s is not None)
-        return self.seen(data, walked(data, shift, moves))
+        return self.seen(data, _columns(data.knots, moved_track(data, self.shift_s, moves)[0]))
+
+    @property
+    def shift_s(self) -> float:
+        """By how much the track's time is behind the sensor's."""
+        return sum(law.shift_s(self.values) for law in self.laws if law.shift_s is not None)
+
+    def lags(self, data: FlightChannelData) -> tuple[tuple[Array, Array], ...]:
+        """Shares and time constants of the response, over bins."""
+        return next((law.lags(self.values, data.bins) for law in self.laws if law.lags is not None), ())
 
     def seen(self, data: FlightChannelData, air: Array) -> Array:
         """What it reads of columns of air that are given within bins, (n, SUB_SAMPLES, q): (m, q)."""
-        lags = [law.lags(self.values, data.bins) for law in self.laws if law.lags is not None]
-        return response(lags[0] if lags else (), data.bins, air)[data.rows]
+        return response(self.lags(data), data.bins, air)[data.rows]
 
     def offset(self, data: FlightChannelData) -> Array:
         """What is added to the readings (m,), over the channel's unit."""
@@ -172,15 +179,16 @@ class SensorModel:
         return self.seen(data, before)[:, 0]
 
 
-def walked(data: FlightChannelData, shift_s: float, moves: Array) -> Array:
-    """The shared air's columns within bins (n, SUB_SAMPLES, 2 + k): a constant, a slope, its random walk's steps."""
+def moved_track(data: FlightChannelData, shift_s: float, moves: Array) -> tuple[Array, Array]:
+    """Altitudes within bins (n, SUB_SAMPLES) once layers have moved, and their slopes over moves, (MOVES, ...) [m]."""
     bins, knots = data.bins, data.knots
     altitude = np.interp(bins.within_s + shift_s, bins.track_s, bins.track_m)
     since = (bins.time_s - bins.time_s[0]) / max(float(np.ptp(bins.time_s)), 1e-9)
-    heights = np.linspace(knots[0], knots[-1], MOVING_LAYERS)
-    by = moves[0] + np.interp(altitude, heights, moves[1:])
-    altitude = altitude + data.moved_m * by * since[:, None]
-    return _columns(knots, altitude)
+    place = (altitude - knots[0]) / (knots[-1] - knots[0]) * (MOVING_LAYERS - 1)
+    heights = np.arange(MOVING_LAYERS)[:, None, None]
+    near = np.maximum(1.0 - np.abs(np.clip(place, 0.0, MOVING_LAYERS - 1.0) - heights), 0.0)
+    slopes = data.moved_m * since[:, None] * np.concatenate([np.ones_like(near[:1]), near])
+    return altitude + np.tensordot(moves, slopes, axes=1), slopes
 
 
 def _columns(knots: Array, altitude: Array) -> Array:
@@ -227,66 +235,107 @@ def density(
 ) -> Density:
     """The density under a sensor and a flight's own numbers; slopes over `parameters` (name, step, log)."""
     sizes, moves = own[:-MOVES], own[-MOVES:]
-    start = UNKNOWN * sensor.settling(data)
-    seen = np.column_stack([sensor.seen_air(data, moves), start])
-    residual = data.reading - sensor.offset(data)
-    walk = np.exp(sizes[0])
-    weight = np.r_[1.0, 1.0, walk * data.steps, 1.0]
+    first = len(parameters)
+    altitude, track_slopes = moved_track(data, sensor.shift_s, moves)
+    air = _with_start(_columns(data.knots, altitude))
+    lags = sensor.lags(data)
+    seen = response(lags, data.bins, air)[data.rows]
+    offset = sensor.offset(data)
+    residual = data.reading - offset
+    weight = np.r_[1.0, 1.0, np.exp(sizes[0]) * data.steps, 1.0]
     scaled = seen * weight
+    count = residual.size
+    changes = data.changes.reshape(len(data.changes), -1)
     covariance = scaled @ seen.T
-    covariance += np.tensordot(np.exp(sizes[1:-1]), data.changes, axes=1)
-    index = np.arange(covariance.shape[0])
-    covariance[index, index] += np.exp(sizes[-1])
-    try:
-        factor = cho_factor(covariance, lower=True, overwrite_a=True, check_finite=False)
-    except np.linalg.LinAlgError:
-        return Density(
-            -np.inf,
-            np.zeros(len(parameters) + own.size),
-            np.eye(len(parameters) + own.size),
-            np.zeros(sizes.size),
-            np.ones(sizes.size),
-        )
-    lower = factor[0]
-    v = cho_solve(factor, residual, check_finite=False)
-    value = -0.5 * float(residual @ v) - float(np.log(lower.diagonal()).sum()) - index.size * np.log(data.unit)
+    covariance += (np.exp(sizes[1:-1]) @ changes).reshape(count, count)
+    covariance.flat[:: count + 1] += np.exp(sizes[-1])
+    lower, failed = lapack.dpotrf(covariance, lower=1, clean=0)
+    if failed:
+        none, every = np.zeros(first + own.size), np.eye(first + own.size)
+        return Density(-np.inf, none, every, np.zeros(sizes.size), np.ones(sizes.size))
+    v = lapack.dpotrs(lower, residual, lower=1)[0]
+    value = -0.5 * float(residual @ v) - float(np.log(lower.diagonal()).sum()) - count * np.log(data.unit)
     inverse = lapack.dpotri(lower, lower=1)[0]
     inverse = np.tril(inverse) + np.tril(inverse, -1).T
     # S_j v of each slope, tr(S^-1 S_j), and what the offset adds: its slope is offset'v, its information
     # offset'S^-1 offset, where a covariance's are half as large.
-    moved, traces, pulled = [], [], []
-    for name, step, log in parameters:
+    moved, traces = np.empty((first + own.size, count)), np.empty(first + own.size)
+    pulled = np.zeros(first)
+    solved, drawn = inverse @ scaled, scaled.T @ v
+    for i, (name, step, log) in enumerate(parameters):
         at = sensor.values[name]
         ahead = SensorModel(sensor.laws, {**sensor.values, name: at * np.exp(step) if log else at + step})
-        d_seen = (np.column_stack([ahead.seen_air(data, moves), UNKNOWN * ahead.settling(data)]) - seen) / step
-        d_offset = (ahead.offset(data) - sensor.offset(data)) / step
-        through = d_seen @ (scaled.T @ v) + scaled @ (d_seen.T @ v)
-        moved.append(through + np.sqrt(2.0) * d_offset)
-        traces.append(2.0 * float(np.sum((inverse @ scaled) * d_seen)))
-        pulled.append((1.0 - np.sqrt(0.5)) * float(d_offset @ v))
-    walk_part, walk_scaled = seen[:, 2:-1], scaled[:, 2:-1]
-    moved.append(walk_scaled @ (walk_part.T @ v))
-    traces.append(float(np.sum((inverse @ walk_part) * walk_scaled)))
-    for size, change in zip(np.exp(sizes[1:-1]), data.changes, strict=True):
-        moved.append(size * (change @ v))
-        traces.append(size * float(np.sum(inverse * change)))
-    noise = np.exp(sizes[-1])
-    moved.append(noise * v)
-    traces.append(noise * float(inverse.trace()))
-    first = len(parameters)
-    through = np.array([one @ v for one in moved[first:]])
-    grown = np.log(np.maximum(through, 1e-12) / np.maximum(np.array(traces[first:]), 1e-12))
+        acts = [law for law in sensor.laws if any(one.name == name for one in law.parameters)]
+        moved[i], traces[i] = 0.0, 0.0
+        if any(law.offset is None for law in acts):
+            there = air
+            if ahead.shift_s != sensor.shift_s:
+                there = _with_start(_columns(data.knots, moved_track(data, ahead.shift_s, moves)[0]))
+            d_seen = (response(ahead.lags(data), data.bins, there)[data.rows] - seen) / step
+            moved[i] = d_seen @ drawn + scaled @ (d_seen.T @ v)
+            traces[i] = 2.0 * float(np.vdot(solved, d_seen))
+        if any(law.offset is not None for law in acts):
+            d_offset = (ahead.offset(data) - offset) / step
+            moved[i] += np.sqrt(2.0) * d_offset
+            pulled[i] = (1.0 - np.sqrt(0.5)) * float(d_offset @ v)
+    of_walk, of_sizes = slice(2, -1), slice(first, first + sizes.size)
+    moved[first] = scaled[:, of_walk] @ (seen[:, of_walk].T @ v)
+    traces[first] = np.vdot(solved[:, of_walk], seen[:, of_walk])
+    moved[first + 1 : of_sizes.stop - 1] = np.exp(sizes[1:-1])[:, None] * (data.changes @ v)
+    traces[first + 1 : of_sizes.stop - 1] = np.exp(sizes[1:-1]) * (changes @ inverse.ravel())
+    moved[of_sizes.stop - 1] = np.exp(sizes[-1]) * v
+    traces[of_sizes.stop - 1] = np.exp(sizes[-1]) * float(inverse.trace())
+    through = moved[of_sizes] @ v
+    grown = np.log(np.maximum(through, 1e-12) / np.maximum(traces[of_sizes], 1e-12))
+    moved[of_sizes.stop :], traces[of_sizes.stop :] = _of_moves(
+        data, lags, altitude, track_slopes, scaled, np.column_stack([solved, v]), drawn
+    )
+    slope = 0.5 * (moved @ v - traces)
+    slope[:first] += pulled
+    information = 0.5 * moved @ inverse @ moved.T
+    return Density(value, slope, information, grown, np.maximum(traces[of_sizes], 1.0))
+
+
+def _with_start(air: Array) -> Array:
+    """Columns of air, and behind them what the sensor was before the first bin."""
+    before = np.zeros((*air.shape[:-1], 1))
+    before[0, 0] = UNKNOWN
+    return np.concatenate([air, before], axis=-1)
+
+
+def _of_moves(
+    data: FlightChannelData,
+    lags: tuple[tuple[Array, Array], ...],
+    altitude: Array,
+    track_slopes: Array,
+    scaled: Array,
+    solved: Array,
+    drawn: Array,
+) -> tuple[Array, Array]:
+    """S_j v and tr(S^-1 S_j) of each move of layers: (MOVES, m), (MOVES,).
+
+    A move changes two columns of the air, where the sensor is: the line's, and the step's in which it is.
+    """
+    knots = data.knots
+    last = knots.size - 1.0
+    place = (altitude - knots[0]) / (knots[1] - knots[0])
+    step = np.clip(place, 0.0, last - 1.0).astype(int)
+    inside = ((place > 0.0) & (place < last)) / (knots[1] - knots[0])
+    line, ramp = UNKNOWN * 2.0 / last * inside, inside / np.sqrt(last)
+    every = np.zeros((data.bins.time_s.size, solved.shape[1]))
+    every[data.rows] = solved
+    back = drawn_back(lags, data.bins, every)
+    slopes = track_slopes.reshape(MOVES, -1)
+    both = line * back[..., 1] + ramp * np.take_along_axis(back, step[..., None] + 2, axis=-1)[..., 0]
+    traces = 2.0 * slopes @ both.ravel()
+    onto = track_slopes * (line * drawn[1] + ramp * drawn[step + 2])
+    moved = response(lags, data.bins, np.moveaxis(onto, 0, -1))[data.rows].T
+    of_v = slopes * back[..., -1].ravel()
+    columns = np.zeros((MOVES, scaled.shape[1]))
+    columns[:, 1] = of_v @ line.ravel()
     for i in range(MOVES):
-        ahead_by = moves.copy()
-        ahead_by[i] += MOVE_STEP
-        d_seen = (np.column_stack([sensor.seen_air(data, ahead_by), start]) - seen) / MOVE_STEP
-        moved.append(d_seen @ (scaled.T @ v) + scaled @ (d_seen.T @ v))
-        traces.append(2.0 * float(np.sum((inverse @ scaled) * d_seen)))
-    each = np.stack(moved)
-    slope = 0.5 * (each @ v - np.array(traces))
-    slope[: len(pulled)] += pulled
-    information = 0.5 * each @ cho_solve(factor, each.T, check_finite=False)
-    return Density(value, slope, information, grown, np.maximum(np.array(traces[first : first + sizes.size]), 1.0))
+        columns[i, 2:-1] = np.bincount(step.ravel(), weights=of_v[i] * ramp.ravel(), minlength=knots.size - 1)
+    return moved + columns @ scaled.T, traces
 
 
 def air_of(data: FlightChannelData, sensor: SensorModel, own: Array, rows: NDArray[np.int64], at: Array) -> Array:

@@ -26,6 +26,8 @@ SCATTERS = (0.07, 0.15, 0.3)  # of a parameter from flight to flight, in its own
 USUAL_SCATTER, SCATTER_SPREAD = 0.07, 0.7  # before any flight: in that unit, and of its logarithm
 FIRST_FLIGHTS, BEST_STARTS = 2, 2  # on which starts are tried, and how many of them go on
 FEW_STEPS = 5  # from each start, to see which leads furthest
+AGREE = 0.1  # of a parameter's spread: starts that have come so near to one another lead to one summit
+HOPELESS_NATS = 20.0  # behind the best after these steps
 ENOUGH_NATS = 0.1  # that the next step would gain
 DIFFERENCE = 1e-3  # of a parameter's spread, over which slopes are taken
 LONGEST_STEP = 1.5  # of a parameter or a size, in its own spread: at most in one step
@@ -349,11 +351,16 @@ def best_start(
     part = None if begin is None else replace(begin, sizes=tuple(begin.sizes[i] for i in first))
     few = [units[i] for i in first]
     tried = sorted((fitted(laws, few, theta, part, stated, FEW_STEPS) for theta in starts), key=lambda one: -one.total)
-    if len(few) < len(units):
-        ends = [fitted(laws, units, one.theta, begin, stated) for one in tried[:BEST_STARTS]]
-    else:
-        ends = [fitted(laws, units, one.theta, one, stated) for one in tried[:BEST_STARTS]]
-    return max(ends, key=lambda one: one.total)
+    best, spread = tried[0], np.array([one.spread for one in known_of(laws, stated)])
+    ends = [best]
+    for one in tried[1:]:
+        summits = [np.max(np.abs(one.theta - other.theta) / spread, initial=0.0) > AGREE for other in ends]
+        if len(ends) < BEST_STARTS and all(summits) and one.total > best.total - HOPELESS_NATS:
+            ends.append(one)
+    whole = len(few) == len(units)
+    return max(
+        (fitted(laws, units, one.theta, one if whole else begin, stated) for one in ends), key=lambda one: one.total
+    )
 
 
 def _first(units: Sequence[FlightChannelData]) -> list[int]:

@@ -121,6 +121,24 @@ def response(lags: tuple[tuple[Array, Array], ...], bins: FlightBins, air: Array
     return np.asarray(seen)
 
 
+def drawn_back(lags: tuple[tuple[Array, Array], ...], bins: FlightBins, weights: Array) -> Array:
+    """The adjoint of `response`: what weights of the bins (n, q) are as weights of the air (n, SUB_SAMPLES, q)."""
+    n, parts = bins.time_s.size, np.arange(SUB_SAMPLES + 1) / SUB_SAMPLES
+    found = np.repeat((weights / SUB_SAMPLES)[:, None], SUB_SAMPLES, axis=1)
+    for share, tau in lags:
+        x = bins.length_s / np.maximum(tau, 1e-6)
+        left = np.exp(-np.minimum(x[:, None] * (1.0 - parts), 700.0))
+        through = (share / x)[:, None] * weights
+        band = np.ones((2, n))
+        band[0, 1:] = -left[1:, 0]
+        state = through.copy()
+        state[:-1] -= through[1:]
+        state = solve_banded((0, 1), band, state, overwrite_b=True, check_finite=False)
+        found -= np.diff(left, axis=1)[..., None] * state[:, None]
+        found[0, 0] += through[0] - left[0, 0] * state[0]
+    return found
+
+
 def _time_constant(usual: float, name: str = "time_constant_s") -> LawParameter:
     return LawParameter(name, "s", usual, 1.5, 0.1, 400.0, tuple(np.geomspace(0.7, 90.0, 13)), log=True)
 

@@ -297,7 +297,8 @@ def _with_clock(
         # Lags that were fitted without the clock have taken a part of it for theirs: usual ones are tried as well.
         usual = np.array([known.mean for known in known_of(laws, stated)])[1:]
         starts = started(CLOCK) if shift is None else [shift]
-        found.append(best_start(laws, every, [np.r_[s, lags] for s in starts for lags in (rest, usual)], stated))
+        begin = found[0] if found else None
+        found.append(best_start(laws, every, [np.r_[s, lags] for s in starts for lags in (rest, usual)], stated, begin))
         shift = found[0].theta[:1]
     return found
 
