@@ -26,11 +26,12 @@ TOP_M = 1200.0
 
 @dataclass(frozen=True)
 class Truth:
-    """What is hidden: lags [s], and by how much the position's clock is late [s]."""
+    """What is hidden: lags [s], by how much the position's clock is late [s], how warm wash makes both sensors [K]."""
 
     temperature_lag_s: float = 5.0
     humidity_lag_s: float = 10.0
     clock_s: float = 0.0
+    wash_k: float = 0.0
 
 
 def lagged(air: np.ndarray, lag_s: float) -> np.ndarray:
@@ -74,10 +75,10 @@ def _flight(rng: np.random.Generator, truth: Truth) -> Flight:
         ways = [np.interp(z, height, _turbulence(rng, height, eddies)) for _ in range(2)]
         return np.interp(moved, height, profile) + drift * done + (1 - back) * ways[0] + back * ways[1]
 
-    seen = (
-        lagged(air(temperature, rng.normal(0.0, 0.2), 0.1), truth.temperature_lag_s),
-        lagged(air(humidity, rng.normal(0.0, 1.0), 0.8), truth.humidity_lag_s),
-    )
+    warm, moist = air(temperature, rng.normal(0.0, 0.2), 0.1), air(humidity, rng.normal(0.0, 1.0), 0.8)
+    washed = truth.wash_k * (t > descends)
+    moist = moist * np.exp(17.62 * warm / (243.12 + warm) - 17.62 * (warm + washed) / (243.12 + warm + washed))
+    seen = lagged(warm + washed, truth.temperature_lag_s), lagged(moist, truth.humidity_lag_s)
     rows = slice(None, None, round(1.0 / STEP_S))
     at = t[rows]
     none = np.full(at.size, np.nan)
@@ -111,7 +112,12 @@ def main(argv: list[str] | None = None) -> int:
 
     commit = subprocess.run(["git", "describe", "--always", "--dirty"], capture_output=True, text=True, check=False)
     lines = [f"commit {commit.stdout.strip()}, seeds from {args.first_seed}, {args.missions} missions of each kind"]
-    kinds = {"lags": Truth(), "nothing": Truth(0.0, 0.0), "clock of 18 s": Truth(clock_s=18.0)}
+    kinds = {
+        "lags": Truth(),
+        "nothing": Truth(0.0, 0.0),
+        "clock of 18 s": Truth(clock_s=18.0),
+        "wash of -1 K": Truth(wash_k=-1.0),
+    }
     for kind, truth in kinds.items():
         within, in_set, called, clocks, spent, total = 0, 0, 0, 0, 0.0, 0
         for seed in range(args.first_seed, args.first_seed + args.missions):

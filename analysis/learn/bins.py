@@ -21,7 +21,7 @@ PASS_SHARE, LEAST_PASS_M = 0.15, 20.0  # of the range of altitudes that a pass c
 FEWEST_BINS = 24
 OUTLIER_SIGMAS = 6.0  # of the readings around: a reading further from their median is not one
 AROUND = 7  # readings of which that is the median
-LEAST_AIRFLOW_M_S = 0.5  # past a sensor that hovers in air that moves
+LEAST_AIRFLOW_M_S = 0.5  # past a sensor that hovers in air that moves: what sinks no faster hovers
 CLIMB_SMOOTHED_S = 5.0  # over which the track's vertical speed is taken
 
 

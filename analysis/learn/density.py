@@ -16,13 +16,14 @@ sharp inversion would be taken for a slow one, seen by a faster sensor.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from shockrig.analysis.learn.bins import FlightBins
+from shockrig.analysis.learn.bins import SUB_SAMPLES, FlightBins
 from shockrig.analysis.learn.laws import Law, Values, drawn_back, response
 from shockrig.files.learned import SIZES
 
@@ -57,8 +58,8 @@ class FlightChannelData:
         Bins in which it was read.
     reading : ndarray (m,)
         Less their mean, over `unit`.
-    unit : float
-        The channel's spread along the flight [K or %RH].
+    mean, unit : float
+        Of the channel along the flight, and its spread [degC, K or %RH].
     knots, steps : ndarray (k,), (k - 1,)
         Altitudes of the shared air [m], and the variances of its steps between them, over what is usual.
     changes : ndarray (j, m, m)
@@ -73,6 +74,7 @@ class FlightChannelData:
     channel: str
     rows: NDArray[np.int64]
     reading: Array
+    mean: float
     unit: float
     knots: Array
     steps: Array
@@ -112,6 +114,7 @@ def prepared(bins: FlightBins, channel: str) -> FlightChannelData:
         channel,
         rows,
         (value - value.mean()) / unit,
+        float(value.mean()),
         unit,
         knots,
         _steepness(bins, channel, knots),
@@ -165,12 +168,33 @@ class SensorModel:
         return response(self.lags(data), data.bins, air)[data.rows]
 
     def offset(self, data: FlightChannelData) -> Array:
-        """What is added to the readings (m,), over the channel's unit."""
+        """What the readings are off by (m,), over the channel's unit."""
         total = np.zeros(data.rows.size)
         for law in self.laws:
-            if law.offset is not None:
-                total = total + law.offset(self.values, data.bins)[data.rows]
-        return total / data.unit
+            if law.offset is not None and data.channel == (law.channel or "temperature"):
+                total = total + self._held(data, law.offset(self.values, data.bins)) / data.unit
+        if not self._factors(data):
+            return total
+        level = data.mean / data.unit
+        return data.reading + level - (data.reading + level - total) * np.exp(-self.log_factor(data))
+
+    def log_factor(self, data: FlightChannelData) -> Array:
+        """Logarithm of what readings are multiplied by (m,)."""
+        none = np.zeros(data.rows.size)
+        factors = (factor(self.values, data.bins) for factor in self._factors(data))
+        return sum((np.log(self._held(data, factor)) for factor in factors), none)
+
+    def _held(self, data: FlightChannelData, given: Array) -> Array:
+        """What the sensor reads (m,) of what is given over bins (n,): an offset comes as late as the air does."""
+        return self.seen(data, np.repeat(given[:, None, None], SUB_SAMPLES, axis=1))[:, 0]
+
+    def offsets(self, data: FlightChannelData) -> bool:
+        """Whether a law gives the channel an offset or a factor."""
+        own = any(law.offset is not None and data.channel == (law.channel or "temperature") for law in self.laws)
+        return own or bool(self._factors(data))
+
+    def _factors(self, data: FlightChannelData) -> list[Callable[[Values, FlightBins], Array]]:
+        return [law.factor for law in self.laws if law.factor is not None and data.channel == "humidity"]
 
     def settling(self, data: FlightChannelData) -> Array:
         """What the sensor still shows of what it was before the first bin (m,)."""
@@ -240,7 +264,7 @@ def density(
     air = _with_start(_columns(data.knots, altitude))
     lags = sensor.lags(data)
     seen = response(lags, data.bins, air)[data.rows]
-    offset = sensor.offset(data)
+    offset, log_factor = sensor.offset(data), sensor.log_factor(data)
     residual = data.reading - offset
     weight = np.r_[1.0, 1.0, np.exp(sizes[0]) * data.steps, 1.0]
     scaled = seen * weight
@@ -255,29 +279,32 @@ def density(
         return Density(-np.inf, none, every, np.zeros(sizes.size), np.ones(sizes.size))
     v = lapack.dpotrs(lower, residual, lower=1)[0]
     value = -0.5 * float(residual @ v) - float(np.log(lower.diagonal()).sum()) - count * np.log(data.unit)
+    value -= float(log_factor.sum())  # readings that are multiplied are as much farther apart
     inverse = lapack.dpotri(lower, lower=1)[0]
     inverse = np.tril(inverse) + np.tril(inverse, -1).T
     # S_j v of each slope, tr(S^-1 S_j), and what the offset adds: its slope is offset'v, its information
     # offset'S^-1 offset, where a covariance's are half as large.
     moved, traces = np.empty((first + own.size, count)), np.empty(first + own.size)
-    pulled = np.zeros(first)
+    pulled, scales = np.zeros(first), np.zeros(first)
     solved, drawn = inverse @ scaled, scaled.T @ v
     for i, (name, step, log) in enumerate(parameters):
         at = sensor.values[name]
         ahead = SensorModel(sensor.laws, {**sensor.values, name: at * np.exp(step) if log else at + step})
         acts = [law for law in sensor.laws if any(one.name == name for one in law.parameters)]
         moved[i], traces[i] = 0.0, 0.0
-        if any(law.offset is None for law in acts):
+        if any(law.lags is not None or law.shift_s is not None for law in acts):
             there = air
             if ahead.shift_s != sensor.shift_s:
                 there = _with_start(_columns(data.knots, moved_track(data, ahead.shift_s, moves)[0]))
             d_seen = (response(ahead.lags(data), data.bins, there)[data.rows] - seen) / step
             moved[i] = d_seen @ drawn + scaled @ (d_seen.T @ v)
             traces[i] = 2.0 * float(np.vdot(solved, d_seen))
-        if any(law.offset is not None for law in acts):
+        if sensor.offsets(data):
             d_offset = (ahead.offset(data) - offset) / step
+            d_factor = (ahead.log_factor(data) - log_factor) / step
             moved[i] += np.sqrt(2.0) * d_offset
-            pulled[i] = (1.0 - np.sqrt(0.5)) * float(d_offset @ v)
+            pulled[i] = (1.0 - np.sqrt(0.5)) * float(d_offset @ v) - float(d_factor.sum())
+            scales[i] = float(d_factor @ d_factor)
     of_walk, of_sizes = slice(2, -1), slice(first, first + sizes.size)
     moved[first] = scaled[:, of_walk] @ (seen[:, of_walk].T @ v)
     traces[first] = np.vdot(solved[:, of_walk], seen[:, of_walk])
@@ -293,6 +320,7 @@ def density(
     slope = 0.5 * (moved @ v - traces)
     slope[:first] += pulled
     information = 0.5 * moved @ inverse @ moved.T
+    information.flat[: first * (len(information) + 1) : len(information) + 1] += scales
     return Density(value, slope, information, grown, np.maximum(traces[of_sizes], 1.0))
 
 

@@ -335,32 +335,47 @@ def started(law: Law) -> list[Array]:
     return list(grid.reshape(len(law.parameters), -1).T)
 
 
-def best_start(
+def explored(
     laws: tuple[Law, ...],
     units: Sequence[FlightChannelData],
     starts: Sequence[Array],
     stated: Mapping[str, tuple[float, float]] | None = None,
     begin: Learned | None = None,
-) -> Learned:
-    """The likeliest fit from several starts, the air of each as fits begin it, or from a fit `begin`.
+) -> list[Learned]:
+    """A few steps from each start on the first flights: where they came to, the likeliest first.
 
-    What layers did meanwhile and how the sensor lags have ridges and more than one summit: a few steps from each start
-    on the first flights, the whole way on all from the best two.
+    The air of each is as fits begin it, or from a fit `begin`. What layers did meanwhile and how the sensor lags have
+    ridges and more than one summit, so the best two go on; but one of those that came to the same place, and none that
+    is hopeless.
     """
     first = _first(units)
     part = None if begin is None else replace(begin, sizes=tuple(begin.sizes[i] for i in first))
     few = [units[i] for i in first]
     tried = sorted((fitted(laws, few, theta, part, stated, FEW_STEPS) for theta in starts), key=lambda one: -one.total)
-    best, spread = tried[0], np.array([one.spread for one in known_of(laws, stated)])
-    ends = [best]
+    spread = np.array([one.spread for one in known_of(laws, stated)])
+    ends = tried[:1]
     for one in tried[1:]:
-        summits = [np.max(np.abs(one.theta - other.theta) / spread, initial=0.0) > AGREE for other in ends]
-        if len(ends) < BEST_STARTS and all(summits) and one.total > best.total - HOPELESS_NATS:
+        away = all(np.max(np.abs(one.theta - other.theta) / spread, initial=0.0) > AGREE for other in ends)
+        if len(ends) < BEST_STARTS and away and one.total > tried[0].total - HOPELESS_NATS:
             ends.append(one)
-    whole = len(few) == len(units)
-    return max(
-        (fitted(laws, units, one.theta, one if whole else begin, stated) for one in ends), key=lambda one: one.total
-    )
+    return ends
+
+
+def climbed(
+    ends: Sequence[Learned],
+    units: Sequence[FlightChannelData],
+    stated: Mapping[str, tuple[float, float]] | None = None,
+    begin: Learned | None = None,
+) -> Learned:
+    """The likeliest fit to all flights, the whole way from where starts were `explored`."""
+    fits = (fitted(one.laws, units, one.theta, one if len(one.sizes) == len(units) else begin, stated) for one in ends)
+    return max(fits, key=lambda one: one.total)
+
+
+def hopeful(tried: Sequence[Sequence[Learned]]) -> list[Sequence[Learned]]:
+    """Models that are worth the whole way: not hopelessly behind the best on the first flights."""
+    best = max((ends[0].total for ends in tried), default=0.0)
+    return [ends for ends in tried if ends[0].total > best - HOPELESS_NATS]
 
 
 def _first(units: Sequence[FlightChannelData]) -> list[int]:

@@ -2,10 +2,11 @@
 
 The sensor reads the air a along the flight through a linear response and an offset:
 
-    y(t) = sum_k share_k q_k(t) + offset(t),   tau_k(t) dq_k/dt = a(z(t + shift)) - q_k
+    y(t) = sum_k share_k q_k(t),   tau_k(t) dq_k/dt = factor(t) a(z(t + shift)) + offset(t) - q_k
 
-A law gives the response its lags, the track its shift, or the reading its offset. Laws that no flight can tell apart
-are one law with several causes.
+A law gives the response its lags, the track its shift, or the reading its offset or factor. Air keeps its vapour
+pressure e, while a film reads e / es of its own temperature: what warms it multiplies its reading. What warms bead and
+film alike is one law of both channels. Laws that no flight can tell apart are one law with several causes.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_banded
 
-from shockrig.analysis.learn.bins import SUB_SAMPLES, FlightBins
+from shockrig.analysis.learn.bins import LEAST_AIRFLOW_M_S, SUB_SAMPLES, FlightBins
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 
 Array = NDArray[np.float64]
@@ -66,13 +67,15 @@ class Law:
     causes : tuple of str
         What would give it; more than one where no flight tells them apart.
     channel : str
-        Of which readings it is; empty where it is the position's, and so of all.
+        Of which readings it is; empty where it is of all: the position's, or a temperature that both sensors have.
     parameters : tuple of LawParameter
     equation, source : str
     lags : (values, bins) -> ((share (n,), time constant (n,) [s]), ...), or None
         The response; what the shares leave of 1 is read at once.
-    offset : (values, bins, channel) -> ndarray (n,), or None
-        What is added to the reading.
+    offset : (values, bins) -> ndarray (n,), or None
+        What is added to the reading; of a law of both channels, to temperature's.
+    factor : (values, bins) -> ndarray (n,), or None
+        By what humidity's reading is multiplied.
     shift_s : values -> s, or None
         By how much the track's time is behind the sensor's.
     flown_as : str
@@ -90,8 +93,14 @@ class Law:
     needs: str
     lags: Callable[[Values, FlightBins], tuple[tuple[Array, Array], ...]] | None = None
     offset: Callable[[Values, FlightBins], Array] | None = None
+    factor: Callable[[Values, FlightBins], Array] | None = None
     shift_s: Callable[[Values], float] | None = None
     flown_as: str = ""
+
+    @property
+    def name(self) -> str:
+        """Its key behind what it is a law of."""
+        return f"{self.channel or ('position' if self.shift_s is not None else 'sensor')}.{self.key}"
 
 
 def response(lags: tuple[tuple[Array, Array], ...], bins: FlightBins, air: Array) -> Array:
@@ -176,14 +185,30 @@ def _ventilated(values: Values, bins: FlightBins) -> Array:
 
 
 def _descending(values: Values, bins: FlightBins) -> Array:
-    return np.asarray(values["offset_in_descent"] * (bins.climb_m_s < 0))
+    sinks = bins.climb_m_s[bins.climb_m_s < -LEAST_AIRFLOW_M_S]
+    usual = float(sinks.mean()) if sinks.size else -np.inf
+    # From half of the usual speed on: a track's speed is smoothed, and half of it is where a descent begins.
+    return np.asarray(values["offset_in_descent"] * (bins.climb_m_s < 0.5 * usual))
 
 
 def _warm_die(values: Values, bins: FlightBins) -> Array:
-    """What a film reads too little of, whose temperature is above the air's while the vapour is right."""
-    warm = values["rise_k_at_5_m_s"] * np.sqrt(REFERENCE_AIRFLOW_M_S / bins.airflow_m_s)
     air = air_temperature(bins)
-    return np.asarray(_humidity(bins) * (saturation_pressure_hpa(air) / saturation_pressure_hpa(air + warm) - 1.0))
+    return _over(air, air + _ventilated(values, bins))
+
+
+def _warm_sensor(values: Values, bins: FlightBins) -> Array:
+    read = air_temperature(bins)  # as warm as the film
+    return _over(read - _ventilated(values, bins), read)
+
+
+def _descending_sensor(values: Values, bins: FlightBins) -> Array:
+    read = air_temperature(bins)
+    return _over(read - _descending(values, bins), read)
+
+
+def _over(air_c: Array, film_c: Array) -> Array:
+    """What a film reads over the air's relative humidity: the vapour is the air's, the temperature its own."""
+    return np.asarray(saturation_pressure_hpa(air_c) / saturation_pressure_hpa(film_c))
 
 
 def _late_die(values: Values, bins: FlightBins) -> Array:
@@ -191,13 +216,7 @@ def _late_die(values: Values, bins: FlightBins) -> Array:
     n = air.size
     held = np.repeat(air[:, None, None], SUB_SAMPLES, axis=1)
     die = response(((np.ones(n), np.full(n, values["die_time_constant_s"])),), bins, held)[:, 0]
-    return np.asarray(_humidity(bins) * (saturation_pressure_hpa(air) / saturation_pressure_hpa(die) - 1.0))
-
-
-def _humidity(bins: FlightBins) -> Array:
-    value = bins.values["humidity"]
-    good = np.isfinite(value)
-    return np.interp(bins.time_s, bins.time_s[good], value[good]) if good.any() else np.full(value.size, 50.0)
+    return _over(air, die)
 
 
 CAUSE_WORDS = {  # causes of laws, for readers
@@ -275,7 +294,7 @@ def _laws() -> tuple[Law, ...]:
                 else ("rotor_wash", "wake", "hysteresis"),
                 channel,
                 (LawParameter("offset_in_descent", unit, 0.0, size, -20 * size, 20 * size, (-size, size)),),
-                "y = q + offset while the flight descends",
+                "tau dq/dt = a + offset - q while the flight descends",
                 "Greene and others 2018, doi 10.5194/amt-11-5519-2018",
                 "another speed of descent, a night, and a hover",
                 offset=_descending,
@@ -287,7 +306,7 @@ def _laws() -> tuple[Law, ...]:
             ("radiative_heating", "self_heating"),
             "temperature",
             (LawParameter("rise_k_at_5_m_s", "K", 0.0, 0.5, -10.0, 10.0, (0.5, -0.3)),),
-            "y = q + rise sqrt(5 m/s / v)",
+            "tau dq/dt = a + rise sqrt(5 m/s / v) - q",
             "WMO-No. 8 (2021), I.2; GRUAN-TD-8 (2022)",
             _AIRFLOW,
             offset=_ventilated,
@@ -298,24 +317,46 @@ def _laws() -> tuple[Law, ...]:
             ("self_heating", "radiative_heating"),
             "humidity",
             (LawParameter("rise_k_at_5_m_s", "K", 0.0, 0.7, -10.0, 10.0, (0.7, 2.0)),),
-            "y = q + RH (es(T) / es(T + rise sqrt(5 m/s / v)) - 1)",
+            "tau dq/dt = a es(T) / es(T + rise sqrt(5 m/s / v)) - q",
             "IST application note on the HYT-271; Miloshevich and others 2009, doi 10.1029/2008JD011565",
             f"{_AIRFLOW} in air that is not dry",
-            offset=_warm_die,
+            factor=_warm_die,
         ),
         Law(
             "late_die",
             ("die_thermal_lag",),
             "humidity",
             (LawParameter("die_time_constant_s", "s", 17.0, 0.8, 0.5, 200.0, (5.0, 17.0, 50.0), True),),
-            "y = q + RH (es(T) / es(T_die) - 1), tau dT_die/dt = T - T_die",
+            "tau dq/dt = a es(T) / es(T_die) - q, tau2 dT_die/dt = T - T_die",
             "Segales and others 2022; iMet-XQ2 flights, whose chips follow the air by 17 to 19 s",
             "a lapse or an inversion, passed upwards and downwards",
-            offset=_late_die,
+            factor=_late_die,
             flown_as="die_thermal_lag",
+        ),
+        Law(
+            "sensor_in_descent",
+            ("rotor_wash", "wake", "radiative_heating"),
+            "",
+            (LawParameter("offset_in_descent", "K", 0.0, 0.7, -14.0, 14.0, (-0.7, 0.7)),),
+            "while the flight descends: bead tau dq/dt = a + offset - q; film tau dq/dt = a es(T) / es(T + offset) - q",
+            "Greene and others 2018, doi 10.5194/amt-11-5519-2018; WMO-No. 8 (2021), I.4 (vapour pressure)",
+            "another speed of descent, a night, and a hover",
+            offset=_descending,
+            factor=_descending_sensor,
+        ),
+        Law(
+            "warm_sensor",
+            ("radiative_heating", "self_heating"),
+            "",
+            (LawParameter("rise_k_at_5_m_s", "K", 0.0, 0.5, -10.0, 10.0, (0.5, -0.3)),),
+            "d = rise sqrt(5 m/s / v): bead tau dq/dt = a + d - q; film tau dq/dt = a es(T) / es(T + d) - q",
+            "WMO-No. 8 (2021), I.2 and I.4; GRUAN-TD-8 (2022)",
+            _AIRFLOW,
+            offset=_ventilated,
+            factor=_warm_sensor,
         ),
     ]
     return tuple(found)
 
 
-LAWS: Mapping[str, Law] = MappingProxyType({f"{law.channel or 'position'}.{law.key}": law for law in _laws()})
+LAWS: Mapping[str, Law] = MappingProxyType({law.name: law for law in _laws()})

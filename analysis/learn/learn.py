@@ -7,7 +7,7 @@ binned -> each channel's models fitted to all flights -> with the clock, both ch
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from shockrig.analysis.estimate.predictive import weights
 from shockrig.analysis.learn.bins import CHANNELS, FlightBins, binned, why_nothing
 from shockrig.analysis.learn.density import FlightChannelData, prepared
-from shockrig.analysis.learn.fit import Learned, best_start, fitted, known_of, started
+from shockrig.analysis.learn.fit import Learned, climbed, explored, fitted, hopeful, known_of, started
 from shockrig.analysis.learn.laws import LAWS, Law
 from shockrig.analysis.learn.passes import Disagreement, disagreement, refutes
 from shockrig.files.flight import Flight
@@ -33,11 +33,9 @@ LAW_LOG_PRIOR = -2.5  # nats that a law beyond a lag has to gain
 USUAL_LAG_S = {"temperature": 4.0, "humidity": 8.0}  # that flights which say nothing leave possible
 UNLIKE_SPEEDS = 1.5  # ratio of the speeds of passes from which they are more than one
 
-# What is fitted to each channel: names of its laws, with the first of which the others begin.
+# What is fitted to each channel beside nothing and one lag: names of its laws, with the first of which others begin.
 MODELS: Mapping[str, tuple[tuple[str, ...], ...]] = {
     "temperature": (
-        (),
-        ("lag",),
         ("lag_in_the_cold",),
         ("second_path",),
         ("offset_in_descent",),
@@ -46,8 +44,6 @@ MODELS: Mapping[str, tuple[tuple[str, ...], ...]] = {
         ("lag", "ventilated_warmth"),
     ),
     "humidity": (
-        (),
-        ("lag",),
         ("lag_in_the_cold",),
         ("second_path",),
         ("warm_die",),
@@ -58,6 +54,7 @@ MODELS: Mapping[str, tuple[tuple[str, ...], ...]] = {
     ),
 }
 CLOCK = LAWS["position.clock_offset"]
+SHARED = (LAWS["sensor.sensor_in_descent"], LAWS["sensor.warm_sensor"])  # of bead and film alike
 
 
 @dataclass(frozen=True)
@@ -175,7 +172,8 @@ def learn(
         raced[channel] = _raced(channel, units[channel], stated, progress)
     lags = {c: next(one for one in raced[c] if [law.key for law in one.laws] == ["lag"]) for c in channels}
     progress("clock of the position")
-    joint = _with_clock(channels, raced, units, stated)
+    joint = _shared(channels, raced, units, stated)
+    joint += _with_clock(channels, raced, units, stated, joint)
     progress("what the structure of the passes refutes")
     refuted: dict[str, tuple[str, ...]] = {}
     read = {c: disagreement(units[c], None, c) for c in channels}
@@ -211,7 +209,7 @@ def learn(
         position = (FlightCause(CLOCK, clock, _parameters(models[best][0], CLOCK)),)
     table = sorted(
         (
-            (" + ".join(_said(law) for law in _laws_of(m)) or "nothing", float(w))
+            (" + ".join(law.name for law in _laws_of(m)) or "nothing", float(w))
             for w, m in zip(weight, models, strict=True)
         ),
         key=lambda row: -row[1],
@@ -228,10 +226,6 @@ def _laws_of(model: tuple[Learned, ...]) -> tuple[Law, ...]:
     return tuple(law for part in model for law in part.laws)
 
 
-def _said(law: Law) -> str:
-    return f"{law.channel or 'position'}.{law.key}"
-
-
 def _raced(
     channel: str,
     units: list[FlightChannelData],
@@ -242,19 +236,20 @@ def _raced(
     few = units if len(units) <= FULL_RACE else units[:: -(-len(units) // FULL_RACE)]
     lag = LAWS[f"{channel}.lag"]
     progress(f"{channel}: one lag")
-    first = best_start((lag,), few, started(lag), stated)
-    found: list[Learned] = []
+    nothing = fitted((), few, np.array([]), None, stated)
+    alone = explored((lag,), few, started(lag), stated)
+    first = climbed(alone, few, stated)
+    tried = [alone]
+    begins: dict[tuple[Law, ...], Learned] = {}
     for keys in MODELS[channel]:
         laws = tuple(LAWS[f"{channel}.{key}"] for key in keys)
-        progress(f"{channel}: {' and '.join(keys).replace('_', ' ') or 'nothing'}")
-        if keys == ("lag",):
-            found.append(first)
-        elif not keys:
-            found.append(fitted((), few, np.array([]), None, stated))
-        elif keys[0] in ("lag", "lag_in_the_cold", "second_path"):
-            found.append(best_start(laws, few, _beside(laws, first), stated, first))
-        else:
-            found.append(best_start(laws, few, started(laws[0]), stated, found[0]))
+        progress(f"{channel}: {' and '.join(keys).replace('_', ' ')}")
+        lagging = laws[0].lags is not None
+        begins[laws] = first if lagging else nothing
+        starts = _beside(laws, first, stated) if lagging else started(laws[0])
+        tried.append(explored(laws, few, starts, stated, begins[laws]))
+    others = [climbed(ends, few, stated, begins[ends[0].laws]) for ends in hopeful(tried) if ends is not alone]
+    found = [nothing, first, *others]
     if len(few) == len(units):
         return found
     order = sorted(found, key=lambda one: -float(one.predicted().sum()))
@@ -262,11 +257,47 @@ def _raced(
     return [fitted(one.laws, units, one.theta, None, stated) for one in kept]
 
 
-def _beside(laws: tuple[Law, ...], lag: Learned) -> list[Array]:
-    """Starts of laws that have the lag's time constant, from where the lag alone ended."""
+def _beside(laws: tuple[Law, ...], lag: Learned, stated: Mapping[str, tuple[float, float]] | None) -> list[Array]:
+    """Starts of laws that have the lag's time constant: where the lag alone ended, and a usual one, since alone it may
+    have taken for its own what the others do."""
     others = [known.parameter for known in known_of(laws) if known.name != "time_constant_s"]
     grid = np.array(np.meshgrid(*[[p.encoded(s) for s in p.starts] for p in others], indexing="ij"))
-    return [np.r_[lag.theta, row] for row in grid.reshape(len(others), -1).T]
+    usual = [one.mean for one in known_of(lag.laws, stated)]
+    return [np.r_[tau, row] for tau in (lag.theta, usual) for row in grid.reshape(len(others), -1).T]
+
+
+def _shared(
+    channels: Sequence[str],
+    raced: Mapping[str, list[Learned]],
+    units: Mapping[str, list[FlightChannelData]],
+    stated: Mapping[str, tuple[float, float]] | None,
+) -> list[Learned]:
+    """What both sensors have in common, beside lags: both channels at once."""
+    if len(channels) < 2:
+        return []
+    every = [unit for c in channels for unit in units[c]]
+    nothing, lag = _plain(channels, raced)
+    tried, begins = [], {}
+    for law in SHARED:
+        for parts in (lag, [nothing[0], lag[1]]):
+            laws = (law, *[other for part in parts for other in part.laws])
+            rest = np.concatenate([part.theta for part in parts])
+            usual = np.array([known.mean for known in known_of(laws, stated)])[1:]
+            starts = [np.r_[s, lags] for s in started(law) for lags in (rest, usual)]
+            begins[laws] = _together(parts)
+            tried.append(explored(laws, every, starts, stated, begins[laws]))
+    return [climbed(ends, every, stated, begins[ends[0].laws]) for ends in hopeful(tried)]
+
+
+def _plain(channels: Sequence[str], raced: Mapping[str, list[Learned]]) -> tuple[list[Learned], list[Learned]]:
+    """Nothing, and one lag, of each channel."""
+    nothing = [next(one for one in raced[c] if not one.laws) for c in channels]
+    return nothing, [next(one for one in raced[c] if [law.key for law in one.laws] == ["lag"]) for c in channels]
+
+
+def _together(parts: Sequence[Learned]) -> Learned:
+    """The air of channels that were fitted apart, from which a fit of both begins."""
+    return replace(parts[0], sizes=tuple(size for part in parts for size in part.sizes))
 
 
 def _with_clock(
@@ -274,33 +305,35 @@ def _with_clock(
     raced: Mapping[str, list[Learned]],
     units: Mapping[str, list[FlightChannelData]],
     stated: Mapping[str, tuple[float, float]] | None,
+    shared: Sequence[Learned],
 ) -> list[Learned]:
     """The clock beside nothing, and beside each combination of the channels' lags and best models: all at once."""
     every = [unit for c in channels for unit in units[c]]
-    nothing = [next(one for one in raced[c] if not one.laws) for c in channels]
-    lag = [next(one for one in raced[c] if [law.key for law in one.laws] == ["lag"]) for c in channels]
+    nothing, lag = _plain(channels, raced)
     best = [
         max(raced[c], key=lambda one: float(one.predicted().sum()) + LAW_LOG_PRIOR * len(one.laws)) for c in channels
     ]
     combined = [lag, nothing, best]
     if len(channels) > 1:
         combined += [[nothing[0], lag[1]], [lag[0], nothing[1]]]
+    if shared:
+        combined += [[max(shared, key=lambda one: float(one.predicted().sum()))]]
+    tried: dict[tuple[Law, ...], list[Learned]] = {}
     found: list[Learned] = []
-    done: list[tuple[Law, ...]] = []
-    shift: Array | None = None
     for parts in combined:
         laws = (CLOCK, *[law for part in parts for law in part.laws])
-        if laws in done:
+        if laws in tried:
             continue
-        done.append(laws)
         rest = np.concatenate([part.theta for part in parts])
         # Lags that were fitted without the clock have taken a part of it for theirs: usual ones are tried as well.
         usual = np.array([known.mean for known in known_of(laws, stated)])[1:]
-        starts = started(CLOCK) if shift is None else [shift]
+        starts = [found[0].theta[:1]] if found else started(CLOCK)
         begin = found[0] if found else None
-        found.append(best_start(laws, every, [np.r_[s, lags] for s in starts for lags in (rest, usual)], stated, begin))
-        shift = found[0].theta[:1]
-    return found
+        tried[laws] = explored(laws, every, [np.r_[s, lags] for s in starts for lags in (rest, usual)], stated, begin)
+        if not found:
+            found.append(climbed(tried[laws], every, stated))
+    first, *others = tried.values()
+    return found + [climbed(ends, every, stated, found[0]) for ends in hopeful([first, *others]) if ends is not first]
 
 
 def _parameters(fit: Learned, law: Law) -> tuple[LearnedNumber, ...]:
@@ -334,11 +367,11 @@ def _judged(
     def part_of(model: tuple[Learned, ...]) -> Learned:
         return model[0] if len(model) == 1 else model[channels.index(channel)]
 
-    mine = [tuple(law for law in part_of(model).laws if law.channel == channel) for model in models]
+    mine = [tuple(law for law in part_of(model).laws if law.channel == channel or law in SHARED) for model in models]
     probability = {
         law: float(sum(w for w, laws in zip(weight, mine, strict=True) if law in laws))
         for law in LAWS.values()
-        if law.channel == channel
+        if law.channel == channel or law in SHARED
     }
     nothing = float(sum(w for w, laws in zip(weight, mine, strict=True) if not laws))
     best = int(np.argmax(weight))

@@ -55,14 +55,15 @@ def refutes(read: Disagreement, corrected: Disagreement) -> bool:
     """Whether the structure of the passes refutes a correction: they are less alike with it than as read.
 
     A response that is right brings kinks and layers of two passes together. A mean difference may be the air's or an
-    offset, and does not count; flights do, by how far they agree that it got worse (Student's, 95 %).
+    offset, and does not count. Flights do, each as much as another, by how far they agree that it got worse (Student's
+    of the logarithm of what it got worse by, 95 %).
     """
-    names = sorted(set(read.flight) & set(corrected.flight))
+    names = [name for name in sorted(set(read.flight) & set(corrected.flight)) if read.of(name).spread > 0.0]
     if not names:
         return False
-    worse = np.array([corrected.of(name).spread ** 2 - read.of(name).spread ** 2 for name in names])
+    worse = np.log([max(corrected.of(name).spread / read.of(name).spread, 1e-3) for name in names])
     if worse.size == 1:
-        return bool(corrected.spread > read.spread)
+        return bool(worse[0] > 0.0)
     return bool(worse.mean() > stdtrit(worse.size - 1.0, 0.95) * worse.std(ddof=1) / np.sqrt(worse.size))
 
 

@@ -109,7 +109,8 @@ def _effects(channel: ChannelLearned, shown: Mapping[str, LearnedNumber]) -> tup
         found.append(_effect(LAWS[f"{channel.channel}.second_path"].flown_as, second, None))
     for cause in channel.causes:
         effect = cause.law.flown_as
-        if effect and cause.law.offset is not None and cause.probability >= LIKELIER and _can_be(cause):
+        offsets = cause.law.offset is not None or cause.law.factor is not None
+        if effect and offsets and cause.probability >= LIKELIER and _can_be(cause):
             known = {parameter.name for parameter in CATALOGUE[effect].parameters}
             numbers = {one.name: one for one in cause.parameters if one.name in known}
             found.append(_effect(effect, numbers, cause.probability))

@@ -58,7 +58,7 @@ USUAL_LAPSE_K_PER_M = 0.0065  # ISO 2533, where flights said nothing of temperat
 ROUNDED = 1e-6
 DECISIVE_NATS = math.log(20.0)  # 20 to 1, at which `learn` names
 LEAST_NATS = 0.05  # of a flight that says anything
-SUNLIT = ("ventilated_warmth", "warm_die")
+SUNLIT = ("ventilated_warmth", "warm_die", "warm_sensor")
 AT_NIGHT = (
     "Fly the same once more at night or under a closed cloud. Warmth that stays is the sensor's own; warmth that goes "
     "is the sun's."
@@ -144,11 +144,10 @@ def candidates_of(channel: str, learned: LearnedChannel) -> tuple[SensorCandidat
 
 
 def _law(where: str, channel: str, key: str) -> Law:
-    found = LAWS.get(f"{channel}.{key}") or LAWS.get(f"position.{key}")
-    if found is None:
-        known = [law.key for law in LAWS.values() if law.channel in ("", channel)]
-        raise InputError(f"{where}: no law {key!r}{did_you_mean(key, known)}; {REMEDY}")
-    return found
+    known = {law.key: law for law in LAWS.values() if law.channel in ("", channel)}
+    if key not in known:
+        raise InputError(f"{where}: no law {key!r}{did_you_mean(key, list(known))}; {REMEDY}")
+    return known[key]
 
 
 def by_night(learned: LearnedFile) -> bool:

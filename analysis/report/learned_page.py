@@ -40,6 +40,8 @@ LAW_WORDS = {
     "ventilated_warmth": "a warmth that airflow carries off",
     "warm_die": "a chip warmer than the air",
     "late_die": "a chip that follows the air's temperature late",
+    "sensor_in_descent": "a temperature of bead and film that is off in descent",
+    "warm_sensor": "a warmth of bead and film that airflow carries off",
 }
 PARAMETER_WORDS = {
     "shift_s": "shift",
@@ -58,6 +60,8 @@ APART = {
     "offset_in_descent": "the same sensor under a balloon, far from any rotor",
     "ventilated_warmth": "a flight at night: what remains then is the sensor's own warmth",
     "warm_die": "a flight at night: what remains then is the sensor's own warmth",
+    "sensor_in_descent": "the same sensor under a balloon, far from any rotor",
+    "warm_sensor": "a flight at night: what remains then is the sensor's own warmth",
 }
 
 

@@ -13,6 +13,7 @@ from scipy.signal import lfilter
 from shockrig.analysis.learn.bins import SUB_SAMPLES, binned, passes, why_nothing
 from shockrig.analysis.learn.density import SensorModel, begun, density, prepared
 from shockrig.analysis.learn.laws import LAWS, response
+from shockrig.analysis.learn.learn import learn
 from shockrig.files.learned import read_learned
 from shockrig.files.profile import read_profile
 from shockrig.protocols.cli import main
@@ -48,12 +49,23 @@ def test_a_lag_follows_a_step_as_its_exponential(flight):
     np.testing.assert_allclose(seen, mean, rtol=1e-9)
 
 
-@pytest.mark.parametrize("keys", [("lag",), ("lag", "offset_in_descent")])
-def test_slopes_are_those_of_the_density(flight, keys):
+@pytest.mark.parametrize(
+    ("channel", "names"),
+    [
+        ("temperature", ("temperature.lag",)),
+        ("temperature", ("temperature.lag", "temperature.offset_in_descent")),
+        ("humidity", ("sensor.sensor_in_descent", "humidity.lag")),
+        ("humidity", ("humidity.second_path", "humidity.late_die", "position.clock_offset")),
+    ],
+)
+def test_slopes_are_those_of_the_density(flight, channel, names):
     """Analytic slopes over parameters, sizes and moves, against differences of the density."""
-    unit = prepared(binned(flight, "one", 60), "temperature")
-    laws = tuple(LAWS[f"temperature.{key}"] for key in keys)
-    values = {"time_constant_s": 4.0, "offset_in_descent": 0.1}
+    unit = prepared(binned(flight, "one", 60), channel)
+    laws = tuple(LAWS[name] for name in names)
+    values = {
+        "time_constant_s": 4.0, "offset_in_descent": 0.1, "fraction": 0.2, "second_time_constant_s": 60.0,
+        "die_time_constant_s": 10.0, "shift_s": 0.5,
+    }  # fmt: skip
     own = begun(unit) + 0.1
     slopes = tuple((p.name, 1e-4, p.log) for law in laws for p in law.parameters)
     found = density(unit, SensorModel(laws, values), own, slopes)
@@ -71,6 +83,31 @@ def test_slopes_are_those_of_the_density(flight, keys):
         ahead = [own + s * np.eye(own.size)[i] for s in (-1e-3, 1e-3)]
         near = [density(unit, SensorModel(laws, values), one).value for one in ahead]
         assert found.slope[len(slopes) + i] == pytest.approx((near[1] - near[0]) / 2e-3, rel=0.05, abs=0.1)
+
+
+def test_a_factor_is_not_likelier_for_making_readings_smaller(flight):
+    """Readings of a film whose temperature nobody knows: the density over them integrates to one whatever its factor,
+    so that a bead and a film that agree do not turn cold. Known answer: that of readings over the factor, less its
+    logarithm for each."""
+    unit = prepared(binned(flight, "one", 60), "humidity")
+    warm = SensorModel((LAWS["humidity.warm_die"],), {"rise_k_at_5_m_s": -1.0})
+    factor = np.exp(warm.log_factor(unit))
+    assert factor.mean() > 1.05
+    smaller = ((unit.reading * unit.unit + unit.mean) / factor - unit.mean) / unit.unit
+    expected = density(replace(unit, reading=smaller), SensorModel((), {}), begun(unit)).value - np.log(factor).sum()
+    assert density(unit, warm, begun(unit)).value == pytest.approx(expected, rel=1e-9)
+
+
+def test_wash_that_cools_bead_and_film_is_one_cause_of_both():
+    """1 K colder in descent, and humidity at that temperature: a law of both sensors, its size, and passes that agree
+    in the mean as well; a lag alone takes humidity's passes apart."""
+    flights = WORLDS.mission(4, WORLDS.Truth(wash_k=-1.0), flights=3)
+    found = learn({str(i): one for i, one in enumerate(flights)})
+    for one in found.channels.values():
+        (wash,) = [cause for cause in one.causes if cause.law.key == "sensor_in_descent"]
+        assert wash.probability > 0.5
+        assert wash.parameters[0].value == pytest.approx(-1.0, abs=3.0 * wash.parameters[0].standard_uncertainty)
+        assert one.model.rms < 0.8 * one.single.rms < one.read.rms
 
 
 def test_a_flight_that_says_nothing_is_left_out_with_its_reason(flight):
