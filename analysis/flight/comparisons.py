@@ -255,7 +255,8 @@ MOST = 1.0
 LARGEST_STEP = 0.5
 WORSE_RATIO = 1.02  # times what ascent and descent of the readings differ by
 SURE_BESIDE_AIR = 3.0  # the same where all that the air may have moved counts as error
-PARTED = "the correction makes ascent and descent disagree more"
+DISAGREE = "ascent and descent disagree"
+PARTED = f"the correction makes {DISAGREE} more"
 UNITS = {"temperature": "K", "humidity": "%RH"}
 
 
@@ -395,8 +396,8 @@ def _owned(flight: Flight, bead: FlightChannel, channel: FlightChannel, notes: l
     unit, wider = UNITS[channel.name], float(np.sqrt(beyond / 2.0))
     cause = explained(difference, moved, found)
     notes.append(
-        f"{channel.name}: ascent and descent disagree by more than turbulence and the stated uncertainty explain: the "
-        f"sensor is not as the profile has it, or the air changed; uncertainties are widened by {wider:.2g} {unit}"
+        f"{channel.name}: {DISAGREE} by more than turbulence and the stated uncertainty explain: the sensor is not as "
+        f"the profile has it, or the air changed; uncertainties are widened by {wider:.2g} {unit}"
         + (f"; likely {cause}" if cause else "")
     )
     return channel.doubted(wider)

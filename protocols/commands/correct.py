@@ -6,6 +6,7 @@ import argparse
 import os
 import sys
 import tempfile
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -159,6 +160,7 @@ def main(args: argparse.Namespace) -> int:
             raise type(error)(str(error).replace(str(source), str(args.flight))) from error
     written = wmo.write(args.out, args.flight.name) if wmo else args.out
     done = replace(done, notes=(*(read.said if read else ()), *done.notes))
+    done = replace(done, notes=(*done.notes, *offered(done.notes, args.flight, args.profile)))
     notes = [note for note in done.notes if note not in doubted]
     for note in (parted := [note for note in notes if PARTED in note]):
         print(f"note: {note}", file=sys.stderr, flush=True)
@@ -202,6 +204,15 @@ def main(args: argparse.Namespace) -> int:
     for note in [note for note in notes if note not in parted]:
         print(f"note: {note}", file=sys.stderr)
     return 0
+
+
+def offered(notes: Sequence[str], log: Path, profile: Path) -> tuple[str, ...]:
+    """What says more of a flight whose ascent and descent disagree after the correction, in a sentence; else nothing."""
+    from shockrig.analysis.flight.comparisons import DISAGREE
+
+    if not any(DISAGREE in note for note in notes):
+        return ()
+    return (f"shockrig learn {log} --profile {profile} --out learned says what the sensor lacks in the air",)
 
 
 def about_rows(log: Path) -> int:

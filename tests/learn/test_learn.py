@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from benchmark_scripts import benchmark
 from scipy.signal import lfilter
 
+from shockrig.analysis.flight.comparisons import PARTED
 from shockrig.analysis.learn.bins import SUB_SAMPLES, binned, passes, why_nothing
 from shockrig.analysis.learn.density import SensorModel, begun, density, prepared
 from shockrig.analysis.learn.laws import LAWS, response
@@ -17,6 +19,7 @@ from shockrig.analysis.learn.learn import learn
 from shockrig.files.learned import read_learned
 from shockrig.files.profile import read_profile
 from shockrig.protocols.cli import main
+from shockrig.protocols.commands.correct import offered
 
 WORLDS = benchmark("learn_worlds")
 
@@ -134,6 +137,13 @@ def test_a_clock_and_lags_are_found_from_the_command_line(tmp_path, capsys):
     assert tau == pytest.approx(truth.humidity_lag_s, rel=0.35)
     assert set(read_learned(tmp_path / "out" / "learned.json").channels) == {"temperature", "humidity"}
     assert (tmp_path / "out" / "learned.html").exists()
+
+
+def test_correct_offers_to_learn_where_ascent_and_descent_disagree():
+    """Either note on it; no other."""
+    said = offered([f"humidity: {PARTED} than as read"], Path("one.csv"), Path("p.json"))
+    assert said == ("shockrig learn one.csv --profile p.json --out learned says what the sensor lacks in the air",)
+    assert offered(["humidity: repeated values"], Path("one.csv"), Path("p.json")) == ()
 
 
 def test_a_flight_without_a_descent_is_refused(tmp_path, capsys, flight):
