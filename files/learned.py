@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 from shockrig.files.causes import PROBABILITY
-from shockrig.files.discovered import interval
+from shockrig.files.discovered import interval, plain
 from shockrig.files.file_table import FileTable, is_number
-from shockrig.files.json_files import read_json
+from shockrig.files.json_files import read_json, write_json
 from shockrig.files.ranges import LIKELY, RANGES, Range
 
 LEARNED_FORMAT = "shock-learned/1"
@@ -36,6 +38,61 @@ class RivalModel:
 
 
 @dataclass(frozen=True)
+class StatedNumber:
+    """A number of a law in its own unit."""
+
+    value: float
+    standard_uncertainty: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class StatedLaw:
+    """A law that may act: its key, what would give it, and the numbers of the likeliest model that has it."""
+
+    law: str
+    would_be: tuple[str, ...]
+    probability: float
+    equation: str
+    source: str
+    would_decide: str
+    parameters: Mapping[str, StatedNumber]
+
+
+@dataclass(frozen=True)
+class StatedPosition:
+    """What may shift altitude against the readings, and whether it is named."""
+
+    named: bool = False
+    causes: tuple[StatedLaw, ...] = ()
+
+
+@dataclass(frozen=True)
+class PassesApart:
+    """Later pass less the earlier one [K or %RH]: mean, and standard deviation about each flight's own."""
+
+    mean: float
+    about_it: float
+
+
+@dataclass(frozen=True)
+class StatedFlight:
+    """A flight that was learned from."""
+
+    name: str
+    minutes: float
+    climbs_m_s: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class StatedModel:
+    """Laws of a whole model, joined by +, and its weight."""
+
+    laws: str
+    weight: float
+
+
+@dataclass(frozen=True)
 class LearnedChannel:
     """What flights said of one channel.
 
@@ -50,6 +107,8 @@ class LearnedChannel:
         Most probable first.
     mean : float, optional
         Mean of the readings [degC or %RH].
+    why, causes, refuted, passes_disagree
+        For readers and other programs; `read_learned` leaves them empty.
     """
 
     verdict: str
@@ -57,6 +116,10 @@ class LearnedChannel:
     sizes: tuple[float, ...]
     rivals: tuple[RivalModel, ...]
     mean: float | None = None
+    why: str = ""
+    causes: tuple[StatedLaw, ...] = ()
+    refuted: tuple[str, ...] = ()
+    passes_disagree: Mapping[str, PassesApart] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -72,12 +135,24 @@ class LearnedFile:
         Latitude [deg], longitude [deg], altitude above the sea [m] where they began.
     minutes : float, optional
         Median length of a flight.
+    position, flights, left_out, models, provenance
+        For readers and other programs; `read_learned` leaves them empty.
     """
 
     channels: Mapping[str, LearnedChannel]
     altitude_m: tuple[float, float]
     home: tuple[float, float, float] | None = None
     minutes: float | None = None
+    position: StatedPosition = StatedPosition()
+    flights: tuple[StatedFlight, ...] = ()
+    left_out: Mapping[str, str] = field(default_factory=dict)
+    models: tuple[StatedModel, ...] = ()
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+
+def write_learned(learned: LearnedFile, path: Path) -> None:
+    """Write a learned.json."""
+    write_json(path, {"format": LEARNED_FORMAT, **plain(learned)}, indent=2)
 
 
 def read_learned(path: str | os.PathLike[str]) -> LearnedFile:

@@ -10,6 +10,16 @@ import numpy as np
 
 from shockrig.files.errors import InputError
 from shockrig.files.flight import Flight
+from shockrig.files.learned import (
+    LearnedChannel,
+    LearnedFile,
+    PassesApart,
+    StatedFlight,
+    StatedLaw,
+    StatedModel,
+    StatedNumber,
+    StatedPosition,
+)
 
 if TYPE_CHECKING:
     from shockrig.analysis.learn.learn import ChannelLearned, FlightCause, FlightsLearned
@@ -57,76 +67,49 @@ def learned_from(
         raise InputError(f"{error}; give flights that go up and come down again through the same air") from error
 
 
-def learned_document(
-    learned: FlightsLearned, flights: Mapping[str, Flight], provenance: Mapping[str, Any]
-) -> dict[str, Any]:
-    """The JSON document of `shock-learned/1`."""
-    from shockrig.files.learned import LEARNED_FORMAT
-
+def learned_file(learned: FlightsLearned, flights: Mapping[str, Flight], provenance: Mapping[str, Any]) -> LearnedFile:
+    """What `learned.json` holds."""
     altitudes = np.concatenate([one.altitude_m for one in learned.bins])
-    document: dict[str, Any] = {
-        "format": LEARNED_FORMAT,
-        "channels": {name: _channel(one, learned) for name, one in learned.channels.items()},
-        "position": {
-            "named": learned.position_named,
-            "causes": [_cause(one) for one in learned.position],
-        },
-        "altitude_m": [float(altitudes.min()), float(altitudes.max())],
-        "minutes": float(np.median([one.minutes for one in learned.bins])),
-        "flights": [
-            {"name": one.name, "minutes": one.minutes, "climbs_m_s": [p.climb_m_s for p in one.passes]}
-            for one in learned.bins
-        ],
-        "left_out": dict(learned.left_out),
-        "models": [{"laws": said, "weight": weight} for said, weight in learned.weights],
-        "provenance": dict(provenance),
-    }
-    if (home := _home(flights)) is not None:
-        document["home"] = home
-    return document
+    return LearnedFile(
+        channels={name: _channel(one, learned) for name, one in learned.channels.items()},
+        altitude_m=(float(altitudes.min()), float(altitudes.max())),
+        home=_home(flights),
+        minutes=float(np.median([one.minutes for one in learned.bins])),
+        position=StatedPosition(learned.position_named, tuple(_cause(one) for one in learned.position)),
+        flights=tuple(
+            StatedFlight(one.name, one.minutes, tuple(p.climb_m_s for p in one.passes)) for one in learned.bins
+        ),
+        left_out=learned.left_out,
+        models=tuple(StatedModel(said, weight) for said, weight in learned.weights),
+        provenance=provenance,
+    )
 
 
-def _channel(one: ChannelLearned, learned: FlightsLearned) -> dict[str, Any]:
+def _channel(one: ChannelLearned, learned: FlightsLearned) -> LearnedChannel:
     from shockrig.analysis.learn.density import MOVES
 
-    units = [i for i, _ in enumerate(one.lag.sizes)]
-    values = np.concatenate([b.values[one.channel][b.seen(one.channel)] for b in learned.bins if b.has(one.channel)])
-    spreads = [float(np.nanstd(b.values[one.channel])) for b in learned.bins if b.has(one.channel)]
-    return {
-        "verdict": one.verdict,
-        "why": one.why,
-        "causes": [_cause(cause) for cause in one.causes],
-        "unit": float(np.median(spreads)),
-        "mean": float(values.mean()),
-        "sizes": np.median([one.lag.sizes[i][:-MOVES] for i in units], axis=0).tolist(),
-        "rivals": [
-            {"laws": list(rival.laws), "values": dict(rival.values), "probability": rival.probability}
-            for rival in one.rivals
-        ],
-        "refuted": list(one.refuted),
-        "passes_disagree": {
-            key: {"mean": off.mean, "about_it": off.spread}
-            for key, off in (("as_read", one.read), ("one_lag", one.single), ("model", one.model))
-        },
-    }
+    seen = [b.values[one.channel][b.seen(one.channel)] for b in learned.bins if b.has(one.channel)]
+    off = {"as_read": one.read, "one_lag": one.single, "model": one.model}
+    return LearnedChannel(
+        verdict=one.verdict,
+        unit=float(np.median([values.std() for values in seen])),
+        sizes=tuple(np.median([sizes[:-MOVES] for sizes in one.lag.sizes], axis=0).tolist()),
+        rivals=one.rivals,
+        mean=float(np.concatenate(seen).mean()),
+        why=one.why,
+        causes=tuple(_cause(cause) for cause in one.causes),
+        refuted=one.refuted,
+        passes_disagree={key: PassesApart(apart.mean, apart.spread) for key, apart in off.items()},
+    )
 
 
-def _cause(cause: FlightCause) -> dict[str, Any]:
-    return {
-        "law": cause.law.key,
-        "would_be": list(cause.law.causes),
-        "probability": cause.probability,
-        "equation": cause.law.equation,
-        "source": cause.law.source,
-        "would_decide": cause.law.needs,
-        "parameters": {
-            p.name: {"value": p.value, "standard_uncertainty": p.standard_uncertainty, "unit": p.unit}
-            for p in cause.parameters
-        },
-    }
+def _cause(cause: FlightCause) -> StatedLaw:
+    numbers = {p.name: StatedNumber(p.value, p.standard_uncertainty, p.unit) for p in cause.parameters}
+    law = cause.law
+    return StatedLaw(law.key, law.causes, cause.probability, law.equation, law.source, law.needs, numbers)
 
 
-def _home(flights: Mapping[str, Flight]) -> list[float] | None:
+def _home(flights: Mapping[str, Flight]) -> tuple[float, float, float] | None:
     """Where the first flight with a position began: latitude, longitude [deg], altitude [m]."""
     for one in flights.values():
         if one.latitude_deg is None or one.longitude_deg is None or one.altitude_m is None:
@@ -134,7 +117,7 @@ def _home(flights: Mapping[str, Flight]) -> list[float] | None:
         known = np.flatnonzero(np.isfinite(one.latitude_deg + one.longitude_deg + one.altitude_m))
         if known.size:
             first = known[0]
-            return [float(one.latitude_deg[first]), float(one.longitude_deg[first]), float(one.altitude_m[first])]
+            return float(one.latitude_deg[first]), float(one.longitude_deg[first]), float(one.altitude_m[first])
     return None
 
 

@@ -28,7 +28,7 @@ FIRST_FLIGHTS, BEST_STARTS = 2, 2  # on which starts are tried, and how many of 
 FEW_STEPS = 5  # from each start, to see which leads furthest
 AGREE = 0.1  # of a parameter's spread: starts that have come so near to one another lead to one summit
 HOPELESS_NATS = 20.0  # behind the best after these steps
-ENOUGH_NATS = 0.1  # that the next step would gain
+ENOUGH_NATS, ENOUGH_OF_EACH = 0.1, 0.01  # that the next step would gain, and of each unit where there are many
 DIFFERENCE = 1e-3  # of a parameter's spread, over which slopes are taken
 LONGEST_STEP = 1.5  # of a parameter or a size, in its own spread: at most in one step
 
@@ -214,7 +214,7 @@ def fitted(
         if tried.total >= state.total:
             gained = tried.total - state.total
             state, damping = tried, max(damping / 8.0, 1e-6)
-            if gained < ENOUGH_NATS and bold:
+            if gained < max(ENOUGH_NATS, ENOUGH_OF_EACH * len(units)) and bold:
                 break
             bold = True
         elif bold:
@@ -263,7 +263,7 @@ def _eliminated(
     curved = found.information[q:, q:] + np.diag(unit.spread[first:] ** -2.0)
     curved += damping * np.diag(curved.diagonal())
     cross = found.information[:p, q:]
-    solved = np.linalg.solve(curved, np.column_stack([cross.T, slope]))
+    solved = np.asarray(np.linalg.solve(curved, np.column_stack([cross.T, slope])))
     return found.slope[:p] - cross @ solved[:, p], found.information[:p, :p] - cross @ solved[:, :p], solved
 
 

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 BINS = 128  # of a flight
 FULL_RACE = 6  # flights on which all models race; more are weighed by the finalists alone
-FINALISTS = 4  # of each channel
+FINALISTS = 2  # of each channel, beside nothing and one lag, and of both at once
 NAMED = 0.95  # probability from which a law is named
 POSSIBLE = 0.1  # probability from which it stands among what may be
 LAW_LOG_PRIOR = -2.5  # nats that a law beyond a lag has to gain
@@ -167,13 +167,21 @@ def learn(
         raise ValueError("; ".join(f"{name}: {why}" for name, why in left_out.items()))
     units = {c: [prepared(one, c) for one in used if one.has(c)] for c in CHANNELS}
     channels = [c for c in CHANNELS if units[c]]
-    raced: dict[str, list[Learned]] = {}
-    for channel in channels:
-        raced[channel] = _raced(channel, units[channel], stated, progress)
+    names = [one.name for one in used]
+    racing = names[:: -(-len(names) // FULL_RACE)]
+    few = {c: [unit for unit in units[c] if unit.bins.name in racing] or units[c] for c in channels}
+    raced = {c: _raced(c, few[c], stated, progress) for c in channels}
+    progress("what both sensors have in common, and the position's clock")
+    joint = _shared(channels, raced, few, stated)
+    joint += _with_clock(channels, raced, few, stated, joint)
+    if len(racing) < len(names):
+        progress("finalists on all flights")
+        every = [unit for c in channels for unit in units[c]]
+        for c in channels:
+            finals = [*raced[c][:2], *_likeliest(raced[c][2:])]  # nothing and one lag are always told
+            raced[c] = [fitted(one.laws, units[c], one.theta, None, stated) for one in finals]
+        joint = [fitted(one.laws, every, one.theta, None, stated) for one in _likeliest(joint)]
     lags = {c: next(one for one in raced[c] if [law.key for law in one.laws] == ["lag"]) for c in channels}
-    progress("clock of the position")
-    joint = _shared(channels, raced, units, stated)
-    joint += _with_clock(channels, raced, units, stated, joint)
     progress("what the structure of the passes refutes")
     refuted: dict[str, tuple[str, ...]] = {}
     read = {c: disagreement(units[c], None, c) for c in channels}
@@ -184,7 +192,6 @@ def learn(
         refuted[c] = tuple(" and ".join(law.key for law in one.laws) for one in out)
         raced[c] = [one for one in raced[c] if all(one is not other for other in out)]
         joint = [one for one in joint if not refutes(read[c], off[c][id(one)])]
-    names = [one.name for one in used]
     of = {c: [unit.bins.name for unit in units[c]] for c in channels}
     pairs = list(product(*(raced[c] for c in channels)))
     models: list[tuple[Learned, ...]] = [*pairs, *[(one,) for one in joint]]
@@ -232,13 +239,12 @@ def _raced(
     stated: Mapping[str, tuple[float, float]] | None,
     progress: Callable[[str], None],
 ) -> list[Learned]:
-    """Each model of a channel, fitted to all flights."""
-    few = units if len(units) <= FULL_RACE else units[:: -(-len(units) // FULL_RACE)]
+    """Models of a channel, fitted to flights: nothing, one lag, and the others that are not hopeless."""
     lag = LAWS[f"{channel}.lag"]
     progress(f"{channel}: one lag")
-    nothing = fitted((), few, np.array([]), None, stated)
-    alone = explored((lag,), few, started(lag), stated)
-    first = climbed(alone, few, stated)
+    nothing = fitted((), units, np.array([]), None, stated)
+    alone = explored((lag,), units, started(lag), stated)
+    first = climbed(alone, units, stated)
     tried = [alone]
     begins: dict[tuple[Law, ...], Learned] = {}
     for keys in MODELS[channel]:
@@ -247,14 +253,14 @@ def _raced(
         lagging = laws[0].lags is not None
         begins[laws] = first if lagging else nothing
         starts = _beside(laws, first, stated) if lagging else started(laws[0])
-        tried.append(explored(laws, few, starts, stated, begins[laws]))
-    others = [climbed(ends, few, stated, begins[ends[0].laws]) for ends in hopeful(tried) if ends is not alone]
-    found = [nothing, first, *others]
-    if len(few) == len(units):
-        return found
-    order = sorted(found, key=lambda one: -float(one.predicted().sum()))
-    kept = [one for one in found if any(one is x for x in order[:FINALISTS]) or one is first or not one.laws]
-    return [fitted(one.laws, units, one.theta, None, stated) for one in kept]
+        tried.append(explored(laws, units, starts, stated, begins[laws]))
+    others = [climbed(ends, units, stated, begins[ends[0].laws]) for ends in hopeful(tried) if ends is not alone]
+    return [nothing, first, *others]
+
+
+def _likeliest(fits: Sequence[Learned]) -> list[Learned]:
+    """The models that go on to all flights."""
+    return sorted(fits, key=lambda one: -float(one.predicted().sum()))[:FINALISTS]
 
 
 def _beside(laws: tuple[Law, ...], lag: Learned, stated: Mapping[str, tuple[float, float]] | None) -> list[Array]:

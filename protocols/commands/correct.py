@@ -207,7 +207,7 @@ def main(args: argparse.Namespace) -> int:
 
 
 def offered(notes: Sequence[str], log: Path, profile: Path) -> tuple[str, ...]:
-    """What says more of a flight whose ascent and descent disagree after the correction, in a sentence; else nothing."""
+    """What says more of a flight whose ascent and descent disagree once corrected, in a sentence; else nothing."""
     from shockrig.analysis.flight.comparisons import DISAGREE
 
     if not any(DISAGREE in note for note in notes):

@@ -33,11 +33,11 @@ def main(args: argparse.Namespace) -> int:
 
     from shockrig.analysis.learn.profile import learned_profile
     from shockrig.analysis.report.learned_page import write_learned_page
-    from shockrig.files.json_files import write_json
+    from shockrig.files.learned import write_learned
     from shockrig.files.profile import read_profile, write_profile
     from shockrig.protocols.commands.correct import chosen_columns
     from shockrig.protocols.folder import software_version, whole_folder
-    from shockrig.protocols.learning import disagree, learned_document, learned_from, named_flights, sentence
+    from shockrig.protocols.learning import disagree, learned_file, learned_from, named_flights, sentence
 
     columns = chosen_columns(args.column)
     bench = None if args.profile is None else read_profile(args.profile)
@@ -54,7 +54,7 @@ def main(args: argparse.Namespace) -> int:
         provenance["bench"] = str(args.profile)
     profile = learned_profile(learned, provenance, bench)
     with whole_folder(args.out) as folder:
-        write_json(folder / "learned.json", learned_document(learned, flights, provenance), indent=2)
+        write_learned(learned_file(learned, flights, provenance), folder / "learned.json")
         if profile is not None:
             write_profile(profile, folder / "profile.json")
         write_learned_page(learned, folder / "learned.html", [str(path) for path in args.flights])
