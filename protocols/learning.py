@@ -154,4 +154,6 @@ def _said(cause: FlightCause) -> str:
         names = "a lag that grows in the cold"
     elif cause.law.key == "second_path":
         names = f"a second path ({names})"
+    elif cause.law.key in ("sensor_in_descent", "warm_sensor"):
+        names = f"{names}, of bead and film alike"
     return f"{names} ({numbers}; probability {cause.probability:.2f})"
