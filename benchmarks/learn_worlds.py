@@ -4,7 +4,7 @@
 
 Each mission is two to four ascents with their descents through air of its own equations: inversions (tanh), turbulence
 (random phases under k^(-5/3)), layers that rise and an air that warms between the ways. What is hidden is a lag in each
-channel, none at all, or a clock. Nothing of it shares code with the analysis.
+channel, none at all, a clock, or a wash that cools both sensors. Nothing of it shares code with the analysis.
 """
 
 from __future__ import annotations
