@@ -171,7 +171,7 @@ def _block(block: Block) -> str:
             content = block.figure.read_bytes() if isinstance(block.figure, Path) else figure_bytes(block.figure)
             data = base64.b64encode(content).decode("ascii")
             image = f'<img src="data:image/png;base64,{data}" alt="{escape(block.alt)}">'
-            return f"<figure>{image}<figcaption>{escape(block.caption)}</figcaption></figure>"
+            return f'<figure><div class="scroll">{image}</div><figcaption>{escape(block.caption)}</figcaption></figure>'
         case Details():
             return f"<details><summary>{escape(block.summary)}</summary>\n{_blocks(block.blocks)}</details>"
     raise TypeError(f"a report is made of Text, Equation, Table, Figure and Details, not {type(block).__name__}")
@@ -224,7 +224,8 @@ a { color: var(--link); }
   border-radius: .5rem; white-space: pre-wrap; }
 .scroll { overflow-x: auto; margin: 1rem 0; }
 table { border-collapse: collapse; font-size: .9rem; font-variant-numeric: tabular-nums; min-width: 50%; }
-caption { text-align: left; color: var(--quiet); padding-bottom: .4rem; }
+caption { text-align: left; color: var(--quiet); padding-bottom: .4rem; position: sticky; left: 0;
+  max-width: min(48rem, calc(100vw - 5rem)); }
 th, td { text-align: left; vertical-align: top; padding: .3rem .9rem .3rem 0; border-bottom: 1px solid var(--line);
   overflow-wrap: break-word; }
 footer th, footer td { overflow-wrap: anywhere; }
@@ -233,7 +234,8 @@ thead th { font-weight: 600; border-bottom: 2px solid var(--line); vertical-alig
 th.number { white-space: normal; }
 td.whole { white-space: nowrap; }
 figure { margin: 1.5rem 0; }
-figure img { display: block; max-width: 100%; height: auto; background: #fff; border-radius: .4rem; padding: .25rem; }
+figure .scroll { margin: 0; }
+figure img { display: block; max-width: max(100%, 48rem); height: auto; background: #fff; border-radius: .4rem; padding: .25rem; }
 figcaption { font-size: .85rem; color: var(--quiet); max-width: 48rem; margin-top: .4rem; }
 details { margin: 1rem 0; border: 1px solid var(--line); border-radius: .5rem; padding: .5rem 1rem; }
 summary { cursor: pointer; font-weight: 600; }
@@ -243,7 +245,7 @@ footer { font-size: .85rem; } footer table { font-size: .85rem; } footer th { fo
   @page { margin: 16mm 14mm; }
   body { font-size: 10pt; } main { max-width: none; padding: 0; } nav { display: none; }
   h2 { break-after: avoid; margin-top: 1.5rem; } figure, tr, .key div, .verdict { break-inside: avoid; }
-  .scroll { overflow: visible; } thead { display: table-header-group; } a { color: inherit; text-decoration: none; }
+  .scroll { overflow: visible; } figure img { max-width: 100%; } thead { display: table-header-group; } a { color: inherit; text-decoration: none; }
   details { border: 0; padding: 0; } details::details-content { content-visibility: visible; block-size: auto; }
 }
 """

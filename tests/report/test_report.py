@@ -119,6 +119,12 @@ def test_figures_are_embedded_whole(tmp_path):
         assert base64.b64decode(source.split(",")[1]) == png.read_bytes()
 
 
+def test_figures_and_tables_scroll_by_themselves_on_a_narrow_screen():
+    blocks = [Figure(small_figure(), "c", "a"), Table(["run"], [["a"]], "caption")]
+    page = render(HtmlPage("t", "v", [], [Section("s", blocks)]))
+    assert '<div class="scroll"><img' in page and '<div class="scroll"><table>' in page
+
+
 def test_a_table_must_be_rectangular_and_its_numbers_stand_right():
     with pytest.raises(ValueError, match="row 1 has 1 cells for 2"):
         Table(["a", "b"], [[1, 2], [3]])
