@@ -4,6 +4,7 @@ against time or against altitude. matplotlib is imported to draw.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -57,6 +58,32 @@ def channels_of(flight: Flight, corrected: Corrected) -> list[Shown]:
         ),
     ]
     return [one for one in both if np.isfinite(one.reading).any()]
+
+
+@dataclass(frozen=True)
+class ChannelChange:
+    """By how much a channel was changed, and the median of its standard uncertainty afterwards, in `unit`."""
+
+    name: str
+    unit: str
+    rms: float
+    most: float
+    standard_uncertainty: float
+
+
+def changes_of(flight: Flight, corrected: Corrected) -> list[ChannelChange]:
+    """The change of each channel that was corrected, implausible rows left out: one of them would be all that counts.
+
+    The uncertainty is a median, since the first seconds of a flight, which know least, would make up a mean.
+    """
+    changes = []
+    for one in channels_of(flight, corrected):
+        known = np.isfinite(one.value) & np.isfinite(one.sigma) & ~corrected.flags["implausible"]
+        if known.any():
+            change = (one.value - one.reading)[known & np.isfinite(one.reading)]
+            size = (float(np.sqrt(np.mean(change**2))), float(np.max(np.abs(change)))) if change.size else (0.0, 0.0)
+            changes.append(ChannelChange(one.name, one.unit, *size, float(np.median(one.sigma[known]))))
+    return changes
 
 
 def time_axis(time_s: Array) -> tuple[Array, str]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from shockrig.files.figures import BLUE, INK, ORANGE, literal, notebook_figure, styled
 from shockrig.files.flight import Corrected, Flight
+from shockrig.files.flight_figure import changes_of, channels_of
 from shockrig.files.numbers import counted, plain
 from shockrig.files.views import card, require_xarray
 
@@ -216,21 +217,12 @@ def flight_dataset(flight: Flight, corrected: Corrected) -> xr.Dataset:
 def flight_facts(flight: Flight, corrected: Corrected) -> list[tuple[str, str]]:
     """How many rows, and by how much each channel was corrected."""
     facts = [("rows", str(flight.time_s.size))]
-    for name, unit, value, reading, sigma in (
-        ("temperature", "K", corrected.temperature_c, flight.temperature_c, corrected.temperature_uncertainty_k),
-        (
-            "humidity",
-            "%RH",
-            corrected.humidity_percent,
-            flight.humidity_percent,
-            corrected.humidity_uncertainty_percent,
-        ),
-    ):
-        change = np.abs(value - reading)
-        if np.isfinite(sigma).any():
-            words = f"changed by up to {plain(float(np.nanmax(change)), 3)} {unit}"
-            facts.append((name, f"{words}, standard uncertainty {plain(float(np.nanmedian(sigma)), 2)} {unit}"))
-        elif np.isfinite(reading).any():
+    changed = {one.name: one for one in changes_of(flight, corrected)}
+    for name in (one.name for one in channels_of(flight, corrected)):
+        if (one := changed.get(name)) is not None:
+            sigma = f"standard uncertainty {plain(one.standard_uncertainty, 2)} {one.unit}"
+            facts.append((name, f"changed by up to {plain(one.most, 3)} {one.unit}, {sigma}"))
+        else:
             facts.append((name, "not corrected"))
     return facts
 

@@ -309,6 +309,25 @@ def up_and_down(flight: Flight, channel: FlightChannel) -> UpAndDown | None:
     return UpAndDown(lag.size, low, high, size[0], size[1], -slower, error, explained, left)
 
 
+@dataclass(frozen=True)
+class WaysApart:
+    """How far the longest way up and the longest way down are apart: layers in common, from what height to what, and
+    the rms difference of each column."""
+
+    layers: int
+    low_m: float
+    high_m: float
+    rms: tuple[float, ...]
+
+
+def ways_apart(flight: Flight, columns: Sequence[Array]) -> WaysApart | None:
+    """Compare the longest way up with the longest way down; None where the flight has not both through one layer."""
+    if (found := _layered(flight, columns)) is None:
+        return None
+    low, high, differences = found
+    return WaysApart(differences.shape[1], low, high, tuple(float(np.sqrt(np.mean(v**2))) for v in differences))
+
+
 def _layered(flight: Flight, columns: Sequence[Array], sign: float = -1.0) -> tuple[float, float, Array] | None:
     """Means of columns in the layers that the longest way up and the longest way down have in common, from what height
     to what, descent less ascent (c, layers), or with `sign` 1 plus ascent; None where there are no such layers."""

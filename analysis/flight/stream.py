@@ -32,17 +32,11 @@ MARGINS_A_BLOCK = 2  # at least: what is seen as a margin is corrected twice and
 
 @dataclass(frozen=True)
 class Summary:
-    """What was done: rows, how many carry each flag, notes, mean stated uncertainty (NaN where nothing was
-    corrected).
-    """
+    """What was done: rows, how many carry each flag, notes."""
 
     rows: int
     flags: Mapping[str, int]
     notes: tuple[str, ...]
-    temperature_uncertainty_k: float
-    humidity_uncertainty_percent: float
-    temperature_change_k: float
-    humidity_change_percent: float
 
 
 def correct_file(
@@ -176,7 +170,6 @@ class _Totals:
         self.flags = dict.fromkeys(FLAGS, 0)
         self.notes: dict[str, None] = {}
         self.codes: dict[str, int] = {}
-        self.sums = np.zeros((4, 2))
 
     def count(self, codes: Mapping[str, NDArray[np.bool_]], own: slice) -> None:
         for name, rows in codes.items():
@@ -187,21 +180,10 @@ class _Totals:
         for name, mask in found.flags.items():
             self.flags[name] += int(np.count_nonzero(mask))
         self.notes.update(dict.fromkeys(found.notes))
-        values = (
-            found.temperature_uncertainty_k,
-            found.humidity_uncertainty_percent,
-            found.temperature_c - flight.temperature_c,
-            found.humidity_percent - flight.humidity_percent,
-        )
-        for i, value in enumerate(values):
-            known = np.isfinite(value) & ~found.flags["implausible"]  # one absurd reading would be all that is seen
-            self.sums[i] += np.sum(value[known] ** 2), np.count_nonzero(known)
 
     def summary(self) -> Summary:
-        sizes = [float(np.sqrt(total / count)) if count else float("nan") for total, count in self.sums]
         return Summary(
             self.rows,
             self.flags,
             tuple(sorted((*code_notes(self.codes), *self.notes), key=lambda note: not note.startswith("profile:"))),
-            *sizes,
         )

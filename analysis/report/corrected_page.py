@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.analysis.flight.comparisons import ways_apart
 from shockrig.analysis.flight.judging import gathered, power_spectrum
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.report.html import Block, Cell, Figure, HtmlPage, KeyNumber, Section, Table, Text
 from shockrig.analysis.report.numbers import counted, plain
 from shockrig.analysis.report.style import BLUE, GREY, ORANGE, styled
 from shockrig.files.flight import FLAGS, Corrected, Flight
-from shockrig.files.flight_figure import channels_of, has_altitude, plot_flight, ways
+from shockrig.files.flight_figure import changes_of, channels_of, has_altitude, plot_flight
 from shockrig.files.headline import headlines
 from shockrig.files.profile import Profile
 
@@ -28,7 +29,6 @@ MOST_ROWS = 60_000  # that are kept for the figures; of a longer flight every se
 SPECTRUM_ROWS = 20_000  # of which a spectrum is made, one after the other
 LEAST_SPECTRUM_ROWS = 256
 SEGMENT_S = 120.0
-LAYER_M = 10.0  # in which ascent and descent are compared
 
 MEANING = {
     "gap": "the reading is missing: an estimate up to 5 s from the nearest sample, else none",
@@ -125,8 +125,8 @@ def write_corrected_page(
             )
         ]
         if compared := _ways(rows, found):
-            columns = ("channel", "as read, rms", "corrected, rms", "layers")
-            blocks.append(Table(columns, compared, f"Ascent against descent, means over layers of {LAYER_M:g} m."))
+            columns = ("channel", "as read, rms", "corrected, rms", "layers", "m")
+            blocks.append(Table(columns, compared, "Ascent against descent: how far the means of layers are apart."))
         sections.append(Section("Profiles", blocks))
     thin = " Drawn are some of its rows, evenly." if flight.thinned else ""
     sections.append(
@@ -171,33 +171,26 @@ def write_corrected_page(
     return report.write(path)
 
 
-def _changes(rows: Flight, found: Corrected) -> list[tuple[str, str, float, float, float]]:
-    """Name, unit, rms and largest change, median standard uncertainty of each channel that was corrected."""
-    changes = []
-    for one in channels_of(rows, found):
-        known = np.isfinite(one.value) & np.isfinite(one.sigma) & ~found.flags["implausible"]
-        if known.any():
-            change = (one.value - one.reading)[known & np.isfinite(one.reading)]
-            size = (float(np.sqrt(np.mean(change**2))), float(np.max(np.abs(change)))) if change.size else (0.0, 0.0)
-            changes.append((one.name, one.unit, *size, float(np.median(one.sigma[known]))))
-    return changes
-
-
 def _verdict(rows: Flight, found: Corrected, count: int) -> str:
-    changes = _changes(rows, found)
+    changes = changes_of(rows, found)
     if not changes:
         return f"Nothing was corrected: the {counted(count, 'row')} are given as they came. What was found says why."
     said = [
-        f"{name} by up to {plain(most, 2)} {unit} (known to {plain(sigma, 2)} {unit} after it)"
-        for name, unit, _, most, sigma in changes
+        f"{one.name} by up to {plain(one.most, 2)} {one.unit} "
+        f"(known to {plain(one.standard_uncertainty, 2)} {one.unit} after it)"
+        for one in changes
     ]
     return f"The lag of the sensors is taken out of {counted(count, 'row')}: {' and '.join(said)}."
 
 
 def _key_numbers(rows: Flight, found: Corrected, flight: FlightGathered) -> list[KeyNumber]:
     numbers = [
-        KeyNumber(f"{name} changed by", f"{plain(rms, 2)} {unit} rms", f"standard uncertainty {plain(sigma, 2)} {unit}")
-        for name, unit, rms, _, sigma in _changes(rows, found)
+        KeyNumber(
+            f"{one.name} changed by",
+            f"{plain(one.rms, 2)} {one.unit} rms",
+            f"standard uncertainty {plain(one.standard_uncertainty, 2)} {one.unit}",
+        )
+        for one in changes_of(rows, found)
     ]
     flagged = flight.flags["not_corrected"]
     numbers.append(KeyNumber("rows", str(flight.rows), f"{flagged} not corrected" if flagged else "all corrected"))
@@ -205,24 +198,12 @@ def _key_numbers(rows: Flight, found: Corrected, flight: FlightGathered) -> list
 
 
 def _ways(rows: Flight, found: Corrected) -> list[list[Cell]]:
-    """RMS difference of ascent and descent in layers that both passed, as read and corrected."""
-    altitude = rows.altitude_m
-    assert altitude is not None
-    up, down = ways(altitude)
+    """RMS difference of ascent and descent in the layers that both passed, as read and corrected."""
     table: list[list[Cell]] = []
-    layer = np.floor(np.where(np.isfinite(altitude), altitude, 0.0) / LAYER_M).astype(int)
     for one in channels_of(rows, found):
-        known = np.isfinite(one.reading) & np.isfinite(one.value)
-        both = sorted(set(layer[up & known].tolist()) & set(layer[down & known].tolist()))
-        if len(both) < 3:
-            continue
-        off = []
-        for values in (one.reading, one.value):
-            apart = [
-                values[up & known & (layer == at)].mean() - values[down & known & (layer == at)].mean() for at in both
-            ]
-            off.append(f"{plain(float(np.sqrt(np.mean(np.square(apart)))), 2)} {one.unit}")
-        table.append([one.name, *off, len(both)])
+        if (both := ways_apart(rows, (one.reading, one.value))) is not None:
+            apart = [f"{plain(size, 2)} {one.unit}" for size in both.rms]
+            table.append([one.name, *apart, both.layers, f"{both.low_m:.0f} to {both.high_m:.0f}"])
     return table
 
 

@@ -314,12 +314,12 @@ def _rivals(view: ChannelView, figure: list[Figure]) -> list[Block]:
         said = "stated" if one is search.best else worse(behind)
         numbers = [_signed(-behind), _signed(one.log_prior - search.best.log_prior)]
         rows.append([effects, share, said, *numbers, f"{plain(100 * one.score.discrepancy, 2)} %"])
-    columns = ("model", "weight", "on unseen runs", "there, nats", "beforehand, nats", "wrong by, of a step")
+    columns = ("model", "weight", "on unseen runs", "score, nats", "prior, nats", "discrepancy")
     caption = (
-        "Models by their weight. There: log predictive density of runs that the model was not fitted to, beside "
-        "the one stated. Beforehand: what is held against its effects before the data, likewise. The weight is of both "
-        "together, averaged over a bootstrap of the runs. Wrong by: what the model itself has to allow for to predict "
-        "best."
+        "Models by their weight. The score is the log predictive density of runs that the model was not fitted to, "
+        "less that of the model stated. The prior is the logarithm of its prior probability, less that of the model "
+        "stated. The weight follows from both, averaged over a bootstrap of the runs. The discrepancy is the error "
+        "that the model has to allow itself in order to predict best, in percent of a step."
     )
     return [Table(columns, rows, caption), *figure]
 

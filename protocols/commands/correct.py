@@ -106,6 +106,8 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.analysis.report.corrected_page import FlightGathered, write_corrected_page
     from shockrig.files.disk import real_path
     from shockrig.files.errors import InputError
+    from shockrig.files.flight_figure import changes_of
+    from shockrig.files.numbers import plain
     from shockrig.files.profile import read_profile
     from shockrig.protocols.flight_logs import to_csv
     from shockrig.protocols.folder import software_version
@@ -130,7 +132,7 @@ def main(args: argparse.Namespace) -> int:
     wmo = of_argument(args.wmo, datetime.now(UTC)) if args.wmo else None
     layers = Layers(args.layers) if args.layers else None
     as_figure = wmo is None and args.out.suffix.lower() == ".png"
-    drawn = FlightGathered() if as_figure or not args.no_report else None
+    drawn = FlightGathered()
     gather = [one.add for one in (wmo, layers, drawn) if one is not None]
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / args.flight.name  # as CSV, by the name that the result and messages carry
@@ -164,10 +166,10 @@ def main(args: argparse.Namespace) -> int:
     notes = [note for note in done.notes if note not in doubted]
     for note in (parted := [note for note in notes if PARTED in note]):
         print(f"note: {note}", file=sys.stderr, flush=True)
-    if as_figure and drawn is not None:
+    if as_figure:
         write_figure(args.out, drawn)
     page = None
-    if drawn is not None and not args.no_report:
+    if not args.no_report:
         page = write_corrected_page(
             args.report or (args.out.with_name(f"{args.out.name}.html") if wmo else args.out.with_suffix(".html")),
             args.flight.name,
@@ -184,12 +186,11 @@ def main(args: argparse.Namespace) -> int:
             | ({"data": str(profile.provenance["data"])} if "data" in profile.provenance else {}),
         )
     print(f"{written}: {done.rows} rows, method {args.method}")
-    for name, unit, change, uncertainty in (
-        ("temperature", "K", done.temperature_change_k, done.temperature_uncertainty_k),
-        ("humidity", "%RH", done.humidity_change_percent, done.humidity_uncertainty_percent),
-    ):
-        if uncertainty == uncertainty:
-            print(f"  {name}: changed by {change:.3g} {unit} rms; standard uncertainty {uncertainty:.3g} {unit}")
+    changed = {one.name: one for one in changes_of(*drawn.whole())}
+    for name in ("temperature", "humidity"):
+        if (one := changed.get(name)) is not None:
+            sigma = f"standard uncertainty {plain(one.standard_uncertainty, 2)} {one.unit}"
+            print(f"  {name}: changed by {plain(one.rms, 2)} {one.unit} rms; {sigma}")
         else:
             print(f"  {name}: not corrected")
     if layers is not None:

@@ -5,6 +5,7 @@ refused.
 import csv
 import json
 import os
+import re
 import resource
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import shockrig
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.simulated.scenes import to_flight as frame_to_flight
 from shockrig.analysis.flight.simulated.sensor import fly
@@ -49,6 +51,16 @@ def cells(path):
 def run(folder, *arguments, out="out.csv"):
     files = [str(folder / "flight.csv"), "--profile", str(folder / "profile.json"), "--out", str(folder / out)]
     return main(["correct", *files, *arguments])
+
+
+def test_console_page_and_notebook_state_one_uncertainty(folder, capsys):
+    """The first seconds know least and would make up a mean: all three state the median."""
+    assert run(folder) == 0
+    said = re.findall(r"standard uncertainty ([\d.]+ (?:K|%RH))", capsys.readouterr().out)
+    page = (folder / "out.html").read_text(encoding="utf-8")
+    assert re.findall(r"<small>standard uncertainty ([\d.]+ (?:K|%RH))<", page) == said and len(said) == 2
+    result = repr(shockrig.correct(folder / "flight.csv", folder / "profile.json"))
+    assert all(f"standard uncertainty {one}" in result for one in said)
 
 
 def test_every_column_and_row_is_kept_as_it_came_and_the_new_ones_follow(folder, flown):
