@@ -188,6 +188,11 @@ def read_probes(path: str | Path) -> tuple[str, ...]:
 def _read_head(folder: Path) -> FileTable:
     if not is_there(folder):
         raise InputError(f"{shown(folder)}: no such campaign folder; give the folder that holds campaign.json")
+    around = next((at for at in folder.absolute().parents if is_there(at / "campaign.json")), None)
+    if around is not None and not is_there(folder / "campaign.json"):
+        raise InputError(f"{shown(folder)}: is only a part of a campaign; give {shown(around)}")
+    if folder.is_file():
+        raise InputError(f"{shown(folder)}: is a file; give the folder that holds campaign.json")
     return read_json(folder / "campaign.json", CAMPAIGN_FORMAT, "give the folder that holds a whole campaign.json")
 
 

@@ -88,7 +88,8 @@ def _remove_left_behind(place: Path, name: str) -> None:
 
 def said_of_data(campaign: Campaign) -> dict[str, str]:
     """What a result's provenance must say of the data that it comes from; nothing where they were measured."""
-    return {"data": f"{EMULATED} (campaign {campaign.name})"} if campaign.emulated else {}
+    named = "" if campaign.name == "campaign" else f" (campaign {campaign.name})"
+    return {"data": f"{EMULATED}{named}"} if campaign.emulated else {}
 
 
 def software_version() -> str:

@@ -155,9 +155,18 @@ def load_bench(path: str | Path) -> BenchConfig:
         text = (resources.files("shockrig.data") / "benches" / f"{path}.toml").read_text(encoding="utf-8")
         return check_bench(read_toml(text, str(path)), f"{path}.toml")
     with as_bench_errors():
-        remedy = f"name a bench file that exists, or one of {', '.join(shipped_benches())}"
+        remedy = f"name a bench file that exists, or one that ships{did_you_mean(str(path), shipped_benches())}"
         text = read_text(path, remedy, TOML_AT_MOST)
     return check_bench(read_toml(text, str(path)), str(path))
+
+
+def marked_set(path: Path) -> tuple[str, ...]:
+    """Keys of a bench file whose lines still carry the mark SET, with which `shockrig scan` marks what it cannot know."""
+    if not path.is_file():  # one that comes with the package
+        return ()
+    lines = read_text(path, "name a bench file that exists", TOML_AT_MOST).splitlines()
+    keys = (line.partition("=")[0].strip() for line in lines if "# SET" in line and not line.lstrip().startswith("#"))
+    return tuple(dict.fromkeys(keys))
 
 
 def check_bench(content: Mapping[str, Any], path: str) -> BenchConfig:

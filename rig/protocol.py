@@ -156,10 +156,10 @@ def load_protocol(name_or_path: str | Path) -> Protocol:
     if str(name_or_path) in shipped_protocols() and not path.is_file():
         source = resources.files("shockrig.data") / "protocols" / f"{name_or_path}.toml"
         return parse_protocol(source.read_bytes(), f"{name_or_path}.toml")
-    known = ", ".join(shipped_protocols())
+    known = did_you_mean(str(name_or_path), shipped_protocols())
     with as_bench_errors():
         content = read_bytes(
-            path, f"give the path of a TOML file or the name of a shipped protocol ({known})", TOML_AT_MOST
+            path, f"give the path of a TOML file or the name of a shipped protocol{known}", TOML_AT_MOST
         )
     return parse_protocol(content, shown(path))
 

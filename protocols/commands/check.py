@@ -38,11 +38,16 @@ def main(args: argparse.Namespace) -> int:
         findings = examine(bench, protocol, args.out, wall=time.time, may_move=not args.still)
     print(tree(bench.name, findings))
     missing = lacking(findings)
-    print(missing or f"ready: {run_command(args.protocol, args.bench, args.out)}")
+    print(missing or ready(args.protocol, args.bench, args.out))
     return 1 if missing else 0
 
 
-def run_command(protocol: str, bench: Path | None, out: Path) -> str:
-    """What to type next."""
+def ready(protocol: str, bench: Path | None, out: Path) -> str:
+    """The last line where nothing is missing: what to look at once more in the bench file, and what to type next."""
+    from shockrig.rig.bench_file import marked_set
+
     words = ["shockrig run", protocol, *(["--bench", str(bench)] if bench is not None else []), "--out"]
-    return " ".join([*words, "CAMPAIGN" if out == Path() else str(out)])
+    command = " ".join([*words, "CAMPAIGN" if out == Path() else str(out)])
+    marked = marked_set(bench) if bench is not None else ()
+    doubt = f", if {', '.join(marked)} are right, which {bench} still marks SET" if marked else ""
+    return f"ready{doubt}: {command}"

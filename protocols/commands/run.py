@@ -293,14 +293,14 @@ def _preflight(args: argparse.Namespace, protocol: Any, bench: Any) -> int:
     """What `shockrig check` says, the stage left alone; 0 where all is ready."""
     import time
 
-    from shockrig.protocols.commands.check import run_command
+    from shockrig.protocols.commands.check import ready
     from shockrig.rig.check import examine, lacking, tree
 
     with bench:
         findings = examine(bench, protocol, args.out or Path(), wall=time.time, may_move=False)
     print(tree(bench.name, findings))
     missing = lacking(findings)
-    print(missing or f"ready: {run_command(args.protocol, args.bench, args.out or Path())}")
+    print(missing or ready(args.protocol, args.bench, args.out or Path()))
     return 1 if missing else 0
 
 
@@ -334,7 +334,7 @@ def _record(args: argparse.Namespace, protocol: Any, bench: Any, sealed: _Sealed
                 more=loop,
             )
     state = read_state(args.out)
-    spoilt = f", {len(state.set_aside)} attempts set aside" if state.set_aside else ""
+    spoilt = f", {counted(len(state.set_aside), 'attempt')} set aside" if state.set_aside else ""
     print(f"{counted(len(state.recorded), 'run')} in {args.out} ({len(recorded)} recorded now{spoilt})")
     if recorded:
         print(f"bench time: {duration(bench.clock.now())} on {bench.name}")

@@ -236,6 +236,14 @@ def test_the_body_of_each_sensor_is_read_and_has_its_usual_shape_where_none_is_n
 def test_no_folder_says_what_to_give(tmp_path):
     with pytest.raises(InputError, match="no such campaign folder"):
         read_campaign(tmp_path / "nowhere")
+    (tmp_path / "report.html").write_text("")
+    with pytest.raises(InputError, match="report.html: is a file; give the folder that holds"):
+        read_campaign(tmp_path / "report.html")
+
+
+def test_a_run_of_a_campaign_names_the_campaign(small):
+    with pytest.raises(InputError, match=f"0001: is only a part of a campaign; give {small}$"):
+        read_campaign(small / "runs/0001")
 
 
 def test_absurd_empty_and_repeated_rows_are_dropped_and_counted(small):

@@ -9,6 +9,7 @@ import pytest
 from fake_bench import fake_bench, plan
 
 from shockrig.protocols.cli import main
+from shockrig.protocols.commands.check import ready
 from shockrig.rig.bench import default_bench, open_bench, virtual_bench
 from shockrig.rig.check import clock_finding, examine, tree
 from shockrig.rig.protocol import PlannedRun, Protocol, Record, Soak, Transfer, load_protocol
@@ -165,6 +166,16 @@ def test_check_finds_what_run_would_stumble_over(tmp_path, capsys):
         assert main(["check", *arguments]) == 0
         assert "ok     plan (" in capsys.readouterr().out
     assert (tmp_path / "thesis/chapter1.tex").read_text() == "years of work" and not (tmp_path / "new").exists()
+
+
+def test_a_bench_file_names_the_lines_that_are_still_marked_set(tmp_path):
+    bench = tmp_path / "bench.toml"
+    bench.write_text('port = "x"\ndestination_mm = -10.0 # SET: its end\n# serial = "H0" # SET\n', encoding="utf-8")
+    said = ready("quick", bench, Path("c"))
+    assert said.startswith("ready, if destination_mm ") and said.endswith(f"shockrig run quick --bench {bench} --out c")
+    bench.write_text("destination_mm = 300.0\n", encoding="utf-8")
+    assert ready("quick", bench, Path("c")).startswith("ready: ")
+    assert ready("quick", Path("manual"), Path()) == "ready: shockrig run quick --bench manual --out CAMPAIGN"
 
 
 def test_check_reads_chambers_and_fan_and_holds_the_plan_against_their_limits(tmp_path, capsys):
