@@ -57,4 +57,4 @@ def as_python() -> Iterator[None]:
     try:
         yield
     except (InputError, BenchError) as error:
-        raise InputError(in_python(str(error))) from error
+        raise InputError(in_python(str(error))) from None  # one traceback, of what was called

@@ -31,7 +31,7 @@ def look(args: argparse.Namespace) -> int:
 
     folder = args.out or Path(".")
     map_path = args.map or folder / f"{args.logs[0].stem}.toml"
-    text = None
+    text, unused = None, ()
     if args.map is not None:
         map_ = read_map(args.map)
         logs = [read_sensors(path, map_) for path in args.logs]
@@ -43,7 +43,7 @@ def look(args: argparse.Namespace) -> int:
                 "give another --out"
             )
         seen = look_at(args.logs, map_path)
-        map_, text, logs, steps = seen.map, seen.text, list(seen.logs), list(seen.steps)
+        map_, text, logs, steps, unused = seen.map, seen.text, list(seen.logs), list(seen.steps), seen.unused
     with whole_folder(folder) as partial:
         for one, those in zip(logs, steps, strict=True):
             used = [is_used(step, map_) for step in those]
@@ -52,6 +52,8 @@ def look(args: argparse.Namespace) -> int:
             (partial / map_path.name).write_text(text, encoding="utf-8")
     for one, those in zip(logs, steps, strict=True):
         _say_log(one, those, map_)
+    for said in unused:
+        print(f"  {said}")
     for one in logs:
         print(f"picture: {folder / f'{one.log.path.stem}.png'}")
     names = " ".join(str(path) for path in args.logs)
@@ -137,12 +139,19 @@ def _when(sensors: SensorLog, one: LogStep) -> str:
     return f"{at}{unit} ± {unsure_s:.2g} s"
 
 
+def sensors_said(names: Sequence[str]) -> str:
+    """Sensors by their names; one that has none of its own is called "sensor" and needs no more words."""
+    if list(names) == ["sensor"]:
+        return "one sensor"
+    return f"sensor{'' if len(names) == 1 else 's'} {', '.join(names)}"
+
+
 def _say_log(sensors: SensorLog, steps: Sequence[LogStep], map_: LogMap) -> None:
     from shockrig.rig.logs.first_map import said_of
 
     log = sensors.log
-    names = ", ".join(sensors.readings)
-    print(f"{log.path.name}: {log.time_s.size} rows, one every {log.period_s:.4g} s; sensors {names}")
+    names = sensors_said(list(sensors.readings))
+    print(f"{log.path.name}: {log.time_s.size} rows, one every {log.period_s:.4g} s; {names}")
     for said in (*log.remarks, *(said for readings in sensors.readings.values() for said in readings.remarks)):
         print(f"  {said}")
     if log.clock.doubt:
@@ -160,7 +169,7 @@ def _say_log(sensors: SensorLog, steps: Sequence[LogStep], map_: LogMap) -> None
 def _say_campaign(campaign: SensorCampaign, place: Path, first: int) -> None:
     count = len(campaign.runs)
     added = f" added to {first - 1}" if first > 1 else ""
-    print(f"{place}: sensor {campaign.sensor}, {counted(count, 'run')}{added}")
+    print(f"{place}: {sensors_said([campaign.sensor])}, {counted(count, 'run')}{added}")
     for number, run in enumerate(campaign.runs, start=first):
         seen_s = run.step.step.at_s
         readings = ", ".join(f"{name} {size}" for name, size in run.readings.items())

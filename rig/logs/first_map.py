@@ -28,12 +28,13 @@ UNIT_SHOWN = {"temperature": "degC", "humidity": "%RH"}
 
 @dataclass(frozen=True)
 class LogLook:
-    """What was seen of logs: the map's text, the same read, and for each log its readings and steps."""
+    """What was seen of logs: the map's text, the same read, for each log its readings and steps, what is not used."""
 
     text: str
     map: LogMap
     logs: tuple[SensorLog, ...]
     steps: tuple[tuple[LogStep, ...], ...]
+    unused: tuple[str, ...]
 
 
 def look_at(paths: Sequence[Path], map_path: Path) -> LogLook:
@@ -75,7 +76,7 @@ def look_at(paths: Sequence[Path], map_path: Path) -> LogLook:
     steps = [steps_of(one, map_) for one in logs]
     times = t63_of([step for those in steps for step in those])
     text = head + _sensors(guess, times, likely_reference(guess.sensors)) + _steps_text(logs, steps)
-    return LogLook(text, parse_map(text, map_path), tuple(logs), tuple(steps))
+    return LogLook(text, parse_map(text, map_path), tuple(logs), tuple(steps), _not_used(guess))
 
 
 def t63_of(steps: Sequence[LogStep]) -> dict[str, dict[str, float]]:
@@ -150,10 +151,15 @@ def _sensors(guess: Guess, times: dict[str, dict[str, float]], by_name: str | No
             if quantity in sensor.columns and kind not in sensor.extra:
                 lines.append(_line(f'# {kind} = {{ kind = "", serial = "" }}', f"also body, {length}"))
     lines += ["\n"] if guess.unused else []
-    for why in dict.fromkeys(why for _, why in guess.unused):
-        names = ", ".join(name for name, reason in guess.unused if reason == why)
-        lines.append(f"# not used, {why}: {_shorter(names)}\n")
+    lines += [f"# {said}\n" for said in _not_used(guess)]
     return "".join(lines)
+
+
+def _not_used(guess: Guess) -> tuple[str, ...]:
+    """A sentence for each reason for which columns are not used."""
+    reasons = dict.fromkeys(why for _, why in guess.unused)
+    names = {why: ", ".join(name for name, reason in guess.unused if reason == why) for why in reasons}
+    return tuple(f"not used, {why}: {_shorter(those)}" for why, those in names.items())
 
 
 def _references(sensor: str, times: dict[str, dict[str, float]], by_name: str | None) -> dict[str, str]:

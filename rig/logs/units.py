@@ -28,7 +28,7 @@ _ALIASES = {
     "degC": ("c", "°c", "degc", "deg c", "deg_c", "℃", "celsius", "degrees c", "degree c", "º c", "ºc", "grad c", "�c"),
     "K": ("k", "kelvin", "degk"),
     "degF": ("f", "°f", "degf", "deg f", "deg_f", "℉", "fahrenheit", "ºf", "�f"),
-    "percent": ("%", "%rh", "percent", "pct", "% rh", "rh%", "%r.h.", "percent rh", "perc", "rh %"),
+    "percent": ("%", "%rh", "percent", "pct", "% rh", "rh%", "%r.h.", "percent rh", "perc", "rh %", "% r.f.", "%r.f.", "% rf", "%rf"),
     "fraction": ("fraction", "0-1", "frac", "0..1"),
     "hPa": ("hpa", "mbar", "mb", "millibar", "hectopascal"),
     "Pa": ("pa", "pascal"),

@@ -292,6 +292,17 @@ def test_a_unit_that_only_the_cells_name_is_the_readings_unit(tmp_path):
     assert 'temperature_unit = "degF"' in first and "by its name no temperature" in first.split("resistor")[0]
 
 
+def test_columns_that_are_not_used_are_said_and_german_humidity_is_known(tmp_path, capsys):
+    names = ("time [s]", "Kanal 1 [°C]", "Kanal 2 [% r.F.]", "Channel X")
+    rows = zip(LOG.time_s, LOG.temperature_c, LOG.humidity_percent, LOG.time_s, strict=True)
+    lines = [";".join(names), *(";".join(f"{value:.3f}" for value in row) for row in rows)]
+    log = written(tmp_path / "log.csv", "\n".join(lines) + "\n")
+    assert run(log, "--look", "--out", tmp_path) == 0
+    said = capsys.readouterr().out
+    assert "not used, by its name no temperature, humidity, pressure or airflow: Channel X" in said
+    assert "one sensor\n" in said and 'humidity = "Kanal 2 [% r.F.]"' in (tmp_path / "log.toml").read_text("utf-8")
+
+
 def test_a_log_without_times_is_read_by_the_time_from_row_to_row(tmp_path, capsys):
     rows = [f"{80.0 if t > 80.0 else 0.0},{c}" for t, c in zip(LOG.time_s, LOG.temperature_c, strict=True)]
     log = written(tmp_path / "log.csv", text(["heater,temperature_c", *rows]))
