@@ -300,7 +300,7 @@ ANYWHERE = {"series_lag", "moving_average", "stale_samples", "quantization"}
 @pytest.mark.parametrize("effect", CATALOGUE)
 def test_it_acts_where_it_can_and_says_what_it_needs_elsewhere(channels, effect):
     entry = CATALOGUE[effect]
-    assert (entry.needs is None) == (effect in ANYWHERE) == (effect not in WITHOUT)
+    assert (entry.needs is None) == (effect in ANYWHERE) == (effect not in WITHOUT), f"{effect}: a line in WITHOUT"
     for name, channel in channels.items():
         if effect == "parallel_lag" or effect in TWO_PLACES:
             rich = airflow_unknown(channel)
@@ -349,7 +349,7 @@ def test_a_structure_stands_in_the_order_of_the_chain():
 @pytest.mark.parametrize("effect", CATALOGUE)
 def test_what_does_not_fly_is_of_the_air_or_the_logger(effect):
     entry = CATALOGUE[effect]
-    assert entry.of_sensor or entry.link in ("air", "logger")
+    assert entry.of_sensor or entry.link in ("air", "logger"), f"{effect}: of the sensor, and so has an InFlight"
 
 
 @pytest.mark.parametrize("effect", CATALOGUE)
@@ -395,8 +395,8 @@ FOREIGN |= {f"body_{shape}" for shape in BODIES}
 
 
 def test_every_entry_is_recovered_from_an_independent_bench():
-    assert set(CATALOGUE) == set(RECOVERED) | FOREIGN | set(BESIDE)
-    assert set(RECOVERED) | set(BESIDE) == set(CATALOGUED) | set(EXTRA)
+    assert set(CATALOGUE) == set(RECOVERED) | FOREIGN | set(BESIDE), "each effect has a line in RECOVERED"
+    assert set(RECOVERED) | set(BESIDE) == set(CATALOGUED) | set(EXTRA), "and one in KINDS of rig/virtual/effects.py"
 
 
 @pytest.mark.parametrize("effect", RECOVERED)

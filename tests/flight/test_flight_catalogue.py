@@ -193,7 +193,7 @@ def test_the_simulator_knows_what_leaves_the_bench_and_nothing_else():
     for channel, flown in FLOWN_EFFECTS.items():
         leaving = {id_ for id_, entry in CATALOGUE.items() if channel in entry.channels and entry.in_flight is not None}
         assert flown == leaving
-    assert set(CASES) == set(CATALOGUE)
+    assert set(CASES) == set(CATALOGUE), "each effect has a line in CASES"
 
 
 def test_a_sensor_with_everything_at_once_is_undone():
