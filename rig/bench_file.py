@@ -161,7 +161,7 @@ def load_bench(path: str | Path) -> BenchConfig:
 
 
 def marked_set(path: Path) -> tuple[str, ...]:
-    """Keys of a bench file whose lines still carry the mark SET, with which `shockrig scan` marks what it cannot know."""
+    """Keys of a bench file whose lines still carry the mark SET, which `shockrig scan` gives to what it cannot know."""
     if not path.is_file():  # one that comes with the package
         return ()
     lines = read_text(path, "name a bench file that exists", TOML_AT_MOST).splitlines()

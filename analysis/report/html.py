@@ -235,7 +235,8 @@ th.number { white-space: normal; }
 td.whole { white-space: nowrap; }
 figure { margin: 1.5rem 0; }
 figure .scroll { margin: 0; }
-figure img { display: block; max-width: max(100%, 48rem); height: auto; background: #fff; border-radius: .4rem; padding: .25rem; }
+figure img { display: block; max-width: max(100%, 48rem); height: auto; background: #fff; border-radius: .4rem;
+  padding: .25rem; }
 figcaption { font-size: .85rem; color: var(--quiet); max-width: 48rem; margin-top: .4rem; }
 details { margin: 1rem 0; border: 1px solid var(--line); border-radius: .5rem; padding: .5rem 1rem; }
 summary { cursor: pointer; font-weight: 600; }
@@ -245,7 +246,8 @@ footer { font-size: .85rem; } footer table { font-size: .85rem; } footer th { fo
   @page { margin: 16mm 14mm; }
   body { font-size: 10pt; } main { max-width: none; padding: 0; } nav { display: none; }
   h2 { break-after: avoid; margin-top: 1.5rem; } figure, tr, .key div, .verdict { break-inside: avoid; }
-  .scroll { overflow: visible; } figure img { max-width: 100%; } thead { display: table-header-group; } a { color: inherit; text-decoration: none; }
+  .scroll { overflow: visible; } figure img { max-width: 100%; }
+  thead { display: table-header-group; } a { color: inherit; text-decoration: none; }
   details { border: 0; padding: 0; } details::details-content { content-visibility: visible; block-size: auto; }
 }
 """

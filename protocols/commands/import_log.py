@@ -31,7 +31,7 @@ def look(args: argparse.Namespace) -> int:
 
     folder = args.out or Path(".")
     map_path = args.map or folder / f"{args.logs[0].stem}.toml"
-    text, unused = None, ()
+    text, unused = None, tuple[str, ...]()
     if args.map is not None:
         map_ = read_map(args.map)
         logs = [read_sensors(path, map_) for path in args.logs]
