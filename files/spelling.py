@@ -16,6 +16,12 @@ def nearest(word: str, known: Iterable[str], least: float = LEAST_LIKENESS) -> s
     return names[alike[0]] if alike else None
 
 
+def proposed(word: str, known: Iterable[str]) -> str:
+    """What a word that is not known may have been meant to be, before the remedy; nothing where none is like it."""
+    meant = nearest(word, known)
+    return f"did you mean {meant!r}? Else " if meant else ""
+
+
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """The end of a message on a word that is not known: what may have been meant, and what is known."""
     names = list(known)

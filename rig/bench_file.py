@@ -26,7 +26,7 @@ from shockrig.files.common_uncertainty import INPUTS, read_common
 from shockrig.files.disk import TOML_AT_MOST, read_text
 from shockrig.files.file_table import FileTable
 from shockrig.files.ranges import RANGES
-from shockrig.files.spelling import did_you_mean
+from shockrig.files.spelling import did_you_mean, proposed
 from shockrig.rig.errors import BenchError, as_bench_errors
 from shockrig.rig.seams import Backend
 from shockrig.rig.toml_text import read_toml, refuse_unknown_keys
@@ -155,7 +155,8 @@ def load_bench(path: str | Path) -> BenchConfig:
         text = (resources.files("shockrig.data") / "benches" / f"{path}.toml").read_text(encoding="utf-8")
         return check_bench(read_toml(text, str(path)), f"{path}.toml")
     with as_bench_errors():
-        remedy = f"name a bench file that exists, or one that ships{did_you_mean(str(path), shipped_benches())}"
+        ships = shipped_benches()
+        remedy = f"{proposed(str(path), ships)}name a bench file that exists, or one of {', '.join(ships)}"
         text = read_text(path, remedy, TOML_AT_MOST)
     return check_bench(read_toml(text, str(path)), str(path))
 

@@ -18,7 +18,7 @@ from typing import Any
 
 from shockrig.files.disk import TOML_AT_MOST, read_bytes, shown
 from shockrig.files.ranges import RANGES, Range
-from shockrig.files.spelling import did_you_mean
+from shockrig.files.spelling import did_you_mean, proposed
 from shockrig.rig.errors import BenchError, as_bench_errors
 from shockrig.rig.seams import Air
 from shockrig.rig.toml_text import read_toml, refuse_unknown_keys
@@ -156,10 +156,11 @@ def load_protocol(name_or_path: str | Path) -> Protocol:
     if str(name_or_path) in shipped_protocols() and not path.is_file():
         source = resources.files("shockrig.data") / "protocols" / f"{name_or_path}.toml"
         return parse_protocol(source.read_bytes(), f"{name_or_path}.toml")
-    known = did_you_mean(str(name_or_path), shipped_protocols())
+    ships = shipped_protocols()
+    meant, known = proposed(str(name_or_path), ships), ", ".join(ships)
     with as_bench_errors():
         content = read_bytes(
-            path, f"give the path of a TOML file or the name of a shipped protocol{known}", TOML_AT_MOST
+            path, f"{meant}give the path of a TOML file or the name of a shipped protocol ({known})", TOML_AT_MOST
         )
     return parse_protocol(content, shown(path))
 

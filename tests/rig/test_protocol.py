@@ -161,7 +161,10 @@ def test_a_slip_is_named_with_its_remedy(before, after, message):
 
 
 def test_a_protocol_that_is_not_there(tmp_path):
-    with pytest.raises(BenchError, match=r"standrad: No such file.*\(extended, manual, quick, standard\)"):
+    with pytest.raises(
+        BenchError,
+        match=r"standrad: No such file.*; did you mean .standard.\? Else give the path.*\(extended, manual, quick, standard\)",
+    ):
         load_protocol("standrad")
 
 
