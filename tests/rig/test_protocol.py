@@ -162,8 +162,7 @@ def test_a_slip_is_named_with_its_remedy(before, after, message):
 
 def test_a_protocol_that_is_not_there(tmp_path):
     with pytest.raises(
-        BenchError,
-        match=r"standrad: No such file.*; did you mean .standard.\? Else give the path.*\(extended, manual, quick, standard\)",
+        BenchError, match=r"standrad: No such file.*'standard'\? Else .*\(extended, manual, quick, standard\)"
     ):
         load_protocol("standrad")
 
