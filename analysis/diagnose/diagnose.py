@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from shockrig.analysis.diagnose.adequacy import describe, judge, most_scatter
 from shockrig.analysis.diagnose.candidates import at_bound
 from shockrig.analysis.diagnose.diagnosed import NO_STEP, Cause, ChannelDiagnosis, Diagnosis, Tried
 from shockrig.analysis.diagnose.experiments import propose, unseen
-from shockrig.analysis.diagnose.gain import measure_gain
+from shockrig.analysis.diagnose.gain import Gain, measure_gain
 from shockrig.analysis.diagnose.grammar import stated
 from shockrig.analysis.diagnose.prepare import Prepared, likelier_average, prepare, with_rounding
 from shockrig.analysis.diagnose.remainder import Tolerance, measure_remainder, predicted_badly
@@ -50,6 +51,20 @@ def ended(found: Search) -> tuple[str, ...]:
     return (
         f"The search ended at its limit of work, after {found.fits} fits: what it had reached by then is judged, and "
         "more may be there. Diagnose again with --from this diagnosis to go on from there.",
+    )
+
+
+def refuted(gain: Gain, tolerance: float) -> bool:
+    """Whether a model predicts runs held out worse than the plain one, by a size that matters [unit]."""
+    return gain.after**2 - gain.before**2 > tolerance**2
+
+
+def why_refuted(gain: Gain, unit: str) -> str:
+    """A sentence on a model that has the largest weight and is not stated."""
+    return (
+        "How single readings go speaks for more than the plain model. But with the rate that other runs give it, such "
+        f"a model misses runs held out by {gain.after:.2g} {unit}, and the plain one by {gain.before:.2g} {unit}: the "
+        "plain one is stated. See that all runs are of one sensor in one airflow, and record more of them."
     )
 
 
@@ -182,9 +197,15 @@ def diagnose_channel(
     problem = ready.problem
     progress(f"{channel.name}: measuring the gain on unseen runs")
     gain = measure_gain(channel, problem, ready.structure, found.plain, found.best, ready.noise)
+    tolerance = tolerance or Tolerance()
+    unborne: tuple[str, ...] = ()
+    if refuted(gain, tolerance.of(channel.quantity.unit)):
+        unborne = (why_refuted(gain, channel.quantity.unit),)
+        found = replace(found, best=found.plain)
+        gain = measure_gain(channel, problem, ready.structure, found.plain, found.best, ready.noise)
     sigma = found.best.score.discrepancy
     adequacy, plain_adequacy = (judge(problem, one.fit, ready.noise) for one in (found.best, found.plain))
-    remainder = measure_remainder(problem, found.best.fit, ready.noise, adequacy, gain, tolerance or Tolerance(), sigma)
+    remainder = measure_remainder(problem, found.best.fit, ready.noise, adequacy, gain, tolerance, sigma)
     final = widened(problem, as_stated(problem, found.best.fit, bumps(problem), sigma, remainder.significant))
     matters = remainder.significant and remainder.material
     bursts = restless(problem.channel, adequacy) if matters else ()
@@ -222,7 +243,13 @@ def diagnose_channel(
         untestable=tuple(
             id_ for id_, effect in CATALOGUE.items() if channel.name in effect.channels and not effect.acts_in(channel)
         ),
-        cannot_tell=cannot_tell(channel) + rates_apart(final) + ended(found) + tuple(f.sentence for f in parted),
+        cannot_tell=(
+            *cannot_tell(channel),
+            *unborne,
+            *rates_apart(final),
+            *ended(found),
+            *(f.sentence for f in parted),
+        ),
         tried=_tried(found),
         discrepancy=describe(problem, found.best.fit, ready.noise, adequacy) if told else None,
     )

@@ -1,0 +1,45 @@
+"""A model that misses runs held out by more than the plain one is not stated, whatever its weight."""
+
+import itertools
+
+import pytest
+
+from shockrig.analysis.diagnose import diagnose
+from shockrig.analysis.diagnose.diagnose import diagnose_channel, refuted
+from shockrig.analysis.diagnose.gain import Gain
+from shockrig.analysis.estimate.gather import build_channel
+from shockrig.files.campaign import read_campaign
+from shockrig.rig.virtual.foreign import Arrival, Lab, LabLogger, LabRun, Written, make_body, record
+
+
+def gain(before, after):
+    return Gain(before, after, 0.02, 0.0, (0.0, 0.0), [before**2], [after**2])
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "tolerance", "out"),
+    [
+        (0.2, 0.1, 0.03, False),
+        (0.2, 0.2, 0.0, False),
+        (0.2, 0.2001, 0.03, False),  # worse by less than matters
+        (0.2, 0.2001, 0.0, True),
+        (0.2, 0.4, 0.03, True),
+    ],
+)
+def test_a_model_is_refuted_where_it_predicts_worse_by_what_matters(before, after, tolerance, out):
+    assert refuted(gain(before, after), tolerance) is out
+
+
+def test_the_plain_model_is_stated_in_the_place_of_a_refuted_one(tmp_path, monkeypatch):
+    plan = tuple(LabRun(*((60.0, 20.0) if i % 2 else (20.0, 60.0)), start_s=3.0, length_s=9.0) for i in range(2))
+    lump = make_body("lumped", 0.6)
+    bench = Lab("temperature", lump, Arrival(), LabLogger(0.05, 0.01, 0.03), plan, Written(body="sphere"))
+    record(bench, 5, tmp_path / "campaign")
+    channel = build_channel(read_campaign(tmp_path / "campaign"), "temperature")
+    measured = itertools.chain([gain(0.5, 0.9)], itertools.repeat(gain(0.5, 0.5)))
+    monkeypatch.setattr(diagnose, "measure_gain", lambda *_: next(measured))
+    found = diagnose_channel(channel, describing=False)
+    assert found.search.pool[0].ids  # the heaviest model is not the plain one
+    assert found.causes == () and not found.final.structure.effects and found.verdict == "unexplained"
+    assert found.gain.after == 0.5
+    assert any("0.9 K, and the plain one by 0.5 K" in said for said in found.cannot_tell)
