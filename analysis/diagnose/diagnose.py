@@ -55,8 +55,15 @@ def ended(found: Search) -> tuple[str, ...]:
 
 
 def refuted(gain: Gain, tolerance: float) -> bool:
-    """Whether a model predicts runs held out worse than the plain one, by a size that matters [unit]."""
-    return gain.after**2 - gain.before**2 > tolerance**2
+    """Whether a model predicts runs held out worse than the plain one, by a size that matters [unit].
+
+    So must the mean over runs of the logarithm of their errors say: with a few runs held out, a single one for which
+    the others had to be extrapolated makes a mean square.
+    """
+    if not gain.after**2 - gain.before**2 > tolerance**2:
+        return False
+    told = np.isfinite(gain.run_before)
+    return bool(np.log(gain.run_after[told]).mean() > np.log(gain.run_before[told]).mean())
 
 
 def why_refuted(gain: Gain, unit: str) -> str:

@@ -1,7 +1,9 @@
 """A model that misses runs held out by more than the plain one is not stated, whatever its weight."""
 
 import itertools
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from shockrig.analysis.diagnose import diagnose
@@ -13,7 +15,7 @@ from shockrig.rig.virtual.foreign import Arrival, Lab, LabLogger, LabRun, Writte
 
 
 def gain(before, after):
-    return Gain(before, after, 0.02, 0.0, (0.0, 0.0), [before**2], [after**2])
+    return Gain(before, after, 0.02, 0.0, (0.0, 0.0), np.array([before**2]), np.array([after**2]))
 
 
 @pytest.mark.parametrize(
@@ -28,6 +30,11 @@ def gain(before, after):
 )
 def test_a_model_is_refuted_where_it_predicts_worse_by_what_matters(before, after, tolerance, out):
     assert refuted(gain(before, after), tolerance) is out
+
+
+def test_a_single_run_that_had_to_be_extrapolated_refutes_nothing():
+    runs = {"run_before": np.array([0.09, 0.09, 0.25]), "run_after": np.array([0.0009, 0.0009, 1.0])}
+    assert not refuted(replace(gain(0.38, 0.58), **runs), 0.03)
 
 
 def test_the_plain_model_is_stated_in_the_place_of_a_refuted_one(tmp_path, monkeypatch):
