@@ -128,7 +128,8 @@ def disagree(one: ChannelLearned) -> str:
         f"{name} by {off.mean:+.2g} on average and {off.spread:.2g} {unit} about it"
         for name, off in (("as read", one.read), ("with one lag", one.single), ("with the model", one.model))
     ]
-    said = f"passes of flights that were not fitted differ {', '.join(parts)}"
+    whose = "passes of flights that were not fitted" if len(set(one.read.flight)) > 1 else "passes of the flight fitted"
+    said = f"{whose} differ {', '.join(parts)}"
     if one.verdict != "adequate" and not one.gains:
         said += ": no gain, so the profile leaves this channel as it is read"
     elif one.verdict != "adequate" and one.model.rms > one.read.rms:

@@ -56,19 +56,20 @@ def refutes(read: Disagreement, corrected: Disagreement) -> bool:
 
     A response that is right brings kinks and layers of two passes together. A mean difference may be the air's or an
     offset, and does not count. Flights do, each as much as another, by how far they agree that it got worse (Student's
-    of the logarithm of what it got worse by, 95 %).
+    of the logarithm of what it got worse by, 95 %). One flight refutes nothing: it cannot be left out of the fit.
     """
     names = [name for name in sorted(set(read.flight) & set(corrected.flight)) if read.of(name).spread > 0.0]
-    if not names:
+    if len(names) < 2:
         return False
     worse = np.log([max(corrected.of(name).spread / read.of(name).spread, 1e-3) for name in names])
-    if worse.size == 1:
-        return bool(worse[0] > 0.0)
     return bool(worse.mean() > stdtrit(worse.size - 1.0, 0.95) * worse.std(ddof=1) / np.sqrt(worse.size))
 
 
 def disagreement(units: Sequence[FlightChannelData], fit: Learned | None, channel: str) -> Disagreement:
-    """How far neighbouring passes disagree: as read where there is no fit, else by a fit without that flight."""
+    """How far neighbouring passes disagree: as read where there is no fit, else by a fit without that flight.
+
+    A flight that is the only one cannot be left out: what it disagrees by is then of the fit to itself.
+    """
     names: list[str] = []
     heights, off = [], []
     for i, unit in enumerate(units):
@@ -76,7 +77,8 @@ def disagreement(units: Sequence[FlightChannelData], fit: Learned | None, channe
             sensor, own = SensorModel((), {}), None
         else:
             place = fit.channels.index(channel) + i
-            sensor, own = fit.sensor(fit.without(place), channel), fit.sizes[place]
+            theta = fit.without(place) if len(units) > 1 else fit.theta
+            sensor, own = fit.sensor(theta, channel), fit.sizes[place]
         profiles: list[tuple[float, float, NDArray[np.int64]] | None] = []
         for one in unit.bins.passes:
             rows = np.flatnonzero((unit.rows >= one.first) & (unit.rows <= one.last))

@@ -20,8 +20,10 @@ from shockrig.files.learned import read_learned
 from shockrig.files.profile import read_profile
 from shockrig.protocols.cli import main
 from shockrig.protocols.commands.correct import offered
+from shockrig.protocols.flight_logs import read_log
 
 WORLDS = benchmark("learn_worlds")
+EXAMPLES = Path(__file__).parents[2] / "data" / "examples"
 
 
 @pytest.fixture(scope="module")
@@ -111,6 +113,15 @@ def test_wash_that_cools_bead_and_film_is_one_cause_of_both():
         assert wash.probability > 0.5
         assert wash.parameters[0].value == pytest.approx(-1.0, abs=3.0 * wash.parameters[0].standard_uncertainty)
         assert one.model.rms < 0.8 * one.single.rms < one.read.rms
+
+
+def test_one_flight_refutes_no_lag():
+    """The example flight alone, a film of 5 s: what cannot be left out of the fit is not predicted, so that nothing is
+    refuted by it, and a lag is among the answers."""
+    found = learn({"flight.csv": read_log(EXAMPLES / "flight.csv")[0]})
+    for one in found.channels.values():
+        assert one.refuted == ()
+        assert any(cause.law.lags is not None for cause in one.causes)
 
 
 def test_a_flight_that_says_nothing_is_left_out_with_its_reason(flight):
