@@ -4,7 +4,9 @@
 
 Each mission is two to four ascents with their descents through air of its own equations: inversions (tanh), turbulence
 (random phases under k^(-5/3)), layers that rise and an air that warms between the ways. What is hidden is a lag in each
-channel, none at all, a clock, or a wash that cools both sensors. Nothing of it shares code with the analysis.
+channel, none at all, a clock, or a wash that cools both sensors. The film has a temperature of its own, which follows
+the air's 0.3 to 1.7 times as late as the bead does, and reads the air's vapour at it. Nothing of it shares code with
+the analysis.
 """
 
 from __future__ import annotations
@@ -76,9 +78,10 @@ def _flight(rng: np.random.Generator, truth: Truth) -> Flight:
         return np.interp(moved, height, profile) + drift * done + (1 - back) * ways[0] + back * ways[1]
 
     warm, moist = air(temperature, rng.normal(0.0, 0.2), 0.1), air(humidity, rng.normal(0.0, 1.0), 0.8)
-    washed = truth.wash_k * (t > descends)
-    moist = moist * np.exp(17.62 * warm / (243.12 + warm) - 17.62 * (warm + washed) / (243.12 + warm + washed))
-    seen = lagged(warm + washed, truth.temperature_lag_s), lagged(moist, truth.humidity_lag_s)
+    bead = lagged(warm + truth.wash_k * (t > descends), truth.temperature_lag_s)
+    film_c = lagged(warm + truth.wash_k * (t > descends), rng.uniform(0.3, 1.7) * truth.temperature_lag_s)
+    film = moist * np.exp(17.62 * warm / (243.12 + warm) - 17.62 * film_c / (243.12 + film_c))
+    seen = bead, lagged(film, truth.humidity_lag_s)
     rows = slice(None, None, round(1.0 / STEP_S))
     at = t[rows]
     none = np.full(at.size, np.nan)

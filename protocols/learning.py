@@ -149,12 +149,14 @@ def sentence(one: ChannelLearned) -> str:
 
 
 def _said(cause: FlightCause) -> str:
-    numbers = ", ".join(f"{p.value:.3g} ± {p.standard_uncertainty:.2g} {p.unit}" for p in cause.parameters)
+    first, *others = (f"{p.value:.3g} ± {p.standard_uncertainty:.2g} {p.unit}".rstrip(" 1") for p in cause.parameters)
+    words = [p.parameter.words for p in cause.parameters[1:]]
+    numbers = ", ".join([first, *(f"{name} {number}" for name, number in zip(words, others, strict=True))])
     names = " or ".join(name.replace("_", " ") for name in cause.law.causes)
     if cause.law.key == "lag_in_the_cold":
         names = "a lag that grows in the cold"
     elif cause.law.key == "second_path":
         names = f"a second path ({names})"
-    elif cause.law.key in ("sensor_in_descent", "warm_sensor"):
-        names = f"{names}, of bead and film alike"
+    elif cause.law.key == "film_unlike_in_descent":
+        names = f"a film that is not as warm as the bead in descent ({names})"
     return f"{names} ({numbers}; probability {cause.probability:.2f})"

@@ -16,7 +16,7 @@ Mask = NDArray[np.bool_]
 
 CHANNELS = ("temperature", "humidity")
 SUB_SAMPLES = 4  # of the track in a bin, over which what the air adds is averaged
-GROUND_SHARE, GROUND_M = 0.03, 10.0  # of the range of altitudes, and at most: what is nearer to the ground is not flown
+GROUND_SHARE = 0.03  # of the range of altitudes: what is nearer to the ground is not flown, satellite heights wander
 PASS_SHARE, LEAST_PASS_M = 0.15, 20.0  # of the range of altitudes that a pass covers at least, and in metres
 FEWEST_BINS = 24
 OUTLIER_SIGMAS = 6.0  # of the readings around: a reading further from their median is not one
@@ -191,7 +191,7 @@ def passes(altitude_m: Array, time_s: Array) -> tuple[Pass, ...]:
 def _flown(track_s: Array, track_m: Array) -> tuple[float, float]:
     """From when to when the track is off the ground."""
     low = float(np.quantile(track_m, 0.005))
-    over = np.flatnonzero(track_m > low + min(GROUND_SHARE * float(track_m.max() - low), GROUND_M))
+    over = np.flatnonzero(track_m > low + GROUND_SHARE * float(track_m.max() - low))
     return float(track_s[over[0]]), float(track_s[over[-1]])
 
 

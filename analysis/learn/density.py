@@ -16,20 +16,22 @@ sharp inversion would be taken for a slow one, seen by a faster sensor.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from shockrig.analysis.learn.bins import SUB_SAMPLES, FlightBins
-from shockrig.analysis.learn.laws import Law, Values, drawn_back, response
+from shockrig.analysis.learn.laws import Law, Values, drawn_back, read_temperature, response
+from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.learned import SIZES
 
 Array = NDArray[np.float64]
 
 KNOTS_PER_BIN = 0.5  # of the shared air
+PROFILE_DEGREE = 4  # of a flight's usual temperature over altitude
 LAYER_SHARE, LEAST_LAYER_M = 0.1, 30.0  # of the range of altitudes: how far a change of the air reaches
 EDDY_M, EDDY_S = 40.0, 60.0  # how far turbulence reaches, and how long it lasts
 AROUND_SHARE, AROUND_M = 0.05, 50.0  # of the range of altitudes, and at least: over which a profile is as steep
@@ -43,6 +45,7 @@ BEGIN = dict(zip(SIZES, (0.2, 0.03, 0.01, 0.01, 0.01), strict=True))  # where a 
 MOVING_LAYERS = 4  # heights at which layers move by themselves, straight between them
 MOVES = 1 + MOVING_LAYERS  # all of the air at once, and each of them
 MOVE_STEP = 0.01  # over which slopes are taken
+AIR_KEPT_BY = ("time_constant_s", "fraction", "second_time_constant_s", "growth_per_k")  # what it takes up as well
 MOVED_M, MOVED_M_PER_H = 10.0, 60.0  # that layers move: by waves, and as a boundary layer grows (standard deviations)
 
 
@@ -57,9 +60,18 @@ class FlightChannelData:
     rows : ndarray (m,)
         Bins in which it was read.
     reading : ndarray (m,)
-        Less their mean, over `unit`.
+        Less `level`, over `unit`.
     mean, unit : float
-        Of the channel along the flight, and its spread [degC, K or %RH].
+        Of the shared air along the flight, and its spread [degC, K or %RH].
+    level : ndarray (m,)
+        What a sensor without lag would read of air that is `mean` everywhere.
+    read_c : ndarray (n, SUB_SAMPLES), or None
+        Of humidity where temperature was read: the bead's reading, which is the film's temperature where no law says
+        otherwise [degC].
+    usual_c : Polynomial
+        The flight's temperature over altitude [m]: shared humidity is vapour over saturation there.
+    usual_es : float
+        Saturation pressure at the flight's mean temperature [hPa]: the unit of vapour.
     knots, steps : ndarray (k,), (k - 1,)
         Altitudes of the shared air [m], and the variances of its steps between them, over what is usual.
     changes : ndarray (j, m, m)
@@ -76,6 +88,10 @@ class FlightChannelData:
     reading: Array
     mean: float
     unit: float
+    level: Array
+    read_c: Array | None
+    usual_c: Polynomial
+    usual_es: float
     knots: Array
     steps: Array
     changes: Array
@@ -87,8 +103,16 @@ class FlightChannelData:
 def prepared(bins: FlightBins, channel: str) -> FlightChannelData:
     """A channel of a flight, ready to be weighed."""
     rows = np.flatnonzero(bins.seen(channel))
-    value = bins.values[channel][rows]
-    unit = max(float(value.std()), 1e-6)
+    read_c, usual_c, usual_es, film = None, Polynomial([0.0]), 1.0, np.ones(bins.time_s.size)
+    if channel == "humidity" and bins.has("temperature"):
+        read = read_temperature(bins)
+        read_c = np.interp(bins.within_s, bins.time_s, read)
+        usual_c = Polynomial.fit(bins.altitude_m, read, PROFILE_DEGREE)
+        usual_es = float(saturation_pressure_hpa(read.mean()))
+        film = saturation_pressure_hpa(usual_c(bins.altitude_m)) / saturation_pressure_hpa(read)
+    film = film[rows]
+    value = bins.values[channel][rows] / film
+    mean, unit = float(value.mean()), max(float(value.std()), 1e-6)
     altitude, time = bins.altitude_m[rows], bins.time_s[rows]
     low, high = float(bins.within_altitudes.min()), float(bins.within_altitudes.max())
     knots = np.linspace(low, high, max(int(KNOTS_PER_BIN * bins.time_s.size), 8))
@@ -113,28 +137,32 @@ def prepared(bins: FlightBins, channel: str) -> FlightChannelData:
         bins,
         channel,
         rows,
-        (value - value.mean()) / unit,
-        float(value.mean()),
+        film * (value - mean) / unit,
+        mean,
         unit,
+        film * mean,
+        read_c,
+        usual_c,
+        usual_es,
         knots,
-        _steepness(bins, channel, knots),
-        changes,
+        _steepness(bins, rows, value, knots),
+        changes * np.outer(film, film),
         usual,
         spread,
         moved_m,
     )
 
 
-def _steepness(bins: FlightBins, channel: str, knots: Array) -> Array:
+def _steepness(bins: FlightBins, rows: NDArray[np.int64], value: Array, knots: Array) -> Array:
     """How steep the profile is around each step (k - 1,), squared, over what is usual along the flight."""
-    value, altitude = bins.values[channel], bins.altitude_m
+    altitude = bins.altitude_m[rows]
     reach = max(AROUND_SHARE * float(np.ptp(knots)), AROUND_M)
     squares, weights = np.zeros(knots.size - 1), np.zeros(knots.size - 1)
     middle = 0.5 * (knots[1:] + knots[:-1])
     for one in bins.passes:
-        rows = one.first + np.flatnonzero(np.isfinite(value[one.rows]))
-        rise, step = np.diff(altitude[rows]), np.diff(value[rows])
-        at = 0.5 * (altitude[rows][1:] + altitude[rows][:-1])
+        mine = (rows >= one.first) & (rows <= one.last)
+        rise, step = np.diff(altitude[mine]), np.diff(value[mine])
+        at = 0.5 * (altitude[mine][1:] + altitude[mine][:-1])
         near = np.exp(-0.5 * ((middle[:, None] - at) / (0.5 * reach)) ** 2)
         squares += near @ step**2
         weights += near @ np.abs(rise)
@@ -152,7 +180,7 @@ class SensorModel:
 
     def seen_air(self, data: FlightChannelData, moves: Array) -> Array:
         """What the sensor reads of the shared air's columns (m, 2 + k), layers moved (MOVES,)."""
-        return self.seen(data, _columns(data.knots, moved_track(data, self.shift_s, moves)[0]))
+        return self.seen(data, _air(data, self, moves)[0][..., :-1])
 
     @property
     def shift_s(self) -> float:
@@ -164,37 +192,43 @@ class SensorModel:
         return next((law.lags(self.values, data.bins) for law in self.laws if law.lags is not None), ())
 
     def seen(self, data: FlightChannelData, air: Array) -> Array:
-        """What it reads of columns of air that are given within bins, (n, SUB_SAMPLES, q): (m, q)."""
-        return response(self.lags(data), data.bins, air)[data.rows]
+        """What it reads of columns of what it takes up, given within bins, (n, SUB_SAMPLES, q): (m, q)."""
+        return (self.given_back(data)[:, None] * response(self.lags(data), data.bins, air))[data.rows]
+
+    @property
+    def activity(self) -> float:
+        """From 0, where the film takes up vapour, to 1, where it takes up relative humidity at its own temperature."""
+        return sum(law.activity(self.values) for law in self.laws if law.activity is not None)
+
+    def film_es(self, data: FlightChannelData) -> Array:
+        """Saturation pressure at the film's temperature (n, SUB_SAMPLES), over that of the flight's usual one."""
+        if data.read_c is None:
+            return np.ones(data.bins.within_s.shape)
+        warmer = sum((law.warmer(self.values, data.bins) for law in self.laws if law.warmer is not None), 0.0)
+        return saturation_pressure_hpa(data.read_c + np.asarray(warmer).reshape(-1, 1)) / data.usual_es
+
+    def taken_up(self, data: FlightChannelData) -> Array:
+        """What it takes up over what the shared air is (n, SUB_SAMPLES)."""
+        if data.read_c is None:
+            return np.ones(data.bins.within_s.shape)
+        altitude = np.interp(data.bins.within_s + self.shift_s, data.bins.track_s, data.bins.track_m)
+        vapour = saturation_pressure_hpa(data.usual_c(altitude)) / data.usual_es
+        return vapour * self.film_es(data) ** -self.activity
+
+    def given_back(self, data: FlightChannelData) -> Array:
+        """What it reads over what it has taken up (n,)."""
+        return np.asarray((self.film_es(data) ** (self.activity - 1.0)).mean(axis=1))
 
     def offset(self, data: FlightChannelData) -> Array:
-        """What the readings are off by (m,), over the channel's unit."""
-        total = np.zeros(data.rows.size)
+        """What the readings are off by (m,), over the channel's unit: by an offset of the air, and by how the film
+        meets its mean."""
+        found = (data.mean * self.seen(data, self.taken_up(data)[..., None])[:, 0] - data.level) / data.unit
         for law in self.laws:
-            if law.offset is not None and data.channel == (law.channel or "temperature"):
-                total = total + self._held(data, law.offset(self.values, data.bins)) / data.unit
-        if not self._factors(data):
-            return total
-        level = data.mean / data.unit
-        return data.reading + level - (data.reading + level - total) * np.exp(-self.log_factor(data))
-
-    def log_factor(self, data: FlightChannelData) -> Array:
-        """Logarithm of what readings are multiplied by (m,)."""
-        none = np.zeros(data.rows.size)
-        factors = (factor(self.values, data.bins) for factor in self._factors(data))
-        return sum((np.log(self._held(data, factor)) for factor in factors), none)
-
-    def _held(self, data: FlightChannelData, given: Array) -> Array:
-        """What the sensor reads (m,) of what is given over bins (n,): an offset comes as late as the air does."""
-        return self.seen(data, np.repeat(given[:, None, None], SUB_SAMPLES, axis=1))[:, 0]
-
-    def offsets(self, data: FlightChannelData) -> bool:
-        """Whether a law gives the channel an offset or a factor."""
-        own = any(law.offset is not None and data.channel == (law.channel or "temperature") for law in self.laws)
-        return own or bool(self._factors(data))
-
-    def _factors(self, data: FlightChannelData) -> list[Callable[[Values, FlightBins], Array]]:
-        return [law.factor for law in self.laws if law.factor is not None and data.channel == "humidity"]
+            if law.offset is not None and law.channel == data.channel:
+                given = np.repeat(law.offset(self.values, data.bins)[:, None, None], SUB_SAMPLES, axis=1)
+                late = response(self.lags(data), data.bins, given)  # as late as the air
+                found += late[data.rows, 0] / data.unit
+        return found
 
     def settling(self, data: FlightChannelData) -> Array:
         """What the sensor still shows of what it was before the first bin (m,)."""
@@ -260,11 +294,9 @@ def density(
     """The density under a sensor and a flight's own numbers; slopes over `parameters` (name, step, log)."""
     sizes, moves = own[:-MOVES], own[-MOVES:]
     first = len(parameters)
-    altitude, track_slopes = moved_track(data, sensor.shift_s, moves)
-    air = _with_start(_columns(data.knots, altitude))
-    lags = sensor.lags(data)
-    seen = response(lags, data.bins, air)[data.rows]
-    offset, log_factor = sensor.offset(data), sensor.log_factor(data)
+    air, taken_up, altitude, track_slopes = _air(data, sensor, moves)
+    seen = sensor.seen(data, air)
+    offset = sensor.offset(data)
     residual = data.reading - offset
     weight = np.r_[1.0, 1.0, np.exp(sizes[0]) * data.steps, 1.0]
     scaled = seen * weight
@@ -279,32 +311,25 @@ def density(
         return Density(-np.inf, none, every, np.zeros(sizes.size), np.ones(sizes.size))
     v = lapack.dpotrs(lower, residual, lower=1)[0]
     value = -0.5 * float(residual @ v) - float(np.log(lower.diagonal()).sum()) - count * np.log(data.unit)
-    value -= float(log_factor.sum())  # readings that are multiplied are as much farther apart
     inverse = lapack.dpotri(lower, lower=1)[0]
     inverse = np.tril(inverse) + np.tril(inverse, -1).T
-    # S_j v of each slope, tr(S^-1 S_j), and what the offset adds: its slope is offset'v, its information
-    # offset'S^-1 offset, where a covariance's are half as large.
-    moved, traces = np.empty((first + own.size, count)), np.empty(first + own.size)
-    pulled, scales = np.zeros(first), np.zeros(first)
+    # Of each number: S_j v and tr(S^-1 S_j), which give the slope, and how the readings would move, which gives the
+    # information. Of the sensor's numbers and the moves of layers that is how readings of the air move that these
+    # readings leave likeliest: the line's ends are unknown, and with air as steep as they may be before any reading
+    # (average information of S alone) a lag would be known many times too well.
+    moved, traces = np.zeros((first + own.size, count)), np.zeros(first + own.size)
+    expected, pulled = np.zeros_like(moved), np.zeros(first)
     solved, drawn = inverse @ scaled, scaled.T @ v
     for i, (name, step, log) in enumerate(parameters):
         at = sensor.values[name]
         ahead = SensorModel(sensor.laws, {**sensor.values, name: at * np.exp(step) if log else at + step})
-        acts = [law for law in sensor.laws if any(one.name == name for one in law.parameters)]
-        moved[i], traces[i] = 0.0, 0.0
-        if any(law.lags is not None or law.shift_s is not None for law in acts):
-            there = air
-            if ahead.shift_s != sensor.shift_s:
-                there = _with_start(_columns(data.knots, moved_track(data, ahead.shift_s, moves)[0]))
-            d_seen = (response(ahead.lags(data), data.bins, there)[data.rows] - seen) / step
-            moved[i] = d_seen @ drawn + scaled @ (d_seen.T @ v)
-            traces[i] = 2.0 * float(np.vdot(solved, d_seen))
-        if sensor.offsets(data):
-            d_offset = (ahead.offset(data) - offset) / step
-            d_factor = (ahead.log_factor(data) - log_factor) / step
-            moved[i] += np.sqrt(2.0) * d_offset
-            pulled[i] = (1.0 - np.sqrt(0.5)) * float(d_offset @ v) - float(d_factor.sum())
-            scales[i] = float(d_factor @ d_factor)
+        there = air if name in AIR_KEPT_BY else _air(data, ahead, moves)[0]
+        d_seen = (ahead.seen(data, there) - seen) / step
+        d_offset = (ahead.offset(data) - offset) / step
+        onto = d_seen @ drawn
+        moved[i] = onto + scaled @ (d_seen.T @ v)
+        traces[i] = 2.0 * float(np.vdot(solved, d_seen))
+        expected[i], pulled[i] = onto + d_offset, float(d_offset @ v)
     of_walk, of_sizes = slice(2, -1), slice(first, first + sizes.size)
     moved[first] = scaled[:, of_walk] @ (seen[:, of_walk].T @ v)
     traces[first] = np.vdot(solved[:, of_walk], seen[:, of_walk])
@@ -314,33 +339,39 @@ def density(
     traces[of_sizes.stop - 1] = np.exp(sizes[-1]) * float(inverse.trace())
     through = moved[of_sizes] @ v
     grown = np.log(np.maximum(through, 1e-12) / np.maximum(traces[of_sizes], 1e-12))
-    moved[of_sizes.stop :], traces[of_sizes.stop :] = _of_moves(
-        data, lags, altitude, track_slopes, scaled, np.column_stack([solved, v]), drawn
+    expected[of_sizes] = np.sqrt(0.5) * moved[of_sizes]
+    last = slice(of_sizes.stop, None)
+    moved[last], traces[last], expected[last] = _of_moves(
+        data, sensor, taken_up, altitude, track_slopes, scaled, np.column_stack([solved, v]), drawn
     )
     slope = 0.5 * (moved @ v - traces)
     slope[:first] += pulled
-    information = 0.5 * moved @ inverse @ moved.T
-    information.flat[: first * (len(information) + 1) : len(information) + 1] += scales
+    information = expected @ inverse @ expected.T
     return Density(value, slope, information, grown, np.maximum(traces[of_sizes], 1.0))
 
 
-def _with_start(air: Array) -> Array:
-    """Columns of air, and behind them what the sensor was before the first bin."""
-    before = np.zeros((*air.shape[:-1], 1))
+def _air(data: FlightChannelData, sensor: SensorModel, moves: Array) -> tuple[Array, Array, Array, Array]:
+    """Columns of what the sensor takes up within bins, and behind them what it was before the first (n, SUB, q); what
+    it takes up over the shared air; the moved track and its slopes (`moved_track`)."""
+    altitude, slopes = moved_track(data, sensor.shift_s, moves)
+    taken_up = sensor.taken_up(data)
+    before = np.zeros((*altitude.shape, 1))
     before[0, 0] = UNKNOWN
-    return np.concatenate([air, before], axis=-1)
+    columns = taken_up[..., None] * _columns(data.knots, altitude)
+    return np.concatenate([columns, before], axis=-1), taken_up, altitude, slopes
 
 
 def _of_moves(
     data: FlightChannelData,
-    lags: tuple[tuple[Array, Array], ...],
+    sensor: SensorModel,
+    taken_up: Array,
     altitude: Array,
     track_slopes: Array,
     scaled: Array,
     solved: Array,
     drawn: Array,
-) -> tuple[Array, Array]:
-    """S_j v and tr(S^-1 S_j) of each move of layers: (MOVES, m), (MOVES,).
+) -> tuple[Array, Array, Array]:
+    """S_j v, tr(S^-1 S_j) and how the readings move by each move of layers: (MOVES, m), (MOVES,), (MOVES, m).
 
     A move changes two columns of the air, where the sensor is: the line's, and the step's in which it is.
     """
@@ -348,22 +379,23 @@ def _of_moves(
     last = knots.size - 1.0
     place = (altitude - knots[0]) / (knots[1] - knots[0])
     step = np.clip(place, 0.0, last - 1.0).astype(int)
-    inside = ((place > 0.0) & (place < last)) / (knots[1] - knots[0])
+    inside = taken_up * ((place > 0.0) & (place < last)) / (knots[1] - knots[0])
     line, ramp = UNKNOWN * 2.0 / last * inside, inside / np.sqrt(last)
     every = np.zeros((data.bins.time_s.size, solved.shape[1]))
     every[data.rows] = solved
-    back = drawn_back(lags, data.bins, every)
+    every *= sensor.given_back(data)[:, None]
+    back = drawn_back(sensor.lags(data), data.bins, every)
     slopes = track_slopes.reshape(MOVES, -1)
     both = line * back[..., 1] + ramp * np.take_along_axis(back, step[..., None] + 2, axis=-1)[..., 0]
     traces = 2.0 * slopes @ both.ravel()
     onto = track_slopes * (line * drawn[1] + ramp * drawn[step + 2])
-    moved = response(lags, data.bins, np.moveaxis(onto, 0, -1))[data.rows].T
+    expected = sensor.seen(data, np.moveaxis(onto, 0, -1)).T
     of_v = slopes * back[..., -1].ravel()
     columns = np.zeros((MOVES, scaled.shape[1]))
     columns[:, 1] = of_v @ line.ravel()
     for i in range(MOVES):
         columns[i, 2:-1] = np.bincount(step.ravel(), weights=of_v[i] * ramp.ravel(), minlength=knots.size - 1)
-    return moved + columns @ scaled.T, traces
+    return expected + columns @ scaled.T, traces, expected
 
 
 def air_of(data: FlightChannelData, sensor: SensorModel, own: Array, rows: NDArray[np.int64], at: Array) -> Array:

@@ -176,9 +176,12 @@ def fitted(
     theta: Array,
     begin: Learned | None = None,
     stated: Mapping[str, tuple[float, float]] | None = None,
-    most_steps: int = MOST_STEPS,
+    whole: bool = True,
 ) -> Learned:
-    """The most likely parameters for all units (a channel of a flight each), from `theta` and the air of `begin` on."""
+    """The most likely parameters for all units (a channel of a flight each), from `theta` and the air of `begin` on.
+
+    The `whole` way, or a few steps: then without a scatter from flight to flight, which is read off the summit.
+    """
     known = known_of(laws, stated)
     mean, weight = np.array([one.mean for one in known]), np.array([one.spread**-2.0 for one in known])
     low, high = np.array([one.low for one in known]), np.array([one.high for one in known])
@@ -186,7 +189,7 @@ def fitted(
     state = _at(laws, known, units, theta, sizes)
     spread = np.array([one.spread for one in known])
     damping, bold = 1e-3, True  # bold: sizes by average information, which may overshoot; else by minorisation
-    for _ in range(most_steps):
+    for _ in range(MOST_STEPS if whole else FEW_STEPS):
         shared, pull = np.diag(weight), weight * (mean - state.theta)
         own = []
         for unit, size, found in zip(units, state.sizes, state.found, strict=True):
@@ -223,7 +226,7 @@ def fitted(
             damping = max(8.0 * damping, 1e-2)
             if damping > 1e4:
                 break
-    return _learned(laws, known, units, state)
+    return _learned(laws, known, units, state, whole)
 
 
 def _at(
@@ -273,7 +276,7 @@ def _law_of(laws: Sequence[Law]) -> list[Law]:
 
 
 def _learned(
-    laws: tuple[Law, ...], known: tuple[Known, ...], units: Sequence[FlightChannelData], state: _State
+    laws: tuple[Law, ...], known: tuple[Known, ...], units: Sequence[FlightChannelData], state: _State, scatters: bool
 ) -> Learned:
     p = len(known)
     slopes, informations, values = [], [], []
@@ -286,7 +289,7 @@ def _learned(
         laws, known, state.theta, state.sizes, np.array(values), np.array(slopes).reshape(len(units), p),
         np.array(informations).reshape(len(units), p, p), tuple(unit.channel for unit in units),
     )  # fmt: skip
-    if not p:
+    if not p or not scatters:
         return whole
     return max(
         (_scattered(whole, scatter) for scatter in SCATTERS),
@@ -351,7 +354,8 @@ def explored(
     first = _first(units)
     part = None if begin is None else replace(begin, sizes=tuple(begin.sizes[i] for i in first))
     few = [units[i] for i in first]
-    tried = sorted((fitted(laws, few, theta, part, stated, FEW_STEPS) for theta in starts), key=lambda one: -one.total)
+    reached = [fitted(laws, few, theta, part, stated, whole=False) for theta in starts]
+    tried = sorted(reached, key=lambda one: -one.total)
     spread = np.array([one.spread for one in known_of(laws, stated)])
     ends = tried[:1]
     for one in tried[1:]:

@@ -2,11 +2,11 @@
 
 The sensor reads the air a along the flight through a linear response and an offset:
 
-    y(t) = sum_k share_k q_k(t),   tau_k(t) dq_k/dt = factor(t) a(z(t + shift)) + offset(t) - q_k
+    y(t) = sum_k share_k q_k(t),   tau_k(t) dq_k/dt = a(z(t + shift)) + offset(t) - q_k
 
-A law gives the response its lags, the track its shift, or the reading its offset or factor. Air keeps its vapour
-pressure e, while a film reads e / es of its own temperature: what warms it multiplies its reading. What warms bead and
-film alike is one law of both channels. Laws that no flight can tell apart are one law with several causes.
+Air keeps its vapour pressure e, and a film reads e / es of its own temperature, which is what the bead beside it reads:
+what warms both is in both. A law gives the response its lags, the track its shift, the reading its offset, or the film
+a temperature other than the bead's. Laws that no flight can tell apart are one law with several causes.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_banded
 
 from shockrig.analysis.learn.bins import LEAST_AIRFLOW_M_S, SUB_SAMPLES, FlightBins
-from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 
 Array = NDArray[np.float64]
 Values = Mapping[str, float]
@@ -35,7 +35,7 @@ class LawParameter:
     """One number of a law on the scale that is fitted: the logarithm where `log`, else the number itself.
 
     `usual` and `spread` are what is known of it before any flight (a normal density on that scale), `low` and `high`
-    where it may be, `starts` where a fit begins; all but `spread` in the parameter's own unit.
+    where it may be, `starts` where a fit begins; all but `spread` in the parameter's own unit. `words` are for readers.
     """
 
     name: str
@@ -45,6 +45,7 @@ class LawParameter:
     low: float
     high: float
     starts: tuple[float, ...]
+    words: str
     log: bool = False
 
     def encoded(self, value: float) -> float:
@@ -67,15 +68,17 @@ class Law:
     causes : tuple of str
         What would give it; more than one where no flight tells them apart.
     channel : str
-        Of which readings it is; empty where it is of all: the position's, or a temperature that both sensors have.
+        Of which readings it is; empty where it is the position's.
     parameters : tuple of LawParameter
     equation, source : str
     lags : (values, bins) -> ((share (n,), time constant (n,) [s]), ...), or None
         The response; what the shares leave of 1 is read at once.
     offset : (values, bins) -> ndarray (n,), or None
-        What is added to the reading; of a law of both channels, to temperature's.
-    factor : (values, bins) -> ndarray (n,), or None
-        By what humidity's reading is multiplied.
+        What is added to the reading.
+    warmer : (values, bins) -> ndarray (n,), or None
+        How much warmer the film is than the bead reads [K].
+    activity : values -> 1, or None
+        From 0, where the film takes up vapour, to 1, where it takes up relative humidity at its own temperature.
     shift_s : values -> s, or None
         By how much the track's time is behind the sensor's.
     flown_as : str
@@ -93,14 +96,20 @@ class Law:
     needs: str
     lags: Callable[[Values, FlightBins], tuple[tuple[Array, Array], ...]] | None = None
     offset: Callable[[Values, FlightBins], Array] | None = None
-    factor: Callable[[Values, FlightBins], Array] | None = None
+    warmer: Callable[[Values, FlightBins], Array] | None = None
+    activity: Callable[[Values], float] | None = None
     shift_s: Callable[[Values], float] | None = None
     flown_as: str = ""
 
     @property
     def name(self) -> str:
         """Its key behind what it is a law of."""
-        return f"{self.channel or ('position' if self.shift_s is not None else 'sensor')}.{self.key}"
+        return f"{self.channel or 'position'}.{self.key}"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Its parameters'."""
+        return tuple(one.name for one in self.parameters)
 
 
 def response(lags: tuple[tuple[Array, Array], ...], bins: FlightBins, air: Array) -> Array:
@@ -149,7 +158,7 @@ def drawn_back(lags: tuple[tuple[Array, Array], ...], bins: FlightBins, weights:
 
 
 def _time_constant(usual: float, name: str = "time_constant_s") -> LawParameter:
-    return LawParameter(name, "s", usual, 1.5, 0.1, 400.0, tuple(np.geomspace(0.7, 90.0, 13)), log=True)
+    return LawParameter(name, "s", usual, 1.5, 0.1, 400.0, tuple(np.geomspace(0.7, 90.0, 13)), "time constant", True)
 
 
 def _one_lag(values: Values, bins: FlightBins) -> tuple[tuple[Array, Array], ...]:
@@ -158,7 +167,7 @@ def _one_lag(values: Values, bins: FlightBins) -> tuple[tuple[Array, Array], ...
 
 
 def _lag_in_the_cold(values: Values, bins: FlightBins) -> tuple[tuple[Array, Array], ...]:
-    cold = REFERENCE_TEMPERATURE_C - air_temperature(bins)
+    cold = REFERENCE_TEMPERATURE_C - read_temperature(bins)
     tau = values["time_constant_s"] * np.exp(np.clip(values["growth_per_k"] * cold, -6.0, 6.0))
     return ((np.ones(tau.size), tau),)
 
@@ -171,7 +180,7 @@ def _two_paths(values: Values, bins: FlightBins) -> tuple[tuple[Array, Array], .
     )
 
 
-def air_temperature(bins: FlightBins) -> Array:
+def read_temperature(bins: FlightBins) -> Array:
     """The bead's reading (n,) with gaps bridged; a usual day where there is none [degC]."""
     value = bins.values["temperature"]
     good = np.isfinite(value)
@@ -180,43 +189,28 @@ def air_temperature(bins: FlightBins) -> Array:
     return np.interp(bins.time_s, bins.time_s[good], value[good])
 
 
+def _behind(values: Values, bins: FlightBins) -> Array:
+    """Nobody knows how fast the film's temperature is: to first order, it is what the bead read so much earlier."""
+    return np.asarray(-values["film_behind_bead_s"] * np.gradient(read_temperature(bins), bins.time_s))
+
+
 def _ventilated(values: Values, bins: FlightBins) -> Array:
     return np.asarray(values["rise_k_at_5_m_s"] * np.sqrt(REFERENCE_AIRFLOW_M_S / bins.airflow_m_s))
 
 
-def _descending(values: Values, bins: FlightBins) -> Array:
+def _descending(bins: FlightBins) -> Array:
+    """1 while the flight descends, else 0 (n,)."""
     sinks = bins.climb_m_s[bins.climb_m_s < -LEAST_AIRFLOW_M_S]
     usual = float(sinks.mean()) if sinks.size else -np.inf
     # From half of the usual speed on: a track's speed is smoothed, and half of it is where a descent begins.
-    return np.asarray(values["offset_in_descent"] * (bins.climb_m_s < 0.5 * usual))
+    return np.asarray(bins.climb_m_s < 0.5 * usual, dtype=float)
 
 
-def _warm_die(values: Values, bins: FlightBins) -> Array:
-    air = air_temperature(bins)
-    return _over(air, air + _ventilated(values, bins))
-
-
-def _warm_sensor(values: Values, bins: FlightBins) -> Array:
-    read = air_temperature(bins)  # as warm as the film
-    return _over(read - _ventilated(values, bins), read)
-
-
-def _descending_sensor(values: Values, bins: FlightBins) -> Array:
-    read = air_temperature(bins)
-    return _over(read - _descending(values, bins), read)
-
-
-def _over(air_c: Array, film_c: Array) -> Array:
-    """What a film reads over the air's relative humidity: the vapour is the air's, the temperature its own."""
-    return np.asarray(saturation_pressure_hpa(air_c) / saturation_pressure_hpa(film_c))
-
-
-def _late_die(values: Values, bins: FlightBins) -> Array:
-    air = air_temperature(bins)
-    n = air.size
-    held = np.repeat(air[:, None, None], SUB_SAMPLES, axis=1)
-    die = response(((np.ones(n), np.full(n, values["die_time_constant_s"])),), bins, held)[:, 0]
-    return _over(air, die)
+def _late(values: Values, bins: FlightBins) -> Array:
+    read = read_temperature(bins)
+    held = np.repeat(read[:, None, None], SUB_SAMPLES, axis=1)
+    tau = np.full(read.size, values["die_time_constant_s"])
+    return np.asarray(response(((np.ones(read.size), tau),), bins, held)[:, 0] - read)
 
 
 CAUSE_WORDS = {  # causes of laws, for readers
@@ -236,13 +230,20 @@ _AIRFLOW = "two airspeeds or climb rates"
 _STRUCTURE = "layers or inversions, passed upwards and downwards"
 
 
+# What nobody knows of a film beside its lag.
+_FILM = (
+    LawParameter("film_behind_bead_s", "s", 0.0, 4.0, -15.0, 15.0, (0.0,), "film's temperature behind the bead's"),
+    LawParameter("activity", "1", 0.5, 0.5, 0.0, 1.0, (0.0, 1.0), "uptake by activity, not vapour"),
+)
+
+
 def _laws() -> tuple[Law, ...]:
     found = [
         Law(
             "clock_offset",
             ("clock_offset", "pressure_lag"),
             "",
-            (LawParameter("shift_s", "s", 0.0, 15.0, -120.0, 120.0, (-30.0, -12.0, -5.0, 5.0, 12.0, 30.0)),),
+            (LawParameter("shift_s", "s", 0.0, 15.0, -120.0, 120.0, (-30.0, -12.0, -5.0, 5.0, 12.0, 30.0), "shift"),),
             "y(t) = a(z(t + shift)); a pressure that lags by tau moves every level by tau w, the same shift",
             "WMO-No. 8 (2021), I.12 (time stamps of merged records); Rodi and Leon 2012, doi 10.5194/amt-5-2569-2012",
             _STRUCTURE,
@@ -250,41 +251,57 @@ def _laws() -> tuple[Law, ...]:
         )
     ]
     for channel, usual, unit, size in (("temperature", 4.0, "K", 0.7), ("humidity", 8.0, "%RH", 3.0)):
-        lag = _time_constant(usual)
+        lag: tuple[LawParameter, ...] = (_time_constant(usual),)
+        film: dict[str, Any] = {}
+        if channel == "humidity":
+            lag, film = (*lag, *_FILM), {"warmer": _behind, "activity": lambda p: p["activity"]}
         found += [
             Law(
                 "lag",
                 ("lag",),
                 channel,
-                (lag,),
+                lag,
                 "tau dq/dt = a - q",
                 "Miloshevich and others 2004, doi 10.1175/1520-0426(2004)021<1305:DAVOAT>2.0.CO;2",
                 _STRUCTURE,
                 lags=_one_lag,
+                **film,
             ),
             Law(
                 "lag_in_the_cold",
                 ("lag_in_the_cold",),
                 channel,
-                (lag, LawParameter("growth_per_k", "1/K", 0.03, 0.03, -0.02, 0.15, (0.02, 0.06))),
+                (*lag, LawParameter("growth_per_k", "1/K", 0.03, 0.03, -0.02, 0.15, (0.02, 0.06), "growth")),
                 "tau(T) = tau(20 degC) exp(growth (20 degC - T))",
                 "Miloshevich and others 2004; GRUAN-TD-8 (2022)",
                 f"{_STRUCTURE} at temperatures 15 K apart",
                 lags=_lag_in_the_cold,
+                **film,
             ),
             Law(
                 "second_path",
                 ("stem_conduction", "housing"),
                 channel,
                 (
-                    lag,
-                    LawParameter("fraction", "1", 0.1, 0.15, 0.005, 0.7, (0.1, 0.3)),
-                    LawParameter("second_time_constant_s", "s", USUAL_PATH_S, 0.8, 10.0, 900.0, (40.0, 120.0), True),
+                    *lag,
+                    LawParameter("fraction", "1", 0.1, 0.15, 0.005, 0.7, (0.1, 0.3), "share"),
+                    LawParameter(
+                        "second_time_constant_s",
+                        "s",
+                        USUAL_PATH_S,
+                        0.8,
+                        10.0,
+                        900.0,
+                        (40.0, 120.0),
+                        "time constant of the slow path",
+                        True,
+                    ),  # fmt: skip
                 ),
                 "y = (1 - f) q(tau) + f q(tau2)",
                 "Segales and others 2022, doi 10.5194/amt-15-2607-2022 (housing); Bell and others 2020 (stem)",
                 "a hover after a climb, or two climb rates",
                 lags=_two_paths,
+                **film,
                 flown_as="parallel_lag",
             ),
             Law(
@@ -293,11 +310,11 @@ def _laws() -> tuple[Law, ...]:
                 if channel == "temperature"
                 else ("rotor_wash", "wake", "hysteresis"),
                 channel,
-                (LawParameter("offset_in_descent", unit, 0.0, size, -20 * size, 20 * size, (-size, size)),),
+                (LawParameter("offset_in_descent", unit, 0.0, size, -20 * size, 20 * size, (-size, size), "offset"),),
                 "tau dq/dt = a + offset - q while the flight descends",
                 "Greene and others 2018, doi 10.5194/amt-11-5519-2018",
                 "another speed of descent, a night, and a hover",
-                offset=_descending,
+                offset=lambda p, bins: _descending(bins) * p["offset_in_descent"],
             ),
         ]
     found += [
@@ -305,7 +322,7 @@ def _laws() -> tuple[Law, ...]:
             "ventilated_warmth",
             ("radiative_heating", "self_heating"),
             "temperature",
-            (LawParameter("rise_k_at_5_m_s", "K", 0.0, 0.5, -10.0, 10.0, (0.5, -0.3)),),
+            (LawParameter("rise_k_at_5_m_s", "K", 0.0, 0.5, -10.0, 10.0, (0.5, -0.3), "rise at 5 m/s"),),
             "tau dq/dt = a + rise sqrt(5 m/s / v) - q",
             "WMO-No. 8 (2021), I.2; GRUAN-TD-8 (2022)",
             _AIRFLOW,
@@ -313,47 +330,47 @@ def _laws() -> tuple[Law, ...]:
             flown_as="self_heating",
         ),
         Law(
+            "film_unlike_in_descent",
+            ("rotor_wash", "wake", "radiative_heating"),
+            "humidity",
+            (LawParameter("film_over_bead_k", "K", 0.0, 0.7, -14.0, 14.0, (-0.7, 0.7), "film above bead"),),
+            "tau dq/dt = e / es(T + d) - q while the flight descends, T the bead's reading",
+            "Greene and others 2018, doi 10.5194/amt-11-5519-2018; WMO-No. 8 (2021), I.4 (vapour pressure)",
+            "another speed of descent, a night, and a hover",
+            warmer=lambda p, bins: _descending(bins) * p["film_over_bead_k"],
+        ),
+        Law(
             "warm_die",
             ("self_heating", "radiative_heating"),
             "humidity",
-            (LawParameter("rise_k_at_5_m_s", "K", 0.0, 0.7, -10.0, 10.0, (0.7, 2.0)),),
-            "tau dq/dt = a es(T) / es(T + rise sqrt(5 m/s / v)) - q",
+            (LawParameter("rise_k_at_5_m_s", "K", 0.0, 0.7, -10.0, 10.0, (0.7, 2.0), "rise at 5 m/s"),),
+            "tau dq/dt = e / es(T + rise sqrt(5 m/s / v)) - q, T the bead's reading",
             "IST application note on the HYT-271; Miloshevich and others 2009, doi 10.1029/2008JD011565",
             f"{_AIRFLOW} in air that is not dry",
-            factor=_warm_die,
+            warmer=_ventilated,
         ),
         Law(
             "late_die",
             ("die_thermal_lag",),
             "humidity",
-            (LawParameter("die_time_constant_s", "s", 17.0, 0.8, 0.5, 200.0, (5.0, 17.0, 50.0), True),),
-            "tau dq/dt = a es(T) / es(T_die) - q, tau2 dT_die/dt = T - T_die",
+            (
+                LawParameter(
+                    "die_time_constant_s",
+                    "s",
+                    17.0,
+                    0.8,
+                    0.5,
+                    200.0,
+                    (5.0, 17.0, 50.0),
+                    "time constant of the chip",
+                    True,
+                ),
+            ),
+            "tau dq/dt = e / es(T_die) - q, tau2 dT_die/dt = T - T_die, T the bead's reading",
             "Segales and others 2022; iMet-XQ2 flights, whose chips follow the air by 17 to 19 s",
             "a lapse or an inversion, passed upwards and downwards",
-            factor=_late_die,
+            warmer=_late,
             flown_as="die_thermal_lag",
-        ),
-        Law(
-            "sensor_in_descent",
-            ("rotor_wash", "wake", "radiative_heating"),
-            "",
-            (LawParameter("offset_in_descent", "K", 0.0, 0.7, -14.0, 14.0, (-0.7, 0.7)),),
-            "while the flight descends: bead tau dq/dt = a + offset - q; film tau dq/dt = a es(T) / es(T + offset) - q",
-            "Greene and others 2018, doi 10.5194/amt-11-5519-2018; WMO-No. 8 (2021), I.4 (vapour pressure)",
-            "another speed of descent, a night, and a hover",
-            offset=_descending,
-            factor=_descending_sensor,
-        ),
-        Law(
-            "warm_sensor",
-            ("radiative_heating", "self_heating"),
-            "",
-            (LawParameter("rise_k_at_5_m_s", "K", 0.0, 0.5, -10.0, 10.0, (0.5, -0.3)),),
-            "d = rise sqrt(5 m/s / v): bead tau dq/dt = a + d - q; film tau dq/dt = a es(T) / es(T + d) - q",
-            "WMO-No. 8 (2021), I.2 and I.4; GRUAN-TD-8 (2022)",
-            _AIRFLOW,
-            offset=_ventilated,
-            factor=_warm_sensor,
         ),
     ]
     return tuple(found)

@@ -17,7 +17,7 @@ from shockrig.analysis.estimate.predictive import weights
 from shockrig.analysis.learn.bins import CHANNELS, FlightBins, binned, why_nothing
 from shockrig.analysis.learn.density import FlightChannelData, prepared
 from shockrig.analysis.learn.fit import Learned, climbed, explored, fitted, hopeful, known_of, started
-from shockrig.analysis.learn.laws import LAWS, Law
+from shockrig.analysis.learn.laws import LAWS, Law, LawParameter
 from shockrig.analysis.learn.passes import Disagreement, disagreement, refutes
 from shockrig.files.flight import Flight
 from shockrig.files.learned import RivalModel
@@ -49,22 +49,31 @@ MODELS: Mapping[str, tuple[tuple[str, ...], ...]] = {
         ("warm_die",),
         ("late_die",),
         ("lag", "offset_in_descent"),
+        ("lag", "film_unlike_in_descent"),
         ("lag", "warm_die"),
         ("lag", "late_die"),
     ),
 }
 CLOCK = LAWS["position.clock_offset"]
-SHARED = (LAWS["sensor.sensor_in_descent"], LAWS["sensor.warm_sensor"])  # of bead and film alike
 
 
 @dataclass(frozen=True)
 class LearnedNumber:
-    """A number of a law, in its own unit: value and standard uncertainty (of the logarithm's where `log`, relative)."""
+    """A number of a law, in its own unit: value and standard uncertainty."""
 
-    name: str
-    unit: str
+    parameter: LawParameter
     value: float
     standard_uncertainty: float
+
+    @property
+    def name(self) -> str:
+        """The parameter's."""
+        return self.parameter.name
+
+    @property
+    def unit(self) -> str:
+        """The parameter's."""
+        return self.parameter.unit
 
 
 @dataclass(frozen=True)
@@ -171,9 +180,8 @@ def learn(
     racing = names[:: -(-len(names) // FULL_RACE)]
     few = {c: [unit for unit in units[c] if unit.bins.name in racing] or units[c] for c in channels}
     raced = {c: _raced(c, few[c], stated, progress) for c in channels}
-    progress("what both sensors have in common, and the position's clock")
-    joint = _shared(channels, raced, few, stated)
-    joint += _with_clock(channels, raced, few, stated, joint)
+    progress("the position's clock")
+    joint = _with_clock(channels, raced, few, stated)
     if len(racing) < len(names):
         progress("finalists on all flights")
         every = [unit for c in channels for unit in units[c]]
@@ -268,31 +276,8 @@ def _beside(laws: tuple[Law, ...], lag: Learned, stated: Mapping[str, tuple[floa
     have taken for its own what the others do."""
     others = [known.parameter for known in known_of(laws) if known.name != "time_constant_s"]
     grid = np.array(np.meshgrid(*[[p.encoded(s) for s in p.starts] for p in others], indexing="ij"))
-    usual = [one.mean for one in known_of(lag.laws, stated)]
-    return [np.r_[tau, row] for tau in (lag.theta, usual) for row in grid.reshape(len(others), -1).T]
-
-
-def _shared(
-    channels: Sequence[str],
-    raced: Mapping[str, list[Learned]],
-    units: Mapping[str, list[FlightChannelData]],
-    stated: Mapping[str, tuple[float, float]] | None,
-) -> list[Learned]:
-    """What both sensors have in common, beside lags: both channels at once."""
-    if len(channels) < 2:
-        return []
-    every = [unit for c in channels for unit in units[c]]
-    nothing, lag = _plain(channels, raced)
-    tried, begins = [], {}
-    for law in SHARED:
-        for parts in (lag, [nothing[0], lag[1]]):
-            laws = (law, *[other for part in parts for other in part.laws])
-            rest = np.concatenate([part.theta for part in parts])
-            usual = np.array([known.mean for known in known_of(laws, stated)])[1:]
-            starts = [np.r_[s, lags] for s in started(law) for lags in (rest, usual)]
-            begins[laws] = _together(parts)
-            tried.append(explored(laws, every, starts, stated, begins[laws]))
-    return [climbed(ends, every, stated, begins[ends[0].laws]) for ends in hopeful(tried)]
+    usual = known_of(lag.laws, stated)[0].mean
+    return [np.r_[tau, row] for tau in (lag.theta[0], usual) for row in grid.reshape(len(others), -1).T]
 
 
 def _plain(channels: Sequence[str], raced: Mapping[str, list[Learned]]) -> tuple[list[Learned], list[Learned]]:
@@ -311,7 +296,6 @@ def _with_clock(
     raced: Mapping[str, list[Learned]],
     units: Mapping[str, list[FlightChannelData]],
     stated: Mapping[str, tuple[float, float]] | None,
-    shared: Sequence[Learned],
 ) -> list[Learned]:
     """The clock beside nothing, and beside each combination of the channels' lags and best models: all at once."""
     every = [unit for c in channels for unit in units[c]]
@@ -322,8 +306,6 @@ def _with_clock(
     combined = [lag, nothing, best]
     if len(channels) > 1:
         combined += [[nothing[0], lag[1]], [lag[0], nothing[1]]]
-    if shared:
-        combined += [[max(shared, key=lambda one: float(one.predicted().sum()))]]
     tried: dict[tuple[Law, ...], list[Learned]] = {}
     found: list[Learned] = []
     for parts in combined:
@@ -349,9 +331,7 @@ def _parameters(fit: Learned, law: Law) -> tuple[LearnedNumber, ...]:
         for parameter in one.parameters:
             if one is law:
                 value, sigma = parameter.decoded(float(fit.theta[at])), float(np.sqrt(covariance[at, at]))
-                found.append(
-                    LearnedNumber(parameter.name, parameter.unit, value, sigma * (value if parameter.log else 1.0))
-                )
+                found.append(LearnedNumber(parameter, value, sigma * (value if parameter.log else 1.0)))
             at += 1
     return tuple(found)
 
@@ -373,11 +353,11 @@ def _judged(
     def part_of(model: tuple[Learned, ...]) -> Learned:
         return model[0] if len(model) == 1 else model[channels.index(channel)]
 
-    mine = [tuple(law for law in part_of(model).laws if law.channel == channel or law in SHARED) for model in models]
+    mine = [tuple(law for law in part_of(model).laws if law.channel == channel) for model in models]
     probability = {
         law: float(sum(w for w, laws in zip(weight, mine, strict=True) if law in laws))
         for law in LAWS.values()
-        if law.channel == channel or law in SHARED
+        if law.channel == channel
     }
     nothing = float(sum(w for w, laws in zip(weight, mine, strict=True) if not laws))
     best = int(np.argmax(weight))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.learn.laws import LAWS, REFERENCE_TEMPERATURE_C, air_temperature
+from shockrig.analysis.learn.laws import LAWS, REFERENCE_TEMPERATURE_C, read_temperature
 from shockrig.analysis.learn.learn import ChannelLearned, FlightCause, FlightsLearned, LearnedNumber
 from shockrig.files.causes import StatedEffect, Uncertain
 from shockrig.files.errors import InputError
@@ -84,7 +84,7 @@ def _shown(channel: ChannelLearned | None) -> dict[str, LearnedNumber] | None:
 
 def _table(learned: FlightsLearned, shown: Mapping[str, LearnedNumber]) -> tuple[DiffusivityRow, ...]:
     """D of a first-order film over the temperatures that were flown."""
-    flown = np.concatenate([air_temperature(one) for one in learned.bins])
+    flown = np.concatenate([read_temperature(one) for one in learned.bins])
     low, high = float(flown.min()), float(flown.max())
     tau = shown["time_constant_s"]
     growth = shown.get("growth_per_k")
@@ -109,7 +109,7 @@ def _effects(channel: ChannelLearned, shown: Mapping[str, LearnedNumber]) -> tup
         found.append(_effect(LAWS[f"{channel.channel}.second_path"].flown_as, second, None))
     for cause in channel.causes:
         effect = cause.law.flown_as
-        offsets = cause.law.offset is not None or cause.law.factor is not None
+        offsets = cause.law.offset is not None or cause.law.warmer is not None
         if effect and offsets and cause.probability >= LIKELIER and _can_be(cause):
             known = {parameter.name for parameter in CATALOGUE[effect].parameters}
             numbers = {one.name: one for one in cause.parameters if one.name in known}
@@ -135,7 +135,7 @@ def _moved(
     provenance: Mapping[str, Any],
 ) -> Profile:
     """A bench's profile, its rates times what the flights moved the response time by."""
-    flown = np.concatenate([air_temperature(one) for one in learned.bins])
+    flown = np.concatenate([read_temperature(one) for one in learned.bins])
     before = stated_by(bench, float(flown.mean()))
     bead, film = bench.temperature, bench.humidity
     if bead is not None and temperature is not None:

@@ -58,7 +58,7 @@ USUAL_LAPSE_K_PER_M = 0.0065  # ISO 2533, where flights said nothing of temperat
 ROUNDED = 1e-6
 DECISIVE_NATS = math.log(20.0)  # 20 to 1, at which `learn` names
 LEAST_NATS = 0.05  # of a flight that says anything
-SUNLIT = ("ventilated_warmth", "warm_die", "warm_sensor")
+SUNLIT = ("ventilated_warmth", "warm_die")
 AT_NIGHT = (
     "Fly the same once more at night or under a closed cloud. Warmth that stays is the sensor's own; warmth that goes "
     "is the sun's."

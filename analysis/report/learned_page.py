@@ -40,18 +40,7 @@ LAW_WORDS = {
     "ventilated_warmth": "a warmth that airflow carries off",
     "warm_die": "a chip warmer than the air",
     "late_die": "a chip that follows the air's temperature late",
-    "sensor_in_descent": "a temperature of bead and film that is off in descent",
-    "warm_sensor": "a warmth of bead and film that airflow carries off",
-}
-PARAMETER_WORDS = {
-    "shift_s": "shift",
-    "time_constant_s": "time constant",
-    "growth_per_k": "growth",
-    "fraction": "share",
-    "second_time_constant_s": "time constant of the slow path",
-    "offset_in_descent": "offset",
-    "rise_k_at_5_m_s": "rise at 5 m/s",
-    "die_time_constant_s": "time constant of the chip",
+    "film_unlike_in_descent": "a film that is not as warm as the bead in descent",
 }
 # What tells causes apart that give the same readings in every flight that is analysed here.
 APART = {
@@ -60,8 +49,7 @@ APART = {
     "offset_in_descent": "the same sensor under a balloon, far from any rotor",
     "ventilated_warmth": "a flight at night: what remains then is the sensor's own warmth",
     "warm_die": "a flight at night: what remains then is the sensor's own warmth",
-    "sensor_in_descent": "the same sensor under a balloon, far from any rotor",
-    "warm_sensor": "a flight at night: what remains then is the sensor's own warmth",
+    "film_unlike_in_descent": "the same sensor under a balloon, far from any rotor",
 }
 
 
@@ -165,15 +153,14 @@ def _cause(key: str) -> str:
 
 
 def _with_numbers(cause: FlightCause) -> str:
-    numbers = ", ".join(" ".join(_number(cause.law, one)) for one in cause.parameters)
+    numbers = ", ".join(" ".join(_number(one)) for one in cause.parameters)
     return f"{_law(cause.law)} ({numbers})" if numbers else _law(cause.law)
 
 
-def _number(law: Law, one: LearnedNumber) -> tuple[str, str]:
+def _number(one: LearnedNumber) -> tuple[str, str]:
     """Name and value of a law's number, as a person says them."""
-    name = PARAMETER_WORDS.get(one.name, one.name.replace("_", " "))
-    positive = any(known.name == one.name and known.log for known in law.parameters)
-    if positive and one.standard_uncertainty > LOPSIDED * one.value:
+    name = one.parameter.words
+    if one.parameter.log and one.standard_uncertainty > LOPSIDED * one.value:
         factor = float(np.exp(one.standard_uncertainty / one.value))
         return name, f"{between(one.value, one.value / factor, one.value * factor)} {one.unit}"
     scale, unit = {"1": (100.0, " %"), "1/K": (100.0, " % per K")}.get(one.unit, (1.0, f" {one.unit}"))
@@ -239,7 +226,7 @@ def _cause_rows(cause: FlightCause) -> list[list[Cell]]:
     """What acts, what it may come from and how probable it is, once for each of its numbers."""
     causes = [_cause(key) for key in cause.law.causes if key != cause.law.key or len(cause.law.causes) > 1]
     what = f"{_law(cause.law)}: {listed(causes, 'or')}" if causes else _law(cause.law)
-    numbers = [_number(cause.law, one) for one in cause.parameters] or [("–", "–")]
+    numbers = [_number(one) for one in cause.parameters] or [("–", "–")]
     return [[what, _probability(cause.probability), *number] for number in numbers]
 
 
@@ -280,7 +267,8 @@ def _disagreeing(learned: FlightsLearned) -> list[Block]:
             rows.append([channel, what, *[f"{number} {UNITS[channel]}" for number in numbers], int(off.off.size)])
     columns = ("of", "passes compared", "rms", "mean", "spread", "layers")
     caption = (
-        "The later pass less the earlier one, at layers of one altitude. The mean has its sign; the spread is the "
+        "The later pass less the earlier one, at layers of one altitude. Humidity is vapour over saturation at the "
+        "flight's usual temperature of the altitude. The mean has its sign; the spread is the "
         "standard deviation about each flight's own mean. Each flight is corrected by a fit that leaves its readings "
         "of that quantity out."
     )

@@ -14,6 +14,7 @@ from scipy.signal import lfilter
 from shockrig.analysis.flight.comparisons import PARTED
 from shockrig.analysis.learn.bins import SUB_SAMPLES, binned, passes, why_nothing
 from shockrig.analysis.learn.density import SensorModel, begun, density, prepared
+from shockrig.analysis.learn.fit import fitted
 from shockrig.analysis.learn.laws import LAWS, response
 from shockrig.analysis.learn.learn import learn
 from shockrig.files.learned import read_learned
@@ -59,7 +60,7 @@ def test_a_lag_follows_a_step_as_its_exponential(flight):
     [
         ("temperature", ("temperature.lag",)),
         ("temperature", ("temperature.lag", "temperature.offset_in_descent")),
-        ("humidity", ("sensor.sensor_in_descent", "humidity.lag")),
+        ("humidity", ("humidity.film_unlike_in_descent", "humidity.lag")),
         ("humidity", ("humidity.second_path", "humidity.late_die", "position.clock_offset")),
     ],
 )
@@ -69,7 +70,8 @@ def test_slopes_are_those_of_the_density(flight, channel, names):
     laws = tuple(LAWS[name] for name in names)
     values = {
         "time_constant_s": 4.0, "offset_in_descent": 0.1, "fraction": 0.2, "second_time_constant_s": 60.0,
-        "die_time_constant_s": 10.0, "shift_s": 0.5,
+        "die_time_constant_s": 10.0, "shift_s": 0.5, "film_behind_bead_s": 2.0, "activity": 0.4,
+        "film_over_bead_k": 0.3,
     }  # fmt: skip
     own = begun(unit) + 0.1
     slopes = tuple((p.name, 1e-4, p.log) for law in laws for p in law.parameters)
@@ -90,29 +92,63 @@ def test_slopes_are_those_of_the_density(flight, channel, names):
         assert found.slope[len(slopes) + i] == pytest.approx((near[1] - near[0]) / 2e-3, rel=0.05, abs=0.1)
 
 
-def test_a_factor_is_not_likelier_for_making_readings_smaller(flight):
-    """Readings of a film whose temperature nobody knows: the density over them integrates to one whatever its factor,
-    so that a bead and a film that agree do not turn cold. Known answer: that of readings over the factor, less its
-    logarithm for each."""
-    unit = prepared(binned(flight, "one", 60), "humidity")
-    warm = SensorModel((LAWS["humidity.warm_die"],), {"rise_k_at_5_m_s": -1.0})
-    factor = np.exp(warm.log_factor(unit))
-    assert factor.mean() > 1.05
-    smaller = ((unit.reading * unit.unit + unit.mean) / factor - unit.mean) / unit.unit
-    expected = density(replace(unit, reading=smaller), SensorModel((), {}), begun(unit)).value - np.log(factor).sum()
-    assert density(unit, warm, begun(unit)).value == pytest.approx(expected, rel=1e-9)
+def magnus_hpa(temperature_c):
+    """Saturation pressure over water by the Magnus formula (WMO-No. 8, annex 4.B)."""
+    return 6.112 * np.exp(17.62 * temperature_c / (243.12 + temperature_c))
 
 
-def test_wash_that_cools_bead_and_film_is_one_cause_of_both():
-    """1 K colder in descent, and humidity at that temperature: a law of both sensors, its size, and passes that agree
-    in the mean as well; a lag alone takes humidity's passes apart."""
+def test_a_film_reads_vapour_at_its_own_temperature(flight):
+    """Air whose vapour stays, and a film that warms by 5 K within a bin: one that takes up vapour reads less at once;
+    one that takes up relative humidity comes to the same by its lag."""
+    jump = np.where(np.arange(flight.time_s.size) < flight.time_s.size // 2, 15.0, 20.0)
+    unit = prepared(binned(replace(flight, temperature_c=jump), "one", 100), "humidity")
+    tau, lag = 20.0, LAWS["humidity.lag"]
+    known = {"time_constant_s": tau, "film_behind_bead_s": 0.0}
+    read = {}
+    for activity in (0.0, 1.0):
+        sensor = SensorModel((lag,), {**known, "activity": activity})
+        air = sensor.taken_up(unit) * (1.0 / saturated_usual(unit))
+        read[activity] = sensor.seen(unit, air[..., None])[:, 0]
+    at_once = unit.usual_es / magnus_hpa(unit.read_c.mean(axis=1))[unit.rows]
+    np.testing.assert_allclose(read[0.0], at_once, rtol=5e-3)
+    warm = np.flatnonzero(unit.read_c[unit.rows].min(axis=1) == 20.0)
+    since = np.cumsum(unit.bins.length_s[unit.rows][warm]) - 0.5 * unit.bins.length_s[unit.rows][warm]
+    left = (read[1.0][warm] - at_once[-1]) / (at_once[0] - at_once[-1])
+    early = since < 2.0 * tau
+    slope = np.polyfit(since[early], np.log(left[early]), 1)[0]
+    assert -1.0 / slope == pytest.approx(tau, rel=0.05)
+
+
+def saturated_usual(unit):
+    """Saturation pressure at the flight's usual temperature within bins, over its unit."""
+    return magnus_hpa(unit.usual_c(unit.bins.within_altitudes)) / unit.usual_es
+
+
+def test_a_lag_is_known_as_well_as_its_likelihood_is_steep(flight):
+    """Information of a density against its profile over ln tau, air refitted at each: a line of unknown ends must not
+    tell more of a lag than the readings do."""
+    unit, lag = prepared(binned(flight, "one", 100), "temperature"), LAWS["temperature.lag"]
+    best = fitted((lag,), [unit], np.log([5.0]))
+    off = np.linspace(-0.4, 0.4, 7)
+
+    def at(theta):
+        return fitted((lag,), [unit], np.array([theta]), best, {"temperature.time_constant_s": (theta, 1e-4)}).total
+
+    curved = -2.0 * np.polyfit(off, [at(best.theta[0] + one) for one in off], 2)[0]
+    found = fitted((lag,), [unit], best.theta, best, whole=False).information[0, 0, 0]
+    assert 0.5 * curved < found < 2.0 * curved
+
+
+def test_wash_that_cools_bead_and_film_is_one_offset():
+    """1 K colder in descent: an offset of the bead, its size, and a film that is as cold, so that vapour needs none."""
     flights = WORLDS.mission(4, WORLDS.Truth(wash_k=-1.0), flights=3)
     found = learn({str(i): one for i, one in enumerate(flights)})
-    for one in found.channels.values():
-        (wash,) = [cause for cause in one.causes if cause.law.key == "sensor_in_descent"]
-        assert wash.probability > 0.5
-        assert wash.parameters[0].value == pytest.approx(-1.0, abs=3.0 * wash.parameters[0].standard_uncertainty)
-        assert one.model.rms < 0.8 * one.single.rms < one.read.rms
+    bead, film = found.channels["temperature"], found.channels["humidity"]
+    (wash,) = [cause for cause in bead.causes if cause.law.key == "offset_in_descent"]
+    assert wash.probability > 0.5
+    assert wash.parameters[0].value == pytest.approx(-1.0, abs=3.0 * wash.parameters[0].standard_uncertainty)
+    assert not any(cause.law.key.endswith("in_descent") for cause in film.causes)
+    assert all(one.model.rms < 0.8 * one.read.rms for one in (bead, film))
 
 
 def test_one_flight_refutes_no_lag():

@@ -45,9 +45,11 @@ def channel(name, said, causes=(), why="", model=0.1, names=("one", "two")):
     return ChannelLearned(name, said, causes, (), (), 9.0, why, lag, lag, *off)
 
 
-LAG = FlightCause(LAWS["temperature.lag"], 0.991, (LearnedNumber("time_constant_s", "s", 5.0, 0.3),))
-DESCENT = FlightCause(LAWS["humidity.offset_in_descent"], 0.98, (LearnedNumber("offset_in_descent", "%RH", -2.0, 0.4),))
-CLOCK = FlightCause(LAWS["position.clock_offset"], 0.97, (LearnedNumber("shift_s", "s", 18.0, 0.4),))
+LAG = FlightCause(LAWS["temperature.lag"], 0.991, (LearnedNumber(LAWS["temperature.lag"].parameters[0], 5.0, 0.3),))
+OFFSET = LAWS["humidity.offset_in_descent"]
+DESCENT = FlightCause(OFFSET, 0.98, (LearnedNumber(OFFSET.parameters[0], -2.0, 0.4),))
+SHIFT = LAWS["position.clock_offset"]
+CLOCK = FlightCause(SHIFT, 0.97, (LearnedNumber(SHIFT.parameters[0], 18.0, 0.4),))
 
 
 @pytest.fixture
