@@ -61,10 +61,7 @@ def learned_from(
         temperatures = np.concatenate([one.temperature_c for one in flights.values()])
         known = temperatures[np.isfinite(temperatures)]
         stated = stated_by(bench, float(np.median(known)) if known.size else 20.0)
-    try:
-        return learn(flights, stated, progress)
-    except ValueError as error:
-        raise InputError(f"{error}; give flights that go up and come down again through the same air") from error
+    return learn(flights, stated, progress)
 
 
 def learned_file(learned: FlightsLearned, flights: Mapping[str, Flight], provenance: Mapping[str, Any]) -> LearnedFile:

@@ -19,6 +19,7 @@ from shockrig.analysis.learn.density import FlightChannelData, prepared
 from shockrig.analysis.learn.fit import Learned, climbed, explored, fitted, hopeful, known_of, started
 from shockrig.analysis.learn.laws import LAWS, Law, LawParameter
 from shockrig.analysis.learn.passes import Disagreement, disagreement, refutes
+from shockrig.files.errors import InputError
 from shockrig.files.flight import Flight
 from shockrig.files.learned import RivalModel
 
@@ -164,7 +165,7 @@ def learn(
 
     Raises
     ------
-    ValueError
+    InputError
         No flight passes the same air twice.
     """
     left_out = {name: why for name, flight in flights.items() if (why := why_nothing(flight))}
@@ -173,7 +174,8 @@ def learn(
     left_out |= {name: "it passes no air twice: an ascent needs its descent" for name in alone}
     used = tuple(one for one in used if one.name not in alone)
     if not used:
-        raise ValueError("; ".join(f"{name}: {why}" for name, why in left_out.items()))
+        whys = "; ".join(f"{name}: {why}" for name, why in left_out.items())
+        raise InputError(f"{whys}; give flights that go up and come down again through the same air")
     units = {c: [prepared(one, c) for one in used if one.has(c)] for c in CHANNELS}
     channels = [c for c in CHANNELS if units[c]]
     names = [one.name for one in used]
