@@ -2,8 +2,9 @@
 
     python benchmarks/learn_real.py CACHE [--out results/learn_real.txt]
 
-CACHE holds folders of logs that were fetched from public repositories (`real_cache_sets.py` says which); nothing of
-them is in this repository. Of a mission that judges, no log is read here: of Lake Michigan the first one alone is.
+CACHE holds folders of logs that were fetched from public repositories; nothing of them is in this repository. In
+`dives` is what `real_passes.py` takes. Of a mission that judges, no log is read here: of Lake Michigan the first one
+alone is.
 Each flight's passes are corrected by a fit without the flight. Mean and spread are of the later pass less the earlier.
 """
 
@@ -12,23 +13,57 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
+import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
+
+import numpy as np
+from real_pass_sets import SEAL, fur_seal
 
 from shockrig.analysis.learn.learn import learn
 from shockrig.protocols.learning import named_flights, sentence
 
-SETS = {
-    "Lake Michigan, first mission (evans36/lakemichigan @11f5ecb, Windsond S1)": "lakemichigan/01-06012023/*.csv",
-    "One Tree Island (christian-eckert/meteorology-one_tree_island, iMet-XQ2)": "one_tree/*.csv",
+SETS: dict[str, Callable[[Path, Path], list[Path]]] = {
+    "Lake Michigan, first mission (evans36/lakemichigan @11f5ecb, Windsond S1)": lambda cache, _: sorted(
+        cache.glob("lakemichigan/01-06012023/*.csv")
+    ),
+    "One Tree Island (christian-eckert/meteorology-one_tree_island, iMet-XQ2)": lambda cache, _: sorted(
+        cache.glob("one_tree/*.csv")
+    ),
+    "A balloon to 31 km and down (KNMI/Hackathon-RDWD-MeteoDrone @be3fcba, 20170608.txt)": lambda cache, made: balloon(
+        cache / "knmi/20170608.txt", made
+    ),
+    "A fur seal's dives (scikit-diveMove 1.0.0, its tests' data)": lambda cache, made: dives(cache / "dives", made),
 }
 
 
-def table(cache: Path) -> list[str]:
+def balloon(log: Path, made: Path) -> list[Path]:
+    """The log with the header that it lacks."""
+    if not log.exists():
+        return []
+    rows = np.loadtxt(log, usecols=(0, 1, 2, 3))
+    names = "time_s,pressure_hpa,temperature_c,humidity_percent"
+    np.savetxt(made / "balloon.csv", rows, delimiter=",", header=names, comments="", fmt="%.2f")
+    return [made / "balloon.csv"]
+
+
+def dives(folder: Path, made: Path) -> list[Path]:
+    """Dives of the second half of the record, each with two minutes before and one behind it."""
+    if not (folder / SEAL).exists():
+        return []
+    paths = []
+    for i, log in enumerate(fur_seal(folder).logs):
+        paths.append(made / f"dive{i:02d}.csv")
+        log.frame.to_csv(paths[-1], index=False)
+    return paths
+
+
+def table(cache: Path, made: Path) -> list[str]:
     """Lines for each set that is in the cache."""
     lines = []
-    for name, pattern in SETS.items():
-        paths = sorted(cache.glob(pattern))
+    for name, logs in SETS.items():
+        paths = logs(cache, made)
         if not paths:
             lines += [f"{name}: not in the cache", ""]
             continue
@@ -57,7 +92,8 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path)
     args = parser.parse_args(argv)
     commit = subprocess.run(["git", "describe", "--always", "--dirty"], capture_output=True, text=True, check=False)
-    text = "\n".join([f"commit {commit.stdout.strip()}", "", *table(args.cache)])
+    with tempfile.TemporaryDirectory() as made:
+        text = "\n".join([f"commit {commit.stdout.strip()}", "", *table(args.cache, Path(made))])
     print(text)
     if args.out is not None:
         args.out.write_text(text, encoding="utf-8")

@@ -11,13 +11,13 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from shockrig.analysis.physics.standard_atmosphere import pressure_altitude_m
 from shockrig.protocols.watch.web import WatchServer
 from shockrig.rig.links.said import SaidAir
 
 POINT_EVERY_S = 1.0
 MOST_POINTS = 1200  # then every other one goes: a flight of hours is shown by as many
 MOST_MESSAGES = 20
-BAROMETRIC_M, SEA_LEVEL_HPA, BAROMETRIC_POWER = 44_330.77, 1013.25, 0.190263  # of the standard atmosphere (ISO 2533)
 
 Number = float | None
 
@@ -51,11 +51,6 @@ class FlightView:
         return f"{self.rows} rows"
 
 
-def pressure_altitude_m(pressure_hpa: float) -> float:
-    """Altitude [m] in the standard atmosphere."""
-    return BAROMETRIC_M * (1.0 - (pressure_hpa / SEA_LEVEL_HPA) ** BAROMETRIC_POWER)
-
-
 def _known(value: float) -> Number:
     return value if math.isfinite(value) else None
 
@@ -76,7 +71,7 @@ class FlightFollower:
         """A row, and what was known of where it was."""
         altitude, over = around["altitude_m"], "altitude"
         if not math.isfinite(altitude) and around["pressure_hpa"] > 0.0:
-            altitude, over = pressure_altitude_m(around["pressure_hpa"]), "pressure altitude"
+            altitude, over = float(pressure_altitude_m(around["pressure_hpa"])), "pressure altitude"
         (t, h), (ut, uh), (rt, rh) = said.air, said.uncertainty or (math.nan,) * 2, said.read or (math.nan,) * 2
         point = FlightPoint(said.time_s, *map(_known, (altitude, t, ut, h, uh, rt, rh)))
         with self._lock:

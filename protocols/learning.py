@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from shockrig.analysis.physics.standard_atmosphere import pressure_altitude_m
 from shockrig.files.errors import InputError
 from shockrig.files.flight import Flight
 from shockrig.files.learned import (
@@ -44,8 +46,13 @@ def named_flights(
         name = path.name if path.name not in flights else str(path)
         if name in flights:
             raise InputError(f"{path}: named twice; each flight counts once")
-        flights[name], notes = read_log(path, columns, map_path)
+        flight, notes = read_log(path, columns, map_path)
         said += [f"{name}: {note}" for note in notes]
+        if flight.altitude_m is None or not np.isfinite(flight.altitude_m).any():
+            flight = replace(flight, altitude_m=pressure_altitude_m(flight.pressure_hpa))
+            if np.isfinite(flight.pressure_hpa).any():
+                said.append(f"{name}: it has no altitude; that of its pressure in the standard atmosphere is used")
+        flights[name] = flight
     return flights, said
 
 

@@ -23,7 +23,8 @@ from shockrig.analysis.flight.channel import FlightChannel, bridged
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.flight.smoother import followed
 from shockrig.analysis.flight.sweep import lags_behind
-from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA, saturation_pressure_hpa
+from shockrig.analysis.physics.humidity import saturation_pressure_hpa
+from shockrig.analysis.physics.standard_atmosphere import pressure_altitude_m
 from shockrig.files.flight import Corrected, Flight
 
 Array = NDArray[np.float64]
@@ -459,7 +460,7 @@ def _height(flight: Flight) -> Array | None:
     pressure = bridged(flight.time_s, flight.pressure_hpa) if height is None else None
     if pressure is None:
         return height
-    return np.asarray(44_330.8 * (1.0 - (median_filter(pressure, 3) / STANDARD_PRESSURE_HPA) ** 0.190263))
+    return pressure_altitude_m(median_filter(pressure, 3))
 
 
 def _stated(channel: FlightChannel) -> float:

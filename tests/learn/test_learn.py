@@ -141,7 +141,7 @@ def test_a_lag_is_known_as_well_as_its_likelihood_is_steep(flight):
 
 def test_wash_that_cools_bead_and_film_is_one_offset():
     """1 K colder in descent: an offset of the bead, its size, and a film that is as cold, so that vapour needs none."""
-    flights = WORLDS.mission(4, WORLDS.Truth(wash_k=-1.0), flights=3)
+    flights = WORLDS.mission(4, WORLDS.Truth(wash_k=-1.0), flights=2)
     found = learn({str(i): one for i, one in enumerate(flights)})
     bead, film = found.channels["temperature"], found.channels["humidity"]
     (wash,) = [cause for cause in bead.causes if cause.law.key == "offset_in_descent"]
