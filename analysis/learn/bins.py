@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from shockrig.files.ranges import RANGES
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+REFERENCE_TEMPERATURE_C = 20.0  # of a usual day, and at which laws of temperature are stated
 CHANNELS = ("temperature", "humidity")
 SUB_SAMPLES = 4  # of the track in a bin, over which what the air adds is averaged
 GROUND_SHARE = 0.03  # of the range of altitudes: what is nearer to the ground is not flown, satellite heights wander
@@ -77,6 +79,20 @@ class FlightBins:
     def has(self, channel: str) -> bool:
         """Whether there is enough of a channel to learn from."""
         return int(self.seen(channel).sum()) >= FEWEST_BINS
+
+    @cached_property
+    def bead_c(self) -> Array:
+        """The bead's reading (n,) with gaps bridged; a usual day where there is none [degC]."""
+        value = self.values["temperature"]
+        good = np.isfinite(value)
+        if not good.any():
+            return np.full(value.size, REFERENCE_TEMPERATURE_C)
+        return np.interp(self.time_s, self.time_s[good], value[good])
+
+    @cached_property
+    def bead_k_s(self) -> Array:
+        """How fast the bead's reading goes (n,) [K/s]."""
+        return np.gradient(self.bead_c, self.time_s)
 
     @property
     def within_altitudes(self) -> Array:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from shockrig.analysis.learn.bins import SUB_SAMPLES, FlightBins
-from shockrig.analysis.learn.laws import Law, Values, drawn_back, read_temperature, response
+from shockrig.analysis.learn.laws import Law, Values, drawn_back, response
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.learned import SIZES
 
@@ -105,7 +105,7 @@ def prepared(bins: FlightBins, channel: str) -> FlightChannelData:
     rows = np.flatnonzero(bins.seen(channel))
     read_c, usual_c, usual_es, film = None, Polynomial([0.0]), 1.0, np.ones(bins.time_s.size)
     if channel == "humidity" and bins.has("temperature"):
-        read = read_temperature(bins)
+        read = bins.bead_c
         read_c = np.interp(bins.within_s, bins.time_s, read)
         usual_c = Polynomial.fit(bins.altitude_m, read, PROFILE_DEGREE)
         usual_es = float(saturation_pressure_hpa(read.mean()))

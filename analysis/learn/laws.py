@@ -18,15 +18,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_banded
+from scipy.linalg.lapack import dtbtrs
 
-from shockrig.analysis.learn.bins import LEAST_AIRFLOW_M_S, SUB_SAMPLES, FlightBins
+from shockrig.analysis.learn.bins import LEAST_AIRFLOW_M_S, REFERENCE_TEMPERATURE_C, SUB_SAMPLES, FlightBins
 
 Array = NDArray[np.float64]
 Values = Mapping[str, float]
 
 REFERENCE_AIRFLOW_M_S = 5.0
-REFERENCE_TEMPERATURE_C = 20.0
 USUAL_PATH_S = 60.0  # of a stem or a housing
 
 
@@ -132,8 +131,7 @@ def response(lags: tuple[tuple[Array, Array], ...], bins: FlightBins, air: Array
         state[0] += left[0, 0] * air[0, 0]
         band = np.ones((2, x.size))
         band[1, :-1] = -left[1:, 0]
-        band[1, -1] = 0.0
-        state = solve_banded((1, 0), band, state, overwrite_b=True, check_finite=False)
+        state = dtbtrs(band, state, uplo="L", overwrite_b=1)[0]
         before = np.vstack([air[:1, 0], state[:-1]])
         seen = seen + share[:, None] * (mean - (state - before) / x[:, None])
     return np.asarray(seen)
@@ -151,7 +149,7 @@ def drawn_back(lags: tuple[tuple[Array, Array], ...], bins: FlightBins, weights:
         band[0, 1:] = -left[1:, 0]
         state = through.copy()
         state[:-1] -= through[1:]
-        state = solve_banded((0, 1), band, state, overwrite_b=True, check_finite=False)
+        state = dtbtrs(band, state, uplo="U", overwrite_b=1)[0]
         found -= np.diff(left, axis=1)[..., None] * state[:, None]
         found[0, 0] += through[0] - left[0, 0] * state[0]
     return found
@@ -167,7 +165,7 @@ def _one_lag(values: Values, bins: FlightBins) -> tuple[tuple[Array, Array], ...
 
 
 def _lag_in_the_cold(values: Values, bins: FlightBins) -> tuple[tuple[Array, Array], ...]:
-    cold = REFERENCE_TEMPERATURE_C - read_temperature(bins)
+    cold = REFERENCE_TEMPERATURE_C - bins.bead_c
     tau = values["time_constant_s"] * np.exp(np.clip(values["growth_per_k"] * cold, -6.0, 6.0))
     return ((np.ones(tau.size), tau),)
 
@@ -180,18 +178,9 @@ def _two_paths(values: Values, bins: FlightBins) -> tuple[tuple[Array, Array], .
     )
 
 
-def read_temperature(bins: FlightBins) -> Array:
-    """The bead's reading (n,) with gaps bridged; a usual day where there is none [degC]."""
-    value = bins.values["temperature"]
-    good = np.isfinite(value)
-    if not good.any():
-        return np.full(value.size, REFERENCE_TEMPERATURE_C)
-    return np.interp(bins.time_s, bins.time_s[good], value[good])
-
-
 def _behind(values: Values, bins: FlightBins) -> Array:
     """Nobody knows how fast the film's temperature is: to first order, it is what the bead read so much earlier."""
-    return np.asarray(-values["film_behind_bead_s"] * np.gradient(read_temperature(bins), bins.time_s))
+    return np.asarray(-values["film_behind_bead_s"] * bins.bead_k_s)
 
 
 def _ventilated(values: Values, bins: FlightBins) -> Array:
@@ -207,7 +196,7 @@ def _descending(bins: FlightBins) -> Array:
 
 
 def _late(values: Values, bins: FlightBins) -> Array:
-    read = read_temperature(bins)
+    read = bins.bead_c
     held = np.repeat(read[:, None, None], SUB_SAMPLES, axis=1)
     tau = np.full(read.size, values["die_time_constant_s"])
     return np.asarray(response(((np.ones(read.size), tau),), bins, held)[:, 0] - read)

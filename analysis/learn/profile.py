@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.learn.laws import LAWS, REFERENCE_TEMPERATURE_C, read_temperature
+from shockrig.analysis.learn.bins import REFERENCE_TEMPERATURE_C
+from shockrig.analysis.learn.laws import LAWS
 from shockrig.analysis.learn.learn import ChannelLearned, FlightCause, FlightsLearned, LearnedNumber
 from shockrig.files.causes import StatedEffect, Uncertain
 from shockrig.files.errors import InputError
@@ -84,7 +85,7 @@ def _shown(channel: ChannelLearned | None) -> dict[str, LearnedNumber] | None:
 
 def _table(learned: FlightsLearned, shown: Mapping[str, LearnedNumber]) -> tuple[DiffusivityRow, ...]:
     """D of a first-order film over the temperatures that were flown."""
-    flown = np.concatenate([read_temperature(one) for one in learned.bins])
+    flown = np.concatenate([one.bead_c for one in learned.bins])
     low, high = float(flown.min()), float(flown.max())
     tau = shown["time_constant_s"]
     growth = shown.get("growth_per_k")
@@ -135,7 +136,7 @@ def _moved(
     provenance: Mapping[str, Any],
 ) -> Profile:
     """A bench's profile, its rates times what the flights moved the response time by."""
-    flown = np.concatenate([read_temperature(one) for one in learned.bins])
+    flown = np.concatenate([one.bead_c for one in learned.bins])
     before = stated_by(bench, float(flown.mean()))
     bead, film = bench.temperature, bench.humidity
     if bead is not None and temperature is not None:

@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from shockrig.analysis.learn.bins import LEAST_PASS_M, FlightBins, binned
+from shockrig.analysis.learn.bins import LEAST_PASS_M, REFERENCE_TEMPERATURE_C, FlightBins, binned
 from shockrig.analysis.learn.density import MOVE_STEP, MOVES, UNKNOWN, FlightChannelData, SensorModel, prepared
 from shockrig.analysis.learn.fit import LONGEST_STEP
-from shockrig.analysis.learn.laws import LAWS, REFERENCE_TEMPERATURE_C, Law
+from shockrig.analysis.learn.laws import LAWS, Law
 from shockrig.analysis.plan.legs import Climb, Descend, Hover, Leg, OutAndBack, Spiral, Turn, end_m, seconds_of
 from shockrig.analysis.plan.mission import (
     LANDING_FROM_M,
