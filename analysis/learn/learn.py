@@ -202,19 +202,10 @@ def learn(
         refuted[c] = tuple(" and ".join(law.key for law in one.laws) for one in out)
         raced[c] = [one for one in raced[c] if all(one is not other for other in out)]
         joint = [one for one in joint if not refutes(read[c], off[c][id(one)])]
-    of = {c: [unit.bins.name for unit in units[c]] for c in channels}
-    pairs = list(product(*(raced[c] for c in channels)))
-    models: list[tuple[Learned, ...]] = [*pairs, *[(one,) for one in joint]]
-    scores, priors = [], []
-    for model in models:
-        total = np.zeros(len(names))
-        for part in model:
-            owners = [name for c in channels if _acts(part, c, model, channels) for name in of[c]]
-            for name, value in zip(owners, part.predicted(), strict=True):
-                total[names.index(name)] += value
-        scores.append(total)
-        laws = [law for part in model for law in part.laws]
-        priors.append(LAW_LOG_PRIOR * sum(law.key != "lag" for law in laws))
+    models: list[tuple[Learned, ...]] = [*product(*(raced[c] for c in channels)), *[(one,) for one in joint]]
+    # Each sensor of each flight counts by itself: what makes one of them say too much, the other need not.
+    scores = [np.concatenate([part.predicted() for part in model]) for model in models]
+    priors = [LAW_LOG_PRIOR * sum(law.key != "lag" for law in _laws_of(model)) for model in models]
     weight = weights(scores, priors)
     found = {
         c: _judged(c, channels, models, weight, lags[c], refuted[c], used, units[c], read[c], off[c]) for c in channels
@@ -232,11 +223,6 @@ def learn(
         key=lambda row: -row[1],
     )
     return FlightsLearned(used, left_out, found, position, clock >= NAMED, tuple(table[:12]))
-
-
-def _acts(part: Learned, channel: str, model: tuple[Learned, ...], channels: Sequence[str]) -> bool:
-    """Whether a part of a model is fitted to a channel: one of its own, or all at once."""
-    return len(model) == 1 or model[channels.index(channel)] is part
 
 
 def _laws_of(model: tuple[Learned, ...]) -> tuple[Law, ...]:
