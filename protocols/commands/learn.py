@@ -68,7 +68,7 @@ def main(args: argparse.Namespace) -> int:
             f"position: {'named' if learned.position_named else 'possible'}: {names}, "
             f"{shift.value:.3g} ± {shift.standard_uncertainty:.2g} s (probability {cause.probability:.2f})"
         )
-        if cause.probability > 0.5:
+        if learned.position_named:
             print(f"  take {shift.value:.3g} s off the position's times before shockrig correct")
     for name, why in learned.left_out.items():
         print(f"left out: {name}: {why}")

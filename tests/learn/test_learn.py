@@ -12,11 +12,13 @@ from benchmark_scripts import benchmark
 from scipy.signal import lfilter
 
 from shockrig.analysis.flight.comparisons import PARTED
+from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.learn.bins import SUB_SAMPLES, binned, passes, why_nothing
 from shockrig.analysis.learn.density import SensorModel, begun, density, prepared
 from shockrig.analysis.learn.fit import fitted
 from shockrig.analysis.learn.laws import LAWS, response
 from shockrig.analysis.learn.learn import learn
+from shockrig.analysis.learn.profile import learned_profile
 from shockrig.files.learned import read_learned
 from shockrig.files.profile import read_profile
 from shockrig.protocols.cli import main
@@ -151,13 +153,21 @@ def test_wash_that_cools_bead_and_film_is_one_offset():
     assert all(one.model.rms < 0.8 * one.read.rms for one in (bead, film))
 
 
-def test_one_flight_refutes_no_lag():
-    """The example flight alone, a film of 5 s: what cannot be left out of the fit is not predicted, so that nothing is
-    refuted by it, and a lag is among the answers."""
-    found = learn({"flight.csv": read_log(EXAMPLES / "flight.csv")[0]})
+def test_one_flight_and_no_bench_halve_the_errors_of_both_sensors():
+    """The example flight alone, whose air is known: nothing is refuted by the one flight that is fitted, a lag is among
+    the answers, and corrected with the profile learned from itself it is less than half as far from the air."""
+    flight = read_log(EXAMPLES / "flight.csv")[0]
+    found = learn({"flight.csv": flight})
     for one in found.channels.values():
         assert one.refuted == ()
         assert any(cause.law.lags is not None for cause in one.causes)
+    profile = learned_profile(found, {})
+    assert profile is not None
+    corrected = correct(flight, profile)
+    truth = np.genfromtxt(EXAMPLES / "truth.csv", delimiter=",", skip_header=1, usecols=(1, 2)).T
+    for air, name in zip(truth, ("temperature_c", "humidity_percent"), strict=True):
+        read, left = (np.sqrt(np.nanmean((getattr(one, name) - air) ** 2)) for one in (flight, corrected))
+        assert left < 0.5 * read
 
 
 def test_a_flight_that_says_nothing_is_left_out_with_its_reason(flight):
