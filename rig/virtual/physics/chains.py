@@ -203,6 +203,8 @@ class Stepper:
         """The step that the time since the last jump allows, on a ladder of doublings so that factors are kept."""
         if self._before is None:
             return FIRST_STEP_S
+        if self._last_step_s == cap_s:  # and the time since the jump has only grown
+            return cap_s
         allowed = max((self.time_s - self.start_s) / STEPS_PER_AGE, FIRST_STEP_S)
         ladder = FIRST_STEP_S * 2.0 ** np.floor(np.log2(allowed / FIRST_STEP_S))
         return min(cap_s, ladder, 2.0 * self._last_step_s)  # BDF2 is stable for ratios below 1 + sqrt 2

@@ -14,7 +14,7 @@ from typing import Generic
 import numpy as np
 
 from shockrig.rig.virtual.physics import chains
-from shockrig.rig.virtual.physics.air import Exposure, N, air_after
+from shockrig.rig.virtual.physics.air import Exposure, N, air_after, shortest_change_s
 from shockrig.rig.virtual.physics.moist import concentration_ppmv, dew_point_c, heat_carried_off, warm_air
 from shockrig.rig.virtual.truth import Truth
 
@@ -91,6 +91,9 @@ class Probes:
         self._saturated_ppmv = concentration_ppmv(100.0, exposure.destination_c, exposure.pressure_hpa)
         self.start = state
         self.wet_until_s = self._wetness(state[2][:, 0])
+        steady = np.isinf(shortest_change_s(truth, exposure, 0.0))
+        self._still_from_s = float(np.max(exposure.duration_s)) if steady else np.inf
+        self._still_air: tuple[np.ndarray, np.ndarray] | None = None
 
     @cached_property
     def stepper(self) -> chains.Stepper:
@@ -160,9 +163,18 @@ class Probes:
         warm_s = self._truth.die_time_constant_s * np.log(cold / np.maximum(e.destination_c - dew_point, 1e-6))
         return np.where(die_c < dew_point, np.maximum(warm_s, 0.0) + p["drying_time_s"], -1.0)
 
+    def _air(self, time_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """Temperature and vapour of the air; after the transfer, where nothing else moves it, as it was."""
+        if self._still_air is not None:
+            return self._still_air
+        air = air_after(self._truth, self.exposure, time_s)
+        if time_s >= self._still_from_s:
+            self._still_air = air
+        return air
+
     def _drive(self, time_s: float) -> list[np.ndarray]:
         e = self.exposure
-        air_c, vapour = air_after(self._truth, e, time_s)
+        air_c, vapour = self._air(time_s)
         film = vapour
         if self.wet_until_s is not None:
             # a step in which the film dries sees the mean: dry spells begin between steps
