@@ -60,8 +60,11 @@ def guess_format(cells: Sequence[str]) -> tuple[str | None, str]:
     if _share(lambda text: re.fullmatch(r"\d{1,3}:\d{2}(:\d{2}([.,]\d+)?)?", text) is not None, some) > 0.9:
         return OF_DAY, ""
     every = (day + (between + hour if hour else "") for day, between, hour in product(_DATES, _BETWEEN, (*_TIMES, "")))
+    first = some[0]
     fitting = [
-        f for f in dict.fromkeys(every) if _fits(some[0], f) and sum(_fits(t, f) for t in some) > 0.9 * len(some)
+        f
+        for f in dict.fromkeys(every)
+        if _like(first, f) and _fits(first, f) and sum(_fits(t, f) for t in some) > 0.9 * len(some)
     ]
     if not fitting:
         return None, ""
@@ -121,6 +124,20 @@ def _is_iso(text: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def _like(text: str, format_: str) -> bool:
+    """Whether a text without blanks at its ends has the letters and marks of a format; strptime, which compiles a
+    pattern for each format anew, is then asked."""
+    worded = "%b" in format_ or "%p" in format_
+    if any(map(str.isalpha, text)) != (worded or "T" in format_):
+        return False
+    without = "." if worded else ""  # a language may shorten its words by points
+    return _marks(text, without) == _marks(re.sub("%[A-Za-z]", "", format_), without)
+
+
+def _marks(text: str, without: str) -> str:
+    return "".join(c for c in text if not (c.isalnum() or c.isspace() or c in without))
 
 
 def _fits(text: str, format_: str) -> bool:
