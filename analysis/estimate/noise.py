@@ -324,8 +324,9 @@ def estimate_noise(
         factor, failed = linalg.lapack.dpotrf(gamma[apart], lower=True)
         if failed:
             return 1e12
-        lower = np.tril(linalg.lapack.dpotri(factor, lower=True)[0])
-        inverse = lower + np.tril(lower, -1).T
+        lower = linalg.lapack.dpotri(factor, lower=True)[0]  # above the diagonal it is zero, as the factor was
+        inverse = lower + lower.T
+        np.einsum("ii->i", inverse)[:] *= 0.5  # exact
         log_determinant = 2 * float(np.log(np.diag(factor)).sum())
         return sum(pool.deviance(inverse, log_determinant) for pool in pools)
 
