@@ -131,12 +131,17 @@ def _integrate(
     probes = Probes(truth, exposure, scatter)
     stepper = probes.stepper
     times, rows = [0.0], [probes.bodies()]
-    while stepper.time_s < after_s:
+    even = stepper.even_times_s(after_s)
+    while stepper.time_s < after_s and not even.size:
         stepper.step(stepper.longest_step_s())
         times.append(stepper.time_s)
         rows.append(probes.bodies())
+        even = stepper.even_times_s(after_s)
     history = {name: np.array([getattr(row, name) for row in rows]) for name in Bodies.__dataclass_fields__}
-    return {"since_s": np.array(times), **history}
+    if even.size:
+        rest = probes.bodies_at(even)
+        history = {name: np.concatenate([part, getattr(rest, name)]) for name, part in history.items()}
+    return {"since_s": np.append(times, even), **history}
 
 
 class _Run:

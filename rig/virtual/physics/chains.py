@@ -14,6 +14,11 @@ from typing import Any
 import numpy as np
 from scipy.linalg import lapack
 
+try:
+    from shockrig.rig.virtual.physics import _march
+except ImportError:  # built where there is a compiler
+    _march = None  # type: ignore[assignment]
+
 SPHERE_CELLS = 80
 FILM_CELLS = 80
 CAP_CAPACITY = 1e4  # of the film's own
@@ -198,6 +203,31 @@ class Stepper:
         self._x, _ = lapack.dpttrs(d, e, right, overwrite_b=1)
         self.time_s += step_s
         self._last_step_s = step_s
+
+    def even_times_s(self, until_s: float) -> np.ndarray:
+        """Ends of the steps to come, up to the first that is not before `until_s`, where all are to be as the last was
+        and can be made by `march`; else none.
+        """
+        step_s = self._last_step_s
+        if _march is None or self._refresh is not None or self._factor[0] != (LONGEST_STEP_S, 1.0):
+            return np.empty(0)
+        count = int((until_s - self.time_s) / step_s) + 2  # one more than there can be
+        times = np.add.accumulate(np.concatenate([[self.time_s], np.full(count, step_s)]))
+        return times[1 : 1 + np.searchsorted(times, until_s)]
+
+    def march(self, block: int, drive: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """A block's first cells, weighted, after each step of `even_times_s` on its drive, both (n, r); the stepper
+        itself stays where it is.
+        """
+        assert self._before is not None  # steps are even after the first
+        _, d, e, open_end = self._factor
+        here, (runs, cells) = self._slices[block], self._shapes[block]
+        stacked = (self._x, self._before, self._capacity, d, np.append(e, 0.0))
+        pull = open_end[block * runs : (block + 1) * runs] * drive
+        out = np.empty(drive.shape)
+        parts = [np.ascontiguousarray(one[here].reshape(runs, cells).T) for one in stacked]
+        _march.march(len(drive), cells, runs, (*parts, pull, np.ascontiguousarray(weights), out))
+        return out
 
     def longest_step_s(self, cap_s: float = LONGEST_STEP_S) -> float:
         """The step that the time since the last jump allows, on a ladder of doublings so that factors are kept."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Generic
+from typing import Any, Generic
 
 import numpy as np
 
@@ -172,15 +172,17 @@ class Probes:
             self._still_air = air
         return air
 
+    def _at_face(self, air_c: Any, vapour: Any, began_s: Any, time_s: Any) -> Any:
+        """What the film's face sees: the air's vapour, or water where dew lies on it."""
+        if self.wet_until_s is None:
+            return vapour
+        # a step in which the film dries sees the mean: dry spells begin between steps
+        wet = np.clip((self.wet_until_s - began_s) / np.maximum(time_s - began_s, 1e-12), 0.0, 1.0)
+        return vapour + wet * (concentration_ppmv(100.0, air_c, self.exposure.pressure_hpa) - vapour)
+
     def _drive(self, time_s: float) -> list[np.ndarray]:
-        e = self.exposure
         air_c, vapour = self._air(time_s)
-        film = vapour
-        if self.wet_until_s is not None:
-            # a step in which the film dries sees the mean: dry spells begin between steps
-            began_s = self.stepper.time_s
-            wet = np.clip((self.wet_until_s - began_s) / max(time_s - began_s, 1e-12), 0.0, 1.0)
-            film = vapour + wet * (concentration_ppmv(100.0, air_c, e.pressure_hpa) - vapour)
+        film = self._at_face(air_c, vapour, self.stepper.time_s, time_s)
         # the film's own mean is that of the last step: sorption heat acts back on nothing
         taken_up = self.stepper.state[1] @ self.film_widths
         return [air_c, film, air_c, air_c, vapour, taken_up]
@@ -189,3 +191,14 @@ class Probes:
         """What the probes have come to now, arrays (r,)."""
         bead, film, *lags = self.stepper.state
         return Bodies(bead[:, :3] @ CORE_WEIGHTS, film @ self.film_widths, *(lag[:, 0].copy() for lag in lags))
+
+    def bodies_at(self, times_s: np.ndarray) -> Bodies[np.ndarray]:
+        """What the probes will have come to after each of the stepper's `even_times_s`, arrays (n, r)."""
+        stepper, one = self.stepper, np.ones(1)
+        ends = times_s[:, None]
+        began = np.concatenate([[[stepper.time_s]], ends[:-1]])
+        air_c, vapour = air_after(self._truth, self.exposure, ends)
+        film = stepper.march(1, self._at_face(air_c, vapour, began, ends), self.film_widths)
+        taken_up = np.concatenate([[stepper.state[1] @ self.film_widths], film[:-1]])
+        lags = zip((2, 3, 4, 5), (air_c, air_c, vapour, taken_up), strict=True)
+        return Bodies(stepper.march(0, air_c, CORE_WEIGHTS), film, *(stepper.march(i, of, one) for i, of in lags))

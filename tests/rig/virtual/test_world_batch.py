@@ -13,6 +13,7 @@ from shockrig.rig.protocol import Protocol, load_protocol
 from shockrig.rig.seams import Air
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.effects import KINDS, RH, T
+from shockrig.rig.virtual.physics import chains
 from shockrig.rig.virtual.physics.moist import humidity_percent, saturation_pressure_hpa
 from shockrig.rig.virtual.plans import (
     Shock,
@@ -258,6 +259,20 @@ def test_same_seed_same_files_other_seed_other_files(simulate):
     for name in ("run.json", "imet.csv", "hyt.csv"):
         texts = [(c / "runs" / "up" / name).read_text() for c in (first, again, other)]
         assert texts[0] == texts[1] != texts[2]
+
+
+@pytest.mark.skipif(chains._march is None, reason="march.c was not built")
+@pytest.mark.parametrize(
+    "names", [(), ("condensation", "finite_transfer"), ("air_relaxation", "series_lag", "unknown_sorption_heat")]
+)
+def test_steps_made_by_c_and_by_lapack_write_the_same_files(simulate, monkeypatch, names):
+    hidden = [Hidden(name, STRONG[name]) for name in names]
+    compiled = simulate(*hidden, plan=[WARM, DRY, DEWY])
+    monkeypatch.setattr(chains, "_march", None)
+    plain = simulate(*hidden, plan=[WARM, DRY, DEWY])
+    assert compiled != plain
+    for file in (file for file in plain.rglob("*") if file.is_file()):
+        assert (compiled / file.relative_to(plain)).read_bytes() == file.read_bytes()
 
 
 def test_the_truth_stays_out_of_the_campaign(simulate):
