@@ -90,6 +90,7 @@ SHORTEST_PIECE = 10
 MAX_AVERAGED = 24
 OWN_SHARE = 0.4  # of a sensor's time to half of a step
 TINY_VARIANCE = 1e-12  # variance of what is nothing
+IMPOSSIBLE = 1e12  # deviance of a covariance that is none
 BENT_IN_AIR = 4  # order of the polynomial that a piece of a driven response is taken for
 KINKED_DEVIATIONS = (
     9.0  # median deviations above the median by which a piece of measured air departs from such a polynomial
@@ -244,23 +245,35 @@ def whole_pieces(time_s: Array, value: Array, period_s: float, length: int) -> I
 
 @dataclass(frozen=True)
 class _Pool:
-    """Pieces with a polynomial projected out, pooled: their count, the polynomials (orthonormal), the scatter left."""
+    """Pieces with a polynomial projected out, pooled: their count, the polynomials (orthonormal), the scatter left, and
+    that scatter's sums down its diagonals, from each place on."""
 
     count: int
     polynomials: Array
     scatter: Array
+    ahead: Array
 
-    def deviance(self, inverse: Array, log_determinant: float) -> float:
-        """-2 log restricted likelihood for noise of a covariance C, given by its inverse and log determinant.
+    def deviance(self, first: Array, seen: Array, log_determinant: float) -> float:
+        """-2 log restricted likelihood for noise of a Toeplitz covariance C, given the first column of C^-1, C^-1 Q of
+        the polynomials Q, and log det C.
 
-        With B a basis of what the polynomials Q leave: log det B'CB = log det C + log det Q'C^-1 Q, and
-        B (B'CB)^-1 B' = C^-1 - C^-1 Q (Q'C^-1 Q)^-1 Q'C^-1.
+        With B a basis of what the polynomials leave: log det B'CB = log det C + log det Q'C^-1 Q, and
+        B (B'CB)^-1 B' = C^-1 - C^-1 Q (Q'C^-1 Q)^-1 Q'C^-1. With x the first column and y = (0, x_n, ..., x_2),
+        C^-1_ij is the sum over k of (x_i-k x_j-k - y_i-k y_j-k) / x_1 (Gohberg and Semencul 1972).
         """
-        seen = inverse @ self.polynomials
-        inner = self.polynomials.T @ seen
-        fitted = np.trace(np.linalg.solve(inner, seen.T @ self.scatter @ seen))
-        misfit = (inverse * self.scatter).sum() - fitted
-        return float(self.count * (log_determinant + np.linalg.slogdet(inner)[1]) + misfit)
+        factor, log_inner = _factored(self.polynomials.T @ seen)
+        if factor is None:
+            return IMPOSSIBLE
+        last = np.append(0.0, first[:0:-1])
+        misfit = (first @ self.ahead @ first - last @ self.ahead @ last) / first[0]
+        misfit -= linalg.lapack.dpotrs(factor, seen.T @ self.scatter @ seen, lower=True)[0].trace()
+        return float(self.count * (log_determinant + log_inner) + misfit)
+
+
+def _factored(covariance: Array) -> tuple[Array | None, float]:
+    """Lower Cholesky factor and log determinant; None and infinity where there is none."""
+    factor, failed = linalg.lapack.dpotrf(covariance, lower=True)
+    return (None, np.inf) if failed else (factor, 2.0 * float(np.log(factor.diagonal()).sum()))
 
 
 def _pool(pieces: Array, order: int, reject: bool = True) -> _Pool:
@@ -269,7 +282,11 @@ def _pool(pieces: Array, order: int, reject: bool = True) -> _Pool:
         # A burst or an unsettled plateau is not the noise.
         power = (reduced**2).mean(axis=1)
         reduced = reduced[power <= 4.0 * np.median(power) + TINY_VARIANCE]
-    return _Pool(reduced.shape[0], polynomials, reduced.T @ reduced)
+    scatter = reduced.T @ reduced
+    ahead = scatter.copy()
+    for i in reversed(range(len(ahead) - 1)):
+        ahead[i, :-1] += ahead[i + 1, 1:]
+    return _Pool(reduced.shape[0], polynomials, scatter, ahead)
 
 
 def estimate_noise(
@@ -310,6 +327,8 @@ def estimate_noise(
 
     extra = max(rounding**2 / 12.0, 1e-3 * scale)
     apart = np.abs(np.subtract.outer(np.arange(piece), np.arange(piece)))
+    sides = np.asfortranarray(np.hstack([np.eye(piece, 1), *(p.polynomials for p in pools)]))
+    ends = np.cumsum([p.polynomials.shape[1] for p in pools])[:-1]
 
     def parts(x: Array, averaged: int) -> tuple[float, float, float]:
         total, share, memory = scale * averaged * np.exp(x[0]), _logistic(x[1]), longest * _logistic(x[2])
@@ -321,14 +340,12 @@ def estimate_noise(
             gamma = rounded_autocovariance(gamma, rounding)
         elif averaged > 1:
             gamma[0] += extra
-        factor, failed = linalg.lapack.dpotrf(gamma[apart], lower=True)
-        if failed:
-            return 1e12
-        lower = linalg.lapack.dpotri(factor, lower=True)[0]  # above the diagonal it is zero, as the factor was
-        inverse = lower + lower.T
-        np.einsum("ii->i", inverse)[:] *= 0.5  # exact
-        log_determinant = 2 * float(np.log(np.diag(factor)).sum())
-        return sum(pool.deviance(inverse, log_determinant) for pool in pools)
+        factor, log_determinant = _factored(gamma[apart])
+        if factor is None:
+            return IMPOSSIBLE
+        solved = linalg.lapack.dpotrs(factor, sides, lower=True)[0]
+        seen = np.split(solved[:, 1:], ends, axis=1)
+        return sum(p.deviance(solved[:, 0], one, log_determinant) for p, one in zip(pools, seen, strict=True))
 
     longest_mean = longest_average(channel)
     # A quick look at every length picks the few that are worth a full fit; plain noise always is.
