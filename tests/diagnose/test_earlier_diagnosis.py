@@ -3,6 +3,7 @@ told."""
 
 import numpy as np
 import pytest
+from small_worlds import small_plan
 
 from shockrig.analysis.diagnose import diagnose
 from shockrig.analysis.diagnose import search as searching
@@ -10,7 +11,6 @@ from shockrig.analysis.diagnose.prepare import prepare
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.virtual.batch import simulate_campaign
-from shockrig.rig.virtual.plans import standard_plan
 from shockrig.rig.virtual.truth import Hidden, draw_truth
 
 STEM = {"fraction": 0.04, "time_constant_s": 11.0}
@@ -20,7 +20,7 @@ STEM = {"fraction": 0.04, "time_constant_s": 11.0}
 def campaign(tmp_path_factory):
     rng = np.random.default_rng(71)
     truth = draw_truth(rng, effects=[Hidden("stem_conduction", STEM, ("temperature",))])
-    return simulate_campaign(truth, standard_plan(), rng, tmp_path_factory.mktemp("stem") / "campaign")
+    return simulate_campaign(truth, small_plan(), rng, tmp_path_factory.mktemp("stem") / "campaign")
 
 
 @pytest.fixture(scope="module")

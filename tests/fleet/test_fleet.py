@@ -1,6 +1,7 @@
 """Fleets: the population is recovered with its own uncertainty, sensors are shrunk and covered, those that do not
 belong are found, what a bench shares is no spread; the command's files, and what is done is not done again."""
 
+import functools
 import json
 import shutil
 from dataclasses import replace
@@ -291,7 +292,21 @@ def bench(tmp_path_factory):
     return folder, truths
 
 
-def test_the_command_writes_what_it_found_and_does_nothing_twice(bench, tmp_path, capsys, monkeypatch):
+@pytest.fixture(scope="module")
+def type_fleet(bench):
+    """The fleet of the four sensors that are alike, of a campaign and of folders."""
+    folder, _ = bench
+    return shockrig.fleet([shockrig.read_campaign(folder / "s0"), *(folder / f"s{i}" for i in (1, 2, 4))])
+
+
+@pytest.fixture(scope="module")
+def alone_of(bench):
+    """The characterization of a sensor by itself, made once."""
+    folder, _ = bench
+    return functools.cache(lambda name: shockrig.characterize(folder / name))
+
+
+def test_the_command_writes_what_it_found_and_does_nothing_twice(bench, alone_of, tmp_path, capsys, monkeypatch):
     folder, truths = bench
     out = tmp_path / "out"
     assert main(["fleet", str(folder), "--out", str(out), "--workers", "1"]) == 0
@@ -303,7 +318,7 @@ def test_the_command_writes_what_it_found_and_does_nothing_twice(bench, tmp_path
         own = sensor.channels["temperature"].figures[0].own
         assert abs(own.value - truth.thermal_diffusivity_m2_s) < 4 * own.standard_uncertainty
     for sensor in fleet.sensors[:1]:
-        alone = shockrig.characterize(folder / sensor.campaigns[0].rpartition("/")[2]).profile
+        alone = alone_of(sensor.campaigns[0].rpartition("/")[2]).profile
         stated = [alone.temperature.response_time_s] + [r.response_time_s for r in alone.humidity.diffusivity_table]
         figures = [figure for channel in ("temperature", "humidity") for figure in sensor.channels[channel].figures]
         for figure, times in zip(figures, stated, strict=True):
@@ -336,10 +351,8 @@ def counting(asked, function):
     return lambda tasks, workers, scheduler, say: function(tasks, workers, scheduler, asked.append)
 
 
-def test_python_finds_what_the_command_finds(bench):
-    folder, _ = bench
-    campaign = shockrig.read_campaign(folder / "s0")
-    fleet = shockrig.fleet([campaign, *(folder / f"s{i}" for i in (1, 2, 4))])
+def test_python_finds_what_the_command_finds(type_fleet):
+    fleet = type_fleet
     assert [s.name for s in fleet.sensors] == ["X100 / H100", "X101 / H101", "X102 / H102", "X104 / H104"]
     assert len(fleet.plot().axes) == len(fleet.population.coordinates)
     data = fleet.to_xarray()
@@ -484,13 +497,6 @@ def test_options_of_a_virtual_fleet_that_do_not_fit_are_refused(tmp_path, capsys
     assert said in capsys.readouterr().err
 
 
-@pytest.fixture(scope="module")
-def type_fleet(bench):
-    """The fleet of the four sensors that are alike."""
-    folder, _ = bench
-    return shockrig.fleet([folder / f"s{i}" for i in (0, 1, 2, 4)])
-
-
 def test_four_shocks_and_a_fleet_say_what_a_campaign_does(bench, type_fleet, tmp_path, capsys):
     """D at 0 and 40 degC from runs at 20 degC, within their uncertainty, and the profile can be read and flown."""
     truth = drawn_sensor(type_of_sensors(20), np.random.default_rng(77))
@@ -519,9 +525,9 @@ def test_four_shocks_and_a_fleet_say_what_a_campaign_does(bench, type_fleet, tmp
     assert "With the fleet" in (tmp_path / "report.html").read_text()
 
 
-def test_a_sensor_that_does_not_belong_is_said_and_left_alone(bench, type_fleet):
+def test_a_sensor_that_does_not_belong_is_said_and_left_alone(bench, type_fleet, alone_of):
     folder, _ = bench
-    alone = shockrig.characterize(folder / "s3")
+    alone = alone_of("s3")
     # As forty sensors would know it: of four, 30 % are not too far.
     known = replace(type_fleet.population, covariance=4e-4 * np.eye(4), degrees=np.full(4, 40.0))
     assert shockrig.characterize(folder / "s3", fleet=type_fleet).fleet.belongs("humidity")
@@ -543,10 +549,10 @@ def test_a_prior_of_another_body_or_length_is_refused(bench, type_fleet):
             shockrig.characterize(folder / "s0", fleet=replace(type_fleet, population=replace(one, **change)))
 
 
-def test_a_wide_population_changes_nothing_and_a_narrow_one_is_the_answer(bench, type_fleet):
+def test_a_wide_population_changes_nothing_and_a_narrow_one_is_the_answer(bench, type_fleet, alone_of):
     folder, _ = bench
     campaign, one = shockrig.read_campaign(folder / "s0"), type_fleet.population
-    alone = shockrig.characterize(campaign).profile
+    alone = alone_of("s0").profile
     wide = replace(type_fleet, population=replace(one, covariance=1e4 * one.covariance))
     found = shockrig.characterize(campaign, fleet=wide).profile
     assert found.temperature.thermal_diffusivity_m2_s.value == pytest.approx(
@@ -555,7 +561,7 @@ def test_a_wide_population_changes_nothing_and_a_narrow_one_is_the_answer(bench,
     for a, b in zip(found.humidity.diffusivity_table, alone.humidity.diffusivity_table, strict=True):
         # Rows beside one another say a little of each other, since D is smooth.
         assert abs(a.diffusivity_m2_s - b.diffusivity_m2_s) < 1.5 * b.standard_uncertainty
-    result = shockrig.characterize(campaign).result
+    result = alone_of("s0").result
     below = replace(wide.population, coordinates=one.coordinates[:3], mean=one.mean[:3])
     below = replace(below, covariance=1e4 * one.covariance[:3, :3], mean_covariance=1e-4 * np.eye(3))
     below = replace(below, degrees=one.degrees[:3])
@@ -570,13 +576,13 @@ def test_a_wide_population_changes_nothing_and_a_narrow_one_is_the_answer(bench,
 
 
 @pytest.mark.trial
-def test_goals_are_reached_with_fewer_runs_where_the_type_is_known(bench, type_fleet):
+def test_goals_are_reached_with_fewer_runs_where_the_type_is_known(bench, type_fleet, alone_of):
     """D at 0 and 40 degC from runs at 20 degC: done with a narrow type, to be recorded without."""
     folder, _ = bench
     campaign = shockrig.read_campaign(folder / "s1")
     at_20 = replace(campaign, runs=tuple(r for r in campaign.runs if abs(r.destination.temperature_c - 20.0) < 1.0))
     one = type_fleet.population
-    film = with_population(shockrig.characterize(campaign).result, one)
+    film = with_population(alone_of("s1").result, one)
     mean = np.array([one.mean[0], *(np.log(f.shrunk.value) for f in film.figures["humidity"])])
     alike = 4e-4 * np.full((4, 4), 0.9999) + 4e-8 * np.eye(4)  # sensors differ by one factor of D at all temperatures
     known = replace(one, mean=mean, covariance=alike, mean_covariance=1e-10 * np.eye(4), degrees=np.full(4, 40.0))
