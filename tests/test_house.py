@@ -1,6 +1,6 @@
 """The house itself: CI runs the linters, all packages ship, the README's test command is what CI runs."""
 
-import ast
+import re
 import tomllib
 from collections import Counter
 from pathlib import Path
@@ -28,8 +28,8 @@ def test_a_module_is_where_its_name_says():
 
 
 def test_a_class_has_a_name_of_its_own():
-    trees = [ast.parse(file.read_text()) for top in TOPS for file in (ROOT / top).rglob("*.py")]
-    names = Counter(node.name for tree in trees for node in tree.body if isinstance(node, ast.ClassDef))
+    texts = [file.read_text() for top in TOPS for file in (ROOT / top).rglob("*.py")]
+    names = Counter(name for text in texts for name in re.findall(r"^class (\w+)[(:]", text, re.MULTILINE))
     assert [name for name, count in names.items() if count > 1] == []
 
 

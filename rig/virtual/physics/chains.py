@@ -229,8 +229,9 @@ class Stepper:
         _march.march(len(drive), cells, runs, (*parts, pull, np.ascontiguousarray(weights), out))
         return out
 
-    def longest_step_s(self, cap_s: float = LONGEST_STEP_S) -> float:
+    def longest_step_s(self, cap_s: float | None = None) -> float:
         """The step that the time since the last jump allows, on a ladder of doublings so that factors are kept."""
+        cap_s = LONGEST_STEP_S if cap_s is None else cap_s
         if self._before is None:
             return FIRST_STEP_S
         if self._last_step_s == cap_s:  # and the time since the jump has only grown
