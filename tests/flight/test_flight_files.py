@@ -48,14 +48,15 @@ def cells(path):
         return list(csv.reader(stream))
 
 
-def run(folder, *arguments, out="out.csv"):
+def run(folder, *arguments, out="out.csv", page=False):
+    arguments = arguments if page else ("--no-report", *arguments)
     files = [str(folder / "flight.csv"), "--profile", str(folder / "profile.json"), "--out", str(folder / out)]
     return main(["correct", *files, *arguments])
 
 
 def test_console_page_and_notebook_state_one_uncertainty(folder, capsys):
     """The first seconds know least and would make up a mean: all three state the median."""
-    assert run(folder) == 0
+    assert run(folder, page=True) == 0
     said = re.findall(r"standard uncertainty ([\d.]+ (?:K|%RH))", capsys.readouterr().out)
     page = (folder / "out.html").read_text(encoding="utf-8")
     assert re.findall(r"<small>standard uncertainty ([\d.]+ (?:K|%RH))<", page) == said and len(said) == 2
@@ -72,7 +73,7 @@ def test_every_column_and_row_is_kept_as_it_came_and_the_new_ones_follow(folder,
     rows[9][2] = "n/a"
     with open(folder / "flight.csv", "w", newline="") as stream:
         csv.writer(stream).writerows(rows)
-    assert run(folder) == 0
+    assert run(folder, page=True) == 0
     out = cells(folder / "out.csv")
     assert [row[:-5] for row in out] == rows
     assert tuple(out[0][-5:]) == OUTPUT_COLUMNS
@@ -141,7 +142,7 @@ def test_stamps_are_read_as_pandas_reads_them_and_need_no_pandas(folder):
 
 @pytest.mark.parametrize("method", ["smoother", "inverse", "paper"])
 def test_every_method_runs_from_the_command_line(folder, flown, method, capsys):
-    assert run(folder, "--method", method) == 0
+    assert run(folder, "--method", method, page=True) == 0
     assert method in capsys.readouterr().out
     corrected = pd.read_csv(folder / "out.csv")["temperature_corrected_c"]
     signals = (corrected, flown.log["temperature_c"])
@@ -244,7 +245,7 @@ def test_damaged_rows_are_treated_as_missing_and_counted(folder, capsys):
     text, short, clock = list(rows[16]), rows[20][:2], list(rows[30])
     text[1], clock[0] = "2O.1", "1.2.3"
     count = broken(folder, line_17=",".join(text), line_21=",".join(short), line_31=",".join(clock))
-    assert run(folder) == 0
+    assert run(folder, page=True) == 0
     error = capsys.readouterr().err
     assert f"3 of {count} rows could not be read as numbers throughout and are treated as missing there" in error
     assert "(first: line 17: temperature_c is '2O.1')" in error
@@ -273,7 +274,7 @@ def test_empty_cells_are_no_damage(folder, capsys):
         rows[line][2] = cell
     with open(folder / "flight.csv", "w", newline="") as stream:
         csv.writer(stream).writerows([[*row, ""] for row in rows])  # a comma at the end of every line, header and all
-    assert run(folder) == 0
+    assert run(folder, page=True) == 0
     assert "could not be read" not in capsys.readouterr().err
 
 
@@ -305,7 +306,7 @@ def test_a_column_beside_the_readings_that_cannot_be_read_is_said_and_the_flight
         row[at] = "none seen"
     with open(folder / "flight.csv", "w", newline="") as stream:
         csv.writer(stream).writerows([header, *rows])
-    assert run(folder) == 0
+    assert run(folder, page=True) == 0
     assert f"{len(rows)} of {len(rows)} rows" in capsys.readouterr().err
 
 
