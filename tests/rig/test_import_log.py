@@ -25,6 +25,7 @@ from made_up_logs import (
 
 from shockrig.files.campaign import read_campaign
 from shockrig.protocols.cli import main
+from shockrig.rig.logs import clocks
 from shockrig.rig.logs.first_map import look_at
 from shockrig.rig.logs.map_file import parse_map
 from shockrig.rig.logs.order import in_order
@@ -432,3 +433,15 @@ def test_a_long_log_is_read_in_little_room(tmp_path):
         tracemalloc.stop()
     assert len(seen.steps[0]) == 5
     assert most < 80 * rows + log.stat().st_size + 4_000_000  # and a block of rows as text
+
+
+@pytest.mark.parametrize(
+    ("text", "format_"),
+    [("a remark", None), ("2026/05/03 12:30:05", "%Y/%m/%d %H:%M:%S"), ("3-May-2026 1:30 pm", "%d-%b-%Y %I:%M %p")],
+)
+def test_a_text_is_tried_in_formats_of_its_own_marks_only(monkeypatch, text, format_):
+    """Of 912, each of which strptime compiles anew."""
+    asked, really = set(), clocks._moment
+    monkeypatch.setattr(clocks, "_moment", lambda text, format_: asked.add(format_) or really(text, format_))
+    assert clocks.guess_format([text] * 3)[0] == format_
+    assert len(asked) < 60
