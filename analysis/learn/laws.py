@@ -156,7 +156,7 @@ def drawn_back(lags: tuple[tuple[Array, Array], ...], bins: FlightBins, weights:
 
 
 def _time_constant(usual: float, name: str = "time_constant_s") -> LawParameter:
-    return LawParameter(name, "s", usual, 1.5, 0.1, 400.0, tuple(np.geomspace(0.7, 90.0, 13)), "time constant", True)
+    return LawParameter(name, "s", usual, 1.5, 0.1, 400.0, tuple(np.geomspace(0.7, 90.0, 7)), "time constant", True)
 
 
 def _one_lag(values: Values, bins: FlightBins) -> tuple[tuple[Array, Array], ...]:
@@ -222,7 +222,7 @@ _STRUCTURE = "layers or inversions, passed upwards and downwards"
 # What nobody knows of a film beside its lag.
 _FILM = (
     LawParameter("film_behind_bead_s", "s", 0.0, 4.0, -15.0, 15.0, (0.0,), "film's temperature behind the bead's"),
-    LawParameter("activity", "1", 0.5, 0.5, 0.0, 1.0, (0.0, 1.0), "uptake by activity, not vapour"),
+    LawParameter("activity", "1", 0.5, 0.5, 0.0, 1.0, (0.5,), "uptake by activity, not vapour"),
 )
 
 
