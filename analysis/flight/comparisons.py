@@ -295,11 +295,14 @@ class Told:
     error: float
 
 
-def up_and_down(flight: Flight, channel: FlightChannel) -> UpAndDown | None:
-    """Compare the longest way up with the longest way down; None where the flight has not both through one layer."""
+def up_and_down(flight: Flight, channel: FlightChannel, air_c: Array | None = None) -> UpAndDown | None:
+    """Compare the longest way up with the longest way down; None where the flight has not both through one layer.
+
+    Humidity is compared at the mean of the ways' temperatures where that of each row is given (`_layered`).
+    """
     if channel.raw.all():
         return None
-    found = _layered(flight, (channel.value, channel.value - channel.lag, channel.lag))
+    found = _layered(flight, (channel.value, channel.value - channel.lag, channel.lag), air_c=air_c)
     if found is None:
         return None
     low, high, (corrected, read, lag) = found
@@ -321,17 +324,25 @@ class WaysApart:
     rms: tuple[float, ...]
 
 
-def ways_apart(flight: Flight, columns: Sequence[Array]) -> WaysApart | None:
+def ways_apart(flight: Flight, columns: Sequence[Array], air_c: Array | None = None) -> WaysApart | None:
     """Compare the longest way up with the longest way down; None where the flight has not both through one layer."""
-    if (found := _layered(flight, columns)) is None:
+    if (found := _layered(flight, columns, air_c=air_c)) is None:
         return None
     low, high, differences = found
     return WaysApart(differences.shape[1], low, high, tuple(float(np.sqrt(np.mean(v**2))) for v in differences))
 
 
-def _layered(flight: Flight, columns: Sequence[Array], sign: float = -1.0) -> tuple[float, float, Array] | None:
+def _layered(
+    flight: Flight, columns: Sequence[Array], sign: float = -1.0, air_c: Array | None = None
+) -> tuple[float, float, Array] | None:
     """Means of columns in the layers that the longest way up and the longest way down have in common, from what height
-    to what, descent less ascent (c, layers), or with `sign` 1 plus ascent; None where there are no such layers."""
+    to what, descent less ascent (c, layers), or with `sign` 1 plus ascent; None where there are no such layers.
+
+    Air keeps its vapour: where one way is warmer, by the sensor or by the air, its relative humidity is lower. With the
+    temperature of each row, `air_c`, columns of humidity are those at the mean of both ways' temperatures.
+    """
+    if air_c is not None:
+        columns = (*columns, air_c)
     height = _height(flight)
     if height is None:
         return None
@@ -353,7 +364,11 @@ def _layered(flight: Flight, columns: Sequence[Array], sign: float = -1.0) -> tu
     # samples of the two ways do not lie at the same heights within a layer
     at = means[:, 0, known].mean(axis=0)
     level = [[np.interp(at, way[0, known], values) for values in way[1:, known]] for way in means]
-    return low, high, np.array(level[1]) + sign * np.array(level[0])
+    up, down = np.array(level[0]), np.array(level[1])
+    if air_c is not None:
+        both = saturation_pressure_hpa(0.5 * (up[-1] + down[-1]))
+        up, down = (way[:-1] * saturation_pressure_hpa(way[-1]) / both for way in (up, down))
+    return low, high, down + sign * up
 
 
 def compared(
@@ -368,8 +383,9 @@ def compared(
             f"within {100 * known.error:.1g} %, and temperature shows that the air stayed as it was: corrected with "
             "that; characterize the sensor again"
         )
+    air_c = _warmth(flight, bead)
     for channel in (bead, film):
-        both = up_and_down(flight, channel)
+        both = up_and_down(flight, channel, None if channel is bead else air_c)
         if both is not None:
             unit = UNITS[channel.name]
             notes.append(
@@ -405,7 +421,8 @@ def _owned(flight: Flight, bead: FlightChannel, channel: FlightChannel, notes: l
     """The channel with uncertainties as wide as ascent and descent disagree, and what may be the cause in `notes`."""
     found = causes(flight, bead, channel)
     stated = np.where(np.isfinite(channel.value), channel.total_uncertainty, np.nan) ** 2
-    less = _layered(flight, (channel.value, *(cause.moves for cause in found)))
+    air_c = None if channel.name == bead.name else _warmth(flight, bead)
+    less = _layered(flight, (channel.value, *(cause.moves for cause in found)), air_c=air_c)
     plus = _layered(flight, (stated,), 1.0)
     if less is None or plus is None or less[2].shape[1] != plus[2].shape[1]:
         return channel
@@ -432,7 +449,7 @@ def told(flight: Flight, bead: FlightChannel, film: FlightChannel, before: Told 
 
     Where temperature does not show whether the air stayed as it was between the two ways, nothing is said.
     """
-    both, air = up_and_down(flight, film), bridged(flight.time_s, bead.value)
+    both, air = up_and_down(flight, film, _warmth(flight, bead)), bridged(flight.time_s, bead.value)
     if both is None or air is None or film.response is None:
         return before
     lags, _ = lags_behind(air, film.response, typical_period(flight.time_s))
@@ -451,6 +468,11 @@ def told(flight: Flight, bead: FlightChannel, film: FlightChannel, before: Told 
     slower = float(np.clip(slower, -LARGEST_STEP, LARGEST_STEP))
     sure = sure and both.agree_better and abs(slower) > BEYOND_STATED * _stated(film)
     return Told(slower, error) if sure else None
+
+
+def _warmth(flight: Flight, bead: FlightChannel) -> Array | None:
+    """The air's temperature in each row; None where it was not read."""
+    return bridged(flight.time_s, np.where(np.isfinite(bead.value), bead.value, flight.temperature_c))
 
 
 def _height(flight: Flight) -> Array | None:

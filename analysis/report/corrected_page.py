@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.analysis.flight.channel import bridged
 from shockrig.analysis.flight.comparisons import ways_apart
 from shockrig.analysis.flight.judging import gathered, power_spectrum
 from shockrig.analysis.flight.smooth_channel import typical_period
@@ -200,8 +201,10 @@ def _key_numbers(rows: Flight, found: Corrected, flight: FlightGathered) -> list
 def _ways(rows: Flight, found: Corrected) -> list[list[Cell]]:
     """RMS difference of ascent and descent in the layers that both passed, as read and corrected."""
     table: list[list[Cell]] = []
+    air_c = bridged(rows.time_s, np.where(np.isfinite(found.temperature_c), found.temperature_c, rows.temperature_c))
     for one in channels_of(rows, found):
-        if (both := ways_apart(rows, (one.reading, one.value))) is not None:
+        of_air = None if one.name == "temperature" else air_c
+        if (both := ways_apart(rows, (one.reading, one.value), of_air)) is not None:
             apart = [f"{plain(size, 2)} {one.unit}" for size in both.rms]
             table.append([one.name, *apart, both.layers, f"{both.low_m:.0f} to {both.high_m:.0f}"])
     return table

@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 from shockrig.analysis.flight.channel import FlightChannel
 from shockrig.analysis.flight.coarse import propagated, within, within_a_step
-from shockrig.analysis.flight.comparisons import PARTED, LikelyCause, compared, explained, up_and_down
+from shockrig.analysis.flight.comparisons import PARTED, LikelyCause, compared, explained, up_and_down, ways_apart
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.prior import OU_VARIANCES, RATES_PER_S, Prior, spectra
 from shockrig.analysis.flight.response import LagResponse, bead_response
@@ -243,6 +243,18 @@ def test_ascent_against_descent_says_how_wrong_the_time_scale_is(slower):
     flight, channel = climbing(slower)
     level = dataclasses.replace(flight, altitude_m=np.full(flight.time_s.size, 100.0))
     assert up_and_down(level, channel) is None
+
+
+def test_ways_of_one_vapour_agree_however_warm_the_sensor_was():
+    """Wash cools the sensor by 1.3 K in the descent: relative humidity is 4 %RH off, vapour is not (Magnus, WMO-No. 8).
+    Without a temperature the readings are held beside one another."""
+    flight, _ = climbing(0.0)
+    up = np.arange(flight.time_s.size) < flight.time_s.size // 2
+    warm = np.where(up, 20.0, 18.7) - 0.0065 * flight.altitude_m
+    vapour_hpa = 11.0 - 0.002 * flight.altitude_m
+    humidity = 100.0 * vapour_hpa / (6.112 * np.exp(17.62 * warm / (243.12 + warm)))
+    assert ways_apart(flight, (humidity,)).rms[0] > 3.0
+    assert ways_apart(flight, (humidity,), warm).rms[0] < 0.05
 
 
 @pytest.mark.parametrize("slower", [0.0, 0.3])
