@@ -59,12 +59,13 @@ def card(title: str, facts: Sequence[tuple[str, str]], frame: pd.DataFrame | Non
 # campaigns ------------------------------------------------------------------------------------------------------------
 
 
-def campaign_card(campaign: Campaign) -> str:
-    """What a campaign holds: sensors, airs, runs."""
+def campaign_card(campaign: Campaign, notes: Sequence[str] = ()) -> str:
+    """What a campaign holds: sensors, airs, runs; `notes` are sentences to add."""
     facts = [("folder", str(campaign.path)), ("runs", str(len(campaign.runs)))]
     for name, sensor in campaign.sensors.items():
         words = [str(sensor[key]) for key in ("kind", "serial") if sensor.get(key)]
         facts.append((name, ", ".join([*words, campaign.bodies.get(name, "")]).strip(", ")))
+    facts += [("note", note) for note in notes]
     return card(f"Campaign {campaign.name}", facts, campaign.to_frame().dropna(axis="columns", how="all"))
 
 

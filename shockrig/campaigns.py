@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from shockrig.files.campaign import Campaign
 from shockrig.files.campaign import read_campaign as _read_campaign
+from shockrig.files.numbers import counted
+from shockrig.files.views import campaign_card
 from shockrig.remedies import as_python
 
 if TYPE_CHECKING:
@@ -21,7 +23,22 @@ PathLike = str | os.PathLike[str]
 
 @dataclass(frozen=True, repr=False)
 class ChainedCampaign(Campaign):
-    """A `Campaign` as `read_campaign` and `import_log` give it: the functions of `import shockrig` are its methods."""
+    """A `Campaign` as `read_campaign` and `import_log` give it: the functions of `import shockrig` are its methods.
+
+    Attributes
+    ----------
+    notes : tuple of str
+        What `import_log` did not use of the log, and why: columns, rows, steps.
+    """
+
+    notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        said = super().__repr__()
+        return f"{said[:-1]}; {counted(len(self.notes), 'note')}>" if self.notes else said
+
+    def _repr_html_(self) -> str:
+        return campaign_card(self, self.notes)
 
     def characterize(
         self,

@@ -17,7 +17,7 @@ from shockrig.files.campaign_write import write_campaign
 from shockrig.files.errors import InputError
 from shockrig.flights import with_times
 from shockrig.protocols.folder import software_version, whole_folder
-from shockrig.remedies import as_python
+from shockrig.remedies import as_python, in_python
 from shockrig.rig.errors import BenchError
 from shockrig.rig.logs.campaigns import Imported, SensorCampaign, describe, import_logs, write_runs
 from shockrig.rig.logs.first_map import look_at
@@ -69,6 +69,7 @@ def import_log(
     -------
     ChainedCampaign
         Runs with the time at which each step was seen. A sensor whose body nobody states is one first-order lag.
+        `notes` say which columns, rows and steps are not used, and why.
 
     Raises
     ------
@@ -87,7 +88,7 @@ def import_log(
     """
     with as_python(), tempfile.TemporaryDirectory() as temporary, _named(Path(temporary)):
         paths = _files(log, Path(temporary))
-        said = _map(paths, columns, map, airflow_m_s, pressure_hpa, Path(temporary))
+        said, unused = _map(paths, columns, map, airflow_m_s, pressure_hpa, Path(temporary))
         imported = import_logs(paths, said, sensor)
         made = [one for one in imported.campaigns if one.runs]
         if len(made) > 1:
@@ -99,7 +100,9 @@ def import_log(
             raise InputError(f"out={str(out)!r}: is there already; give another name")
         _write(folder, imported, made[0], called)
         found = read_campaign(folder)
-        return chained(found) if out is not None else chained(found, path=Path(called))
+        path = found.path if out is not None else Path(called)
+        notes = [in_python(said) for said in (*unused, *_remarks(imported, made[0]))]
+        return chained(found, path=path, notes=tuple(notes))
 
 
 @contextmanager
@@ -133,18 +136,19 @@ def _map(
     airflow_m_s: float | None,
     pressure_hpa: float | None,
     folder: Path,
-) -> LogMap:
-    """The map that is given, or one of the columns that are named, or the first map of what is recognised."""
+) -> tuple[LogMap, tuple[str, ...]]:
+    """The map that is given, or one of the columns that are named, or the first map of what is recognised; in that
+    case also which columns are not used, and why."""
     facts = {"airflow_m_s": airflow_m_s, "pressure_hpa": pressure_hpa}
     stated = [f"{key} = {value!r}\n" for key, value in facts.items() if value is not None]
     if map_path is not None:
         if columns is not None or stated:
             raise InputError("map: says the columns and the airs itself; leave columns, airflow_m_s, pressure_hpa out")
-        return read_map(Path(map_path))
+        return read_map(Path(map_path)), ()
     if columns is None:
-        text = look_at(paths, folder / f"{paths[0].stem}.toml").text
+        seen = look_at(paths, folder / f"{paths[0].stem}.toml")
         # the first map ends with [runs], in which the facts belong, and says of steps only what was seen
-        return parse_map(text + "".join(stated), folder / f"{paths[0].stem}.toml")
+        return parse_map(seen.text + "".join(stated), seen.map.path), seen.unused
     unknown = sorted(set(columns) - set(QUANTITIES))
     if unknown or not {"temperature", "humidity"} & set(columns):
         what = f"there is no quantity {unknown[0]!r}" if unknown else "names neither temperature nor humidity"
@@ -154,7 +158,16 @@ def _map(
         lines.append(f"[log]\ntime = {json.dumps(columns['time'])}\n")
     lines.append("[sensor.sensor]\n")
     lines += [f"{key} = {json.dumps(columns[key])}\n" for key in COLUMNS if key in columns]
-    return parse_map("".join([*lines, "[runs]\n", *stated]), Path("columns"))
+    return parse_map("".join([*lines, "[runs]\n", *stated]), Path("columns")), ()
+
+
+def _remarks(imported: Imported, made: SensorCampaign) -> list[str]:
+    """What reading the logs had to say, and the steps that made no run of the sensor."""
+    said = []
+    for one in imported.logs:
+        doubt = [f"time: {one.log.clock.doubt}"] if one.log.clock.doubt else []
+        said += [*one.log.remarks, *one.readings[made.sensor].remarks, *doubt]
+    return said + [f"left out: {words}" for words in made.left_out_said]
 
 
 def _write(folder: Path, imported: Imported, made: SensorCampaign, called: str) -> None:

@@ -179,9 +179,8 @@ def _say_campaign(campaign: SensorCampaign, place: Path, first: int) -> None:
         )
         for said in run.remarks:
             print(f"        {said}")
-    for log, why in dict.fromkeys((one.log, one.why) for one in campaign.left_out):
-        numbers = [str(one.step.number) for one in campaign.left_out if (one.log, one.why) == (log, why)]
-        print(f"  left out  {log} step{'' if len(numbers) == 1 else 's'} {', '.join(numbers)}: {why}")
+    for said in campaign.left_out_said:
+        print(f"  left out  {said}")
     if not campaign.runs:
         print("  no campaign is written for it")
 

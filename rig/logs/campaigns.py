@@ -30,6 +30,14 @@ class SensorCampaign:
     runs: tuple[ImportedRun, ...]
     left_out: tuple[StepLeftOut, ...]
 
+    @property
+    def left_out_said(self) -> list[str]:
+        """The steps that make no run, those of one log and one reason in a line."""
+        steps: dict[tuple[str, str], list[str]] = {}
+        for one in self.left_out:
+            steps.setdefault((one.log, one.why), []).append(str(one.step.number))
+        return [f"{log} step{'s'[: len(of) > 1]} {', '.join(of)}: {why}" for (log, why), of in steps.items()]
+
 
 @dataclass(frozen=True)
 class Imported:

@@ -77,6 +77,15 @@ def test_a_frame_and_its_file_make_one_campaign(log):
         assert [run.imet.time_s.tolist() for run in made.runs] == [run.imet.time_s.tolist() for run in log.runs]
 
 
+def test_what_is_not_used_of_a_log_is_said(log):
+    assert log.notes == () and "note" not in repr(log)
+    frame = pd.read_csv(shockrig.example("steps.csv"))
+    frame["battery"], frame["door"] = 3.7, 0.0
+    made = shockrig.import_log(frame)
+    assert len(made.notes) == 1 and "not used" in made.notes[0] and "battery, door" in made.notes[0]
+    assert repr(made).endswith("; 1 note>") and made.notes[0] in made._repr_html_()
+
+
 def test_columns_that_nobody_would_guess_are_named(log):
     frame = pd.read_csv(shockrig.example("steps.csv")).set_axis(["x", "y", "z"], axis=1)
     made = shockrig.import_log(frame, columns={"time": "x", "temperature": "y"}, airflow_m_s=3.0)
