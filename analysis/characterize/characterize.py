@@ -27,7 +27,7 @@ from shockrig.analysis.estimate.fit import fit
 from shockrig.analysis.estimate.gather import build_channel, usable_runs, why_none
 from shockrig.analysis.estimate.noise import estimate_noise
 from shockrig.analysis.estimate.problem import posterior_scatter
-from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName
+from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, looked_for
 from shockrig.analysis.estimate.seen import by_itself
 from shockrig.files.campaign import Campaign
 from shockrig.files.errors import InputError
@@ -70,7 +70,7 @@ def characterize(
         say(f"input: {finding.sentence}")
     found: dict[ChannelName, ChannelResult] = {}
     missing: dict[ChannelName, str] = {}
-    for name in (name for name in QUANTITIES if name in channels):
+    for name in (name for name in looked_for(campaign) if name in channels):
         try:
             extension = (extensions or {}).get(name, Extension())
             found[name] = characterize_channel(campaign, name, seed, extension, say, quickly)

@@ -32,7 +32,7 @@ from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import Fit
 from shockrig.analysis.estimate.gather import build_channel, usable_runs, why_none
 from shockrig.analysis.estimate.predictive import as_stated, bumps
-from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName
+from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, looked_for
 from shockrig.analysis.estimate.seen import FEW_RUNS
 from shockrig.files.campaign import Campaign
 from shockrig.files.diagnosis import StatedDiagnosis
@@ -357,7 +357,7 @@ def gathered(input_: Checked, channels: list[ChannelDiagnosis]) -> Diagnosis:
         Where there are none.
     """
     names = {channel.name for channel in channels}
-    missing = {name: _why_not(input_.campaign, name) for name in QUANTITIES if name not in names}
+    missing = {name: _why_not(input_.campaign, name) for name in looked_for(input_.campaign) if name not in names}
     if not channels:
         reasons = [f"{name}: {why}" for name, why in missing.items()]
         raise InputError(f"{input_.campaign.path}: {'; '.join(reasons)}; record or import usable runs")

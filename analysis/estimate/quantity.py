@@ -17,7 +17,7 @@ from shockrig.analysis.physics.chain import Airs, Chain, MeasuredAir
 from shockrig.analysis.physics.conditions import Conditions
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.analysis.physics.readings import humidity_reading, temperature_reading
-from shockrig.files.campaign import Run, Trace
+from shockrig.files.campaign import Campaign, Run, Trace
 
 Array = NDArray[np.float64]
 ChannelName = Literal["temperature", "humidity"]
@@ -214,3 +214,15 @@ HUMIDITY = Quantity(
     step=_taken_up,
 )
 QUANTITIES: dict[ChannelName, Quantity] = {"temperature": TEMPERATURE, "humidity": HUMIDITY}
+
+
+def looked_for(campaign: Campaign) -> tuple[ChannelName, ...]:
+    """The channels that a campaign is about: of sensors that it states or has readings of, both where there are none.
+
+    What is not among them is no loss: a log of a thermometer alone lacks no hygrometer.
+    """
+    return tuple(
+        name
+        for name, quantity in QUANTITIES.items()
+        if quantity.sensor in campaign.sensors or any(quantity.recorded(run) is not None for run in campaign.runs)
+    ) or tuple(QUANTITIES)

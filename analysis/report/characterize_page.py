@@ -10,24 +10,23 @@ import numpy as np
 
 from shockrig.analysis.characterize.result import FAR_DEVIATED, ChannelResult, Characterization, TableRow, to_profile
 from shockrig.analysis.estimate.quantity import QUANTITIES
-from shockrig.analysis.report.diagnosis_words import listed, named
+from shockrig.analysis.report.diagnosis_words import INSTRUMENT, SENSOR, listed, named
 from shockrig.analysis.report.fitted import UNIT, panels, relative_runs, residuals, single_runs
 from shockrig.analysis.report.html import Block, Cell, Details, Figure, HtmlPage, KeyNumber, Section, Table, Text
 from shockrig.analysis.report.loop_page import chosen_section
 from shockrig.analysis.report.numbers import counted, measured, plain
 from shockrig.analysis.report.panels import run_panels
 from shockrig.analysis.report.parameters import Curve, diffusivity, parameter_by_condition
+from shockrig.analysis.report.rates import rate_label, rate_text
 from shockrig.analysis.report.residuals import residual_overview
 from shockrig.analysis.report.seen import seen_sentence
 from shockrig.analysis.report.style import save_figure
-from shockrig.files.headline import LUMPED, first_order, time_text
+from shockrig.files.headline import LUMPED, time_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
 AXIS = {"temperature": "°C", "humidity": "%RH"}
-SENSOR: dict[str, str] = {name: quantity.noun for name, quantity in QUANTITIES.items()}
-INSTRUMENT = {"temperature": "thermometer", "humidity": "hygrometer"}
 
 
 def verdict(result: Characterization) -> str:
@@ -175,9 +174,10 @@ def _key_numbers(result: Characterization) -> list[KeyNumber]:
     numbers = []
     if (t := result.temperature) is not None:
         row = t.rows[0]
+        label = "tau of the thermometer" if lumped(t) else "alpha of the bead"
         effective = "" if t.explained else "effective: the model does not explain the data"
         numbers += [
-            KeyNumber("tau of the thermometer" if lumped(t) else "alpha of the bead", rate_text(t, row), effective),
+            KeyNumber(label, rate_text(t.channel, row), effective),
             KeyNumber("time to 63 % of the thermometer", time_text(row.response, 0), _later(row)),
         ]
     if (h := result.humidity) is not None:
@@ -185,7 +185,7 @@ def _key_numbers(result: Characterization) -> list[KeyNumber]:
         label = f"{'tau of the hygrometer' if lumped(h) else 'D of the film'} at {round(row.ambient_c)} °C"
         effective = "" if h.explained else "effective: the model does not explain the data"
         numbers += [
-            KeyNumber(label, rate_text(h, row), effective),
+            KeyNumber(label, rate_text(h.channel, row), effective),
             KeyNumber(f"time to 63 % at {round(row.ambient_c)} °C", time_text(row.response, 0), _later(row)),
         ]
     for name, found in result.channels().items():
@@ -199,27 +199,17 @@ def lumped(found: ChannelResult) -> bool:
     return found.channel.body == LUMPED
 
 
-def rate_text(found: ChannelResult, row: TableRow, unit: str = "s") -> str:
-    """What was fitted at an ambient: the diffusivity, of a lumped sensor its time constant."""
-    if lumped(found):
-        tau = first_order(found.channel.length_m, row.diffusivity_m2_s, row.standard_uncertainty)
-        return measured(*tau, unit)
-    return measured(row.diffusivity_m2_s, row.standard_uncertainty, "m²/s")
-
-
 def _later(row: TableRow) -> str:
     return f"90 % {time_text(row.response, 1)}, 98 % {time_text(row.response, 2)}"
 
 
 def _number_blocks(result: Characterization) -> list[Block]:
     rows: list[list[Cell]] = []
-    for name, found in result.channels().items():
+    for found in result.channels().values():
         for row in found.rows:
-            label = QUANTITIES[name].diffusivity_label(row.ambient_c)
-            if lumped(found):
-                label = label.replace(QUANTITIES[name].symbol, f"tau, {name}", 1)
+            label = rate_label(found.channel, row.ambient_c)
             times = [time_text(row.response, place) for place in range(3)]
-            rows.append([label, rate_text(found, row), *times, len(row.runs), row.basis])
+            rows.append([label, rate_text(found.channel, row), *times, len(row.runs), row.basis])
     columns = ("", "value ± standard uncertainty", "to 63 %", "to 90 %", "to 98 %", "runs", "from")
     blocks: list[Block] = [Table(columns, rows)]
     effects: list[list[Cell]] = []

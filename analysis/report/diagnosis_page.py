@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.characterize.result import TableRow
 from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis, Diagnosis, correlations
 from shockrig.analysis.diagnose.held_out import autocorrelation, drifts, size
 from shockrig.analysis.effects import CATALOGUE
@@ -22,7 +22,6 @@ from shockrig.analysis.report.diagnosis_figures import crossing_figure
 from shockrig.analysis.report.diagnosis_view import ChannelView
 from shockrig.analysis.report.diagnosis_words import (
     NOT_TOLD,
-    SENSOR,
     channel_verdict,
     experiments,
     headline,
@@ -32,6 +31,7 @@ from shockrig.analysis.report.diagnosis_words import (
     named,
     ordered,
     remainder_sentence,
+    sensor_of,
     values_text,
     worse,
 )
@@ -51,10 +51,11 @@ from shockrig.analysis.report.html import (
 )
 from shockrig.analysis.report.loop_page import chosen_section
 from shockrig.analysis.report.next_time import next_time
-from shockrig.analysis.report.numbers import measured, plain
+from shockrig.analysis.report.numbers import plain
+from shockrig.analysis.report.rates import rate_label, rate_text
 from shockrig.analysis.report.seen import seen_sentence
 from shockrig.analysis.report.style import save_figure
-from shockrig.files.headline import time_text
+from shockrig.files.headline import LUMPED, time_text
 
 # What data sheets of the HYT family promise (IST AHHYTM E2.2.1); a bead is calibrated to about the same.
 ACCURACY = {"temperature": 0.2, "humidity": 1.8}
@@ -82,8 +83,8 @@ def write_diagnosis(
         warnings = [Text(sentence, "warning") for sentence in diagnosis.input_findings]
         sections.append(Section("What looks wrong with the input", warnings))
     for view in views:
-        sections.append(Section(f"{SENSOR[view.found.name].capitalize()}: {view.found.verdict}", _channel(view)))
-    sections.append(Section("What it means for alpha and D", _material(views)))
+        sections.append(Section(f"{sensor_of(view.found).capitalize()}: {view.found.verdict}", _channel(view)))
+    sections.append(Section(f"What it means for {_numbers(views)}", _material(views)))
     sections.append(Section("What it means in flight", _flight(crossings, notes, folder)))
     sections.append(Section("What to do on the bench", _advice(views)))
     sections.append(Section("What to measure next", _next(diagnosis)))
@@ -109,23 +110,23 @@ def _key_numbers(views: Sequence[ChannelView], crossings: Sequence[Crossing]) ->
     for view in views:
         gain, unit = view.found.gain, UNIT[view.found.name]
         if not gain.measured:
-            label = f"error on unseen runs, {SENSOR[view.found.name]}"
+            label = f"error on unseen runs, {sensor_of(view.found)}"
             numbers.append(KeyNumber(label, "not measured", "no run was left to try a model on"))
             continue
         arrow = f" → {plain(gain.after, 2)}" if view.found.causes or view.found.discovered else ""
         numbers.append(
             KeyNumber(
-                f"error on unseen runs, {SENSOR[view.found.name]}",
+                f"error on unseen runs, {sensor_of(view.found)}",
                 f"{plain(gain.before, 2)}{arrow} {unit}",
                 f"noise {plain(gain.noise_floor, 2)} {unit}",
             )
         )
         if view.found.causes or view.found.discovered:
             low, high = (100 * x for x in gain.interval_95)
-            interval = f"95 % interval {plain(low, 4)} to {plain(high, 4)} %"
+            interval = f"95 % interval {low:.0f} to {high:.0f} %"
             numbers.append(
                 KeyNumber(
-                    f"of the explainable error removed, {SENSOR[view.found.name]}",
+                    f"of the explainable error removed, {sensor_of(view.found)}",
                     f"{plain(100 * gain.explained_fraction, 3)} %",
                     interval if low >= 0.0 else NOT_TOLD,
                 )
@@ -367,6 +368,17 @@ def _p(p: float | None) -> str:
     return "–" if p is None else plain(p, 2) if p > 1e-12 else "< 10⁻¹²"
 
 
+def _numbers(views: Sequence[ChannelView]) -> str:
+    """What the channels' numbers are called."""
+    symbols = {name: quantity.symbol for name, quantity in QUANTITIES.items()}
+    return listed(list(dict.fromkeys("tau" if is_lag(view) else symbols[view.found.name] for view in views)))
+
+
+def is_lag(view: ChannelView) -> bool:
+    """Whether no more is known of the sensor than that it is one lag."""
+    return view.found.problem.channel.body == LUMPED
+
+
 def _material(views: Sequence[ChannelView]) -> list[Block]:
     rows: list[list[Cell]] = []
     blocks: list[Block] = []
@@ -375,29 +387,26 @@ def _material(views: Sequence[ChannelView]) -> list[Block]:
         after = {r.ambient_c: r for r in view.extended.rows} if view.extended else {}
         for ambient in sorted(before.keys() | after.keys()):
             b, a = before.get(ambient), after.get(ambient)
-            of = QUANTITIES[view.found.name]
-            label = of.diffusivity_label(ambient)
-            change = _signed(100 * (b.diffusivity_m2_s / a.diffusivity_m2_s - 1)) + " %" if a and b else "–"
+            label = rate_label(view.found.problem.channel, ambient)
+            ratio = b.diffusivity_m2_s / a.diffusivity_m2_s if a and b else math.nan
+            change = _signed(100 * ((1 / ratio if is_lag(view) else ratio) - 1)) + " %" if a and b else "–"
             times = ["–" if r is None else time_text(r.response, 0) for r in (b, a)]
-            rows.append([label, *(_diffusivity(r) for r in (b, a)), change, *times])
+            values = ["–" if r is None else rate_text(view.found.problem.channel, r) for r in (b, a)]
+            rows.append([label, *values, change, *times])
         if not view.found.causes and not view.found.discovered:
-            blocks.append(Text(f"The {SENSOR[view.found.name]} carries no effect: both columns are the plain model's."))
+            blocks.append(Text(f"The {sensor_of(view.found)} carries no effect: both columns are the plain model's."))
         elif view.found.verdict == "unexplained":
-            words = f"The {SENSOR[view.found.name]} is not explained: its values stay effective ones."
+            words = f"The {sensor_of(view.found)} is not explained: its values stay effective ones."
             blocks.append(Text(words, "warning"))
     columns = (
         "",
-        "plain model, effective, m²/s",
-        "with the causes, the material's, m²/s",
+        "plain model, effective",
+        "with the causes, the sensor's own",
         "effective off by",
         "t63 plain",
         "t63 with the sensor's effects",
     )
     return [Table(columns, rows), *blocks] if rows else [Text("No diffusivity is determined."), *blocks]
-
-
-def _diffusivity(row: TableRow | None) -> str:
-    return "–" if row is None else measured(row.diffusivity_m2_s, row.standard_uncertainty)
 
 
 def _flight(crossings: Sequence[Crossing], notes: Sequence[str], folder: Path) -> list[Block]:

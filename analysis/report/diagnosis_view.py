@@ -17,7 +17,7 @@ from shockrig.analysis.diagnose.remaining import MeanCourse, Remaining, remainin
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.estimate.seen import little_known, seen
 from shockrig.analysis.report import residuals as drawings
-from shockrig.analysis.report.diagnosis_words import SENSOR, label, listed
+from shockrig.analysis.report.diagnosis_words import label, listed, sensor_of
 from shockrig.analysis.report.fitted import UNIT, conditions, relative_runs
 from shockrig.analysis.report.panels import log_time, panels
 from shockrig.analysis.report.parameters import parameter_by_condition
@@ -115,7 +115,7 @@ def _draw(
     found: ChannelDiagnosis, before: ChannelResult | None, after: ChannelResult | None, held: HeldOut
 ) -> dict[str, tuple[Drawing, str, str]]:
     unit, noise, channel = UNIT[found.name], found.noise.standard_deviation, found.problem.channel
-    sensor, figures = SENSOR[found.name], {}
+    sensor, figures = sensor_of(found), {}
     steps = seen(channel) if little_known(channel) else ()
     if any(one.times_s is not None for one in steps):
         figures["seen"] = (

@@ -17,6 +17,7 @@ from shockrig.analysis.report.fitted import UNIT
 from shockrig.analysis.report.numbers import measured, plain
 from shockrig.files.causes import Uncertain
 from shockrig.files.diagnosis_data import Dependence, Discovered
+from shockrig.files.headline import LUMPED
 
 # Sentences on effects that nobody listed: 'behaves as', never 'is'.
 
@@ -163,6 +164,7 @@ def _listed(words: Sequence[str], last: str = "and") -> str:
 pass
 
 SENSOR: dict[str, str] = {name: quantity.noun for name, quantity in QUANTITIES.items()}
+INSTRUMENT = {"temperature": "thermometer", "humidity": "hygrometer"}
 NOT_TOLD = "these runs do not tell how much it is on others"
 
 
@@ -263,18 +265,24 @@ def removed_share(found: ChannelDiagnosis) -> str:
     return f"of the explainable error removed on unseen runs: {100 * found.gain.explained_fraction:.1f} % ({interval})"
 
 
+def sensor_of(found: ChannelDiagnosis) -> str:
+    """What is looked at: a bead or a film, or a sensor of which no more is known than that it is one lag."""
+    return (INSTRUMENT if found.problem.channel.body == LUMPED else SENSOR)[found.name]
+
+
 def channel_verdict(found: ChannelDiagnosis, whole: bool = True) -> str:
     """The verdict on one channel; without `whole` only the strongest of many causes is spelled out."""
-    gain, unit, sensor = found.gain, UNIT[found.name], SENSOR[found.name]
+    gain, unit, sensor = found.gain, UNIT[found.name], sensor_of(found)
+    model = "One lag" if found.problem.channel.body == LUMPED else "The plain diffusion model"
     causes = ordered(found.causes)
     if found.verdict == "adequate" and not gain.measured:
         return (
-            f"The plain diffusion model fits the {sensor}'s readings; there is no run left to try it on, so nothing is "
+            f"{model} fits the {sensor}'s readings; there is no run left to try it on, so nothing is "
             "said of unseen ones."
         )
     if found.verdict == "adequate":
         return (
-            f"The plain diffusion model describes the {sensor}: it predicts unseen runs to {plain(gain.before, 2)} "
+            f"{model} describes the {sensor}: it predicts unseen runs to {plain(gain.before, 2)} "
             f"{unit} (noise {plain(gain.noise_floor, 2)} {unit}), and no candidate predicts them better."
         )
     if found.verdict == "described":
@@ -303,7 +311,7 @@ def channel_verdict(found: ChannelDiagnosis, whole: bool = True) -> str:
 
 def unexplained(found: ChannelDiagnosis, whole: bool = True) -> str:
     """What is left, without physics: its size, when it occurs, what it varies with."""
-    unit, sensor = UNIT[found.name], SENSOR[found.name]
+    unit, sensor = UNIT[found.name], sensor_of(found)
     text = f"Something is left in the {sensor}'s readings that no catalogued effect explains"
     left: Mapping[str, Any] = found.discrepancy or {}
     parts: list[str] = []
@@ -370,7 +378,7 @@ def headline(diagnosis: Diagnosis) -> str:
 
 def missing(diagnosis: Diagnosis) -> list[str]:
     """A sentence for each channel that could not be diagnosed."""
-    return [f"The {SENSOR[name]} could not be diagnosed: {why}." for name, why in diagnosis.missing.items()]
+    return [f"The {INSTRUMENT[name]} could not be diagnosed: {why}." for name, why in diagnosis.missing.items()]
 
 
 def worse(nats: float) -> str:

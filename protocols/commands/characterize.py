@@ -123,8 +123,9 @@ def fleet_summary(fleet: WithFleet) -> str:
 
 def summary(result: Characterization) -> str:
     """What the command prints: alpha or tau, the table D(T), response times, what does not fit."""
-    from shockrig.analysis.report.characterize_page import hint, rate_text
+    from shockrig.analysis.report.characterize_page import hint
     from shockrig.analysis.report.numbers import measured
+    from shockrig.analysis.report.rates import rate_text
     from shockrig.files.headline import LUMPED, time_text
 
     def bare(text: str) -> str:
@@ -135,7 +136,7 @@ def summary(result: Characterization) -> str:
     if (t := result.temperature) is not None:
         row = t.rows[0]
         lumped = t.channel.body == LUMPED
-        lines.append(f"{'tau' if lumped else 'alpha'} = {rate_text(t, row)}  ({counted(len(row.runs), 'run')})")
+        lines.append(f"{'tau' if lumped else 'alpha'} = {rate_text(t.channel, row)}  ({counted(len(row.runs), 'run')})")
         shown = [f"{name} {time_text(row.response, place)}" for place, name in enumerate(("t63", "t90", "t98"))]
         lines.append(f"  {', '.join(shown)}")
     if (h := result.humidity) is not None:
@@ -144,7 +145,7 @@ def summary(result: Characterization) -> str:
         lines.append(f"ambient, °C   {symbol}{'t63, s':<18}{'t90, s':<18}{'t98, s':<18}runs")
         for row in h.rows:
             value = (
-                rate_text(h, row, "")
+                rate_text(h.channel, row, "")
                 if lumped
                 else measured(1e12 * row.diffusivity_m2_s, 1e12 * row.standard_uncertainty)
             )

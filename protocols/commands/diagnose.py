@@ -110,6 +110,7 @@ def write(
     from shockrig.analysis.diagnose.diagnosed import stated
     from shockrig.analysis.diagnose.remainder import Tolerance
     from shockrig.analysis.estimate.gather import usable_runs
+    from shockrig.analysis.estimate.quantity import looked_for
     from shockrig.protocols.folder import said_of_data, software_version, whole_folder
     from shockrig.protocols.made_before import KEY, made_from
     from shockrig.protocols.time_left import DIAGNOSING, Phases
@@ -148,7 +149,7 @@ def write(
         recorded = input_.campaign
         crossings, notes = _flown(recorded, diagnosis, [compared[name] for name in names], seed, provenance, folder)
         views = [received(drawing[name]) for name in names]
-        left_out = [entry for name in CHANNELS for entry in usable_runs(recorded, name)[1]]
+        left_out = [entry for name in looked_for(recorded) for entry in usable_runs(recorded, name)[1]]
         used = {f"runs used, {c.name}": ", ".join(c.problem.channel.run_ids) for c in diagnosis.channels}
         shown = {"campaign": recorded.name, **provenance, **used}
         decisions = read_decisions(campaign)

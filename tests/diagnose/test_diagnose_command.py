@@ -199,7 +199,7 @@ def test_two_runs_are_diagnosed_and_name_nothing(threads, why, two_runs, tmp_pat
         assert main(["diagnose", str(two_runs), "--out", str(tmp_path / "out")]) == 0
     finally:
         done.set()
-    assert f"The bead could not be diagnosed: {why}." in capsys.readouterr().out
+    assert f"The thermometer could not be diagnosed: {why}." in capsys.readouterr().out
     channels = load(tmp_path / "out", "diagnosis.json")["channels"]
     assert list(channels) == ["humidity"]
     assert channels["humidity"]["verdict"] == "adequate" and channels["humidity"]["causes"] == []
@@ -225,7 +225,7 @@ def test_one_sensor_alone_is_diagnosed_and_the_other_is_said_to_be_missing(tmp_p
     campaign = some_runs(tmp_path / "campaign", slice(12, None), "hyt.csv")
     assert main(["diagnose", str(campaign), "--out", str(tmp_path / "out")]) == 0
     printed = capsys.readouterr().out
-    assert "temperature: adequate" in printed and "The film could not be diagnosed" in printed
+    assert "temperature: adequate" in printed and "The hygrometer could not be diagnosed" in printed
     diagnosis = load(tmp_path / "out", "diagnosis.json")
     assert list(diagnosis["channels"]) == ["temperature"] and diagnosis["channels"]["temperature"]["causes"] == []
     assert "humidity" not in load(tmp_path / "out", "profile.json")

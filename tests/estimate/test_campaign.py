@@ -125,7 +125,7 @@ def test_one_sensor_alone_is_characterized_and_the_other_is_explained(tmp_path):
 
 
 def test_runs_that_cannot_be_used_say_why(tmp_path):
-    write_json(tmp_path / "campaign.json", {"format": "shock-campaign/1", "sensors": {"imet": {}}})
+    write_json(tmp_path / "campaign.json", {"format": "shock-campaign/1", "sensors": {"imet": {}, "hyt": {}}})
     airs = {"source": {"temperature_c": 40.0}, "destination": {"temperature_c": 20.0}}
     write_json(tmp_path / "runs/0001/run.json", {"format": "shock-run/1", **airs, "transfer": {"start_s": 10.5}})
     (tmp_path / "runs/0001/imet.csv").write_text("time_s,temperature_c\n0.0,40.0\n0.1,40.01\n0.2,39.99\n")

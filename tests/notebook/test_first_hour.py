@@ -14,6 +14,7 @@ from shockrig.analysis.report.characterize_page import verdict
 from shockrig.files.campaign import RunAir
 from shockrig.files.flight_figure import plot_flight
 from shockrig.files.headline import headlines
+from shockrig.protocols.cli import main
 from shockrig.remedies import WORDS, in_python
 
 ROOT = Path(__file__).parents[2]
@@ -84,6 +85,14 @@ def test_what_is_not_used_of_a_log_is_said(log):
     made = shockrig.import_log(frame)
     assert len(made.notes) == 1 and "not used" in made.notes[0] and "battery, door" in made.notes[0]
     assert repr(made).endswith("; 1 note>") and made.notes[0] in made._repr_html_()
+
+
+def test_a_log_of_one_sensor_lacks_no_other(tmp_path, capsys):
+    frame = pd.read_csv(shockrig.example("steps.csv"))
+    columns = {"time": "Time (UTC)", "temperature": "Probe T (degC)"}
+    shockrig.import_log(frame, columns=columns, out=tmp_path / "bead")
+    assert main(["characterize", str(tmp_path / "bead"), "--out", str(tmp_path / "out")]) == 0
+    assert "humidity" not in "".join(capsys.readouterr())
 
 
 def test_columns_that_nobody_would_guess_are_named(log):

@@ -33,18 +33,18 @@ def gain(before, after, floor):
     return Gain(before, after, floor, 0.99, (0.98, 1.0), *runs)
 
 
-def recorded(airs_known):
+def recorded(airs_known, body="sphere"):
     """One run of a lag of 1 s, 90 % of its way after 2.3 s."""
     time_s = np.linspace(-2.0, 20.0, 441)
     reading = np.where(time_s > 0, 30.0 - 10.0 * np.exp(-np.maximum(time_s, 0.0)), 20.0)
     conditions = SimpleNamespace(airs_known=np.array([airs_known]), start_known=np.array([True]))
     runs = {"run_ids": ("0001",), "samples": ((time_s, reading),), "air": (None,)}
-    return SimpleNamespace(quantity=TEMPERATURE, conditions=conditions, **runs)
+    return SimpleNamespace(quantity=TEMPERATURE, conditions=conditions, body=body, **runs)
 
 
-def channel(name, verdict, causes=(), discrepancy=None, airs_known=True):
+def channel(name, verdict, causes=(), discrepancy=None, airs_known=True, body="sphere"):
     return SimpleNamespace(
-        problem=SimpleNamespace(channel=recorded(airs_known)),
+        problem=SimpleNamespace(channel=recorded(airs_known, body)),
         name=name,
         discovered=(),
         verdict=verdict,
@@ -88,6 +88,8 @@ def test_every_effect_of_the_catalogue_has_a_sentence_without_blanks(effect):
 
 def test_adequate_and_unexplained_are_said_honestly():
     assert "plain diffusion model describes the film" in channel_verdict(channel("humidity", "adequate"))
+    one_lag = channel("temperature", "adequate", body="lumped")
+    assert channel_verdict(one_lag).startswith("One lag describes the thermometer: it predicts unseen runs to")
     left = {
         "size_rms": 0.08,
         "size_peak": 0.2,
