@@ -1,6 +1,7 @@
 """What must hold for whoever types `shockrig check`: everything that is wrong in one tree, nothing touched."""
 
 import itertools
+import re
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -71,6 +72,15 @@ def test_a_sensor_that_fails_now_and_then_is_not_well(tmp_path):
     _, found = examined(tmp_path, {"hyt": [Fault("stuck_low", 0.0, probability=0.4)]})
     assert "implausible" in found["hyt"].cause and "10 readings/s" not in found["hyt"].cause
     assert "temperature" in found["hyt"].says  # what it did say is told too
+
+
+@pytest.mark.parametrize(("until_s", "well"), [(0.85, True), (1.25, False)])
+def test_one_lost_reading_is_told_and_a_share_of_them_is_a_fault(tmp_path, until_s, well):
+    _, found = examined(tmp_path, {"hyt": [Fault("stuck_low", 0.75, until_s)]})
+    said = found["hyt"].says if well else found["hyt"].cause
+    assert found["hyt"].well is well, said
+    *failed, of = map(int, re.findall(r"(\d+)(?= implausible| stale| readings$)", said))
+    assert of > 40 and (sum(failed) == 1) is well  # who fails once is listened to for the whole time
 
 
 def test_a_stage_that_must_not_move_hears_nothing(tmp_path):
