@@ -26,7 +26,9 @@ def fingerprint(campaign: Campaign) -> str:
 def _add(digest: Any, value: Any) -> None:
     """Add a value with its kind and length, so that no two differ in nothing but where one ends."""
     if dataclasses.is_dataclass(value):
-        _add(digest, {f.name: getattr(value, f.name) for f in dataclasses.fields(value) if f.name not in NOT_OF_IT})
+        # Python's class of campaigns adds notes of its own.
+        stated = dataclasses.fields(Campaign if isinstance(value, Campaign) else value)
+        _add(digest, {f.name: getattr(value, f.name) for f in stated if f.name not in NOT_OF_IT})
     elif isinstance(value, np.ndarray):
         digest.update(f"array {value.dtype} {value.shape}\n".encode())
         digest.update(np.ascontiguousarray(value).tobytes())
