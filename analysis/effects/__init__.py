@@ -10,11 +10,12 @@ import importlib
 from collections.abc import Iterable
 from dataclasses import replace
 
+from shockrig.analysis.effects import offset_in_descent
 from shockrig.analysis.effects.described import described, is_described
 from shockrig.analysis.estimate.effect import Effect, Parameter
 from shockrig.analysis.estimate.model import Held, Structure
 
-__all__ = ["CATALOGUE", "Effect", "Parameter", "by_id", "structure_of"]
+__all__ = ["CATALOGUE", "OF_FLIGHT", "Effect", "Parameter", "by_id", "structure_of"]
 
 # In the order of the chain.
 _FILES = (
@@ -58,6 +59,8 @@ def _entries() -> Iterable[Effect]:
 
 
 CATALOGUE: dict[str, Effect] = {effect.id: replace(effect, order=i) for i, effect in enumerate(_entries())}
+# What no bench shows: flights alone find it, and a correction takes it off as it does the catalogue's.
+OF_FLIGHT: dict[str, Effect] = {effect.id: effect for effect in (offset_in_descent.EFFECT,)}
 
 
 def by_id(id_: str) -> Effect:

@@ -503,7 +503,7 @@ def _notes(profile: Profile, design: Design, given: list[tuple[Value, Value]], f
         if part is None:
             notes.append(f"{name}: given as it came: the profile has no {name} part")
         else:
-            notes += not_undone(part.effects, name, part.discovered)
+            notes += not_undone(part.effects, name, part.discovered, climb_known=False)
     if profile.humidity is not None and design.humidity is None and np.isfinite(flight.humidity_percent).any():
         notes.append("humidity: given as it came: no temperature of the air in the log")
     for one, name in ((design.temperature, "temperature"), (design.humidity, "humidity")):

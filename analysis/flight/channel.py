@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
+from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 
 from shockrig.analysis.flight.coarse import COARSE_IN_NOISE
 from shockrig.analysis.flight.prior import Passing
-from shockrig.analysis.flight.readout import Undone
+from shockrig.analysis.flight.readout import Carried, Undone
 from shockrig.analysis.flight.response import LagResponse
 from shockrig.analysis.flight.screen import Screened
 from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
@@ -100,6 +100,8 @@ class FlightChannel:
         With a row for each of them.
     temperature_alone : ndarray (n,) or None
         How far the temperature moved by itself, which a film did not see [K].
+    carried : Carried or None
+        What the carrier adds to the air around the sensor, and is in `value`.
     """
 
     name: str
@@ -116,6 +118,7 @@ class FlightChannel:
     jumps_s: Array | None = None
     response: LagResponse | None = None
     temperature_alone: Array | None = None
+    carried: Carried | None = None
 
     @property
     def total_uncertainty(self) -> Array:
@@ -136,6 +139,20 @@ class FlightChannel:
         """The same with an uncertainty `by` of every corrected value beside what is stated, common to the flight."""
         more = np.where(self.raw, 0.0, by)
         return replace(self, uncertainty=np.hypot(self.uncertainty, more), common=np.hypot(self.common, more))
+
+    def in_free_air(self, time_s: Array) -> FlightChannel:
+        """The same without what the carrier adds. Where that begins and ends, half of it is unsure for as long as the
+        sensor lags."""
+        if self.carried is None:
+            return self
+        added = self.carried.value
+        lag_s = 0.0 if self.response is None else self.response.slowest_s
+        rows = 1 + 2 * int(np.ceil(lag_s / typical_period(time_s)))
+        turning = 0.5 * (maximum_filter1d(added, rows) - minimum_filter1d(added, rows))
+        free = self.doubted(self.carried.uncertainty)
+        value = np.where(self.raw, self.value, self.value - added)
+        unsure = np.where(self.raw, np.abs(added), turning)
+        return replace(free, value=value, uncertainty=np.hypot(free.uncertainty, unsure), carried=None)
 
 
 def judged(

@@ -24,6 +24,7 @@ from shockrig.analysis.flight.own_thermometer import seen_by_film, slow_against_
 from shockrig.analysis.flight.readout import (
     Acting,
     acting,
+    carried,
     ceiling,
     noise_floor,
     not_known,
@@ -40,6 +41,7 @@ from shockrig.analysis.flight.screen import code_notes, screen, without_codes
 from shockrig.analysis.flight.simulated.typical import NOISE_K, NOISE_PERCENT
 from shockrig.analysis.flight.smooth_channel import LONGEST_BRIDGE_S, Estimate, estimate, typical_period
 from shockrig.analysis.flight.stretches import largest_share
+from shockrig.analysis.flight.track import climb_m_s
 from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S, REFERENCE_C, Stream
 from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA
 from shockrig.files.errors import InputError
@@ -135,14 +137,17 @@ def correct(
         return _gather(flight.time_s.size, rows, bead, film, notes, {}, {})
     stream = _stream(part, profile, notes)
     solve, bodies = METHODS[method], profile.bodies
-    bead = _temperature(part, profile.temperature, bodies["imet"], stream, solve, cutoff_hz, temperature_noise_k, notes)
+    around = _temperature(
+        part, profile.temperature, bodies["imet"], stream, solve, cutoff_hz, temperature_noise_k, notes
+    )
+    bead = around.in_free_air(part.time_s)
 
     def film_with(known: Told | None) -> tuple[FlightChannel, list[str]]:
         said: list[str] = []
         given = humidity_noise_percent
         return correct_humidity(
-            part, profile.humidity, bodies["hyt"], stream, bead, solve, cutoff_hz, given, said, known
-        ), said
+            part, profile.humidity, bodies["hyt"], stream, around, solve, cutoff_hz, given, said, known
+        ).in_free_air(part.time_s), said
 
     film, said = film_with(None)
     if (known := told(part, bead, film)) is not None:
@@ -218,7 +223,8 @@ def _temperature(
     if part is None or response is None or too_few(screened):
         why = lacking(part, "temperature", raw, possible)
         return untouched("temperature", raw, screened, why, notes)
-    notes.extend(not_undone(part.effects, "temperature", part.discovered))
+    climb = climb_m_s(flight)
+    notes.extend(not_undone(part.effects, "temperature", part.discovered, climb is not None))
     plain = undone(effects, raw, stream, part.bead_radius_m, period)
     variance = (np.hypot(noise * screened.louder, screened.resolution / np.sqrt(12)) / plain.gain) ** 2
     steps = coarse(screened.resolution, noise, 1.0 / plain.gain)
@@ -239,7 +245,8 @@ def _temperature(
     channel = judged(readings, found, plain, screened, outside, raw, everywhere, notes)
     channel = held(channel, readings, raw, everywhere, notes)
     left = not_known(effects)
-    return replace(channel, uncertainty=np.hypot(channel.uncertainty, left), common=np.hypot(channel.common, left))
+    channel = replace(channel, uncertainty=np.hypot(channel.uncertainty, left), common=np.hypot(channel.common, left))
+    return replace(channel, carried=carried(effects, climb))
 
 
 def _gather(

@@ -27,7 +27,17 @@ from shockrig.analysis.flight.comparisons import Told
 from shockrig.analysis.flight.doubts import airspeed_doubt
 from shockrig.analysis.flight.guard import held
 from shockrig.analysis.flight.prior import Passing
-from shockrig.analysis.flight.readout import Acting, acting, ceiling, noise_floor, not_known, not_undone, stale, undone
+from shockrig.analysis.flight.readout import (
+    Acting,
+    acting,
+    carried,
+    ceiling,
+    noise_floor,
+    not_known,
+    not_undone,
+    stale,
+    undone,
+)
 from shockrig.analysis.flight.readout import unseen as beyond_discovered
 from shockrig.analysis.flight.response import LagResponse, film_response, unsure_of_airspeed
 from shockrig.analysis.flight.screen import screen
@@ -36,6 +46,7 @@ from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
 from shockrig.analysis.flight.smoother import followed
 from shockrig.analysis.flight.stretches import largest_share
 from shockrig.analysis.flight.sweep import lags_behind
+from shockrig.analysis.flight.track import climb_m_s
 from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.flight import Flight
@@ -192,8 +203,11 @@ def correct_humidity(
     notes: list[str],
     told: Told | None = None,
 ) -> FlightChannel:
-    """The humidity channel; `bead` is the temperature's, corrected, `given` a noise floor other than the part's, `told`
-    what the flight says of the film's time scale."""
+    """The humidity channel.
+
+    `bead` is the temperature's, corrected: of the air around both sensors, with what the carrier adds to it. `given` is
+    a noise floor other than the part's, `told` what the flight says of the film's time scale.
+    """
     raw, time_s = flight.humidity_percent, flight.time_s
     effects = acting(part.effects, "humidity", part.discovered) if part else ()
     noise = given or NOISE_PERCENT
@@ -224,7 +238,8 @@ def correct_humidity(
             f"humidity: readings lie between {seen.min():.2g} and {seen.max():.2g}: if they are fractions of 1 and not "
             '%RH, multiply by 100, or read the log by a map with humidity_unit = "fraction"'
         )
-    notes.extend(not_undone(part.effects, "humidity", part.discovered))
+    climb = climb_m_s(flight)
+    notes.extend(not_undone(part.effects, "humidity", part.discovered, climb is not None))
     sigma = bridged(time_s, bead.uncertainty)
     if air is None or response is None:
         return untouched("humidity", raw, screened, "no temperature of the air in the log", notes)
@@ -245,6 +260,8 @@ def correct_humidity(
         air = air - alone
     # a late reading is of the air that was; the die's temperature comes from the same chip and is as late
     now, air, error = air, *(_earlier(time_s, values, plain.delay_s) for values in (air, sigma))
+    if bead.carried is not None:
+        now = now - bead.carried.value
     own = air if die is None else die
     # vapour pressure as relative humidity at a fixed temperature: what diffuses, in a unit that reads like %RH
     by_activity = any(one.meaning.by_activity for one in effects)
@@ -313,7 +330,11 @@ def correct_humidity(
     # nothing between dry and saturated is farther away than the farther of the two
     uncertainty = np.minimum(uncertainty, np.maximum(value, SATURATED_PERCENT - value))
     uncertainty, common = (np.hypot(sigma, left) for sigma in (uncertainty, channel.common))
-    return replace(channel, value=value, uncertainty=uncertainty, common=common, temperature_alone=alone)
+    if bead.carried is not None:
+        of_carrier = np.where(channel.raw, 0.0, value * _steepness(now) * bead.carried.uncertainty)
+        uncertainty, common = np.hypot(uncertainty, of_carrier), np.hypot(common, of_carrier)
+    channel = replace(channel, value=value, uncertainty=uncertainty, common=common, temperature_alone=alone)
+    return replace(channel, carried=carried(effects, climb))
 
 
 def _earlier(time_s: Array, values: Array, delay_s: float) -> Array:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.effects import CATALOGUE, OF_FLIGHT
 from shockrig.analysis.effects.described import entry_of, of_readings, stated_values
 from shockrig.analysis.estimate.effect import Effect, InFlight
 from shockrig.analysis.physics.exchange import Stream
@@ -85,7 +85,7 @@ def acting(effects: Iterable[StatedEffect], channel: str, discovered: Iterable[D
         _demand_possible(described, values, uncertainties)
         found.append(Acting(described, described.in_flight, values, uncertainties))
     for effect in effects:
-        entry = CATALOGUE.get(effect.effect)
+        entry = CATALOGUE.get(effect.effect) or OF_FLIGHT.get(effect.effect)
         if entry is None or entry.in_flight is None or channel not in entry.channels:
             continue
         values = Stated(effect.effect, {name: p.value for name, p in effect.parameters.items()})
@@ -137,7 +137,9 @@ def unseen(discovered: Iterable[Discovered], airspeed: Array, temperature_c: Arr
     return outside
 
 
-def not_undone(effects: Iterable[StatedEffect], channel: str, discovered: Iterable[Discovered] = ()) -> list[str]:
+def not_undone(
+    effects: Iterable[StatedEffect], channel: str, discovered: Iterable[Discovered] = (), climb_known: bool = True
+) -> list[str]:
     """One sentence for each of a profile's effects that a flight's correction leaves alone."""
     said = []
     for one in discovered:
@@ -152,7 +154,7 @@ def not_undone(effects: Iterable[StatedEffect], channel: str, discovered: Iterab
         elif described.in_flight.left:
             said.append(f"{channel}: {behaviour(one)} is in the profile and is not undone in a flight")
     for effect in effects:
-        entry = CATALOGUE.get(effect.effect)
+        entry = CATALOGUE.get(effect.effect) or OF_FLIGHT.get(effect.effect)
         if entry is None:
             why = "is in the profile and unknown to this version, so it is not undone in a flight"
         elif channel not in entry.channels:
@@ -161,6 +163,8 @@ def not_undone(effects: Iterable[StatedEffect], channel: str, discovered: Iterab
             why = "belongs to the bench and not to the sensor, and has no part in a flight"
         elif entry.in_flight.left:
             why = "is in the profile and is not undone in a flight"
+        elif entry.in_flight.carried is not None and not climb_known:
+            why = "is in the profile and is left in: it is not known how fast the flight climbs"
         else:
             continue
         said.append(f"{channel}: {effect.effect} {why}")
@@ -264,6 +268,29 @@ def undone(effects: Sequence[Acting], reading: Array, stream: Stream, length_m: 
         delay_s,
         float(np.sqrt(late_variance)),
     )
+
+
+@dataclass(frozen=True)
+class Carried:
+    """What the carrier adds to the air around a sensor (n,), and its standard uncertainty, common to the flight."""
+
+    value: Array
+    uncertainty: Array
+
+
+def carried(effects: Iterable[Acting], climb_m_s: Array | None) -> Carried | None:
+    """What it adds along a flight of such a vertical speed (n,); None where nothing, or nobody knows the speed."""
+    adding = [(one, one.meaning.carried) for one in effects if one.meaning.carried is not None]
+    if climb_m_s is None or not adding:
+        return None
+    value, variance = np.zeros(climb_m_s.shape), np.zeros(climb_m_s.shape)
+    for one, adds in adding:
+
+        def at(values: Stated, adds: Callable[[Mapping[str, float], Array], Array] = adds) -> Array:
+            return adds(values, climb_m_s)
+
+        value, variance = value + at(one.values), variance + propagated(one, at) ** 2
+    return Carried(value, np.sqrt(variance))
 
 
 def noise_floor(effects: Sequence[Acting], noise: float) -> float:

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.analysis.flight.track import coarse_track, vertical_speed
 from shockrig.files.flight import Flight
 from shockrig.files.ranges import RANGES
 
@@ -24,7 +25,6 @@ FEWEST_BINS = 24
 OUTLIER_SIGMAS = 6.0  # of the readings around: a reading further from their median is not one
 AROUND = 7  # readings of which that is the median
 LEAST_AIRFLOW_M_S = 0.5  # past a sensor that hovers in air that moves: what sinks no faster hovers
-CLIMB_SMOOTHED_S = 5.0  # over which the track's vertical speed is taken
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def binned(flight: Flight, name: str, count: int) -> FlightBins:
     # Half of the measure is time and half is way, so that neither a hover nor a fast descent is left without bins.
     inside = (track_s >= begins) & (track_s <= ends)
     at, metres = track_s[inside], track_m[inside]
-    smooth = np.interp(at, *_coarse(at, metres))
+    smooth = np.interp(at, *coarse_track(at, metres))
     way = np.r_[0.0, np.cumsum(np.abs(np.diff(smooth)))]
     measure = (at - at[0]) / max(np.ptp(at), 1e-9) + way / max(way[-1], 1e-9)
     readings = int(np.count_nonzero((time >= begins) & (time <= ends)))
@@ -164,7 +164,7 @@ def binned(flight: Flight, name: str, count: int) -> FlightBins:
     columns = {"temperature": flight.temperature_c[order], "humidity": flight.humidity_percent[order]}
     values = {key: mean(_plausible(key, column)) for key, column in columns.items()}
     altitude = np.interp(within, track_s, track_m).mean(axis=1)
-    climb = np.interp(middle, *_climb(track_s, track_m))
+    climb = np.interp(middle, *vertical_speed(track_s, track_m))
     airspeed = mean(np.where(flight.airspeed_m_s[order] >= 0, flight.airspeed_m_s[order], np.nan))
     airflow = np.where(np.isfinite(airspeed), airspeed, np.abs(climb))
     return FlightBins(
@@ -209,22 +209,6 @@ def _flown(track_s: Array, track_m: Array) -> tuple[float, float]:
     low = float(np.quantile(track_m, 0.005))
     over = np.flatnonzero(track_m > low + GROUND_SHARE * float(track_m.max() - low))
     return float(track_s[over[0]]), float(track_s[over[-1]])
-
-
-def _coarse(time_s: Array, values: Array) -> tuple[Array, Array]:
-    """Means over a few seconds, so that a track's own noise is no way that was flown."""
-    number = np.floor((time_s - time_s[0]) / CLIMB_SMOOTHED_S).astype(int)
-    count = np.bincount(number)
-    filled = count > 0
-    return (
-        np.bincount(number, weights=time_s)[filled] / count[filled],
-        np.bincount(number, weights=values)[filled] / count[filled],
-    )
-
-
-def _climb(track_s: Array, track_m: Array) -> tuple[Array, Array]:
-    at, metres = _coarse(track_s, track_m)
-    return at, np.gradient(metres, at) if at.size > 1 else np.zeros_like(at)
 
 
 def _plausible(channel: str, values: Array) -> Array:

@@ -187,12 +187,15 @@ def _ventilated(values: Values, bins: FlightBins) -> Array:
     return np.asarray(values["rise_k_at_5_m_s"] * np.sqrt(REFERENCE_AIRFLOW_M_S / bins.airflow_m_s))
 
 
+def descent_from_m_s(bins: FlightBins) -> float:
+    """Sinking faster than this is a descent: half of the usual, since a track's speed is smoothed; endless for none."""
+    sinks = -bins.climb_m_s[bins.climb_m_s < -LEAST_AIRFLOW_M_S]
+    return 0.5 * float(sinks.mean()) if sinks.size else np.inf
+
+
 def _descending(bins: FlightBins) -> Array:
     """1 while the flight descends, else 0 (n,)."""
-    sinks = bins.climb_m_s[bins.climb_m_s < -LEAST_AIRFLOW_M_S]
-    usual = float(sinks.mean()) if sinks.size else -np.inf
-    # From half of the usual speed on: a track's speed is smoothed, and half of it is where a descent begins.
-    return np.asarray(bins.climb_m_s < 0.5 * usual, dtype=float)
+    return np.asarray(bins.climb_m_s < -descent_from_m_s(bins), dtype=float)
 
 
 def _late(values: Values, bins: FlightBins) -> Array:
@@ -304,6 +307,7 @@ def _laws() -> tuple[Law, ...]:
                 "Greene and others 2018, doi 10.5194/amt-11-5519-2018",
                 "another speed of descent, a night, and a hover",
                 offset=lambda p, bins: _descending(bins) * p["offset_in_descent"],
+                flown_as="offset_in_descent",
             ),
         ]
     found += [

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.effects import CATALOGUE, OF_FLIGHT
 from shockrig.analysis.learn.bins import REFERENCE_TEMPERATURE_C
-from shockrig.analysis.learn.laws import LAWS
+from shockrig.analysis.learn.laws import LAWS, descent_from_m_s
 from shockrig.analysis.learn.learn import ChannelLearned, FlightCause, FlightsLearned, LearnedNumber
 from shockrig.files.causes import StatedEffect, Uncertain
 from shockrig.files.errors import InputError
@@ -66,11 +66,12 @@ def learned_profile(
         alpha = BEAD_RADIUS_M**2 / tau.value
         bead = TemperatureProfile(
             Uncertain(alpha, alpha * tau.standard_uncertainty / tau.value),
-            effects=_effects(learned.channels["temperature"], temperature),
+            effects=_effects(learned, learned.channels["temperature"], temperature),
         )
         sensors["imet"] = {"kind": "learned from flights", "body": "lumped"}
     if humidity is not None:
-        film = HumidityProfile(_table(learned, humidity), effects=_effects(learned.channels["humidity"], humidity))
+        effects = _effects(learned, learned.channels["humidity"], humidity)
+        film = HumidityProfile(_table(learned, humidity), effects=effects)
         sensors["hyt"] = {"kind": "learned from flights", "body": "lumped"}
     return Profile(bead, film, sensors, dict(provenance))
 
@@ -103,24 +104,34 @@ def _table(learned: FlightsLearned, shown: Mapping[str, LearnedNumber]) -> tuple
     return tuple(rows)
 
 
-def _effects(channel: ChannelLearned, shown: Mapping[str, LearnedNumber]) -> tuple[StatedEffect, ...]:
+def _effects(
+    learned: FlightsLearned, channel: ChannelLearned, shown: Mapping[str, LearnedNumber]
+) -> tuple[StatedEffect, ...]:
     found = []
     if "fraction" in shown:
         second = {"fraction": shown["fraction"], "time_constant_s": shown["second_time_constant_s"]}
         found.append(_effect(LAWS[f"{channel.channel}.second_path"].flown_as, second, None))
     for cause in channel.causes:
-        effect = cause.law.flown_as
-        offsets = cause.law.offset is not None or cause.law.warmer is not None
-        if effect and offsets and cause.probability >= LIKELIER and _can_be(cause):
-            known = {parameter.name for parameter in CATALOGUE[effect].parameters}
-            numbers = {one.name: one for one in cause.parameters if one.name in known}
-            found.append(_effect(effect, numbers, cause.probability))
+        law = cause.law
+        if law.flown_as and (law.offset or law.warmer) and cause.probability >= LIKELIER:
+            stated = _stated(cause, learned)
+            entry = (CATALOGUE | OF_FLIGHT)[law.flown_as]
+            if all(p.low <= stated[p.name].value <= p.high for p in entry.parameters if p.name in stated):
+                found.append(StatedEffect(entry.id, stated, cause.probability))
     return tuple(found)
 
 
-def _can_be(cause: FlightCause) -> bool:
-    """Whether the catalogue's effect can have such a value: a current only warms."""
-    return all(one.value >= 0 for one in cause.parameters)
+def _stated(cause: FlightCause, learned: FlightsLearned) -> dict[str, Uncertain]:
+    """A law's numbers under the names of the effect that flies; how fast a descent is, it shares with the flights."""
+    if cause.law.flown_as in OF_FLIGHT:
+        (offset,) = cause.parameters
+        sinking = [speed for one in learned.bins if np.isfinite(speed := descent_from_m_s(one))]
+        return {
+            "offset": Uncertain(offset.value, offset.standard_uncertainty),
+            "from_m_s": Uncertain(float(np.median(sinking))),
+        }
+    known = {parameter.name for parameter in CATALOGUE[cause.law.flown_as].parameters}
+    return {one.name: Uncertain(one.value, one.standard_uncertainty) for one in cause.parameters if one.name in known}
 
 
 def _effect(name: str, numbers: Mapping[str, LearnedNumber], probability: float | None) -> StatedEffect:
@@ -146,7 +157,7 @@ def _moved(
             bead,
             thermal_diffusivity_m2_s=Uncertain(float(alpha), float(alpha * tau.standard_uncertainty / tau.value)),
             response_time_s=None,
-            effects=(*bead.effects, *_effects(learned.channels["temperature"], temperature)),
+            effects=(*bead.effects, *_effects(learned, learned.channels["temperature"], temperature)),
         )
     if film is not None and humidity is not None:
         tau = humidity["time_constant_s"]
@@ -163,6 +174,6 @@ def _moved(
                 )
                 for row in film.diffusivity_table
             ),
-            effects=(*film.effects, *_effects(learned.channels["humidity"], humidity)),
+            effects=(*film.effects, *_effects(learned, learned.channels["humidity"], humidity)),
         )
     return replace(bench, temperature=bead, humidity=film, provenance=dict(provenance))

@@ -37,7 +37,7 @@ def page(
         line
         for channel, part in (("temperature", profile.temperature), ("humidity", profile.humidity))
         if part is not None
-        for line in not_undone(part.effects, channel, part.discovered)
+        for line in not_undone(part.effects, channel, part.discovered, climb_known=False)
     ]
     low, high = design.humidity.covers_c
     values = {
