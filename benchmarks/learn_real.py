@@ -6,6 +6,7 @@ CACHE holds folders of logs that were fetched from public repositories; nothing 
 `dives` is what `real_passes.py` takes. Of a mission that judges, no log is read here: of Lake Michigan the first one
 alone is.
 Each flight's passes are corrected by a fit without the flight. Mean and spread are of the later pass less the earlier.
+Where there are four flights or more, `correct` takes the profile learned from every other one to those between.
 """
 
 from __future__ import annotations
@@ -16,13 +17,22 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from real_pass_sets import SEAL, fur_seal
 
-from shockrig.analysis.learn.learn import learn
+from shockrig.analysis.flight.correct import correct
+from shockrig.analysis.learn.bins import CHANNELS, binned
+from shockrig.analysis.learn.density import prepared
+from shockrig.analysis.learn.learn import BINS, learn
+from shockrig.analysis.learn.passes import disagreement
+from shockrig.analysis.learn.profile import learned_profile
+from shockrig.files.flight import Flight
 from shockrig.protocols.learning import named_flights, sentence
+
+FEWEST = 4  # flights, of which a half is learned from and a half corrected
 
 SETS: dict[str, Callable[[Path, Path], list[Path]]] = {
     "Lake Michigan, first mission (evans36/lakemichigan @11f5ecb, Windsond S1)": lambda cache, _: sorted(
@@ -82,7 +92,37 @@ def table(cache: Path, made: Path) -> list[str]:
                 f"  position: shift {shift.value:.2f} ± {shift.standard_uncertainty:.2f} s "
                 f"(probability {cause.probability:.2f})"
             )
-        lines += [f"  {weight:.3f}  {said}" for said, weight in found.weights[:5]] + [""]
+        lines += [f"  {weight:.3f}  {said}" for said, weight in found.weights[:5]]
+        lines += [*corrected(named_flights([p for p in paths if p.name not in found.left_out])[0]), ""]
+    return lines
+
+
+def corrected(flights: dict[str, Flight]) -> list[str]:
+    """How far passes of every second flight disagree, as read and corrected with the profile of the others."""
+    if len(flights) < FEWEST:
+        return []
+    names = list(flights)
+    profile = learned_profile(learn({name: flights[name] for name in names[::2]}), {})
+    if profile is None:
+        return ["  every other flight: no profile"]
+    lines = []
+    for channel in CHANNELS:
+        part = getattr(profile, channel)
+        rms = []
+        for name in names[1::2]:
+            found = correct(flights[name], profile)
+            air = replace(flights[name], temperature_c=found.temperature_c, humidity_percent=found.humidity_percent)
+            both = [binned(one, name, BINS) for one in (flights[name], air)]
+            if all(one.has(channel) for one in both):
+                rms.append([disagreement([prepared(one, channel)], None, channel).rms for one in both])
+        effects = "" if part is None else "".join(f", {one.effect}" for one in part.effects)
+        said = "not in the profile" if part is None else f"profile with a lag{effects}"
+        read, after = np.sqrt(np.mean(np.square(rms), axis=0))
+        better = sum(b < a for a, b in rms)
+        lines.append(
+            f"  every other flight, {channel}: {said}; {len(rms)} flights between them, rms {read:.2f} as read, "
+            f"{after:.2f} corrected, nearer in {better}"
+        )
     return lines
 
 

@@ -26,5 +26,5 @@ EFFECT = Effect(
     start=Start(own_rates=True, always=True),  # far from the plain film, whose rate then means little
     candidacy=Candidacy(excludes=frozenset({"die_thermal_lag", "concentration_dependent_diffusivity"}), shape=True),
     readout=Readout(thermal="thermal shocks, the film driven by the humidity at its own temperature"),
-    in_flight=InFlight(at_die=True, by_activity=True),
+    in_flight=InFlight(at_die=True, activity=lambda p: 1.0),
 )

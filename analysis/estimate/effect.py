@@ -127,8 +127,10 @@ class InFlight:
         Whether vapour is turned into humidity at the sensor's own temperature.
     die_share : values -> float
         How far from the air's temperature to its own, where not all the way.
-    by_activity : bool
-        Whether the film takes up by the humidity at that temperature, and not by the vapour in the air.
+    film_c : (values, time (n,) [s], bead's reading (n,) [degC]) -> ndarray (n,)
+        Its own temperature, where the bead's tells it.
+    activity : values -> float
+        From 0, where the film takes up the vapour in the air, to 1, where by the humidity at its own temperature.
     left : bool
         Whether it is left in the reading, and said to be.
     """
@@ -149,7 +151,8 @@ class InFlight:
     uncertainty: Callable[[Values], float] | None = None
     at_die: bool = False
     die_share: Callable[[Values], float] | None = None
-    by_activity: bool = False
+    film_c: Callable[[Values, Array, Array], Array] | None = None
+    activity: Callable[[Values], float] | None = None
     left: bool = False
 
 

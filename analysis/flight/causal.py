@@ -14,7 +14,7 @@ from shockrig.analysis.flight.causal_design import ChannelDesign, Design, design
 from shockrig.analysis.flight.causal_guard import CODES_WITHIN, Guard, Judged
 from shockrig.analysis.flight.channel import LONGEST_FILL_S, LONGEST_REPEAT_S
 from shockrig.analysis.flight.doubts import profile_doubts
-from shockrig.analysis.flight.readout import not_undone
+from shockrig.analysis.flight.readout import not_causal, not_undone
 from shockrig.analysis.flight.screen import FEWEST_ROWS, GAP_PERIODS, LONGEST_GAP_S
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S
@@ -503,7 +503,7 @@ def _notes(profile: Profile, design: Design, given: list[tuple[Value, Value]], f
         if part is None:
             notes.append(f"{name}: given as it came: the profile has no {name} part")
         else:
-            notes += not_undone(part.effects, name, part.discovered, climb_known=False)
+            notes += not_undone(part.effects, name, part.discovered, not_causal)
     if profile.humidity is not None and design.humidity is None and np.isfinite(flight.humidity_percent).any():
         notes.append("humidity: given as it came: no temperature of the air in the log")
     for one, name in ((design.temperature, "temperature"), (design.humidity, "humidity")):

@@ -27,6 +27,7 @@ from shockrig.analysis.flight.readout import (
     of_airspeed,
     of_pressure,
     undone,
+    uptake,
 )
 from shockrig.analysis.flight.response import LagResponse, bead_response, film_response, unsure_of_airspeed
 from shockrig.analysis.flight.simulated.typical import NOISE_K, NOISE_PERCENT
@@ -187,7 +188,7 @@ def design_of(
         asking = [one for one in effects if one.meaning.at_die]
         shares = [1.0 if one.meaning.die_share is None else one.meaning.die_share(one.values) for one in asking]
         share = max(shares, default=0.0)
-        by_activity = any(one.meaning.by_activity for one in effects)
+        by_activity = uptake(effects)[0] >= 0.5
     return Design(bead, film, period, share, by_activity)
 
 

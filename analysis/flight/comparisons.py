@@ -186,7 +186,7 @@ def causes(flight: Flight, bead: FlightChannel, channel: FlightChannel) -> list[
                 seen(value) - seen(value * saturated) / saturated,
                 False,
                 "a film that takes up relative humidity and not vapour: diagnose the campaign "
-                f"({named_effects(channel.name, lambda flown: flown.by_activity)})",
+                f"({named_effects(channel.name, lambda flown: flown.activity is not None)})",
             )
         )
         die = bridged(flight.time_s, flight.die_temperature_c)
@@ -213,7 +213,7 @@ def _played(values: Array, half: float) -> Array:
 
 def late_die() -> str:
     """Names of the effects that make the hygrometer's own temperature late."""
-    return named_effects("humidity", lambda flown: flown.at_die and not flown.by_activity)
+    return named_effects("humidity", lambda flown: flown.at_die and flown.activity is None)
 
 
 def named_effects(channel: str, means: Callable[[InFlight], bool]) -> str:

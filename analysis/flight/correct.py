@@ -26,6 +26,7 @@ from shockrig.analysis.flight.readout import (
     acting,
     carried,
     ceiling,
+    climb_unknown,
     noise_floor,
     not_known,
     not_undone,
@@ -224,7 +225,7 @@ def _temperature(
         why = lacking(part, "temperature", raw, possible)
         return untouched("temperature", raw, screened, why, notes)
     climb = climb_m_s(flight)
-    notes.extend(not_undone(part.effects, "temperature", part.discovered, climb is not None))
+    notes.extend(not_undone(part.effects, "temperature", part.discovered, *[climb_unknown] * (climb is None)))
     plain = undone(effects, raw, stream, part.bead_radius_m, period)
     variance = (np.hypot(noise * screened.louder, screened.resolution / np.sqrt(12)) / plain.gain) ** 2
     steps = coarse(screened.resolution, noise, 1.0 / plain.gain)

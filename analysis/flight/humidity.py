@@ -5,7 +5,7 @@ What the air's temperature leaves open divides the reading and the result alike,
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -29,14 +29,18 @@ from shockrig.analysis.flight.guard import held
 from shockrig.analysis.flight.prior import Passing
 from shockrig.analysis.flight.readout import (
     Acting,
+    Stated,
     acting,
     carried,
     ceiling,
+    climb_unknown,
     noise_floor,
     not_known,
     not_undone,
+    propagated,
     stale,
     undone,
+    uptake,
 )
 from shockrig.analysis.flight.readout import unseen as beyond_discovered
 from shockrig.analysis.flight.response import LagResponse, film_response, unsure_of_airspeed
@@ -56,6 +60,7 @@ from shockrig.files.ranges import LIKELY, RANGES
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+FilmTemperature = Callable[[Mapping[str, float], Array, Array], Array]
 
 # Where the film did not see what the thermometer says: a temperature that moved by itself, in the sun or under ice.
 #
@@ -239,18 +244,19 @@ def correct_humidity(
             '%RH, multiply by 100, or read the log by a map with humidity_unit = "fraction"'
         )
     climb = climb_m_s(flight)
-    notes.extend(not_undone(part.effects, "humidity", part.discovered, climb is not None))
+    notes.extend(not_undone(part.effects, "humidity", part.discovered, *[climb_unknown] * (climb is None)))
     sigma = bridged(time_s, bead.uncertainty)
     if air is None or response is None:
         return untouched("humidity", raw, screened, "no temperature of the air in the log", notes)
     sigma = np.zeros(raw.shape) if sigma is None else sigma
-    die = _own_temperature(flight, effects, air, notes)
+    activity, unsure_activity = uptake(effects)
+    die, unsure_film_k = _own_temperature(flight, effects, air, bead, notes)
     own_air = bridged(time_s, flight.die_temperature_c)
     at_sensor = replace(stream, temperature_c=air if own_air is None else own_air)
     plain = undone(effects, raw, at_sensor, part.film_thickness_m, period)
     read_air = air
     alone = np.zeros(raw.shape)
-    if die is None and not any(one.meaning.by_activity for one in effects):
+    if die is None and activity == 0.0:
         # of a burst of noise neither says anything
         believed = screened.usable & bead.screened.usable & ~(screened.loud | bead.screened.loud)
         own_noise = float(np.hypot(noise, screened.resolution / np.sqrt(12)) / np.median(plain.gain))
@@ -263,11 +269,11 @@ def correct_humidity(
     if bead.carried is not None:
         now = now - bead.carried.value
     own = air if die is None else die
-    # vapour pressure as relative humidity at a fixed temperature: what diffuses, in a unit that reads like %RH
-    by_activity = any(one.meaning.by_activity for one in effects)
-    held_at = own if by_activity else np.full(raw.shape, REFERENCE_C)  # what the film holds is the reading itself
-    to_vapour = saturation_pressure_hpa(own) / saturation_pressure_hpa(held_at)
-    from_vapour = saturation_pressure_hpa(held_at) / saturation_pressure_hpa(now)
+    # vapour pressure as relative humidity at a fixed temperature: what diffuses, in a unit that reads like %RH; what
+    # is taken up by activity is the reading itself
+    own_es = saturation_pressure_hpa(own)
+    held_es = own_es**activity * saturation_pressure_hpa(REFERENCE_C) ** (1.0 - activity)
+    to_vapour, from_vapour = own_es / held_es, held_es / saturation_pressure_hpa(now)
     if plain.delay_s:
         response = film_response(part, air, stream, body).slower(0.0, unsure)
     if told is not None:
@@ -278,7 +284,7 @@ def correct_humidity(
     # what the air's temperature leaves open divides the reading and the result alike; a die of its own parts the two
     passing, usable, left_open = None, screened.usable, np.zeros(raw.shape)
     unread, vague = np.zeros((2, *raw.shape), dtype=bool)
-    if die is None and not by_activity:
+    if die is None and activity == 0.0:
         percent_per_k = level * _steepness(air)
         error = np.hypot(error, _misplaced(air, bead.screened.usable))
         coupling = _coupling(time_s, level, air, error, percent_per_k, response)
@@ -330,9 +336,13 @@ def correct_humidity(
     # nothing between dry and saturated is farther away than the farther of the two
     uncertainty = np.minimum(uncertainty, np.maximum(value, SATURATED_PERCENT - value))
     uncertainty, common = (np.hypot(sigma, left) for sigma in (uncertainty, channel.common))
-    if bead.carried is not None:
-        of_carrier = np.where(channel.raw, 0.0, value * _steepness(now) * bead.carried.uncertainty)
-        uncertainty, common = np.hypot(uncertainty, of_carrier), np.hypot(common, of_carrier)
+    # what is not known of the two temperatures and of what the film holds while its temperature moves
+    moving_k = response.slowest_s * np.abs(np.gradient(own, np.maximum.accumulate(time_s) + 1e-9 * np.arange(raw.size)))
+    parts = [unsure_film_k, unsure_activity * moving_k]
+    parts += [bead.carried.uncertainty] if bead.carried is not None else []
+    unsure_k = np.sqrt(sum(np.square(part) for part in parts))
+    of_temperature = np.where(channel.raw, 0.0, value * _steepness(now) * unsure_k)
+    uncertainty, common = np.hypot(uncertainty, of_temperature), np.hypot(common, of_temperature)
     channel = replace(channel, value=value, uncertainty=uncertainty, common=common, temperature_alone=alone)
     return replace(channel, carried=carried(effects, climb))
 
@@ -395,20 +405,32 @@ def _steepness(temperature_c: Array) -> Array:
     return np.log(above) - np.log(below)
 
 
-def _own_temperature(flight: Flight, effects: tuple[Acting, ...], air: Array, notes: list[str]) -> Array | None:
-    """Temperature that the sensor turns vapour into humidity at, where it is its own and was logged; else None."""
+def _own_temperature(
+    flight: Flight, effects: tuple[Acting, ...], air: Array, bead: FlightChannel, notes: list[str]
+) -> tuple[Array | None, Array]:
+    """Temperature that the sensor turns vapour into humidity at, where it is its own and is known, else None; and its
+    standard uncertainty."""
+    sure = np.zeros(air.shape)
+    read = bridged(flight.time_s, np.where(bead.raw, bead.value, bead.value - bead.lag))
+    for one in effects:
+        if (film_c := one.meaning.film_c) is not None and read is not None:
+
+            def along(values: Stated, film_c: FilmTemperature = film_c, read: Array = read) -> Array:
+                return film_c(values, flight.time_s, read)
+
+            return along(one.values), propagated(one, along)
     asking = [one for one in effects if one.meaning.at_die]
     if not asking:
-        return None
+        return None, sure
     die = bridged(flight.time_s, flight.die_temperature_c)
     if die is None:
         notes.append(
             f"humidity: {', '.join(one.values.effect for one in asking)} is in the profile and the log has no "
             "temperature of the die; the air's is taken"
         )
-        return None
+        return None, sure
     shares = [1.0 if one.meaning.die_share is None else one.meaning.die_share(one.values) for one in asking]
-    return air + max(shares) * (die - air)
+    return air + max(shares) * (die - air), sure
 
 
 def _coupling(

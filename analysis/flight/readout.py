@@ -138,9 +138,13 @@ def unseen(discovered: Iterable[Discovered], airspeed: Array, temperature_c: Arr
 
 
 def not_undone(
-    effects: Iterable[StatedEffect], channel: str, discovered: Iterable[Discovered] = (), climb_known: bool = True
+    effects: Iterable[StatedEffect],
+    channel: str,
+    discovered: Iterable[Discovered] = (),
+    why_left: Callable[[InFlight], str] = lambda meaning: "",
 ) -> list[str]:
-    """One sentence for each of a profile's effects that a flight's correction leaves alone."""
+    """One sentence for each of a profile's effects that a flight's correction leaves alone; `why_left` says, in a
+    phrase, why this one leaves in what another takes off."""
     said = []
     for one in discovered:
         described = entry_of(one, channel)
@@ -163,8 +167,8 @@ def not_undone(
             why = "belongs to the bench and not to the sensor, and has no part in a flight"
         elif entry.in_flight.left:
             why = "is in the profile and is not undone in a flight"
-        elif entry.in_flight.carried is not None and not climb_known:
-            why = "is in the profile and is left in: it is not known how fast the flight climbs"
+        elif said_why := why_left(entry.in_flight):
+            why = f"is in the profile and is left in: {said_why}"
         else:
             continue
         said.append(f"{channel}: {effect.effect} {why}")
@@ -268,6 +272,26 @@ def undone(effects: Sequence[Acting], reading: Array, stream: Stream, length_m: 
         delay_s,
         float(np.sqrt(late_variance)),
     )
+
+
+def climb_unknown(meaning: InFlight) -> str:
+    """Why an effect is left in where nobody knows how fast a flight climbs."""
+    return "the log has no altitude and no pressure" if meaning.carried is not None else ""
+
+
+def not_causal(meaning: InFlight) -> str:
+    """Why an effect is left in by the causal corrector."""
+    return "the causal corrector does not take it off" if meaning.carried or meaning.film_c else ""
+
+
+def uptake(effects: Iterable[Acting]) -> tuple[float, float]:
+    """From 0, where a film takes up vapour, to 1, where by the humidity at its own temperature; and its uncertainty."""
+    found = [
+        (share(one.values), float(propagated(one, share)))
+        for one in effects
+        if (share := one.meaning.activity) is not None
+    ]
+    return max(found, default=(0.0, 0.0))
 
 
 @dataclass(frozen=True)

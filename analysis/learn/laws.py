@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 Values = Mapping[str, float]
 
 REFERENCE_AIRFLOW_M_S = 5.0
+BESIDE_BEAD = "film_beside_bead"  # the effect of a film whose temperature follows the bead's
 USUAL_PATH_S = 60.0  # of a stem or a housing
 
 
@@ -363,7 +364,7 @@ def _laws() -> tuple[Law, ...]:
             "Segales and others 2022; iMet-XQ2 flights, whose chips follow the air by 17 to 19 s",
             "a lapse or an inversion, passed upwards and downwards",
             warmer=_late,
-            flown_as="die_thermal_lag",
+            flown_as=BESIDE_BEAD,
         ),
     ]
     return tuple(found)

@@ -128,8 +128,13 @@ class ChannelLearned:
 
     @property
     def gains(self) -> bool:
-        """Whether passes of flights that were not fitted are more alike with the model than as read."""
-        return self.model.spread < self.read.spread
+        """Whether passes of flights that were not fitted are more alike with the model than as read.
+
+        In structure, since a lag takes any mean for its own; or, where the model has an offset, in all.
+        """
+        offset = any(law.offset is not None and law.channel == self.channel for law in self.fit.laws)
+        unseen = len(set(self.read.flight)) > 1
+        return self.model.spread < self.read.spread or (offset and unseen and self.model.rms < self.read.rms)
 
 
 @dataclass(frozen=True)

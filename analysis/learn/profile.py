@@ -10,7 +10,7 @@ import numpy as np
 
 from shockrig.analysis.effects import CATALOGUE, OF_FLIGHT
 from shockrig.analysis.learn.bins import REFERENCE_TEMPERATURE_C
-from shockrig.analysis.learn.laws import LAWS, descent_from_m_s
+from shockrig.analysis.learn.laws import BESIDE_BEAD, LAWS, descent_from_m_s
 from shockrig.analysis.learn.learn import ChannelLearned, FlightCause, FlightsLearned, LearnedNumber
 from shockrig.files.causes import StatedEffect, Uncertain
 from shockrig.files.errors import InputError
@@ -18,6 +18,7 @@ from shockrig.files.profile import DiffusivityRow, HumidityProfile, Profile, Tem
 from shockrig.files.profile_data import BEAD_RADIUS_M, FILM_THICKNESS_M
 
 ROWS_K = 10.0  # between rows of a table of D over temperature
+BEYOND_K = 10.0  # colder and warmer than was flown, that the table goes on to
 LIKELIER = 0.5  # probability from which a cause's effect goes into the profile
 
 
@@ -85,9 +86,10 @@ def _shown(channel: ChannelLearned | None) -> dict[str, LearnedNumber] | None:
 
 
 def _table(learned: FlightsLearned, shown: Mapping[str, LearnedNumber]) -> tuple[DiffusivityRow, ...]:
-    """D of a first-order film over the temperatures that were flown."""
+    """D of a first-order film over the temperatures that were flown, and some kelvins beyond."""
     flown = np.concatenate([one.bead_c for one in learned.bins])
-    low, high = float(flown.min()), float(flown.max())
+    low, high = float(flown.min()) - BEYOND_K, float(flown.max()) + BEYOND_K
+    usual_growth = LAWS["humidity.lag_in_the_cold"].parameters[-1]
     tau = shown["time_constant_s"]
     growth = shown.get("growth_per_k")
     rows = []
@@ -99,6 +101,10 @@ def _table(learned: FlightsLearned, shown: Mapping[str, LearnedNumber]) -> tuple
             here *= float(np.exp(growth.value * cold))
             # uncertain as it is in the middle of what was flown, and more towards the ends
             relative = float(np.hypot(min(relative, 0.5), growth.standard_uncertainty * (cold - middle)))
+        else:
+            # a lag that was not seen to grow is as uncertain, away from there, as lags that do
+            away = abs(ambient - float(np.clip(ambient, flown.min(), flown.max())))
+            relative = float(np.hypot(relative, usual_growth.spread * away))
         d = FILM_THICKNESS_M**2 / here
         rows.append(DiffusivityRow(float(ambient), d, d * relative))
     return tuple(rows)
@@ -111,9 +117,20 @@ def _effects(
     if "fraction" in shown:
         second = {"fraction": shown["fraction"], "time_constant_s": shown["second_time_constant_s"]}
         found.append(_effect(LAWS[f"{channel.channel}.second_path"].flown_as, second, None))
+    if "film_behind_bead_s" in shown:
+        beside = {"behind_s": shown["film_behind_bead_s"], "activity": shown["activity"]}
+        late = [cause.parameters[0] for cause in channel.causes if cause.law.flown_as == BESIDE_BEAD]
+        if late and any(law.flown_as == BESIDE_BEAD for law in channel.fit.laws):
+            beside["time_constant_s"] = late[0]
+        stated = {"time_constant_s": Uncertain(0.0)} | {
+            key: Uncertain(one.value, one.standard_uncertainty) for key, one in beside.items()
+        }
+        found.append(StatedEffect(BESIDE_BEAD, stated))
     for cause in channel.causes:
         law = cause.law
-        if law.flown_as and (law.offset or law.warmer) and cause.probability >= LIKELIER:
+        if law.flown_as in ("", BESIDE_BEAD) or law.lags is not None:
+            continue
+        if cause.probability >= LIKELIER:
             stated = _stated(cause, learned)
             entry = (CATALOGUE | OF_FLIGHT)[law.flown_as]
             if all(p.low <= stated[p.name].value <= p.high for p in entry.parameters if p.name in stated):

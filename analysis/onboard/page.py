@@ -6,7 +6,7 @@ from importlib.resources import files
 from typing import Protocol
 
 from shockrig.analysis.flight.causal_design import Design
-from shockrig.analysis.flight.readout import not_undone
+from shockrig.analysis.flight.readout import not_causal, not_undone
 from shockrig.analysis.onboard.source import state_bytes
 from shockrig.files.profile import Profile
 
@@ -37,7 +37,7 @@ def page(
         line
         for channel, part in (("temperature", profile.temperature), ("humidity", profile.humidity))
         if part is not None
-        for line in not_undone(part.effects, channel, part.discovered, climb_known=False)
+        for line in not_undone(part.effects, channel, part.discovered, not_causal)
     ]
     low, high = design.humidity.covers_c
     values = {

@@ -18,6 +18,7 @@ from shockrig.analysis.learn.density import SensorModel, begun, density, prepare
 from shockrig.analysis.learn.fit import fitted
 from shockrig.analysis.learn.laws import LAWS, response
 from shockrig.analysis.learn.learn import learn
+from shockrig.analysis.learn.passes import disagreement
 from shockrig.analysis.learn.profile import learned_profile
 from shockrig.files.learned import read_learned
 from shockrig.files.profile import read_profile
@@ -142,8 +143,11 @@ def test_a_lag_is_known_as_well_as_its_likelihood_is_steep(flight):
 
 
 def test_wash_that_cools_bead_and_film_is_one_offset():
-    """1 K colder in descent: an offset of the bead, its size, and a film that is as cold, so that vapour needs none."""
-    flights = WORLDS.mission(4, WORLDS.Truth(wash_k=-1.0), flights=2)
+    """1 K colder in descent: an offset of the bead, its size, and a film that is as cold, so that vapour needs none.
+
+    The profile takes it off a flight that was not used: its ways are nearer, for both sensors.
+    """
+    *flights, unseen = WORLDS.mission(4, WORLDS.Truth(wash_k=-1.0), flights=3)
     found = learn({str(i): one for i, one in enumerate(flights)})
     bead, film = found.channels["temperature"], found.channels["humidity"]
     (wash,) = [cause for cause in bead.causes if cause.law.key == "offset_in_descent"]
@@ -151,6 +155,13 @@ def test_wash_that_cools_bead_and_film_is_one_offset():
     assert wash.parameters[0].value == pytest.approx(-1.0, abs=3.0 * wash.parameters[0].standard_uncertainty)
     assert all(cause.probability < 0.25 for cause in film.causes if cause.law.key.endswith("in_descent"))
     assert all(one.model.rms < 0.8 * one.read.rms for one in (bead, film))
+    after = correct(unseen, learned_profile(found, {}))
+    air = replace(unseen, temperature_c=after.temperature_c, humidity_percent=after.humidity_percent)
+    for channel, share in (("temperature", 0.5), ("humidity", 0.9)):
+        before, left = (
+            disagreement([prepared(binned(one, "unseen", 100), channel)], None, channel).rms for one in (unseen, air)
+        )
+        assert left < share * before, channel
 
 
 def test_one_flight_and_no_bench_halve_the_errors_of_both_sensors():
