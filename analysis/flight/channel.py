@@ -217,7 +217,7 @@ def judged(
         )
     value, sigma = found.air * unit, np.sqrt(variance) * unit
     away = np.hypot(sigma, raw - value)
-    late = undone.delay_uncertainty_s * _slope(readings.time_s, value) if undone.delay_uncertainty_s else 0.0
+    late = undone.delay_uncertainty_s * slope(readings.time_s, value) if undone.delay_uncertainty_s else 0.0
     shared = np.where(raw_rows, np.hypot(np.sqrt(common) * unit, raw - value), np.sqrt(common) * unit)
     value = np.where(raw_rows, raw, value)
     sigma = np.where(raw_rows, away, sigma)
@@ -283,7 +283,7 @@ def bridged(time_s: Array, values: Array) -> Array | None:
     return np.interp(time_s, time_s[known], values[known]) if known.any() else None
 
 
-def _slope(time_s: Array, values: Array) -> Array:
+def slope(time_s: Array, values: Array) -> Array:
     """Rate of change (n,), 0 where it is not known."""
     even = bridged(time_s, values)
     different = np.append(True, np.diff(time_s) > 0)

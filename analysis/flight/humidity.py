@@ -20,6 +20,7 @@ from shockrig.analysis.flight.channel import (
     coarse,
     judged,
     lacking,
+    slope,
     too_few,
     untouched,
 )
@@ -337,7 +338,7 @@ def correct_humidity(
     uncertainty = np.minimum(uncertainty, np.maximum(value, SATURATED_PERCENT - value))
     uncertainty, common = (np.hypot(sigma, left) for sigma in (uncertainty, channel.common))
     # what is not known of the two temperatures and of what the film holds while its temperature moves
-    moving_k = response.slowest_s * np.abs(np.gradient(own, np.maximum.accumulate(time_s) + 1e-9 * np.arange(raw.size)))
+    moving_k = response.slowest_s * np.abs(slope(time_s, own))
     parts = [unsure_film_k, unsure_activity * moving_k]
     parts += [bead.carried.uncertainty] if bead.carried is not None else []
     unsure_k = np.sqrt(sum(np.square(part) for part in parts))
