@@ -115,6 +115,8 @@ def corrected(flights: dict[str, Flight]) -> list[str]:
             both = [binned(one, name, BINS) for one in (flights[name], air)]
             if all(one.has(channel) for one in both):
                 rms.append([disagreement([prepared(one, channel)], None, channel).rms for one in both])
+        if not rms:
+            continue
         effects = "" if part is None else "".join(f", {one.effect}" for one in part.effects)
         said = "not in the profile" if part is None else f"profile with a lag{effects}"
         read, after = np.sqrt(np.mean(np.square(rms), axis=0))
