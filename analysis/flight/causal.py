@@ -318,10 +318,11 @@ class Corrector:
             seen.film.judged = NOTHING
             return
         coldest, warmest = film.design.covers_c[0] - FAR_C, film.design.covers_c[1] + FAR_C
-        read = TEMPERATURE_C.holds(row.die_temperature_c)
-        now_c, then_c, die_c = (
-            min(max(one, coldest), warmest) for one in (now[0], then[0], row.die_temperature_c if read else now[0])
-        )
+        die_c = row.die_temperature_c
+        if self.design.beside_bead and self.bead is not None:
+            die_c = self.bead.bank.expected()[0]  # without the noise
+        read = TEMPERATURE_C.holds(die_c)
+        now_c, then_c, die_c = (min(max(one, coldest), warmest) for one in (now[0], then[0], die_c if read else now[0]))
         share = self.design.die_share
         seen.at_die = share > 0.0 and read
         own = _saturation(then_c + share * (die_c - then_c) if seen.at_die else then_c)
@@ -509,7 +510,7 @@ def _notes(profile: Profile, design: Design, given: list[tuple[Value, Value]], f
     for one, name in ((design.temperature, "temperature"), (design.humidity, "humidity")):
         if one is not None and one.unsure_of_airspeed and not np.isfinite(flight.airspeed_m_s).any():
             notes.append(f"no airspeed in the log: {name} taken at 5 m/s")
-    if design.die_share and not np.isfinite(flight.die_temperature_c).any():
+    if design.die_share and not design.beside_bead and not np.isfinite(flight.die_temperature_c).any():
         notes.append("humidity: the profile asks for the die's temperature and the log has none; the air's is taken")
     for place, name in ((0, "temperature"), (1, "humidity")):
         count = sum(pair[place].outside for pair in given)

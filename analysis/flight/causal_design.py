@@ -152,13 +152,15 @@ class ChannelDesign:
 @dataclass(frozen=True)
 class Design:
     """Both sensors, either of which may be missing; `period_s` between rows; `die_share` of the way from the air's
-    temperature to the die's that vapour is turned into humidity at (0: at the air's); `by_activity`: the film takes up
-    by humidity and not by vapour; `notes` on what is left alone."""
+    temperature to the die's that vapour is turned into humidity at (0: at the air's); `beside_bead`: the bead's reading
+    is the die's temperature; `by_activity`: the film takes up by humidity and not by vapour; `notes` on what is left
+    alone."""
 
     temperature: ChannelDesign | None
     humidity: ChannelDesign | None
     period_s: float
     die_share: float = 0.0
+    beside_bead: bool = False
     by_activity: bool = False
     notes: tuple[str, ...] = ()
 
@@ -181,15 +183,16 @@ def design_of(
     stated = [part.sampling_period_s for part in (t, h) if part is not None and part.sampling_period_s]
     period = period_s or (stated[0] if stated else 0.1)
     bead = None if t is None else _bead(t, profile.bodies["imet"], period, temperature_noise_k, most_modes)
-    film, share, by_activity = None, 0.0, False
+    film, share, beside_bead, by_activity = None, 0.0, False, False
     if h is not None:
         film = _film(h, profile.bodies["hyt"], period, humidity_noise_percent, most_modes)
         effects = acting(h.effects, "humidity", h.discovered)
         asking = [one for one in effects if one.meaning.at_die]
         shares = [1.0 if one.meaning.die_share is None else one.meaning.die_share(one.values) for one in asking]
-        share = max(shares, default=0.0)
+        beside_bead = bead is not None and any(one.meaning.film_c is not None for one in effects)
+        share = 1.0 if beside_bead else max(shares, default=0.0)
         by_activity = uptake(effects)[0] >= 0.5
-    return Design(bead, film, period, share, by_activity)
+    return Design(bead, film, period, share, beside_bead, by_activity)
 
 
 def _bead(part: TemperatureProfile, body: str, period: float, given: float | None, most_modes: int) -> ChannelDesign:

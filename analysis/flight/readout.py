@@ -281,7 +281,7 @@ def climb_unknown(meaning: InFlight) -> str:
 
 def not_causal(meaning: InFlight) -> str:
     """Why an effect is left in by the causal corrector."""
-    return "the causal corrector does not take it off" if meaning.carried or meaning.film_c else ""
+    return "the causal corrector does not take it off" if meaning.carried is not None else ""
 
 
 def uptake(effects: Iterable[Acting]) -> tuple[float, float]:

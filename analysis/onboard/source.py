@@ -202,6 +202,7 @@ def _c_tables(design: Design) -> str:
     assert bead is not None and film is not None
     parts = [
         f"#define DIE_SHARE {_single(design.die_share)}",
+        f"#define BESIDE_BEAD {int(design.beside_bead)}",
         f"#define BY_ACTIVITY {int(design.by_activity)}",
         f"#define UNREAD_S {_single(max(causal.UNREAD_S, causal.UNREAD_PERIODS * design.period_s))}",
         "",
@@ -279,8 +280,8 @@ def _lua_tables(design: Design) -> str:
     """The profile's tables and numbers as Lua's."""
     bead, film = design.temperature, design.humidity
     assert bead is not None and film is not None
-    by_activity = "true" if design.by_activity else "false"
-    parts = [f"local DIE_SHARE, BY_ACTIVITY = {_lua_number(design.die_share)}, {by_activity}"]
+    beside, by_activity = ("true" if yes else "false" for yes in (design.beside_bead, design.by_activity))
+    parts = [f"local DIE_SHARE, BESIDE_BEAD, BY_ACTIVITY = {_lua_number(design.die_share)}, {beside}, {by_activity}"]
     channels = (
         ("BEAD", bead, False, "temperature", causal.START_K),
         ("FILM", film, not design.by_activity, "humidity", causal.START_PERCENT),

@@ -679,8 +679,10 @@ static void humid(shock_state *state, const shock_row *row, float step_s, const 
   bank b = film_of(state), warmth = bead_of(state);
   told found;
   estimate then;
-  float now_c, then_c, own, held, back, sigma, bend, passing = 0.0f, die_c = row->die_temperature_c, value, away;
+  float now_c, then_c, own, held, back, sigma, bend, passing = 0.0f, value, away;
   float shared, readout, total;
+  /* where the bead tells how warm the film is, its reading without the noise */
+  float die_c = BESIDE_BEAD ? warmth.own->shown : row->die_temperature_c;
   int read = holds(die_c, -100.0f, 150.0f), at_die = DIE_SHARE > 0.0f && read;
   if (!warmth.own->started) {
     air->humidity_flags = SHOCK_MISSING;

@@ -503,7 +503,9 @@ local function in_order(state, time_ms)
 end
 
 local function humid(state, row, step_s, bead, air)
-  local b, warmth, die_c = state.film, state.bead, row.die_temperature_c
+  local b, warmth = state.film, state.bead
+  -- where the bead tells how warm the film is, its reading without the noise
+  local die_c = BESIDE_BEAD and warmth.shown or not BESIDE_BEAD and row.die_temperature_c or nil
   if not warmth.started then
     air.humidity_flags = shock.MISSING
     return

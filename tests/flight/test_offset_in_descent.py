@@ -53,7 +53,7 @@ def flown(moister=0.0):
     return flight, air, 100.0 * vapour / magnus_hpa(air)
 
 
-def profile(of_bead=COLDER_K, of_film=0.0):
+def profile(of_bead=COLDER_K, of_film=0.0, film_effects=()):
     def effects(offset):
         numbers = {"offset": Uncertain(offset, SIGMA), "from_m_s": Uncertain(1.5)}
         return (StatedEffect("offset_in_descent", numbers),) if offset else ()
@@ -62,7 +62,7 @@ def profile(of_bead=COLDER_K, of_film=0.0):
     rows = tuple(DiffusivityRow(ambient, d, 0.01 * d) for ambient in (-10.0, 40.0))
     return Profile(
         TemperatureProfile(Uncertain(BEAD_RADIUS_M**2 / BEAD_S), noise_k=0.01, effects=effects(of_bead)),
-        HumidityProfile(rows, noise_percent=0.05, effects=effects(of_film)),
+        HumidityProfile(rows, noise_percent=0.05, effects=(*effects(of_film), *film_effects)),
         {name: {"body": "lumped"} for name in ("imet", "hyt")},
     )
 

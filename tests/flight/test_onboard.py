@@ -46,8 +46,16 @@ def rich_profile():
     )
 
 
+def beside_bead(activity):
+    """A film that is as warm as the bead reads, as flights tell it, on a rich profile."""
+    rich = rich_profile()
+    film = effect("film_beside_bead", behind_s=0.0, activity=activity, time_constant_s=0.0)
+    return replace(rich, humidity=replace(rich.humidity, effects=(*rich.humidity.effects, film)))
+
+
 def flight_with(profile, damage=False):
-    log = fly(inversion(np.random.default_rng([3, 1])), profile, 3).log.iloc[600 : 600 + ROWS].reset_index(drop=True)
+    simulated = rich_profile() if profile.humidity.effects else profile
+    log = fly(inversion(np.random.default_rng([3, 1])), simulated, 3).log.iloc[600 : 600 + ROWS].reset_index(drop=True)
     if damage:
         log.loc[[50, 51], "temperature_c"] = -99.0
         log.loc[80:90, "humidity_percent"] = np.nan
@@ -70,7 +78,9 @@ def sources(folder, design):
 
 @needs_compiler
 @pytest.mark.parametrize(
-    ("profile", "damage"), [(typical_profile(), False), (rich_profile(), True)], ids=["clean plain", "damaged rich"]
+    ("profile", "damage"),
+    [(typical_profile(), False), (rich_profile(), True), (beside_bead(0.2), True), (beside_bead(0.9), True)],
+    ids=["clean plain", "damaged rich", "vapour beside a bead", "activity beside a bead"],
 )
 def test_c_is_the_reference_in_single_precision(tmp_path, profile, damage):
     flight, design = flight_with(profile, damage), flown(profile, 0.1)
@@ -82,8 +92,8 @@ def test_c_is_the_reference_in_single_precision(tmp_path, profile, damage):
 
 
 @pytest.mark.skipif(shutil.which("lua5.3") is None, reason="no Lua 5.3 on this computer")
-def test_lua_is_the_reference(tmp_path):
-    profile = rich_profile()
+@pytest.mark.parametrize("profile", [rich_profile(), beside_bead(0.2)], ids=["rich", "beside a bead"])
+def test_lua_is_the_reference(tmp_path, profile):
     flight, design = flight_with(profile, damage=True), flown(profile, 0.1)
     sources(tmp_path, design)
     (tmp_path / "main.lua").write_text(
@@ -157,7 +167,8 @@ def test_what_cannot_fly_is_refused():
 def test_the_command_writes_sources_and_measures_them(tmp_path, capsys):
     profile = rich_profile()
     write_profile(profile, tmp_path / "profile.json")
-    log = fly(inversion(np.random.default_rng([3, 1])), profile, 3).log.iloc[:200]
+    simulated = rich_profile() if profile.humidity.effects else profile
+    log = fly(inversion(np.random.default_rng([3, 1])), simulated, 3).log.iloc[:200]
     log.to_csv(tmp_path / "flight.csv", index=False)
     out = tmp_path / "program"
     arguments = ["onboard", str(tmp_path / "profile.json"), "--out", str(out), "--flight", str(tmp_path / "flight.csv")]

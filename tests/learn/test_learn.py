@@ -157,7 +157,7 @@ def test_wash_that_cools_bead_and_film_is_one_offset():
     assert all(one.model.rms < 0.8 * one.read.rms for one in (bead, film))
     after = correct(unseen, learned_profile(found, {}))
     air = replace(unseen, temperature_c=after.temperature_c, humidity_percent=after.humidity_percent)
-    for channel, share in (("temperature", 0.5), ("humidity", 0.9)):
+    for channel, share in (("temperature", 0.5), ("humidity", 0.5)):
         before, left = (
             disagreement([prepared(binned(one, "unseen", 100), channel)], None, channel).rms for one in (unseen, air)
         )
