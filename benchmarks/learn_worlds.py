@@ -7,6 +7,9 @@ Each mission is two to four ascents with their descents through air of its own e
 channel, none at all, a clock, or a wash that cools both sensors. The film has a temperature of its own, which follows
 the air's 0.3 to 1.7 times as late as the bead does, and reads the air's vapour at it. Nothing of it shares code with
 the analysis.
+
+One more flight of each mission is kept back and corrected with what `learn` found: how far it is from its air as read
+and corrected, off the ground, and how much of it lies within two standard uncertainties.
 """
 
 from __future__ import annotations
@@ -20,10 +23,13 @@ from pathlib import Path
 
 import numpy as np
 
-from shockrig.files.flight import Flight
+from shockrig.analysis.flight.correct import correct
+from shockrig.analysis.learn.learn import learn
+from shockrig.analysis.learn.profile import learned_profile
+from shockrig.files.flight import Corrected, Flight
 
 STEP_S = 0.2
-TOP_M = 1200.0
+TOP_M, OFF_GROUND_M = 1200.0, 20.0
 
 
 @dataclass(frozen=True)
@@ -57,7 +63,16 @@ def _turbulence(rng: np.random.Generator, height: np.ndarray, size: float) -> np
     return size * found / found.std()
 
 
-def _flight(rng: np.random.Generator, truth: Truth) -> Flight:
+@dataclass(frozen=True)
+class Flown:
+    """A flight, and the air of its rows: temperature [degC] and humidity [%RH]."""
+
+    flight: Flight
+    temperature_c: np.ndarray
+    humidity_percent: np.ndarray
+
+
+def _flight(rng: np.random.Generator, truth: Truth) -> Flown:
     up, down, hover = rng.uniform(3.0, 5.0), rng.uniform(4.0, 8.0), 20.0
     turn, descends = TOP_M / up, TOP_M / up + hover
     end = descends + TOP_M / down
@@ -87,14 +102,35 @@ def _flight(rng: np.random.Generator, truth: Truth) -> Flight:
     none = np.full(at.size, np.nan)
     logged = np.interp(at - truth.clock_s, t, z) + rng.normal(0.0, 0.3, at.size)
     noisy = [s[rows] + rng.normal(0.0, sigma, at.size) for s, sigma in zip(seen, (0.03, 0.1), strict=True)]
-    return Flight(at, noisy[0], noisy[1], none, none, none, logged)
+    return Flown(Flight(at, noisy[0], noisy[1], none, none, none, logged), warm[rows], moist[rows])
+
+
+def flown(seed: int, truth: Truth, flights: int | None = None, more: int = 0) -> list[Flown]:
+    """Flights of one sensor and their air; how many the seed decides, where it is not said, and `more` behind them."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(2, 5)) if flights is None else flights
+    return [_flight(rng, truth) for _ in range(count + more)]
 
 
 def mission(seed: int, truth: Truth, flights: int | None = None) -> list[Flight]:
-    """Flights of one sensor; how many the seed decides, where it is not said."""
-    rng = np.random.default_rng(seed)
-    count = int(rng.integers(2, 5)) if flights is None else flights
-    return [_flight(rng, truth) for _ in range(count)]
+    """The flights alone."""
+    return [one.flight for one in flown(seed, truth, flights)]
+
+
+def errors(flown: Flown, found: Corrected) -> np.ndarray:
+    """Of both channels: rms from the air as read and corrected, share within two standard uncertainties (2, 3)."""
+    assert flown.flight.altitude_m is not None
+    off_ground = flown.flight.altitude_m > OFF_GROUND_M
+    rows = []
+    sigmas = found.temperature_uncertainty_k, found.humidity_uncertainty_percent
+    for name, sigma in zip(("temperature_c", "humidity_percent"), sigmas, strict=True):
+        air = getattr(flown, name)
+        read, after = ((getattr(one, name) - air)[off_ground] for one in (flown.flight, found))
+        within = np.abs(after) < 2.0 * sigma[off_ground]
+        rms = [float(np.sqrt(np.nanmean(x**2))) for x in (read, after)]
+        known = np.isfinite(sigma[off_ground])
+        rows.append([*rms, float(within[known].mean()) if known.any() else np.nan])
+    return np.array(rows)
 
 
 def write(flight: Flight, path: Path) -> Path:
@@ -111,8 +147,6 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--out", type=Path)
     args = parser.parse_args(argv)
-    from shockrig.analysis.learn.learn import learn
-
     commit = subprocess.run(["git", "describe", "--always", "--dirty"], capture_output=True, text=True, check=False)
     lines = [f"commit {commit.stdout.strip()}, seeds from {args.first_seed}, {args.missions} missions of each kind"]
     kinds = {
@@ -122,11 +156,18 @@ def main(argv: list[str] | None = None) -> int:
         "wash of -1 K": Truth(wash_k=-1.0),
     }
     for kind, truth in kinds.items():
-        within, in_set, called, clocks, spent, total = 0, 0, 0, 0, 0.0, 0
+        within, in_set, called, clocks, spent, total, without = 0, 0, 0, 0, 0.0, 0, 0
+        off: list[np.ndarray] = []
         for seed in range(args.first_seed, args.first_seed + args.missions):
             began = time.process_time()
-            found = learn({str(i): one for i, one in enumerate(mission(seed, truth))})
+            *used, unseen = flown(seed, truth, more=1)
+            found = learn({str(i): one.flight for i, one in enumerate(used)})
             spent += time.process_time() - began
+            profile = learned_profile(found, {})
+            if profile is None:
+                without += 1
+            else:
+                off.append(errors(unseen, correct(unseen.flight, profile)))
             clocks += found.position_named
             for channel, hidden in (("temperature", truth.temperature_lag_s), ("humidity", truth.humidity_lag_s)):
                 one = found.channels[channel]
@@ -141,6 +182,15 @@ def main(argv: list[str] | None = None) -> int:
             f"something called {called:>3}   clock called {clocks:>3} of {args.missions}   "
             f"{spent / args.missions:.0f} s a mission"
         )
+        if off:
+            table = np.nanmean(off, axis=0)
+            for name, unit, (read, after, inside) in zip(("temperature", "humidity"), ("K", "%RH"), table, strict=True):
+                lines.append(
+                    f"{'':<15} a flight kept back, {name}: {read:.2f} {unit} as read, {after:.2f} corrected, "
+                    f"{100 * inside:.0f} % within two uncertainties"
+                )
+        if without:
+            lines.append(f"{'':<15} no profile in {without} of {args.missions}")
     text = "\n".join(lines) + "\n"
     print(text, end="")
     if args.out is not None:
