@@ -90,8 +90,7 @@ def test_a_branch_that_is_killed_is_an_error():
 def test_no_branch_outlives_its_block(function):
     with branch(function) as one:
         lowest = received(one)
-    with pytest.raises(ProcessLookupError):
-        os.kill(lowest, 0)
+    ends_soon(lowest)
 
 
 IMPATIENT = """
@@ -149,8 +148,13 @@ def test_a_killed_process_takes_its_branches_with_it(tmp_path, threads):
     script.write_text(KILLED.format(tests=os.path.dirname(__file__), threads=threads))
     done = subprocess.run([sys.executable, script], stdout=subprocess.PIPE, text=True, timeout=120)
     assert done.returncode == -signal.SIGKILL
+    ends_soon(int(done.stdout))
+
+
+def ends_soon(pid):
+    """Ended, or ending: on a busy machine the kernel ends a branch's branch a moment after the branch itself."""
     deadline = time.monotonic() + 30.0
-    while is_running(int(done.stdout)):
+    while is_running(pid):
         assert time.monotonic() < deadline
         time.sleep(0.02)
 
