@@ -72,6 +72,15 @@ def test_cells_follow_the_closed_form_of_their_body(name, biot):
 
 
 @pytest.mark.parametrize("name", BODIES)
+def test_the_modes_of_cells_do_as_the_cells(name):
+    """The two ways to step them, of two bodies whose rates change: a factor of one in every cell asks for the system."""
+    drive = np.cumsum(np.random.default_rng(1).normal(0.0, 0.01, (2, 900)), axis=1)
+    rate, biot = 0.3 * np.exp(drive), np.array([[np.inf], [0.7]])
+    by_cells = march(cells(name), rate, biot, drive, lambda step, state: np.ones(state.shape))
+    np.testing.assert_allclose(march(cells(name), rate, biot, drive), by_cells, rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", BODIES)
 def test_bodies_that_a_campaign_states_are_corrected_as_such(name):
     profile = dataclasses.replace(QUIET, sensors={"imet": {"body": name}, "hyt": {"body": name}})
     flown = fly(frontal(airspeed_m_s=15.0, lead_m=600.0, width_m=150.0), profile, 2)

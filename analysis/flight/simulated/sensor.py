@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import linalg
 from scipy.linalg import lapack
 
 from shockrig.analysis.effects import CATALOGUE
@@ -32,6 +33,7 @@ Array = NDArray[np.float64]
 # conductances are refreshed as the rate follows the air's temperature and the Biot number the airspeed.
 
 VOLUMES = 48
+STEPS_AT_ONCE = 4096  # whose modes are kept, which takes memory
 SKIN_REFINEMENT = 2.0  # how much finer cells are towards the open face of a body that is read as its mean
 # name -> dimension (1 slab, 2 cylinder, 3 sphere), read at the core
 SHAPES = {
@@ -121,14 +123,17 @@ def march(body: Cells, rate: Array, biot: Array, drive: Array, follow: Follow | 
     -----
     Chains of cells lie one after another in one symmetric tridiagonal system. A sheath has no rate of its own: it
     follows the air at its time constant, through the film of `biot` where there is one, and what the body takes from it
-    goes at the rate of the body's last cell.
+    goes at the rate of the body's last cell. Where there is no sheath and the exchange stays as it is, the system is
+    solved in its modes, many times as fast.
     """
     runs, count = drive.shape
     size = body.capacity.size
     scale = np.broadcast_to(rate, drive.shape)
     film = np.broadcast_to(1.0 / biot, drive.shape)
     surface = 1.0 / (body.to_surface + film)
-    steady = follow is None and bool(np.all(scale == scale[:, :1]) and np.all(surface == surface[:, :1]))
+    if follow is None and not body.sheath_s and np.all(surface == surface[:, :1]):
+        return _by_modes(body, scale, surface[:, 0], drive)
+    steady = follow is None and bool(np.all(scale == scale[:, :1]) and np.all(surface == surface[:, :1]))  # in a sheath
     heavy = np.tile(body.capacity, runs) * 1.5 / FINE_STEP_S
     state = np.repeat(drive[:, 0], size)
     before = state.copy()
@@ -160,6 +165,33 @@ def march(body: Cells, rate: Array, biot: Array, drive: Array, follow: Follow | 
         state = lapack.dpttrs(factor[0], factor[1], right)[0]
         reading[:, k] = state.reshape(runs, size) @ body.weight
     return reading
+
+
+def _by_modes(body: Cells, scale: Array, surface: Array, drive: Array) -> Array:
+    """The same (r, n) for bodies whose conductances all go with one factor `scale` (r, n), with `surface` (r,) to the
+    air: the modes of their cells then stay the same, and each step is one of numbers and not of a system."""
+    root, runs = np.sqrt(body.capacity), surface.size
+    decay, shown, taken = np.empty((3, runs, root.size))
+    for run in range(runs):
+        between = np.concatenate([[0.0], body.link, surface[run : run + 1]])
+        decay[run], shapes = linalg.eigh_tridiagonal(
+            (between[1:] + between[:-1]) / body.capacity, -body.link / (root[1:] * root[:-1])
+        )
+        shown[run], taken[run] = (body.weight / root) @ shapes, shapes[-1] * surface[run] / root[-1]
+    # Of each mode, in departures from rest: y_k - (4 y_k-1 - y_k-2) / 3 = step (taken u_k - decay y_k) scale_k / 1.5.
+    departure = np.zeros(drive.shape)
+    before = state = np.zeros(decay.shape)
+    for first in range(1, drive.shape[1], STEPS_AT_ONCE):
+        steps = slice(first, first + STEPS_AT_ONCE)
+        scaled = scale[:, steps].T[..., None] * (FINE_STEP_S / 1.5)
+        share = 1.0 / (1.0 + scaled * decay)
+        come = share * scaled * taken * (drive[:, steps] - drive[:, :1]).T[..., None]
+        newer, older = share * (4.0 / 3.0), share / 3.0
+        for k in range(len(share)):
+            before, state = state, newer[k] * state - older[k] * before + come[k]
+            share[k] = state
+        departure[:, steps] = np.einsum("krm,rm->rk", share, shown)
+    return drive[:, :1] + departure
 
 
 def lag(drive: Array, time_constant_s: float) -> Array:
