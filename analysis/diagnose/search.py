@@ -188,7 +188,7 @@ class Race:
                 thetas.append(theta)
                 owners.append((one, start))
             predicted = model.predict(Point(np.stack(thetas), found.deviations)) - base
-            columns.append(np.matmul(self.problem.whitener, np.moveaxis(predicted, 0, -1)))
+            columns.append(self.problem.whiten(np.moveaxis(predicted, 0, -1)))
         if not columns:
             return []
         right, size = self._first_order(near, np.concatenate(columns, axis=-1))

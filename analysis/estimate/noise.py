@@ -6,6 +6,7 @@ one scatter matrix, so that one evaluation costs one small Cholesky factor howev
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -328,7 +329,8 @@ def estimate_noise(
     extra = max(rounding**2 / 12.0, 1e-3 * scale)
     apart = np.abs(np.subtract.outer(np.arange(piece), np.arange(piece)))
     sides = np.asfortranarray(np.hstack([np.eye(piece, 1), *(p.polynomials for p in pools)]))
-    ends = np.cumsum([p.polynomials.shape[1] for p in pools])[:-1]
+    ends = 1 + np.cumsum([0, *(p.polynomials.shape[1] for p in pools)])
+    own = [slice(*between) for between in itertools.pairwise(ends.tolist())]  # each pool's columns of `sides`
 
     def parts(x: Array, averaged: int) -> tuple[float, float, float]:
         total, share, memory = scale * averaged * np.exp(x[0]), _logistic(x[1]), longest * _logistic(x[2])
@@ -344,8 +346,8 @@ def estimate_noise(
         if factor is None:
             return IMPOSSIBLE
         solved = linalg.lapack.dpotrs(factor, sides, lower=True)[0]
-        seen = np.split(solved[:, 1:], ends, axis=1)
-        return sum(p.deviance(solved[:, 0], one, log_determinant) for p, one in zip(pools, seen, strict=True))
+        first = solved[:, 0]
+        return sum(p.deviance(first, solved[:, one], log_determinant) for p, one in zip(pools, own, strict=True))
 
     longest_mean = longest_average(channel)
     # A quick look at every length picks the few that are worth a full fit; plain noise always is.
@@ -418,7 +420,7 @@ def _of_wandering(white: float, correlated: float, memory: float) -> bool:
 
 
 def _logistic(x: float) -> float:
-    return float(1.0 / (1.0 + np.exp(-np.clip(x, -30, 30))))
+    return float(1.0 / (1.0 + np.exp(-min(max(x, -30.0), 30.0))))
 
 
 def longest_average(channel: Channel) -> int:
