@@ -47,7 +47,7 @@ def test_a_limit_amid_the_readings_of_a_plateau_is_no_ceiling(tmp_path):
 
 
 def test_a_limit_below_the_air_is_a_ceiling(tmp_path):
-    problem = wet_world(tmp_path, Hidden("saturation_clipping", {"limit_percent": 79.0}), plan=standard_plan()[::2])
+    problem = wet_world(tmp_path, Hidden("saturation_clipping", {"limit_percent": 79.0}), plan=standard_plan()[::3])
     found = search(problem).best.fit
     assert found.structure.ids == ("saturation_clipping",)
     (limit, spread) = found.values()["saturation_clipping"]["limit_percent"]

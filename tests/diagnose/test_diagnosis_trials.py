@@ -23,6 +23,7 @@ from shockrig.rig.virtual.truth import ROUGH, TrueNoise
 trials = benchmark("diagnosis_trials")
 
 
+@pytest.mark.trial
 def test_nothing_is_named_where_nothing_is_hidden():
     result = trials.trial("none", "rough", "comfortable", 7010)
     for name, channel in result["diagnosis"]["channels"].items():

@@ -73,7 +73,7 @@ def test_cells_follow_the_closed_form_of_their_body(name, biot):
 
 @pytest.mark.parametrize("name", BODIES)
 def test_the_modes_of_cells_do_as_the_cells(name):
-    """The two ways to step them, of two bodies whose rates change: a factor of one in every cell asks for the system."""
+    """Both ways to step two bodies whose rates change: a factor of one in every cell asks for the system."""
     drive = np.cumsum(np.random.default_rng(1).normal(0.0, 0.01, (2, 900)), axis=1)
     rate, biot = 0.3 * np.exp(drive), np.array([[np.inf], [0.7]])
     by_cells = march(cells(name), rate, biot, drive, lambda step, state: np.ones(state.shape))
