@@ -495,49 +495,54 @@ def _with_scatter_before(
     return replace(conditions, **{name: np.where(measured, before, getattr(conditions, name))})
 
 
+def _plateau(trace: Trace, column: str, start: float, after: bool, tempo: float) -> float:
+    """Mean of the readings before the start, or of the last ones; NaN where there are none."""
+    time = trace.time_s
+    spacing = float(np.median(np.diff(time)))
+    last = time > time[-1] - max(5.0 * min(tempo, 1.0), 5 * spacing)
+    values = trace.values[column][last if after else time < start - min(0.2, 2 * spacing)]
+    values = values[np.isfinite(values)]
+    return float(values.mean()) if values.size else np.nan
+
+
+def _airs(usable: list[UsableRun], kind: str, of: Quantity, quantity: Quantity, tempo: float) -> tuple[Array, Array]:
+    """What the runs' source or destination airs (`kind`) were in one quantity (R,), and their scatters: measured, else
+    stated, else as the sensor itself showed them, else as usual."""
+    values, scatters = [], []
+    for one in usable:
+        run, value = one.run, getattr(getattr(one.run, kind), of.column)
+        scatter = of.air_scatter if value is not None else of.unknown_air_scatter
+        if one.air is not None:
+            trace = of.of_air(one.air)
+            known = trace[np.isfinite(trace)]
+            if known.size:
+                value = float(known[0] if kind == "source" else known[-max(known.size // 20, 1) :].mean())
+                scatter = getattr(run.reference, of.reference_uncertainty)
+        if value is None:
+            after, found = kind == "destination", run.hyt if of is HUMIDITY else (run.imet or run.hyt)
+            value = _plateau(found, of.column, one.start_s, after, tempo) if found is not None else np.nan
+            if of is quantity and after and np.isfinite(value):
+                scatter = float(np.hypot(scatter, _still_to_go(one, quantity, value)))
+            if not np.isfinite(value):
+                value = of.usual_air
+        values.append(value)
+        scatters.append(max(scatter, 1e-6))
+    return np.array(values), np.array(scatters)
+
+
 def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_s: float) -> Conditions:
-    def plateau(trace: Trace, column: str, start: float, after: bool) -> float:
-        time = trace.time_s
-        spacing = float(np.median(np.diff(time)))
-        last = time > time[-1] - max(5.0 * min(tempo, 1.0), 5 * spacing)
-        values = trace.values[column][last if after else time < start - min(0.2, 2 * spacing)]
-        values = values[np.isfinite(values)]
-        return float(values.mean()) if values.size else np.nan
-
-    def air(kind: str, of: Quantity) -> tuple[Array, Array]:
-        values, scatters = [], []
-        for one in usable:
-            run, value = one.run, getattr(getattr(one.run, kind), of.column)
-            scatter = of.air_scatter if value is not None else of.unknown_air_scatter
-            if one.air is not None:
-                trace = of.of_air(one.air)
-                known = trace[np.isfinite(trace)]
-                if known.size:
-                    value = float(known[0] if kind == "source" else known[-max(known.size // 20, 1) :].mean())
-                    scatter = getattr(run.reference, of.reference_uncertainty)
-            if value is None:
-                found = run.hyt if of is HUMIDITY else (run.imet or run.hyt)
-                value = plateau(found, of.column, one.start_s, kind == "destination") if found is not None else np.nan
-                if of is quantity and kind == "destination" and np.isfinite(value):
-                    scatter = float(np.hypot(scatter, _still_to_go(one, quantity, value)))
-                if not np.isfinite(value):
-                    value = of.usual_air
-            values.append(value)
-            scatters.append(max(scatter, 1e-6))
-        return np.array(values), np.array(scatters)
-
     runs = [one.run for one in usable]
-    source_c, source_c_scatter = air("source", TEMPERATURE)
-    destination_c, destination_c_scatter = air("destination", TEMPERATURE)
+    source_c, source_c_scatter = _airs(usable, "source", TEMPERATURE, quantity, tempo)
+    destination_c, destination_c_scatter = _airs(usable, "destination", TEMPERATURE, quantity, tempo)
     stated = np.array([one.air is None and one.run.source.temperature_c is not None for one in usable])
     if quantity is TEMPERATURE and stated.any() and not any(run.airflow_m_s is not None for run in runs):
         # On a bench that measures its airflow, effects that change with it are a likelier reason than its reference.
-        rest = np.array([plateau(one.trace, quantity.column, one.start_s, False) for one in usable])
+        rest = np.array([_plateau(one.trace, quantity.column, one.start_s, False, tempo) for one in usable])
         scatter = scatter_of_stated(rest[stated], source_c[stated], quantity.air_scatter)
         source_c_scatter = np.where(stated, scatter, source_c_scatter)
         destination_c_scatter = np.where(stated, np.maximum(scatter, destination_c_scatter), destination_c_scatter)
-    source_percent, source_percent_scatter = air("source", HUMIDITY)
-    destination_percent, destination_percent_scatter = air("destination", HUMIDITY)
+    source_percent, source_percent_scatter = _airs(usable, "source", HUMIDITY, quantity, tempo)
+    destination_percent, destination_percent_scatter = _airs(usable, "destination", HUMIDITY, quantity, tempo)
     driven = np.array([one.air is not None for one in usable])
     start_known = np.array([run.start_s is not None for run in runs]) | driven
     spacing = float(np.median([np.median(np.diff(one.trace.time_s)) for one in usable]))
@@ -545,9 +550,7 @@ def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_
     unknown_start = max(UNKNOWN_START_SCATTER_S * min(tempo, 1.0), 2.0 * spacing, own)
     airs_known = np.array([_airs_known(run, quantity) for run in runs])
     duration = np.array([np.nan if run.duration_s is None else run.duration_s for run in runs])
-    timed = (np.nan_to_num(duration) > 0) & ~driven
-    all_timed = bool((timed | driven).all())
-    usual_s = float(np.median(duration[timed])) if timed.any() else np.nan
+    ramp_ratio, ramp_own_s = _ramps(duration, driven)
     halves = [
         resolved_half_way_s(one.trace.time_s - one.start_s, one.trace.values[quantity.column])
         if quantity.pooled and one.air is None
@@ -556,8 +559,6 @@ def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_
     ]
     airflow = np.array([np.nan if run.airflow_m_s is None else run.airflow_m_s for run in runs])
     elsewhere = runs_elsewhere(np.array(halves), [destination_c < source_c, airflow])
-    # Slowed on purpose: that a run took as long as it did is part of what was done, and no fault of the bench.
-    own = timed & ((duration > max(SLOWED_TIMES * usual_s, SLOWED_FROM_S)) | (not all_timed))
     return Conditions(
         source_c=source_c,
         destination_c=destination_c,
@@ -576,12 +577,23 @@ def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_
         airs_known=airs_known | driven,
         irradiance_w_m2=np.array([_extra(run, "irradiance_w_m2") for run in runs]),
         duration_s=duration,
-        ramp_ratio=np.where(timed & ~own, duration / usual_s, 1.0) if all_timed else np.ones(len(runs)),
-        ramp_own_s=np.where(own, duration, np.nan),
+        ramp_ratio=ramp_ratio,
+        ramp_own_s=ramp_own_s,
         elsewhere=elsewhere,
         order=np.arange(len(runs), dtype=float),
         hours=_hours(runs),
     )
+
+
+def _ramps(duration_s: Array, driven: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """How long transfers (R,) took over the usual, where all were timed; and those that were slowed on purpose [s], NaN
+    elsewhere: that such a run took as long as it did is part of what was done, and no fault of the bench."""
+    timed = (np.nan_to_num(duration_s) > 0) & ~driven
+    all_timed = bool((timed | driven).all())
+    usual_s = float(np.median(duration_s[timed])) if timed.any() else np.nan
+    own = timed & ((duration_s > max(SLOWED_TIMES * usual_s, SLOWED_FROM_S)) | (not all_timed))
+    ratio = np.where(timed & ~own, duration_s / usual_s, 1.0) if all_timed else np.ones(duration_s.size)
+    return ratio, np.where(own, duration_s, np.nan)
 
 
 def _still_to_go(one: UsableRun, quantity: Quantity, end: float) -> float:

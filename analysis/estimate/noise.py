@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,6 +89,8 @@ def noise_before_rounding(variance: float, step: float) -> float:
 
 PIECE_SAMPLES = 84  # samples in a piece of plateau where it is that long: long against the noise's memory
 SHORTEST_PIECE = 10
+FEWEST_PIECES = 3  # of plateau, in all
+AVERAGE_NATS = 8.0  # by which an average over readings has to be likelier than none
 MAX_AVERAGED = 24
 OWN_SHARE = 0.4  # of a sensor's time to half of a step
 TINY_VARIANCE = 1e-12  # variance of what is nothing
@@ -290,6 +293,120 @@ def _pool(pieces: Array, order: int, reject: bool = True) -> _Pool:
     return _Pool(reduced.shape[0], polynomials, scatter, ahead)
 
 
+@dataclass(frozen=True)
+class _PlateauNoise:
+    """What a channel's plateaus say of noise by its numbers x: (ln of total over observed variance, logit of the
+    correlated share, logit of the memory).
+
+    Attributes
+    ----------
+    pools : list of _Pool
+    scale : float
+        Observed variance [unit^2].
+    longest_memory : float
+        From one sample to the next.
+    extra : float
+        Variance of rounding that an average does not thin out [unit^2].
+    coarse_step : float
+        To which readings are rounded, where that is coarse beside the noise [unit]; else 0.
+    readings_per_sample : int
+    """
+
+    pools: list[_Pool]
+    scale: float
+    longest_memory: float
+    extra: float
+    coarse_step: float
+    readings_per_sample: int
+
+    @cached_property
+    def places(self) -> tuple[NDArray[np.int64], Array, list[slice]]:
+        """How far samples of a piece are apart (n, n); what C^-1 is applied to, the first unit vector and the pools'
+        polynomials, as columns; and each pool's own columns of these."""
+        size = len(self.pools[0].scatter)
+        ends = 1 + np.cumsum([0, *(pool.polynomials.shape[1] for pool in self.pools)])
+        columns = np.asfortranarray(np.hstack([np.eye(size, 1), *(pool.polynomials for pool in self.pools)]))
+        apart = np.abs(np.subtract.outer(np.arange(size), np.arange(size)))
+        return apart, columns, [slice(*between) for between in itertools.pairwise(ends.tolist())]
+
+    @property
+    def readings(self) -> int:
+        """Samples in all pieces, less what their polynomials took."""
+        return sum(pool.count * (len(pool.scatter) - pool.polynomials.shape[1]) for pool in self.pools)
+
+    def parts(self, x: Array, averaged: int) -> tuple[float, float, float]:
+        """White and correlated variance of a reading before the average, and memory to the next."""
+        total, share = self.scale * averaged * np.exp(x[0]), _logistic(x[1])
+        memory = self.longest_memory * _logistic(x[2])
+        return (1 - share) * total, share * total, memory ** (1.0 / self.readings_per_sample)
+
+    def deviance(self, x: Array, averaged: int) -> float:
+        """-2 log restricted likelihood."""
+        apart, columns, own = self.places
+        gamma = _autocovariance(*self.parts(x, averaged), averaged, len(apart), self.readings_per_sample)
+        if self.coarse_step:
+            gamma = rounded_autocovariance(gamma, self.coarse_step)
+        elif averaged > 1:
+            gamma[0] += self.extra
+        factor, log_determinant = _factored(gamma[apart])
+        if factor is None:
+            return IMPOSSIBLE
+        solved = linalg.lapack.dpotrs(factor, columns, lower=True)[0]
+        first = solved[:, 0]
+        return sum(p.deviance(first, solved[:, one], log_determinant) for p, one in zip(self.pools, own, strict=True))
+
+    def fitted(self, averaged: int) -> tuple[float, Array]:
+        """The least deviance for an average over so many readings, and the numbers x that have it."""
+        from scipy.optimize import minimize  # a fifth of a second, which no correction of a flight needs
+
+        starts = [[0.0, -1.5, 2.0], [0.0, -5.0, 0.0]] if averaged == 1 else [[0.0, -2.0, 1.5]]
+        fits = [
+            minimize(
+                self.deviance,
+                start,
+                args=(averaged,),
+                method="Nelder-Mead",
+                options={
+                    "xatol": 0.01,
+                    "fatol": 0.05,
+                    "maxiter": 150,
+                    "initial_simplex": np.array(start) + np.vstack([np.zeros(3), np.diag([0.3, 0.8, 0.8])]),
+                },
+            )
+            for start in starts
+        ]
+        best = min(fits, key=lambda one: one.fun)
+        return float(best.fun), best.x
+
+    def promising(self, longest: int) -> set[int]:
+        """Averages that a quick look finds worth a full fit, up to a length."""
+        quick = [min(self.deviance(np.array(x), n) for x in QUICK) for n in range(1, longest + 1)]
+        return {int(n) + 1 for n in np.argsort(quick)[:3]}
+
+
+def _of_plateaus(channel: Channel, rounding: float, coarse: bool) -> _PlateauNoise | None:
+    """The channel's plateaus, pooled; None where they are too few."""
+    early, late = plateau_pieces(channel)
+    # Before the transfer the reading rests; after it the end of the transient may still bend a little.
+    bent, longest = 2, LONGEST_MEMORY
+    if coarse:
+        pools = [_pool(early, 0, reject=False)] if early.size else []
+    else:
+        # A sensor that a measured air drives is hardly ever at rest: what still bends is no noise of a long memory, and
+        # a memory as long as such bends could not be told from them.
+        if channel.measured.any():
+            bent, longest = BENT_IN_AIR, float(np.exp(-(BENT_IN_AIR + 1) / early.shape[1]))
+        pools = [p for p in (_pool(early, 0), _pool(late, bent)) if p.count]
+    if sum(p.count for p in pools) < FEWEST_PIECES:
+        return None
+    found = _PlateauNoise(pools, 1.0, longest, 0.0, rounding if coarse else 0.0, channel.readings_per_sample)
+    scale = float(sum(np.trace(p.scatter) for p in pools) / found.readings)
+    if coarse:
+        # The mean over pieces that mostly show nothing at all, and a few that flip.
+        scale = noise_before_rounding(scale, rounding) ** 2
+    return replace(found, scale=scale, extra=max(rounding**2 / 12.0, 1e-3 * scale))
+
+
 def estimate_noise(
     channel: Channel,
     rounding: float = 0.0,
@@ -302,97 +419,35 @@ def estimate_noise(
     `rounding` is the step [channel's unit] to which readings are rounded after any averaging: white noise that an
     average does not thin out. `lengths` are averages to be fitted besides those that look promising; `averaged` takes
     one of them as given, whatever the noise says of it. `coarse`: the step is coarse beside the noise, which shows only
-    where a plateau happens to lie near the edge of a code (see `analysis.rounding`); nothing is said of averages then.
+    where a plateau happens to lie near the edge of a code (see `rounding_covariance`); nothing is said of averages
+    then.
     """
-    early, late = plateau_pieces(channel)
-    piece, each = early.shape[1], channel.readings_per_sample
-    # Before the transfer the reading rests; after it the end of the transient may still bend a little.
-    bent, longest = 2, LONGEST_MEMORY
-    if coarse:
-        pools = [_pool(early, 0, reject=False)] if early.size else []
-    else:
-        # A sensor that a measured air drives is hardly ever at rest: what still bends is no noise of a long memory, and
-        # a memory as long as such bends could not be told from them.
-        if channel.measured.any():
-            bent, longest = BENT_IN_AIR, float(np.exp(-(BENT_IN_AIR + 1) / piece))
-        pools = [p for p in (_pool(early, 0), _pool(late, bent)) if p.count]
-    count = sum(p.count for p in pools)
-    if count < 3:
-        return _crude(channel, rounding if coarse else 0.0)
-    scale = sum(np.trace(p.scatter) for p in pools) / sum(p.count * (piece - p.polynomials.shape[1]) for p in pools)
-    if coarse:
-        # The mean over pieces that mostly show nothing at all, and a few that flip.
-        scale = noise_before_rounding(scale, rounding) ** 2
-    if scale < 1e-12:
-        return Noise(1e-4, 0.0, 0.0, 1, 0.0, count, np.zeros(MAX_AVERAGED), rounding if coarse else 0.0)
-
-    extra = max(rounding**2 / 12.0, 1e-3 * scale)
-    apart = np.abs(np.subtract.outer(np.arange(piece), np.arange(piece)))
-    sides = np.asfortranarray(np.hstack([np.eye(piece, 1), *(p.polynomials for p in pools)]))
-    ends = 1 + np.cumsum([0, *(p.polynomials.shape[1] for p in pools)])
-    own = [slice(*between) for between in itertools.pairwise(ends.tolist())]  # each pool's columns of `sides`
-
-    def parts(x: Array, averaged: int) -> tuple[float, float, float]:
-        total, share, memory = scale * averaged * np.exp(x[0]), _logistic(x[1]), longest * _logistic(x[2])
-        return (1 - share) * total, share * total, memory ** (1.0 / each)
-
-    def deviance(x: Array, averaged: int) -> float:
-        gamma = _autocovariance(*parts(x, averaged), averaged, piece, each)
-        if coarse:
-            gamma = rounded_autocovariance(gamma, rounding)
-        elif averaged > 1:
-            gamma[0] += extra
-        factor, log_determinant = _factored(gamma[apart])
-        if factor is None:
-            return IMPOSSIBLE
-        solved = linalg.lapack.dpotrs(factor, sides, lower=True)[0]
-        first = solved[:, 0]
-        return sum(p.deviance(first, solved[:, one], log_determinant) for p, one in zip(pools, own, strict=True))
-
-    longest_mean = longest_average(channel)
-    # A quick look at every length picks the few that are worth a full fit; plain noise always is.
-    wanted = {1, *lengths} if not coarse else {averaged or 1}
-    if not coarse:
-        quick = [min(deviance(np.array(x), n) for x in QUICK) for n in range(1, longest_mean + 1)]
-        wanted |= {int(n) + 1 for n in np.argsort(quick)[:3]}
-    from scipy.optimize import minimize  # a fifth of a second, which no correction of a flight needs
-
-    promising = sorted(n for n in wanted if 1 <= n <= MAX_AVERAGED)
+    shown, step = _of_plateaus(channel, rounding, coarse), rounding if coarse else 0.0
+    if shown is None:
+        return _crude(channel, step)
+    count = sum(pool.count for pool in shown.pools)
+    if shown.scale < TINY_VARIANCE:
+        return Noise(1e-4, 0.0, 0.0, 1, 0.0, count, np.zeros(MAX_AVERAGED), step)
+    # Plain noise is always worth a full fit.
+    wanted = {averaged or 1} if coarse else {1, *lengths} | shown.promising(longest_average(channel))
     best = np.full(MAX_AVERAGED, -np.inf)
     found: dict[int, Array] = {}
-    for length in promising:
-        starts = [[0.0, -1.5, 2.0], [0.0, -5.0, 0.0]] if length == 1 else [[0.0, -2.0, 1.5]]
-        fits = [
-            minimize(
-                deviance,
-                start,
-                args=(length,),
-                method="Nelder-Mead",
-                options={
-                    "xatol": 0.01,
-                    "fatol": 0.05,
-                    "maxiter": 150,
-                    "initial_simplex": np.array(start) + np.vstack([np.zeros(3), np.diag([0.3, 0.8, 0.8])]),
-                },
-            )
-            for start in starts
-        ]
-        fit = min(fits, key=lambda f: f.fun)
-        best[length - 1] = -0.5 * fit.fun
-        found[length] = fit.x
+    for length in sorted(n for n in wanted if 1 <= n <= MAX_AVERAGED):
+        least, found[length] = shown.fitted(length)
+        best[length - 1] = -0.5 * least
     if averaged not in found:
         averaged = int(np.argmax(best)) + 1
         # One more parameter has to pay for itself: plain noise unless an average is clearly better.
-        if best[averaged - 1] - best[0] < 8.0 or (_open(channel) and _of_wandering(*parts(found[averaged], averaged))):
+        wanders = _open(channel) and _of_wandering(*shown.parts(found[averaged], averaged))
+        if best[averaged - 1] - best[0] < AVERAGE_NATS or wanders:
             averaged = 1
     at = found[averaged]
     if averaged == 1 and not coarse:
         # A memory has to pay for its two parameters (Schwarz 1978, doi 10.1214/aos/1176344136): a few plateaus always
         # show some by chance, and noise that remembers would pass for the slow end of a response.
-        readings = sum(p.count * (piece - p.polynomials.shape[1]) for p in pools)
-        if deviance(WHITE, 1) - deviance(at, 1) < 2.0 * np.log(readings):
+        if shown.deviance(WHITE, 1) - shown.deviance(at, 1) < 2.0 * np.log(shown.readings):
             at = WHITE
-    white, correlated, memory = parts(at, averaged)
+    white, correlated, memory = shown.parts(at, averaged)
     # A plateau that creeps looks like noise without a white part, and such noise would trust every difference.
     white = max(white, LEAST_WHITE * correlated)
     return Noise(
@@ -400,11 +455,11 @@ def estimate_noise(
         correlated=float(np.sqrt(correlated)),
         memory=memory,
         averaged=averaged,
-        extra=float(np.sqrt(extra)) if averaged > 1 and not coarse else 0.0,
+        extra=float(np.sqrt(shown.extra)) if averaged > 1 and not coarse else 0.0,
         pieces=count,
         log_likelihood_by_average=best,
-        readings_per_sample=each,
-        step=rounding if coarse else 0.0,
+        readings_per_sample=shown.readings_per_sample,
+        step=step,
     )
 
 

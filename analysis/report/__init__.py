@@ -11,8 +11,8 @@ from shockrig.analysis.report.html import (
     Text,
     render,
 )
-from shockrig.analysis.report.numbers import measured, plain
 from shockrig.analysis.report.style import save_figure, write_whole
+from shockrig.files.numbers import measured, plain
 
 __all__ = [
     "Details",

@@ -14,7 +14,6 @@ from shockrig.analysis.report.diagnosis_words import INSTRUMENT, SENSOR, listed,
 from shockrig.analysis.report.fitted import UNIT, panels, relative_runs, residuals, single_runs
 from shockrig.analysis.report.html import Block, Cell, Details, Figure, HtmlPage, KeyNumber, Section, Table, Text
 from shockrig.analysis.report.loop_page import chosen_section
-from shockrig.analysis.report.numbers import counted, measured, plain
 from shockrig.analysis.report.panels import run_panels
 from shockrig.analysis.report.parameters import Curve, diffusivity, parameter_by_condition
 from shockrig.analysis.report.rates import rate_label, rate_text
@@ -22,6 +21,7 @@ from shockrig.analysis.report.residuals import residual_overview
 from shockrig.analysis.report.seen import seen_sentence
 from shockrig.analysis.report.style import save_figure
 from shockrig.files.headline import LUMPED, time_text
+from shockrig.files.numbers import counted, measured, plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing

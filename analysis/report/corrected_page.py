@@ -15,11 +15,11 @@ from shockrig.analysis.flight.comparisons import ways_apart
 from shockrig.analysis.flight.judging import gathered, power_spectrum
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.report.html import Block, Cell, Figure, HtmlPage, KeyNumber, Section, Table, Text
-from shockrig.analysis.report.numbers import counted, plain
 from shockrig.analysis.report.style import BLUE, GREY, ORANGE, styled
 from shockrig.files.flight import FLAGS, Corrected, Flight
 from shockrig.files.flight_figure import changes_of, channels_of, has_altitude, plot_flight
 from shockrig.files.headline import headlines
+from shockrig.files.numbers import counted, plain
 from shockrig.files.profile import Profile
 
 if TYPE_CHECKING:

@@ -17,8 +17,7 @@ from shockrig.analysis.effects.described import entry_of
 from shockrig.analysis.estimate.channel import LeftOut
 from shockrig.analysis.estimate.quantity import QUANTITIES
 from shockrig.analysis.report import diagnosis_words
-from shockrig.analysis.report.crossing import Crossing
-from shockrig.analysis.report.diagnosis_figures import crossing_figure
+from shockrig.analysis.report.crossing import Crossing, crossing_figure
 from shockrig.analysis.report.diagnosis_view import ChannelView
 from shockrig.analysis.report.diagnosis_words import (
     NOT_TOLD,
@@ -51,11 +50,11 @@ from shockrig.analysis.report.html import (
 )
 from shockrig.analysis.report.loop_page import chosen_section
 from shockrig.analysis.report.next_time import next_time
-from shockrig.analysis.report.numbers import plain
 from shockrig.analysis.report.rates import rate_label, rate_text
 from shockrig.analysis.report.seen import seen_sentence
 from shockrig.analysis.report.style import save_figure
 from shockrig.files.headline import LUMPED, time_text
+from shockrig.files.numbers import plain
 
 # What data sheets of the HYT family promise (IST AHHYTM E2.2.1); a bead is calibrated to about the same.
 ACCURACY = {"temperature": 0.2, "humidity": 1.8}

@@ -111,77 +111,14 @@ def look_at(compared: Compared, folder: Path) -> ChannelView:
     return ChannelView(found, before, after, held, figures)
 
 
-def _draw(
-    found: ChannelDiagnosis, before: ChannelResult | None, after: ChannelResult | None, held: HeldOut
-) -> dict[str, tuple[Drawing, str, str]]:
-    unit, noise, channel = UNIT[found.name], found.noise.standard_deviation, found.problem.channel
-    sensor, figures = sensor_of(found), {}
-    steps = seen(channel) if little_known(channel) else ()
-    if any(one.times_s is not None for one in steps):
-        figures["seen"] = (
-            seen_figure(channel, steps),
-            "Readings over the way that they went, since the change is seen to begin. Circles: 63 % and 90 % of it.",
-            f"Readings of the {sensor} as shares of their way, with the times to 63 % and 90 %",
-        )
-    if found.verdict in ("unexplained", "described"):
-        left = remaining(channel, found.plain)
-        if left is not None:
-            figures["remaining"] = (
-                remaining_figure(left),
-                "What the plain model leaves, as a share of each run's step, with two standard "
-                "uncertainties (number of runs in brackets), and its spectrum of relaxation times. "
-                + parted_by(left, found.remainder.varies_with),
-                f"What is left in the readings of the {sensor}, and its relaxation times",
-            )
+Figures = dict[str, tuple["Drawing", str, str]]  # name -> (figure, caption, alt)
+
+
+def _draw(found: ChannelDiagnosis, before: ChannelResult | None, after: ChannelResult | None, held: HeldOut) -> Figures:
+    figures = _of_what_is_seen(found)
     if held.run_ids:
-        extended = bool(found.final.structure.effects)
-        both = zip(held.run_ids, held.time_s, held.before, held.after, strict=True)
-        if extended:
-            figures["before_after"] = (
-                drawings.before_after(
-                    [drawings.BeforeAfter(*run) for run in both], unit, noise, (found.gain.before, found.gain.after)
-                ),
-                "Each run under models that were fitted without it: the plain one, and the one with the causes found. "
-                "Means in log time; grey: two standard deviations of one reading's noise. The errors in the titles are "
-                "from the nested trial, in which the model, or a part of it, was chosen without the runs held out.",
-                f"Held-out residuals of the {sensor} before and after the model was extended",
-            )
-        figures["residuals"] = (
-            _overview(found, held, held.before),
-            "Residuals of the plain model on runs that it was not fitted to, coloured by what the runs were. A pattern "
-            "that goes with a colour says what the missing effect depends on.",
-            f"Held-out residuals of the plain model of the {sensor} by condition",
-        )
-        if extended:
-            figures["residuals_extended"] = (
-                _overview(found, held, held.after),
-                "The same under the extended model.",
-                f"Held-out residuals of the extended model of the {sensor} by condition",
-            )
-        period = channel.sampling_period_s
-        lags = {"plain model": autocorrelation(held, held.before, period)}
-        if extended:
-            lags["extended model"] = autocorrelation(held, held.after, period)
-        own = found.noise.autocovariance(len(lags["plain model"][0]) + 1)
-        lags["noise of the plateaus"] = (own[1:] / own[0], lags["plain model"][1])
-        figures["autocorrelation"] = (
-            drawings.autocorrelation(lags, period),
-            "Autocorrelation of the held-out residuals after the transfer, beside that of the noise as estimated from "
-            "the plateaus. A model that leaves nothing leaves the noise.",
-            f"Autocorrelation of the residuals of the {sensor}",
-        )
-    letter = channel.quantity.symbol
-    for name, result, words in (("by_condition", before, "plain"), ("by_condition_extended", after, "extended")):
-        if result is None or (result is after and not found.causes):
-            continue
-        runs = relative_runs(result)
-        if len(runs) > 2:
-            figures[name] = (
-                parameter_by_condition(runs, f"{letter}, run / joint", "", (1.0, 0.0), unit),
-                f"{letter} of each run alone under the {words} model, as a ratio to the joint fit, with two standard "
-                "uncertainties. It is a property of the material: it should not move with airflow, direction or step.",
-                f"{letter} of single runs of the {sensor} by condition, {words} model",
-            )
+        figures |= _of_held_out(found, held)
+    figures |= _of_single_runs(found, before, after)
     scores = _evidence(found)
     if scores:
         names, values, kept = zip(*scores, strict=True)
@@ -190,8 +127,87 @@ def _draw(
             "Filled: by how much unseen runs are predicted worse without the effect, nothing in its place. Open: "
             "by how much better with another one in the model that is stated. The line is what is held against any "
             "effect before the data; effects with a range to search, and forms, need more.",
-            f"What unseen runs say of the effects in the {sensor}, and of the other candidates",
+            f"What unseen runs say of the effects in the {sensor_of(found)}, and of the other candidates",
         )
+    return figures
+
+
+def _of_what_is_seen(found: ChannelDiagnosis) -> Figures:
+    """The readings' own way where little else is known, and what the plain model leaves of them."""
+    channel, sensor, figures = found.problem.channel, sensor_of(found), {}
+    steps = seen(channel) if little_known(channel) else ()
+    if any(one.times_s is not None for one in steps):
+        figures["seen"] = (
+            seen_figure(channel, steps),
+            "Readings over the way that they went, since the change is seen to begin. Circles: 63 % and 90 % of it.",
+            f"Readings of the {sensor} as shares of their way, with the times to 63 % and 90 %",
+        )
+    left = remaining(channel, found.plain) if found.verdict in ("unexplained", "described") else None
+    if left is not None:
+        figures["remaining"] = (
+            remaining_figure(left),
+            "What the plain model leaves, as a share of each run's step, with two standard "
+            "uncertainties (number of runs in brackets), and its spectrum of relaxation times. "
+            + parted_by(left, found.remainder.varies_with),
+            f"What is left in the readings of the {sensor}, and its relaxation times",
+        )
+    return figures
+
+
+def _of_held_out(found: ChannelDiagnosis, held: HeldOut) -> Figures:
+    """Residuals of runs under models that were fitted without them."""
+    unit, noise, sensor, figures = UNIT[found.name], found.noise.standard_deviation, sensor_of(found), {}
+    extended, period = bool(found.final.structure.effects), found.problem.channel.sampling_period_s
+    lags = {"plain model": autocorrelation(held, held.before, period)}
+    if extended:
+        both = zip(held.run_ids, held.time_s, held.before, held.after, strict=True)
+        figures["before_after"] = (
+            drawings.before_after(
+                [drawings.BeforeAfter(*run) for run in both], unit, noise, (found.gain.before, found.gain.after)
+            ),
+            "Each run under models that were fitted without it: the plain one, and the one with the causes found. "
+            "Means in log time; grey: two standard deviations of one reading's noise. The errors in the titles are "
+            "from the nested trial, in which the model, or a part of it, was chosen without the runs held out.",
+            f"Held-out residuals of the {sensor} before and after the model was extended",
+        )
+    figures["residuals"] = (
+        _overview(found, held, held.before),
+        "Residuals of the plain model on runs that it was not fitted to, coloured by what the runs were. A pattern "
+        "that goes with a colour says what the missing effect depends on.",
+        f"Held-out residuals of the plain model of the {sensor} by condition",
+    )
+    if extended:
+        figures["residuals_extended"] = (
+            _overview(found, held, held.after),
+            "The same under the extended model.",
+            f"Held-out residuals of the extended model of the {sensor} by condition",
+        )
+        lags["extended model"] = autocorrelation(held, held.after, period)
+    own = found.noise.autocovariance(len(lags["plain model"][0]) + 1)
+    lags["noise of the plateaus"] = (own[1:] / own[0], lags["plain model"][1])
+    figures["autocorrelation"] = (
+        drawings.autocorrelation(lags, period),
+        "Autocorrelation of the held-out residuals after the transfer, beside that of the noise as estimated from "
+        "the plateaus. A model that leaves nothing leaves the noise.",
+        f"Autocorrelation of the residuals of the {sensor}",
+    )
+    return figures
+
+
+def _of_single_runs(found: ChannelDiagnosis, before: ChannelResult | None, after: ChannelResult | None) -> Figures:
+    """The material's number of each run alone under either model, by what the runs were."""
+    letter, figures = found.problem.channel.quantity.symbol, {}
+    for name, result, words in (("by_condition", before, "plain"), ("by_condition_extended", after, "extended")):
+        if result is None or (result is after and not found.causes):
+            continue
+        runs = relative_runs(result)
+        if len(runs) > 2:
+            figures[name] = (
+                parameter_by_condition(runs, f"{letter}, run / joint", "", (1.0, 0.0), UNIT[found.name]),
+                f"{letter} of each run alone under the {words} model, as a ratio to the joint fit, with two standard "
+                "uncertainties. It is a property of the material: it should not move with airflow, direction or step.",
+                f"{letter} of single runs of the {sensor_of(found)} by condition, {words} model",
+            )
     return figures
 
 

@@ -14,10 +14,10 @@ from shockrig.analysis.estimate.effect import Parameter
 from shockrig.analysis.estimate.quantity import QUANTITIES
 from shockrig.analysis.estimate.seen import seen
 from shockrig.analysis.report.fitted import UNIT
-from shockrig.analysis.report.numbers import measured, plain
 from shockrig.files.causes import Uncertain
 from shockrig.files.diagnosis_data import Dependence, Discovered
 from shockrig.files.headline import LUMPED
+from shockrig.files.numbers import measured, plain
 
 # Sentences on effects that nobody listed: 'behaves as', never 'is'.
 

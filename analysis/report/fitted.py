@@ -12,7 +12,6 @@ from shockrig.analysis.characterize.result import ChannelResult, Characterizatio
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import model_at_samples
 from shockrig.analysis.estimate.quantity import QUANTITIES
-from shockrig.analysis.report.numbers import plain
 from shockrig.analysis.report.panels import RunPanel
 from shockrig.analysis.report.parameters import RunParameter
 from shockrig.analysis.report.residuals import ResidualRun
@@ -21,6 +20,7 @@ from shockrig.files.campaign import Campaign, Trace
 from shockrig.files.campaign_figure import draw_diffusivity
 from shockrig.files.figures import notebook_figure
 from shockrig.files.headline import LUMPED, headlines
+from shockrig.files.numbers import plain
 from shockrig.files.profile import Profile
 
 if TYPE_CHECKING:

@@ -9,7 +9,6 @@ from pathlib import Path
 from shockrig.analysis.estimate.quantity import QUANTITIES
 from shockrig.analysis.fleet.prior import WithFleet
 from shockrig.analysis.report.html import Block, Cell, Details, Figure, HtmlPage, KeyNumber, Section, Table, Text
-from shockrig.analysis.report.numbers import counted, measured, plain
 from shockrig.analysis.report.style import save_figure
 from shockrig.files.fleet import (
     BENCH,
@@ -23,6 +22,7 @@ from shockrig.files.fleet import (
     FleetTrend,
 )
 from shockrig.files.fleet_views import nearest_figure, plot_fleet
+from shockrig.files.numbers import counted, measured, plain
 
 NOUN: dict[str, str] = {name: quantity.noun for name, quantity in QUANTITIES.items()}
 SYMBOL: dict[str, str] = {name: quantity.symbol for name, quantity in QUANTITIES.items()}

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.checks.link import LinkFinding
 from shockrig.analysis.report.html import Cell, Figure, HtmlPage, KeyNumber, Section, Table, Text
-from shockrig.analysis.report.numbers import counted, plain
 from shockrig.analysis.report.style import BLUE, GREEN, INK, ORANGE, styled
+from shockrig.files.numbers import counted, plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MatplotlibFigure

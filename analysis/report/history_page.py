@@ -10,8 +10,8 @@ import numpy as np
 
 from shockrig.analysis.characterize.history import CHART_SIGMAS, FALSE_ALARMS, Chart, HistoryStep
 from shockrig.analysis.report.html import Block, Cell, Figure, HtmlPage, Section, Table, Text
-from shockrig.analysis.report.numbers import measured, plain
 from shockrig.analysis.report.style import BLUE, GREY, RED, literal, save_figure, styled
+from shockrig.files.numbers import measured, plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing

@@ -14,8 +14,8 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from shockrig.analysis.report.numbers import plain
 from shockrig.analysis.report.style import figure_bytes, write_whole
+from shockrig.files.numbers import plain
 
 if TYPE_CHECKING:
     from matplotlib import figure as matplotlib_figure

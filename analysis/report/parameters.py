@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from shockrig.analysis.report.numbers import power_of_ten
 from shockrig.analysis.report.panels import panels
 from shockrig.analysis.report.style import BLUE, GREEN, GREY, INK, LIGHT, RED, SKY, literal, styled
+from shockrig.files.numbers import power_of_ten
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

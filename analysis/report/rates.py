@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from shockrig.analysis.characterize.result import TableRow
 from shockrig.analysis.estimate.channel import Channel
-from shockrig.analysis.report.numbers import measured
 from shockrig.files.headline import LUMPED, first_order
+from shockrig.files.numbers import measured
 
 
 def rate_text(channel: Channel, row: TableRow, unit: str = "s") -> str:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from shockrig.analysis.estimate.bins import log_bins
-from shockrig.analysis.report.numbers import plain
 from shockrig.analysis.report.panels import log_time, panels, strokes
 from shockrig.analysis.report.style import BLUE, GREY, INK, LIGHT, ORANGE, RED, literal, styled
+from shockrig.files.numbers import plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

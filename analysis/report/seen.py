@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.seen import SHARES_OF_STEP, RunSeen, little_known, seen
-from shockrig.analysis.report.numbers import plain
 from shockrig.analysis.report.panels import panels
 from shockrig.analysis.report.style import CYCLE, GREY, INK, styled
+from shockrig.files.numbers import plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -111,7 +111,7 @@ def write(
 
 def fleet_summary(fleet: WithFleet) -> str:
     """A sentence for each sensor, and its numbers with what the fleet says."""
-    from shockrig.analysis.report.numbers import measured
+    from shockrig.files.numbers import measured
 
     lines = [f"fleet: {sentence}" for sentence in fleet.sentences]
     for figures in fleet.figures.values():
@@ -124,9 +124,9 @@ def fleet_summary(fleet: WithFleet) -> str:
 def summary(result: Characterization) -> str:
     """What the command prints: alpha or tau, the table D(T), response times, what does not fit."""
     from shockrig.analysis.report.characterize_page import hint
-    from shockrig.analysis.report.numbers import measured
     from shockrig.analysis.report.rates import rate_text
     from shockrig.files.headline import LUMPED, time_text
+    from shockrig.files.numbers import measured
 
     def bare(text: str) -> str:
         """A value in a column that has the unit."""

@@ -162,7 +162,7 @@ _OUTCOMES = (
 def _under_the_seal(found: ChannelDiagnosis, judged: ChannelScore, truth: Truth) -> list[str]:
     """What was hidden in a channel, each parameter beside the one found."""
     from shockrig.analysis.report.diagnosis_words import named
-    from shockrig.analysis.report.numbers import measured, plain
+    from shockrig.files.numbers import measured, plain
 
     parameters = {hidden.effect: hidden.parameters for hidden in truth.effects}
     spreads = {(c.effect, name): spread for c in found.causes for name, (_, spread) in c.parameters.items()}
@@ -182,7 +182,7 @@ def _under_the_seal(found: ChannelDiagnosis, judged: ChannelScore, truth: Truth)
 
 def against_truth(profiles: Sequence[Profile], truth: Truth) -> list[str]:
     """alpha and D(T) of the plain profile, and of the extended one if there is one, beside the sealed truth."""
-    from shockrig.analysis.report.numbers import measured, plain
+    from shockrig.files.numbers import measured, plain
 
     columns = [diffusivities(profile) for profile in profiles]
     names = ("plain", "off by", "extended", "off by")[: 2 * len(columns)]

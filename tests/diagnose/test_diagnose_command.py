@@ -24,8 +24,8 @@ from small_worlds import small_plan
 from shockrig.analysis.characterize.extension import read_extension
 from shockrig.analysis.diagnose import search as searching
 from shockrig.analysis.diagnose.diagnosed import NO_STEP
-from shockrig.analysis.report.numbers import measured
 from shockrig.files.campaign import read_campaign
+from shockrig.files.numbers import measured
 from shockrig.files.profile import read_profile
 from shockrig.protocols.cli import main
 from shockrig.protocols.reveal import score

@@ -25,7 +25,6 @@ from shockrig.analysis.report import (
     render,
     save_figure,
 )
-from shockrig.analysis.report.numbers import power_of_ten
 from shockrig.analysis.report.panels import RunPanel, run_panels
 from shockrig.analysis.report.parameters import Curve, RunParameter, diffusivity, parameter_by_condition
 from shockrig.analysis.report.residuals import (
@@ -38,6 +37,7 @@ from shockrig.analysis.report.residuals import (
     residual_overview,
 )
 from shockrig.analysis.report.style import BLUE, GREY, INK, RED, figure_bytes
+from shockrig.files.numbers import power_of_ten
 
 EVIL = "\"><script>alert('x')</script><img src=http://example.org/x onerror=alert(1)> & $\\alpha$ </style>"
 
