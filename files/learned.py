@@ -76,6 +76,15 @@ class PassesApart:
 
 
 @dataclass(frozen=True)
+class StatedGain:
+    """How far apart the model leaves passes of a next flight, over how far they are as read: 90 % from low to high."""
+
+    ratio: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
 class StatedFlight:
     """A flight that was learned from."""
 
@@ -107,7 +116,7 @@ class LearnedChannel:
         Most probable first.
     mean : float, optional
         Mean of the readings [degC or %RH].
-    why, causes, refuted, passes_disagree
+    why, causes, refuted, passes_disagree, gain
         For readers and other programs; `read_learned` leaves them empty.
     """
 
@@ -120,6 +129,7 @@ class LearnedChannel:
     causes: tuple[StatedLaw, ...] = ()
     refuted: tuple[str, ...] = ()
     passes_disagree: Mapping[str, PassesApart] = field(default_factory=dict)
+    gain: StatedGain | None = None
 
 
 @dataclass(frozen=True)

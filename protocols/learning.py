@@ -17,6 +17,7 @@ from shockrig.files.learned import (
     LearnedFile,
     PassesApart,
     StatedFlight,
+    StatedGain,
     StatedLaw,
     StatedModel,
     StatedNumber,
@@ -104,6 +105,7 @@ def _channel(one: ChannelLearned, learned: FlightsLearned) -> LearnedChannel:
         causes=tuple(_cause(cause) for cause in one.causes),
         refuted=one.refuted,
         passes_disagree={key: PassesApart(apart.mean, apart.spread) for key, apart in off.items()},
+        gain=None if one.gain is None else StatedGain(one.gain.ratio, one.gain.low, one.gain.high),
     )
 
 
@@ -134,6 +136,11 @@ def disagree(one: ChannelLearned) -> str:
     ]
     whose = "passes of flights that were not fitted" if len(set(one.read.flight)) > 1 else "passes of the flight fitted"
     said = f"{whose} differ {', '.join(parts)}"
+    if one.verdict != "adequate" and (gain := one.gain) is not None:
+        said += (
+            f"; those of a next flight will differ by {gain.ratio:.2g} of what they differ by as read "
+            f"(90 %: {gain.low:.2g} to {gain.high:.2g})"
+        )
     if one.verdict != "adequate" and not one.gains:
         said += ": no gain, so the profile leaves this channel as it is read"
     elif one.verdict != "adequate" and one.model.rms > one.read.rms:

@@ -17,13 +17,14 @@ sharp inversion would be taken for a slow one, seen by a faster sensor.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
-from scipy.linalg import lapack
+from scipy.linalg import blas, lapack
 
-from shockrig.analysis.learn.bins import SUB_SAMPLES, FlightBins
+from shockrig.analysis.learn.bins import FlightBins
 from shockrig.analysis.learn.laws import Law, Values, drawn_back, response
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.learned import SIZES
@@ -45,7 +46,12 @@ BEGIN = dict(zip(SIZES, (0.2, 0.03, 0.01, 0.01, 0.01), strict=True))  # where a 
 MOVING_LAYERS = 4  # heights at which layers move by themselves, straight between them
 MOVES = 1 + MOVING_LAYERS  # all of the air at once, and each of them
 MOVE_STEP = 0.01  # over which slopes are taken
-AIR_KEPT_BY = ("time_constant_s", "fraction", "second_time_constant_s", "growth_per_k")  # what it takes up as well
+OF_RESPONSE = (
+    "time_constant_s",
+    "fraction",
+    "second_time_constant_s",
+    "growth_per_k",
+)  # parameters; others: of the air
 MOVED_M, MOVED_M_PER_H = 10.0, 60.0  # that layers move: by waves, and as a boundary layer grows (standard deviations)
 
 
@@ -98,6 +104,13 @@ class FlightChannelData:
     usual: Array
     spread: Array
     moved_m: float
+
+    @cached_property
+    def upper_changes(self) -> Array:
+        """Upper triangles of `changes` (j, m m), all but the diagonal twice: their products with a symmetric matrix's
+        upper triangle are those of the whole."""
+        twice = np.triu(np.full(self.changes.shape[1:], 2.0), 1) + np.eye(self.changes.shape[1])
+        return np.asarray((self.changes * twice).reshape(len(self.changes), -1))
 
 
 def prepared(bins: FlightBins, channel: str) -> FlightChannelData:
@@ -172,6 +185,29 @@ def _steepness(bins: FlightBins, rows: NDArray[np.int64], value: Array, knots: A
 
 
 @dataclass(frozen=True)
+class MetAir:
+    """What a sensor meets along a flight, before any air is known.
+
+    Attributes
+    ----------
+    altitude : ndarray (n, SUB_SAMPLES)
+        Of the sensor, before layers move [m].
+    taken_up : ndarray (n, SUB_SAMPLES)
+        What it takes up over what the shared air is.
+    given_back : ndarray (n,)
+        What it reads over what it has taken up.
+    offset : ndarray (m,)
+        What the readings are off by, over the channel's unit: by offsets of the air, and by how the film meets its
+        mean.
+    """
+
+    altitude: Array
+    taken_up: Array
+    given_back: Array
+    offset: Array
+
+
+@dataclass(frozen=True)
 class SensorModel:
     """A model of the sensor on one channel: laws, and the values of their parameters."""
 
@@ -180,7 +216,9 @@ class SensorModel:
 
     def seen_air(self, data: FlightChannelData, moves: Array) -> Array:
         """What the sensor reads of the shared air's columns (m, 2 + k), layers moved (MOVES,)."""
-        return self.seen(data, _air(data, self, moves)[0][..., :-1])
+        met = self.meets(data)
+        altitude = moved_track(data, met.altitude, moves)[0]
+        return self.seen(data, met.taken_up[..., None] * _columns(data.knots, altitude))
 
     @property
     def shift_s(self) -> float:
@@ -193,42 +231,37 @@ class SensorModel:
 
     def seen(self, data: FlightChannelData, air: Array) -> Array:
         """What it reads of columns of what it takes up, given within bins, (n, SUB_SAMPLES, q): (m, q)."""
-        return (self.given_back(data)[:, None] * response(self.lags(data), data.bins, air))[data.rows]
+        return (self.meets(data).given_back[:, None] * response(self.lags(data), data.bins, air))[data.rows]
 
     @property
     def activity(self) -> float:
         """From 0, where the film takes up vapour, to 1, where it takes up relative humidity at its own temperature."""
         return sum(law.activity(self.values) for law in self.laws if law.activity is not None)
 
-    def film_es(self, data: FlightChannelData) -> Array:
-        """Saturation pressure at the film's temperature (n, SUB_SAMPLES), over that of the flight's usual one."""
-        if data.read_c is None:
-            return np.ones(data.bins.within_s.shape)
-        warmer = sum((law.warmer(self.values, data.bins) for law in self.laws if law.warmer is not None), 0.0)
-        return saturation_pressure_hpa(data.read_c + np.asarray(warmer).reshape(-1, 1)) / data.usual_es
-
-    def taken_up(self, data: FlightChannelData) -> Array:
-        """What it takes up over what the shared air is (n, SUB_SAMPLES)."""
-        if data.read_c is None:
-            return np.ones(data.bins.within_s.shape)
-        altitude = np.interp(data.bins.within_s + self.shift_s, data.bins.track_s, data.bins.track_m)
-        vapour = saturation_pressure_hpa(data.usual_c(altitude)) / data.usual_es
-        return vapour * self.film_es(data) ** -self.activity
-
-    def given_back(self, data: FlightChannelData) -> Array:
-        """What it reads over what it has taken up (n,)."""
-        return np.asarray((self.film_es(data) ** (self.activity - 1.0)).mean(axis=1))
+    def meets(self, data: FlightChannelData) -> MetAir:
+        """What it meets along a flight."""
+        bins = data.bins
+        altitude = np.interp(bins.within_s + self.shift_s, bins.track_s, bins.track_m)
+        taken_up, given_back = np.ones(altitude.shape), np.ones(altitude.shape[0])
+        if data.read_c is not None:
+            warmer = sum((law.warmer(self.values, bins) for law in self.laws if law.warmer is not None), 0.0)
+            film = saturation_pressure_hpa(data.read_c + np.asarray(warmer).reshape(-1, 1)) / data.usual_es
+            usual = saturation_pressure_hpa(data.usual_c(altitude)) / data.usual_es
+            taken_up = usual * film**-self.activity
+            given_back = np.asarray((film ** (self.activity - 1.0)).mean(axis=1))
+        own = [law for law in self.laws if law.offset is not None and law.channel == data.channel]
+        late = np.zeros(altitude.shape[0])
+        for law in own:
+            assert law.offset is not None
+            late += law.offset(self.values, bins)
+        both = np.stack([taken_up, np.broadcast_to(late[:, None], taken_up.shape)], axis=-1)
+        mean, off = response(self.lags(data), bins, both)[data.rows].T  # offsets are met as late as the air
+        offset = (data.mean * given_back[data.rows] * mean - data.level + off) / data.unit
+        return MetAir(altitude, taken_up, given_back, offset)
 
     def offset(self, data: FlightChannelData) -> Array:
-        """What the readings are off by (m,), over the channel's unit: by an offset of the air, and by how the film
-        meets its mean."""
-        found = (data.mean * self.seen(data, self.taken_up(data)[..., None])[:, 0] - data.level) / data.unit
-        for law in self.laws:
-            if law.offset is not None and law.channel == data.channel:
-                given = np.repeat(law.offset(self.values, data.bins)[:, None, None], SUB_SAMPLES, axis=1)
-                late = response(self.lags(data), data.bins, given)  # as late as the air
-                found += late[data.rows, 0] / data.unit
-        return found
+        """What the readings are off by (m,), over the channel's unit."""
+        return self.meets(data).offset
 
     def settling(self, data: FlightChannelData) -> Array:
         """What the sensor still shows of what it was before the first bin (m,)."""
@@ -237,10 +270,9 @@ class SensorModel:
         return self.seen(data, before)[:, 0]
 
 
-def moved_track(data: FlightChannelData, shift_s: float, moves: Array) -> tuple[Array, Array]:
+def moved_track(data: FlightChannelData, altitude: Array, moves: Array) -> tuple[Array, Array]:
     """Altitudes within bins (n, SUB_SAMPLES) once layers have moved, and their slopes over moves, (MOVES, ...) [m]."""
     bins, knots = data.bins, data.knots
-    altitude = np.interp(bins.within_s + shift_s, bins.track_s, bins.track_m)
     since = (bins.time_s - bins.time_s[0]) / max(float(np.ptp(bins.time_s)), 1e-9)
     place = (altitude - knots[0]) / (knots[-1] - knots[0]) * (MOVING_LAYERS - 1)
     heights = np.arange(MOVING_LAYERS)[:, None, None]
@@ -262,140 +294,173 @@ def _columns(knots: Array, altitude: Array) -> Array:
 
 @dataclass(frozen=True)
 class Density:
-    """The log density of a flight's channel [nats], with its slopes over laws' parameters and the flight's sizes.
+    """The log density of a flight's channel [nats], under a sensor and the flight's own numbers.
 
     Attributes
     ----------
+    data : FlightChannelData
+    sensor : SensorModel
+    own : ndarray (s,)
+        The flight's own numbers: sizes, then moves.
     value : float
-    slope, information : ndarray (p + s,), (p + s, p + s)
-        The parameters first; without what is known before any reading.
-    grown : ndarray (s - MOVES,)
-        How far the next step of the minorisation of Zhou and others (2019, doi 10.1080/10618600.2018.1529601) takes
-        the sizes' logarithms.
-    effective : ndarray (s - MOVES,)
-        How many readings each size is known from, by what the others leave.
+    lower : ndarray (m, m)
+        The readings' covariance S as L L' (lower triangle).
+    solved : ndarray (m,)
+        S^-1 r, r the readings less their offset.
+    met : MetAir
+    air : ndarray (n, SUB_SAMPLES, q)
+        Columns of the shared air within bins, and behind them what it was before the first.
+    altitude, track_slopes : ndarray (n, SUB_SAMPLES), (MOVES, n, SUB_SAMPLES)
+        Of the sensor once layers have moved, and its slopes over moves [m].
+    seen, scaled : ndarray (m, q)
+        What the sensor reads of the columns, and that times their variances.
     """
 
+    data: FlightChannelData
+    sensor: SensorModel
+    own: Array
     value: float
-    slope: Array
-    information: Array
-    grown: Array
-    effective: Array
+    lower: Array
+    solved: Array
+    met: MetAir
+    air: Array
+    altitude: Array
+    track_slopes: Array
+    seen: Array
+    scaled: Array
+
+    @property
+    def misfit(self) -> float:
+        """Mean square of what the readings are off by, over what the covariance expects."""
+        return float((self.data.reading - self.met.offset) @ self.solved) / self.solved.size
 
 
-def begun(data: FlightChannelData) -> Array:
-    """The flight's own numbers where a fit begins: what air that stays cannot explain is then the change's."""
-    return np.r_[2.0 * np.log(list(BEGIN.values())), np.zeros(MOVES)]
+def begun(data: FlightChannelData, misfit: float = 1.0) -> Array:
+    """The flight's own numbers where a fit begins: what air that stays cannot explain is then the change's, and larger
+    by a `misfit` that is known."""
+    sizes = 2.0 * np.log(list(BEGIN.values()))
+    sizes[1:] += np.log(max(misfit, 1.0))
+    return np.r_[sizes, np.zeros(MOVES)]
 
 
-def density(
-    data: FlightChannelData, sensor: SensorModel, own: Array, parameters: tuple[tuple[str, float, bool], ...] = ()
-) -> Density:
-    """The density under a sensor and a flight's own numbers; slopes over `parameters` (name, step, log)."""
-    sizes, moves = own[:-MOVES], own[-MOVES:]
-    first = len(parameters)
-    air, taken_up, altitude, track_slopes = _air(data, sensor, moves)
-    seen = sensor.seen(data, air)
-    offset = sensor.offset(data)
-    residual = data.reading - offset
-    weight = np.r_[1.0, 1.0, np.exp(sizes[0]) * data.steps, 1.0]
-    scaled = seen * weight
+def density(data: FlightChannelData, sensor: SensorModel, own: Array) -> Density:
+    """The density under a sensor and a flight's own numbers."""
+    sizes = own[:-MOVES]
+    met = sensor.meets(data)
+    altitude, track_slopes = moved_track(data, met.altitude, own[-MOVES:])
+    air = np.empty((*altitude.shape, data.knots.size + 2))
+    np.multiply(met.taken_up[..., None], _columns(data.knots, altitude), out=air[..., :-1])
+    air[..., -1] = 0.0
+    air[0, 0, -1] = UNKNOWN
+    seen = _seen(data, sensor, met, air)
+    residual = data.reading - met.offset
+    scaled = seen * np.r_[1.0, 1.0, np.exp(sizes[0]) * data.steps, 1.0]
     count = residual.size
-    changes = data.changes.reshape(len(data.changes), -1)
     covariance = scaled @ seen.T
-    covariance += (np.exp(sizes[1:-1]) @ changes).reshape(count, count)
+    covariance += (np.exp(sizes[1:-1]) @ data.changes.reshape(len(data.changes), -1)).reshape(count, count)
     covariance.flat[:: count + 1] += np.exp(sizes[-1])
-    lower, failed = lapack.dpotrf(covariance, lower=1, clean=0)
-    if failed:
-        none, every = np.zeros(first + own.size), np.eye(first + own.size)
-        return Density(-np.inf, none, every, np.zeros(sizes.size), np.ones(sizes.size))
-    v = lapack.dpotrs(lower, residual, lower=1)[0]
-    value = -0.5 * float(residual @ v) - float(np.log(lower.diagonal()).sum()) - count * np.log(data.unit)
-    inverse = lapack.dpotri(lower, lower=1)[0]
-    inverse = np.tril(inverse) + np.tril(inverse, -1).T
-    # Of each number: S_j v and tr(S^-1 S_j), which give the slope, and how the readings would move, which gives the
-    # information. Of the sensor's numbers and the moves of layers that is how readings of the air move that these
-    # readings leave likeliest: the line's ends are unknown, and with air as steep as they may be before any reading
-    # (average information of S alone) a lag would be known many times too well.
-    moved, traces = np.zeros((first + own.size, count)), np.zeros(first + own.size)
-    expected, pulled = np.zeros_like(moved), np.zeros(first)
-    solved, drawn = inverse @ scaled, scaled.T @ v
+    # (symmetric: its transpose is what LAPACK takes without a copy)
+    lower, failed = lapack.dpotrf(covariance.T, lower=1, clean=0, overwrite_a=1)
+    value, solved = -np.inf, residual
+    if not failed:
+        solved = lapack.dpotrs(lower, residual, lower=1)[0]
+        value = -0.5 * float(residual @ solved) - float(np.log(lower.diagonal()).sum()) - count * np.log(data.unit)
+    return Density(data, sensor, own, value, lower, solved, met, air, altitude, track_slopes, seen, scaled)
+
+
+def _seen(data: FlightChannelData, sensor: SensorModel, met: MetAir, air: Array) -> Array:
+    return (met.given_back[:, None] * response(sensor.lags(data), data.bins, air))[data.rows]
+
+
+def slopes(found: Density, parameters: tuple[tuple[str, float, bool], ...] = ()) -> tuple[Array, Array]:
+    """Slope (p + s,) and information (p + s, p + s) of a density over `parameters` (name, step, log) and the flight's
+    own numbers behind them; without what is known before any reading.
+
+    Of each number j: S_j v and tr(S^-1 S_j), which give the slope, v = S^-1 r, and how the readings would move, which
+    gives the information. Of the sensor's numbers and the moves of layers that is how readings of the air move that
+    these readings leave likeliest: the line's ends are unknown, and with air as steep as they may be before any reading
+    (average information of S alone) a lag would be known many times too well.
+    """
+    data, sensor, own, v, seen, scaled = found.data, found.sensor, found.own, found.solved, found.seen, found.scaled
+    first, sizes = len(parameters), own[:-MOVES]
+    every, of_sizes, last = first + own.size, slice(first, first + sizes.size), slice(first + sizes.size, None)
+    inverse = lapack.dpotri(found.lower, lower=1)[0]  # its lower triangle
+    solved, drawn = blas.dsymm(1.0, inverse, scaled, lower=1), scaled.T @ v
+    moved, traces, expected = np.zeros((every, v.size)), np.zeros(every), np.zeros((every, v.size))
+    walk = slice(2, -1)
+    moved[of_sizes] = np.vstack([scaled[:, walk] @ (seen[:, walk].T @ v), data.changes @ v, v])
+    traces[of_sizes] = np.r_[
+        np.vdot(solved[:, walk], seen[:, walk]), data.upper_changes @ inverse.T.ravel(), inverse.trace()
+    ]
+    moved[of_sizes][1:] *= np.exp(sizes[1:, None])
+    traces[of_sizes][1:] *= np.exp(sizes[1:])
+    expected[of_sizes] = np.sqrt(0.5) * moved[of_sizes]
+    # What else moves changes the response, or the air that is met: as layers that move do, or as a factor of it.
+    pulled = np.zeros(every)
+    metres = np.zeros((every, *found.altitude.shape))
+    metres[last] = found.track_slopes
+    taken, given = np.zeros_like(metres), np.zeros((every, found.altitude.shape[0]))
+    of_air = np.r_[[name not in OF_RESPONSE for name, _, _ in parameters], np.zeros(sizes.size), np.ones(MOVES)] > 0
     for i, (name, step, log) in enumerate(parameters):
         at = sensor.values[name]
         ahead = SensorModel(sensor.laws, {**sensor.values, name: at * np.exp(step) if log else at + step})
-        there = air if name in AIR_KEPT_BY else _air(data, ahead, moves)[0]
-        d_seen = (ahead.seen(data, there) - seen) / step
-        d_offset = (ahead.offset(data) - offset) / step
-        onto = d_seen @ drawn
-        moved[i] = onto + scaled @ (d_seen.T @ v)
-        traces[i] = 2.0 * float(np.vdot(solved, d_seen))
-        expected[i], pulled[i] = onto + d_offset, float(d_offset @ v)
-    of_walk, of_sizes = slice(2, -1), slice(first, first + sizes.size)
-    moved[first] = scaled[:, of_walk] @ (seen[:, of_walk].T @ v)
-    traces[first] = np.vdot(solved[:, of_walk], seen[:, of_walk])
-    moved[first + 1 : of_sizes.stop - 1] = np.exp(sizes[1:-1])[:, None] * (data.changes @ v)
-    traces[first + 1 : of_sizes.stop - 1] = np.exp(sizes[1:-1]) * (changes @ inverse.ravel())
-    moved[of_sizes.stop - 1] = np.exp(sizes[-1]) * v
-    traces[of_sizes.stop - 1] = np.exp(sizes[-1]) * float(inverse.trace())
-    through = moved[of_sizes] @ v
-    grown = np.log(np.maximum(through, 1e-12) / np.maximum(traces[of_sizes], 1e-12))
-    expected[of_sizes] = np.sqrt(0.5) * moved[of_sizes]
-    last = slice(of_sizes.stop, None)
-    moved[last], traces[last], expected[last] = _of_moves(
-        data, sensor, taken_up, altitude, track_slopes, scaled, np.column_stack([solved, v]), drawn
-    )
-    slope = 0.5 * (moved @ v - traces)
-    slope[:first] += pulled
-    information = expected @ inverse @ expected.T
-    return Density(value, slope, information, grown, np.maximum(traces[of_sizes], 1.0))
+        met = ahead.meets(data)
+        expected[i] = (met.offset - found.met.offset) / step
+        pulled[i] = expected[i] @ v
+        if not of_air[i]:
+            change = (_seen(data, ahead, met, found.air) - seen) / step
+            through = change @ drawn
+            expected[i] += through
+            moved[i] = through + scaled @ (change.T @ v)
+            traces[i] = 2.0 * np.vdot(solved, change)
+            continue
+        if ahead.shift_s != sensor.shift_s:
+            metres[i] = (moved_track(data, met.altitude, own[-MOVES:])[0] - found.altitude) / step
+        if data.read_c is not None:
+            taken[i] = np.log(met.taken_up / found.met.taken_up) / step
+            given[i] = np.log(met.given_back / found.met.given_back) / step
+    through, tr, moved_by = _of_air(found, metres[of_air], taken[of_air], given[of_air], solved, drawn)
+    expected[of_air] += through
+    moved[of_air], traces[of_air] = moved_by, tr
+    return 0.5 * (moved @ v - traces) + pulled, expected @ blas.dsymm(1.0, inverse, expected.T, lower=1)
 
 
-def _air(data: FlightChannelData, sensor: SensorModel, moves: Array) -> tuple[Array, Array, Array, Array]:
-    """Columns of what the sensor takes up within bins, and behind them what it was before the first (n, SUB, q); what
-    it takes up over the shared air; the moved track and its slopes (`moved_track`)."""
-    altitude, slopes = moved_track(data, sensor.shift_s, moves)
-    taken_up = sensor.taken_up(data)
-    before = np.zeros((*altitude.shape, 1))
-    before[0, 0] = UNKNOWN
-    columns = taken_up[..., None] * _columns(data.knots, altitude)
-    return np.concatenate([columns, before], axis=-1), taken_up, altitude, slopes
-
-
-def _of_moves(
-    data: FlightChannelData,
-    sensor: SensorModel,
-    taken_up: Array,
-    altitude: Array,
-    track_slopes: Array,
-    scaled: Array,
-    solved: Array,
-    drawn: Array,
+def _of_air(
+    found: Density, metres: Array, taken: Array, given: Array, solved: Array, drawn: Array
 ) -> tuple[Array, Array, Array]:
-    """S_j v, tr(S^-1 S_j) and how the readings move by each move of layers: (MOVES, m), (MOVES,), (MOVES, m).
+    """How the readings move (r, m), tr(S^-1 S_j) (r,) and S_j v (r, m), where the air that is met moves.
 
-    A move changes two columns of the air, where the sensor is: the line's, and the step's in which it is.
+    By metres of the track and by factors of what is taken up (r, n, SUB_SAMPLES), and of what is given back (r, n).
+    Metres change two columns of the air, where the sensor is: the line's, and the step's in which it is.
     """
-    knots = data.knots
+    data, sensor, v, seen, columns_of = found.data, found.sensor, found.solved, found.seen, found.air[..., :-1]
+    knots, rows = data.knots, data.rows
     last = knots.size - 1.0
-    place = (altitude - knots[0]) / (knots[1] - knots[0])
+    place = (found.altitude - knots[0]) / (knots[1] - knots[0])
     step = np.clip(place, 0.0, last - 1.0).astype(int)
-    inside = taken_up * ((place > 0.0) & (place < last)) / (knots[1] - knots[0])
+    inside = found.met.taken_up * ((place > 0.0) & (place < last)) / (knots[1] - knots[0])
     line, ramp = UNKNOWN * 2.0 / last * inside, inside / np.sqrt(last)
-    every = np.zeros((data.bins.time_s.size, solved.shape[1]))
-    every[data.rows] = solved
-    every *= sensor.given_back(data)[:, None]
+    every = np.zeros((data.bins.time_s.size, solved.shape[1] + 1))
+    every[rows] = np.column_stack([solved, v])
+    every *= found.met.given_back[:, None]
     back = drawn_back(sensor.lags(data), data.bins, every)
-    slopes = track_slopes.reshape(MOVES, -1)
-    both = line * back[..., 1] + ramp * np.take_along_axis(back, step[..., None] + 2, axis=-1)[..., 0]
-    traces = 2.0 * slopes @ both.ravel()
-    onto = track_slopes * (line * drawn[1] + ramp * drawn[step + 2])
-    expected = sensor.seen(data, np.moveaxis(onto, 0, -1)).T
-    of_v = slopes * back[..., -1].ravel()
-    columns = np.zeros((MOVES, scaled.shape[1]))
-    columns[:, 1] = of_v @ line.ravel()
-    for i in range(MOVES):
-        columns[i, 2:-1] = np.bincount(step.ravel(), weights=of_v[i] * ramp.ravel(), minlength=knots.size - 1)
-    return expected + columns @ scaled.T, traces, expected
+    of_metres = line * back[..., 1] + ramp * np.take_along_axis(back, step[..., None] + 2, axis=-1)[..., 0]
+    onto = metres * (line * drawn[1] + ramp * drawn[step + 2])
+    traces = metres.reshape(len(metres), -1) @ of_metres.ravel()
+    of_v = metres * back[..., -1]
+    columns = np.zeros((len(metres), drawn.size))
+    columns[:, 1] = of_v.reshape(len(metres), -1) @ line.ravel()
+    for i, one in enumerate(of_v):
+        columns[i, 2:-1] = np.bincount(step.ravel(), weights=(one * ramp).ravel(), minlength=knots.size - 1)
+    if data.read_c is not None:
+        onto += taken * (columns_of @ drawn[:-1])
+        traces += taken.reshape(len(taken), -1) @ np.einsum("ikq,ikq->ik", back[..., :-2], columns_of).ravel()
+        traces += given[:, rows] @ np.einsum("iq,iq->i", solved, seen)
+        of_v = (taken * back[..., -1]).reshape(len(taken), -1)
+        columns[:, :-1] += of_v @ columns_of.reshape(of_v.shape[1], -1)
+        columns += (given[:, rows] * v) @ seen
+    through = _seen(data, sensor, found.met, np.moveaxis(onto, 0, -1)).T + given[:, rows] * (seen @ drawn)
+    return through, 2.0 * traces, through + columns @ found.scaled.T
 
 
 def air_of(data: FlightChannelData, sensor: SensorModel, own: Array, rows: NDArray[np.int64], at: Array) -> Array:

@@ -16,6 +16,7 @@ from shockrig.analysis.learn.density import (
     SensorModel,
     begun,
     density,
+    slopes,
 )
 from shockrig.analysis.learn.laws import Law, LawParameter
 
@@ -30,6 +31,7 @@ AGREE = 0.1  # of a parameter's spread: starts that have come so near to one ano
 HOPELESS_NATS = 20.0  # behind the best after these steps
 ENOUGH_NATS, ENOUGH_OF_EACH = 0.1, 0.01  # that the next step would gain, and of each unit where there are many
 DIFFERENCE = 1e-3  # of a parameter's spread, over which slopes are taken
+LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e4  # of information, in a step
 LONGEST_STEP = 1.5  # of a parameter or a size, in its own spread: at most in one step
 
 
@@ -160,13 +162,25 @@ def values_of(laws: Sequence[Law], theta: Array, channel: str | None = None) -> 
     return found
 
 
+def known_air(fit: Learned, fitted_to: Sequence[FlightChannelData], units: Sequence[FlightChannelData]) -> Learned:
+    """An earlier fit with numbers for more units: its own for those that it was `fitted_to`, and for another what is
+    usual among them, with nothing moved."""
+    own: dict[int, Array] = {id(unit): size for unit, size in zip(fitted_to, fit.sizes, strict=True)}
+    usual: dict[str, Array] = {}
+    for channel in set(fit.channels):
+        sizes = [size[:-MOVES] for size, whose in zip(fit.sizes, fit.channels, strict=True) if whose == channel]
+        usual[channel] = np.r_[np.median(sizes, axis=0), np.zeros(MOVES)]
+    return replace(fit, sizes=tuple(own.get(id(unit), usual[unit.channel]) for unit in units))
+
+
 @dataclass(frozen=True)
 class _State:
-    """Where a fit stands: the densities of all units there, and their sum with what is known."""
+    """Where a fit stands: the density of each unit there, each with what is known of its own numbers, and their sum
+    with what is known of theta."""
 
     theta: Array
-    sizes: tuple[Array, ...]
     found: tuple[Density, ...]
+    parts: Array
     total: float
 
 
@@ -180,53 +194,45 @@ def fitted(
 ) -> Learned:
     """The most likely parameters for all units (a channel of a flight each), from `theta` and the air of `begin` on.
 
-    The `whole` way, or a few steps: then without a scatter from flight to flight, which is read off the summit.
+    The `whole` way, or a few steps: then without a scatter from flight to flight, which is read off the summit. Each
+    unit's own numbers are damped by themselves: what goes too far in the air of one flight holds up no other.
     """
     known = known_of(laws, stated)
-    mean, weight = np.array([one.mean for one in known]), np.array([one.spread**-2.0 for one in known])
+    mean, spread = np.array([one.mean for one in known]), np.array([one.spread for one in known])
     low, high = np.array([one.low for one in known]), np.array([one.high for one in known])
-    sizes = tuple(begun(one) for one in units) if begin is None else begin.sizes
-    state = _at(laws, known, units, theta, sizes)
-    spread = np.array([one.spread for one in known])
-    damping, bold = 1e-3, True  # bold: sizes by average information, which may overshoot; else by minorisation
+    state = _at(laws, known, units, theta, [begun(one) for one in units] if begin is None else begin.sizes)
+    if begin is None:
+        state = _at(laws, known, units, theta, [begun(one.data, one.misfit) for one in state.found])
+    near = _slopes(laws, known, state)
+    common, dampings, small = LEAST_DAMPING, np.full(len(units), LEAST_DAMPING), 0
     for _ in range(MOST_STEPS if whole else FEW_STEPS):
-        shared, pull = np.diag(weight), weight * (mean - state.theta)
-        own = []
-        for unit, size, found in zip(units, state.sizes, state.found, strict=True):
-            slope, information, solved = _eliminated(unit, size, found, 0 if bold else size.size - MOVES, damping)
-            shared, pull = shared + information, pull + slope
-            own.append(solved)
+        parts = [_eliminated(*one) for one in zip(state.found, near, dampings, strict=True)]
+        shared = np.diag(spread**-2.0) + sum(information for _, information, _ in parts)
+        pull = (mean - state.theta) / spread**2 + sum(slope for slope, _, _ in parts)
         free = ~(((state.theta <= low) & (pull < 0)) | ((state.theta >= high) & (pull > 0)))
         step = np.zeros(len(known))
         if free.any():
-            damped = shared + damping * np.diag(shared.diagonal())
+            damped = shared + common * np.diag(shared.diagonal())
             step[free] = np.linalg.solve(damped[np.ix_(free, free)], pull[free])
         step *= min(1.0, LONGEST_STEP / max(float(np.max(np.abs(step) / spread, initial=0.0)), 1e-12))
-        sizes = tuple(
-            size + np.clip(
-                np.r_[
-                    [] if bold else found.grown + ((unit.usual - size) / unit.spread**2)[:-MOVES] / found.effective,
-                    solved[:, -1] - solved[:, :-1] @ step,
-                ],
-                -LONGEST_STEP,
-                LONGEST_STEP,
-            )
-            for unit, size, found, solved in zip(units, state.sizes, state.found, own, strict=True)
-        )  # fmt: skip
-        tried = _at(laws, known, units, np.clip(state.theta + step, low, high), sizes)
+        ahead = np.clip(state.theta + step, low, high)
+        own = [solved[:, -1] - solved[:, :-1] @ (ahead - state.theta) for _, _, solved in parts]
+        sizes = [one.own + np.clip(by, -LONGEST_STEP, LONGEST_STEP) for one, by in zip(state.found, own, strict=True)]
+        tried = _at(laws, known, units, ahead, sizes)
+        worse = tried.parts < state.parts
         if tried.total >= state.total:
             gained = tried.total - state.total
-            state, damping = tried, max(damping / 8.0, 1e-6)
-            if gained < max(ENOUGH_NATS, ENOUGH_OF_EACH * len(units)) and bold:
+            state, near = tried, _slopes(laws, known, tried)
+            common, dampings = max(common / 8.0, LEAST_DAMPING), np.maximum(dampings / 8.0, LEAST_DAMPING)
+            small = small + 1 if gained < max(ENOUGH_NATS, ENOUGH_OF_EACH * len(units)) else 0
+            if small == 2:  # one may be of a damped step
                 break
-            bold = True
-        elif bold:
-            bold = False
         else:
-            damping = max(8.0 * damping, 1e-2)
-            if damping > 1e4:
+            common = max(8.0 * common, 1e-2)
+            if common > MOST_DAMPING:
                 break
-    return _learned(laws, known, units, state, whole)
+        dampings[worse] = np.maximum(64.0 * dampings[worse], 1e-1)
+    return _learned(laws, known, units, state, near, whole)
 
 
 def _at(
@@ -234,40 +240,48 @@ def _at(
     known: tuple[Known, ...],
     units: Sequence[FlightChannelData],
     theta: Array,
-    sizes: tuple[Array, ...],
+    sizes: Sequence[Array],
 ) -> _State:
     found = []
-    total = -0.5 * sum(((t - one.mean) / one.spread) ** 2 for t, one in zip(theta, known, strict=True))
     for unit, size in zip(units, sizes, strict=True):
         mine = tuple(law for law in laws if law.channel in ("", unit.channel))
-        sensor = SensorModel(mine, values_of(laws, theta, unit.channel))
-        which = [i for i, law in enumerate(_law_of(laws)) if law.channel in ("", unit.channel)]
-        slopes = tuple((known[i].name, DIFFERENCE * known[i].spread, known[i].parameter.log) for i in which)
-        part = density(unit, sensor, size, slopes)
-        place = [*which, *range(len(known), len(known) + size.size)]
-        slope = np.zeros(len(known) + size.size)
-        information = np.zeros((slope.size, slope.size))
-        slope[place] = part.slope
-        information[np.ix_(place, place)] = part.information
-        found.append(Density(part.value, slope, information, part.grown, part.effective))
-        total += part.value - 0.5 * float(np.sum(((size - unit.usual) / unit.spread) ** 2))
-    return _State(theta, sizes, tuple(found), total if np.isfinite(total) else -np.inf)
+        found.append(density(unit, SensorModel(mine, values_of(laws, theta, unit.channel)), size))
+    parts = np.array([one.value - 0.5 * np.sum(((one.own - one.data.usual) / one.data.spread) ** 2) for one in found])
+    before = sum(((t - one.mean) / one.spread) ** 2 for t, one in zip(theta, known, strict=True))
+    total = float(parts.sum()) - 0.5 * before
+    return _State(theta, tuple(found), parts, total if np.isfinite(total) else -np.inf)
 
 
-def _eliminated(
-    unit: FlightChannelData, size: Array, found: Density, first: int = 0, damping: float = 0.0
-) -> tuple[Array, Array, Array]:
-    """Slope (p,) and information (p, p) of the parameters once the unit's own numbers, from the `first` on, are at
-    their best; and what that is: the step of those numbers is the last column less the others times the parameters'.
+def _slopes(laws: tuple[Law, ...], known: tuple[Known, ...], state: _State) -> list[tuple[Array, Array]]:
+    """Slope and information of each unit over all parameters, and its own numbers behind them."""
+    whole = []
+    for one in state.found:
+        which = [i for i, law in enumerate(_law_of(laws)) if law.channel in ("", one.data.channel)]
+        steps = tuple((known[i].name, DIFFERENCE * known[i].spread, known[i].parameter.log) for i in which)
+        place = [*which, *range(len(known), len(known) + one.own.size)]
+        slope, information = np.zeros(len(known) + one.own.size), np.eye(len(known) + one.own.size)
+        information[: len(known)] = 0.0
+        if np.isfinite(one.value):
+            slope[place], information[np.ix_(place, place)] = slopes(one, steps)
+        whole.append((slope, information))
+    return whole
+
+
+def _eliminated(found: Density, near: tuple[Array, Array], damping: float = 0.0) -> tuple[Array, Array, Array]:
+    """Slope (p,) and information (p, p) of the parameters once the unit's own numbers are at their best; and what that
+    is: the step of those numbers is the last column less the others times the parameters'.
     """
-    p = found.slope.size - size.size
-    q = p + first
-    slope = found.slope[q:] + ((unit.usual - size) / unit.spread**2)[first:]
-    curved = found.information[q:, q:] + np.diag(unit.spread[first:] ** -2.0)
-    curved += damping * np.diag(curved.diagonal())
-    cross = found.information[:p, q:]
+    unit, (slopes_of, information) = found.data, near
+    p = slopes_of.size - found.own.size
+    slope = slopes_of[p:] + (unit.usual - found.own) / unit.spread**2
+    curved = information[p:, p:] + np.diag(unit.spread**-2.0)
+    if damping:
+        # A size's information is of its logarithm near the summit; above it, the slope itself curves.
+        curved[range(slope.size - MOVES), range(slope.size - MOVES)] += np.maximum(-slopes_of[p:-MOVES], 0.0)
+        curved += damping * np.diag(curved.diagonal())
+    cross = information[:p, p:]
     solved = np.asarray(np.linalg.solve(curved, np.column_stack([cross.T, slope])))
-    return found.slope[:p] - cross @ solved[:, p], found.information[:p, :p] - cross @ solved[:, :p], solved
+    return slopes_of[:p] - cross @ solved[:, p], information[:p, :p] - cross @ solved[:, :p], solved
 
 
 def _law_of(laws: Sequence[Law]) -> list[Law]:
@@ -276,19 +290,25 @@ def _law_of(laws: Sequence[Law]) -> list[Law]:
 
 
 def _learned(
-    laws: tuple[Law, ...], known: tuple[Known, ...], units: Sequence[FlightChannelData], state: _State, scatters: bool
+    laws: tuple[Law, ...],
+    known: tuple[Known, ...],
+    units: Sequence[FlightChannelData],
+    state: _State,
+    near: Sequence[tuple[Array, Array]],
+    scatters: bool,
 ) -> Learned:
     p = len(known)
-    slopes, informations, values = [], [], []
-    for unit, size, found in zip(units, state.sizes, state.found, strict=True):
-        slope, information, _ = _eliminated(unit, size, found)
-        slopes.append(slope)
-        informations.append(information)
-        values.append(found.value - 0.5 * float(np.sum(((size - unit.usual) / unit.spread) ** 2)))
+    parts = [_eliminated(*one) for one in zip(state.found, near, strict=True)]
     whole = Learned(
-        laws, known, state.theta, state.sizes, np.array(values), np.array(slopes).reshape(len(units), p),
-        np.array(informations).reshape(len(units), p, p), tuple(unit.channel for unit in units),
-    )  # fmt: skip
+        laws,
+        known,
+        state.theta,
+        tuple(one.own for one in state.found),
+        state.parts,
+        np.array([slope for slope, _, _ in parts]).reshape(len(units), p),
+        np.array([information for _, information, _ in parts]).reshape(len(units), p, p),
+        tuple(unit.channel for unit in units),
+    )
     if not p or not scatters:
         return whole
     return max(
@@ -376,9 +396,12 @@ def climbed(
     return max(fits, key=lambda one: one.total)
 
 
-def hopeful(tried: Sequence[Sequence[Learned]]) -> list[Sequence[Learned]]:
-    """Models that are worth the whole way: not hopelessly behind the best on the first flights."""
-    best = max((ends[0].total for ends in tried), default=0.0)
+def hopeful(
+    tried: Sequence[Sequence[Learned]], first: Learned, units: Sequence[FlightChannelData]
+) -> list[Sequence[Learned]]:
+    """Models that are worth the whole way: not hopelessly behind the best on the first flights, or one that has gone
+    there."""
+    best = max([float(first.value[_first(units)].sum()), *(ends[0].total for ends in tried)])
     return [ends for ends in tried if ends[0].total > best - HOPELESS_NATS]
 
 

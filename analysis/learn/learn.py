@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from shockrig.analysis.estimate.predictive import weights
 from shockrig.analysis.learn.bins import CHANNELS, FlightBins, binned, why_nothing
 from shockrig.analysis.learn.density import FlightChannelData, prepared
-from shockrig.analysis.learn.fit import Learned, climbed, explored, fitted, hopeful, known_of, started
+from shockrig.analysis.learn.fit import Learned, climbed, explored, fitted, hopeful, known_air, known_of, started
 from shockrig.analysis.learn.laws import LAWS, Law, LawParameter
-from shockrig.analysis.learn.passes import Disagreement, disagreement, refutes
+from shockrig.analysis.learn.passes import Disagreement, NearerPasses, disagreement, gain_of, refutes
 from shockrig.files.errors import InputError
 from shockrig.files.flight import Flight
 from shockrig.files.learned import RivalModel
@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 BINS = 128  # of a flight
 FULL_RACE = 6  # flights on which all models race; more are weighed by the finalists alone
 FINALISTS = 2  # of each channel, beside nothing and one lag, and of both at once
+FAR_BEHIND_NATS = 5.0  # on the flights of the race: what is so far behind there will not be ahead on all
 NAMED = 0.95  # probability from which a law is named
 POSSIBLE = 0.1  # probability from which it stands among what may be
 LAW_LOG_PRIOR = -2.5  # nats that a law beyond a lag has to gain
@@ -127,6 +128,11 @@ class ChannelLearned:
     model: Disagreement
 
     @property
+    def gain(self) -> NearerPasses | None:
+        """What the likeliest model will bring on a flight to come."""
+        return gain_of(self.read, self.model)
+
+    @property
     def gains(self) -> bool:
         """Whether passes of flights that were not fitted are more alike with the model than as read.
 
@@ -192,10 +198,12 @@ def learn(
     if len(racing) < len(names):
         progress("finalists on all flights")
         every = [unit for c in channels for unit in units[c]]
+        joint = _likeliest(joint, sum(max(float(one.predicted().sum()) for one in raced[c]) for c in channels))
         for c in channels:
             finals = [*raced[c][:2], *_likeliest(raced[c][2:])]  # nothing and one lag are always told
-            raced[c] = [fitted(one.laws, units[c], one.theta, None, stated) for one in finals]
-        joint = [fitted(one.laws, every, one.theta, None, stated) for one in _likeliest(joint)]
+            raced[c] = _on_all(finals, few[c], units[c], stated)
+        raced_on = [unit for c in channels for unit in few[c]]
+        joint = [fitted(one.laws, every, one.theta, known_air(one, raced_on, every), stated) for one in joint]
     lags = {c: next(one for one in raced[c] if [law.key for law in one.laws] == ["lag"]) for c in channels}
     progress("what the structure of the passes refutes")
     refuted: dict[str, tuple[str, ...]] = {}
@@ -246,7 +254,7 @@ def _raced(
     nothing = fitted((), units, np.array([]), None, stated)
     alone = explored((lag,), units, started(lag), stated)
     first = climbed(alone, units, stated)
-    tried = [alone]
+    tried = []
     begins: dict[tuple[Law, ...], Learned] = {}
     for keys in MODELS[channel]:
         laws = tuple(LAWS[f"{channel}.{key}"] for key in keys)
@@ -255,13 +263,27 @@ def _raced(
         begins[laws] = first if lagging else nothing
         starts = _beside(laws, first, stated) if lagging else started(laws[0])
         tried.append(explored(laws, units, starts, stated, begins[laws]))
-    others = [climbed(ends, units, stated, begins[ends[0].laws]) for ends in hopeful(tried) if ends is not alone]
+    others = [climbed(ends, units, stated, begins[ends[0].laws]) for ends in hopeful(tried, first, units)]
     return [nothing, first, *others]
 
 
-def _likeliest(fits: Sequence[Learned]) -> list[Learned]:
-    """The models that go on to all flights."""
-    return sorted(fits, key=lambda one: -float(one.predicted().sum()))[:FINALISTS]
+def _on_all(
+    finals: Sequence[Learned],
+    few: list[FlightChannelData],
+    units: list[FlightChannelData],
+    stated: Mapping[str, tuple[float, float]] | None,
+) -> list[Learned]:
+    """Models fitted to all flights: nothing and one lag from the air of the race, others from that of the lag."""
+    nothing, lag = (fitted(one.laws, units, one.theta, known_air(one, few, units), stated) for one in finals[:2])
+    return [nothing, lag, *(fitted(one.laws, units, one.theta, lag, stated) for one in finals[2:])]
+
+
+def _likeliest(fits: Sequence[Learned], best: float = -np.inf) -> list[Learned]:
+    """The models that go on to all flights: those least behind, and not far behind the best on the flights raced on."""
+    likely = {i: float(one.predicted().sum()) for i, one in enumerate(fits)}
+    best = max([best, *likely.values()])
+    ranked = sorted(likely, key=lambda i: -likely[i])
+    return [fits[i] for i in ranked[:FINALISTS] if likely[i] > best - FAR_BEHIND_NATS]
 
 
 def _beside(laws: tuple[Law, ...], lag: Learned, stated: Mapping[str, tuple[float, float]] | None) -> list[Array]:
@@ -290,15 +312,14 @@ def _with_clock(
     units: Mapping[str, list[FlightChannelData]],
     stated: Mapping[str, tuple[float, float]] | None,
 ) -> list[Learned]:
-    """The clock beside nothing, and beside each combination of the channels' lags and best models: all at once."""
+    """The clock beside lags of all channels at once, then with one channel's lag left out or another's best model."""
     every = [unit for c in channels for unit in units[c]]
     nothing, lag = _plain(channels, raced)
     best = [
         max(raced[c], key=lambda one: float(one.predicted().sum()) + LAW_LOG_PRIOR * len(one.laws)) for c in channels
     ]
-    combined = [lag, nothing, best]
-    if len(channels) > 1:
-        combined += [[nothing[0], lag[1]], [lag[0], nothing[1]]]
+    others = [(i, other[i]) for other in (nothing, best) for i in range(len(channels))]
+    combined = [lag, *([*lag[:i], other, *lag[i + 1 :]] for i, other in others)]
     tried: dict[tuple[Law, ...], list[Learned]] = {}
     found: list[Learned] = []
     for parts in combined:
@@ -313,8 +334,8 @@ def _with_clock(
         tried[laws] = explored(laws, every, [np.r_[s, lags] for s in starts for lags in (rest, usual)], stated, begin)
         if not found:
             found.append(climbed(tried[laws], every, stated))
-    first, *others = tried.values()
-    return found + [climbed(ends, every, stated, found[0]) for ends in hopeful([first, *others]) if ends is not first]
+    beside = list(tried.values())[1:]
+    return found + [climbed(ends, every, stated, found[0]) for ends in hopeful(beside, found[0], every)]
 
 
 def _parameters(fit: Learned, law: Law) -> tuple[LearnedNumber, ...]:

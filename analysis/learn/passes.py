@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 
 LAYERS = 25  # of a flight, at which passes are held beside one another
 LEAST_LAYERS = 3
+GAIN_LEVEL = 0.9  # of the interval in which a next flight's gain lies
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,15 @@ class Disagreement:
         return float(np.sqrt(np.mean(left**2)))
 
 
+@dataclass(frozen=True)
+class NearerPasses:
+    """How far apart passes of a next flight are, over how far they are as read: median and a 90 % interval."""
+
+    ratio: float
+    low: float
+    high: float
+
+
 def refutes(read: Disagreement, corrected: Disagreement) -> bool:
     """Whether the structure of the passes refutes a correction: they are less alike with it than as read.
 
@@ -63,6 +73,17 @@ def refutes(read: Disagreement, corrected: Disagreement) -> bool:
         return False
     worse = np.log([max(corrected.of(name).spread / read.of(name).spread, 1e-3) for name in names])
     return bool(worse.mean() > stdtrit(worse.size - 1.0, 0.95) * worse.std(ddof=1) / np.sqrt(worse.size))
+
+
+def gain_of(read: Disagreement, corrected: Disagreement) -> NearerPasses | None:
+    """By how much a correction brings passes of a next flight together, from flights that were not fitted: Student's
+    interval of the logarithm of one more ratio. None where fewer than two flights say."""
+    names = [name for name in sorted(set(read.flight) & set(corrected.flight)) if read.of(name).rms > 0.0]
+    if len(names) < 2:
+        return None
+    nearer = np.log([max(corrected.of(name).rms / read.of(name).rms, 1e-3) for name in names])
+    wide = stdtrit(nearer.size - 1.0, 0.5 + 0.5 * GAIN_LEVEL) * nearer.std(ddof=1) * np.sqrt(1.0 + 1.0 / nearer.size)
+    return NearerPasses(*(float(np.exp(nearer.mean() + by)) for by in (0.0, -wide, wide)))
 
 
 def disagreement(units: Sequence[FlightChannelData], fit: Learned | None, channel: str) -> Disagreement:
