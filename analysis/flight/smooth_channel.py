@@ -38,6 +38,7 @@ RAMP_SAMPLES = (2, 4, 7, 12, 20)  # samples: half of what a change may take that
 PLACES_IN_STEP = (0.1, 0.3, 0.5, 0.7, 0.9)  # shares of the step
 KNOWN_SIGMAS = 2.0
 KNOWN_APART = 3.0  # samples within which a jump that another sensor saw is the same one
+PLACES_IN_GAP, ALIKE_NATS = 12, 2.0  # that are tried; of log-likelihood, within which none is better: two sigmas
 BELIEVED_NATS = 4.5  # of log-likelihood that it may cost: three sigmas
 
 
@@ -47,8 +48,9 @@ def none(count: int) -> Jumps:
 
 
 def when(track: Track, jumps: Jumps) -> Array:
-    """Times [s] of the jumps of the air itself, not of its slope."""
-    nodes = np.flatnonzero(jumps.variance[:, 0])
+    """Times [s] of the jumps of the air itself, not of its slope, and of none that is somewhere in a gap."""
+    jumped = np.pad(jumps.variance[:, 0] > 0.0, 1)
+    nodes = np.flatnonzero(jumped[1:-1] & ~jumped[:-2] & ~jumped[2:])
     return track.time_s[nodes] - (1.0 - jumps.place[nodes]) * track.period_s
 
 
@@ -70,7 +72,9 @@ def with_jumps(
     guess = lags_behind(values, track.along, track.period_s, track.broken)
     for number in range(SEARCH_ROUNDS):
         places = _places(track, variance, found.jump_score, known_s if number == 0 else np.zeros(0))
-        if not places.size or np.count_nonzero(jumps.variance) + places.size > MOST_JUMPS:
+        # one that is somewhere in a gap is one
+        known = np.count_nonzero(np.diff(jumps.variance.any(axis=1).astype(int), prepend=0) > 0)
+        if not places.size or known + places.size > MOST_JUMPS:
             break
         for k in places:
             # before air as calm as it is elsewhere, a jump has its place most sharply
@@ -108,14 +112,21 @@ def _best(
     guess: tuple[Array, Array],
 ) -> Jumps:
     """The jumps with one more near a node: of the air, of its slope, or a ramp; `size` (2,) as found, placed where it
-    makes the readings most likely."""
+    makes the readings most likely.
+
+    In a gap it may have been at any place that the readings behind do not refute. A jump at one of several places, each
+    as likely, has the mean and the variance of jumps at all of them that share its variance.
+    """
     most = min(float(np.ptp(values)), WIDEST_IN_NOISE * float(local.noise[near]))
     size = np.clip(np.abs(size), 0.0, [most, most / track.period_s])
     ends = np.append(np.flatnonzero(track.broken), values.size)
     stretch = int(np.searchsorted(ends, near, side="right"))
-    nodes = np.arange(max(near - LOOK_BACK, ends[stretch - 1]), min(near + LOOK_AHEAD, ends[stretch]))
+    read = np.isfinite(variance)
+    first, last = near - int(np.argmax(read[:near][::-1])), near + int(np.argmax(read[near:]))
+    nodes = np.arange(max(first - LOOK_BACK, ends[stretch - 1]), min(last + LOOK_AHEAD, ends[stretch]))
     here = Jumps(jumps.variance[nodes], jumps.place[nodes])
-    tried = []
+    tried: list[Jumps] = []
+    single: list[bool] = []  # whether it is one jump of the air
 
     def try_with(*added: tuple[int, int, float, float]) -> None:
         """One more candidate; each of its jumps is (node, kind, size, place)."""
@@ -125,6 +136,7 @@ def _best(
         for k, kind, height, place in added:
             one.variance[k - nodes[0], kind], one.place[k - nodes[0]] = height**2, place
         tried.append(one)
+        single.append(len(added) == 1 and added[0][1] == 0)
 
     def chosen(one: Jumps) -> Jumps:
         all_of_them = Jumps(jumps.variance.copy(), jumps.place.copy())
@@ -144,21 +156,30 @@ def _best(
         slope = size[0] / (2 * half * track.period_s)
         for beside in (0, half // 2, -(half // 2)):
             try_with((near + beside - half, 1, slope, 0.5), (near + beside + half, 1, slope, 0.5))
+    outside, places = len(tried), np.unique(np.linspace(first, last, PLACES_IN_GAP if last > first else 0).astype(int))
+    if not jumps.variance[first : last + 1].any():
+        for k in places.tolist():
+            try_with((k, 0, size[0], 0.5))
     if not tried:
         return jumps
     cost = costs(track, values, variance, local, tried, nodes, guess)
     if known and cost[:known].min() <= cost.min() + BELIEVED_NATS:
         return chosen(tried[int(np.argmin(cost[:known]))])
-    best = tried[int(np.argmin(cost))]
-    added = np.flatnonzero((best.variance != here.variance).any(axis=1))
-    if added.size > 1 or not best.variance[added[0], 0]:
-        return chosen(best)
-    tried = []
-    for place in best.place[added[0]] + np.array(FINER):
-        one = Jumps(best.variance, best.place.copy())
-        one.place[added[0]] = place
-        tried.append(one)
-    return chosen(tried[int(np.argmin(costs(track, values, variance, local, tried, nodes, guess)))])
+    in_gap = cost[outside:]
+    if in_gap.size == places.size > 0 and in_gap.min() <= cost.min() + np.log(outside + 1):
+        # the likeliest of many is likelier than it is
+        alike = places[in_gap <= in_gap.min() + ALIKE_NATS]
+        if alike[-1] > alike[0]:
+            anywhere = Jumps(jumps.variance.copy(), jumps.place)
+            anywhere.variance[alike[0] : alike[-1] + 1, 0] = size[0] ** 2 / (alike[-1] + 1 - alike[0])
+            return anywhere
+    # a jump is placed as finely as it shows before it is compared with what has no such place
+    if (sharp := np.flatnonzero(single)).size:
+        best = tried[int(sharp[np.argmin(cost[sharp])])]
+        there = (best.variance != here.variance).any(axis=1)
+        finer = [Jumps(best.variance, best.place + np.where(there, by, 0.0)) for by in FINER]
+        tried, cost = tried + finer, np.append(cost, costs(track, values, variance, local, finer, nodes, guess))
+    return chosen(tried[int(np.argmin(cost))])
 
 
 def without(track: Track, values: Array, found: Sweep, jumps: Jumps) -> Array:
@@ -311,13 +332,11 @@ def estimate(
         change = np.diff(values[rows])
         trend = uniform_filter1d(change / steps, ALONG_ROWS)
         extra = np.where(long, change * (1.0 - spacing / steps), trend * (steps - spacing))
-        # nor does the air jump as a rule, whatever it did in a gap
+        # nor does the air jump as a rule, whatever it did in a gap or before a sensor that is fast beside the rows
         size = np.abs(change)
         beside = np.maximum(np.append(size[1:], 0.0), np.append(0.0, size[:-1]))
         usual = max(expected, 1.4826 * float(np.median(size)))
-        extra = np.where(
-            (steps > 1.5 * spacing) & (size > JUMPED_FACTOR * usual) & (beside < BESIDE_SHARE * size), change, extra
-        )
+        extra = np.where((size > JUMPED_FACTOR * usual) & (beside < BESIDE_SHARE * size), change, extra)
         seen = values[rows] - np.concatenate([[0.0], np.cumsum(extra)])
         some = None if through is None else replace(through, sigma=through.sigma[rows])
         own = _local_priors(seen, along.at(rows), spacing, noise[rows], some, parts, spread, largest)

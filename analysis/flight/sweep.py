@@ -17,7 +17,8 @@ from shockrig.analysis.flight.response import LagResponse
 from shockrig.analysis.flight.smoother import Jumps, Smoothed, followed, smooth
 
 Array = NDArray[np.float64]
-JUDGED_NODES = 250  # nodes over which surprises are counted together
+JUDGED_NODES = (250, 25)  # nodes over which surprises are counted together
+SURPRISE_SIGMAS = 3.0  # of chance, that their mean square is beyond 1
 CUT_SHORT = 0.1  # of a jump: what modes that are left out do to the first reading after it
 GAP_REACH = 2.0  # times how far the lags were behind at a gap's start
 
@@ -90,7 +91,7 @@ def swept(
         here = Jumps(jumps.variance[None, stretch], jumps.place[None, stretch])
         found = _smoothed(track, values, variance, local, here, nodes, guess, scored=scored)
         part = Sweep(*(getattr(found, f.name)[0] for f in fields(Sweep)))
-        wider = _inflation(found.surprise[0]) * part.variance + UNSEEN_VARIANCE * local.turbulence[stretch] ** 2
+        wider = inflation(found.surprise[0]) * part.variance + UNSEEN_VARIANCE * local.turbulence[stretch] ** 2
         parts.append(replace(part, variance=wider))
     return Sweep(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Sweep)))
 
@@ -168,11 +169,15 @@ def lags_behind(
     return lags, apart
 
 
-def _inflation(surprise: Array) -> Array:
+def inflation(surprise: Array) -> Array:
     """Factor on each node's variance (n,): mean square surprise around it where it is larger than chance makes it, else
-    1."""
-    place = np.arange(surprise.size) // JUDGED_NODES
-    seen = ~np.isnan(surprise)
-    count = np.maximum(np.bincount(place, seen), 1)
-    mean_square = np.bincount(place, np.where(seen, surprise, 0.0) ** 2) / count
-    return np.where(mean_square > 1.0 + 3.0 * np.sqrt(2.0 / count), mean_square, 1.0)[place]
+    1; over few nodes or many, whichever is more."""
+    seen, factor = ~np.isnan(surprise), np.ones(surprise.size)
+    square = np.where(seen, surprise, 0.0) ** 2
+    for nodes in JUDGED_NODES:
+        place = np.arange(surprise.size) // nodes
+        count = np.maximum(np.bincount(place, seen), 1)
+        mean_square = np.bincount(place, square) / count
+        sure = mean_square > 1.0 + SURPRISE_SIGMAS * np.sqrt(2.0 / count)
+        factor = np.maximum(factor, np.where(sure, mean_square, 1.0)[place])
+    return factor

@@ -17,6 +17,7 @@ from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.analysis.flight.simulated.weather import convective
 from shockrig.analysis.flight.smooth_channel import estimate
 from shockrig.analysis.flight.smoother import Jumps
+from shockrig.analysis.flight.sweep import inflation
 
 
 @pytest.mark.skipif(smoother._kernel is None, reason="the kernel was not built")
@@ -79,3 +80,12 @@ def test_a_film_slower_than_minutes_is_followed_at_ten_readings_a_second():
     off = found.air - air
     assert np.mean(np.abs(off) < 1.96 * np.sqrt(found.variance)) > 0.9
     assert np.sqrt(np.mean(off**2)) < 0.5
+
+
+def test_where_readings_surprise_for_seconds_only_their_uncertainty_grows_there():
+    """Ten of 2,000 readings, 8 sigmas off: counted over 250 nodes they said little, and over the flight nothing."""
+    surprise = np.random.default_rng(0).standard_normal(2000)
+    assert np.mean(inflation(surprise) > 1.0) < 0.05
+    surprise[1005:1015] = 8.0
+    wider = inflation(surprise)
+    assert wider[1010] > 20.0 and np.all(wider[:750] == inflation(surprise[:750])) and wider[1200] < 4.5
