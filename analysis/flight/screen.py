@@ -33,7 +33,6 @@ Mask = NDArray[np.bool_]
 
 MOST_SHARE_OFF = 0.25  # of how far both columns go, that they are from the other's last values where they change place
 WARM_C = 35.0  # few airs are flown in that are warmer
-LEAST_SHARE_WARMER = 0.02  # of the rows of one kind of stretch, more than of the other, that are
 BESIDE_ROWS = 3  # rows on either side
 LEAST_COLUMNS_APART = 2.0  # K or %RH; columns that are closer cannot be told from one another
 PASCAL = "pressure_hpa: pascal"
@@ -109,10 +108,7 @@ def _exchanged(temperature: Array, humidity: Array) -> Mask:
     if middle.size == 1:
         odd = _from_one_end(temperature[rows], humidity[rows], int(middle[0]))
     elif odd.any():
-        hot = temperature[rows] > WARM_C
-        hotter = np.mean(hot[odd]) - np.mean(hot[~odd])
-        fewer = np.count_nonzero(odd) <= rows.size / 2
-        odd = odd if hotter > LEAST_SHARE_WARMER or (fewer and hotter > -LEAST_SHARE_WARMER) else ~odd
+        odd = odd if _exchanged_rather(temperature[rows], odd) else ~odd
     if odd.any():
         # rows beside them in which one column is missing are of the kind that the other is like
         every = np.arange(temperature.size)
@@ -135,10 +131,17 @@ def _from_one_end(temperature: Array, humidity: Array, turn: int) -> Mask:
     opens, closes = (_jumps(apart[max(k - BESIDE_ROWS, 0) : k], apart[k : k + BESIDE_ROWS]) for k in (first + 1, last))
     if opens != closes:
         return before if opens else after
-    hot = temperature > WARM_C
-    hotter = np.mean(hot[after]) - np.mean(hot[before]) if before.any() and after.any() else 0.0
-    shorter = np.count_nonzero(after) <= np.count_nonzero(before)
-    return after if hotter > LEAST_SHARE_WARMER or (shorter and hotter > -LEAST_SHARE_WARMER) else before
+    both = before | after
+    return after if _exchanged_rather(temperature[both], after[both]) else before
+
+
+def _exchanged_rather(temperature: Array, some: Mask) -> bool:
+    """Whether `some` (n,) rows are rather the exchanged ones than the others: they are warmer than air mostly is, or
+    else fewer. Their median says so, since a part of either may be in another unit."""
+    if some.all() or not some.any():
+        return not some.all()
+    hot, others = (bool(np.median(temperature[kind]) > WARM_C) for kind in (some, ~some))
+    return hot if hot != others else bool(np.count_nonzero(some) <= some.size / 2)
 
 
 def _jumps(before: Array, behind: Array) -> bool:

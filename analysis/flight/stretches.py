@@ -98,13 +98,17 @@ def judge(
         least = FARTHEST_SWINGS * swing
     # a sensor that was stuck jumps when it goes on
     going_on = maximum_filter1d(_stuck(values, resolution, noise, scatter(values)), 3)
-    elsewhere = _elsewhere(rows, values, least, swing, share, going_on)
-    if lagging is not None and elsewhere.any():
-        elsewhere &= _elsewhere(rows, lagging[rows], least, swing, share, going_on)
-    found.from_elsewhere[rows] = elsewhere
-    rows, values = rows[~elsewhere], values[~elsewhere]
-    if rows.size < 2 * WINDOW_ROWS:
-        return found
+    while True:
+        elsewhere = _elsewhere(rows, values, least, swing, share, going_on)
+        if lagging is not None and elsewhere.any():
+            elsewhere &= _elsewhere(rows, lagging[rows], least, swing, share, going_on)
+        found.from_elsewhere[rows] = elsewhere
+        rows, values, going_on = rows[~elsewhere], values[~elsewhere], going_on[~elsewhere]
+        if rows.size < 2 * WINDOW_ROWS:
+            return found
+        # without them another stretch may be seen from end to end: the air jumped within it
+        if not elsewhere.any():
+            break
     third = scatter(values)
     found.stuck[rows] = held = _stuck(values, resolution, noise, third)
     if share <= MOST_SHARE:
@@ -172,9 +176,9 @@ def _elsewhere(
     # where the largest step of those across is
     first = far + 1 + np.argmax(sliding_window_view(size, 3)[far], axis=1) if far.size else far
     away |= _between(first, before[far], after[far], np.ones(far.shape, dtype=bool), values.size, np.inf)[0]
-    if share <= MOST_SHARE:
-        beside_away = maximum_filter1d(away, 5)
-        for k in sudden[alone & (size[sudden - 1] > swing) & ~beside_away[sudden]].tolist():
+    # one from which none goes back may have one when those within its stretch are out
+    if share <= MOST_SHARE and not away.any():
+        for k in sudden[alone & (size[sudden - 1] > swing)].tolist():
             away[:k] |= k <= values.size // 2
             away[k:] |= k > values.size // 2
     return np.asarray(away)
