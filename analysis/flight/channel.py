@@ -99,7 +99,7 @@ class FlightChannel:
     response : Response or None
         With a row for each of them.
     temperature_alone : ndarray (n,) or None
-        How far the temperature moved by itself, which a film did not see [K].
+        How far the temperature has moved by itself, which a film did not see [K].
     carried : Carried or None
         What the carrier adds to the air around the sensor, and is in `value`.
     """

@@ -74,7 +74,7 @@ FilmTemperature = Callable[[Mapping[str, float], Array, Array], Array]
 SHOWN_SHARE = 1 / 3  # of a step of the vapour: a change that the film did not lag would need three times as much vapour
 MOST_ROWS = 256
 FEWEST_WINDOWS = 20
-LEAST_TIMES = 3.0  # the usual change: smaller ones matter little, and nobody can tell whose they are
+LEAST_TIMES = 2.0  # the usual change: smaller ones matter little, and nobody can tell whose they are
 MISSHAPEN_SHARE = 0.1  # of what the corrected temperature moves, that it is off by on the way
 BELIEVED_LOG_ODDS = 3.0  # of log-odds: one in twenty
 FORGOTTEN_LAGS = 50.0  # of the film
@@ -93,7 +93,7 @@ def unseen(
     response: LagResponse,
     noise_percent: float,
 ) -> Array:
-    """How far (n,) the temperature moved by itself, in K, 0 where the film agrees with it.
+    """How far (n,) the temperature has moved by itself since the first row, in K, 0 where the film agrees with it.
 
     Parameters
     ----------
@@ -108,10 +108,6 @@ def unseen(
     noise_percent : float
         Of its readings.
 
-    Notes
-    -----
-    Changes are summed, so a constant is left open behind them, which divides reading and result alike. It is forgotten
-    so slowly that a film hardly lags behind it, or what many changes leave open would add up.
     """
     nothing = np.zeros(temperature_c.shape)
     period = typical_period(time_s)
@@ -137,9 +133,17 @@ def unseen(
     within = np.zeros(time_s.shape, dtype=bool)
     within[first[own] + rows // 2] = True
     within = maximum_filter1d(within, rows + 1)  # a window is judged as a whole
-    moves = np.concatenate([[0.0], np.diff(temperature_c) * within[:-1]])
+    return np.cumsum(np.concatenate([[0.0], np.diff(temperature_c) * within[:-1]]))
+
+
+def _forgotten(alone_k: Array, response: LagResponse, period: float) -> Array:
+    """Moves (n,) of the temperature's own, forgotten so slowly that a film hardly lags behind it.
+
+    They are summed, so a constant is left open behind each, which divides reading and result alike; what many leave
+    open would add up.
+    """
     keep = float(np.exp(-period / (FORGOTTEN_LAGS * response.slowest_s)))
-    return followed(moves, keep, 0.0) / (1.0 - keep)
+    return followed(np.diff(alone_k, prepend=0.0), keep, 0.0) / (1.0 - keep)
 
 
 def _rows(response: LagResponse, period: float) -> int:
@@ -264,7 +268,7 @@ def correct_humidity(
         then = _earlier(time_s, air, plain.delay_s)
         alone = unseen(time_s, plain.reading, then, sigma, believed, response, own_noise)
         alone = _earlier(time_s, alone, -plain.delay_s)
-        air = air - alone
+        air = air - _forgotten(alone, response, period)
     # a late reading is of the air that was; the die's temperature comes from the same chip and is as late
     now, air, error = air, *(_earlier(time_s, values, plain.delay_s) for values in (air, sigma))
     if bead.carried is not None:

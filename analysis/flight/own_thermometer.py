@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.flight.channel import FlightChannel, bridged
-from shockrig.analysis.flight.comparisons import late_die
+from shockrig.analysis.flight.comparisons import DIE_S, late_die
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.flight.smoother import followed
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
@@ -68,16 +68,19 @@ def seen_by_film(
     alone, air = film.temperature_alone, bridged(flight.time_s, bead.value)
     if alone is None or air is None or not alone.any():
         return bead, film
-    moved = np.flatnonzero(np.abs(np.diff(alone)) > np.finfo(np.float32).eps * np.ptp(alone))
+    moved = np.flatnonzero(np.diff(alone))
     first, last = flight.time_s[moved[[0, -1]]]
-    off = np.abs(alone - np.median(alone))
+    # it was right before the first of these moves, or is behind the last: nothing tells which
+    off = np.maximum(np.abs(alone), np.abs(alone - alone[-1]))
     said = (
         f"temperature: between {first:.10g} and {last:.10g} s it moves by up to {off.max():.2g} K without the "
         "humidity, which follows the air's at once: "
     )
     with_them, without = following(flight, air), following(flight, air - alone)
     # what the humidity is off by if the air did move
-    of_film = film.value * np.abs(np.log(saturation_pressure_hpa(air) / saturation_pressure_hpa(air - off)))
+    keep = float(np.exp(-typical_period(flight.time_s) / DIE_S))
+    late = followed(np.diff(alone, prepend=0.0), keep, 0.0) / (1.0 - keep)
+    of_film = film.value * np.abs(np.log(saturation_pressure_hpa(air) / saturation_pressure_hpa(air - late)))
     if with_them is None or without is None:
         said += (
             f"sun, ice or a wake was at the thermometer, or the hygrometer's own temperature is late ({late_die()}); "

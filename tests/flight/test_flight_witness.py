@@ -55,6 +55,18 @@ def test_sun_on_the_thermometer_does_not_reach_the_humidity():
     assert not any("without the humidity" in note for note in plain.notes)
 
 
+def test_a_thermometer_that_does_not_come_back_is_unsure_on_both_sides():
+    """Its fan failed, or its ice melted: before or behind it was wrong, and nothing tells which."""
+    flown = fly(cold_air(), PROFILE, 5)
+    log, truth = to_flight(flown.log), flown.truth["temperature_c"].to_numpy()
+    for wrong in (log.time_s > 60.0, log.time_s < 60.0):
+        stays = dataclasses.replace(log, temperature_c=log.temperature_c + behind(1.5 * wrong, 0.5))
+        done = correct(stays, PROFILE)
+        off = np.abs(done.temperature_c - truth)
+        assert np.mean(off < 1.96 * done.temperature_uncertainty_k) > 0.95  # before: half of the flight
+        assert np.nanmax(done.temperature_uncertainty_k) < 2.5
+
+
 def test_a_hygrometer_that_is_late_itself_leaves_the_temperature_alone():
     """The thermometer is right and the hygrometer's own temperature late: its own thermometer tells."""
     flown = fly(cold_air(), PROFILE, 5)
