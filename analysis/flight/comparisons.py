@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter, uniform_filter1d
+from scipy.special import gamma, gammainc
 
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.effect import InFlight
@@ -98,7 +99,10 @@ class Layers:
 # apart in the end (structure function as distance^(2/3)). What lies beyond that and beyond the stated uncertainty is
 # the sensor's, or the air's that moved on: it is not known which, and counts as error.
 
-BY_CHANCE = 4.3  # one in 200 mean squares with three degrees of freedom is larger: so few large scales a flight has
+LARGE_SCALES = 3  # degrees of freedom of the mean square difference: so few large scales a flight has
+NOT_AS_STATED = 0.2  # probability before the flight is looked at that its sensor, or its air, is not as it is taken
+MOST_TIMES = 100.0  # the variance of what is taken, of such a sensor's or air's, evenly in its logarithm
+LIKELIER_THAN_NOT = 0.5
 NEIGHBOUR_MEDIAN = 0.455 * 2.0  # median of the squared difference of two layers, over the variance of one
 PLAYS_PERCENT = (0.5, 1.0, 2.0)  # to either side, of hysteresis
 DIE_S = 17.0  # by which a humidity chip in flight follows the air (iMet-XQ2 flights: 17 to 19 s)
@@ -116,13 +120,21 @@ class Difference:
     variance: Array
 
 
-def excess(difference: Difference) -> float:
-    """Mean square by which the two ways differ beyond turbulence and what is stated; 0 where chance explains it."""
+def excess(difference: Difference) -> tuple[float, float]:
+    """Mean square by which the two ways are expected to differ beyond turbulence and what is stated, and how likely it
+    is that they do: that the difference is as of a variance up to MOST_TIMES larger, and not of chance."""
     d = difference.corrected
     of_turbulence = float(np.median(np.diff(d) ** 2)) / NEIGHBOUR_MEDIAN * d.size ** (2.0 / 3.0)
     allowed = of_turbulence + float(difference.variance.mean())
     seen = float(np.mean(d**2))
-    return seen - allowed if seen > BY_CHANCE * allowed else 0.0
+    if seen <= allowed:
+        return 0.0, 0.0
+    times, half = seen / allowed, LARGE_SCALES / 2.0
+    by_chance = (half * times) ** half * np.exp(-half * times) / gamma(half)  # densities of ln(times)
+    otherwise = (gammainc(half, half * times) - gammainc(half, half * times / MOST_TIMES)) / np.log(MOST_TIMES)
+    odds = NOT_AS_STATED * otherwise / ((1.0 - NOT_AS_STATED) * by_chance) if by_chance > 0.0 else np.inf
+    likely = float(1.0 / (1.0 + 1.0 / odds))
+    return likely * (seen - allowed), likely
 
 
 @dataclass(frozen=True)
@@ -403,9 +415,10 @@ def compared(
                 )
                 channel = channel.widened(wrong)
                 widened[channel.name] = wrong
+            count = len(notes)
             doubted = _owned(flight, bead, channel, notes)
             if both.corrected > WORSE_RATIO * both.read:
-                owned = doubted is not channel or channel.name in widened
+                owned = len(notes) > count or channel.name in widened
                 notes.insert(
                     0,
                     f"{channel.name}: {PARTED}, {both.corrected:.2g} {unit} instead of the {both.read:.2g} {unit} of "
@@ -427,9 +440,9 @@ def _owned(flight: Flight, bead: FlightChannel, channel: FlightChannel, notes: l
     if less is None or plus is None or less[2].shape[1] != plus[2].shape[1]:
         return channel
     difference, *moved = less[2]
-    beyond = excess(Difference(difference, plus[2][0]))
-    if not beyond:
-        return channel
+    beyond, likely = excess(Difference(difference, plus[2][0]))
+    if likely < LIKELIER_THAN_NOT:
+        return channel.doubted(float(np.sqrt(beyond / 2.0)))
     unit, wider = UNITS[channel.name], float(np.sqrt(beyond / 2.0))
     cause = explained(difference, moved, found)
     notes.append(

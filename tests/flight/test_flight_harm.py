@@ -8,7 +8,16 @@ from scipy.signal import lfilter
 
 from shockrig.analysis.flight.channel import FlightChannel
 from shockrig.analysis.flight.coarse import propagated, within, within_a_step
-from shockrig.analysis.flight.comparisons import PARTED, LikelyCause, compared, explained, up_and_down, ways_apart
+from shockrig.analysis.flight.comparisons import (
+    PARTED,
+    Difference,
+    LikelyCause,
+    compared,
+    excess,
+    explained,
+    up_and_down,
+    ways_apart,
+)
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.prior import OU_VARIANCES, RATES_PER_S, Prior, spectra
 from shockrig.analysis.flight.response import LagResponse, bead_response
@@ -291,6 +300,21 @@ def test_ways_that_disagree_by_more_than_is_stated_are_owned(steady):
     assert np.mean(np.abs(film.value - channel.value) < 1.96 * film.total_uncertainty) > 0.9
     read = up_and_down(flight, off).read
     assert notes[0].startswith("humidity: the correction makes ascent and descent disagree more") == (2 * steady > read)
+
+
+def test_ways_are_the_likelier_to_disagree_the_more_they_do():
+    """A threshold owned nothing of a film that differed by 1.9 %RH, just within it."""
+
+    def found(times):
+        return excess(Difference(np.sqrt(times) * np.ones(50), np.ones(50)))
+
+    assert found(0.9) == (0.0, 0.0)
+    rest, likely = np.array([found(times) for times in (1.5, 2.5, 4.0, 8.0, 1e3, 1e9)]).T
+    assert np.all(np.diff(likely) >= 0.0) and likely[0] < 0.15 and 0.3 < likely[2] < 0.7 and likely[3] > 0.95
+    np.testing.assert_allclose(rest, likely * (np.array([1.5, 2.5, 4.0, 8.0, 1e3, 1e9]) - 1.0))
+    # of 20,000 flights as stated: about one in a hundred is said not to be
+    chance = np.random.default_rng(0).chisquare(3, 20000) / 3.0
+    assert np.mean([found(times)[1] > 0.5 for times in chance]) < 0.015
 
 
 def test_that_the_ways_part_is_said_first_where_turbulence_explains_it_too():
