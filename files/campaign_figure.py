@@ -55,7 +55,7 @@ def plot_campaign(campaign: Campaign, runs: Sequence[str] | None = None) -> Figu
             trace: Trace | None = getattr(run, sensor)
             if trace is None:
                 continue
-            zero_s, since = _zero(run, trace)
+            zero_s, since = zero_of(run, trace)
             zeros[since] = None
             colour = GREY if ambient is None else colours[ambient]
             axes.plot(trace.time_s - zero_s, trace.values[column], color=colour, lw=0.8)
@@ -74,8 +74,8 @@ def plot_campaign(campaign: Campaign, runs: Sequence[str] | None = None) -> Figu
     return figure
 
 
-def _zero(run: Run, trace: Trace) -> tuple[float, str]:
-    """Where a run's time is counted from [s on its clock], and what that is (a key of SINCE)."""
+def zero_of(run: Run, trace: Trace) -> tuple[float, str]:
+    """Where the time of a run without a fit is counted from [s on its clock], and what that is (a key of SINCE)."""
     if run.start_s is not None:
         return run.start_s, "transfer"
     seen = run.extra.get("step_seen_s")

@@ -71,10 +71,10 @@ class CertifiedFigure:
 
     @property
     def name(self) -> str:
-        """What it is called on paper: "D at 20.0 °C", "t63 of the bead"."""
+        """What it is called on paper: "D at 20.0 °C", "t63 of the thermometer"."""
         said = self.figure
         if said.startswith("t"):
-            said += f" of the {'film' if self.channel == 'humidity' else 'bead'}"
+            said += f" of the {'hygrometer' if self.channel == 'humidity' else 'thermometer'}"
         return said + (f" at {self.air_c} °C" if self.channel == "humidity" else "")
 
     @property

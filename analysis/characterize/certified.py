@@ -66,7 +66,13 @@ def certified(
     """
     campaign = result.campaign
     assert campaign.common is not None
-    figured = [one for found in result.channels().values() for one in budgets(found, air)]
+    # the diffusivity of a sensor that is one lag is one of lengths that nobody stated: its times are what is known
+    figured = [
+        one
+        for found in result.channels().values()
+        for one in budgets(found, air)
+        if not (found.channel.lumped and one.figure == found.channel.quantity.symbol)
+    ]
     figures = tuple(_figure(one) for one in figured if one.determined)
     lacking = _not_determined([one for one in figured if not one.determined])
     began_on, ended_on = _dates(campaign, issued_on)
@@ -82,7 +88,7 @@ def certified(
         figures=figures,
         common=campaign.common,
         traced=tuple(traced),
-        undescribed=tuple(QUANTITIES[name].noun for name, one in result.channels().items() if not one.explained),
+        undescribed=tuple(one.channel.sensor for one in result.channels().values() if not one.explained),
         notes=(*_notes(result), *lacking),
         provenance=provenance or {},
         **named,
@@ -167,16 +173,22 @@ def _notes(result: Characterization) -> list[str]:
         said.append("Emulated instruments: nothing here was measured, and no sensor is certified by it.")
     for name, found in result.channels().items():
         quantity = QUANTITIES[name]
-        symbol, noun, body = quantity.symbol, quantity.noun, found.channel.body
+        lumped, noun, body = found.channel.lumped, found.channel.sensor, found.channel.body
+        symbol = "t63" if lumped else quantity.symbol
         length = f"{quantity.length.removesuffix('_m').replace('_', ' ')} of {found.channel.length_m:.3g} m"
         if found.effects:
             causes = ", ".join(effect.effect for effect in found.effects)
-            said.append(f"{symbol} is the {noun}'s own, beside what the model carries: {causes}.")
+            said.append(
+                f"Beside one lag the model of the {noun} carries {causes}."
+                if lumped
+                else f"{symbol} is the {noun}'s own, beside what the model carries: {causes}."
+            )
         else:
             said.append(
                 f"{symbol} is an effective number of the plain model ({body}): what is around the {noun} is in it."
             )
-        said.append(f"{symbol} is quoted for a {length}; only its ratio to the square of that is observed.")
+        if not lumped:
+            said.append(f"{symbol} is quoted for a {length}; only its ratio to the square of that is observed.")
         if not found.explained:
             said.append(
                 f"The model does not describe the {noun}'s readings down to the noise, and the uncertainty is enlarged "

@@ -51,7 +51,7 @@ def choose_runs(
     quantity = whole.quantity
     step = np.abs(quantity.step(whole.conditions))
     keep = (step >= max(quantity.least_step, STEP_IN_NOISE * noise.standard_deviation)) | whole.measured
-    reasons = {int(i): f"no {quantity.name} step ({step[i]:.2g} {quantity.unit})" for i in np.flatnonzero(~keep)}
+    reasons = {int(i): f"no {quantity.followed} step ({step[i]:.2g} {quantity.unit})" for i in np.flatnonzero(~keep)}
     if not extension.structure.effects:
         reasons |= {int(i): OTHER_KIND for i in np.flatnonzero(keep & whole.conditions.elsewhere)}
     alone = np.zeros(whole.runs, dtype=bool)

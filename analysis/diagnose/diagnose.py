@@ -87,7 +87,7 @@ def rates_apart(final: Fit) -> tuple[str, ...]:
 
 def cannot_tell(channel: Channel) -> tuple[str, ...]:
     """Sentences, each on one thing that the campaign leaves open and what it would have needed."""
-    c, sensor = channel.conditions, channel.quantity.noun
+    c, sensor = channel.conditions, channel.sensor
     said = []
     if channel.runs == 1:
         said.append(

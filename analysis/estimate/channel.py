@@ -17,6 +17,7 @@ from shockrig.analysis.physics.chain import MeasuredAir
 from shockrig.analysis.physics.conditions import Conditions
 from shockrig.files.campaign_names import KNOWN_KINDS
 from shockrig.files.common_uncertainty import CommonUncertainty
+from shockrig.files.headline import LUMPED
 
 Array = NDArray[np.float64]
 AMBIENT_WIDTH_K = 1.0
@@ -109,6 +110,21 @@ class Channel:
     def name(self) -> ChannelName:
         """Of the channel."""
         return self.quantity.name
+
+    @property
+    def lumped(self) -> bool:
+        """Whether no more is known of the sensor's body than that it is one lag: no length and no diffusivity."""
+        return self.body == LUMPED
+
+    @property
+    def sensor(self) -> str:
+        """What is looked at: a bead or a film, or an instrument of whose body nothing is known."""
+        return self.quantity.instrument if self.lumped else self.quantity.noun
+
+    @property
+    def rate_name(self) -> str:
+        """What its rate is called: alpha or D, which a lumped sensor has not."""
+        return "rate" if self.lumped else self.quantity.symbol
 
     @property
     def runs(self) -> int:

@@ -53,6 +53,10 @@ class Quantity:
         What is known of the instrument that measures the airs, as `Reference` calls it.
     noun, symbol : str
         What the sensing body is called, and the diffusivity that is fitted.
+    instrument : str
+        What the sensor is called where nobody knows its body.
+    followed : str
+        What of the air the sensor has to follow: a film that warms at constant vapour has nothing to take up.
     unit : str
         Of differences.
     resolution : float
@@ -88,6 +92,8 @@ class Quantity:
     reference_uncertainty: str
     noun: str
     symbol: str
+    instrument: str
+    followed: str
     unit: str
     resolution: float
     least_step: float
@@ -173,6 +179,8 @@ TEMPERATURE = Quantity(
     reference_uncertainty="temperature_standard_uncertainty_k",
     noun="bead",
     symbol="alpha",
+    instrument="thermometer",
+    followed="temperature",
     unit="K",
     resolution=0.01,
     least_step=0.3,
@@ -198,6 +206,8 @@ HUMIDITY = Quantity(
     reference_uncertainty="humidity_standard_uncertainty_percent",
     noun="film",
     symbol="D",
+    instrument="hygrometer",
+    followed="vapour",
     unit="%RH",
     resolution=100.0 / 16383.0,
     least_step=1.0,

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 LEAST_SHOWN = 0.02  # share of the variance from which on a line has a colour of its own
 PERCENT = "95.45 %"
 USUAL_C = 20.0
+NOT_RECORDED = "not recorded"
 LEAST_PRINTED = 0.001  # share of the variance from which on a line is printed; the tables have all
 
 
@@ -106,10 +107,12 @@ def _sensors(certificate: Certificate) -> dict[str, str]:
 
 
 def _verdict(certificate: Certificate) -> str:
-    rates = [one for one in certificate.figures if one.figure in ("alpha", "D")]
-    rates.sort(key=lambda one: abs(one.temperature_c - USUAL_C))
-    first = {one.channel: one for one in reversed(rates)}
-    said = "; ".join(f"{one.name} = {stated(one)}" for one in sorted(first.values(), key=lambda one: one.figure == "D"))
+    # the figure that says most of each sensor, nearest to usual air: its rate, of one lag its time constant
+    order = ("t63", "D", "alpha")
+    telling = [one for one in certificate.figures if one.figure in order]
+    telling.sort(key=lambda one: (order.index(one.figure), -abs(one.temperature_c - USUAL_C)))
+    first = {one.channel: one for one in telling}
+    said = "; ".join(f"{one.name} = {stated(one)}" for _, one in sorted(first.items(), reverse=True))
     wrong = ""
     if certificate.undescribed:
         wrong = (
@@ -127,7 +130,7 @@ def _results(certificate: Certificate) -> Table:
         "U, %": [plain(100.0 * one.expanded_uncertainty / one.value, 2) for one in figures],
         "k": [f"{one.coverage_factor:.2f}" for one in figures],
         "ν": ["∞" if (nu := one.degrees_of_freedom) is None else f"{nu:.0f}" for one in figures],
-        "airflow, m/s": ["not recorded" if one.airflow_m_s is None else f"{one.airflow_m_s:g}" for one in figures],
+        "airflow, m/s": [NOT_RECORDED if one.airflow_m_s is None else f"{one.airflow_m_s:g}" for one in figures],
         "air, °C": [one.air_c for one in figures],
         "pressure, hPa": [f"{one.pressure_hpa:g}" for one in figures],
     }
@@ -141,7 +144,8 @@ def _results(certificate: Certificate) -> Table:
     for name in ("airflow, m/s", "pressure, hPa"):
         if len(set(columns[name])) == 1:
             quantity, unit = name.split(", ")
-            caption += f" {quantity.capitalize()}: {columns.pop(name)[0]} {unit}."
+            value = columns.pop(name)[0]
+            caption += f" {quantity.capitalize()}: {value}{'' if value == NOT_RECORDED else f' {unit}'}."
     return Table(tuple(columns), list(zip(*columns.values(), strict=True)), caption)
 
 

@@ -9,19 +9,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from shockrig.analysis.characterize.result import FAR_DEVIATED, ChannelResult, Characterization, TableRow, to_profile
-from shockrig.analysis.estimate.quantity import QUANTITIES
-from shockrig.analysis.report.diagnosis_words import INSTRUMENT, SENSOR, listed, named
+from shockrig.analysis.report.diagnosis_words import SENSOR, listed, named
 from shockrig.analysis.report.fitted import UNIT, panels, relative_runs, residuals, single_runs
 from shockrig.analysis.report.html import Block, Cell, Details, Figure, HtmlPage, KeyNumber, Section, Table, Text
 from shockrig.analysis.report.loop_page import chosen_section
+from shockrig.analysis.report.panels import panels as placed_panels
 from shockrig.analysis.report.panels import run_panels
 from shockrig.analysis.report.parameters import Curve, diffusivity, parameter_by_condition
 from shockrig.analysis.report.rates import rate_label, rate_text
 from shockrig.analysis.report.residuals import residual_overview
 from shockrig.analysis.report.seen import seen_sentence
-from shockrig.analysis.report.style import save_figure
-from shockrig.files.headline import LUMPED, time_text
+from shockrig.analysis.report.style import save_figure, styled
+from shockrig.files.campaign_figure import draw_diffusivity
+from shockrig.files.headline import first_order, is_more, time_text
 from shockrig.files.numbers import counted, measured, plain
+from shockrig.files.profile import HumidityProfile
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
@@ -34,11 +36,11 @@ def verdict(result: Characterization) -> str:
     sentences = []
     for name, found in result.channels().items():
         noise, unit = found.noise.standard_deviation, UNIT[name]
-        model = "One lag" if lumped(found) else "The plain diffusion model"
+        model = "One lag" if found.channel.lumped else "The plain diffusion model"
         model = f"The model with {_names(found)}" if found.effects else model
         if found.explained:
             sentences.append(
-                f"{model} describes the {sensor(name, found)}: residuals of {plain(found.rmse, 2)} {unit}, "
+                f"{model} describes the {found.channel.sensor}: residuals of {plain(found.rmse, 2)} {unit}, "
                 f"noise {plain(noise, 2)} {unit}."
             )
         else:
@@ -57,13 +59,8 @@ def hint(name: str, found: ChannelResult) -> str:
     if found.normalised_deviation >= FAR_DEVIATED:
         how += f"; start times and airs bent by {plain(found.normalised_deviation, 2)} times their uncertainty"
     shown = seen_sentence(found.channel) if len(found.parts) == 1 else ""
-    what = sensor(name, found).capitalize()
+    what = found.channel.sensor.capitalize()
     return f"{what}: {model} does not explain these data ({how}): run shockrig diagnose. {shown}".rstrip()
-
-
-def sensor(name: str, found: ChannelResult) -> str:
-    """What is looked at: a bead or a film, or a sensor of which no more is known than that it is one lag."""
-    return INSTRUMENT[name] if lumped(found) else SENSOR[name]
 
 
 def _names(found: ChannelResult) -> str:
@@ -85,12 +82,22 @@ def draw_figures(result: Characterization) -> dict[str, tuple[Drawing, str]]:
             np.array([r.standard_uncertainty for r in single]),
         )
         figures["diffusivity"] = (
-            diffusivity(table, Curve(grid, value, spread), runs),
-            "D over temperature with two standard uncertainties, and as it is interpolated: ln D over 1/T.",
+            (_tau(profile), "tau over temperature with two standard uncertainties, and as it is interpolated.")
+            if result.humidity.channel.lumped
+            else (
+                diffusivity(table, Curve(grid, value, spread), runs),
+                "D over temperature with two standard uncertainties, and as it is interpolated: ln D over 1/T.",
+            )
         )
     for name, found in result.channels().items():
         figures[f"{name}_runs"] = (
-            run_panels(panels(result.campaign, found), name, AXIS[name], found.noise.standard_deviation),
+            run_panels(
+                panels(result.campaign, found),
+                name,
+                AXIS[name],
+                found.noise.standard_deviation,
+                residual_unit=UNIT[name],
+            ),
             "Every run's readings with the fit, each run's own start and airs included, and the residual under it "
             "(grey band: two standard deviations of the noise). Runs left out say why.",
         )
@@ -101,13 +108,21 @@ def draw_figures(result: Characterization) -> dict[str, tuple[Drawing, str]]:
             "The same residuals averaged in log time, coloured by what the runs were: a pattern is a missing effect.",
         )
         ratios = relative_runs(found)
-        title = f"{'rate' if lumped(found) else QUANTITIES[name].symbol}, run / joint"
+        title = f"{found.channel.rate_name}, run / joint"
         figures[f"{name}_by_condition"] = (
             parameter_by_condition(ratios, title, "", (1.0, 0.0), UNIT[name]),
-            f"The {'rate' if lumped(found) else 'diffusivity'} of each run alone as a ratio to the joint fit, two "
-            "standard uncertainties: it should not move with airflow, direction or size of the step.",
+            f"The {'rate' if found.channel.lumped else 'diffusivity'} of each run alone as a ratio to the joint fit, "
+            "two standard uncertainties: it should not move with airflow, direction or size of the step.",
         )
     return figures
+
+
+@styled
+def _tau(profile: HumidityProfile) -> Drawing:
+    """The time constant of a film that is one lag, over temperature."""
+    drawing, axes = placed_panels((1, 1), (6.4, 3.7))
+    draw_diffusivity(axes[0, 0], profile, lumped=True)
+    return drawing
 
 
 _CURVE = ("ambient_c", "diffusivity_m2_s", "standard_uncertainty")
@@ -131,7 +146,7 @@ def write_characterization(
 
     numbers = _number_blocks(result)
     if "diffusivity" in drawn:
-        numbers.append(figure("diffusivity", "Diffusivity of the film over temperature"))
+        numbers.append(figure("diffusivity", "How fast the film is, over temperature"))
     sections = [Section("The numbers", numbers), *more]
     for name, found in result.channels().items():
         noise = found.noise
@@ -142,7 +157,9 @@ def write_characterization(
         blocks: list[Block] = [text, figure(f"{name}_runs", f"Every run of the {name} channel with fit and residual")]
         if len(found.runs) > 1:
             blocks.append(figure(f"{name}_residuals", f"Residuals of the {name} channel by condition"))
-            of_runs = f"{'Rate' if lumped(found) else 'Diffusivity'} of single runs of the {name} channel by condition"
+            of_runs = (
+                f"{'Rate' if found.channel.lumped else 'Diffusivity'} of single runs of the {name} channel by condition"
+            )
             blocks.append(figure(f"{name}_by_condition", of_runs))
         blocks.append(Details("How the fit was made", [_search_table(found), Text(_METHOD)]))
         sections.append(Section(f"{name.capitalize()}: {counted(len(found.runs), 'run')}", blocks))
@@ -171,32 +188,31 @@ _METHOD = (
 
 
 def _key_numbers(result: Characterization) -> list[KeyNumber]:
-    numbers = []
+    numbers: list[KeyNumber] = []
     if (t := result.temperature) is not None:
-        row = t.rows[0]
-        label = "tau of the thermometer" if lumped(t) else "alpha of the bead"
-        effective = "" if t.explained else "effective: the model does not explain the data"
-        numbers += [
-            KeyNumber(label, rate_text(t.channel, row), effective),
-            KeyNumber("time to 63 % of the thermometer", time_text(row.response, 0), _later(row)),
-        ]
+        numbers += _of_sensor(t, t.rows[0], "")
     if (h := result.humidity) is not None:
         row = min(h.rows, key=lambda r: abs(r.ambient_c - 20.0))
-        label = f"{'tau of the hygrometer' if lumped(h) else 'D of the film'} at {round(row.ambient_c)} °C"
-        effective = "" if h.explained else "effective: the model does not explain the data"
-        numbers += [
-            KeyNumber(label, rate_text(h.channel, row), effective),
-            KeyNumber(f"time to 63 % at {round(row.ambient_c)} °C", time_text(row.response, 0), _later(row)),
-        ]
+        numbers += _of_sensor(h, row, f" at {round(row.ambient_c)} °C")
     for name, found in result.channels().items():
         note = f"residuals {plain(found.rmse, 2)} {UNIT[name]}"
         numbers.append(KeyNumber(f"noise, {name}", f"{plain(found.noise.standard_deviation, 2)} {UNIT[name]}", note))
     return numbers
 
 
-def lumped(found: ChannelResult) -> bool:
-    """Whether a sensor is one first-order lag: then its time constant is what is known, and no length and no rate."""
-    return found.channel.body == LUMPED
+def _of_sensor(found: ChannelResult, row: TableRow, where: str) -> list[KeyNumber]:
+    """The rate, or tau, of a sensor and its response times; of one lag alone the time to 63 % is tau once more."""
+    channel, instrument = found.channel, found.channel.quantity.instrument
+    effective = "" if found.explained else "effective: the model does not explain the data"
+    label = f"tau of the {instrument}" if channel.lumped else f"{channel.rate_name} of the {channel.sensor}"
+    tau_s = first_order(channel.length_m, row.diffusivity_m2_s, 0.0)[0] if channel.lumped else None
+    if not is_more(row.response, tau_s):
+        note = "; ".join(filter(None, (_later(row), effective)))
+        return [KeyNumber(f"{label}{where}", rate_text(channel, row), note)]
+    return [
+        KeyNumber(f"{label}{where}", rate_text(channel, row), effective),
+        KeyNumber(f"time to 63 % of the {instrument}{where}", time_text(row.response, 0), _later(row)),
+    ]
 
 
 def _later(row: TableRow) -> str:

@@ -53,7 +53,7 @@ from shockrig.analysis.report.next_time import next_time
 from shockrig.analysis.report.rates import rate_label, rate_text
 from shockrig.analysis.report.seen import seen_sentence
 from shockrig.analysis.report.style import save_figure
-from shockrig.files.headline import LUMPED, time_text
+from shockrig.files.headline import time_text
 from shockrig.files.numbers import plain
 
 # What data sheets of the HYT family promise (IST AHHYTM E2.2.1); a bead is calibrated to about the same.
@@ -279,7 +279,8 @@ def _chance(p: float) -> str:
 
 
 def _drift_words(view: ChannelView) -> str:
-    letter = QUANTITIES[view.found.name].symbol
+    channel = view.found.problem.channel
+    letter = f"the {channel.rate_name}" if channel.lumped else channel.rate_name
     sentences = []
     sides = (("plain", view.plain), ("extended", view.extended if view.found.causes else None))
     for words, result in sides:
@@ -375,7 +376,7 @@ def _numbers(views: Sequence[ChannelView]) -> str:
 
 def is_lag(view: ChannelView) -> bool:
     """Whether no more is known of the sensor than that it is one lag."""
-    return view.found.problem.channel.body == LUMPED
+    return view.found.problem.channel.lumped
 
 
 def _material(views: Sequence[ChannelView]) -> list[Block]:

@@ -196,7 +196,8 @@ def _of_held_out(found: ChannelDiagnosis, held: HeldOut) -> Figures:
 
 def _of_single_runs(found: ChannelDiagnosis, before: ChannelResult | None, after: ChannelResult | None) -> Figures:
     """The material's number of each run alone under either model, by what the runs were."""
-    letter, figures = found.problem.channel.quantity.symbol, {}
+    channel = found.problem.channel
+    letter, figures, whose = channel.rate_name, {}, "sensor" if channel.lumped else "material"
     for name, result, words in (("by_condition", before, "plain"), ("by_condition_extended", after, "extended")):
         if result is None or (result is after and not found.causes):
             continue
@@ -205,7 +206,7 @@ def _of_single_runs(found: ChannelDiagnosis, before: ChannelResult | None, after
             figures[name] = (
                 parameter_by_condition(runs, f"{letter}, run / joint", "", (1.0, 0.0), UNIT[found.name]),
                 f"{letter} of each run alone under the {words} model, as a ratio to the joint fit, with two standard "
-                "uncertainties. It is a property of the material: it should not move with airflow, direction or step.",
+                f"uncertainties. It is a property of the {whose}: it should not move with airflow, direction or step.",
                 f"{letter} of single runs of the {sensor_of(found)} by condition, {words} model",
             )
     return figures

@@ -16,7 +16,6 @@ from shockrig.analysis.estimate.seen import seen
 from shockrig.analysis.report.fitted import UNIT
 from shockrig.files.causes import Uncertain
 from shockrig.files.diagnosis_data import Dependence, Discovered
-from shockrig.files.headline import LUMPED
 from shockrig.files.numbers import measured, plain
 
 # Sentences on effects that nobody listed: 'behaves as', never 'is'.
@@ -164,7 +163,7 @@ def _listed(words: Sequence[str], last: str = "and") -> str:
 pass
 
 SENSOR: dict[str, str] = {name: quantity.noun for name, quantity in QUANTITIES.items()}
-INSTRUMENT = {"temperature": "thermometer", "humidity": "hygrometer"}
+INSTRUMENT: dict[str, str] = {name: quantity.instrument for name, quantity in QUANTITIES.items()}
 NOT_TOLD = "these runs do not tell how much it is on others"
 
 
@@ -266,14 +265,14 @@ def removed_share(found: ChannelDiagnosis) -> str:
 
 
 def sensor_of(found: ChannelDiagnosis) -> str:
-    """What is looked at: a bead or a film, or a sensor of which no more is known than that it is one lag."""
-    return (INSTRUMENT if found.problem.channel.body == LUMPED else SENSOR)[found.name]
+    """What is looked at."""
+    return found.problem.channel.sensor
 
 
 def channel_verdict(found: ChannelDiagnosis, whole: bool = True) -> str:
     """The verdict on one channel; without `whole` only the strongest of many causes is spelled out."""
     gain, unit, sensor = found.gain, UNIT[found.name], sensor_of(found)
-    model = "One lag" if found.problem.channel.body == LUMPED else "The plain diffusion model"
+    model = "One lag" if found.problem.channel.lumped else "The plain diffusion model"
     causes = ordered(found.causes)
     if found.verdict == "adequate" and not gain.measured:
         return (

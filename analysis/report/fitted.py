@@ -17,9 +17,9 @@ from shockrig.analysis.report.parameters import RunParameter
 from shockrig.analysis.report.residuals import ResidualRun
 from shockrig.analysis.report.style import CYCLE, INK, LIGHT, literal, styled
 from shockrig.files.campaign import Campaign, Trace
-from shockrig.files.campaign_figure import draw_diffusivity
+from shockrig.files.campaign_figure import draw_diffusivity, zero_of
 from shockrig.files.figures import notebook_figure
-from shockrig.files.headline import LUMPED, headlines
+from shockrig.files.headline import headlines
 from shockrig.files.numbers import plain
 from shockrig.files.profile import Profile
 
@@ -57,7 +57,7 @@ def panels(campaign: Campaign, found: ChannelResult) -> list[RunPanel]:
         trace: Trace | None = getattr(run, quantity.sensor)
         if run.id in drawn or trace is None or not trace.time_s.size:
             continue
-        time = trace.time_s - (run.start_s if run.start_s is not None else float(trace.time_s[0]))
+        time = trace.time_s - zero_of(run, trace)[0]
         value = trace.values[quantity.column]
         note = reasons.get(run.id, "left out")
         drawn[run.id] = RunPanel(run.id, "left out", time, value, note=note)
@@ -127,7 +127,7 @@ def plot_characterized(result: Characterization, profile: Profile) -> Figure:
         steps.set_ylabel(AXIS[name])
         left.set_ylabel(f"reading - fit, {QUANTITIES[name].unit}")
         if table and name == "humidity" and film is not None:
-            draw_diffusivity(figure.add_subplot(grid[row, 2]), film, profile.bodies["hyt"] == LUMPED)
+            draw_diffusivity(figure.add_subplot(grid[row, 2]), film, found.channel.lumped)
     return figure
 
 

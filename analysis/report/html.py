@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from matplotlib import figure as matplotlib_figure
 
 Cell = str | float | int | None
+SENTENCE = 24  # characters of a cell, from which on it is read and not looked up
 Tone = Literal["good", "warning", "bad", "neutral"]
 
 
@@ -183,7 +184,12 @@ def _table(table: Table) -> str:
     ]
     # A value with its uncertainty is one word: on a narrow screen the table scrolls.
     whole = [bool(table.rows) and all(" ± " in plain(row[i]) for row in table.rows) for i in range(len(table.columns))]
-    side = [' class="number"' if n else ' class="whole"' if w else "" for n, w in zip(numeric, whole, strict=True)]
+    # A column of sentences is left wide enough to be read.
+    words = [any(len(plain(row[i])) > SENTENCE for row in table.rows) for i in range(len(table.columns))]
+    side = [
+        ' class="number"' if n else ' class="whole"' if one else ' class="words"' if w else ""
+        for n, one, w in zip(numeric, whole, words, strict=True)
+    ]
     head = "".join(f"<th{s}>{escape(c)}</th>" for c, s in zip(table.columns, side, strict=True))
     body = "\n".join(
         "<tr>" + "".join(f"<td{s}>{escape(plain(c))}</td>" for c, s in zip(row, side, strict=True)) + "</tr>"
@@ -228,11 +234,11 @@ caption { text-align: left; color: var(--quiet); padding-bottom: .4rem; position
   max-width: min(48rem, calc(100vw - 5rem)); }
 th, td { text-align: left; vertical-align: top; padding: .3rem .9rem .3rem 0; border-bottom: 1px solid var(--line);
   overflow-wrap: break-word; }
-footer th, footer td { overflow-wrap: anywhere; }
+footer td { overflow-wrap: anywhere; }
 thead th { font-weight: 600; border-bottom: 2px solid var(--line); vertical-align: bottom; }
 .number { text-align: right; white-space: nowrap; }
 th.number { white-space: normal; }
-td.whole { white-space: nowrap; }
+td.whole { white-space: nowrap; } td.words { min-width: 12rem; }
 figure { margin: 1.5rem 0; }
 figure .scroll { margin: 0; }
 figure img { display: block; max-width: max(100%, 48rem); height: auto; background: #fff; border-radius: .4rem;

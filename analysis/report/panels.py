@@ -33,7 +33,7 @@ def panels(
     size_in: tuple[float, float],
     *,
     left_in: float = 0.74,
-    right_in: float = 0.08,
+    right_in: float = 0.16,
     bottom_in: float = 0.48,
     top_in: float = 0.28,
     across_in: float = 0.14,
@@ -186,7 +186,12 @@ class _Box:
 
 @styled
 def run_panels(
-    panels: Sequence[RunPanel], quantity: str, unit: str, noise: float | None = None, columns: int = 5
+    panels: Sequence[RunPanel],
+    quantity: str,
+    unit: str,
+    noise: float | None = None,
+    columns: int = 5,
+    residual_unit: str = "",
 ) -> Figure:
     """Draw all runs of one channel.
 
@@ -196,6 +201,7 @@ def run_panels(
     quantity, unit : what the axes show, e.g. "temperature", "°C"
     noise : standard deviation of the noise in `unit`, drawn as a band of two of them under the residuals
     columns : panels side by side
+    residual_unit : of the residuals where it is another one (a difference of °C is K)
 
     Returns
     -------
@@ -231,7 +237,8 @@ def run_panels(
         last = index + columns >= len(panels)
         _letters(axes, panel, *boxes[-1][1:], unit if column == 0 else "", "s since transfer" if last else "")
     _lines(axes, boxes, noise)
-    title = f"{quantity[:1].upper()}{quantity[1:]}: readings (dots) and model (line); residuals in {unit}, ±{reach:.2g}"
+    title = f"{quantity[:1].upper()}{quantity[1:]}: readings (dots) and model (line); residuals"
+    title += f" in {residual_unit or unit}, ±{reach:.2g}"
     figure.suptitle(
         "\n".join(textwrap.wrap(title, int(LETTERS_PER_IN * width))),
         x=0.1 / width, y=1 - 0.1 / height, va="top", ha="left", fontsize=10,

@@ -41,6 +41,8 @@ def diffusivity(
     runs : fits of single runs, drawn faintly
     truth : (temperature_c, diffusivity) where a sealed truth is known
     """
+    from matplotlib.ticker import LogLocator, NullLocator
+
     figure, ((left, right),) = panels((1, 2), (9.6, 3.7), across_in=0.82)
     scale, power = power_of_ten(float(np.max(table.value)))
     positions: list[Callable[[np.ndarray], np.ndarray]] = [np.asarray, lambda t: 1000.0 / (np.asarray(t) + 273.15)]
@@ -69,6 +71,9 @@ def diffusivity(
     left.legend(loc="upper left")
     right.set_xlabel("1000 / T, 1/K")
     right.set_yscale("log")
+    right.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    right.yaxis.set_major_formatter("{x:g}")
+    right.yaxis.set_minor_locator(NullLocator())
     right.set_ylabel(left.get_ylabel())
     right.set_title("ln D over 1/T, as it is interpolated")
     left.set_title("lookup table")

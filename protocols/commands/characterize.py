@@ -125,7 +125,7 @@ def summary(result: Characterization) -> str:
     """What the command prints: alpha or tau, the table D(T), response times, what does not fit."""
     from shockrig.analysis.report.characterize_page import hint
     from shockrig.analysis.report.rates import rate_text
-    from shockrig.files.headline import LUMPED, time_text
+    from shockrig.files.headline import time_text
     from shockrig.files.numbers import measured
 
     def bare(text: str) -> str:
@@ -135,12 +135,12 @@ def summary(result: Characterization) -> str:
     lines: list[str] = []
     if (t := result.temperature) is not None:
         row = t.rows[0]
-        lumped = t.channel.body == LUMPED
+        lumped = t.channel.lumped
         lines.append(f"{'tau' if lumped else 'alpha'} = {rate_text(t.channel, row)}  ({counted(len(row.runs), 'run')})")
         shown = [f"{name} {time_text(row.response, place)}" for place, name in enumerate(("t63", "t90", "t98"))]
         lines.append(f"  {', '.join(shown)}")
     if (h := result.humidity) is not None:
-        lumped = h.channel.body == LUMPED
+        lumped = h.channel.lumped
         symbol = f"{'tau, s' if lumped else 'D, 1e-12 m²/s':<18}"
         lines.append(f"ambient, °C   {symbol}{'t63, s':<18}{'t90, s':<18}{'t98, s':<18}runs")
         for row in h.rows:

@@ -137,7 +137,9 @@ def test_a_figure_whose_interval_reaches_0_is_not_certified(behind_a_film):
 
 def test_the_page_says_at_its_top_that_figures_are_effective(certificate, tmp_path):
     names = {one.figure + one.channel: one.name for one in certificate.figures}
-    assert names["t63temperature"] == "t63 of the bead" and names["t63humidity"].startswith("t63 of the film at ")
+    assert names["t63temperature"] == "t63 of the thermometer" and names["t63humidity"].startswith(
+        "t63 of the hygrometer at "
+    )
     pages = [
         write_certificate_page(replace(certificate, undescribed=missed), tmp_path).read_text()
         for missed in ((), ("bead", "film"))

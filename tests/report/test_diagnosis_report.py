@@ -11,7 +11,7 @@ from shockrig.analysis.diagnose.gain import Gain
 from shockrig.analysis.diagnose.held_out import HeldOut, autocorrelation, drifts, size
 from shockrig.analysis.diagnose.remainder import Remainder
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.estimate.quantity import TEMPERATURE
+from shockrig.analysis.estimate.quantity import QUANTITIES, TEMPERATURE
 from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.analysis.report.crossing import cross_inversion
 from shockrig.analysis.report.diagnosis_view import parted_by
@@ -33,18 +33,20 @@ def gain(before, after, floor):
     return Gain(before, after, floor, 0.99, (0.98, 1.0), *runs)
 
 
-def recorded(airs_known, body="sphere"):
+def recorded(airs_known, body="sphere", name="temperature"):
     """One run of a lag of 1 s, 90 % of its way after 2.3 s."""
     time_s = np.linspace(-2.0, 20.0, 441)
     reading = np.where(time_s > 0, 30.0 - 10.0 * np.exp(-np.maximum(time_s, 0.0)), 20.0)
     conditions = SimpleNamespace(airs_known=np.array([airs_known]), start_known=np.array([True]))
     runs = {"run_ids": ("0001",), "samples": ((time_s, reading),), "air": (None,)}
-    return SimpleNamespace(quantity=TEMPERATURE, conditions=conditions, body=body, **runs)
+    quantity, lumped = QUANTITIES[name], body == "lumped"
+    named = {"lumped": lumped, "sensor": quantity.instrument if lumped else quantity.noun}
+    return SimpleNamespace(quantity=quantity, conditions=conditions, body=body, **named, **runs)
 
 
 def channel(name, verdict, causes=(), discrepancy=None, airs_known=True, body="sphere"):
     return SimpleNamespace(
-        problem=SimpleNamespace(channel=recorded(airs_known, body)),
+        problem=SimpleNamespace(channel=recorded(airs_known, body, name)),
         name=name,
         discovered=(),
         verdict=verdict,
