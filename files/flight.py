@@ -154,6 +154,10 @@ class FlightColumns:
     said: str = ""
 
 
+class LayoutError(InputError):
+    """A log that is no CSV file whose columns are recognised; it may be one of another layout."""
+
+
 def squeeze(name: str) -> str:
     """A column's name as letters and digits alone: "Air Temperature (degC)" -> "airtemperaturedegc"."""
     return re.sub(r"[^a-z0-9]", "", name.lower().replace("°", "").replace("%", "percent"))
@@ -220,7 +224,7 @@ def read_layout(path: Path, chosen: Mapping[str, str] | None = None) -> FlightCo
         return FlightColumns(XQ2_FIELDS, place, str(path), date_place=5, raw_xq2=True)
     header = [name.strip() for name in header]
     if len(header) == 1 and re.search(r"[;\t|]", header[0]):
-        raise InputError(
+        raise LayoutError(
             f"{shown(path)}, line 1: its columns are not parted by commas ({_listed(header)}); read it by a map: "
             "shockrig import FILE --look writes one, --map takes it"
         )
@@ -249,9 +253,9 @@ def read_layout(path: Path, chosen: Mapping[str, str] | None = None) -> FlightCo
         if found is not None:
             place[quantity] = found
     if "time" not in place:
-        raise InputError(f"{shown(path)}, line 1: no column of time recognised ({_listed(header)}); {_remedy(path)}")
+        raise LayoutError(f"{shown(path)}, line 1: no column of time recognised ({_listed(header)}); {_remedy(path)}")
     if "temperature" not in place and "humidity" not in place:
-        raise InputError(
+        raise LayoutError(
             f"{shown(path)}, line 1: neither temperature nor humidity recognised ({_listed(header)}); "
             "name them with --column temperature=NAME --column humidity=NAME"
         )

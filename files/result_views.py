@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 CHANNEL_UNITS = {"temperature": "K", "humidity": "%RH"}
+NOTHING_TIED = "nothing is tied: no run would decide anything"
 PLACES = {"pressure_hpa": "hPa", "altitude_m": "m", "latitude_deg": "degrees_north", "longitude_deg": "degrees_east"}
 CAUSE_COLUMNS = (
     "channel",
@@ -142,19 +143,32 @@ def plan_card(runs: Sequence[Mapping[str, Any]], advice: Sequence[str], stands: 
     return card("To record next", [*stands, *(("to do", sentence) for sentence in advice)], plan_frame(runs))
 
 
+def _airs(run: Mapping[str, Any]) -> str:
+    """From which air to which a run goes, in a line."""
+
+    def air(side: str) -> str:
+        stated = run.get(side) or {}
+        known = ((stated.get("temperature_c"), "°C"), (stated.get("humidity_percent"), "%RH"))
+        return " ".join(f"{value:.3g} {unit}" for value, unit in known if value is not None)
+
+    flow = run.get("airflow_m_s")
+    return f"{air('source')} → {air('destination')}" + ("" if flow is None else f", {flow:g} m/s")
+
+
 @styled
 def plot_plan(runs: Sequence[Mapping[str, Any]], reason: str = "") -> Figure:
     """What each proposed run is expected to bring to the goals, or between the explanations that are tied."""
-    figure = notebook_figure(6.4, 1.2 + 0.35 * max(len(runs), 1))
+    figure = notebook_figure(8.0, 1.2 + 0.35 * max(len(runs), 1))
     axes = figure.subplots()
     if not runs:
         axes.axis("off")
-        axes.text(0.0, 0.5, literal(reason or "nothing is tied: no run would decide anything"), va="center", wrap=True)
+        axes.text(0.0, 0.5, literal(reason or NOTHING_TIED), va="center", wrap=True)
         axes.set_title("nothing more to record" if reason else "nothing is tied")
         return figure
     worth = any("expected_worth" in run for run in runs)
     brings = [float(run.get("expected_worth" if worth else "expected_evidence") or np.nan) for run in runs]
-    axes.barh([f"run {i}" for i in range(1, len(runs) + 1)], brings, color=BLUE, height=0.55)
+    axes.barh(range(len(runs)), brings, color=BLUE, height=0.55)
+    axes.set_yticks(range(len(runs)), [f"{i}  {_airs(run)}" for i, run in enumerate(runs, start=1)])
     axes.invert_yaxis()
     axes.set_xlabel("what it is worth, in goals" if worth else "expected drop in deviance between what is tied")
     axes.set_title("runs to record next, the first first")

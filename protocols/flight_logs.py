@@ -12,14 +12,18 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.files.disk import open_text, shown
 from shockrig.files.errors import InputError
-from shockrig.files.flight import REMEDY, Flight, read_layout
+from shockrig.files.flight import REMEDY, Flight, LayoutError, read_layout
 from shockrig.files.flight_rows import whole_flight
+
+if TYPE_CHECKING:
+    from shockrig.rig.logs.mapping import LogMap
 
 Array = NDArray[np.float64]
 COLUMNS = {
@@ -66,7 +70,9 @@ def to_csv(
     """
     said: tuple[str, ...] = ()
     if map_path is not None:
-        found = _by_map(source, map_path)
+        from shockrig.rig.logs.map_file import read_map
+
+        found = _by_map(source, read_map(map_path))
     elif source.suffix.lower() == ".bin":
         from shockrig.protocols.ardupilot import read_bin
 
@@ -75,7 +81,7 @@ def to_csv(
         from shockrig.files.flight_from_netcdf import read_netcdf
 
         found = read_netcdf(source, columns or {})
-    elif (read := _by_content(source)) is not None:
+    elif (read := _by_content(source)) is not None or (read := _by_guess(source, columns)) is not None:
         found, said = read
     else:
         return None
@@ -101,11 +107,37 @@ def _by_content(source: Path) -> tuple[dict[str, Series], tuple[str, ...]] | Non
     return read_telemetry(source) if first.startswith(("{", "[")) else None
 
 
-def _by_map(source: Path, map_path: Path) -> dict[str, Series]:
-    from shockrig.rig.logs.channels import read_sensors
-    from shockrig.rig.logs.map_file import read_map
+def _by_guess(source: Path, columns: Mapping[str, str] | None) -> tuple[dict[str, Series], tuple[str, ...]] | None:
+    """A log of another layout (semicolons, decimal commas, names in other words) by the map that `import --look` would
+    write, and what was read as what; None of a CSV file whose columns are recognised."""
+    from shockrig.rig.errors import BenchError
+    from shockrig.rig.logs.first_map import columns_of
 
-    log = read_sensors(source, read_map(map_path))
+    try:
+        read_layout(source, columns)
+    except LayoutError as refused:
+        if columns:  # the names are those of a CSV file
+            raise
+        try:
+            seen = columns_of(source)
+        except BenchError:
+            raise refused from None
+        found, taken = _by_map(source, seen), dict[str, str]()
+        for sensor in seen.sensors.values():
+            for key, (name, _) in sensor.columns.items():
+                taken.setdefault(key, name)
+        if taken.get("die_temperature") == taken.get("temperature"):
+            found.pop("die", None)  # that one chip measures both is what a logger's map supposes, and no reading
+            taken.pop("die_temperature", None)
+        listed = ", ".join(f"{key.replace('_', ' ')} {name!r}" for key, name in {"time": seen.time[0], **taken}.items())
+        return found, (f"the log was read as shockrig import reads it: {listed}; --map MAP.toml says otherwise",)
+    return None
+
+
+def _by_map(source: Path, map_: LogMap) -> dict[str, Series]:
+    from shockrig.rig.logs.channels import read_sensors
+
+    log = read_sensors(source, map_)
     keys = {
         "temperature": "temperature",
         "humidity": "humidity",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from shockrig.results import Characterized, Diagnosed, Planned
 
 PathLike = str | os.PathLike[str]
+Progress = Callable[[str], None]  # is given sentences
 
 
 @dataclass(frozen=True, repr=False)
@@ -47,27 +49,40 @@ class ChainedCampaign(Campaign):
         seed: int = 0,
         extend: Diagnosed | PathLike | None = None,
         fleet: Fleet | PathLike | None = None,
+        progress: Progress | None = None,
     ) -> Characterized:
         """How fast its sensors are: `shockrig.characterize` of this campaign."""
         from shockrig.notebook import characterize
 
-        return characterize(self, channels=channels, seed=seed, extend=extend, fleet=fleet)
+        return characterize(self, channels=channels, seed=seed, extend=extend, fleet=fleet, progress=progress)
 
     def diagnose(
-        self, *, channels: Channels = None, tolerance_k: float = 0.03, tolerance_percent: float = 0.2
+        self,
+        *,
+        channels: Channels = None,
+        tolerance_k: float = 0.03,
+        tolerance_percent: float = 0.2,
+        progress: Progress | None = None,
     ) -> Diagnosed:
         """What the plain model of its sensors gets wrong: `shockrig.diagnose` of this campaign."""
         from shockrig.notebook import diagnose
 
-        return diagnose(self, channels=channels, tolerance_k=tolerance_k, tolerance_percent=tolerance_percent)
+        tolerances = {"tolerance_k": tolerance_k, "tolerance_percent": tolerance_percent}
+        return diagnose(self, channels=channels, progress=progress, **tolerances)
 
     def plan(
-        self, *, until: str, runs: int = 6, channels: Channels = None, fleet: Fleet | PathLike | None = None
+        self,
+        *,
+        until: str,
+        runs: int = 6,
+        channels: Channels = None,
+        fleet: Fleet | PathLike | None = None,
+        progress: Progress | None = None,
     ) -> Planned:
         """Which runs to record next: `shockrig.plan` of this campaign."""
         from shockrig.notebook import plan
 
-        return plan(self, until=until, runs=runs, channels=channels, fleet=fleet)
+        return plan(self, until=until, runs=runs, channels=channels, fleet=fleet, progress=progress)
 
 
 def chained(campaign: Campaign, **changes: Any) -> ChainedCampaign:

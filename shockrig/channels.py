@@ -83,6 +83,7 @@ def of_profile(profile: Profile, channels: Channels) -> Profile:
 
 
 def only(campaign: Campaign, wanted: tuple[ChannelName, ...]) -> Campaign:
-    """A campaign with the readings of some channels alone."""
+    """A campaign with the sensors and readings of some channels alone."""
     unwanted: dict[str, Any] = {q.sensor: None for name, q in QUANTITIES.items() if name not in wanted}
-    return replace(campaign, runs=tuple(replace(run, **unwanted) for run in campaign.runs))
+    sensors = {name: stated for name, stated in campaign.sensors.items() if name not in unwanted}
+    return replace(campaign, sensors=sensors, runs=tuple(replace(run, **unwanted) for run in campaign.runs))

@@ -69,6 +69,7 @@ def with_words(
             source = Path(flight)
             called = str(source)
         else:
+            demand_frame(flight, "flight", "a path, a Flight")
             source, called = Path(folder) / "frame.csv", "the DataFrame"
             with_times(flight).to_csv(source, index=False)
         try:
@@ -76,6 +77,12 @@ def with_words(
         except InputError as error:
             said = str(error).replace(str(source), called)
             raise InputError(said.replace(f"{called}, line 1:", f"{called}:")) from error
+
+
+def demand_frame(given: object, name: str, else_: str) -> None:
+    """Refuse what is no table: an array or a Series has no names by which its columns could be known."""
+    if not hasattr(given, "to_csv") or not hasattr(given, "columns"):
+        raise InputError(f"{name}: expected {else_} or a DataFrame, got {type(given).__name__}")
 
 
 def with_times(frame: pd.DataFrame) -> pd.DataFrame:

@@ -15,7 +15,7 @@ from shockrig.campaigns import ChainedCampaign, chained
 from shockrig.files.campaign import read_campaign
 from shockrig.files.campaign_write import write_campaign
 from shockrig.files.errors import InputError
-from shockrig.flights import with_times
+from shockrig.flights import demand_frame, with_times
 from shockrig.protocols.folder import software_version, whole_folder
 from shockrig.remedies import as_python, in_python
 from shockrig.rig.errors import BenchError
@@ -122,8 +122,7 @@ def _files(log: pd.DataFrame | PathLike | Sequence[PathLike], folder: Path) -> l
         if not log:
             raise InputError("log: no file is given; name a logger's file")
         return [Path(one) for one in log]
-    if not hasattr(log, "to_csv"):
-        raise InputError(f"log: expected a path, paths or a DataFrame, got {type(log).__name__}")
+    demand_frame(log, "log", "a path, paths")
     path = folder / FRAME
     with_times(log).to_csv(path, index=False)
     return [path]

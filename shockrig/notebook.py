@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,6 +21,7 @@ from shockrig.analysis.estimate.quantity import ChannelName
 from shockrig.analysis.fleet.prior import with_population
 from shockrig.analysis.flight.correct import correct as _correct
 from shockrig.analysis.report.next_time import next_time
+from shockrig.campaigns import Progress
 from shockrig.channels import Channels, of_campaign, of_profile, only
 from shockrig.files.campaign import Campaign, read_campaign
 from shockrig.files.errors import InputError
@@ -36,8 +37,6 @@ if TYPE_CHECKING:
 
     from shockrig.analysis.diagnose.diagnosed import ChannelOutcome
     from shockrig.analysis.plan.goals import Place
-
-Progress = Callable[[str], None]
 
 
 def characterize(
@@ -221,7 +220,7 @@ def _planned(
     from shockrig.analysis.diagnose.diagnosed import outcome_of
     from shockrig.analysis.plan.decide import decide
     from shockrig.analysis.plan.decision import plan_document
-    from shockrig.analysis.plan.goals import parse_goals, place_of
+    from shockrig.analysis.plan.goals import QUANTITY_OF, parse_goals, place_of
     from shockrig.protocols.made_before import outcomes
 
     with as_python():
@@ -230,8 +229,10 @@ def _planned(
             raise InputError(f"runs={runs}: expected 1 to 100")
         campaign = found.campaign if isinstance(found, Diagnosed) else _campaign(found)
         wanted = of_campaign(campaign, channels)
-        if channels is not None and goals.precisions and (others := [n for n in goals.channels if n not in wanted]):
-            raise InputError(f"until={until!r}: holds a goal of {others[0]}, which channels={channels!r} leaves out")
+        for one in goals.precisions:
+            of = QUANTITY_OF[one.quantity]
+            if channels is not None and not set(of) & set(wanted):
+                raise InputError(f"until={until!r}: holds a goal of {of[0]}, which channels={channels!r} leaves out")
         made: dict[Place, ChannelOutcome] = {}
         advice: list[str] = []
         if isinstance(found, Diagnosed):
@@ -325,6 +326,7 @@ def correct(
 def fleet(
     campaigns: PathLike | Sequence[Campaign | PathLike],
     *,
+    channels: Channels = None,
     extend: Diagnosed | PathLike | None = None,
     seed: int = 0,
     progress: Progress | None = None,
@@ -337,6 +339,8 @@ def fleet(
     ----------
     campaigns : path, or sequence of Campaign or path
         Campaigns, or folders that hold campaigns; those of the same serial numbers are one sensor's.
+    channels : {"temperature", "humidity"} or several of them, optional
+        Which sensors to look at; all that were recorded where it is left out.
     extend : Diagnosed or path, optional
         A diagnosis whose causes the models shall carry; the population is then of their parameters too.
     seed : int
@@ -375,7 +379,8 @@ def fleet(
             say(f"{name}: characterizing")
             try:
                 campaign = one if isinstance(one, Campaign) else read_campaign(Path(one.path), one.probe)
-                result = _characterize(campaign, seed=seed, extensions=extensions)
+                wanted = of_campaign(campaign, channels)
+                result = _characterize(campaign, seed=seed, extensions=extensions, channels=wanted)
                 causes = causes_in(current(campaign.path, campaign))
                 found.append(replace(statistics_of(result, fingerprint(campaign)), causes=causes))
             except InputError as error:

@@ -38,6 +38,7 @@ WORDS: tuple[tuple[str, str], ...] = (
         r"write a map by hand, \[log\] .*, as docs/importing\.md shows",
         "name the columns by columns={'time': ..., 'temperature': ...}",
     ),
+    (r"--map MAP\.toml says otherwise", "map= says otherwise"),
     (r"run shockrig diagnose", "call shockrig.diagnose"),
     (r"--cutoff-hz\b", "cutoff_hz="),
     (r"(?<![\w-])--(map|sensor|out|name|until)\b", r"\1="),

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
+    from shockrig.campaigns import Progress
+    from shockrig.channels import Channels
     from shockrig.files.fleet import Fleet
 
 
@@ -88,8 +90,11 @@ class Characterized:
         write_profile(self.profile, path)
 
     def __repr__(self) -> str:
-        campaign = self.result.campaign.name
-        return f"<Characterized {campaign!r}: {'; '.join(f'{a} {b}' for a, b in headlines(self.profile))}>"
+        said = [f"{name} {value}" for name, value in headlines(self.profile)]
+        doubted = [one.channel.sensor for one in self.result.channels().values() if not one.explained]
+        said += [f"effective: the model does not explain the {sensor}'s readings" for sensor in doubted]
+        said += [counted(len(self.notes), "note")] if self.notes else []
+        return f"<Characterized {self.result.campaign.name!r}: {'; '.join(said)}>"
 
     def _repr_html_(self) -> str:
         return profile_card(self.profile, self.notes)
@@ -145,11 +150,19 @@ class Diagnosed:
         """The error on unseen runs before and after the extension, beside the noise."""
         return views.plot_diagnosis(self.document)
 
-    def plan(self, *, until: str | None = None, runs: int = 6, fleet: Fleet | PathLike | None = None) -> Planned:
+    def plan(
+        self,
+        *,
+        until: str | None = None,
+        runs: int = 6,
+        channels: Channels = None,
+        fleet: Fleet | PathLike | None = None,
+        progress: Progress | None = None,
+    ) -> Planned:
         """Which runs to record next: `shockrig.plan` of this diagnosis."""
         from shockrig.notebook import plan
 
-        return plan(self, until=until, runs=runs, fleet=fleet)
+        return plan(self, until=until, runs=runs, channels=channels, fleet=fleet, progress=progress)
 
     def __repr__(self) -> str:
         said = []
@@ -198,8 +211,14 @@ class Planned:
         return views.plot_plan(self.runs, self.reason)
 
     def __repr__(self) -> str:
-        said = [counted(len(self.runs), "run"), *([f"{self.status}: {self.reason}"] if self.status else [])]
-        return f"<Planned: {'; '.join(said)}>"
+        return f"<Planned: {counted(len(self.runs), 'run')}; {self._why}>"
+
+    @property
+    def _why(self) -> str:
+        """Why there are these runs, or none."""
+        if self.status:
+            return f"{self.status}: {self.reason}"
+        return "they tell tied explanations apart" if self.runs else views.NOTHING_TIED
 
     def _repr_html_(self) -> str:
         stands = [(f"{self.status}", self.reason)] if self.status else []

@@ -38,6 +38,7 @@ from shockrig.files.fleet import (
     Population,
     design,
 )
+from shockrig.files.numbers import counted
 
 Array = NDArray[np.float64]
 
@@ -67,8 +68,8 @@ def fleet_of(
     if len(members.sensors) < LEAST_SENSORS:
         why = "; ".join(f"{name}: {reason}" for name, reason in list(refused.items())[:3])
         raise InputError(
-            f"{len(members.sensors)} sensors that can be characterized, a fleet needs {LEAST_SENSORS}; name more "
-            f"campaigns{f' ({why})' if why else ''}"
+            f"{counted(len(members.sensors), 'sensor')} that can be characterized, a fleet needs {LEAST_SENSORS}; name "
+            f"more campaigns{f' ({why})' if why else ''}"
         )
     judged = judge(members)
     return Fleet(

@@ -22,7 +22,7 @@ from shockrig.analysis.diagnose.grammar import MOST_RUNS
 from shockrig.analysis.estimate.arrow import Arrow
 from shockrig.analysis.estimate.fit import linearise
 from shockrig.analysis.estimate.model import Point
-from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName
+from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, looked_for
 from shockrig.analysis.fleet.prior import WithFleet, with_population
 from shockrig.analysis.plan.choose import UNTOLD, Choice, chase, choose_runs
 from shockrig.analysis.plan.decision import (
@@ -35,7 +35,7 @@ from shockrig.analysis.plan.decision import (
 )
 from shockrig.analysis.plan.designs import Designs, menu_of
 from shockrig.analysis.plan.evidence import OLD_RUNS_POWER, REJECTED, student
-from shockrig.analysis.plan.goals import Goals, Place, place_of, places
+from shockrig.analysis.plan.goals import QUANTITY_OF, Goals, Place, place_of, places
 from shockrig.analysis.plan.information import each_run, imagined, nats, rates_known
 from shockrig.analysis.plan.judged import ChannelLook, Verdict, diagnosed, extended, look_at
 from shockrig.analysis.plan.minutes import learn, spent_minutes
@@ -51,6 +51,7 @@ from shockrig.analysis.plan.shock import (
 )
 from shockrig.analysis.plan.varied import shock_of, usual_of, variety
 from shockrig.files.campaign import Campaign
+from shockrig.files.errors import InputError
 from shockrig.files.fleet import Population
 
 Array = NDArray[np.float64]
@@ -203,6 +204,7 @@ def decide(
     campaigns = () if campaign is None else (campaign, *beside)
     if before is not None and campaigns:
         before = with_due(campaigns, before, due)
+    _demand_sensors(goals, campaigns)
     usual = usual_of(campaign, goals, surroundings)
     campaigns = tuple(checked(one).campaign for one in campaigns)
     campaign = campaigns[0] if campaigns else None
@@ -325,7 +327,8 @@ def _look(
 ) -> tuple[dict[Place, ChannelLook], dict[Place, Verdict]]:
     looks: dict[Place, ChannelLook] = {}
     for place, (campaign, name) in places(campaigns).items():
-        progress(f"{place}: {'diagnosing all runs' if final else 'looking at what is left'}")
+        if not final or place not in made:
+            progress(f"{place}: {'diagnosing all runs' if final else 'looking at what is left'}")
         looks[place] = look_at(campaign, name, before.get(place, Verdict()), final, later, made.get(place))
     return looks, {place: look.verdict for place, look in looks.items()}
 
@@ -338,7 +341,7 @@ def _measured(campaigns: Sequence[Campaign], verdicts: Mapping[Place, Verdict]) 
 
 def _carried(campaigns: Sequence[Campaign], verdicts: Mapping[Place, Verdict]) -> dict[str, Any]:
     """The models of each probe, with what is named of it."""
-    return {one.probe: extended({n: verdicts[place_of(n, one.probe)] for n in QUANTITIES}) for one in campaigns}
+    return {one.probe: extended({n: verdicts[place_of(n, one.probe)] for n in looked_for(one)}) for one in campaigns}
 
 
 def _with_fleet(found: Found, population: Population | None, progress: Progress) -> dict[str, WithFleet]:
@@ -353,13 +356,21 @@ def _with_fleet(found: Found, population: Population | None, progress: Progress)
     return fleets
 
 
+def _demand_sensors(goals: Goals, campaigns: Sequence[Campaign]) -> None:
+    """Refuse a goal of a sensor that no probe of the campaign has: no run would ever reach it."""
+    there = {name for one in campaigns for name in looked_for(one)}
+    for one in goals.precisions if campaigns else ():
+        if not there & set(QUANTITY_OF[one.quantity]):
+            lacking = " or ".join(QUANTITIES[name].instrument for name in QUANTITY_OF[one.quantity])
+            has_none = f"{campaigns[0].name} has none; leave it out"
+            raise InputError(f"--until: {one}: is a goal of a {lacking}, and {has_none}")
+
+
 def _wanted(goals: Goals, campaigns: Sequence[Campaign], found: Found, fleets: Mapping[str, WithFleet]) -> list[Target]:
-    """What the goals want of every probe that has the sensor for it; of the first where none has."""
+    """What the goals want of every probe that has the sensor for it."""
     if not campaigns:
         return targets(goals, None)
-    having = {(name, one.probe) for one in campaigns for name, q in QUANTITIES.items() if q.sensor in one.sensors}
-    nobody = set(QUANTITIES) - {name for name, _ in having}
-    having |= {(name, campaigns[0].probe) for name in nobody}
+    having = {(name, one.probe) for one in campaigns for name in looked_for(one)}
     of_all = [t for probe, own in found.items() for t in targets(goals, own, probe, fleets.get(probe))]
     return [t for t in of_all if (t.channel, t.probe) in having]
 

@@ -95,8 +95,11 @@ def ended_by(state: Decision, goals: Goals, looks: Mapping[Place, ChannelLook]) 
 
 def missing(state: Decision) -> str:
     """What is not reached yet, in one phrase."""
-    short = [f"{t.label} {_how_well(t)}" for t in state.targets if not t.met]
-    parts = [", ".join(short)] if short else []
+    short: dict[tuple[str, str], list[Target]] = {}
+    for target in state.targets:
+        if not target.met:
+            short.setdefault((target.named, _how_well(target)), []).append(target)
+    parts = [", ".join(f"{name}{_places(those)} {how}" for (name, how), those in short.items())] if short else []
     parts += _said(state.tied)
     parts += [f"{name}: something is left" for name, v in state.verdicts.items() if v.left]
     parts += [f"{place}: too few runs to judge by" for place in state.few]
@@ -107,6 +110,12 @@ def missing(state: Decision) -> str:
 def _said(tied: Mapping[Place, list[str]]) -> list[str]:
     """What is tied, a phrase for each place."""
     return [f"{place}: {' and '.join(explanations)} are tied" for place, explanations in tied.items()]
+
+
+def _places(targets: Sequence[Target]) -> str:
+    """The ambients of targets that are said together."""
+    at = [f"{t.ambient_c:g}" for t in targets if t.ambient_c is not None]
+    return f" at {', '.join(at)} degC" if at else ""
 
 
 def _how_well(target: Target) -> str:

@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName
+from shockrig.analysis.estimate.quantity import ChannelName, looked_for
 from shockrig.files.campaign import Campaign
 from shockrig.files.campaign_names import sensor_name
 from shockrig.files.errors import InputError
@@ -24,19 +24,20 @@ def place_of(channel: ChannelName, probe: str) -> Place:
 
 
 def places(campaigns: Iterable[Campaign]) -> dict[Place, tuple[Campaign, ChannelName]]:
-    """Every channel of some probes, by name: the campaign as its probe saw it, and which channel of it."""
-    return {place_of(name, one.probe): (one, name) for one in campaigns for name in QUANTITIES}
+    """Every channel that some probes have, by name: the campaign as its probe saw it, and which channel of it."""
+    return {place_of(name, one.probe): (one, name) for one in campaigns for name in looked_for(one)}
 
 
 QUANTITY_OF: dict[str, tuple[ChannelName, ...]] = {
     "alpha": ("temperature",),
     "D": ("humidity",),
+    "tau": ("temperature", "humidity"),
     "t63": ("temperature", "humidity"),
 }
 TIES = "ties decided"
 USUAL_AMBIENTS_C = (0.0, 10.0, 20.0, 30.0, 40.0)
 EXAMPLE = "alpha 0.2 %, D 0.3 %, ties decided, minutes 90"
-_PRECISION = re.compile(r"(alpha|D|t63) +(\d+(?:\.\d+)?) *%((?: +at(?: +-?\d+(?:\.\d+)?)+)?)(?: *(?:degC|°C))?")
+_PRECISION = re.compile(r"(alpha|D|tau|t63) +(\d+(?:\.\d+)?) *%((?: +at(?: +-?\d+(?:\.\d+)?)+)?)(?: *(?:degC|°C))?")
 _MINUTES = re.compile(r"minutes +(\d+(?:\.\d+)?)")
 
 

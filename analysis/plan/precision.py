@@ -46,8 +46,12 @@ class Target:
     @property
     def label(self) -> str:
         """For people: `D at 20`."""
-        where = "" if self.ambient_c is None else f" at {self.ambient_c:g} degC"
-        return ("" if self.probe == FIRST_PROBE else f"probe {self.probe}: ") + self.quantity + where
+        return self.named + ("" if self.ambient_c is None else f" at {self.ambient_c:g} degC")
+
+    @property
+    def named(self) -> str:
+        """The same without the ambient."""
+        return ("" if self.probe == FIRST_PROBE else f"probe {self.probe}: ") + self.quantity
 
 
 def measured(

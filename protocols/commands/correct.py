@@ -21,7 +21,7 @@ QUANTITIES = (
 )  # fmt: skip
 
 SAMPLE_BYTES = 65_536
-FIGURES = (".pdf", ".svg", ".jpg", ".jpeg", ".gif", ".tif", ".tiff", ".eps", ".webp")
+FORMS = ("", ".csv", ".txt", ".nc", ".png")  # by which endings of --out a form is known
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -115,8 +115,8 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.protocols.wmo import demand_position, of_argument
 
     columns = chosen_columns(args.column)
-    if args.out.suffix.lower() in FIGURES and args.wmo is None:
-        raise InputError(f"--out {args.out}: figures are written as .png; the flight itself as .csv or .nc")
+    if args.out.suffix.lower() not in FORMS and args.wmo is None:
+        raise InputError(f"--out {args.out}: the flight is written as .csv or .nc, a figure of it as .png; name it so")
     if args.no_report and args.report is not None:
         raise InputError("--no-report: and --report is given; leave one of them out")
     for option in ("cutoff_hz", "temperature_noise_k", "humidity_noise_percent", "layers"):

@@ -51,22 +51,7 @@ def look_at(paths: Sequence[Path], map_path: Path) -> LogLook:
             raise BenchError(
                 f"{shown(other.path)}: has other columns than {shown(scans[0].path)}; look at each by itself"
             )
-    guess = guess_log(scans[0])
-    if guess.clock is None or not guess.sensors:
-        what = "times" if guess.clock is None else "temperatures or humidities"
-        has = ", ".join(scans[0].names)
-        if not scans[0].header_line:
-            first, width = scans[0].numbers[0], len(scans[0].names)
-            when = f'time = "{guess.clock.columns[0]}"' if guess.clock is not None else EVERY
-            raise BenchError(
-                f"{shown(paths[0])}: no line of names is found above its first row, line {first}; write a map by hand, "
-                f'[log] header_line = 0, {when} and [sensor.NAME] temperature = "N", where columns are '
-                f"numbers from 1 to {width}, as docs/importing.md shows"
-            )
-        raise BenchError(
-            f"{shown(paths[0])}: no column of {what} is recognised (it has: {has}); write a map by hand, [log] "
-            f'{EVERY} and [sensor.NAME] temperature = "...", as docs/importing.md shows'
-        )
+    guess = _recognised(scans[0])
     head = _head(scans, guess, map_path)
     text = head + _sensors(guess, {}, None)
     map_ = parse_map(text, map_path)
@@ -77,6 +62,34 @@ def look_at(paths: Sequence[Path], map_path: Path) -> LogLook:
     times = t63_of([step for those in steps for step in those])
     text = head + _sensors(guess, times, likely_reference(guess.sensors)) + _steps_text(logs, steps)
     return LogLook(text, parse_map(text, map_path), tuple(logs), tuple(steps), _not_used(guess))
+
+
+def columns_of(path: Path) -> LogMap:
+    """The map of one log's columns as they are recognised; no step is looked for. Raises as `look_at` does."""
+    seen = scan(path, Layout())
+    guess = _recognised(seen)
+    return parse_map(_head([seen], guess, path) + _sensors(guess, {}, None), path)
+
+
+def _recognised(first: Scan) -> Guess:
+    """What a log's columns are, where it has a time and a sensor."""
+    guess = guess_log(first)
+    if guess.clock is None or not guess.sensors:
+        what = "times" if guess.clock is None else "temperatures or humidities"
+        has = ", ".join(first.names)
+        if not first.header_line:
+            row, width = first.numbers[0], len(first.names)
+            when = f'time = "{guess.clock.columns[0]}"' if guess.clock is not None else EVERY
+            raise BenchError(
+                f"{shown(first.path)}: no line of names is found above its first row, line {row}; write a map by hand, "
+                f'[log] header_line = 0, {when} and [sensor.NAME] temperature = "N", where columns are '
+                f"numbers from 1 to {width}, as docs/importing.md shows"
+            )
+        raise BenchError(
+            f"{shown(first.path)}: no column of {what} is recognised (it has: {has}); write a map by hand, [log] "
+            f'{EVERY} and [sensor.NAME] temperature = "...", as docs/importing.md shows'
+        )
+    return guess
 
 
 def t63_of(steps: Sequence[LogStep]) -> dict[str, dict[str, float]]:

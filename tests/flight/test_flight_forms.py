@@ -6,6 +6,7 @@ import os
 import re
 import warnings
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 
 import netCDF4
 import numpy as np
@@ -367,14 +368,38 @@ def done_part(done, part):
     return Corrected(*values, {}, (), {}, common, done.independent_after_s)
 
 
-def test_a_log_that_commas_do_not_part_is_sent_to_a_map(tmp_path, capsys):
+def test_a_log_of_another_layout_is_read_as_import_reads_it(tmp_path, capsys, monkeypatch):
+    """Semicolons, decimal commas, names in German, a line of metadata: the same rows as of the plain file."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("flight.csv", "profile.json"):
+        assert main(["example", name]) == 0
+    rows = [line.split(",") for line in Path("flight.csv").read_text().splitlines()][1:300]
+    lines = [";".join([row[0], *(cell.replace(".", ",") for cell in row[1:3])]) for row in rows]
+    Path("log.csv").write_text("\n".join(["Ort: Labor 2;;", "Zeitpunkt;Temperatur (degC);Feuchte (%rF)", *lines]))
+    plain = ["\n".join(",".join(row[:3]) for row in [["time", "temperature_c", "humidity_percent"], *rows])]
+    Path("plain.csv").write_text(plain[0])
+    capsys.readouterr()
+    for log in ("plain", "log"):
+        assert (
+            main(["correct", f"{log}.csv", "--profile", "profile.json", "--out", f"{log}_out.csv", "--no-report"]) == 0
+        )
+    said = capsys.readouterr().err
+    assert "read as shockrig import reads it: time 'Zeitpunkt', temperature 'Temperatur (degC)'" in said
+    one, other = (pd.read_csv(f"{log}_out.csv") for log in ("plain", "log"))
+    for column in ("temperature_corrected_c", "humidity_corrected_percent", "humidity_uncertainty_percent"):
+        np.testing.assert_allclose(one[column], other[column], atol=2e-4)
+
+
+def test_a_log_in_which_nothing_is_recognised_is_sent_to_a_map(tmp_path, capsys):
     write_profile(typical_profile(), tmp_path / "profile.json")
-    (tmp_path / "log.csv").write_text("Zeit;Temperatur;Feuchte\n0,1;20,5;45,0\n")
+    (tmp_path / "log.csv").write_text("a;b;c\n0,1;20,5;45,0\n0,2;20,5;45,0\n")
     command = ["correct", str(tmp_path / "log.csv"), "--profile", str(tmp_path / "profile.json")]
     assert main([*command, "--out", str(tmp_path / "out.csv")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "not parted by commas" in line and "--map" in line
-    assert not (tmp_path / "out.csv").exists()
+    assert main([*command, "--out", str(tmp_path / "out.xlsx")]) == 2
+    assert "out.xlsx: the flight is written as .csv or .nc, a figure of it as .png" in capsys.readouterr().err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["log.csv", "profile.json"]
 
 
 def test_a_log_by_a_map_whose_clock_was_set_back_keeps_its_rows(tmp_path, flown):

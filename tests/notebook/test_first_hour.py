@@ -70,6 +70,26 @@ def test_channels_of_a_plan_are_those_that_are_asked_for(log):
     assert planned.status and not any("humidity" in str(goal["goal"]) for goal in planned.goals)
 
 
+def test_a_goal_of_a_sensor_that_nobody_recorded_is_refused_and_tau_is_one_of_every_sensor():
+    columns = {"time": "Time (UTC)", "temperature": "Probe T (degC)"}
+    bead = shockrig.import_log(shockrig.example("steps.csv"), columns=columns)
+    with pytest.raises(shockrig.InputError, match="until=: D 1 %: is a goal of a hygrometer, and steps has none"):
+        bead.plan(until="D 1 %")
+    planned = bead.plan(until="tau 1 %")
+    assert [goal["goal"] for goal in planned.goals] == ["tau 1 %"] and planned.goals[0]["met"]
+
+
+def test_no_certificate_states_a_diffusivity_of_lengths_that_nobody_stated(tmp_path, capsys):
+    columns = {"time": "Time (UTC)", "temperature": "Probe T (degC)"}
+    shockrig.import_log(shockrig.example("steps.csv"), columns=columns, out=tmp_path / "bead")
+    assert main(["certify", str(tmp_path / "bead"), "--out", str(tmp_path / "out")]) == 0
+    capsys.readouterr()
+    certificate = json.loads((tmp_path / "out" / "certificate.json").read_text())
+    assert [one["figure"] for one in certificate["figures"]] == ["t63", "t90"]
+    page = (tmp_path / "out" / "certificate.html").read_text()
+    assert "t63 of the thermometer = " in page and "alpha" not in page and "bead_radius" not in page
+
+
 def test_a_frame_and_its_file_make_one_campaign(log):
     frame = pd.read_csv(shockrig.example("steps.csv"))
     by_index = frame.set_index(pd.to_datetime(frame.pop("Time (UTC)")))
@@ -151,6 +171,13 @@ def test_a_channel_that_is_not_there_is_refused_in_a_sentence(log):
         log.characterize(channels=["temp"])
     with pytest.raises(shockrig.InputError, match="the profile has no humidity"):
         shockrig.correct(shockrig.example("flight.csv"), bead.characterize(), channels="humidity")
+
+
+def test_a_table_is_told_from_what_has_no_names():
+    with pytest.raises(shockrig.InputError, match="log: expected a path, paths or a DataFrame, got Series"):
+        shockrig.import_log(pd.Series([1.0, 2.0]))
+    with pytest.raises(shockrig.InputError, match="flight: expected a path, a Flight or a DataFrame, got ndarray"):
+        shockrig.correct(np.zeros(3), shockrig.example("profile.json"))
 
 
 def test_results_are_short_to_print(log, found, corrected):
