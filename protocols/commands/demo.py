@@ -83,11 +83,11 @@ def main(args: argparse.Namespace) -> int:
     reports = [args.out / name / "report.html" for name in ("plain", "diagnosis", "extended")[: len(profiles) + 1]]
     figures = sorted(str(path) for path in (args.out / "diagnosis").glob("*_before_after.png"))
     print()
-    for line in what_next(args.out, args.seed):
-        print(line, file=sys.stderr)
     for label, paths in (("reports", [str(path) for path in reports]), ("before and after", figures)):
         if paths:
-            print(f"{label}: {', '.join(paths)}")
+            print(f"{label}: {', '.join(paths)}", flush=True)
+    for line in what_next(args.out, args.seed):
+        print(line, file=sys.stderr)
     return 0
 
 

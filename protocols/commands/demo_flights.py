@@ -25,6 +25,7 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.files.errors import InputError
     from shockrig.files.profile import read_profile
     from shockrig.protocols.folder import whole_folder
+    from shockrig.protocols.time_left import TimeLeft
 
     profile = read_profile(args.profile) if args.profile else typical_profile()
     if profile.temperature is None or profile.humidity is None:
@@ -36,11 +37,13 @@ def main(args: argparse.Namespace) -> int:
         "profile": str(args.profile or "typical pair"),
         "made by": "shockrig demo-flights",
     }
-    trials = {}
+    trials, clock = {}, TimeLeft()
+    each = 1.0 / (3.0 * len(SCENES))  # the figures take two thirds
     with whole_folder(args.out) as folder:
-        for scene in SCENES:
-            print(f"flying {scene} ...", file=sys.stderr)
+        for number, scene in enumerate(SCENES):
+            print(f"flying {scene} ...{clock.after((number + 0.5) * each)}", file=sys.stderr, flush=True)
             trials[scene] = try_scene(scene, profile, [args.seed])[0]
+        print(f"figures and page ...{clock.after((len(SCENES) + 0.5) * each)}", file=sys.stderr, flush=True)
         path = args.out / write_flights_report(trials, profile, folder, provenance).name
     print(f"{'scene':<12}{'channel':<13}{'method':<10}{'reading':>9}{'corrected':>11}{'stated':>9}{'95 % holds':>12}")
     for trial in trials.values():

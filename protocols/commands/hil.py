@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 
@@ -39,6 +38,7 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.protocols.flight_world import flight_world, read_flown_air
     from shockrig.protocols.folder import software_version
     from shockrig.protocols.hil import KINDS, fly_emulated, judge
+    from shockrig.protocols.time_left import PLAYING, Phases
     from shockrig.rig.errors import BenchError
 
     if not 0.0 <= args.lag_s <= 60.0:
@@ -49,9 +49,11 @@ def main(args: argparse.Namespace) -> int:
             raise BenchError(f"no fault {fault.kind!r} here; there are {', '.join(KINDS)}")
     profile = typical_profile() if args.profile is None else read_profile(args.profile)
     air = read_flown_air(args.flight)
-    print(f"flying the sensors through {air.time_s[-1]:.0f} s of air ...", file=sys.stderr)
+    say = Phases(PLAYING)
+    say(f"flying the sensors through {air.time_s[-1]:.0f} s of air ...")
     world = flight_world(air, profile, args.seed)
     folder = fly_emulated(world, profile, args.out, faults, args.seed, args.lag_s)
+    say("what was flown is corrected and held against the air ...")
     result = judge(folder, world, profile)
     provenance = {
         "flight": str(args.flight),
@@ -61,6 +63,7 @@ def main(args: argparse.Namespace) -> int:
         "software": f"shockrig {software_version()}",
         "data": "emulated sensors in air that was played; nothing of this was measured",
     }
+    say("page ...")
     page = hil_report(result, args.flight.name, provenance).write(folder / "hil.html")
     for stage in (*result.stages, *result.totals):
         print(f"{stage.name:30} {stage.temperature_k:8.2g} K {stage.humidity_percent:8.2g} %RH")

@@ -136,11 +136,13 @@ def _charts(campaigns: Sequence[Campaign], args: argparse.Namespace, say: Any) -
     from shockrig.analysis.characterize.extension import read_extension
     from shockrig.analysis.characterize.history import began_at, bench_of, chart, observed
     from shockrig.files.errors import InputError
+    from shockrig.protocols.time_left import TimeLeft
 
     extensions = None if args.extend is None else read_extension(args.extend)
     names = called(campaigns)
     series: dict[tuple[str, str, str], list[Observation]] = {}
-    for campaign in campaigns:
+    clock = TimeLeft()
+    for number, campaign in enumerate(campaigns):
         serials = {
             name: str(sensor["serial"])
             for name, sensor in campaign.sensors.items()
@@ -151,7 +153,7 @@ def _charts(campaigns: Sequence[Campaign], args: argparse.Namespace, say: Any) -
             why = "no serial number" if not serials else "another sensor"
             say(f"{names[campaign.path]}: {why}; left out")
             continue
-        say(f"{campaign.path}: characterizing")
+        say(f"{campaign.path}: characterizing{clock.after(number / len(campaigns))}")
         try:
             result = characterize(with_common(campaign), args.seed, extensions)
         except InputError as error:

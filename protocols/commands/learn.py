@@ -38,13 +38,15 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.protocols.commands.correct import chosen_columns
     from shockrig.protocols.folder import software_version, whole_folder
     from shockrig.protocols.learning import disagree, learned_file, learned_from, named_flights, sentence
+    from shockrig.protocols.time_left import LEARNING, Phases
 
     columns = chosen_columns(args.column)
     bench = None if args.profile is None else read_profile(args.profile)
     flights, said = named_flights(args.flights, columns, args.map)
     for note in said:
         print(f"note: {note}", file=sys.stderr)
-    learned = learned_from(flights, bench, lambda text: print(f"{text} ...", file=sys.stderr, flush=True))
+    say = Phases(LEARNING)
+    learned = learned_from(flights, bench, lambda text: say(f"{text} ..."))
     provenance = {
         "flights": ", ".join(str(path) for path in args.flights),
         "software": f"shockrig {software_version()}",

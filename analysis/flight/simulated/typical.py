@@ -23,7 +23,8 @@ AMBIENTS_C = (-10.0, 0.0, 10.0, 20.0, 30.0, 40.0)
 ACTIVATION_K = 3000.0
 NOISE_K = 0.02  # standard deviations of single readings
 NOISE_PERCENT = 0.06
-RELATIVE_UNCERTAINTY = 0.01
+RELATIVE_UNCERTAINTY = 0.01  # of D, and so of the times of a plain film
+BEAD_RELATIVE_UNCERTAINTY = 0.005
 
 
 def typical_profile(bead_t98_s: float = 1.0, film_t98_s: float = 15.0) -> Profile:
@@ -35,14 +36,23 @@ def typical_profile(bead_t98_s: float = 1.0, film_t98_s: float = 15.0) -> Profil
     for ambient_c in AMBIENTS_C:
         diffusivity = at_20 * math.exp(-ACTIVATION_K * (1 / (ambient_c + 273.15) - 1 / 293.15))
         t63, t90, t98 = (t * FILM_THICKNESS_M**2 / diffusivity for t in film)
-        times = ResponseTime(t63, t90, t98)
+        times = _times((t63, t90, t98), RELATIVE_UNCERTAINTY)
         rows.append(DiffusivityRow(ambient_c, diffusivity, RELATIVE_UNCERTAINTY * diffusivity, None, times))
     t63, t90, t98 = (t * BEAD_RADIUS_M**2 / alpha for t in response_times(sphere_core()))
-    bead = ResponseTime(t63, t90, t98)
+    bead = _times((t63, t90, t98), BEAD_RELATIVE_UNCERTAINTY)
     return Profile(
         TemperatureProfile(
-            Uncertain(alpha, 0.005 * alpha), response_time_s=bead, noise_k=NOISE_K, sampling_period_s=0.1
+            Uncertain(alpha, BEAD_RELATIVE_UNCERTAINTY * alpha),
+            response_time_s=bead,
+            noise_k=NOISE_K,
+            sampling_period_s=0.1,
         ),
         HumidityProfile(tuple(rows), noise_percent=NOISE_PERCENT, sampling_period_s=0.1),
         provenance={"kind": "typical values for demonstrations, not measured"},
     )
+
+
+def _times(seconds: tuple[float, float, float], relative: float) -> ResponseTime:
+    """Times of a plain body, which go with the inverse of its rate and are as uncertain."""
+    t63, t90, t98 = (relative * one for one in seconds)
+    return ResponseTime(*seconds, (t63, t90, t98))
