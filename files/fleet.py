@@ -271,7 +271,9 @@ class SharedParameter:
 @dataclass(frozen=True)
 class FleetCause:
     """An effect that diagnoses name, and whose it is: "bench", "type", "sensor", or "several" where it is in some
-    sensors and nothing tells why; the sensors that show it, how many were diagnosed, the campaigns, its parameters."""
+    sensors and nothing tells why; the sensors that show it, how many were diagnosed, the campaigns, its parameters; and
+    the effects that single diagnoses could not tell from it: those that are open still, those that the others rule out.
+    """
 
     channel: str
     effect: str
@@ -280,6 +282,8 @@ class FleetCause:
     diagnosed: int
     campaigns: tuple[str, ...]
     parameters: Mapping[str, SharedParameter]
+    look_alikes: tuple[str, ...] = ()
+    ruled_out: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, repr=False)
@@ -396,6 +400,8 @@ def _cause_document(one: FleetCause) -> dict[str, Any]:
             name: {**uncertain_document(p.mean), "spread": p.spread, "common": p.common}
             for name, p in one.parameters.items()
         },
+        "look_alikes": list(one.look_alikes),
+        "ruled_out": list(one.ruled_out),
     }
 
 
@@ -569,6 +575,8 @@ def _cause(item: FileTable) -> FleetCause:
         int(item.number("diagnosed", at_least=0.0) or 0),
         item.texts("campaigns"),
         parameters,
+        item.texts("look_alikes"),
+        item.texts("ruled_out"),
     )
 
 

@@ -78,7 +78,7 @@ def score(sealed: Path, diagnosis: Path | Mapping[str, Any], probe: str = FIRST_
     Raises InputError where the diagnosis cannot be read, BenchError where the seal cannot.
     """
     truth, seed = open_seal(Path(sealed))
-    truth = truth if probe == FIRST_PROBE else of_probe(truth, probe)
+    truth = of_probe(truth, probe)
     stated = diagnosis_from_document(dict(diagnosis)) if isinstance(diagnosis, Mapping) else read_diagnosis(diagnosis)
     where = "diagnosis" if isinstance(diagnosis, Mapping) else str(diagnosis)
     judged = {name: _score_channel(truth, name, channel, where) for name, channel in stated.channels.items()}

@@ -325,11 +325,11 @@ def _emulate(
         truth = draw_truth(np.random.default_rng(seed))
     transfer = truth.effect("finite_transfer")
     instruments = VirtualInstruments(
-        world or World(truth, clock, seed),
+        world or World(of_probe(truth, FIRST_PROBE), clock, seed),
         clock,
         config.general.pressure_hpa,
         others={
-            probe: World(of_probe(truth, probe), clock, seed + k)
+            probe: World(of_probe(truth, probe), clock, seed + k, carriage_seed=seed)
             for k, probe in enumerate(probes_of(config.sensors))
             if probe != FIRST_PROBE
         },

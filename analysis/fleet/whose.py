@@ -1,20 +1,26 @@
-"""Whose a cause is that diagnoses name: the bench's, the type's, or one sensor's.
+"""Whose a cause is that diagnoses name: the bench's, the type's, or one sensor's; and which of its look-alikes it is.
 
 What one bench does, it does to all that it carries: most probes of a campaign show it, with one value. What belongs to
 a type is in most sensors too, and differs from one to the next. Whether values are one is Cochran's test of
 homogeneity, Q = sum (x_i - mean)^2 / u_i^2 ~ chi2(n - 1).
+
+Effects that one diagnosis cannot tell apart are one cause here, whichever of them each probe's diagnosis names. Whose
+it is then tells which: the air is what all probes feel, so that what a single one shows is not the air's, and what all
+of them show with one value is the air's before it is a fault that each of them has.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.fleet.population import LEAST_SENSORS, FleetMember
 from shockrig.files.causes import StatedEffect, Uncertain
 from shockrig.files.fleet import BENCH, SENSOR, SEVERAL, TYPE, FleetCause, SharedParameter
@@ -22,41 +28,57 @@ from shockrig.files.fleet import BENCH, SENSOR, SEVERAL, TYPE, FleetCause, Share
 Array = NDArray[np.float64]
 
 MOST = 0.5  # of the sensors: more than so many
-APART = 0.05  # of values that are one, the share of which it is denied
+APART = 0.01  # of values that are one, the share of which it is denied
+AIR_LINK = "air"
 
 
 @dataclass(frozen=True)
-class _Diagnosed:
-    """One probe of one campaign whose channel was diagnosed, and the effect where it was named."""
+class DiagnosedProbe:
+    """One probe of one campaign whose channel was diagnosed: the sensor, where it was, and the causes named."""
 
     sensor: str
     campaign: str
     bench: str
-    cause: StatedEffect | None
+    causes: tuple[StatedEffect, ...]
 
 
 def causes_of(sensors: Sequence[FleetMember]) -> tuple[FleetCause, ...]:
     """Every cause that a diagnosis names, by channel and effect; none where fewer than three sensors were diagnosed."""
-    found = []
+    found: list[FleetCause] = []
     diagnosed = [(one.name, s) for one in sensors for s in one.campaigns]
     for channel in sorted({name for _, s in diagnosed for name in s.causes}, reverse=True):
         there = [(name, s) for name, s in diagnosed if channel in s.causes]
-        if len({name for name, _ in there}) < LEAST_SENSORS:
-            continue
-        for effect in sorted({cause.effect for _, s in there for cause in s.causes[channel]}):
-            seen = [
-                _Diagnosed(name, s.path, s.bench, next((c for c in s.causes[channel] if c.effect == effect), None))
-                for name, s in there
-            ]
-            found.append(_judged(channel, effect, seen))
+        found += judged_causes(channel, [DiagnosedProbe(name, s.path, s.bench, s.causes[channel]) for name, s in there])
     return tuple(found)
 
 
-def _judged(channel: str, effect: str, seen: Sequence[_Diagnosed]) -> FleetCause:
-    having = [one for one in seen if one.cause is not None]
+def judged_causes(channel: str, probes: Sequence[DiagnosedProbe]) -> tuple[FleetCause, ...]:
+    """Likewise of one channel's diagnoses."""
+    if len({one.sensor for one in probes}) < LEAST_SENSORS:
+        return ()
+    found = []
+    for alike in look_alikes(cause for one in probes for cause in one.causes):
+        seen = [replace(one, causes=tuple(c for c in one.causes if c.effect in alike)) for one in probes]
+        found.append(_judged(channel, alike, seen))
+    return tuple(found)
+
+
+def look_alikes(causes: Iterable[StatedEffect]) -> list[frozenset[str]]:
+    """The named effects with those that some diagnosis cannot tell from them, in sets that share none."""
+    sets: list[frozenset[str]] = []
+    for cause in causes:
+        one = frozenset({cause.effect, *cause.indistinguishable_from})
+        sets = [frozenset.union(one, *(s for s in sets if s & one)), *(s for s in sets if not s & one)]
+    return sorted(sets, key=min)
+
+
+def _judged(channel: str, alike: frozenset[str], seen: Sequence[DiagnosedProbe]) -> FleetCause:
+    having = [one for one in seen if one.causes]
     carriers, all_ = (list(dict.fromkeys(one.sensor for one in of)) for of in (having, seen))
     campaigns = list(dict.fromkeys(one.campaign for one in having))
-    parameters = _parameters(having)
+    named = Counter(cause.effect for one in having for cause in one.causes)
+    most = min(named, key=lambda effect: (-named[effect], effect))
+    parameters = _parameters(having, most)
     known = bool(parameters)  # nobody can say of two values without uncertainties whether they are one
     common = known and all(one.common for one in parameters.values())
     if len(carriers) == 1:
@@ -69,14 +91,22 @@ def _judged(channel: str, effect: str, seen: Sequence[_Diagnosed]) -> FleetCause
         beside = [one for one in seen if one.campaign in campaigns]
         together = len(campaigns) == 1 and len(beside) >= LEAST_SENSORS and len(having) > MOST * len(beside)
         whose = BENCH if together and common else SEVERAL
-    return FleetCause(channel, effect, whose, tuple(carriers), len(all_), tuple(campaigns), parameters)
+    fits = [effect for effect in alike if whose == SEVERAL or _of_air(effect) == (whose == BENCH)] or list(alike)
+    effect = min(fits, key=lambda one: (-named[one], one))
+    parameters = parameters if effect == most else _parameters(having, effect)
+    open_, out = (tuple(sorted(alike & set(fits) - {effect})), tuple(sorted(alike - set(fits))))
+    return FleetCause(channel, effect, whose, tuple(carriers), len(all_), tuple(campaigns), parameters, open_, out)
 
 
-def _parameters(having: Sequence[_Diagnosed]) -> dict[str, SharedParameter]:
-    """Mean and scatter of each parameter that is stated with its uncertainty."""
+def _of_air(effect: str) -> bool:
+    return effect in CATALOGUE and CATALOGUE[effect].link == AIR_LINK
+
+
+def _parameters(having: Sequence[DiagnosedProbe], effect: str) -> dict[str, SharedParameter]:
+    """Mean and scatter of each parameter of an effect that is stated with its uncertainty."""
     stated: dict[str, list[Uncertain]] = {}
-    for one in having:
-        for name, value in one.cause.parameters.items() if one.cause is not None else ():
+    for cause in (cause for one in having for cause in one.causes if cause.effect == effect):
+        for name, value in cause.parameters.items():
             if value.standard_uncertainty > 0.0:
                 stated.setdefault(name, []).append(value)
     return {name: _shared(values, APART / len(stated)) for name, values in stated.items()}

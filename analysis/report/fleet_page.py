@@ -63,16 +63,17 @@ def sentence(trend: FleetTrend) -> str:
 
 def cause_sentence(one: FleetCause) -> str:
     """Whose a cause is, and why."""
-    what = f"{one.effect} ({NOUN[one.channel]})"
+    what = f"{' or '.join((one.effect, *one.look_alikes))} ({NOUN[one.channel]})"
     many = f"{len(one.sensors)} of {one.diagnosed} sensors show it"
+    not_ = f", and not {' or '.join(one.ruled_out)}" if one.ruled_out else ""
     if one.whose == SENSOR:
-        return f"{what} is {one.sensors[0]}'s own: none of the other {one.diagnosed - 1} sensors shows it."
+        return f"{what} is {one.sensors[0]}'s own{not_}: none of the other {one.diagnosed - 1} sensors shows it."
     if one.whose == BENCH:
-        return f"{what} is the bench's: {many}, with one value, in {counted(len(one.campaigns), 'campaign')}."
+        return f"{what} is the bench's{not_}: {many}, with one value, in {counted(len(one.campaigns), 'campaign')}."
     if one.whose == TYPE:
         scatters = not all(p.common for p in one.parameters.values())
         why = "with values that differ" if scatters else f"with one value in {counted(len(one.campaigns), 'campaign')}"
-        return f"{what} is the type's: {many}, {why}."
+        return f"{what} is the type's{not_}: {many}, {why}."
     return f"{what}: {many}; whether it is theirs or a bench's is open."
 
 

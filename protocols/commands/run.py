@@ -86,7 +86,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     virtual.add_argument(
         "--hide",
         metavar="WHAT",
-        help="effects to hide in the sensors: random, none, outside, a number, or the catalogue's ids joined by commas",
+        help="effects to hide in the sensors: random, none, outside, a number, or the catalogue's ids joined by "
+        "commas; ID@3 hides one in probe 3 alone, the others are in all probes",
     )
     virtual.add_argument(
         "--sealed", metavar="FILE", type=Path, help="where the truth is sealed (default: CAMPAIGN.sealed)"
@@ -204,6 +205,7 @@ def _emulated(args: argparse.Namespace, config: Any) -> tuple[Any, _Sealed]:
 
     import numpy as np
 
+    from shockrig.files.campaign_names import probes_of
     from shockrig.files.disk import is_there, real_path
     from shockrig.rig.bench import of_one_type, open_bench
     from shockrig.rig.bench_file import LARGEST_SEED
@@ -255,6 +257,8 @@ def _emulated(args: argparse.Namespace, config: Any) -> tuple[Any, _Sealed]:
     config = replace(config, virtual=replace(config.virtual, seed=noise_seed))
     if truth is not None and truth.type_spread:
         config = of_one_type(config, truth)
+    for probe in {} if truth is None else {hidden.probe for hidden in truth.effects} - {"", *probes_of(config.sensors)}:
+        raise BenchError(f"--hide: there is no probe {probe}; the bench has {', '.join(probes_of(config.sensors))}")
     bench = open_bench(config, truth=truth)
     return bench, _Sealed(path, bench.truth, seed)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 T, RH = "temperature", "humidity"
+AIR = "air"  # the link that all probes of a bench share
 
 
 @dataclass(frozen=True)
@@ -23,9 +24,9 @@ class Kind:
 
 
 KINDS: dict[str, Kind] = {
-    "finite_transfer": Kind("air", (T, RH), ("duration_s",)),
+    "finite_transfer": Kind(AIR, (T, RH), ("duration_s",)),
     "air_relaxation": Kind(
-        "air", (T, RH), ("fraction", "time_constant_s", "room_temperature_c", "room_humidity_percent")
+        AIR, (T, RH), ("fraction", "time_constant_s", "room_temperature_c", "room_humidity_percent")
     ),
     "convective_film": Kind("exchange", (T,), ("biot_at_5_m_s",)),
     "vapour_boundary_layer": Kind("exchange", (RH,), ("biot_at_5_m_s",)),
@@ -52,8 +53,8 @@ KINDS: dict[str, Kind] = {
     "calibration_temperature": Kind("readout", (RH,), ("percent_per_k",)),
     "series_lag": Kind("exchange", (RH,), ("time_constant_s",)),
     # from outside any catalogue
-    "unknown_air_cycling": Kind("air", (T, RH), ("amplitude_k", "period_s")),
-    "unknown_chamber_overshoot": Kind("air", (T, RH), ("fraction", "decay_s", "period_s")),
+    "unknown_air_cycling": Kind(AIR, (T, RH), ("amplitude_k", "period_s")),
+    "unknown_chamber_overshoot": Kind(AIR, (T, RH), ("fraction", "decay_s", "period_s")),
     "unknown_rate_with_temperature": Kind("body", (T,), ("per_kelvin",)),
     "unknown_log_creep": Kind("readout", (T, RH), ("fraction", "onset_s"), single=True),
     "unknown_sorption_heat": Kind("readout", (RH,), ("kelvin_s_per_percent",)),

@@ -11,6 +11,7 @@ import hashlib
 import json
 import zlib
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -182,7 +183,7 @@ def draw_hidden(
     """Effects to hide.
 
     `which`: "none"; a number of different catalogued effects; "random" (none, one, two or four); "outside" (one from
-    outside any catalogue); or effect ids, as a sequence or joined by commas.
+    outside any catalogue); or effect ids, as a sequence or joined by commas. ID@PROBE hides it in that probe alone.
     """
     if which == "none":
         return []
@@ -199,7 +200,8 @@ def draw_hidden(
         names = [str(rng.choice(OUTSIDE))]
     else:
         names = [name.strip() for name in (which.split(",") if isinstance(which, str) else which)]
-    return [draw_effect(rng, name, strength) for name in names]
+    asked = [name.partition("@") for name in names]
+    return [replace(draw_effect(rng, name, strength), probe=probe) for name, _, probe in asked]
 
 
 def seal(path: Path, truth: Truth, seed: int) -> Path:

@@ -19,7 +19,7 @@ import numpy as np
 
 from shockrig.files.campaign_names import FIRST_PROBE
 from shockrig.rig.errors import BenchError
-from shockrig.rig.virtual.effects import KINDS
+from shockrig.rig.virtual.effects import AIR, KINDS
 
 SMOOTH, ROUGH, REALISTIC = "smooth", "rough", "realistic"
 TIERS = (SMOOTH, ROUGH, REALISTIC)
@@ -44,11 +44,13 @@ class TrueNoise:
 
 @dataclass(frozen=True)
 class Hidden:
-    """One effect at work: its id, its parameters, and the channels in which it acts."""
+    """One effect at work: its id, its parameters, the channels in which it acts, and the probe that has it; every probe
+    of the bench where none is named."""
 
     effect: str
     parameters: Mapping[str, float] = field(default_factory=dict)
     channels: tuple[str, ...] = ()
+    probe: str = ""
 
     def __post_init__(self) -> None:
         kind = KINDS.get(self.effect)
@@ -64,6 +66,8 @@ class Hidden:
             object.__setattr__(self, "channels", kind.channels)
         if not set(self.channels) <= set(kind.channels):
             raise BenchError(f"effect {self.effect}: channels must be among {kind.channels}, not {self.channels}")
+        if self.probe and kind.link == AIR:
+            raise BenchError(f"effect {self.effect} is of the air that all probes feel; hide it without @{self.probe}")
 
 
 @dataclass(frozen=True)
@@ -102,9 +106,10 @@ class Truth:
         return self.diffusivity_20c_m2_s * np.exp(-self.activation_k * u - self.curvature_k2 * u * u)
 
     def effect(self, name: str, channel: str | None = None) -> Mapping[str, float] | None:
-        """Parameters of the hidden effect `name` (acting in `channel`), or None where it is not at work."""
+        """Parameters of the hidden effect `name` (acting in `channel`) of all probes, or None where it is not at
+        work."""
         for hidden in self.effects:
-            if hidden.effect == name and (channel is None or channel in hidden.channels):
+            if hidden.effect == name and not hidden.probe and (channel is None or channel in hidden.channels):
                 return hidden.parameters
         return None
 
@@ -123,7 +128,8 @@ class Truth:
             content["temperature_noise"] = TrueNoise(**content["temperature_noise"])
             content["humidity_noise"] = TrueNoise(**content["humidity_noise"])
             content["effects"] = tuple(
-                Hidden(h["effect"], dict(h["parameters"]), tuple(h["channels"])) for h in content["effects"]
+                Hidden(h["effect"], dict(h["parameters"]), tuple(h["channels"]), str(h.get("probe", "")))
+                for h in content["effects"]
             )
             noises = content["temperature_noise"], content["humidity_noise"]
             tables = [vars(noise) for noise in noises] + [hidden.parameters for hidden in content["effects"]]
@@ -198,11 +204,18 @@ def standing_effects(rng: np.random.Generator) -> tuple[Hidden, ...]:
 
 
 def of_probe(truth: Truth, probe: str) -> Truth:
-    """Another probe on the same bench: of the same kinds, each of its rates between two thirds and one and a half times
-    the first one's; or, where the first one is of a type, of the same type.
+    """A probe of the bench, with the effects that it has by itself and with those of all. The first is as the truth
+    says; another one is of the same kinds, each of its rates between two thirds and one and a half times the first
+    one's; or, where the first one is of a type, of the same type.
 
     Drawn from the bench's seed and the probe's name alone: a digest of the truth's numbers would make another probe
     where `exp` differs by one last bit, as it does from processor to processor."""
+    own = [dataclasses.replace(hidden, probe="") for hidden in truth.effects if hidden.probe == probe]
+    of_all = dataclasses.replace(truth, effects=tuple(hidden for hidden in truth.effects if not hidden.probe))
+    return with_effects(of_all if probe == FIRST_PROBE else _another(of_all, probe), own)
+
+
+def _another(truth: Truth, probe: str) -> Truth:
     if truth.type_spread:
         return _moved(truth, _from_type(truth, probe) - _from_type(truth, FIRST_PROBE))
     rng = np.random.default_rng([truth.probe_seed, *probe.encode()])
@@ -246,13 +259,14 @@ def _moved(truth: Truth, by: np.ndarray) -> Truth:
 
 
 def with_effects(truth: Truth, effects: Sequence[Hidden]) -> Truth:
-    """The same sensors with `effects` hidden in them, beside those that they have and that are not given anew.
+    """The same sensors with `effects` hidden in them, beside those that they have and that are not given anew; one of a
+    single probe changes nothing before that probe is made (`of_probe`).
 
     Behind an air film (`convective_film`) alpha is raised so that the reading is about as fast as before, up to 2.5
     times slower: the lag of a glass bead is the film's, its own diffusion is much faster.
     """
-    given = {hidden.effect for hidden in effects}
-    kept = [hidden for hidden in truth.effects if hidden.effect not in given]
+    given = {(hidden.effect, hidden.probe) for hidden in effects}
+    kept = [hidden for hidden in truth.effects if (hidden.effect, hidden.probe) not in given]
     changed = dataclasses.replace(truth, effects=(*kept, *effects))
     film = changed.effect("convective_film")
     if film is None or truth.effect("convective_film") is not None:

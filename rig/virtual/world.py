@@ -69,13 +69,19 @@ class World:
     seed : int
     settling_s : float
         Time constant of the chambers; 0: they are at their set point at once.
+    carriage_seed : int, optional
+        `seed` of the first probe in the carriage: what it moves, it moves at the same time.
     """
 
-    def __init__(self, truth: Truth, clock: Clock, seed: int, settling_s: float = 0.0):
+    def __init__(
+        self, truth: Truth, clock: Clock, seed: int, settling_s: float = 0.0, carriage_seed: int | None = None
+    ):
         self.truth = truth
         self._clock = clock
         self._settling_s = settling_s
         scatter, jitter, bead, film, die = np.random.default_rng(seed).spawn(5)
+        if carriage_seed is not None:
+            jitter = np.random.default_rng(carriage_seed).spawn(5)[1]
         self._scatter, self._jitter, self._die_rng = scatter, jitter, die
         self._loggers = {T: Logger(truth, T, bead), RH: Logger(truth, RH, film)}
         self._pressure_hpa, self._airflow_m_s, self._irradiance_w_m2 = 1013.25, 5.0, 0.0

@@ -31,8 +31,11 @@ from shockrig.files.profile import read_profile
 from shockrig.protocols import fleet_map
 from shockrig.protocols.cli import main
 from shockrig.protocols.made_before import made_from
-from shockrig.rig.virtual.hide import open_seal
-from shockrig.rig.virtual.truth import Truth, draw_truth, of_probe, of_type, serial_number
+from shockrig.rig.clock import VirtualClock
+from shockrig.rig.seams import Air
+from shockrig.rig.virtual.hide import draw_hidden, open_seal
+from shockrig.rig.virtual.truth import Truth, draw_truth, of_probe, of_type, serial_number, with_effects
+from shockrig.rig.virtual.world import World
 
 SCHEMA = json.loads((resources.files("shockrig.data") / "schemas" / "shock-fleet-1.json").read_text())
 
@@ -166,6 +169,33 @@ def test_whose_a_cause_is(tmp_path, places, benches, spread, whose, said):
     jsonschema.validate(json.loads((tmp_path / "fleet.json").read_text()), SCHEMA)
     assert read_fleet(tmp_path / "fleet.json").causes == fleet.causes
     assert "Whose the causes are" in write_fleet_page(fleet, tmp_path).read_text()
+
+
+@pytest.mark.parametrize(
+    ("stem_in", "relaxation_in", "whose", "effect", "ruled_out"),
+    [
+        (range(5), range(5, 8), "bench", "air_relaxation", ("stem_conduction",)),
+        (range(8), (), "bench", "air_relaxation", ("stem_conduction",)),
+        ((), (2,), "sensor", "stem_conduction", ("air_relaxation",)),
+    ],
+)
+def test_the_other_probes_tell_look_alikes_apart(tmp_path, stem_in, relaxation_in, whose, effect, ruled_out):
+    """Whichever of two each diagnosis names: what all show is the air's, what one shows is not."""
+    statistics, found = drawn_fleet(np.random.default_rng(1), 8)[0], []
+    value = {"time_constant_s": Uncertain(8.0, 0.4)}
+    stem = StatedEffect("stem_conduction", value, 0.6, ("air_relaxation",))
+    relaxation = StatedEffect("air_relaxation", value, 0.6, ("stem_conduction",))
+    for i, one in enumerate(statistics):
+        cause = (stem,) if i in stem_in else (relaxation,) if i in relaxation_in else ()
+        found.append(replace(one, path="b", probe=str(1 + i), bench="b", causes={"temperature": cause}))
+    fleet = fleet_of(found)
+    (cause,) = fleet.causes
+    assert (cause.whose, cause.effect, cause.look_alikes, cause.ruled_out) == (whose, effect, (), ruled_out)
+    assert len(cause.sensors) == len(stem_in) + len(relaxation_in)
+    assert f"and not {ruled_out[0]}" in cause_sentence(cause)
+    jsonschema.validate(fleet_document(fleet), SCHEMA)
+    fleet.write(tmp_path / "fleet.json")
+    assert read_fleet(tmp_path / "fleet.json").causes == fleet.causes
 
 
 def test_a_value_that_is_one_is_seldom_denied():
@@ -454,7 +484,7 @@ def test_the_virtual_bench_makes_fleets(tmp_path, capsys):
     for name, probes in (("a", "123"), ("b", "1")):
         first = open_seal(tmp_path / "f" / f"{name}.sealed")[0]
         for probe in probes:
-            truth = first if probe == "1" else of_probe(first, probe)
+            truth = of_probe(first, probe)
             truths[serial_number(truth, "imet", probe)] = truth
     assert len(truths) == len({truth.thermal_diffusivity_m2_s for truth in truths.values()}) == len(fleet.sensors) == 4
     for sensor in fleet.sensors:
@@ -480,6 +510,35 @@ def test_virtual_sensors_of_a_type_differ_by_as_much_as_is_said():
     assert of_probe(again, "5") == of_probe(first, "5")
 
 
+def test_an_effect_is_hidden_in_one_probe_alone():
+    rng = np.random.default_rng(5)
+    usual = of_type(7, 1)
+    hidden = draw_hidden(rng, "convective_film@3,stem_conduction@1,finite_transfer")
+    bench = Truth.from_json(with_effects(usual, hidden).to_json())
+    having = {probe: {one.effect for one in of_probe(bench, probe).effects} for probe in "123"}
+    assert having == {
+        "1": {"stem_conduction", "finite_transfer"},
+        "2": {"finite_transfer"},
+        "3": {"convective_film", "finite_transfer"},
+    }
+    # As in `with_effects`, a bead behind a film of air has a faster body; other probes stay as they were.
+    alpha = [of_probe(one, probe).thermal_diffusivity_m2_s for probe in "123" for one in (bench, usual)]
+    assert alpha[0] == alpha[1] and alpha[2] == alpha[3] and alpha[4] > 1.5 * alpha[5]
+
+
+def test_probes_in_one_carriage_leave_at_one_time():
+    """The trigger's jitter is the carriage's: beads without a body of their own differ by their noise alone."""
+    airs = Air(20.0, 50.0), Air(40.0, 30.0)
+    truth = replace(of_type(7, 1), trigger_jitter_s=0.5, thermal_diffusivity_m2_s=1e-5)
+    left = []
+    for seed, carriage in ((1, None), (2, 1), (2, None)):
+        world = World(truth, VirtualClock(), seed, carriage_seed=carriage)
+        world.set_airs(*airs, 5.0, 1013.25)
+        world.begin_transfer(10.0)
+        left.append([world.bead_temperature_c(t) > 30.0 for t in np.arange(8.0, 12.0, 0.002)].index(True))
+    assert abs(left[0] - left[1]) <= 1 and abs(left[0] - left[2]) > 10
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -490,6 +549,8 @@ def test_virtual_sensors_of_a_type_differ_by_as_much_as_is_said():
         (["--fleet", "fleet.json"], "is for shockrig run adaptive"),
         (["--fleet", "0", "--bench", "manual"], "is for emulated instruments"),
         (["--probes", "2", "--bench", "manual"], "is for emulated instruments"),
+        (["--probes", "2", "--hide", "stem_conduction@3"], "there is no probe 3; the bench has 1, 2"),
+        (["--probes", "2", "--hide", "air_relaxation@2"], "hide it without @2"),
     ],
 )
 def test_options_of_a_virtual_fleet_that_do_not_fit_are_refused(tmp_path, capsys, options, said):

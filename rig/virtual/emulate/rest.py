@@ -23,7 +23,7 @@ class RestingBench:
     ) -> None:
         self._clock = VirtualClock()
         truth = draw_truth(np.random.default_rng(seed))
-        self._world = World(truth if probe == 1 else of_probe(truth, str(probe)), self._clock, seed + probe - 1)
+        self._world = World(of_probe(truth, str(probe)), self._clock, seed + probe - 1)
         self._world.set_airs(source, destination, airflow_m_s, pressure_hpa)
         self._pressure_hpa = pressure_hpa
         self._world.air(RESTED_S)
