@@ -2,9 +2,10 @@
 
     python benchmarks/fleet_prior.py [--fleet 24] [--new 100] [--seed 1] [--spread 0.01]
 
-Rough worlds of the virtual bench. A type is drawn, then a fleet of it that is characterized by 33 runs each, then new
-sensors: with ten runs at 20 degC and the fleet, and with all 33 alone. In every fifth new sensor the film does not
-belong (D 12 % larger). Coverage is of two standard uncertainties, over alpha and D at 0, 20 and 40 degC.
+Rough worlds of the virtual bench, all drawn from the seed. A type is drawn, then a fleet of it that is characterized by
+33 runs each, then new sensors: with ten runs at 20 degC and the fleet, and with all 33 alone. In every fifth new sensor
+the film does not belong (D 12 % larger). Coverage is of two standard uncertainties, over alpha and D at 0, 20 and 40
+degC.
 """
 
 from __future__ import annotations
@@ -51,7 +52,8 @@ def main(argv: list[str] | None = None) -> None:
     with tempfile.TemporaryDirectory() as folder:
         found = []
         for i in range(args.fleet):
-            path = record_sensor(drawn_sensor(base, rng, args.spread), wide_plan(), 1000 + i, Path(folder) / f"f{i}", i)
+            truth = drawn_sensor(base, rng, args.spread)
+            path = record_sensor(truth, wide_plan(), [args.seed, 2, i], Path(folder) / f"f{i}", i)
             campaign = read_campaign(path)
             found.append(statistics_of(characterize(campaign), fingerprint(campaign)))
             print(f"fleet {i + 1}", file=sys.stderr, flush=True)
@@ -66,7 +68,8 @@ def main(argv: list[str] | None = None) -> None:
             truth, kind = drawn_sensor(base, rng, args.spread), "belongs"
             if i % 5 == 4:
                 truth, kind = replace(truth, diffusivity_20c_m2_s=STRANGE * truth.diffusivity_20c_m2_s), "does not"
-            whole = read_campaign(record_sensor(truth, wide_plan(), 5000 + i, Path(folder) / f"n{i}", 900 + i))
+            path = record_sensor(truth, wide_plan(), [args.seed, 3, i], Path(folder) / f"n{i}", 900 + i)
+            whole = read_campaign(path)
             short = replace(whole, runs=tuple(run for run in whole.runs if int(run.id) in FEW))
             result = characterize(short)
             prior = with_population(result, population)
