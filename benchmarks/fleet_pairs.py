@@ -1,13 +1,13 @@
 """Whose a cause is, of pairs of look-alikes: one of them hidden in the bench, the other in one sensor of a carriage.
 
-    python benchmarks/fleet_pairs.py [--pairs 15] [--probes 8] [--seed 1]
+    python benchmarks/fleet_pairs.py [--pairs 0 1 ...] [--probes 8] [--seed 1]
 
-A type of rough virtual sensors and a carriage of them are drawn for each pair from its own seed. The bench's effect is
-hidden in all probes; the sensor's in one, drawn too, as `shockrig run --fleet SEED --probes 8 --hide EFFECT@PROBE`
-does. Eleven runs at 20 degC. Each probe's channel is diagnosed by itself, then the fleet says whose each cause is. A
-case is right where a cause with the hidden effect, or with a look-alike that is still open, is the bench's, or that
-sensor's, and no other cause is given to bench or type. Probes in which nothing is hidden are the plain ones: each
-carriage is diagnosed plain once, and of the sensor's case only the probe that has the effect is another.
+For each channel a carriage of rough virtual sensors of one type is drawn from the seed. The bench's effect is hidden in
+all of its probes, with new noise for each pair; the sensor's in one probe, drawn too, as `shockrig run --fleet SEED
+--probes 8 --hide EFFECT@PROBE` does. Eleven runs at 20 degC. Each probe's channel is diagnosed by itself, then the
+fleet says whose each cause is. A case is right where a cause with the hidden effect, or with a look-alike that is still
+open, is the bench's, or that sensor's, and no other cause is given to bench or type. In the sensor's case the other
+probes are plain, and the same for all pairs of a channel: they are diagnosed once.
 """
 
 from __future__ import annotations
@@ -29,11 +29,13 @@ from shockrig.files.campaign import read_campaign
 from shockrig.files.causes import StatedEffect
 from shockrig.files.fleet import BENCH, SENSOR, TYPE, FleetCause
 from shockrig.rig.virtual.batch import simulate_campaign
+from shockrig.rig.virtual.effects import KINDS
 from shockrig.rig.virtual.hide import draw_effect
 from shockrig.rig.virtual.plans import wide_plan
 from shockrig.rig.virtual.truth import Hidden, Truth, of_probe, of_type, with_effects
 
 T, RH = "temperature", "humidity"
+PLAIN = "plain"
 PAIRS = (  # channel, the bench's effect, the sensor's
     (T, "air_relaxation", "stem_conduction"),
     (T, "finite_transfer", "moving_average"),
@@ -58,57 +60,50 @@ Named = tuple[StatedEffect, ...]
 def main(argv: list[str] | None = None) -> None:
     """Print a line for each case, then the counts."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--pairs", type=int, default=len(PAIRS), help="of the list, in its order (15)")
+    parser.add_argument("--pairs", type=int, nargs="+", default=range(len(PAIRS)), help="places in the list (all 15)")
     parser.add_argument("--probes", type=int, default=8)
     parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args(argv)
-    right = {"plain": 0, BENCH: 0, SENSOR: 0}
-    named = {BENCH: 0, SENSOR: 0}
+    right, named = dict.fromkeys((PLAIN, BENCH, SENSOR), 0), dict.fromkeys((BENCH, SENSOR), 0)
     probes = [str(k) for k in range(1, args.probes + 1)]
-    false, diagnosed, spent = 0, 0, time.process_time()
-    for number, (channel, of_bench, of_sensor) in enumerate(PAIRS[: args.pairs]):
+    carriages: dict[str, tuple[Truth, dict[str, Named]]] = {}
+    began_s = time.process_time()
+
+    def told(case: str, channel: str, found: dict[str, Named], hidden: Hidden | None = None, probe: str = "") -> None:
+        causes = judged_causes(channel, [DiagnosedProbe(one, "carriage", "bench", found[one]) for one in probes])
+        good, name = judged(case, hidden, probe, causes)
+        right[case] += good
+        if hidden is not None:
+            named[case] += name
+        said = ", ".join(f"{c.effect} {c.whose} ({len(c.sensors)})" for c in causes) or "nothing"
+        what = "" if hidden is None else hidden.effect
+        print(f"{'ok' if good else 'NO'}  {channel:<12}{case:<8}{what:<22}{said}", flush=True)
+
+    for number in args.pairs:
+        channel, *both = PAIRS[number]
         rng = np.random.default_rng([args.seed, number])
-        usual = of_type(int(rng.integers(1 << 31)), int(rng.integers(1 << 31)), "rough")
+        if channel not in carriages:
+            which = (T, RH).index(channel)
+            usual = of_type(args.seed, which, "rough")
+            plain = {one: diagnosis(usual, one, channel, (args.seed, 99, which)) for one in probes}
+            carriages[channel] = usual, plain
+            told(PLAIN, channel, plain)
+        usual, plain = carriages[channel]
         probe = str(rng.choice(probes))
-        shared, own = (draw_effect(rng, one, channel=_of(one, channel)) for one in (of_bench, of_sensor))
-        plain = {one: diagnosis(usual, one, channel, (args.seed, number, 0)) for one in probes}
-        affected = diagnosis(_with(usual, replace(own, probe=probe)), probe, channel, (args.seed, number, 0))
-        for case, hidden, found in (
-            ("plain", None, plain),
-            (SENSOR, own, plain | {probe: affected}),
-            (BENCH, shared, {one: diagnosis(_with(usual, shared), one, channel, (args.seed, number, 1))
-                             for one in probes}),
-        ):  # fmt: skip
-            causes = judged_causes(channel, [DiagnosedProbe(one, "carriage", "bench", found[one]) for one in probes])
-            good, name = judged(case, hidden, probe, causes)
-            right[case] += good
-            if case != "plain":
-                named[case] += name
-            said = ", ".join(f"{c.effect} {c.whose} ({len(c.sensors)})" for c in causes) or "nothing"
-            what = "" if hidden is None else hidden.effect
-            print(f"{'ok' if good else 'NO'}  {channel:<12}{case:<8}{what:<22}{said}", flush=True)
-        false += sum(bool(causes) for causes in plain.values())
-        diagnosed += len(plain)
-    count = len(PAIRS[: args.pairs])
+        shared, own = (draw_effect(rng, one, channel=channel if KINDS[one].single else None) for one in both)
+        one_has = with_effects(usual, [replace(own, probe=probe)])
+        told(SENSOR, channel, plain | {probe: diagnosis(one_has, probe, channel, (args.seed, number, 0))}, own, probe)
+        all_have = with_effects(usual, [shared])
+        told(BENCH, channel, {one: diagnosis(all_have, one, channel, (args.seed, number, 1)) for one in probes}, shared)
+    count, false = len(args.pairs), [one for _, plain in carriages.values() for one in plain.values() if one]
+    which = " ".join(str(number) for number in args.pairs)
     print(
-        f"{args.probes} probes, seed {args.seed}: of {count} pairs the bench's is the bench's in {right[BENCH]}", end=""
+        f"{args.probes} probes, seed {args.seed}, pairs {which}; {time.process_time() - began_s:.0f} s of the processor"
     )
-    print(f" (named rightly {named[BENCH]}), the sensor's the sensor's in {right[SENSOR]} ({named[SENSOR]});")
-    print(
-        f"nothing is said of {right['plain']} of {count} plain carriages; {false} of {diagnosed} plain probes' ", end=""
-    )
-    print(f"diagnoses name something; {time.process_time() - spent:.0f} s of the processor")
-
-
-def _of(effect: str, channel: str) -> str | None:
-    """The channel, for effects that are hidden in one."""
-    from shockrig.rig.virtual.effects import KINDS
-
-    return channel if KINDS[effect].single else None
-
-
-def _with(truth: Truth, hidden: Hidden) -> Truth:
-    return with_effects(truth, [hidden])
+    print(f"the bench's is the bench's in {right[BENCH]} of {count} (by its own name in {named[BENCH]}),")
+    print(f"a sensor's is that sensor's in {right[SENSOR]} of {count} ({named[SENSOR]});")
+    print(f"nothing is given to bench or type in {right[PLAIN]} of {len(carriages)} plain carriages,")
+    print(f"and {len(false)} of their {args.probes * len(carriages)} diagnoses name something")
 
 
 def diagnosis(truth: Truth, probe: str, channel: str, seed: tuple[int, ...]) -> Named:
@@ -126,7 +121,7 @@ def judged(case: str, hidden: Hidden | None, probe: str, causes: tuple[FleetCaus
     """Whether what is said is right, and whether the effect's own name is said."""
     others = [one for one in causes if one.whose in (BENCH, TYPE)]
     if hidden is None:
-        return not others, not causes
+        return not others, False
     its = [one for one in causes if hidden.effect in (one.effect, *one.look_alikes) and one.whose == case]
     its = [one for one in its if case == BENCH or one.sensors == (probe,)]
     return bool(its) and all(one in its for one in others), any(one.effect == hidden.effect for one in its)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.files.causes import Uncertain, read_uncertain, uncertain_document
+from shockrig.files.causes import StatedEffect, Uncertain, read_uncertain, uncertain_document
 from shockrig.files.errors import InputError
 from shockrig.files.file_table import FileTable, is_number
 from shockrig.files.headline import LUMPED, first_order
@@ -170,6 +170,7 @@ class Population:
                     bead_radius_m=self.lengths_m["temperature"],
                     noise_k=self.noise.get("temperature"),
                     sampling_period_s=self.sampling_period_s.get("temperature"),
+                    effects=self._effects("temperature"),
                 )
         rows = []
         for k, one in sorted(enumerate(self.coordinates), key=lambda item: item[1].temperature_c or 0.0):
@@ -182,9 +183,21 @@ class Population:
                 film_thickness_m=self.lengths_m["humidity"],
                 noise_percent=self.noise.get("humidity"),
                 sampling_period_s=self.sampling_period_s.get("humidity"),
+                effects=self._effects("humidity"),
             )
         sensors = {SENSOR_OF[name]: {"body": body} for name, body in self.bodies.items()}
         return Profile(temperature, humidity, sensors, dict(provenance or {}))
+
+    def _effects(self, channel: str) -> tuple[StatedEffect, ...]:
+        """What the type's sensors have beside the plain body."""
+        found: dict[str, dict[str, Uncertain]] = {}
+        for k in self.places(channel):
+            one = self.coordinates[k]
+            effect, dot, parameter = one.figure.partition(".")
+            if dot:
+                spread = math.sqrt(self.predictive[k, k])
+                found.setdefault(effect, {})[parameter] = one.natural(float(self.mean[k]), spread)
+        return tuple(StatedEffect(effect, parameters) for effect, parameters in found.items())
 
 
 def design(coordinates: Sequence[Coordinate], asked: Sequence[Coordinate]) -> Array:
@@ -297,6 +310,11 @@ class Fleet:
     left_out: Mapping[str, str] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
     causes: tuple[FleetCause, ...] = ()
+
+    def typical(self) -> Profile:
+        """Profile of a sensor of the type that nobody has characterized."""
+        emulated = {"data": self.provenance["data"]} if "data" in self.provenance else {}
+        return self.population.typical(emulated)
 
     def outsiders(self, channel: str) -> list[str]:
         """Names of the sensors that do not belong."""

@@ -249,7 +249,7 @@ def _planned(
 
 def correct(
     flight: pd.DataFrame | Flight | PathLike,
-    profile: Profile | Characterized | PathLike,
+    profile: Profile | Characterized | Fleet | PathLike,
     *,
     method: str = "smoother",
     columns: Mapping[str, str] | None = None,
@@ -266,8 +266,9 @@ def correct(
     flight : DataFrame, Flight or path
         A log as `read_flight` reads it: CSV, netCDF, ArduPilot's .bin, any text file by a map, or a DataFrame, whose
         columns are recognised by their names as a file's are.
-    profile : Profile, Characterized or path
-        Of the sensors that flew; a channel that it lacks is given as it came and flagged `not_corrected`.
+    profile : Profile, Characterized, Fleet or path
+        Of the sensors that flew; a channel that it lacks is given as it came and flagged `not_corrected`. A fleet
+        stands for one of its sensors that nobody has characterized.
     method : {"smoother", "inverse", "paper"}
         The optimal smoother, or the published inverse, corrected or as printed.
     columns : mapping, optional
@@ -312,6 +313,8 @@ def correct(
         raise TypeError(f"correct() has no setting {unknown[0]!r}; known are {', '.join(sorted(known))}")
     if isinstance(profile, Characterized):
         profile = profile.profile
+    if isinstance(profile, Fleet):
+        profile = profile.typical()
     with as_python():
         sensors = of_profile(profile if isinstance(profile, Profile) else read_profile(profile), channels)
         rows, said = with_words(flight, columns, map)

@@ -32,7 +32,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FLIGHT",
         help="log of the flight: CSV, netCDF (.nc), ArduPilot's .bin, FlySight 2, radiosonde_auto_rx",
     )
-    parser.add_argument("--profile", type=Path, required=True, metavar="P", help="profile.json of the sensors flown")
+    known = parser.add_mutually_exclusive_group(required=True)
+    known.add_argument("--profile", type=Path, metavar="P", help="profile.json of the sensors flown")
+    known.add_argument(
+        "--fleet",
+        type=Path,
+        metavar="FLEET.json",
+        help="in its place, where nobody has characterized these sensors: what others of the type say, as shockrig "
+        "fleet wrote it",
+    )
     parser.add_argument(
         "--out",
         type=Path,
@@ -106,6 +114,7 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.analysis.report.corrected_page import FlightGathered, write_corrected_page
     from shockrig.files.disk import real_path
     from shockrig.files.errors import InputError
+    from shockrig.files.fleet import read_fleet
     from shockrig.files.flight_figure import changes_of
     from shockrig.files.numbers import plain
     from shockrig.files.profile import read_profile
@@ -125,7 +134,9 @@ def main(args: argparse.Namespace) -> int:
             raise InputError(f"--{option.replace('_', '-')} {value:g}: expected a positive number")
     if args.lag_s is not None and args.method != "causal":
         raise InputError(f"--lag-s {args.lag_s:g}: only --method causal waits; the smoother has the whole flight")
-    profile = read_profile(args.profile)
+    profile = read_fleet(args.fleet).typical() if args.profile is None else read_profile(args.profile)
+    known: Path = args.fleet or args.profile
+    option = "--profile" if args.fleet is None else "--fleet"
     doubted = profile_doubts(profile)
     for note in doubted:
         print(f"note: {note}", file=sys.stderr)
@@ -154,7 +165,7 @@ def main(args: argparse.Namespace) -> int:
                 temperature_noise_k=args.temperature_noise_k,
                 humidity_noise_percent=args.humidity_noise_percent,
                 lag_s=args.lag_s,
-                history=f"shockrig correct --method {args.method} --profile {args.profile.name}",
+                history=f"shockrig correct --method {args.method} {option} {known.name}",
                 progress=CountedRows(about_rows(source)),
                 gather=gather,
             )
@@ -178,7 +189,7 @@ def main(args: argparse.Namespace) -> int:
             done.notes,
             {
                 "log": str(args.flight),
-                "profile": str(args.profile),
+                "profile": str(known),
                 "method": args.method,
                 "software": f"shockrig {software_version()}",
                 "made_at": datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z"),
@@ -207,13 +218,14 @@ def main(args: argparse.Namespace) -> int:
     return 0
 
 
-def offered(notes: Sequence[str], log: Path, profile: Path) -> tuple[str, ...]:
+def offered(notes: Sequence[str], log: Path, profile: Path | None) -> tuple[str, ...]:
     """What says more of a flight whose ascent and descent disagree once corrected, in a sentence; else nothing."""
     from shockrig.analysis.flight.comparisons import DISAGREE
 
     if not any(DISAGREE in note for note in notes):
         return ()
-    return (f"shockrig learn {log} --profile {profile} --out learned says what the sensor lacks in the air",)
+    given = "" if profile is None else f" --profile {profile}"
+    return (f"shockrig learn {log}{given} --out learned says what the sensor lacks in the air",)
 
 
 def about_rows(log: Path) -> int:

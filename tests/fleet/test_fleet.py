@@ -27,7 +27,7 @@ from shockrig.analysis.report.fleet_page import cause_sentence, write_fleet_page
 from shockrig.files.causes import StatedEffect, Uncertain
 from shockrig.files.errors import InputError
 from shockrig.files.fleet import fleet_document, read_fleet
-from shockrig.files.profile import read_profile
+from shockrig.files.profile import read_profile, write_profile
 from shockrig.protocols import fleet_map
 from shockrig.protocols.cli import main
 from shockrig.protocols.made_before import made_from
@@ -458,6 +458,13 @@ def test_two_time_constants_are_one_solution_whichever_is_called_the_body(logger
             assert abs(t63.value - brentq(left, 0.0, 100.0)) < 3.5 * t63.standard_uncertainty
         assert figure.t63_s.standard_uncertainty <= 1.001 * figure.own_t63_s.standard_uncertainty
     assert fleet.population.mean[2] == pytest.approx(np.log(20.0), abs=0.1)  # the slower one is the lag
+    # Who has one of the type that nobody has characterized is given the second time constant too.
+    (effect,) = fleet.typical().temperature.effects
+    lag = effect.parameters["time_constant_s"]
+    assert effect.effect == "parallel_lag" and lag.value == pytest.approx(20.0, rel=0.1)
+    assert effect.parameters["fraction"].value == pytest.approx(true[:, 2].mean(), abs=0.05)
+    own = [sensor.channels["temperature"].figures[2].own for sensor in fleet.sensors]
+    assert lag.standard_uncertainty > np.std([one.value for one in own], ddof=1)
 
 
 def test_diagnoses_beside_the_campaigns_are_read(loggers):
@@ -584,6 +591,23 @@ def test_four_shocks_and_a_fleet_say_what_a_campaign_does(bench, type_fleet, tmp
         product = row.response_time_s.t63_s * row.diffusivity_m2_s  # of the plain film one number
         assert product == pytest.approx(rows[0].response_time_s.t63_s * rows[0].diffusivity_m2_s, rel=1e-3)
     assert "With the fleet" in (tmp_path / "report.html").read_text()
+
+
+def test_a_flight_is_corrected_by_what_the_type_says(type_fleet, tmp_path, capsys):
+    type_fleet.write(tmp_path / "fleet.json")
+    write_profile(type_fleet.typical(), tmp_path / "typical.json")
+    log = pd.read_csv(shockrig.example("flight.csv")).iloc[:400]
+    log.to_csv(tmp_path / "flight.csv", index=False)
+    for option, name in (("--fleet", "fleet"), ("--profile", "typical")):
+        files = [option, str(tmp_path / f"{name}.json"), "--out", str(tmp_path / f"{name}.csv"), "--no-report"]
+        assert main(["correct", str(tmp_path / "flight.csv"), *files]) == 0
+    both = [pd.read_csv(tmp_path / f"{name}.csv") for name in ("fleet", "typical")]
+    pd.testing.assert_frame_equal(*both, rtol=1e-6)
+    corrected = both[0].filter(like="corrected")
+    assert corrected.shape[1] and not np.allclose(corrected.iloc[:, 0], log["temperature_c"], atol=1e-3)
+    with pytest.raises(SystemExit) as ended:
+        main(["correct", str(tmp_path / "flight.csv"), "--out", str(tmp_path / "none.csv")])
+    assert ended.value.code == 2 and "--profile --fleet" in capsys.readouterr().err
 
 
 def test_a_sensor_that_does_not_belong_is_said_and_left_alone(bench, type_fleet, alone_of):
