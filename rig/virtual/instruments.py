@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Protocol
 
 from shockrig.files.campaign_names import FIRST_PROBE, sensor_and_probe
+from shockrig.rig.errors import BenchError
 from shockrig.rig.seams import Air, Clock, SetPointsOnly, known
 from shockrig.rig.virtual.chips.grbl import GrblController
 from shockrig.rig.virtual.chips.hyt271 import Hyt271Chip
@@ -20,6 +21,7 @@ from shockrig.rig.virtual.faults import Fault, FaultyI2c, FaultySerial
 from shockrig.rig.virtual.i2c_dev import I2cWire, Wire, plug_in, pull_out
 from shockrig.rig.virtual.serial_line import Device, MemorySerial, PtyDevice
 
+IMET_UNITS = ("imet-xf", "imet-xq2", "imet-xq")
 SECOND_BEAD, SECOND_FILM = "13", "17"  # ids of an XF's lines
 SNAP_S = 0.002  # how long a transfer takes where the truth says that it takes no time
 _numbers = itertools.count(1)
@@ -245,6 +247,9 @@ class VirtualInstruments:
                 settings.baud,
                 slowed=self.world.begin_transfer,
             )
+        if kind not in IMET_UNITS:
+            emulated = ", ".join(("grbl", *IMET_UNITS))
+            raise BenchError(f'{part}: port = "virtual": no {kind} is emulated ({emulated} are); name the port of one')
         world, also = self._of(part), self._through.get(part, {})
         films = {line: self._of(name) for line, name in also.items() if name.startswith("hyt")}
         film = films.get("8") if kind == "imet-xf" else world

@@ -7,6 +7,7 @@ import pytest
 
 from shockrig.rig.bench import virtual_bench
 from shockrig.rig.clock import VirtualClock
+from shockrig.rig.errors import BenchError
 from shockrig.rig.seams import Air, Outcome
 from shockrig.rig.stages.grbl import GrblSettings
 from shockrig.rig.virtual.instruments import VirtualInstruments, WorldChambers
@@ -85,3 +86,10 @@ def test_in_real_time_nobody_looks_at_the_world_while_it_is_moved():
     instruments.chambers(PLAIN).set_airs(Air(20.0, 50.0), Air(30.0, 50.0), None)
     asked = ("begin_transfer", "begin_return", "bead_temperature_c", "set_airs")
     assert world.asked == [(name, True) for name in asked]
+
+
+def test_a_kind_that_nobody_emulates_is_refused_by_its_name():
+    """Another distribution's sensor behind `port = "virtual"`: not the lines of an iMet, which it could not read."""
+    instruments = VirtualInstruments(Recording(), VirtualClock(), 1013.25)
+    with pytest.raises(BenchError, match='imet: port = "virtual": no plain-line is emulated .*imet-xq2'):
+        instruments.serial_opener("imet", "plain-line", None)

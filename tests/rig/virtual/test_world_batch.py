@@ -161,6 +161,10 @@ STRONG = {
 }
 
 
+def test_every_effect_has_a_strength_here():
+    assert set(STRONG) == set(KINDS) - set(BESIDE), "each effect has a line in STRONG"
+
+
 @pytest.mark.parametrize("name", [name for name in KINDS if name not in BESIDE])
 def test_an_effect_acts_in_its_channels_and_in_no_other(simulate, plain, name):
     plan = [*PLAN, DEWY]
