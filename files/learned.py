@@ -76,7 +76,7 @@ class PassesApart:
 
 
 @dataclass(frozen=True)
-class StatedGain:
+class GainOnNextFlight:
     """How far apart the model leaves passes of a next flight, over how far they are as read: 90 % from low to high."""
 
     ratio: float
@@ -129,7 +129,7 @@ class LearnedChannel:
     causes: tuple[StatedLaw, ...] = ()
     refuted: tuple[str, ...] = ()
     passes_disagree: Mapping[str, PassesApart] = field(default_factory=dict)
-    gain: StatedGain | None = None
+    gain: GainOnNextFlight | None = None
 
 
 @dataclass(frozen=True)

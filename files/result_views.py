@@ -10,6 +10,7 @@ import numpy as np
 from shockrig.files.figures import BLUE, INK, ORANGE, literal, notebook_figure, styled
 from shockrig.files.flight import Corrected, Flight
 from shockrig.files.flight_figure import changes_of, channels_of
+from shockrig.files.learned import LearnedFile
 from shockrig.files.numbers import counted, plain
 from shockrig.files.views import card, require_xarray
 
@@ -21,6 +22,17 @@ if TYPE_CHECKING:
 CHANNEL_UNITS = {"temperature": "K", "humidity": "%RH"}
 NOTHING_TIED = "nothing is tied: no run would decide anything"
 PLACES = {"pressure_hpa": "hPa", "altitude_m": "m", "latitude_deg": "degrees_north", "longitude_deg": "degrees_east"}
+LEARNED_COLUMNS = (
+    "channel",
+    "verdict",
+    "law",
+    "would_be",
+    "probability",
+    "parameter",
+    "value",
+    "standard_uncertainty",
+    "unit",
+)
 CAUSE_COLUMNS = (
     "channel",
     "verdict",
@@ -49,6 +61,40 @@ def causes_frame(document: Mapping[str, Any]) -> pd.DataFrame:
         if not found["causes"]:
             rows.append((channel, verdict, "", None, "", None, None, ""))
     return pd.DataFrame(rows, columns=list(CAUSE_COLUMNS)).set_index("channel")
+
+
+def learned_frame(learned: LearnedFile) -> pd.DataFrame:
+    """One row for each number of each law that flights show; of the altitude's clock as well."""
+    import pandas as pd
+
+    position = "named" if learned.position.named else "possible"
+    parts = [(name, one.verdict, one.causes) for name, one in learned.channels.items()]
+    rows = [
+        (name, verdict, law.law, ", ".join(law.would_be), law.probability, key, number.value,
+         number.standard_uncertainty, number.unit)
+        for name, verdict, laws in (*parts, ("altitude", position, learned.position.causes))
+        for law in laws
+        for key, number in law.parameters.items()
+    ]  # fmt: skip
+    return pd.DataFrame(rows, columns=list(LEARNED_COLUMNS)).set_index("channel")
+
+
+def learned_dataset(learned: LearnedFile) -> xr.Dataset:
+    """How far passes of flights that were not fitted disagree: mean, and spread about it (channel, correction)."""
+    xr = require_xarray()
+    names = list(learned.channels)
+    corrections = list(learned.channels[names[0]].passes_disagree)
+    apart = [[learned.channels[name].passes_disagree[key] for key in corrections] for name in names]
+    arrays = {
+        "passes_apart_mean": [[one.mean for one in row] for row in apart],
+        "passes_apart_about_it": [[one.about_it for one in row] for row in apart],
+    }
+    units = ("channel", [CHANNEL_UNITS[name] for name in names])
+    dims = ("channel", "correction")
+    return xr.Dataset(
+        {name: (dims, values) for name, values in arrays.items()},
+        coords={"channel": names, "correction": corrections, "unit": units},
+    )
 
 
 def gain_frame(document: Mapping[str, Any]) -> pd.DataFrame:

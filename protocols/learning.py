@@ -13,11 +13,11 @@ from shockrig.analysis.physics.standard_atmosphere import pressure_altitude_m
 from shockrig.files.errors import InputError
 from shockrig.files.flight import Flight
 from shockrig.files.learned import (
+    GainOnNextFlight,
     LearnedChannel,
     LearnedFile,
     PassesApart,
     StatedFlight,
-    StatedGain,
     StatedLaw,
     StatedModel,
     StatedNumber,
@@ -48,13 +48,18 @@ def named_flights(
         if name in flights:
             raise InputError(f"{path}: named twice; each flight counts once")
         flight, notes = read_log(path, columns, map_path)
-        said += [f"{name}: {note}" for note in notes]
-        if flight.altitude_m is None or not np.isfinite(flight.altitude_m).any():
-            flight = replace(flight, altitude_m=pressure_altitude_m(flight.pressure_hpa))
-            if np.isfinite(flight.pressure_hpa).any():
-                said.append(f"{name}: it has no altitude; that of its pressure in the standard atmosphere is used")
-        flights[name] = flight
+        flights[name], more = with_altitude(flight)
+        said += [f"{name}: {note}" for note in (*notes, *more)]
     return flights, said
+
+
+def with_altitude(flight: Flight) -> tuple[Flight, list[str]]:
+    """A flight with an altitude, by its pressure where the log has none, and a sentence that says so."""
+    if flight.altitude_m is not None and np.isfinite(flight.altitude_m).any():
+        return flight, []
+    said = ["it has no altitude; that of its pressure in the standard atmosphere is used"]
+    flight = replace(flight, altitude_m=pressure_altitude_m(flight.pressure_hpa))
+    return flight, said if np.isfinite(flight.pressure_hpa).any() else []
 
 
 def learned_from(
@@ -105,7 +110,7 @@ def _channel(one: ChannelLearned, learned: FlightsLearned) -> LearnedChannel:
         causes=tuple(_cause(cause) for cause in one.causes),
         refuted=one.refuted,
         passes_disagree={key: PassesApart(apart.mean, apart.spread) for key, apart in off.items()},
-        gain=None if one.gain is None else StatedGain(one.gain.ratio, one.gain.low, one.gain.high),
+        gain=None if one.gain is None else GainOnNextFlight(one.gain.ratio, one.gain.low, one.gain.high),
     )
 
 

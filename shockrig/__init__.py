@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from shockrig.files.profile import Profile, read_profile, write_profile
     from shockrig.flights import read_flight
     from shockrig.logs import import_log
-    from shockrig.notebook import characterize, correct, diagnose, fleet, plan
-    from shockrig.results import Characterized, CorrectedFlight, Diagnosed, Planned
+    from shockrig.notebook import characterize, correct, diagnose, fleet, learn, plan
+    from shockrig.results import Characterized, CorrectedFlight, Diagnosed, LearnedSensor, Planned
 
 __all__ = [
     "Campaign",
@@ -43,6 +43,7 @@ __all__ = [
     "Fleet",
     "Flight",
     "InputError",
+    "LearnedSensor",
     "Planned",
     "Profile",
     "__version__",
@@ -52,6 +53,7 @@ __all__ = [
     "example",
     "fleet",
     "import_log",
+    "learn",
     "plan",
     "read_campaign",
     "read_fleet",
@@ -71,6 +73,7 @@ _HOMES = {
     "Fleet": "files.fleet",
     "Flight": "files.flight",
     "InputError": "files.errors",
+    "LearnedSensor": "results",
     "Planned": "results",
     "Profile": "files.profile",
     "characterize": "notebook",
@@ -79,6 +82,7 @@ _HOMES = {
     "example": "examples",
     "fleet": "notebook",
     "import_log": "logs",
+    "learn": "notebook",
     "plan": "notebook",
     "read_campaign": "campaigns",
     "read_fleet": "files.fleet",

@@ -1,4 +1,4 @@
-"""The functions of `import shockrig` that compute: characterize, diagnose, plan, correct, fleet; of data or paths."""
+"""The functions of `import shockrig` that compute: characterize, diagnose, plan, correct, learn, fleet."""
 
 from __future__ import annotations
 
@@ -29,8 +29,9 @@ from shockrig.files.fleet import Fleet, read_fleet
 from shockrig.files.flight import Flight
 from shockrig.files.profile import Profile, read_profile
 from shockrig.flights import PathLike, with_words
+from shockrig.protocols.flight_clock import on_clock
 from shockrig.remedies import as_python, in_python
-from shockrig.results import Characterized, CorrectedFlight, Diagnosed, Planned
+from shockrig.results import Characterized, CorrectedFlight, Diagnosed, LearnedSensor, Planned
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -255,6 +256,7 @@ def correct(
     columns: Mapping[str, str] | None = None,
     map: PathLike | None = None,
     channels: Channels = None,
+    clock_s: float | None = None,
     **settings: float | None,
 ) -> CorrectedFlight:
     """Correct a flight's temperature and humidity for the lag of the sensors that flew.
@@ -278,6 +280,8 @@ def correct(
         A map (shock-map/1) by which any text log is read, or the name of one that ships.
     channels : {"temperature", "humidity"} or several of them, optional
         What to correct; all that the profile has where it is left out.
+    clock_s : float, optional
+        Seconds by which the position's times are behind the readings', as `learn` finds them.
     **settings
         `cutoff_hz` of the inverses' low-pass; `temperature_noise_k`, `humidity_noise_percent` where they differ from
         the profile's.
@@ -318,12 +322,75 @@ def correct(
     with as_python():
         sensors = of_profile(profile if isinstance(profile, Profile) else read_profile(profile), channels)
         rows, said = with_words(flight, columns, map)
+        rows = rows if clock_s is None else on_clock(rows, clock_s)
         found = _correct(rows, sensors, method, **settings)
     notes = [*said, *(in_python(note) for note in found.notes)]
     for name, values in (("temperature", rows.temperature_c), ("humidity", rows.humidity_percent)):
         if getattr(sensors, name) is not None and not np.isfinite(values).any():
             notes.append(f"{name}: no column of it recognised; if there is one, columns={{{name!r}: ...}}")
     return CorrectedFlight(rows, replace(found, notes=tuple(notes)), sensors)
+
+
+def learn(
+    flights: pd.DataFrame | Flight | PathLike | Sequence[pd.DataFrame | Flight | PathLike],
+    *,
+    profile: Profile | Characterized | PathLike | None = None,
+    columns: Mapping[str, str] | None = None,
+    map: PathLike | None = None,
+    progress: Progress | None = None,
+) -> LearnedSensor:
+    """Say from flights of one sensor, up and down through the same air, what it lacks: lags, clock, what is open.
+
+    Parameters
+    ----------
+    flights : DataFrame, Flight or path, or several of them
+        Whole flights, each with altitude or pressure, as `read_flight` reads them.
+    profile : Profile, Characterized or path, optional
+        A bench's: what is known before the flights.
+    columns, map
+        As in `correct`, for all flights.
+    progress : function of a sentence, optional
+
+    Returns
+    -------
+    LearnedSensor
+
+    Raises
+    ------
+    InputError
+        A log cannot be read, or no flight passes the same air twice.
+
+    Examples
+    --------
+    From one flight and no bench; whether a correction helps takes a second flight to see.
+
+    >>> import shockrig
+    >>> found = shockrig.learn(shockrig.example("flight.csv"))
+    >>> "time_constant_s" in set(found.to_frame().loc[["temperature"], "parameter"])
+    True
+    >>> after = found.correct(shockrig.example("flight.csv"))
+    """
+    from shockrig.analysis.learn.profile import learned_profile
+    from shockrig.protocols.learning import learned_file, learned_from, with_altitude
+
+    given = list(flights) if isinstance(flights, Sequence) and not isinstance(flights, str) else [flights]
+    provenance = {"software": f"shockrig {_version()}"}
+    with as_python():
+        if isinstance(profile, Characterized):
+            profile = profile.profile
+        bench = profile if profile is None or isinstance(profile, Profile) else read_profile(profile)
+        read: dict[str, Flight] = {}
+        said: list[str] = []
+        for i, one in enumerate(given):
+            name = Path(one).name if isinstance(one, str | os.PathLike) else f"flight {i + 1}"
+            name = name if name not in read else f"{name} ({i + 1})"
+            rows, words = with_words(one, columns, map)
+            read[name], more = with_altitude(rows)
+            said += [f"{name}: {note}" for note in (*words, *more)]
+        result = learned_from(read, bench, progress or (lambda text: None))
+    said += [f"{name} left out: {why}" for name, why in result.left_out.items()]
+    document = learned_file(result, read, provenance)
+    return LearnedSensor(learned_profile(result, provenance, bench), document, result, tuple(said))
 
 
 def fleet(

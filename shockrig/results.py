@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from shockrig.analysis.characterize.result import Characterization
@@ -14,12 +15,13 @@ from shockrig.analysis.fleet.prior import WithFleet
 from shockrig.analysis.report.characterize_page import hint
 from shockrig.files import result_views as views
 from shockrig.files.campaign import Campaign
+from shockrig.files.errors import InputError
 from shockrig.files.flight import Corrected, Flight
 from shockrig.files.flight_figure import Against, plot_flight
 from shockrig.files.headline import headlines
 from shockrig.files.numbers import counted
 from shockrig.files.profile import Profile, write_profile
-from shockrig.files.views import profile_card
+from shockrig.files.views import card, profile_card
 from shockrig.remedies import in_python
 
 PathLike = str | os.PathLike[str]
@@ -29,9 +31,11 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
+    from shockrig.analysis.learn.learn import FlightsLearned
     from shockrig.campaigns import Progress
     from shockrig.channels import Channels
     from shockrig.files.fleet import Fleet
+    from shockrig.files.learned import LearnedFile
 
 
 @dataclass(frozen=True, repr=False)
@@ -223,6 +227,76 @@ class Planned:
     def _repr_html_(self) -> str:
         stands = [(f"{self.status}", self.reason)] if self.status else []
         return views.plan_card(self.runs, self.advice, stands)
+
+
+@dataclass(frozen=True, repr=False)
+class LearnedSensor:
+    """What `learn` found.
+
+    Attributes
+    ----------
+    profile : Profile, optional
+        What flights show of the lags, for `correct`; None where no lag that they show brings their passes together.
+    document : LearnedFile
+        The content of learned.json.
+    result : FlightsLearned
+        All of it: fits, flights as they were used, how far their passes disagree.
+    notes : tuple of str
+        What was read as what, and which flights were left out and why.
+    """
+
+    profile: Profile | None
+    document: LearnedFile
+    result: FlightsLearned
+    notes: tuple[str, ...] = ()
+
+    @property
+    def verdicts(self) -> dict[str, str]:
+        """A sentence on each channel."""
+        from shockrig.protocols.learning import sentence
+
+        return {name: sentence(one).removeprefix(f"{name}: ") for name, one in self.result.channels.items()}
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row for each number of each law that may act."""
+        return views.learned_frame(self.document)
+
+    def to_xarray(self) -> xr.Dataset:
+        """How far passes disagree as read, with one lag and with the likeliest model, as labelled arrays."""
+        return views.learned_dataset(self.document)
+
+    def plot(self) -> Figure:
+        """The later pass less the earlier one over altitude, as read and corrected by fits without the flight."""
+        from shockrig.analysis.report.learned_page import plot_learned
+
+        return plot_learned(self.result)
+
+    def correct(self, flight: pd.DataFrame | Flight | PathLike, **settings: Any) -> CorrectedFlight:
+        """A flight of this sensor corrected: `shockrig.correct` with this profile and the same settings.
+
+        Raises
+        ------
+        InputError
+            The flights showed no lag to correct for.
+        """
+        from shockrig.notebook import correct
+
+        if self.profile is None:
+            raise InputError("these flights show no lag that brings their passes together: nothing to correct with")
+        return correct(flight, self.profile, **settings)
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write learned.json to a file, whole or not at all; `profile` is written by `shockrig.write_profile`."""
+        from shockrig.files.learned import write_learned
+
+        write_learned(self.document, Path(path))
+
+    def __repr__(self) -> str:
+        return f"<LearnedSensor: {'; '.join(f'{name} {said}' for name, said in self.verdicts.items())}>"
+
+    def _repr_html_(self) -> str:
+        facts = [*self.verdicts.items(), *(("note", note) for note in self.notes)]
+        return card(f"Learned from {counted(len(self.result.bins), 'flight')}", facts, self.to_frame())
 
 
 @dataclass(frozen=True, repr=False)

@@ -17,6 +17,7 @@ from shockrig.analysis.learn.passes import Disagreement
 from shockrig.analysis.report.diagnosis_words import listed
 from shockrig.analysis.report.html import Block, Cell, Details, Figure, HtmlPage, KeyNumber, Section, Table, Text
 from shockrig.analysis.report.style import BLUE, GREY, ORANGE, literal, styled
+from shockrig.files.figures import notebook_figure
 from shockrig.files.numbers import between, counted, measured, plain
 
 if TYPE_CHECKING:
@@ -320,6 +321,22 @@ def _draw(channel: str, one: ChannelLearned, flights: Sequence[FlightBins]) -> D
     for row in grid:
         row[0].set_ylabel("altitude, m")
         row[0].legend(loc="best")
+    return figure
+
+
+@styled
+def plot_learned(learned: FlightsLearned) -> Drawing:
+    """The later pass less the earlier one over altitude, as read and corrected, a panel for each channel."""
+    figure = notebook_figure(4.2 * len(learned.channels), 4.0)
+    panels = figure.subplots(1, len(learned.channels), squeeze=False)[0]
+    for axes, (channel, one) in zip(panels, learned.channels.items(), strict=True):
+        for off, colour, label in ((one.read, ORANGE, "as read"), (one.model, BLUE, "corrected")):
+            for i, flight in enumerate(dict.fromkeys(off.flight)):
+                axes.plot(*_curve(off, flight), color=colour, lw=0.9, label=None if i else label)
+        axes.axvline(0.0, color=GREY, lw=0.6)
+        axes.set_xlabel(f"{channel}: later − earlier pass, {UNITS[channel]}")
+        axes.set_ylabel("altitude, m")
+        axes.legend(loc="best")
     return figure
 
 

@@ -61,6 +61,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--lag-s", type=float, metavar="S", help="of causal: how long each row waits for those after it (default 0)"
     )
     parser.add_argument(
+        "--clock-s",
+        type=float,
+        metavar="S",
+        help="seconds by which the position's times are behind the readings' (shockrig learn finds them)",
+    )
+    parser.add_argument(
         "--column",
         action="append",
         default=[],
@@ -118,6 +124,7 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.files.flight_figure import changes_of
     from shockrig.files.numbers import plain
     from shockrig.files.profile import read_profile
+    from shockrig.protocols.flight_clock import clocked_csv
     from shockrig.protocols.flight_logs import to_csv
     from shockrig.protocols.folder import software_version
     from shockrig.protocols.time_left import CountedRows
@@ -152,20 +159,27 @@ def main(args: argparse.Namespace) -> int:
             source = args.flight
         elif real_path(args.out) == real_path(args.flight):
             raise InputError(f"{args.out}: the log itself; name another file for the corrected flight")
+        chosen = columns if read is None else None
+        if args.clock_s is not None:
+            clocked = Path(folder) / "clocked" / args.flight.name
+            clocked.parent.mkdir()
+            clocked_csv(source, clocked, chosen, args.clock_s)
+            source = clocked
         try:
             if wmo is not None:
-                demand_position(source, columns if source is args.flight else None)
+                demand_position(source, chosen)
             done = correct_file(
                 source,
                 profile,
                 Path(folder) / "corrected.csv" if wmo or as_figure else args.out,
                 args.method,
-                columns=columns if source is args.flight else None,
+                columns=chosen,
                 cutoff_hz=args.cutoff_hz,
                 temperature_noise_k=args.temperature_noise_k,
                 humidity_noise_percent=args.humidity_noise_percent,
                 lag_s=args.lag_s,
-                history=f"shockrig correct --method {args.method} {option} {known.name}",
+                history=f"shockrig correct --method {args.method} {option} {known.name}"
+                + ("" if args.clock_s is None else f" --clock-s {args.clock_s:g}"),
                 progress=CountedRows(about_rows(source)),
                 gather=gather,
             )

@@ -71,7 +71,7 @@ def main(args: argparse.Namespace) -> int:
             f"{shift.value:.3g} ± {shift.standard_uncertainty:.2g} s (probability {cause.probability:.2f})"
         )
         if learned.position_named:
-            print(f"  take {shift.value:.3g} s off the position's times before shockrig correct")
+            print(f"  shockrig correct --clock-s {shift.value:.3g} takes it off")
     for name, why in learned.left_out.items():
         print(f"left out: {name}: {why}")
     print(f"report: {args.out / 'learned.html'}")

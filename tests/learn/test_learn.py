@@ -7,10 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from benchmark_scripts import benchmark
 from scipy.signal import lfilter
 
+import shockrig
 from shockrig.analysis.flight.comparisons import PARTED
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.learn.bins import SUB_SAMPLES, binned, passes, why_nothing
@@ -229,3 +231,59 @@ def test_worlds_lag_by_their_own_equation():
     kept = np.exp(-WORLDS.STEP_S / 3.0)
     expected = lfilter([1.0 - kept], [1.0, -kept], air, zi=[kept * air[0]])[0]
     np.testing.assert_allclose(WORLDS.lagged(air, 3.0), expected, rtol=1e-12)
+
+
+def test_learn_in_python_has_a_result_like_the_others():
+    """A DataFrame of a log without altitude but with pressure: tables, arrays, a figure, a card; the sensors corrected;
+    a sentence on the altitude; and a log of one way alone refused."""
+    log = shockrig.read_flight(EXAMPLES / "flight.csv")
+    frame = pd.DataFrame(
+        {"time_s": log.time_s, "temperature_c": log.temperature_c, "pressure_hpa": pressure_hpa(log.altitude_m)}
+    )
+    found = shockrig.learn(frame)
+    assert any("standard atmosphere" in note for note in found.notes)
+    lags = found.to_frame().loc[["temperature"]].query("parameter == 'time_constant_s'")
+    assert set(lags.unit) == {"s"} and (lags.standard_uncertainty > 0).all()
+    assert "lag" in found.verdicts["temperature"] and found.verdicts["temperature"] in repr(found)
+    apart = found.to_xarray()
+    read = apart.passes_apart_mean.sel(channel="temperature", correction="as_read")
+    assert float(read) == pytest.approx(found.result.channels["temperature"].read.mean)
+    assert len(found.plot().axes) == 1
+    assert "standard atmosphere" in found._repr_html_()
+    after = found.correct(frame).result.temperature_c
+    truth = np.genfromtxt(EXAMPLES / "truth.csv", delimiter=",", skip_header=1, usecols=1)
+    assert np.sqrt(np.nanmean((after - truth) ** 2)) < np.sqrt(np.nanmean((log.temperature_c - truth) ** 2))
+    with pytest.raises(shockrig.InputError, match="come down again"):
+        shockrig.learn(frame[: len(frame) // 4])
+
+
+def pressure_hpa(altitude_m):
+    """The standard atmosphere below 11 km (ICAO 7488)."""
+    return 1013.25 * (1.0 - 0.0065 * altitude_m / 288.15) ** 5.25588
+
+
+def test_a_clock_is_taken_off_by_correct(tmp_path, capsys):
+    """A position logged 18 s late: `--clock-s 18` gives the file that a right clock gives, other columns as they came;
+    so does Python. A clock of hours, and a log without a position, are refused."""
+    late = WORLDS.mission(5, WORLDS.Truth(clock_s=18.0), flights=1)[0]
+    right = replace(late, altitude_m=np.interp(late.time_s + 18.0, late.time_s, late.altitude_m, right=np.nan))
+    path = WORLDS.write(late, tmp_path / "late.csv")
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([f"{lines[0]},note", *(f'{line},"a, b"' for line in lines[1:])]) + "\n")
+    out, profile = tmp_path / "out.csv", str(EXAMPLES / "profile.json")
+    command = ["correct", str(path), "--profile", profile, "--out", str(out), "--no-report", "--clock-s"]
+    assert main([*command, "18"]) == 0
+    table = pd.read_csv(out)
+    np.testing.assert_allclose(table.altitude_m, right.altitude_m, atol=1e-3)
+    assert set(table.note) == {"a, b"}
+    np.testing.assert_allclose(table.temperature_c, late.temperature_c, atol=1e-3)
+    in_python = shockrig.correct(late, profile, clock_s=18.0)
+    np.testing.assert_allclose(in_python.flight.altitude_m, right.altitude_m, atol=1e-9)
+    np.testing.assert_allclose(table.temperature_corrected_c, in_python.result.temperature_c, atol=2e-3)
+    capsys.readouterr()
+    assert main([*command, "7200"]) == 2
+    assert "--clock-s 7200" in capsys.readouterr().err
+    bare = tmp_path / "bare.csv"
+    bare.write_text("time_s,temperature_c\n" + "".join(f"{i},20.0\n" for i in range(40)))
+    assert main(["correct", str(bare), "--profile", profile, "--out", str(out), "--clock-s", "1"]) == 2
+    assert "--column altitude=NAME" in capsys.readouterr().err
