@@ -32,6 +32,7 @@ from shockrig.analysis.estimate.scan import rough_point, rough_rates
 Array = NDArray[np.float64]
 Starts = Sequence[Mapping[str, float]]
 Screened = tuple[Candidate, Starts, float]  # with what the best start promises [nats]
+Beside = tuple[int, str]  # a fit, and a candidate beside it
 Earlier = Mapping[str, Mapping[str, float]]  # effects that an earlier search of the same runs ended with: parameters
 
 # How many candidates are begun, go on, and are fitted to their ends at each step: what a campaign may cost.
@@ -153,6 +154,11 @@ class Race:
         self.priors = {one.effect.id: one.log_prior for one in self.among}
         self.pool: dict[frozenset[str], Rated] = {}
         self.done: dict[tuple[frozenset[str], frozenset[str]], Rated | None] = {}
+        # A candidate's promise and its fits beside a model are the same whatever else is tried there.
+        self.promised: dict[Beside, Screened] = {}
+        self.runners: dict[Beside, list[Rated]] = {}
+        self.at_end: set[Beside] = set()
+        self.nears: dict[int, Rated] = {}  # keeps alive what `Beside` counts by
         self.fits = 0
 
     def rated(self, found: Fit) -> Rated:
@@ -174,6 +180,16 @@ class Race:
 
     def screened(self, near: Rated, among: Sequence[Candidate]) -> list[Screened]:
         """Candidates with their starts and what the best of these promises to first order [nats], best first."""
+        place = id(near.fit)
+        new = [one for one in among if (place, one.effect.id) not in self.promised]
+        for found in self._promises(near, new) if new else ():
+            self.promised[place, found[0].effect.id] = found
+        self.nears[place] = near
+        return sorted(
+            (self.promised[place, one.effect.id] for one in among), key=lambda item: -(item[2] + item[0].log_prior)
+        )
+
+    def _promises(self, near: Rated, among: Sequence[Candidate]) -> list[Screened]:
         found, channel = near.fit, self.problem.channel
         base = found.model.predict(found.point)[0]
         columns, owners = [], []
@@ -189,8 +205,6 @@ class Race:
                 owners.append((one, start))
             predicted = model.predict(Point(np.stack(thetas), found.deviations)) - base
             columns.append(self.problem.whiten(np.moveaxis(predicted, 0, -1)))
-        if not columns:
-            return []
         right, size = self._first_order(near, np.concatenate(columns, axis=-1))
         gains = np.where(size > 1e-9, 0.5 * right**2 / np.maximum(size, 1e-12), 0.0)
         by: dict[str, list[tuple[float, Mapping[str, float]]]] = {}
@@ -200,7 +214,7 @@ class Race:
         for one in among:
             pairs = sorted(by[one.effect.id], key=lambda pair: -pair[0])
             out.append((one, [start for _, start in pairs], pairs[0][0]))
-        return sorted(out, key=lambda item: -(item[2] + item[0].log_prior))
+        return out
 
     def _first_order(self, near: Rated, columns: Array) -> tuple[Array, Array]:
         """Scores of columns and their variances, beside the model's parameters, discrepancy and random effects."""
@@ -280,27 +294,41 @@ class Race:
         return min(ends, key=lambda r: r.fit.deviance)
 
     def forward(self, near: Rated, among: Sequence[Candidate], barred: frozenset[str] = frozenset()) -> Rated | None:
-        """The best sound model with one candidate more, whether or not it is better than `near`; None without any."""
+        """The best sound model with one candidate more, whether or not it is better than `near`; None without any, or
+        where the search is at its end."""
         open_to = [c for c in among if c.effect.id not in barred and c.fits(near.fit.structure)]
         key = (near.ids, frozenset(c.effect.id for c in open_to))
-        if key in self.done:
-            return self.done[key]
+        if key in self.done or self.ended or not open_to:
+            return self.done.get(key)
         far = near.score.discrepancy > FAR_DISCREPANCY or plainly_wrong(self.problem, near.fit)
-        runners = [
-            self._begun(near, one, starts, far) for one, starts in self._entered(self.screened(near, open_to), far)
-        ]
+        entered = self._entered(self.screened(near, open_to), far)
+        runners = [(id(near.fit), one.effect.id) for one, _ in entered]
+        for place, (one, starts) in zip(runners, entered, strict=True):
+            if place not in self.runners:
+                self.runners[place] = self._begun(near, one, starts, far)
         for left in range(3 if far else 2, 0, -1):
-            runners.sort(key=lambda own: -own[0].value)
-            follow = runners[: RUNNING_COUNT + 2 * (left - 1)]
-            runners = [
-                sorted([self._further(b, FURTHER_STEPS) for b in own[:left]], key=lambda r: -r.value) for own in follow
-            ]
-        runners.sort(key=lambda own: -own[0].value)
-        ends = [self.finished(own[0]) for own in runners[:FINISHED_COUNT]]
-        ends += [own[0] for own in runners[FINISHED_COUNT:] if own[0].fit.converged]
+            runners = self._ordered(runners)[: RUNNING_COUNT + 2 * (left - 1)]
+            for place in runners:
+                further = [self._further(begun, FURTHER_STEPS) for begun in self.runners[place][:left]]
+                self.runners[place] = sorted(further, key=lambda r: -r.value)
+        runners = self._ordered(runners)
+        for place in runners[:FINISHED_COUNT]:
+            if place not in self.at_end:
+                self.runners[place] = [self.finished(self.runners[place][0])]
+                self.at_end.add(place)
+        ends = [self.runners[place][0] for place in runners]
+        ends = [one for one, place in zip(ends, runners, strict=True) if place in self.at_end or one.fit.converged]
         ends = [self.keep(one) for one in ends if sound(one.fit, one.ids - self.fixed)]
         self.done[key] = max(ends, key=lambda r: r.value) if ends else None
         return self.done[key]
+
+    def _ordered(self, runners: Sequence[Beside]) -> list[Beside]:
+        return sorted(runners, key=lambda place: -self.runners[place][0].value)
+
+    def with_form(self, near: Rated, forms: Sequence[Candidate]) -> Rated:
+        """The better of a model and the best sound one with a form more."""
+        found = self.forward(near, forms)
+        return near if found is None else max(near, found, key=_value)
 
     def without(self, current: Rated, effect: str) -> Rated:
         """A model with one of its effects taken away."""
@@ -322,7 +350,7 @@ class Race:
 
     def grown(self, current: Rated, among: Sequence[Candidate]) -> Rated:
         """A model with all that gains on unseen runs, one after another."""
-        while len(current.ids - self.fixed) < MOST_EFFECTS and not self.ended:
+        while len(current.ids - self.fixed) < MOST_EFFECTS:
             found = self.forward(current, among)
             if found is None or found.value <= current.value:
                 break
@@ -332,7 +360,7 @@ class Race:
     def exchanged(self, current: Rated, among: Sequence[Candidate]) -> Rated:
         """A model with each of its effects tried against the others in its place, until none is better there."""
         done: set[frozenset[str]] = set()
-        while current.ids not in done and not self.ended:
+        while current.ids not in done:
             done.add(current.ids)
             best = current
             for effect in sorted(current.ids - self.fixed):
@@ -408,20 +436,17 @@ def search(
     named = race.grown(plain, entries)
     if earlier:
         named = max(named, race.grown(_resumed(race, plain, earlier), entries), key=_value)
-    if named.score.discrepancy <= FAR_DISCREPANCY or not forms:
+    # What takes several effects may be the law of a single one that nobody listed.
+    best = max(race.with_form(plain, forms), race.with_form(named, forms), key=_value)
+    if best.value <= named.value and (named.score.discrepancy <= FAR_DISCREPANCY or not forms):
         named = race.exchanged(named, entries)
-    if forms:
-        found = [race.forward(named, forms)]
-        if named is not plain:
-            # What takes several effects may be the law of a single one that nobody listed.
-            found.append(race.forward(plain, forms))
-        best = max((one for one in found if one is not None), key=_value, default=named)
-        if best.value > named.value:
-            grown = race.grown(race.pruned(race.simplest(best)), among)
-            race.exchanged(race.simplest(grown), among)
-        else:
-            for effect in sorted(named.ids - race.fixed) if not race.ended else ():
-                race.forward(race.without(named, effect), forms)
+        best = race.with_form(named, forms)
+    if best.value > named.value:
+        grown = race.grown(race.pruned(race.simplest(best)), among)
+        race.exchanged(race.simplest(grown), among)
+    else:
+        for effect in sorted(named.ids - race.fixed):
+            race.with_form(race.without(named, effect), forms)
     return _weighed(race, plain)
 
 
