@@ -68,15 +68,17 @@ def _seconds(stamps: pd.Series) -> pd.Series:
 
 def probes(cache: Path, out: Path) -> None:
     """Each probe a run, as if one had been plunged eight times."""
-    logs = []
-    for name in PROBES:
-        path = cache / "QuentinRauschenbach/Temperature_Logger/data/adjusted" / f"time_TSENSOR_{name}.LOG"
-        log = pd.read_csv(path, header=None, names=["stamp", "ms", "id", "value"], comment="#")
-        log["value"] = pd.to_numeric(log["value"], errors="coerce")
-        log = log[pd.to_datetime(log["stamp"]).between(*PLUNGE)].dropna()
-        ms = pd.to_numeric(log["ms"])  # the logger's own clock, finer than its stamps
-        logs.append(pd.DataFrame({"time_s": (ms - ms.iloc[0]) / 1000.0, COLUMN[T]: log["value"]}))
-    _written(out, T, logs)
+    _written(out, T, [probe_log(cache, name) for name in PROBES])
+
+
+def probe_log(cache: Path, name: str) -> Log:
+    """The plunge as one of the eight probes has it."""
+    path = cache / "QuentinRauschenbach/Temperature_Logger/data/adjusted" / f"time_TSENSOR_{name}.LOG"
+    log = pd.read_csv(path, header=None, names=["stamp", "ms", "id", "value"], comment="#")
+    log["value"] = pd.to_numeric(log["value"], errors="coerce")
+    log = log[pd.to_datetime(log["stamp"]).between(*PLUNGE)].dropna()
+    ms = pd.to_numeric(log["ms"])  # the logger's own clock, finer than its stamps
+    return pd.DataFrame({"time_s": (ms - ms.iloc[0]) / 1000.0, COLUMN[T]: log["value"]})
 
 
 def rtd(cache: Path, out: Path) -> None:
