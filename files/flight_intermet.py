@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 ROWS = 400  # that the two clocks' paces are told from
-ALIKE = 0.2  # relative, that they differ by where both are of the readings
+ALIKE_READINGS = 0.2  # relative, that they differ by where both are of the readings
 DAY_S = 86400.0
 
 
@@ -33,7 +33,7 @@ def clock_of(lines: Iterable[str], application: int, own: int, own_date: int | N
     of_sensor = pace([f"{day} {time}".strip() for day, time in zip(date, [row[own] for row in rows], strict=True)])
     if not of_sensor > 0.0:
         return application, None
-    if of_application > 0.0 and abs(np.log(of_application / of_sensor)) < ALIKE:
+    if of_application > 0.0 and abs(np.log(of_application / of_sensor)) < ALIKE_READINGS:
         return application, None
     return own, own_date
 

@@ -9,7 +9,7 @@ from shockrig.files.numbers import measured
 from shockrig.files.profile_data import DiffusivityRow, Profile, ResponseTime
 
 LUMPED = "lumped"
-SAME = 1e-2  # relative, within which a time to 63 % is tau again
+SAME_TIME = 1e-2  # relative, within which a time to 63 % is tau again
 NEAREST_C = 20.0  # of a film's table the row that a headline shows
 
 
@@ -53,7 +53,7 @@ def headlines(profile: Profile) -> list[tuple[str, str]]:
 
 def is_more(times: ResponseTime, tau_s: float | None) -> bool:
     """Whether a time to 63 % says more than the time constant does: of a lumped sensor without effects they are one."""
-    return tau_s is None or abs(times.t63_s / tau_s - 1.0) > SAME
+    return tau_s is None or abs(times.t63_s / tau_s - 1.0) > SAME_TIME
 
 
 def _film(row: DiffusivityRow, length_m: float, lumped: bool) -> list[tuple[str, str]]:

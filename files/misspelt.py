@@ -11,7 +11,7 @@ from shockrig.files.campaign_names import ReferenceResponse
 from shockrig.files.common_uncertainty import INPUTS
 from shockrig.files.spelling import nearest
 
-ALIKE = 0.72  # of difflib's ratio: "airflow" and "airflow_m_s" are, "note" and "name" are not
+ALIKE_KEYS = 0.72  # of difflib's ratio: "airflow" and "airflow_m_s" are, "note" and "name" are not
 
 _AIR = frozenset({"temperature_c", "humidity_percent"})
 RUN_KEYS = {
@@ -41,7 +41,7 @@ def misspelt(content: Mapping[str, object], known: Mapping[str, frozenset[str]],
     names = known.get(path, frozenset())
     for key, value in content.items():
         if names and key not in names:
-            near = nearest(key, names - set(content), ALIKE)
+            near = nearest(key, names - set(content), ALIKE_KEYS)
             if near:
                 yield f"key {path}{key}: is {near} meant?"
         if isinstance(value, Mapping):

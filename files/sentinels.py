@@ -51,7 +51,7 @@ CODES: Mapping[str, Mapping[float, str]] = MappingProxyType(
     | dict.fromkeys(("pressure", "latitude", "longitude"), _ANY | _ZERO)
     | dict.fromkeys(("time", "airspeed", "altitude", "vertical_speed"), _ANY)
 )
-NEAR = 1e-6  # relative, and 1e-4 in the quantity's unit: digits that a column of text has lost
+NEAR_SENTINEL = 1e-6  # relative, and 1e-4 in the quantity's unit: digits that a column of text has lost
 FARTHER = 2.0  # times what nine of ten readings differ from the next by
 LEAST_JUMP = 1.0  # in the quantity's unit
 MEASURED = 1e25  # in whatever unit: nothing that flies measures so much, and sums of squares still hold it
@@ -70,7 +70,7 @@ def coded(quantity: str, values: Array, low: float = -np.inf, high: float = np.i
     lower, upper = near[place - 1], near[place]
     nearest = np.where(np.abs(values - lower) <= np.abs(values - upper), lower, upper)
     with np.errstate(invalid="ignore"):
-        equal = known & (np.abs(values - nearest) <= np.maximum(1e-4, NEAR * np.abs(nearest)))
+        equal = known & (np.abs(values - nearest) <= np.maximum(1e-4, NEAR_SENTINEL * np.abs(nearest)))
     found: dict[float, Mask] = {}
     suspect = {float(code): equal & (nearest == code) for code in np.unique(nearest[equal])}
     others = known & (values >= low) & (values <= high) & ~equal

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 LABELS = {"temperature": "temperature, °C", "humidity": "humidity, %RH"}
 CLOSE_UPS, IN_A_ROW = 12, 4
-POINTS = 4000  # that a line of the whole log is drawn with
+LINE_POINTS = 4000  # that a line of the whole log is drawn with
 
 
 @styled
@@ -98,7 +98,7 @@ def _draw_whole(axes: Axes, sensors: SensorLog, key: str) -> None:
 
 def _envelope(time_s: Array, value: Array) -> tuple[Array, Array]:
     """Least and greatest of every stretch: a spike of one reading is still there."""
-    group = int(np.ceil(time_s.size / (POINTS / 2)))
+    group = int(np.ceil(time_s.size / (LINE_POINTS / 2)))
     if group <= 2:
         return time_s, value
     whole = time_s.size // group * group

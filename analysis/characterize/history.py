@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 FALSE_ALARMS = 0.001
 FIGURES_CHARTED = 4  # that are looked at together: alpha, D(20 degC), D over all ambients, t63
 CHART_SIGMAS = 3.0  # standard uncertainties of a control chart's limits (Shewhart)
-LEAST_DEGREES = 4.0
+LEAST_DEGREES_OF_FREEDOM = 4.0
 ALIKE_P_VALUE = 0.01  # probability below which stated uncertainties are not of one size
 
 
@@ -142,7 +142,7 @@ def _pooled(observations: Sequence[Observation]) -> list[Observation]:
     scatters by (2 nu)^-1/2.
     """
     logs = np.log([max(one.random, 1e-12) for one in observations])
-    degrees = np.array([min(max(one.degrees, LEAST_DEGREES), 1e6) for one in observations])
+    degrees = np.array([min(max(one.degrees, LEAST_DEGREES_OF_FREEDOM), 1e6) for one in observations])
     mean = float((degrees * logs).sum() / degrees.sum())
     apart = float((2.0 * degrees * (logs - mean) ** 2).sum())
     if logs.size < 2 or chdtrc(logs.size - 1, apart) < ALIKE_P_VALUE:
@@ -177,7 +177,7 @@ def _step(logs: Array, covariance: Array, part: Sequence[Observation], place: in
     uncertainty = float(np.sqrt(inverse[1, 1]))
     # Where uncertainties are not of one size, the degrees of freedom of the difference (Welch and Satterthwaite)
     # promise too much, since weights are estimated as well: the fewest of any campaign are taken.
-    nu = max(min(one.degrees for one in part), LEAST_DEGREES)
+    nu = max(min(one.degrees for one in part), LEAST_DEGREES_OF_FREEDOM)
     return step, uncertainty, 2.0 * float(stdtr(min(nu, 1e9), -abs(step) / uncertainty))
 
 

@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 # temperature lags behind the air.
 
 STEP_IN_NOISE = 10.0
-LEAST_ISOTHERMAL = 2
+LEAST_ISOTHERMAL_RUNS = 2
 THERMAL_SHOCK = "thermal shock: the film's own temperature lags; the isothermal shocks of this ambient are used"
 OTHER_KIND = (
     "so much faster or slower than most runs that it ends in another medium, or is of another sensor: make a campaign "
@@ -60,7 +60,7 @@ def choose_runs(
         isothermal = whole.isothermal
         for g in range(whole.ambients_c.size):
             here = keep & (whole.ambient == g)
-            if (here & isothermal).sum() >= LEAST_ISOTHERMAL:
+            if (here & isothermal).sum() >= LEAST_ISOTHERMAL_RUNS:
                 reasons |= dict.fromkeys((int(i) for i in np.flatnonzero(here & ~isothermal)), THERMAL_SHOCK)
             elif (here & ~isothermal).any():
                 alone |= here

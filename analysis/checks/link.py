@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 WINDOW_ROWS = 50
 CLOCK_S = 1e-6  # to which logs write times
-FEWEST = 20  # messages of a window that say anything
+FEWEST_MESSAGES = 20  # messages of a window that say anything
 MOST_ROWS_LATE = 30
 AGREES, DISAGREES = 0.9, 0.5  # shares of a window's messages
 MISSING = 0.01  # share of a window's messages that is a loss
@@ -120,7 +120,7 @@ def _window(
     def finding(fault: str, words: str) -> LinkFinding:
         return LinkFinding(messages.name, fault, start_s, end_s, words)
 
-    if rows < FEWEST:
+    if rows < FEWEST_MESSAGES:
         return []
     if not inside.any():
         return [finding("silent", f"{rows} rows were sent")]
@@ -128,7 +128,7 @@ def _window(
     lost = _lost(messages, start_s, end_s)
     if lost > MISSING:
         found.append(finding("loss", "their numbers have gaps"))
-    if np.count_nonzero(inside) < FEWEST:
+    if np.count_nonzero(inside) < FEWEST_MESSAGES:
         return found
     stamps = messages.stamp_s[inside]
     stamped = stamps[np.isfinite(stamps)]
@@ -155,7 +155,7 @@ def _window(
 def _lost(messages: HeardMessages, start_s: float, end_s: float) -> float:
     """Share of the numbers that are missing."""
     numbers = messages.numbers[(messages.counted_s >= start_s) & (messages.counted_s < end_s)]
-    if numbers.size < FEWEST:
+    if numbers.size < FEWEST_MESSAGES:
         return 0.0
     ahead = np.diff(numbers) % messages.modulus
     return float(np.sum(np.maximum(ahead - 1, 0)) / max(float(np.sum(ahead)), 1.0))
@@ -195,6 +195,6 @@ def _rows_late(
             if messages.half:
                 close = HALF_DIGITS * np.maximum(np.abs(wanted) + KELVIN * slipped, 1.0)
             agrees &= ~(np.abs(got - wanted) > close)  # where there is no value nothing disagrees
-        shares.append(float(np.mean(agrees)) if agrees.size >= FEWEST else 0.0)
+        shares.append(float(np.mean(agrees)) if agrees.size >= FEWEST_MESSAGES else 0.0)
     best = int(np.argmax(shares))
     return best if shares[best] >= AGREES and shares[0] < DISAGREES else 0

@@ -102,8 +102,8 @@ KINKED_DEVIATIONS = (
 LONGEST_MEMORY = 0.995  # from one sample to the next
 LEAST_WHITE = 0.01  # share of the correlated part's variance that is white at the least
 # (ln of total over observed variance, logit of the correlated share, logit of the memory) for a quick look
-QUICK = tuple((x, s, m) for x in (-0.3, 0.0, 0.4) for s, m in ((-5.0, 0.0), (0.0, 2.0)))
-WHITE = np.array([0.0, -30.0, 0.0])  # the same of noise that remembers nothing
+QUICK_LOOK = tuple((x, s, m) for x in (-0.3, 0.0, 0.4) for s, m in ((-5.0, 0.0), (0.0, 2.0)))
+WHITE_NOISE = np.array([0.0, -30.0, 0.0])  # the same of noise that remembers nothing
 
 
 @dataclass(frozen=True)
@@ -380,7 +380,7 @@ class _PlateauNoise:
 
     def promising(self, longest: int) -> set[int]:
         """Averages that a quick look finds worth a full fit, up to a length."""
-        quick = [min(self.deviance(np.array(x), n) for x in QUICK) for n in range(1, longest + 1)]
+        quick = [min(self.deviance(np.array(x), n) for x in QUICK_LOOK) for n in range(1, longest + 1)]
         return {int(n) + 1 for n in np.argsort(quick)[:3]}
 
 
@@ -445,8 +445,8 @@ def estimate_noise(
     if averaged == 1 and not coarse:
         # A memory has to pay for its two parameters (Schwarz 1978, doi 10.1214/aos/1176344136): a few plateaus always
         # show some by chance, and noise that remembers would pass for the slow end of a response.
-        if shown.deviance(WHITE, 1) - shown.deviance(at, 1) < 2.0 * np.log(shown.readings):
-            at = WHITE
+        if shown.deviance(WHITE_NOISE, 1) - shown.deviance(at, 1) < 2.0 * np.log(shown.readings):
+            at = WHITE_NOISE
     white, correlated, memory = shown.parts(at, averaged)
     # A plateau that creeps looks like noise without a white part, and such noise would trust every difference.
     white = max(white, LEAST_WHITE * correlated)

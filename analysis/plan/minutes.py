@@ -24,9 +24,9 @@ Airs = tuple[float, float, float, float]  # source degC and %RH, destination deg
 
 # Between two records, in s: for a stage's way back and a soak's least; for 1 K and 1 %RH of either chamber; for 1 %RH
 # between where the probes were and where they start from. Chambers do 1 to 3 K/min and more %RH.
-USUAL = np.array([SOAK_OVER_S + 5.0, 3.0, 0.3, 0.2])
+USUAL_BETWEEN_RECORDS = np.array([SOAK_OVER_S + 5.0, 3.0, 0.3, 0.2])
 HOW_SURE = 0.7  # of the usual, in pairs of runs
-SLOWEST = USUAL * (1.0, 20.0, 20.0, 1.0)  # chambers that do 1 K/min
+SLOWEST_BETWEEN_RECORDS = USUAL_BETWEEN_RECORDS * (1.0, 20.0, 20.0, 1.0)  # chambers that do 1 K/min
 LONGEST_BETWEEN_S = 3 * 3600.0  # more is a pause, not a move, however slow the bench
 
 
@@ -83,15 +83,15 @@ def learn(campaign: Campaign | None) -> Minutes:
     """The bench's minutes from a campaign's own moves; what is usual where it has none."""
     moves = list({} if campaign is None else _moves(campaign.runs).values())
     if not moves:
-        return Minutes(USUAL, 0)
+        return Minutes(USUAL_BETWEEN_RECORDS, 0)
     # Each coefficient as a multiple of the usual one, drawn towards 1.
-    scaled = np.array([move.features for move in moves]) * USUAL
+    scaled = np.array([move.features for move in moves]) * USUAL_BETWEEN_RECORDS
     # Errors go with the time: a long travel must not drown the rest.
     size = np.maximum([move.between_s for move in moves], 1.0)[:, None]
-    weights = np.full(USUAL.size, HOW_SURE / np.sqrt(USUAL.size))
+    weights = np.full(USUAL_BETWEEN_RECORDS.size, HOW_SURE / np.sqrt(USUAL_BETWEEN_RECORDS.size))
     design = np.vstack([scaled / size, np.diag(weights)])
     found, _ = nnls(design, np.concatenate([np.ones(len(moves)), weights]))
-    return Minutes(found * USUAL, len(moves))
+    return Minutes(found * USUAL_BETWEEN_RECORDS, len(moves))
 
 
 def _moves(runs: Sequence[Run]) -> dict[str, BetweenRuns]:
@@ -110,11 +110,11 @@ def _moves(runs: Sequence[Run]) -> dict[str, BetweenRuns]:
         if before is not None and after is not None and same_session and 0.0 < between_s < LONGEST_BETWEEN_S:
             moves[later.id] = BetweenRuns(before, after, between_s, recorded_s(later))
     # The lower median, with what is usual: of two that differ the longer one is taken for idle until a third comes.
-    common_s = median_low([USUAL[0], *(move.between_s for move in moves.values())])
+    common_s = median_low([USUAL_BETWEEN_RECORDS[0], *(move.between_s for move in moves.values())])
     return {
         id_: move
         for id_, move in moves.items()
-        if move.between_s <= 2.0 * max(common_s, float(move.features @ SLOWEST)) + move.record_s
+        if move.between_s <= 2.0 * max(common_s, float(move.features @ SLOWEST_BETWEEN_RECORDS)) + move.record_s
     }
 
 

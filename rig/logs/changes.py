@@ -19,8 +19,8 @@ from scipy.ndimage import median_filter
 Array = NDArray[np.float64]
 
 WINDOW = 5  # blocks on either side
-SIGMAS = 6.0  # of the noise: over a million readings and all scales less than one false change is expected
-WANDERING = 10.0  # times what three in five departures from the cone at that scale keep below
+CHANGE_SIGMAS = 6.0  # of the noise: over a million readings and all scales less than one false change is expected
+WANDERING_TIMES = 10.0  # times what three in five departures from the cone at that scale keep below
 GOES_ON = 0.1  # of a departure, passed in the window before it, shows that the way had begun
 GRID_AT_MOST = 4_000_000
 PART = 100_000  # edges that are looked at together
@@ -103,8 +103,8 @@ def find_changes(channel: LogPiece) -> tuple[ChangePoint, ...]:
     while blocks.size >= 2 * WINDOW + 1:
         departure, run_up = _departures(blocks)
         score = np.abs(departure)
-        noisy = SIGMAS * channel.noise * np.sqrt(14.0 / (WINDOW * width / period))
-        score /= max(channel.least, noisy, WANDERING * float(np.quantile(score, 0.6)))
+        noisy = CHANGE_SIGMAS * channel.noise * np.sqrt(14.0 / (WINDOW * width / period))
+        score /= max(channel.least, noisy, WANDERING_TIMES * float(np.quantile(score, 0.6)))
         if taken.size:
             high = np.flatnonzero(score >= 1.0)
             score[high[_nearest(edge_s(high, width), taken) < (WINDOW + 1) * width]] = 0.0

@@ -26,7 +26,7 @@ _WORDS = re.compile(
     re.I,
 )
 POSITION = ("altitude", "latitude", "longitude")
-APART = 0.05  # of the time from row to row: stamps that are less off the clock are the clock's
+STAMPS_APART = 0.05  # of the time from row to row: stamps that are less off the clock are the clock's
 REFERENCE_WORDS = ("ctrl", "control", "ref", "standard", "chilled", "mirror")
 
 
@@ -117,7 +117,7 @@ def _times_of_others(clock: TimeColumns, name: str, own: Sequence[str], shared: 
         return False
     rows = [row for row in zip(own, shared, strict=True) if all(map(NUMBER.fullmatch, row))]
     there, time = np.array([[float(cell.replace(",", ".")) for cell in row] for row in rows]).reshape(-1, 2).T
-    return time.size > 1 and bool(np.median(np.abs(there - time)) > APART * np.median(np.abs(np.diff(time))))
+    return time.size > 1 and bool(np.median(np.abs(there - time)) > STAMPS_APART * np.median(np.abs(np.diff(time))))
 
 
 def _position(name: str) -> str | None:

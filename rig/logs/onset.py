@@ -18,8 +18,8 @@ from shockrig.rig.logs.changes import ChangePoint, LogPiece
 Array = NDArray[np.float64]
 
 LINE_READINGS = 10  # that tell how a channel was under way before a change
-POINTS = 120  # of readings, or means of them, that a fit takes
-FEWEST = 8.0  # independent ones that they count for at least
+FITTED_POINTS = 120  # of readings, or means of them, that a fit takes
+FEWEST_INDEPENDENT = 8.0  # independent ones that they count for at least
 STARTS, LAGS = 41, 13
 RATIOS = (0.0, 0.05, 0.15, 0.4, 0.99)  # of the second time constant to the first
 # A body that is warmed from its surface hides the start of it: the core of a sphere shows 1 % of the step only after a
@@ -101,7 +101,7 @@ def fit_onset(channel: LogPiece, change: ChangePoint, since_s: float, until_s: f
 
 
 def _around(channel: LogPiece, change: ChangePoint, since_s: float, reach_s: float) -> tuple[Array, Array]:
-    """Times and readings to fit: as much of them before the change as the rise takes, at most `POINTS`."""
+    """Times and readings to fit: as much of them before the change as the rise takes, at most `FITTED_POINTS`."""
     time_s, value = channel.time_s, channel.value
     lead_s = max(4.0 * change.width_s, reach_s)
     if since_s > time_s[0]:
@@ -148,8 +148,8 @@ def _reached(time_s: Array, value: Array, before: float, after: float, share: fl
 
 
 def _thinned(time_s: Array, value: Array) -> tuple[Array, Array]:
-    """Means of neighbouring readings, so that at most `POINTS` are left."""
-    group = int(np.ceil(time_s.size / POINTS))
+    """Means of neighbouring readings, so that at most `FITTED_POINTS` are left."""
+    group = int(np.ceil(time_s.size / FITTED_POINTS))
     if group <= 1:
         return time_s, value
     whole = time_s.size // group * group
@@ -176,7 +176,7 @@ def _posterior(time_s: Array, value: Array, starts_s: Array, lags_s: Array, nois
     energy = float(residual @ residual)
     together = float(residual[1:] @ residual[:-1]) / energy if energy > 0 else 0.0
     # Residuals that hang together, of noise or of a shape that the lags have not, count for as many fewer readings.
-    effective = max(n * (1.0 - max(together, 0.0)) / (1.0 + max(together, 0.0)), 0.25 * n, FEWEST)
+    effective = max(n * (1.0 - max(together, 0.0)) / (1.0 + max(together, 0.0)), 0.25 * n, FEWEST_INDEPENDENT)
     weight = np.exp(-0.5 * effective * (np.log(left) - np.log(left.min()))).sum(axis=(1, 2))
     weight /= weight.sum()
     mean = float(weight @ starts_s)

@@ -12,7 +12,7 @@ import numpy as np
 
 from shockrig.rig.logs.changes import WINDOW, ChangePoint, LogPiece
 
-NEAR = 8  # readings that tell a level
+LEVEL_READINGS = 8  # readings that tell a level
 STILL_AHEAD = 0.1  # of a temperature's way: humidity that turns before that is carried along
 BACK = 0.3  # of the way out, by which a turn has come back
 
@@ -30,7 +30,7 @@ def on_its_way(channel: LogPiece, since_s: float, now_s: float) -> bool:
     """Whether more than `STILL_AHEAD` of a way begun at `since_s` was ahead at `now_s`: of what the readings then did
     within as long again and four times as long."""
     time_s, value = channel.time_s, channel.value
-    rest, here = value[time_s <= since_s][-NEAR:], value[time_s <= now_s][-3:]
+    rest, here = value[time_s <= since_s][-LEVEL_READINGS:], value[time_s <= now_s][-3:]
     ahead = value[(time_s > now_s) & (time_s <= now_s + 5.0 * (now_s - since_s))]
     if rest.size == 0 or here.size == 0 or ahead.size < 3:
         return False
@@ -43,9 +43,9 @@ def turn_s(channel: LogPiece, temperature: LogPiece, change: ChangePoint, end_s:
     """When a humidity turned that its sensor's temperature, changing with it, carried to one side; None where it did
     not."""
     time_s, value = channel.time_s, channel.value
-    rest = value[time_s <= change.time_s - min(change.width_s, WINDOW * channel.period_s)][-NEAR:]
+    rest = value[time_s <= change.time_s - min(change.width_s, WINDOW * channel.period_s)][-LEVEL_READINGS:]
     inside = (time_s > change.time_s) & (time_s <= end_s)
-    if rest.size == 0 or inside.sum() < 2 * NEAR:
+    if rest.size == 0 or inside.sum() < 2 * LEVEL_READINGS:
         return None
     way = value[inside] - float(np.median(rest))
     for sign in (1.0, -1.0):

@@ -14,7 +14,7 @@ from shockrig.rig.logs.mapping import LogMap
 LEAD_READINGS, LEAD_T63 = 100, 2.0  # what a run has before its step, where the log has it
 LEAD_T63_MEASURED = 6.0  # beside a measured air: the sensor has forgotten what was before that
 TAIL_READINGS, TAIL_T63 = 100, 20.0  # and after it
-SETTLED = 0.05  # of the step may pass in the stretch before it ...
+SETTLED_SHARE = 0.05  # of the step may pass in the stretch before it ...
 FEWEST_LINE = 5  # readings that tell a rate
 FEWEST_SETTLED = 20  # ... which has so many readings at least
 
@@ -76,14 +76,14 @@ def drifts(one: LogStep, sensors: SensorLog, name: str, inside: NDArray[np.bool_
         if quarter < 2:
             continue
         drift = float(np.median(value[-quarter:]) - np.median(value[:quarter]))
-        if abs(drift) > SETTLED * abs(move.size):
+        if abs(drift) > SETTLED_SHARE * abs(move.size):
             found[key] = drift
     return found
 
 
 def on_the_way(sensors: SensorLog, before: LogStep, one: LogStep, name: str) -> bool:
     """Whether all that a sensor showed at the step `before` was still under way at the next one: at the rate of its
-    last readings more than `SETTLED` of it would have followed within its time to 63 %."""
+    last readings more than `SETTLED_SHARE` of it would have followed within its time to 63 %."""
     if before.step.piece != one.step.piece:
         return False
     readings = sensors.readings[name]
@@ -100,7 +100,7 @@ def on_the_way(sensors: SensorLog, before: LogStep, one: LogStep, name: str) -> 
             return before.step.at_s + move.t63_s > until_s
         line, covariance = np.polyfit(moments[there], value[there], 1, cov=True)
         ahead = line[0] * move.t63_s / move.size
-        if ahead < max(SETTLED, 2.0 * np.sqrt(covariance[0, 0]) * move.t63_s / abs(move.size)):
+        if ahead < max(SETTLED_SHARE, 2.0 * np.sqrt(covariance[0, 0]) * move.t63_s / abs(move.size)):
             return False
     return bool(moves)
 

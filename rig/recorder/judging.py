@@ -14,7 +14,7 @@ from shockrig.rig.recorder.run import RunRecord, columns_of, count_outcomes, is_
 from shockrig.rig.seams import Air, Outcome
 
 PLATEAU_S = 5.0  # the last seconds in an air, over which a probe's readings are averaged
-SETTLED = 0.25  # of what is allowed: a probe that moves by more from one such mean to the next is on its way
+SETTLED_SHARE = 0.25  # of what is allowed: a probe that moves by more from one such mean to the next is on its way
 
 
 def judge(record: RunRecord, faults: Faults) -> str | None:
@@ -82,7 +82,7 @@ def _stood(record: RunRecord, sensor: str, name: str, place: str, allowed: float
         if is_good(reading) and name in reading.values and 0.0 <= ago_s < min(2 * PLATEAU_S, until_s - since_s):
             halves[ago_s < PLATEAU_S].append(reading.values[name])
     before, last = (sum(half) / len(half) if half else None for half in halves)
-    if place == "destination" and (last is None or before is None or abs(last - before) > SETTLED * allowed):
+    if place == "destination" and (last is None or before is None or abs(last - before) > SETTLED_SHARE * allowed):
         return None
     return last
 

@@ -37,7 +37,7 @@ from shockrig.analysis.plan.evidence import REJECTED, Dispute, against, student
 from shockrig.analysis.plan.goals import Goals, Precision, parse_goals
 from shockrig.analysis.plan.information import information, nats, separations
 from shockrig.analysis.plan.judged import ChannelLook, Verdict, look_at, spending
-from shockrig.analysis.plan.minutes import USUAL, airs_of, learn, spent_minutes
+from shockrig.analysis.plan.minutes import USUAL_BETWEEN_RECORDS, airs_of, learn, spent_minutes
 from shockrig.analysis.plan.precision import Target, gained_by, measured, targets
 from shockrig.analysis.plan.shock import PlannedShock, Surroundings, Usual, deciding_menu, opening, precision_menu
 from shockrig.analysis.plan.varied import variety
@@ -133,7 +133,7 @@ def test_minutes_are_learnt_from_the_bench_itself(tmp_path):
 
 
 def test_a_bench_of_which_nothing_is_known_is_taken_for_a_usual_one():
-    assert learn(None).moves == 0 and (learn(None).coefficients == USUAL).all()
+    assert learn(None).moves == 0 and (learn(None).coefficients == USUAL_BETWEEN_RECORDS).all()
 
 
 # ---- what a run would tell
