@@ -1,11 +1,12 @@
 """Real flights of one sensor, up and down: what `shockrig learn` says of them, and how far their passes then disagree.
 
-    python benchmarks/learn_real.py CACHE [--out results/learn_real.txt]
+    python benchmarks/learn_real.py CACHE [--clock 18] [--out results/learn_real.txt]
 
 CACHE holds folders of logs that were fetched from public repositories; nothing of them is in this repository. In
 `dives` is what `real_passes.py` takes. Of a mission that judges, no log is read here: of Lake Michigan the first one
 alone is.
 Each flight's passes are corrected by a fit without the flight. Mean and spread are of the later pass less the earlier.
+With `--clock`, the altitudes are made late by so many seconds, and what is called a clock then is told alone.
 Where there are four flights or more, `correct` takes the profile learned from every other one to those between.
 """
 
@@ -21,7 +22,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from real_pass_sets import SEAL, fur_seal
+from real_pass_sets import CORMORANTS, SEAL, SONDE_FOLDERS, SONDES, bouts, fur_seal, sonde
 
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.learn.bins import CHANNELS, binned
@@ -29,7 +30,9 @@ from shockrig.analysis.learn.density import prepared
 from shockrig.analysis.learn.learn import BINS, learn
 from shockrig.analysis.learn.passes import disagreement
 from shockrig.analysis.learn.profile import learned_profile
+from shockrig.files.errors import InputError
 from shockrig.files.flight import Flight
+from shockrig.protocols.flight_clock import on_clock
 from shockrig.protocols.learning import named_flights, sentence
 
 FEWEST = 4  # flights, of which a half is learned from and a half corrected
@@ -45,7 +48,28 @@ SETS: dict[str, Callable[[Path, Path], list[Path]]] = {
         cache / "knmi/20170608.txt", made
     ),
     "A fur seal's dives (scikit-diveMove 1.0.0, its tests' data)": lambda cache, made: dives(cache / "dives", made),
+    "Cormorants' bouts of dives (cpforager 1.3.1, its data)": lambda cache, made: birds(cache / "dives", made),
+    "Dropsondes (pydropsonde 0.4.1, its example data)": lambda cache, made: sondes(cache / "dives", made),
 }
+
+
+def birds(folder: Path, made: Path) -> list[Path]:
+    """Bouts of one bird."""
+    paths = []
+    for log in sorted(folder.glob(CORMORANTS.format(55)))[:1]:
+        for i, frame in enumerate(bouts(log)):
+            paths.append(made / f"bout{i}.csv")
+            frame.to_csv(paths[-1], index=False)
+    return paths
+
+
+def sondes(folder: Path, made: Path) -> list[Path]:
+    """Sondes out of an aircraft: one way down."""
+    paths = []
+    for i, log in enumerate(sorted((folder / SONDES).glob(SONDE_FOLDERS[0]))[:5]):
+        paths.append(made / f"sonde{i}.csv")
+        sonde(log).drop(columns="flies").to_csv(paths[-1], index=False)
+    return paths
 
 
 def balloon(log: Path, made: Path) -> list[Path]:
@@ -69,19 +93,36 @@ def dives(folder: Path, made: Path) -> list[Path]:
     return paths
 
 
-def table(cache: Path, made: Path) -> list[str]:
+def _late(flight: Flight, clock_s: float) -> Flight:
+    """A flight whose altitude is logged late."""
+    assert flight.altitude_m is not None
+    known = np.isfinite(flight.time_s) & np.isfinite(flight.altitude_m)
+    late = np.interp(flight.time_s - clock_s, flight.time_s[known], flight.altitude_m[known])
+    return replace(flight, altitude_m=late)
+
+
+def table(cache: Path, made: Path, clock_s: float, only: str) -> list[str]:
     """Lines for each set that is in the cache."""
     lines = []
     for name, logs in SETS.items():
+        if not name.startswith(only):
+            continue
         paths = logs(cache, made)
         if not paths:
             lines += [f"{name}: not in the cache", ""]
             continue
         began = time.process_time()
-        found = learn(named_flights(paths)[0], progress=lambda said: print(said, file=sys.stderr, flush=True))
+        flights = named_flights(paths)[0]
+        if clock_s:
+            flights = {key: _late(one, clock_s) for key, one in flights.items()}
+        try:
+            found = learn(flights, progress=lambda said: print(said, file=sys.stderr, flush=True))
+        except InputError as error:
+            lines += [f"{name}: refused: {error}"[:400], ""]
+            continue
         spent = time.process_time() - began
         lines += [f"{name}: {len(found.bins)} of {len(paths)} flights, {spent:.0f} s of a core"]
-        for one in found.channels.values():
+        for one in () if clock_s else found.channels.values():
             lines.append(f"  {sentence(one)}")
             for said, off in (("as read", one.read), ("best single lag", one.single), ("likeliest model", one.model)):
                 lines.append(f"    {said:<16} mean {off.mean:+6.2f}   about it {off.spread:5.2f}   rms {off.rms:5.2f}")
@@ -93,6 +134,8 @@ def table(cache: Path, made: Path) -> list[str]:
                 f"(probability {cause.probability:.2f})"
             )
         lines += [f"  {weight:.3f}  {said}" for said, weight in found.weights[:5]]
+        if clock_s:
+            continue
         lines += [*corrected(named_flights([p for p in paths if p.name not in found.left_out])[0]), ""]
     return lines
 
@@ -102,7 +145,8 @@ def corrected(flights: dict[str, Flight]) -> list[str]:
     if len(flights) < FEWEST:
         return []
     names = list(flights)
-    profile = learned_profile(learn({name: flights[name] for name in names[::2]}), {})
+    learned = learn({name: flights[name] for name in names[::2]})
+    profile = learned_profile(learned, {})
     if profile is None:
         return ["  every other flight: no profile"]
     lines = []
@@ -110,8 +154,11 @@ def corrected(flights: dict[str, Flight]) -> list[str]:
         part = getattr(profile, channel)
         rms = []
         for name in names[1::2]:
-            found = correct(flights[name], profile)
-            air = replace(flights[name], temperature_c=found.temperature_c, humidity_percent=found.humidity_percent)
+            log = flights[name]
+            if learned.position_named:  # of this one logger, as a user would
+                log = on_clock(log, learned.position[0].parameters[0].value)
+            found = correct(log, profile)
+            air = replace(log, temperature_c=found.temperature_c, humidity_percent=found.humidity_percent)
             both = [binned(one, name, BINS) for one in (flights[name], air)]
             if all(one.has(channel) for one in both):
                 rms.append([disagreement([prepared(one, channel)], None, channel).rms for one in both])
@@ -131,11 +178,13 @@ def corrected(flights: dict[str, Flight]) -> list[str]:
 def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("cache", type=Path)
+    parser.add_argument("--clock", type=float, default=0.0, metavar="S", help="by which altitudes are made late")
+    parser.add_argument("--only", default="", metavar="NAME", help="sets whose name begins so")
     parser.add_argument("--out", type=Path)
     args = parser.parse_args(argv)
     commit = subprocess.run(["git", "describe", "--always", "--dirty"], capture_output=True, text=True, check=False)
     with tempfile.TemporaryDirectory() as made:
-        text = "\n".join([f"commit {commit.stdout.strip()}", "", *table(args.cache, Path(made))])
+        text = "\n".join([f"commit {commit.stdout.strip()}", "", *table(args.cache, Path(made), args.clock, args.only)])
     print(text)
     if args.out is not None:
         args.out.write_text(text, encoding="utf-8")

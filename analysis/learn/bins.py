@@ -21,6 +21,9 @@ CHANNELS = ("temperature", "humidity")
 SUB_SAMPLES = 4  # of the track in a bin, over which what the air adds is averaged
 GROUND_SHARE = 0.03  # of the range of altitudes: what is nearer to the ground is not flown, satellite heights wander
 PASS_SHARE, LEAST_PASS_M = 0.15, 20.0  # of the range of altitudes that a pass covers at least, and in metres
+# Satellites' altitudes wander by as much, slower than this; a track that goes faster is told from them earlier.
+WANDER_M_S, LEAST_FAST_PASS_M = 0.3, 2.0
+FASTEST_SHARE = 0.1  # of a track's time, by whose speed it counts as fast
 FEWEST_BINS = 24
 OUTLIER_SIGMAS = 6.0  # of the readings around: a reading further from their median is not one
 AROUND = 7  # readings of which that is the median
@@ -109,8 +112,10 @@ def why_nothing(flight: Flight) -> str:
     """Why nothing can be learned of a flight, in a sentence; empty where something may."""
     if flight.altitude_m is None or np.isfinite(flight.altitude_m).sum() < FEWEST_BINS:
         return "it has no altitude, so nobody knows which air was passed twice"
-    known = flight.altitude_m[np.isfinite(flight.altitude_m)]
-    if np.ptp(known) < 2.0 * LEAST_PASS_M:
+    at = np.isfinite(flight.altitude_m) & np.isfinite(flight.time_s)
+    known = flight.altitude_m[at]
+    time_s, first = np.unique(flight.time_s[at], return_index=True)
+    if np.ptp(known) < 2.0 * least_pass_m(*vertical_speed(time_s, known[first])):
         return f"its altitudes are within {np.ptp(known):.0f} m, so no air was passed twice"
     if not any(np.isfinite(x).sum() >= FEWEST_BINS for x in (flight.temperature_c, flight.humidity_percent)):
         return "it has no temperature and no humidity"
@@ -178,13 +183,19 @@ def binned(flight: Flight, name: str, count: int) -> FlightBins:
         climb_m_s=climb,
         airflow_m_s=np.maximum(airflow, LEAST_AIRFLOW_M_S),
         values=values,
-        passes=passes(altitude, middle),
+        passes=passes(altitude, middle, least_pass_m(*vertical_speed(track_s, track_m))),
     )
 
 
-def passes(altitude_m: Array, time_s: Array) -> tuple[Pass, ...]:
+def least_pass_m(time_s: Array, speed_m_s: Array) -> float:
+    """How many metres a pass has at least, by the vertical speeds of a track at times that run forward."""
+    fast = np.interp(np.linspace(time_s[0], time_s[-1], 1000), time_s, np.abs(speed_m_s))
+    return LEAST_FAST_PASS_M if np.quantile(fast, 1.0 - FASTEST_SHARE) > WANDER_M_S else LEAST_PASS_M
+
+
+def passes(altitude_m: Array, time_s: Array, least_m: float = LEAST_PASS_M) -> tuple[Pass, ...]:
     """The ways up and down of a track, between turns that are a share of its range of altitudes apart."""
-    least = max(PASS_SHARE * float(np.ptp(altitude_m)), LEAST_PASS_M)
+    least = max(PASS_SHARE * float(np.ptp(altitude_m)), least_m)
     turns = [0]
     extreme, way = 0, 0  # last extreme, and which way the track goes since
     for i in range(1, altitude_m.size):

@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 
 KNOTS_PER_BIN = 0.5  # of the shared air
 PROFILE_DEGREE = 4  # of a flight's usual temperature over altitude
-LAYER_SHARE, LEAST_LAYER_M = 0.1, 30.0  # of the range of altitudes: how far a change of the air reaches
+LAYER_SHARE = 0.1  # of the range of altitudes: how far a change of the air reaches, and lengths below do at most
 EDDY_M, EDDY_S = 40.0, 60.0  # how far turbulence reaches, and how long it lasts
 AROUND_SHARE, AROUND_M = 0.05, 50.0  # of the range of altitudes, and at least: over which a profile is as steep
 LEAST_STEEPNESS = 0.05  # of the usual, where the readings are as flat as can be
@@ -129,7 +129,7 @@ def prepared(bins: FlightBins, channel: str) -> FlightChannelData:
     altitude, time = bins.altitude_m[rows], bins.time_s[rows]
     low, high = float(bins.within_altitudes.min()), float(bins.within_altitudes.max())
     knots = np.linspace(low, high, max(int(KNOTS_PER_BIN * bins.time_s.size), 8))
-    layer = max(LAYER_SHARE * (high - low), LEAST_LAYER_M)
+    layer = LAYER_SHARE * (high - low)
     since = (time - time[0]) / max(float(np.ptp(time)), 1e-9)
     meanwhile = np.minimum(since[:, None], since[None, :])  # the covariance of what grows as a random walk
     apart_m = np.abs(altitude[:, None] - altitude[None, :])
@@ -139,13 +139,13 @@ def prepared(bins: FlightBins, channel: str) -> FlightChannelData:
         [
             meanwhile,
             meanwhile * near,
-            np.exp(-apart_m / EDDY_M - apart_s / EDDY_S),
+            np.exp(-apart_m / min(EDDY_M, layer) - apart_s / EDDY_S),
         ]
     )
     sizes = 2.0 * np.log(list(USUAL.values()))
     usual = np.r_[sizes, np.zeros(MOVES)]
     spread = np.r_[np.full(sizes.size, SIZE_SPREAD), np.ones(MOVES)]
-    moved_m = float(np.hypot(MOVED_M, MOVED_M_PER_H * bins.minutes / 60.0))
+    moved_m = min(float(np.hypot(MOVED_M, MOVED_M_PER_H * bins.minutes / 60.0)), layer)
     return FlightChannelData(
         bins,
         channel,
@@ -169,7 +169,7 @@ def prepared(bins: FlightBins, channel: str) -> FlightChannelData:
 def _steepness(bins: FlightBins, rows: NDArray[np.int64], value: Array, knots: Array) -> Array:
     """How steep the profile is around each step (k - 1,), squared, over what is usual along the flight."""
     altitude = bins.altitude_m[rows]
-    reach = max(AROUND_SHARE * float(np.ptp(knots)), AROUND_M)
+    reach = max(AROUND_SHARE * float(np.ptp(knots)), min(AROUND_M, LAYER_SHARE * float(np.ptp(knots))))
     squares, weights = np.zeros(knots.size - 1), np.zeros(knots.size - 1)
     middle = 0.5 * (knots[1:] + knots[:-1])
     for one in bins.passes:

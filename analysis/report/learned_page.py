@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.learn.bins import FlightBins
-from shockrig.analysis.learn.density import EDDY_M, EDDY_S, LAYER_SHARE, LEAST_LAYER_M, MOVED_M, MOVED_M_PER_H
+from shockrig.analysis.learn.density import EDDY_M, EDDY_S, LAYER_SHARE, MOVED_M, MOVED_M_PER_H
 from shockrig.analysis.learn.laws import CAUSE_WORDS, LAWS, Law
 from shockrig.analysis.learn.learn import NAMED, POSSIBLE, ChannelLearned, FlightCause, FlightsLearned, LearnedNumber
 from shockrig.analysis.learn.passes import Disagreement
@@ -401,9 +401,9 @@ def _assumed() -> list[Block]:
         "The air is a random function of altitude and time. Passes of one flight share a profile that nobody knows: a "
         "straight line and a random walk along the altitude, whose steps are larger where the readings are steep. What "
         "changed meanwhile has a size that each flight shows for itself: all of the air, growing with the time between "
-        f"passes; layers of {100 * LAYER_SHARE:g} % of the altitudes, at least {LEAST_LAYER_M:g} m; and eddies of "
-        f"about {EDDY_M:g} m that last about {EDDY_S:g} s. Layers also move up and down, usually by {MOVED_M:g} m and "
-        f"{MOVED_M_PER_H:g} m an hour. Air that changed competes with every cause."
+        f"passes; layers of {100 * LAYER_SHARE:g} % of the altitudes; and eddies of about {EDDY_M:g} m that last about "
+        f"{EDDY_S:g} s. Layers also move up and down, usually by {MOVED_M:g} m and {MOVED_M_PER_H:g} m an hour. Where "
+        "few metres are flown, eddies and moves are no larger than layers. Air that changed competes with every cause."
     )
     sensor = (
         "The sensor is the same in all flights, but for a small scatter from flight to flight. It has no offset "

@@ -22,6 +22,7 @@ from shockrig.analysis.learn.laws import LAWS, response
 from shockrig.analysis.learn.learn import learn
 from shockrig.analysis.learn.passes import disagreement
 from shockrig.analysis.learn.profile import learned_profile
+from shockrig.files.flight import Flight
 from shockrig.files.learned import read_learned
 from shockrig.files.profile import read_profile
 from shockrig.protocols.cli import main
@@ -45,6 +46,21 @@ def test_a_track_has_its_passes():
     found = passes(altitude, time)
     assert [np.sign(one.climb_m_s) for one in found] == [1, -1, 1]
     assert [round(altitude[one.last]) for one in found] == [500, 100, 895]
+
+
+def test_shallow_dives_are_passes_and_wandering_altitudes_are_none(flight):
+    """Six metres down and up in half a minute pass the same water twice; in ten minutes, it is what satellites'
+    altitudes wander by."""
+    for seconds, said in ((12.0, ""), (600.0, "no air was passed twice")):
+        time = np.arange(0.0, 4.0 * seconds, 1.0)
+        depth = 3.0 * (1.0 - np.cos(np.pi * time / seconds))
+        dive = flight.at(slice(0, 1))
+        columns = {name: np.full(time.size, getattr(dive, name)[0]) for name in ("temperature_c", "humidity_percent")}
+        none = np.full(time.size, np.nan)
+        dive = Flight(time, *columns.values(), none, none, none, -depth)
+        assert said in why_nothing(dive)
+        if not said:
+            assert len(binned(dive, "dive", 100).passes) == 4
 
 
 def test_a_lag_follows_a_step_as_its_exponential(flight):
