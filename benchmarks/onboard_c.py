@@ -11,6 +11,7 @@ of both gave alone. With --lua NAME an interpreter runs the Lua file on the same
 from __future__ import annotations
 
 import argparse
+import hashlib
 import subprocess
 import sys
 import tempfile
@@ -24,6 +25,7 @@ from flight_worlds import fly
 from resumed import kept, scored
 
 from shockrig.analysis.flight.causal import rows_of
+from shockrig.analysis.flight.causal_design import Design
 from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.onboard.source import c_source, flown, lua_source
@@ -74,27 +76,34 @@ def by_lua(lua: str, folder: Path, flight: Flight) -> np.ndarray:
     return np.genfromtxt(done.stdout.splitlines(), ndmin=2)
 
 
-def score(name: str, seed: int, cc: str, lua: str | None) -> dict:
+def built(design: Design, cc: str, place: Path) -> Path:
+    """The folder of a design's programs in a place; flights of one profile fly the same ones."""
+    texts = c_source(design, "profile", "benchmark") | {"shock_correct.lua": lua_source(design, "p")}
+    folder = place / hashlib.sha256("".join(texts.values()).encode()).hexdigest()[:16]
+    if not folder.exists():
+        folder.mkdir()
+        for file, text in texts.items():
+            (folder / file).write_text(text)
+        build(folder, cc, folder, SANITIZED)
+    return folder
+
+
+def score(name: str, seed: int, cc: str, lua: str | None, place: Path) -> dict:
     """One flight through the programs and the reference."""
     flight, profile = flight_of(name, seed)
     design = flown(profile, typical_period(flight.time_s[np.isfinite(flight.time_s)]))
-    with tempfile.TemporaryDirectory() as made:
-        folder = Path(made)
-        for file, text in (
-            c_source(design, "profile", "benchmark") | {"shock_correct.lua": lua_source(design, "p")}
-        ).items():
-            (folder / file).write_text(text)
-        wanted = reference(design, flight)
-        line = {"kind": name, "seed": seed}
-        found = {"C": run(build(folder, cc, folder, SANITIZED), flight)}
-        if lua is not None:
-            found["Lua"] = by_lua(lua, folder, flight)
-        for what, values in found.items():
-            one = difference(values, wanted)
-            line |= {f"{what} {key}": value for key, value in vars(one).items()}
-            off = np.abs(values[:, :4] - wanted)
-            line[f"{what} rows beyond"] = int(np.sum((off[:, 0] > MOST_K) | (off[:, 2] > MOST_PERCENT)))
-        return line
+    folder = built(design, cc, place)
+    wanted = reference(design, flight)
+    line = {"kind": name, "seed": seed}
+    found = {"C": run(folder / "shock_csv", flight)}
+    if lua is not None:
+        found["Lua"] = by_lua(lua, folder, flight)
+    for what, values in found.items():
+        one = difference(values, wanted)
+        line |= {f"{what} {key}": value for key, value in vars(one).items()}
+        off = np.abs(values[:, :4] - wanted)
+        line[f"{what} rows beyond"] = int(np.sum((off[:, 0] > MOST_K) | (off[:, 2] > MOST_PERCENT)))
+    return line
 
 
 def fuzz(rows: int, cc: str, options: tuple[str, ...]) -> None:
@@ -148,7 +157,9 @@ def main() -> int:
         fuzz(args.fuzz, cc, STRICT if args.plain else SANITIZED)
         return 0
     jobs = [(name, seed) for seed in range(args.first_seed, args.first_seed + args.seeds) for name in args.kinds]
-    table(scored(args.out, jobs, ("kind", "seed"), lambda name, seed: [score(name, seed, cc, args.lua)]))
+    with tempfile.TemporaryDirectory() as made:
+        place = Path(made)
+        table(scored(args.out, jobs, ("kind", "seed"), lambda name, seed: [score(name, seed, cc, args.lua, place)]))
     return 0
 
 

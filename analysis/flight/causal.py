@@ -39,6 +39,7 @@ FAR_C = 25.0  # beyond its table, where humidity is the reading, vapour is recko
 UNREAD_S = 3.0  # without a thermometer for so long, or so many periods if that is longer,
 UNREAD_PERIODS = 5.0  # a hygrometer's reading is none of vapour
 SATURATED_PERCENT = 100.0
+VAPOUR_PER_K = 0.1  # of the vapour, that eddies carry with a kelvin: within a factor of two in most kinds of air
 TEMPERATURE_C = RANGES["temperature_c"]
 NOTHING = Judged(usable=False, missing=True)
 STRAY = Judged(usable=False, implausible=True)
@@ -131,6 +132,8 @@ class CausalChannel:
         unit: float,
         passing: float = 0.0,
         speed: float = 1.0,
+        alike: float = 0.0,
+        strength: float | None = None,
         usable: bool = True,
     ) -> None:
         """Step to a row and take its reading in.
@@ -143,6 +146,8 @@ class CausalChannel:
             Of the filters over the reading's.
         passing : float
             Standard deviation of what passes sensor and air alike, in the filters' unit.
+        alike : float
+            Standard deviation of what goes through readings from row to row as noise would, and is none.
         usable : bool
             Whether a reading can say anything.
         """
@@ -151,13 +156,14 @@ class CausalChannel:
         weight, rate = table[: d.modes], np.exp(table[d.modes : 2 * d.modes])
         offset, gain, told.readout = (float(v) for v in d.readout.at(own_c, seen.airspeed, seen.pressure))
         told.relative = float(np.hypot(table[-1], d.unsure_of_airspeed if seen.unsure else 0.0))
-        shown, open_to = reading, 0.0
+        shown, open_to, bank.unit = reading, 0.0, unit
         if self.started:
-            bank.predict(seen.time_s - self.time_s, weight, rate, passing, speed)
+            step_s = seen.time_s - self.time_s
+            bank.predict(step_s, weight, rate, passing, speed, d.parts(step_s), strength)
             expected, variance = bank.expected()
             shown, open_to = (expected / unit - offset) / gain, float(np.sqrt(variance)) / (gain * unit)
         self.time_s = seen.time_s
-        told.judged = judged = self.guard.judge(reading if usable else np.nan, shown, open_to)
+        told.judged = judged = self.guard.judge(reading if usable else np.nan, shown, open_to, alike)
         if judged.usable or judged.repeated:
             self.read_s = seen.time_s
         if judged.usable:
@@ -330,11 +336,15 @@ class Corrector:
         seen.now_c, seen.sigma_k, seen.back = now_c, float(np.sqrt(now[1])), held / _saturation(now_c)
         bend = abs(now_c - 2.0 * self.last_c + self.before_c) / 2.0
         self.before_c, self.last_c = self.last_c, now_c
-        passing = 0.0
+        passing, alike, strength = 0.0, 0.0, None
+        level = film.bank.expected()[0] if film.started else row.humidity_percent * own / held
+        if self.bead is not None and np.isfinite(level):
+            strength = VAPOUR_PER_K * abs(level) * self.bead.bank.middle
         if not seen.at_die and not self.design.by_activity:
-            level = film.bank.expected()[0] if film.started else row.humidity_percent * own / held
             error = float(np.hypot(seen.sigma_k, bend if np.isfinite(bend) else 0.0))
             passing = abs(level) * _steepness(now_c) * error if np.isfinite(level) else 0.0
+            if self.bead is not None and np.isfinite(level):
+                alike = abs(level) * held / own * _steepness(now_c) * self.bead.bank.wobble(self.design.period_s)
         read_lately = seen.bead.since_read_s <= max(UNREAD_S, UNREAD_PERIODS * self.design.period_s)
         film.take(
             seen.film,
@@ -345,6 +355,8 @@ class Corrector:
             own / held,
             passing,
             1.0 if self.bead is None else self.bead.resolved_rate(),
+            alike,
+            strength,
             read_lately,
         )
 

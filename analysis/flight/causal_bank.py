@@ -1,9 +1,10 @@
-"""The smoother's filter run forward: a few of them side by side, one for each strength of the air's course.
+"""The smoother's filter run forward: a few of them side by side, one for each way that the air may be.
 
 Interacting multiple models (Blom and Bar-Shalom 1988, doi 10.1109/9.1299) on the states of the smoother: level and
 slope, three Ornstein-Uhlenbeck processes (`prior`), the sensor's lags (`stepping`), and what passes sensor and air
-alike (`prior.Passing`). What the smoother judges from the whole flight, the strengths, is here the probability of each
-filter. Past air is kept beside the states, so that an estimate may wait for N more readings (fixed lag).
+alike (`prior.Passing`). What the smoother judges from the whole flight, strengths of turbulence and trend, is here the
+probability of each filter, and a middle strength that follows the likelihood. Past air is kept beside the states, so
+that an estimate may wait for N more readings (fixed lag).
 """
 
 from __future__ import annotations
@@ -12,22 +13,46 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.flight.causal_design import Ladder
-from shockrig.analysis.flight.prior import OU_VARIANCES, RATES_PER_S
+from shockrig.analysis.flight.prior import OU_VARIANCES, RATES_PER_S, UNSEEN_VARIANCE
 from shockrig.analysis.flight.response import hold
 
 Array = NDArray[np.float64]
 WALK_STATES = 2  # level and slope; where the air's course is not smooth the smoother's third state of the trend is zero
 AIR_STATES = WALK_STATES + RATES_PER_S.size
 AIR = np.array([1.0, 0.0] + [1.0] * RATES_PER_S.size)
-STRENGTHS_APART = 3.0  # factor from the middle strength to that of the first two filters
+# The filters: weak and strong turbulence on a trend that hardly bends, a trend that bends, and a door.
+WEAK, STRONG, BENDING, DOOR = range(4)
+FILTER_COUNT = 4
+TURBULENCE = np.array([0.5, 2.0, 1.0])  # times the middle strength; a door has its own
+BENDS = np.array([0.1, 0.1, 8.0, 1.0])  # the trend's bend [unit / s^1.5] over the turbulence [unit]
 STRENGTH_LASTS_S = 60.0  # the air keeps its strength for so long,
-BETWEEN_DOORS_S, DOOR_LASTS_S = 1000.0, 5.0  # and so long lies between two doors, and one lasts
-LEARNING_PER_S = 0.1  # ln by which the middle strength moves where one filter is sure
+BETWEEN_BENDS_S, BEND_LASTS_S = 100.0, 20.0  # so long lies between two bends, and one lasts,
+BETWEEN_DOORS_S, DOOR_LASTS_S = 1000.0, 5.0  # and so of doors
+# ln of the middle strength moves along the likelihood's slope, which leaves it unsure by sqrt(LEARNING / 2)
+LEARNING, MOST_LEARNT = 0.1, 0.5
 LEAST_LIKELY = 1e-6
 LEAST_VARIANCE = 1e-9
 MOST_UNLIKELY = 60.0  # ln
 # The strength is known from a minute alone, to a third or so: errors are wider than each filter says.
 UNSURE_OF_STRENGTH = 1.35  # of the variance
+
+
+def moves(step_s: float) -> Array:
+    """Probabilities (from, to) that the air goes over from one filter to another within a step."""
+    change, bend, bent, door, shut = (
+        1.0 - np.exp(-step_s / time_s)
+        for time_s in (STRENGTH_LASTS_S, BETWEEN_BENDS_S, BEND_LASTS_S, BETWEEN_DOORS_S, DOOR_LASTS_S)
+    )
+    move = np.array(
+        [
+            [0.0, change, bend, door],
+            [change, 0.0, bend, door],
+            [0.5 * bent, 0.5 * bent, 0.0, door],
+            [0.5 * shut, 0.5 * shut, 0.0, 0.0],
+        ]
+    )
+    move[np.diag_indices(FILTER_COUNT)] = 1.0 - move.sum(axis=1)
+    return move
 
 
 class Bank:
@@ -45,9 +70,11 @@ class Bank:
 
     Attributes
     ----------
+    unit : float
+        What the ladder's strengths, and the spread at a start, are in units of the states.
     middle : float
         Strength of the air between those of the first two filters.
-    likely : ndarray (3,)
+    likely : ndarray (FILTER_COUNT,)
         Probabilities of the filters.
     count, first : int
         Numbers of the next air that is kept and of the first one since the start.
@@ -55,7 +82,7 @@ class Bank:
 
     def __init__(self, ladder: Ladder, modes: int, passing: bool, wait: int = 0) -> None:
         self.ladder, self.modes, self.passing, self.wait = ladder, modes, passing, wait
-        self.middle = float(np.sqrt(ladder.lowest * ladder.highest))
+        self.unit = 1.0
         self.size = AIR_STATES + modes + 2 * passing
         self.lags = slice(AIR_STATES, AIR_STATES + modes)
         self.h = np.concatenate([AIR, np.zeros(self.size - AIR_STATES)])
@@ -67,12 +94,12 @@ class Bank:
 
     def start(self, level: float, spread: float, weight: Array, passing_sigma: float = 0.0, speed: float = 1.0) -> None:
         """Air, slope and lags anywhere within `spread` of a reading; turbulence as it is on the long run."""
-        self.middle = float(np.sqrt(self.ladder.lowest * self.ladder.highest))
-        self.likely = np.full(3, 1.0 / 3.0)
-        self.mean = np.zeros((3, self.size))
+        self.middle = float(np.sqrt(self.ladder.lowest * self.ladder.highest)) * self.unit
+        self.likely = np.full(FILTER_COUNT, 1.0 / FILTER_COUNT)
+        self.mean = np.zeros((FILTER_COUNT, self.size))
         self.mean[:, 0] = level
         self.mean[:, self.lags] = level
-        diagonal = np.full((3, self.size), spread**2)
+        diagonal = np.full((FILTER_COUNT, self.size), (spread * self.unit) ** 2)
         diagonal[:, WALK_STATES:AIR_STATES] = self._strengths()[:, None] * OU_VARIANCES
         if self.passing:
             diagonal[:, -1] = passing_sigma**2
@@ -81,18 +108,32 @@ class Bank:
         self.c[self.lags] = weight
         self.count += 1  # nothing that was kept before is told of any more
         self.first = self.count
-        self.past, self.past_p = np.zeros((3, 0)), np.zeros((3, 0))
-        self.past_with = np.zeros((3, 0, self.size))
+        self.past, self.past_p = np.zeros((FILTER_COUNT, 0)), np.zeros((FILTER_COUNT, 0))
+        self.past_with = np.zeros((FILTER_COUNT, 0, self.size))
 
     def predict(
-        self, step_s: float, weight: Array, rate: Array, passing_sigma: float = 0.0, speed: float = 1.0
+        self,
+        step_s: float,
+        weight: Array,
+        rate: Array,
+        passing_sigma: float = 0.0,
+        speed: float = 1.0,
+        parts: int = 1,
+        usual: float | None = None,
     ) -> None:
-        """One step ahead; lags of `rate` (K,) and `weight` (K,) behind the air."""
-        ladder = self.ladder
-        learnt = self.middle * np.exp(LEARNING_PER_S * step_s * (1.0 - 2.0 * self.likely[0]))
-        self.middle = float(min(max(learnt, ladder.lowest), ladder.highest))
+        """Some time ahead, in `parts` steps; lags of `rate` (K,) and `weight` (K,) behind the air, which is straight
+        over each. Where readings say little of the air's strength, it goes to the `usual` one."""
+        if usual is not None:
+            back = 1.0 - np.exp(-step_s / STRENGTH_LASTS_S)
+            self._learn(back * np.log(self._possible(usual) / self.middle))
         self._mix(step_s)
+        for _ in range(parts):
+            self._step(step_s / parts, rate, passing_sigma, speed)
+        self.c[self.lags] = weight
+
+    def _step(self, step_s: float, rate: Array, passing_sigma: float, speed: float) -> None:
         strengths = self._strengths()
+        bends = strengths * BENDS**2
         old, new, decay = hold(rate, np.array(step_s))
         gone = np.exp(-RATES_PER_S * step_s)
         air = self.index[WALK_STATES:AIR_STATES]
@@ -103,15 +144,14 @@ class Bank:
         after = AIR @ phi[:AIR_STATES, :AIR_STATES]
         phi[self.lags, :AIR_STATES] = old[:, None] * AIR + new[:, None] * after
         phi[self.index[self.lags], self.index[self.lags]] = decay
-        q = np.zeros((self.size, self.size))  # at unit strength
-        q[0, 0], q[1, 1], q[0, 1] = step_s**3 / 3, step_s, step_s**2 / 2
-        q[1, 0] = q[0, 1]
-        q[air, air] = OU_VARIANCES * (1.0 - gone**2)
-        to_air = q[:AIR_STATES, :AIR_STATES] @ AIR
-        q[self.lags, :AIR_STATES] = new[:, None] * to_air
-        q[:AIR_STATES, self.lags] = q[self.lags, :AIR_STATES].T
-        q[self.lags, self.lags] = new[:, None] * new * (to_air @ AIR)
-        added = strengths[:, None, None] * q
+        added = np.zeros((FILTER_COUNT, self.size, self.size))
+        added[:, 0, 0], added[:, 1, 1], added[:, 0, 1] = (bends * one for one in (step_s**3 / 3, step_s, step_s**2 / 2))
+        added[:, 1, 0] = added[:, 0, 1]
+        added[:, air, air] = strengths[:, None] * (OU_VARIANCES * (1.0 - gone**2))
+        to_air = added[:, :AIR_STATES, :AIR_STATES] @ AIR
+        added[:, self.lags, :AIR_STATES] = new[:, None] * to_air[:, None]
+        added[:, :AIR_STATES, self.lags] = added[:, self.lags, :AIR_STATES].swapaxes(1, 2)
+        added[:, self.lags, self.lags] = new[:, None] * new * (to_air @ AIR)[:, None, None]
         if self.passing:
             x = speed * step_s
             swing = np.exp(-x) * np.array([[1 + x, step_s], [-speed * x, 1 - x]])
@@ -122,7 +162,6 @@ class Bank:
         self.p = phi @ self.p @ phi.T + added
         if self.wait:
             self.past_with = self.past_with @ phi.T
-        self.c[self.lags] = weight
 
     def expected(self) -> tuple[float, float]:
         """The reading that is expected, and its variance without its noise."""
@@ -148,6 +187,15 @@ class Bank:
         likely = self.likely * np.exp(np.maximum(cost.min() - cost, -MOST_UNLIKELY))
         self.likely = np.maximum(likely / likely.sum(), LEAST_LIKELY)
         self.likely /= self.likely.sum()
+        calm = self.likely[WEAK] + self.likely[STRONG]
+        slope = calm * (cost[WEAK] - cost[STRONG]) / np.log(TURBULENCE[STRONG] / TURBULENCE[WEAK])
+        self._learn(min(max(LEARNING * slope, -MOST_LEARNT), MOST_LEARNT))
+
+    def _learn(self, ln_factor: float) -> None:
+        self.middle = self._possible(float(self.middle * np.exp(ln_factor)))
+
+    def _possible(self, strength: float) -> float:
+        return min(max(strength, self.ladder.lowest * self.unit), self.ladder.highest * self.unit)
 
     def keep(self) -> int:
         """Remember the air as it is now, to be told better by what follows; the oldest beyond `wait` is dropped.
@@ -157,16 +205,16 @@ class Bank:
         self.count += 1
         if not self.wait:
             return self.count - 1
-        with_air = self.p @ self.h
+        with_air, air = self.p @ self.h, self._air_variance()
         keep = slice(max(self.past.shape[1] - self.wait, 0), None)
         self.past = np.append(self.past, (self.mean @ self.h)[:, None], axis=1)[:, keep]
-        self.past_p = np.append(self.past_p, (with_air @ self.h)[:, None], axis=1)[:, keep]
+        self.past_p = np.append(self.past_p, air[:, None], axis=1)[:, keep]
         self.past_with = np.append(self.past_with, with_air[:, None], axis=1)[:, keep]
         return self.count - 1
 
     def now(self) -> tuple[float, float]:
         """The air and its variance."""
-        return self._together(self.mean @ self.h, np.maximum((self.p @ self.h) @ self.h, 0.0))
+        return self._together(self.mean @ self.h, self._air_variance())
 
     def ago(self, rows: int) -> tuple[float, float]:
         """The air so many `keep`s ago (0: the last)."""
@@ -180,8 +228,16 @@ class Bank:
         gone = np.exp(-RATES_PER_S * step_s)
         h = self.h.copy()
         h[1], h[WALK_STATES:AIR_STATES] = step_s, gone
-        added = self._strengths() * (step_s**3 / 3 + OU_VARIANCES @ (1.0 - gone**2))
+        added = self._strengths() * (UNSEEN_VARIANCE + BENDS**2 * step_s**3 / 3 + OU_VARIANCES @ (1.0 - gone**2))
         return self._together(self.mean @ h, np.maximum((self.p @ h) @ h, 0.0) + added)
+
+    def wobble(self, step_s: float) -> float:
+        """The air's turbulence from row to row, as the standard deviation of noise that would change as much."""
+        return self.middle * float(np.sqrt(OU_VARIANCES @ (1.0 - np.exp(-RATES_PER_S * step_s))))
+
+    def _air_variance(self) -> Array:
+        """Of the air in each filter, with the turbulence that no sensor sees."""
+        return np.maximum((self.p @ self.h) @ self.h, 0.0) + UNSEEN_VARIANCE * self._strengths()
 
     def lagging(self) -> tuple[float, Array]:
         """The reading without noise, and where each lag stands."""
@@ -190,7 +246,7 @@ class Bank:
 
     def _strengths(self) -> Array:
         """Squares of the three filters' strengths."""
-        return np.square([self.middle / STRENGTHS_APART, self.middle * STRENGTHS_APART, self.ladder.door])
+        return np.square(np.append(self.middle * TURBULENCE, self.ladder.door * self.unit))
 
     def _together(self, each: Array, spread: Array) -> tuple[float, float]:
         air = float(self.likely @ each)
@@ -198,11 +254,7 @@ class Bank:
 
     def _mix(self, step_s: float) -> None:
         """Before each step every filter takes over from the others what they are worth."""
-        change, door, over = (
-            1.0 - np.exp(-step_s / time_s) for time_s in (STRENGTH_LASTS_S, BETWEEN_DOORS_S, DOOR_LASTS_S)
-        )
-        stay = 1.0 - change - door
-        move = np.array([[stay, change, door], [change, stay, door], [0.5 * over, 0.5 * over, 1.0 - over]])
+        move = moves(step_s)
         share = move * self.likely[:, None]  # from, to
         self.likely = share.sum(axis=0)
         share = (share / self.likely).T  # to, from
@@ -210,12 +262,12 @@ class Bank:
         off = self.mean - mean[:, None]  # to, from, state
         weighted = share[:, :, None] * off
         size = self.size
-        together = (share @ self.p.reshape(3, -1)).reshape(3, size, size)
+        together = (share @ self.p.reshape(FILTER_COUNT, -1)).reshape(FILTER_COUNT, size, size)
         if self.wait and self.past.shape[1]:
             past = share @ self.past
             past_off = self.past - past[:, None]
             self.past_p = share @ self.past_p + (share[:, :, None] * past_off**2).sum(axis=1)
-            with_past = (share @ self.past_with.reshape(3, -1)).reshape(self.past_with.shape)
+            with_past = (share @ self.past_with.reshape(FILTER_COUNT, -1)).reshape(self.past_with.shape)
             self.past_with = with_past + past_off.swapaxes(1, 2) @ weighted
             self.past = past
         self.mean, self.p = mean, together + off.swapaxes(1, 2) @ weighted

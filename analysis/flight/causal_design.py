@@ -31,7 +31,7 @@ from shockrig.analysis.flight.readout import (
 )
 from shockrig.analysis.flight.response import LagResponse, bead_response, film_response, unsure_of_airspeed
 from shockrig.analysis.flight.simulated.typical import NOISE_K, NOISE_PERCENT
-from shockrig.analysis.flight.smooth_channel import resolved_rate
+from shockrig.analysis.flight.smooth_channel import MOST_PARTS, PER_LAG, resolved_rate
 from shockrig.analysis.flight.stretches import largest_share
 from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S, Stream
 from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA
@@ -127,6 +127,8 @@ class ChannelDesign:
         Angular frequency above which the air is not resolved [1/s], at STRENGTH_COUNT strengths in equal ratios.
     covers_c : tuple of float
         Temperatures that the profile speaks for.
+    straight_s : float
+        How long the air is taken as straight between two readings; over longer steps it is cut.
     unsure_of_airspeed : float
         Relative standard uncertainty of the time scale where no airspeed is known.
     """
@@ -146,7 +148,12 @@ class ChannelDesign:
     ladder: Ladder
     resolved_rate: tuple[float, ...]
     covers_c: tuple[float, float]
+    straight_s: float
     unsure_of_airspeed: float
+
+    def parts(self, step_s: float) -> int:
+        """Straight pieces that the air of a step is cut into."""
+        return int(min(max(step_s / self.straight_s + 0.5, 1.0), MOST_PARTS))
 
 
 @dataclass(frozen=True)
@@ -310,6 +317,7 @@ def _channel(
         ladder,
         tuple(resolved_rate(Prior(one, one, np.array([noise])), middle, period) for one in strengths[:, None]),
         covers_c,
+        PER_LAG * middle.slowest_s,
         unsure_of_airspeed(respond, there, NO_SPEED) if speed.size > 1 else 0.0,
     )
 

@@ -73,8 +73,9 @@ class Guard:
         """Whether the log's steps are coarser than the noise."""
         return self.resolution > COARSE_IN_NOISE * self.design.noise
 
-    def judge(self, reading: float, expected: float, open_to: float) -> Judged:
-        """Judge a reading of which `expected` was, within a standard deviation `open_to`, before its noise."""
+    def judge(self, reading: float, expected: float, open_to: float, alike: float = 0.0) -> Judged:
+        """Judge a reading of which `expected` was, within a standard deviation `open_to`, before its noise; `alike`
+        goes from row to row as noise would, and is none."""
         d = self.design
         if not np.isfinite(reading):
             return self._left(Judged(False, missing=True))
@@ -100,7 +101,7 @@ class Guard:
             return Judged(True, variance=d.noise**2, restart=True)
         self.refused = 0
         capped = reading >= d.ceiling - 0.5 * self.resolution
-        repeated = self._believed(reading)
+        repeated = self._believed(reading, alike)
         step = self.resolution
         noise = d.noise * self._usual(self.usual) * self._bursting()
         variance = noise**2 + step**2 / 12.0
@@ -117,7 +118,7 @@ class Guard:
         self.unused += 1
         return judged
 
-    def _believed(self, reading: float) -> bool:
+    def _believed(self, reading: float, alike: float = 0.0) -> bool:
         """Take in a reading that can be; whether it repeats the one before for no reason that rounding gives."""
         if not np.isfinite(self.last):
             self.last = self.anchor = reading
@@ -127,7 +128,7 @@ class Guard:
         self.equal = self.equal + 1 if same else 0
         self.often += (float(same) - self.often) / REPEATS_ROWS
         if not same:
-            self._differences(reading)
+            self._differences(reading, alike)
             self.changes += 1
             self.width += (change - self.width) / min(self.changes, REPEATS_ROWS)
             self.smallest = min(self.smallest, change)
@@ -147,11 +148,11 @@ class Guard:
         by_chance = min(step * MEAN_SIZE / (np.sqrt(2.0 * np.pi) * max(self.width, 1e-9)), 1.0)
         return self.equal > 1 or self.often > TIMES_BY_CHANCE * max(by_chance, 1.0 / REPEATS_ROWS)
 
-    def _differences(self, reading: float) -> None:
+    def _differences(self, reading: float, alike: float) -> None:
         """Third and first differences of the readings, as memories of a burst and of the flight."""
         if self.design.share > MOST_SHARE or not np.isfinite(self.third):
             return
-        noise = float(hypot(self.design.noise, self.resolution / sqrt(12.0)))
+        noise = float(hypot(hypot(self.design.noise, self.resolution / sqrt(12.0)), alike))
         third = abs(reading - 3.0 * self.last + 3.0 * self.before - self.third) / (NORM_3 * MEAN_SIZE * noise)
         first = abs(reading - self.last) / (NORM_1 * MEAN_SIZE * noise)
         for memory, rows in ((self.burst, BURST_ROWS), (self.usual, NOISE_ROWS)):

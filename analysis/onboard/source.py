@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.flight import causal, causal_bank, causal_guard
-from shockrig.analysis.flight.causal_bank import AIR_STATES
+from shockrig.analysis.flight.causal_bank import AIR_STATES, FILTER_COUNT
 from shockrig.analysis.flight.causal_design import (
     AIRSPEEDS_M_S,
     STRENGTH_COUNT,
@@ -20,7 +20,7 @@ from shockrig.analysis.flight.causal_design import (
 )
 from shockrig.analysis.flight.channel import LONGEST_FILL_S, LONGEST_REPEAT_S
 from shockrig.analysis.flight.coarse import COARSE_IN_NOISE
-from shockrig.analysis.flight.prior import OU_VARIANCES, RATES_PER_S
+from shockrig.analysis.flight.prior import OU_VARIANCES, RATES_PER_S, UNSEEN_VARIANCE
 from shockrig.analysis.flight.screen import (
     FEWEST_CHANGES,
     FEWEST_ROWS,
@@ -29,6 +29,7 @@ from shockrig.analysis.flight.screen import (
     LONGEST_GAP_S,
     SPIKE_STEPS,
 )
+from shockrig.analysis.flight.smooth_channel import MOST_PARTS
 from shockrig.analysis.flight.stretches import (
     BY_CHANCE,
     LOUDER,
@@ -46,7 +47,7 @@ from shockrig.files.sentinels import LEAST_JUMP
 
 Array = NDArray[np.float64]
 MOST_STATE_BYTES = 2048
-REST_BYTES = 320  # of a state beside its filters: two guards, the clock, what is held, and padding
+REST_BYTES = 272  # of a state beside its filters: two guards, the clock, what is held, and padding
 FEWEST_MODES = 2
 TABLES, LUA_TABLES = "/*@TABLES@*/", "@TABLES@"
 C_FILES = ("shock_correct.h", "shock_correct.c", "csv_main.c", "Makefile")
@@ -94,7 +95,7 @@ def state_bytes(design: Design) -> int:
     """Memory that a program needs, at most."""
     assert design.temperature is not None and design.humidity is not None
     sizes = states(design.temperature, False), states(design.humidity, not design.by_activity)
-    return sum(4 * 3 * (n + n * (n + 1) // 2) for n in sizes) + REST_BYTES
+    return sum(4 * FILTER_COUNT * (n + n * (n + 1) // 2) for n in sizes) + REST_BYTES
 
 
 def c_source(design: Design, profile_name: str, note: str) -> dict[str, str]:
@@ -138,12 +139,18 @@ def _numbers(design: Design, number: Callable[[float], str]) -> dict[str, str]:
     size = causal_guard.MEAN_SIZE
     decimals = {
         "LEAST_AIRSPEED": AIRSPEEDS_M_S[0],
-        "APART": causal_bank.STRENGTHS_APART,
         "UNSURE": causal_bank.UNSURE_OF_STRENGTH,
         "CHANGE_S": causal_bank.STRENGTH_LASTS_S,
+        "BENDS_S": causal_bank.BETWEEN_BENDS_S,
+        "BEND_S": causal_bank.BEND_LASTS_S,
         "DOORS_S": causal_bank.BETWEEN_DOORS_S,
         "DOOR_S": causal_bank.DOOR_LASTS_S,
-        "LEARNING": causal_bank.LEARNING_PER_S,
+        "LEARNING": causal_bank.LEARNING,
+        "MOST_LEARNT": causal_bank.MOST_LEARNT,
+        "MOST_PARTS": MOST_PARTS,
+        "UNSEEN": UNSEEN_VARIANCE,
+        "VAPOUR": causal.VAPOUR_PER_K,
+        "PERIOD_STEP": design.period_s,
         "LEAST_VARIANCE": causal_bank.LEAST_VARIANCE,
         "MOST_UNLIKELY": causal_bank.MOST_UNLIKELY,
         "LEAST_LIKELY": causal_bank.LEAST_LIKELY,
@@ -188,7 +195,12 @@ def _numbers(design: Design, number: Callable[[float], str]) -> dict[str, str]:
         "LONGEST_MS": round(longest * 1e3),
         "FEWEST_ROWS": FEWEST_ROWS,
     }
-    lists = {"RATES": RATES_PER_S, "OU_VARIANCES": OU_VARIANCES}
+    lists = {
+        "RATES": RATES_PER_S,
+        "OU_VARIANCES": OU_VARIANCES,
+        "TURBULENCE": causal_bank.TURBULENCE,
+        "BENDS": causal_bank.BENDS,
+    }
     return (
         {name: number(float(value)) for name, value in decimals.items()}
         | {name: str(value) for name, value in counts.items()}
@@ -235,6 +247,7 @@ def _c_tables(design: Design) -> str:
             channel.ladder.highest,
             channel.ladder.door,
             *channel.covers_c,
+            channel.straight_s,
             channel.unsure_of_airspeed,
             spread,
         )
@@ -301,6 +314,7 @@ def _lua_tables(design: Design) -> str:
             "door": channel.ladder.door,
             "low_c": channel.covers_c[0],
             "high_c": channel.covers_c[1],
+            "straight_s": channel.straight_s,
             "unsure_of_airspeed": channel.unsure_of_airspeed,
             "spread": spread,
         }

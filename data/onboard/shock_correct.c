@@ -16,7 +16,7 @@ typedef struct {
   table response, readout; /* weights, ln rates, relative uncertainty; offset, gain, uncertainty */
   const float *slow_uncertainty, *code, *ln_resolved;
   float noise, share, low, high, swing, ceiling, left, delay_s;
-  float lowest, highest, door, low_c, high_c, unsure_of_airspeed, spread;
+  float lowest, highest, door, low_c, high_c, straight_s, unsure_of_airspeed, spread;
 } design;
 
 /*@TABLES@*/
@@ -34,11 +34,17 @@ typedef char shock_state_is_small[(sizeof(shock_state) <= 2048) ? 1 : -1];
 static const float RATE[TURBULENT] = {@RATES@};
 static const float VARIANCE[TURBULENT] = {@OU_VARIANCES@};
 
+/* The filters: weak and strong turbulence on a trend that hardly bends, a trend that bends, and a door. */
+enum { WEAK, STRONG, BENDING, DOOR };
+static const float STRENGTH[DOOR] = {@TURBULENCE@};            /* times the middle one */
+static const float BEND[SHOCK_FILTERS] = {@BENDS@}; /* of the trend over the turbulence */
+
 /* One channel's filters, wherever they stand in the state. */
 typedef struct {
   const design *d;
   shock_channel *own;
   float *mean, *p;
+  float unit; /* what strengths, and the spread at a start, are in units of the states */
 } bank;
 
 typedef struct {
@@ -49,6 +55,12 @@ typedef struct {
 typedef struct {
   float value, variance;
 } estimate;
+
+/* What is known of a channel's air besides its readings: what passes sensor and air alike, and how fast that is; what
+   goes through readings as noise would; how strong such air usually is (0: not known). */
+typedef struct {
+  float passing, speed, alike, usual;
+} course;
 
 typedef struct {
   uint8_t usable, missing, repeated, implausible, restart;
@@ -113,10 +125,28 @@ static void hold(float x, float *gone, float *after) {
 }
 
 static void strengths(const bank *b, float *square) {
-  const float middle = b->own->middle;
-  square[0] = middle / @APART@ * (middle / @APART@);
-  square[1] = middle * @APART@ * (middle * @APART@);
-  square[2] = b->d->door * b->d->door;
+  uint8_t f;
+  for (f = 0; f < SHOCK_FILTERS; f++) {
+    float own = f == DOOR ? b->d->door * b->unit : b->own->middle * STRENGTH[f];
+    square[f] = own * own;
+  }
+}
+
+static float possible(const bank *b, float strength) {
+  return within(strength, b->d->lowest * b->unit, b->d->highest * b->unit);
+}
+
+static void learn(bank *b, float ln_factor) { b->own->middle = possible(b, b->own->middle * expf(ln_factor)); }
+
+/* The air's turbulence from row to row, as the standard deviation of noise that would change as much. */
+static float wobble(const bank *b, float step_s) {
+  float gone, after, sum = 0.0f;
+  uint8_t i;
+  for (i = 0; i < TURBULENT; i++) {
+    hold(RATE[i] * step_s, &gone, &after);
+    sum += VARIANCE[i] * gone;
+  }
+  return b->own->middle * sqrtf(sum);
 }
 
 /* A step of the states: y = phi x. */
@@ -161,13 +191,13 @@ static float dot(const float *a, const float *b, uint8_t n) {
   return sum;
 }
 
-/* Level and slope one way, turbulence another: of the air, `slope` ahead and with `gone` of its turbulence. */
+/* Of the air, `slope` ahead and with `gone` of its turbulence. */
 static void of_air(const bank *b, float slope, const float *gone, float *on) {
   uint8_t i, n = b->d->size;
   for (i = 0; i < n; i++) on[i] = 0.0f;
   on[0] = 1.0f;
   on[1] = slope;
-  for (i = 0; i < TURBULENT; i++) on[WALK + i] = gone == NULL ? 1.0f : gone[i];
+  for (i = 0; i < TURBULENT; i++) on[WALK + i] = gone[i];
   if (b->d->passing) on[n - 1] = 1.0f;
 }
 
@@ -199,27 +229,26 @@ static estimate together(const bank *b, const float *on, const float *added) {
 
 /* The air so long after what the last reading is of. */
 static estimate air_ahead(const bank *b, float ahead) {
-  float on[MOST_STATES], gone[TURBULENT], added[SHOCK_FILTERS], extra;
+  float on[MOST_STATES], gone[TURBULENT], added[SHOCK_FILTERS], extra = @UNSEEN@, cube = 0.0f;
   uint8_t i;
-  if (!(ahead > 0.0f)) {
-    of_air(b, 0.0f, NULL, on);
-    return together(b, on, NULL);
-  }
-  extra = ahead * ahead * ahead / 3.0f;
-  for (i = 0; i < TURBULENT; i++) {
-    gone[i] = expf(-RATE[i] * ahead);
-    extra += VARIANCE[i] * (1.0f - gone[i] * gone[i]);
+  for (i = 0; i < TURBULENT; i++) gone[i] = 1.0f;
+  if (ahead > 0.0f) {
+    cube = ahead * ahead * ahead / 3.0f;
+    for (i = 0; i < TURBULENT; i++) {
+      gone[i] = expf(-RATE[i] * ahead);
+      extra += VARIANCE[i] * (1.0f - gone[i] * gone[i]);
+    }
   }
   strengths(b, added);
-  for (i = 0; i < SHOCK_FILTERS; i++) added[i] *= extra;
-  of_air(b, ahead, gone, on);
+  for (i = 0; i < SHOCK_FILTERS; i++) added[i] *= extra + BEND[i] * BEND[i] * cube;
+  of_air(b, most(ahead, 0.0f), gone, on);
   return together(b, on, added);
 }
 
-static void start(bank *b, float level, float passing, float speed) {
+static void start(bank *b, float level, const course *c) {
   uint8_t f, i, n = b->d->size;
-  float square[SHOCK_FILTERS], wide = b->d->spread * b->d->spread;
-  b->own->middle = sqrtf(b->d->lowest * b->d->highest);
+  float square[SHOCK_FILTERS], wide = b->d->spread * b->unit * (b->d->spread * b->unit);
+  b->own->middle = sqrtf(b->d->lowest * b->d->highest) * b->unit;
   strengths(b, square);
   for (f = 0; f < SHOCK_FILTERS; f++) {
     float *mean = b->mean + (size_t)f * n, *p = b->p + f * packed_size(b);
@@ -231,33 +260,46 @@ static void start(bank *b, float level, float passing, float speed) {
       p[PACKED(i, i)] = (i >= WALK && i < AIR) ? square[f] * VARIANCE[i - WALK] : wide;
     }
     if (b->d->passing) {
-      p[PACKED(n - 1, n - 1)] = passing * passing;
-      p[PACKED(n - 2, n - 2)] = passing / speed * (passing / speed);
+      p[PACKED(n - 1, n - 1)] = c->passing * c->passing;
+      p[PACKED(n - 2, n - 2)] = c->passing / c->speed * (c->passing / c->speed);
     }
   }
   b->own->started = 1;
 }
 
+/* Probabilities that the air goes over from one filter to another within a step. */
+static void moves(float step_s, float move[SHOCK_FILTERS][SHOCK_FILTERS]) {
+  float change, bend, bent, door, shut, after;
+  uint8_t from, to;
+  hold(step_s / @CHANGE_S@, &change, &after);
+  hold(step_s / @BENDS_S@, &bend, &after);
+  hold(step_s / @BEND_S@, &bent, &after);
+  hold(step_s / @DOORS_S@, &door, &after);
+  hold(step_s / @DOOR_S@, &shut, &after);
+  for (from = 0; from < SHOCK_FILTERS; from++)
+    for (to = 0; to < SHOCK_FILTERS; to++) {
+      float calm = from == BENDING ? 0.5f * bent : from == DOOR ? 0.5f * shut : change;
+      move[from][to] = to == DOOR ? door : to == BENDING ? (from == DOOR ? 0.0f : bend) : calm;
+    }
+  for (from = 0; from < SHOCK_FILTERS; from++) {
+    float gone = 0.0f;
+    for (to = 0; to < SHOCK_FILTERS; to++)
+      if (to != from) gone += move[from][to];
+    move[from][from] = 1.0f - gone;
+  }
+}
+
 /* Every filter takes over from the others what they are worth. */
 static void mix(bank *b, float step_s) {
-  float change, door, over, after, share[SHOCK_FILTERS][SHOCK_FILTERS], likely[SHOCK_FILTERS];
+  float share[SHOCK_FILTERS][SHOCK_FILTERS], likely[SHOCK_FILTERS], move[SHOCK_FILTERS][SHOCK_FILTERS];
   float mean[SHOCK_FILTERS][MOST_STATES];
   uint8_t to, from, i, j, n = b->d->size;
   size_t size = packed_size(b);
-  hold(step_s / @CHANGE_S@, &change, &after);
-  hold(step_s / @DOORS_S@, &door, &after);
-  hold(step_s / @DOOR_S@, &over, &after);
+  moves(step_s, move);
   for (to = 0; to < SHOCK_FILTERS; to++) {
     likely[to] = 0.0f;
     for (from = 0; from < SHOCK_FILTERS; from++) {
-      float moves;
-      if (from == 2)
-        moves = to == 2 ? 1.0f - over : 0.5f * over;
-      else if (to == 2)
-        moves = door;
-      else
-        moves = to == from ? 1.0f - change - door : change;
-      share[to][from] = moves * b->own->likely[from];
+      share[to][from] = move[from][to] * b->own->likely[from];
       likely[to] += share[to][from];
     }
     for (from = 0; from < SHOCK_FILTERS; from++) share[to][from] /= likely[to];
@@ -287,20 +329,15 @@ static void mix(bank *b, float step_s) {
   }
 }
 
-static void predict(bank *b, float step_s, const float *values, float passing, float speed) {
+/* One step of straight air. */
+static void advance(bank *b, float step_s, const float *values, const course *c) {
   move m;
-  float q[AIR], total, level_slope, square[SHOCK_FILTERS], work[MOST_STATES][MOST_STATES], x[MOST_STATES],
-      y[MOST_STATES], own[3] = {0.0f, 0.0f, 0.0f};
+  float q[AIR], total, square[SHOCK_FILTERS], work[MOST_STATES][MOST_STATES], x[MOST_STATES], y[MOST_STATES],
+      own[3] = {0.0f, 0.0f, 0.0f}, cube = step_s * step_s * step_s / 3.0f;
   uint8_t i, j, f, n = b->d->size, modes = b->d->modes;
-  float learnt = b->own->middle * expf(@LEARNING@ * step_s * (1.0f - 2.0f * b->own->likely[0]));
-  b->own->middle = within(learnt, b->d->lowest, b->d->highest);
-  mix(b, step_s);
   strengths(b, square);
   m.step_s = step_s;
-  q[0] = step_s * step_s * step_s / 3.0f;
-  q[1] = step_s;
-  level_slope = step_s * step_s / 2.0f;
-  total = q[0];
+  total = 0.0f;
   for (i = 0; i < TURBULENT; i++) {
     m.gone[i] = expf(-RATE[i] * step_s);
     q[WALK + i] = VARIANCE[i] * (1.0f - m.gone[i] * m.gone[i]);
@@ -313,7 +350,8 @@ static void predict(bank *b, float step_s, const float *values, float passing, f
     m.decay[i] = 1.0f - gone;
   }
   if (b->d->passing) {
-    float w = speed * step_s, fade = expf(-w), r = 1.0f / (speed * speed), *s = m.swing, v = passing * passing;
+    float speed = c->speed, w = speed * step_s, fade = expf(-w), r = 1.0f / (speed * speed), *s = m.swing;
+    float v = c->passing * c->passing;
     s[0] = fade * (1.0f + w);
     s[1] = fade * step_s;
     s[2] = -fade * speed * w;
@@ -323,7 +361,9 @@ static void predict(bank *b, float step_s, const float *values, float passing, f
     own[2] = v * most(1.0f - (s[2] * s[2] * r + s[3] * s[3]), 0.0f);
   }
   for (f = 0; f < SHOCK_FILTERS; f++) {
-    float *mean = b->mean + (size_t)f * n, *p = b->p + f * packed_size(b);
+    float *mean = b->mean + (size_t)f * n, *p = b->p + f * packed_size(b), bend = BEND[f] * BEND[f];
+    q[0] = bend * cube;
+    q[1] = bend * step_s;
     carried(b, &m, mean, x);
     for (i = 0; i < n; i++) mean[i] = x[i];
     for (j = 0; j < n; j++) {
@@ -340,21 +380,32 @@ static void predict(bank *b, float step_s, const float *values, float passing, f
           if (j == 0)
             added = in * q[0];
           else if (j == 1)
-            added = in * level_slope;
+            added = in * bend * (step_s * step_s / 2.0f);
           else if (j < AIR)
             added = in * q[j];
           else
-            added = in * m.new_[j - AIR] * total;
+            added = in * m.new_[j - AIR] * (q[0] + total);
         } else if (i < AIR && i == j)
           added = q[i];
         else if (i == 1 && j == 0)
-          added = level_slope;
+          added = bend * (step_s * step_s / 2.0f);
         added *= square[f];
         if (i >= AIR + modes && j >= AIR + modes) added = own[(i - AIR - modes) + (j - AIR - modes)];
         p[PACKED(i, j)] = y[j] + added;
       }
     }
   }
+}
+
+static void predict(bank *b, float step_s, const float *values, const course *c) {
+  uint8_t parts = (uint8_t)within(step_s / b->d->straight_s + 0.5f, 1.0f, @MOST_PARTS@), i;
+  float back, after;
+  if (c->usual > 0.0f) {
+    hold(step_s / @CHANGE_S@, &back, &after);
+    learn(b, back * logf(possible(b, c->usual) / b->own->middle));
+  }
+  mix(b, step_s);
+  for (i = 0; i < parts; i++) advance(b, step_s / (float)parts, values, c);
 }
 
 static void update(bank *b, const float *on, float reading, float noise_variance) {
@@ -382,6 +433,9 @@ static void update(bank *b, const float *on, float reading, float noise_variance
     low += b->own->likely[f];
   }
   for (f = 0; f < SHOCK_FILTERS; f++) b->own->likely[f] /= low;
+  /* the middle strength, along the slope of the likelihood */
+  sum = (b->own->likely[WEAK] + b->own->likely[STRONG]) / logf(STRENGTH[STRONG] / STRENGTH[WEAK]);
+  learn(b, within(@LEARNING@ * sum * (cost[WEAK] - cost[STRONG]), -@MOST_LEARNT@, @MOST_LEARNT@));
 }
 
 /* The guard */
@@ -413,11 +467,11 @@ static void forget(shock_guard *g) {
   g->refused = 0;
 }
 
-static void differences(const design *d, shock_guard *g, float reading) {
+static void differences(const design *d, shock_guard *g, float reading, float alike) {
   float noise, size[2];
   uint8_t i;
   if (d->share > @MOST_SHARE@ || !isfinite(g->third)) return;
-  noise = length(d->noise, resolution(g) / 3.4641016f);
+  noise = length(length(d->noise, resolution(g) / 3.4641016f), alike);
   size[0] = fabsf((reading - g->last) - 2.0f * (g->last - g->before) + (g->before - g->third)) / (@THIRD@ * noise);
   size[1] = fabsf(reading - g->last) / (@FIRST@ * noise);
   for (i = 0; i < 2; i++) {
@@ -429,7 +483,7 @@ static void differences(const design *d, shock_guard *g, float reading) {
 static uint16_t one_more(uint16_t n) { return n < 60000u ? (uint16_t)(n + 1u) : n; }
 
 /* Take in a reading that can be; whether it repeats the one before for no reason that rounding gives. */
-static int believed(const design *d, shock_guard *g, float reading) {
+static int believed(const design *d, shock_guard *g, float reading, float alike) {
   float change, step, by_chance;
   int same;
   if (!isfinite(g->last)) {
@@ -441,7 +495,7 @@ static int believed(const design *d, shock_guard *g, float reading) {
   g->equal = same ? one_more(g->equal) : 0;
   g->often += ((same ? 1.0f : 0.0f) - g->often) / @REPEATS_ROWS@;
   if (!same) {
-    differences(d, g, reading);
+    differences(d, g, reading, alike);
     g->changes = (uint16_t)(g->changes < 60000u ? g->changes + 1u : 60000u - @CHANGES_KEPT@u + 1u);
     g->width += (change - g->width) / least((float)g->changes, @REPEATS_ROWS@);
     g->smallest = least(g->smallest, change);
@@ -477,7 +531,7 @@ static float kept_by_chance(const design *d, const shock_guard *g) {
   return most(ceilf(@LN_BY_CHANCE@ / logf(share)), 5.0f);
 }
 
-static verdict judge(const design *d, shock_guard *g, float reading, float expected, float open_to) {
+static verdict judge(const design *d, shock_guard *g, float reading, float expected, float open_to, float alike) {
   verdict v = {0, 0, 0, 0, 0, 0.0f};
   float away, usual, share, farthest, noise, step;
   uint8_t i;
@@ -499,7 +553,7 @@ static verdict judge(const design *d, shock_guard *g, float reading, float expec
     if (g->refused >= @LASTING@) {
       /* it has lasted: the sensor is there, whatever it was before */
       forget(g);
-      (void)believed(d, g, reading);
+      (void)believed(d, g, reading, 0.0f);
       v.usable = v.restart = 1;
       v.variance = d->noise * d->noise;
       return v;
@@ -512,7 +566,7 @@ static verdict judge(const design *d, shock_guard *g, float reading, float expec
   }
   g->refused = 0;
   share = reading >= d->ceiling - 0.5f * resolution(g) ? 1.0f : 0.0f;
-  v.repeated = (uint8_t)believed(d, g, reading);
+  v.repeated = (uint8_t)believed(d, g, reading, alike);
   step = resolution(g);
   noise = d->noise * usual_noise(g->usual) * bursting(g);
   /* readings on one coarse step are off by the same, and together say little more than one */
@@ -532,10 +586,11 @@ typedef struct {
 } told;
 
 static void take(bank *b, told *found, const shock_row *row, float step_s, float reading, float air_c, float own_c,
-                 float unit, float passing, float speed) {
+                 const course *c) {
   const design *d = b->d;
   float values[MOST_COLUMNS], readout[3], on[MOST_STATES], shown = reading, open_to = 0.0f;
   uint8_t f, i, n = d->size;
+  float unit = b->unit;
   int unsure = !isfinite(row->airspeed_m_s);
   float airspeed = unsure ? @REFERENCE_AIRSPEED@ : row->airspeed_m_s;
   float pressure = isfinite(row->pressure_hpa) ? row->pressure_hpa : 1013.25f;
@@ -548,17 +603,17 @@ static void take(bank *b, told *found, const shock_row *row, float step_s, float
   b->own->since_read_s += step_s;
   if (b->own->started) {
     estimate expected;
-    predict(b, step_s, values, passing, speed);
+    predict(b, step_s, values, c);
     expected = together(b, on, NULL);
     shown = (expected.value / unit - readout[0]) / readout[1];
     open_to = sqrtf(expected.variance) / (readout[1] * unit);
   }
-  found->judged = judge(d, &b->own->guard, reading, shown, open_to);
+  found->judged = judge(d, &b->own->guard, reading, shown, open_to, c->alike);
   if (found->judged.usable || found->judged.repeated) b->own->since_read_s = 0.0f;
   if (found->judged.usable) {
     float level = (readout[0] + readout[1] * reading) * unit, scale = readout[1] * unit;
     b->own->since_used_s = 0.0f;
-    if (found->judged.restart || !b->own->started) start(b, level, passing, speed);
+    if (found->judged.restart || !b->own->started) start(b, level, c);
     update(b, on, level, found->judged.variance * scale * scale);
   }
   found->step = is_coarse(d, &b->own->guard) ? resolution(&b->own->guard) * readout[1] * unit : 0.0f;
@@ -605,11 +660,11 @@ static float resolved_rate(const bank *b) {
 }
 
 static bank bead_of(shock_state *state) {
-  return (bank){&BEAD, &state->bead, state->bead_mean, state->bead_p};
+  return (bank){&BEAD, &state->bead, state->bead_mean, state->bead_p, 1.0f};
 }
 
 static bank film_of(shock_state *state) {
-  return (bank){&FILM, &state->film, state->film_mean, state->film_p};
+  return (bank){&FILM, &state->film, state->film_mean, state->film_p, 1.0f};
 }
 
 static void anew(shock_channel *own) {
@@ -654,12 +709,14 @@ static int in_order(shock_state *state, int64_t time_us, float *step_s) {
   return 1;
 }
 
+static const course PLAIN = {0.0f, 1.0f, 0.0f, 0.0f};
+
 static void warm(shock_state *state, const shock_row *row, float step_s, told *found) {
   bank b = bead_of(state);
   /* where the lags stand: the reading itself, which may be absurd, is no place in a table */
   float shown = b.own->started ? b.own->shown : state->reading_c;
   if (!isfinite(shown)) shown = 20.0f;
-  take(&b, found, row, step_s, row->temperature_c, shown, shown, 1.0f, 0.0f, 1.0f);
+  take(&b, found, row, step_s, row->temperature_c, shown, shown, &PLAIN);
 }
 
 static void give_temperature(const bank *b, const told *found, shock_air *air) {
@@ -679,7 +736,8 @@ static void humid(shock_state *state, const shock_row *row, float step_s, const 
   bank b = film_of(state), warmth = bead_of(state);
   told found;
   estimate then;
-  float now_c, then_c, own, held, back, sigma, bend, passing = 0.0f, value, away;
+  float now_c, then_c, own, held, back, sigma, bend, level, value, away;
+  course c = PLAIN;
   float shared, readout, total;
   /* where the bead tells how warm the film is, its reading without the noise */
   float die_c = BESIDE_BEAD ? warmth.own->shown : row->die_temperature_c;
@@ -695,16 +753,22 @@ static void humid(shock_state *state, const shock_row *row, float step_s, const 
   die_c = within(die_c, b.d->low_c - FAR_C, b.d->high_c + FAR_C);
   own = saturation(at_die ? then_c + DIE_SHARE * (die_c - then_c) : then_c);
   held = BY_ACTIVITY ? own : saturation(20.0f);
+  b.unit = own / held;
   back = held / saturation(now_c);
   bend = fabsf((now_c - state->last_c) - (state->last_c - state->before_c)) / 2.0f;
   state->before_c = state->last_c;
   state->last_c = now_c;
-  if (!at_die && !BY_ACTIVITY) {
-    float level = b.own->started ? b.own->shown : row->humidity_percent * own / held;
-    if (isfinite(level)) passing = fabsf(level) * steepness(now_c) * length(sigma, isfinite(bend) ? bend : 0.0f);
+  level = fabsf(b.own->started ? b.own->shown : row->humidity_percent * own / held);
+  c.speed = resolved_rate(&warmth);
+  if (isfinite(level)) {
+    c.usual = @VAPOUR@ * level * warmth.own->middle;
+    if (!at_die && !BY_ACTIVITY) {
+      c.passing = level * steepness(now_c) * length(sigma, isfinite(bend) ? bend : 0.0f);
+      c.alike = level * held / own * steepness(now_c) * wobble(&warmth, @PERIOD_STEP@);
+    }
   }
   take(&b, &found, row, step_s, warmth.own->since_read_s <= UNREAD_S ? row->humidity_percent : NAN, now_c,
-       read ? die_c : now_c, own / held, passing, resolved_rate(&warmth));
+       read ? die_c : now_c, &c);
   air->humidity_flags = said(&found.judged);
   if (!b.own->started || is_stale(b.own, &found)) return;
   value = found.air.value * back;

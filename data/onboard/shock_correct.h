@@ -8,7 +8,7 @@
 #include <stdint.h>
 
 /* Filters of each channel, and their states: air, lags, and (of humidity) what passes air and sensor alike. */
-#define SHOCK_FILTERS 3
+#define SHOCK_FILTERS 4
 #define SHOCK_BEAD_STATES @BEAD_STATES@
 #define SHOCK_FILM_STATES @FILM_STATES@
 #define SHOCK_STATE_BYTES @STATE_BYTES@ /* at most: without padding as most compilers lay it out */

@@ -12,7 +12,9 @@ local shock = {MISSING = 1, REPEATED = 2, IMPLAUSIBLE = 4, OUTSIDE = 8, AS_READ 
 
 --@TABLES@
 
-local WALK, TURBULENT, AIR, FILTERS = 2, 3, 5, 3
+local WALK, TURBULENT, AIR, FILTERS = 2, 3, 5, 4
+local WEAK, STRONG, BENDING, DOOR = 1, 2, 3, 4
+local STRENGTH, BEND = {@TURBULENCE@}, {@BENDS@}
 local RATE, VARIANCE = {@RATES@}, {@OU_VARIANCES@}
 local INFINITE = math.huge
 local exp, log, sqrt, abs, min, max, floor = math.exp, math.log, math.sqrt, math.abs, math.min, math.max, math.floor
@@ -68,8 +70,22 @@ local function hold(x)
 end
 
 local function strengths(b)
-  local low, high, door = b.middle / @APART@, b.middle * @APART@, b.d.door
-  return {low * low, high * high, door * door}
+  local square = {}
+  for f = 1, FILTERS do
+    local own = f == DOOR and b.d.door * b.unit or b.middle * STRENGTH[f]
+    square[f] = own * own
+  end
+  return square
+end
+
+local function possible(b, strength) return within(strength, b.d.lowest * b.unit, b.d.highest * b.unit) end
+
+local function learn(b, ln_factor) b.middle = possible(b, b.middle * exp(ln_factor)) end
+
+local function wobble(b, step_s)
+  local sum = 0.0
+  for i = 1, TURBULENT do sum = sum + VARIANCE[i] * (hold(RATE[i] * step_s)) end
+  return b.middle * sqrt(sum)
 end
 
 local function packed(i, j)
@@ -120,7 +136,7 @@ local function direction(b, weight, slope, gone)
     for i = 1, d.modes do on[AIR + i] = weight[i] end
   else
     on[1], on[2] = 1.0, slope
-    for i = 1, TURBULENT do on[WALK + i] = gone and gone[i] or 1.0 end
+    for i = 1, TURBULENT do on[WALK + i] = gone[i] end
   end
   if d.passing then on[d.size] = 1.0 end
   return on
@@ -140,19 +156,22 @@ local function together(b, on, added)
 end
 
 local function air_ahead(b, ahead)
-  if not (ahead > 0.0) then return together(b, direction(b, nil, 0.0)) end
-  local gone, extra, added = {}, ahead * ahead * ahead / 3.0, strengths(b)
-  for i = 1, TURBULENT do
-    gone[i] = exp(-RATE[i] * ahead)
-    extra = extra + VARIANCE[i] * (1.0 - gone[i] * gone[i])
+  local gone, extra, added, cube = {1.0, 1.0, 1.0}, @UNSEEN@, strengths(b), 0.0
+  if ahead > 0.0 then
+    cube = ahead * ahead * ahead / 3.0
+    for i = 1, TURBULENT do
+      gone[i] = exp(-RATE[i] * ahead)
+      extra = extra + VARIANCE[i] * (1.0 - gone[i] * gone[i])
+    end
   end
-  for f = 1, FILTERS do added[f] = added[f] * extra end
-  return together(b, direction(b, nil, ahead, gone), added)
+  for f = 1, FILTERS do added[f] = added[f] * (extra + BEND[f] * BEND[f] * cube) end
+  return together(b, direction(b, nil, max(ahead, 0.0), gone), added)
 end
 
-local function start(b, level, passing, speed)
+local function start(b, level, c)
   local d = b.d
-  b.middle = sqrt(d.lowest * d.highest)
+  local wide = d.spread * b.unit * (d.spread * b.unit)
+  b.middle = sqrt(d.lowest * d.highest) * b.unit
   local square, n = strengths(b), d.size
   b.mean, b.p, b.likely = {}, {}, {}
   for f = 1, FILTERS do
@@ -160,32 +179,39 @@ local function start(b, level, passing, speed)
     for k = 1, packed(n, n) do p[k] = 0.0 end
     for i = 1, n do
       mean[i] = (i == 1 or (i > AIR and i <= AIR + d.modes)) and level or 0.0
-      p[packed(i, i)] = (i > WALK and i <= AIR) and square[f] * VARIANCE[i - WALK] or d.spread * d.spread
+      p[packed(i, i)] = (i > WALK and i <= AIR) and square[f] * VARIANCE[i - WALK] or wide
     end
     if d.passing then
-      p[packed(n, n)] = passing * passing
-      p[packed(n - 1, n - 1)] = passing / speed * (passing / speed)
+      p[packed(n, n)] = c.passing * c.passing
+      p[packed(n - 1, n - 1)] = c.passing / c.speed * (c.passing / c.speed)
     end
     b.mean[f], b.p[f], b.likely[f] = mean, p, 1.0 / FILTERS
   end
   b.started = true
 end
 
+local function moves(step_s)
+  local change, bend, bent = (hold(step_s / @CHANGE_S@)), (hold(step_s / @BENDS_S@)), (hold(step_s / @BEND_S@))
+  local door, shut, move = (hold(step_s / @DOORS_S@)), (hold(step_s / @DOOR_S@)), {}
+  for from = 1, FILTERS do
+    move[from] = {}
+    local gone, calm = 0.0, from == BENDING and 0.5 * bent or from == DOOR and 0.5 * shut or change
+    for to = 1, FILTERS do
+      local share = to == DOOR and door or to == BENDING and (from == DOOR and 0.0 or bend) or calm
+      move[from][to] = share
+      if to ~= from then gone = gone + share end
+    end
+    move[from][from] = 1.0 - gone
+  end
+  return move
+end
+
 local function mix(b, step_s)
-  local change, door, over = hold(step_s / @CHANGE_S@), hold(step_s / @DOORS_S@), hold(step_s / @DOOR_S@)
-  local n, share, likely, mean, p = b.d.size, {}, {}, {}, {}
+  local move, n, share, likely, mean, p = moves(step_s), b.d.size, {}, {}, {}, {}
   for to = 1, FILTERS do
     share[to], likely[to], mean[to], p[to] = {}, 0.0, {}, {}
     for from = 1, FILTERS do
-      local moves
-      if from == 3 then
-        moves = to == 3 and 1.0 - over or 0.5 * over
-      elseif to == 3 then
-        moves = door
-      else
-        moves = to == from and 1.0 - change - door or change
-      end
-      share[to][from] = moves * b.likely[from]
+      share[to][from] = move[from][to] * b.likely[from]
       likely[to] = likely[to] + share[to][from]
     end
     for from = 1, FILTERS do share[to][from] = share[to][from] / likely[to] end
@@ -208,14 +234,11 @@ local function mix(b, step_s)
   b.mean, b.p, b.likely = mean, p, likely
 end
 
-local function predict(b, step_s, values, passing, speed)
+local function advance(b, step_s, values, c)
   local d = b.d
-  local n, modes = d.size, d.modes
-  local learnt = b.middle * exp(@LEARNING@ * step_s * (1.0 - 2.0 * b.likely[1]))
-  b.middle = within(learnt, d.lowest, d.highest)
-  mix(b, step_s)
-  local square, q, level_slope = strengths(b), {step_s * step_s * step_s / 3.0, step_s}, step_s * step_s / 2.0
-  local m, total, own = {step_s = step_s, gone = {}, old = {}, new = {}, decay = {}}, q[1], {0.0, 0.0, 0.0}
+  local n, modes, square, q, total = d.size, d.modes, strengths(b), {}, 0.0
+  local cube, half = step_s * step_s * step_s / 3.0, step_s * step_s / 2.0
+  local m, own = {step_s = step_s, gone = {}, old = {}, new = {}, decay = {}}, {0.0, 0.0, 0.0}
   for i = 1, TURBULENT do
     m.gone[i] = exp(-RATE[i] * step_s)
     q[WALK + i] = VARIANCE[i] * (1.0 - m.gone[i] * m.gone[i])
@@ -227,7 +250,8 @@ local function predict(b, step_s, values, passing, speed)
     m.old[i], m.decay[i] = gone - m.new[i], 1.0 - gone
   end
   if d.passing then
-    local w, r, v = speed * step_s, 1.0 / (speed * speed), passing * passing
+    local speed = c.speed
+    local w, r, v = speed * step_s, 1.0 / (speed * speed), c.passing * c.passing
     local fade = exp(-w)
     local s = {fade * (1.0 + w), fade * step_s, -fade * speed * w, fade * (1.0 - w)}
     m.swing = s
@@ -236,7 +260,8 @@ local function predict(b, step_s, values, passing, speed)
     own[3] = v * max(1.0 - (s[3] * s[3] * r + s[4] * s[4]), 0.0)
   end
   for f = 1, FILTERS do
-    local mean, p, work, x, y = b.mean[f], b.p[f], {}, {}, {}
+    local mean, p, work, x, y, bend = b.mean[f], b.p[f], {}, {}, {}, BEND[f] * BEND[f]
+    q[1], q[2] = bend * cube, bend * step_s
     carried(b, m, mean, x)
     b.mean[f] = x
     for i = 1, n do work[i] = {} end
@@ -253,16 +278,16 @@ local function predict(b, step_s, values, passing, speed)
         if i > AIR and i <= AIR + modes then
           local into = m.new[i - AIR]
           if j == 2 then
-            added = into * level_slope
+            added = into * bend * half
           elseif j <= AIR then
             added = into * q[j]
           else
-            added = into * m.new[j - AIR] * total
+            added = into * m.new[j - AIR] * (q[1] + total)
           end
         elseif i <= AIR and i == j then
           added = q[i]
         elseif i == 2 and j == 1 then
-          added = level_slope
+          added = bend * half
         end
         added = added * square[f]
         if i > AIR + modes and j > AIR + modes then added = own[i + j - 2 * (AIR + modes) - 1] end
@@ -270,6 +295,16 @@ local function predict(b, step_s, values, passing, speed)
       end
     end
   end
+end
+
+local function predict(b, step_s, values, c)
+  local parts = floor(within(step_s / b.d.straight_s + 0.5, 1.0, @MOST_PARTS@))
+  if c.usual then
+    local back = hold(step_s / @CHANGE_S@)
+    learn(b, back * log(possible(b, c.usual) / b.middle))
+  end
+  mix(b, step_s)
+  for _ = 1, parts do advance(b, step_s / parts, values, c) end
 end
 
 local function update(b, on, reading, noise_variance)
@@ -301,6 +336,8 @@ local function update(b, on, reading, noise_variance)
     whole = whole + b.likely[f]
   end
   for f = 1, FILTERS do b.likely[f] = b.likely[f] / whole end
+  local calm = (b.likely[WEAK] + b.likely[STRONG]) / log(STRENGTH[STRONG] / STRENGTH[WEAK])
+  learn(b, within(@LEARNING@ * calm * (cost[WEAK] - cost[STRONG]), -@MOST_LEARNT@, @MOST_LEARNT@))
 end
 
 local function resolution(g) return g.changes >= @FEWEST_CHANGES@ and g.step or 0.0 end
@@ -320,9 +357,9 @@ local function fresh_guard()
   }
 end
 
-local function differences(d, g, reading)
+local function differences(d, g, reading, alike)
   if d.share > @MOST_SHARE@ or not g.third then return end
-  local noise = length(d.noise, resolution(g) / 3.4641016)
+  local noise = length(length(d.noise, resolution(g) / 3.4641016), alike)
   local third = abs((reading - g.last) - 2.0 * (g.last - g.before) + (g.before - g.third)) / (@THIRD@ * noise)
   local size = {third, abs(reading - g.last) / (@FIRST@ * noise)}
   for i = 1, 2 do
@@ -331,7 +368,7 @@ local function differences(d, g, reading)
   end
 end
 
-local function believed(d, g, reading)
+local function believed(d, g, reading, alike)
   if not g.last then
     g.last, g.anchor = reading, reading
     return false
@@ -341,7 +378,7 @@ local function believed(d, g, reading)
   g.equal = same and g.equal + 1 or 0
   g.often = g.often + ((same and 1.0 or 0.0) - g.often) / @REPEATS_ROWS@
   if not same then
-    differences(d, g, reading)
+    differences(d, g, reading, alike)
     g.changes = g.changes + 1
     g.width = g.width + (change - g.width) / min(g.changes, @REPEATS_ROWS@)
     g.smallest = min(g.smallest, change)
@@ -371,7 +408,7 @@ local function kept_by_chance(d, g)
   return max(math.ceil(@LN_BY_CHANCE@ / log(share)), 5)
 end
 
-local function judge(d, g, reading, expected, open_to)
+local function judge(d, g, reading, expected, open_to, alike)
   local v = {usable = false, missing = false, repeated = false, implausible = false, restart = false, variance = 0.0}
   if not reading then
     v.missing = true
@@ -393,7 +430,7 @@ local function judge(d, g, reading, expected, open_to)
     if g.refused >= @LASTING@ then
       for key in pairs(g) do g[key] = nil end
       for key, value in pairs(fresh_guard()) do g[key] = value end
-      believed(d, g, reading)
+      believed(d, g, reading, 0.0)
       v.usable, v.restart, v.variance = true, true, d.noise * d.noise
       return v
     end
@@ -405,7 +442,7 @@ local function judge(d, g, reading, expected, open_to)
   end
   g.refused = 0
   local capped = reading >= d.ceiling - 0.5 * resolution(g)
-  v.repeated = believed(d, g, reading)
+  v.repeated = believed(d, g, reading, alike)
   local step, noise = resolution(g), d.noise * usual_noise(g.usual) * bursting(g)
   v.variance = noise * noise + step * step / 12.0 * (is_coarse(d, g) and 1.0 + g.equal or 1.0)
   if g.stays >= kept_by_chance(d, g) then v.repeated = true end
@@ -414,8 +451,9 @@ local function judge(d, g, reading, expected, open_to)
   return v
 end
 
-local function take(b, here, step_s, reading, air_c, own_c, unit, passing, speed)
+local function take(b, here, step_s, reading, air_c, own_c, unit, c)
   local d, found = b.d, {}
+  b.unit = unit
   local airspeed, pressure = here.airspeed or @REFERENCE_AIRSPEED@, here.pressure or 1013.25
   local values = look_up(d.response, air_c, airspeed, pressure)
   local readout = look_up(d.readout, own_c, airspeed, pressure)
@@ -424,17 +462,17 @@ local function take(b, here, step_s, reading, air_c, own_c, unit, passing, speed
   local on, shown, open_to = direction(b, values), reading, 0.0
   b.since_used_s, b.since_read_s = b.since_used_s + step_s, b.since_read_s + step_s
   if b.started then
-    predict(b, step_s, values, passing, speed)
+    predict(b, step_s, values, c)
     local expected, variance = together(b, on)
     shown, open_to = (expected / unit - readout[1]) / readout[2], sqrt(variance) / (readout[2] * unit)
   end
-  local judged = judge(d, b.guard, reading, shown, open_to)
+  local judged = judge(d, b.guard, reading, shown, open_to, c.alike)
   found.judged = judged
   if judged.usable or judged.repeated then b.since_read_s = 0.0 end
   if judged.usable then
     local level, scale = (readout[1] + readout[2] * reading) * unit, readout[2] * unit
     b.since_used_s = 0.0
-    if judged.restart or not b.started then start(b, level, passing, speed) end
+    if judged.restart or not b.started then start(b, level, c) end
     update(b, on, level, judged.variance * scale * scale)
   end
   found.step = is_coarse(d, b.guard) and resolution(b.guard) * readout[2] * unit or 0.0
@@ -478,8 +516,11 @@ local function resolved_rate(b)
 end
 
 local function fresh(d)
-  return {d = d, started = false, since_used_s = INFINITE, since_read_s = INFINITE, guard = fresh_guard(), middle = 1.0}
+  return {d = d, started = false, since_used_s = INFINITE, since_read_s = INFINITE, guard = fresh_guard(), middle = 1.0,
+    unit = 1.0}
 end
+
+local PLAIN = {passing = 0.0, speed = 1.0, alike = 0.0}
 
 function shock.begin()
   return {bead = fresh(BEAD), film = fresh(FILM), strays = 0}
@@ -518,16 +559,19 @@ local function humid(state, row, step_s, bead, air)
   local at_die = DIE_SHARE > 0.0 and read
   local own = saturation(at_die and then_c + DIE_SHARE * (die_c - then_c) or then_c)
   local held = BY_ACTIVITY and own or saturation(20.0)
-  local back, bend, passing = held / saturation(now_c), 0.0, 0.0
+  local back, bend, c = held / saturation(now_c), 0.0, {passing = 0.0, speed = resolved_rate(warmth), alike = 0.0}
   if state.before_c then bend = abs((now_c - state.last_c) - (state.last_c - state.before_c)) / 2.0 end
   state.before_c, state.last_c = state.last_c, now_c
-  if not at_die and not BY_ACTIVITY then
-    local level = b.started and b.shown or row.humidity_percent and row.humidity_percent * own / held
-    if level then passing = abs(level) * steepness(now_c) * length(sigma, bend) end
+  local level = b.started and b.shown or row.humidity_percent and row.humidity_percent * own / held
+  if level then
+    c.usual = @VAPOUR@ * abs(level) * warmth.middle
+    if not at_die and not BY_ACTIVITY then
+      c.passing = abs(level) * steepness(now_c) * length(sigma, bend)
+      c.alike = abs(level) * held / own * steepness(now_c) * wobble(warmth, @PERIOD_STEP@)
+    end
   end
   local reading = warmth.since_read_s <= @UNREAD@ and row.humidity_percent or nil
-  local found = take(b, state, step_s, reading, now_c, read and die_c or now_c, own / held, passing,
-    resolved_rate(warmth))
+  local found = take(b, state, step_s, reading, now_c, read and die_c or now_c, own / held, c)
   air.humidity_flags = said(found.judged)
   if not b.started or is_stale(b, found) then return end
   local value, readout = found.air * back, length(found.readout, b.d.left)
@@ -567,7 +611,7 @@ function shock.step(state, row)
   if holds(here.temperature_c, -100.0, 150.0) then state.reading_c = here.temperature_c end
   local b = state.bead
   local shown = b.started and b.shown or state.reading_c or 20.0
-  local found = take(b, state, step_s, here.temperature_c, shown, shown, 1.0, 0.0, 1.0)
+  local found = take(b, state, step_s, here.temperature_c, shown, shown, 1.0, PLAIN)
   air.temperature_flags = said(found.judged)
   if b.started and not is_stale(b, found) then
     local shared = length(common(b.d, found), length(found.readout, b.d.left))

@@ -7,17 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from shockrig.analysis.flight.causal_bank import UNSURE_OF_STRENGTH, Bank
-from shockrig.analysis.flight.causal_design import Ladder, design_of
+from shockrig.analysis.flight import causal_bank
+from shockrig.analysis.flight.causal_bank import FILTER_COUNT, UNSURE_OF_STRENGTH, Bank
+from shockrig.analysis.flight.causal_design import HUMIDITY_LADDER, TEMPERATURE_LADDER, Ladder, design_of
+from shockrig.analysis.flight.causal_guard import Guard
 from shockrig.analysis.flight.correct import correct
-from shockrig.analysis.flight.prior import Prior
-from shockrig.analysis.flight.response import LagResponse, bead_response, film_response
+from shockrig.analysis.flight.prior import OU_VARIANCES, RATES_PER_S, UNSEEN_VARIANCE, Prior
+from shockrig.analysis.flight.response import LagResponse, bead_response, film_response, hold
 from shockrig.analysis.flight.simulated.scenes import to_flight
 from shockrig.analysis.flight.simulated.sensor import fly
 from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.analysis.flight.simulated.weather import inversion
 from shockrig.analysis.flight.smoother import smooth
 from shockrig.analysis.physics.exchange import Stream
+from shockrig.files.flight import Flight
 from shockrig.files.profile import StatedEffect, Uncertain
 from shockrig.protocols.cli import main
 
@@ -36,7 +39,8 @@ def test_at_one_strength_the_last_row_is_the_smoother_s(monkeypatch):
     rng = np.random.default_rng(0)
     rate, weight, strength, count = np.array([0.4, 3.0]), np.array([0.8, 0.2]), 0.3, 80
     reading = 20.0 + 0.1 * np.cumsum(rng.standard_normal(count))
-    monkeypatch.setattr(Bank, "_strengths", lambda self: np.full(3, strength**2))
+    monkeypatch.setattr(Bank, "_strengths", lambda self: np.full(FILTER_COUNT, strength**2))
+    monkeypatch.setattr(causal_bank, "BENDS", np.ones(FILTER_COUNT))
     bank = Bank(Ladder(strength, strength, strength), 2, False)
     bank.start(reading[0], 2.0, weight)
     bank.update(reading[0], 0.01)
@@ -51,7 +55,82 @@ def test_at_one_strength_the_last_row_is_the_smoother_s(monkeypatch):
     lags = np.full((1, 2), reading[0])
     whole = smooth(0.1 * one, reading[None], 0.01 * one, response, lags, prior, np.array([2.0]))
     assert air == pytest.approx(whole.air[0, -1], abs=1e-8)
-    assert variance / UNSURE_OF_STRENGTH == pytest.approx(whole.variance[0, -1], rel=1e-5)
+    seen = variance / UNSURE_OF_STRENGTH - UNSEEN_VARIANCE * strength**2
+    assert seen == pytest.approx(whole.variance[0, -1], rel=1e-5)
+
+
+def turbulent(rng, strength, count, step_s=0.1, tau_s=0.2):
+    """Air of turbulence on a straight trend, and what a sensor of one lag shows of it."""
+    decay = np.exp(-RATES_PER_S * step_s)
+    state, air = strength * np.sqrt(OU_VARIANCES) * rng.standard_normal(3), np.empty(count)
+    for i in range(count):
+        air[i] = 20.0 - 0.02 * step_s * i + state.sum()
+        state = decay * state + strength * np.sqrt(OU_VARIANCES * (1 - decay**2)) * rng.standard_normal(3)
+    shown, old, new, gone = np.empty(count), *hold(np.array([1 / tau_s]), np.array(step_s))
+    shown[0] = air[0]
+    for i in range(1, count):
+        shown[i] = gone[0] * shown[i - 1] + old[0] * air[i - 1] + new[0] * air[i]
+    return air, shown
+
+
+@pytest.mark.parametrize("strength", [0.007, 0.2])
+def test_uncertainty_holds_in_weak_and_strong_turbulence_whatever_it_waits_for(strength):
+    """The trend is straight: were its bend as strong as the turbulence, weak turbulence would be taken for none."""
+    noise, waits = 0.02, (0, 20, 50)
+    covered, middle = {wait: [] for wait in waits}, []
+    for seed in range(3):
+        rng = np.random.default_rng([seed, 5])
+        air, shown = turbulent(rng, strength, 1200)
+        reading = shown + noise * rng.standard_normal(shown.size)
+        bank, rate, weight = Bank(TEMPERATURE_LADDER, 1, False, max(waits)), np.array([5.0]), np.array([1.0])
+        bank.start(reading[0], 2.0, weight)
+        for i, value in enumerate(reading):
+            if i:
+                bank.predict(0.1, weight, rate)
+            bank.update(value, noise**2)
+            bank.keep()
+            if i >= 400:
+                middle.append(bank.middle)
+                for wait in waits:
+                    value, variance = bank.ago(wait)
+                    covered[wait].append(abs(value - air[i - wait]) <= 1.96 * np.sqrt(variance))
+    for wait in waits:
+        assert 0.9 <= np.mean(covered[wait]) <= 0.995, wait
+    assert 0.5 * strength < np.median(middle) < 2.0 * strength
+
+
+def test_where_readings_say_little_the_strength_goes_to_the_usual_one():
+    bank, rate, weight = Bank(HUMIDITY_LADDER, 1, False), np.array([0.01]), np.array([1.0])
+    bank.start(50.0, 10.0, weight)
+    for _ in range(3000):
+        bank.predict(0.1, weight, rate, usual=0.5)
+        bank.update(50.0, 100.0)
+    assert bank.middle == pytest.approx(0.5, rel=0.2)
+
+
+def test_what_goes_through_readings_with_temperature_is_no_noise_of_theirs():
+    design = design_of(typical_profile(), 0.1).humidity
+    reading = 50.0 + np.hypot(design.noise, 0.5) * np.random.default_rng(2).standard_normal(400)
+    factors = []
+    for alike in (0.5, 0.0):
+        guard = Guard(design, ())
+        for value in reading:
+            guard.judge(value, value, 1.0, alike)
+        factors.append(guard._usual(guard.usual))
+    assert factors[0] == pytest.approx(1.0, abs=0.3) and factors[1] > 4.0
+
+
+def test_a_start_in_the_cold_is_as_unsure_as_one_in_the_warmth():
+    """It says within how many %RH the film is of the air; what little vapour cold air holds changes nothing there."""
+    time_s, rng = np.arange(100) * 0.1, np.random.default_rng(4)
+    stated = []
+    for air_c in (-9.0, 35.0):
+        unknown = np.full(time_s.size, np.nan)
+        temperature = air_c + 0.02 * rng.standard_normal(time_s.size)
+        humidity = 50.0 + 0.06 * rng.standard_normal(time_s.size)
+        flight = Flight(time_s, temperature, humidity, unknown, unknown, unknown)
+        stated.append(correct(flight, typical_profile(), "causal").humidity_uncertainty_percent[0])
+    assert max(stated) < 25.0 and max(stated) < 1.5 * min(stated)
 
 
 @pytest.mark.parametrize("lag_s", [0.0, 1.0])
