@@ -93,14 +93,25 @@ def _attach(file: Path, entries: dict[Path, Entry]) -> None:
     content = read_json(file, None, "fix or restore the file")
     stated: Any = content.mapping("provenance").get("campaign_path") if file.name == "profile.json" else None
     name = content.get("campaign")
-    for path, entry in entries.items():
-        theirs = stated is not None and real_path(file.parent / str(stated)) == path
-        theirs |= stated is not None and real_path(Path(str(stated))) == path
-        if file.name == "profile.json" and theirs:
-            entry.profiles[file] = read_profile(file)
-        elif file.name == "diagnosis.json" and name == entry.state.name:
-            for channel, found in content.children("channels"):
-                entry.verdicts[channel] = str(found.get("verdict") or "?")
+    if file.name == "profile.json":
+        # the command was typed in some folder above its result
+        places = [] if stated is None else [real_path(where / str(stated)) for where in (Path(), *file.parents)]
+        for path in dict.fromkeys(places):
+            if path in entries:
+                entries[path].profiles[file] = read_profile(file)
+                break
+    elif (entry := _diagnosed(real_path(file), name, entries)) is not None:
+        for channel, found in content.children("channels"):
+            entry.verdicts[channel] = str(found.get("verdict") or "?")
+
+
+def _diagnosed(file: Path, name: object, entries: dict[Path, Entry]) -> Entry | None:
+    """The campaign of that name which a diagnosis lies in or nearest beside: many are called `campaign`."""
+    called = {path: entry for path, entry in entries.items() if entry.state.name == name}
+    near = [path for path in called if path.parent in file.parents]
+    if near:
+        return called[max(near, key=lambda path: (path in file.parents, len(path.parts)))]
+    return next(iter(called.values())) if len(called) == 1 else None
 
 
 def changes(entries: list[Entry]) -> list[str]:
@@ -138,13 +149,3 @@ def _rate(profile: Profile, channel: str) -> tuple[float, float] | None:
         if abs(row.ambient_temperature_c - 20.0) <= 1.0:
             return row.diffusivity_m2_s, row.standard_uncertainty
     return None
-
-
-def rates(profile: Profile) -> str:
-    """alpha and D at 20 degC in words; empty where the profile has neither."""
-    parts = []
-    for channel, name, unit in (("temperature", "alpha", 1e-8), ("humidity", "D(20 degC)", 1e-12)):
-        if found := _rate(profile, channel):
-            value, sigma = found
-            parts.append(f"{name} {value / unit:.4g} ± {sigma / unit:.2g} ({unit:g} m2/s)")
-    return ", ".join(parts)

@@ -27,6 +27,7 @@ from shockrig.analysis.flight.sweep import lags_behind
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.analysis.physics.standard_atmosphere import pressure_altitude_m
 from shockrig.files.flight import Corrected, Flight
+from shockrig.files.numbers import plain
 
 Array = NDArray[np.float64]
 
@@ -410,7 +411,7 @@ def compared(
             if sure and wrong > BEYOND_STATED * stated and both.agree_better:
                 notes.append(
                     f"{channel.name}: they agree best if the sensor is {_way(both.slower)} than the profile "
-                    f"says (which states {100 * stated:.1g} %): uncertainties are widened by as much of the lag; "
+                    f"says (which states {plain(100 * stated, 1)} %): uncertainties are widened by as much of the lag; "
                     "characterize the sensor again"
                 )
                 channel = channel.widened(wrong)

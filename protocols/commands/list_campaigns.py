@@ -17,7 +17,8 @@ def main(args: argparse.Namespace) -> int:
     """Print the catalogue."""
     from shockrig.files.disk import shown
     from shockrig.files.errors import InputError
-    from shockrig.protocols.catalogue import catalogue, changes, rates
+    from shockrig.files.headline import headlines
+    from shockrig.protocols.catalogue import catalogue, changes
 
     if not args.folder.is_dir():
         raise InputError(f"{shown(args.folder)}: is no folder; name the one that your campaigns are in")
@@ -36,7 +37,8 @@ def main(args: argparse.Namespace) -> int:
         if entry.serials:
             print("  " + ", ".join(f"{sensor} {serial}" for sensor, serial in entry.serials.items()))
         for file, profile in sorted(entry.profiles.items()):
-            print(f"  {shown(file.parent)}: {rates(profile) or 'no rate'}")
+            known = "; ".join(f"{name} {value}" for name, value in headlines(profile))
+            print(f"  {shown(file.parent)}: {known or 'no rate'}")
         if entry.verdicts:
             print("  " + ", ".join(f"{channel}: {verdict}" for channel, verdict in entry.verdicts.items()))
     for text in changes(entries):

@@ -126,7 +126,8 @@ def test_the_catalogue_lists_campaigns_results_and_changes_of_a_sensor(tmp_path,
     assert "broken/campaign.json, line 1: not JSON" in said.err and said.err.count("\n") == 1
     lines = said.out.splitlines()
     assert lines[0].endswith("spring  2026-03-01T10:00  2 runs") and "autumn  2026-09-01T10:00" in said.out
-    assert "alpha 7.5 ± 0.01 (1e-08 m2/s)" in said.out and "temperature: adequate" in said.out
+    assert "alpha of the bead (7.500 ± 0.010) × 10⁻⁸ m²/s" in said.out
+    assert said.out.count("temperature: adequate") == 1  # both are called c: the one that it lies beside
     assert lines[-1] == "imet X1: alpha +2.00 % (+10.6 sigma) from spring to autumn"
     shutil.rmtree(first), shutil.rmtree(second)
     assert main(["list", str(tmp_path)]) == 2
