@@ -14,7 +14,7 @@ from datetime import UTC, datetime
 from itertools import islice
 from operator import methodcaller
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,11 @@ from shockrig.files.disk import open_text, shown
 from shockrig.files.errors import InputError
 from shockrig.files.flight_intermet import clock_of
 from shockrig.files.flight_known import KnownLog, day_of, known_log
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -77,7 +82,14 @@ XQ2_FIELDS = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
+UNIT_OF = {  # of each quantity of a flight
+    "temperature_c": "degC", "humidity_percent": "%", "airspeed_m_s": "m s-1", "die_temperature_c": "degC",
+    "pressure_hpa": "hPa", "altitude_m": "m", "latitude_deg": "degrees_north", "longitude_deg": "degrees_east",
+    "vertical_speed_m_s": "m s-1",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, repr=False)
 class Flight:
     """Rows of a log: arrays (n,), NaN where a value is missing; `temperature_c` the bead's, `humidity_percent` the
     film's. What says where the drone was, and how fast it rose, is None in a log without it."""
@@ -100,6 +112,40 @@ class Flight:
             values = getattr(self, one.name)
             cut[one.name] = None if values is None else values[rows]
         return Flight(**cut)
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row for each of the log's, a column for each quantity that it has."""
+        import pandas as pd
+
+        return pd.DataFrame({name: getattr(self, name) for name in ("time_s", *self._known())})
+
+    def to_xarray(self) -> xr.Dataset:
+        """The same as labelled arrays over time [s], with units."""
+        from shockrig.files.views import require_xarray
+
+        arrays = {name: ("time", getattr(self, name), {"units": UNIT_OF[name]}) for name in self._known()}
+        return require_xarray().Dataset(arrays, {"time": ("time", self.time_s, {"units": "s"})})
+
+    def plot(self, against: Literal["time", "altitude"] = "time") -> Figure:
+        """The readings against "time" or "altitude"."""
+        from shockrig.files.flight_figure import plot_readings
+
+        return plot_readings(self, against)
+
+    def _known(self) -> list[str]:
+        """Quantities of which the log has any value."""
+        return [name for name in UNIT_OF if (v := getattr(self, name)) is not None and np.isfinite(v).any()]
+
+    def _facts(self) -> list[tuple[str, str]]:
+        return [("rows", str(self.time_s.size)), ("has", ", ".join(self._known()) or "nothing")]
+
+    def __repr__(self) -> str:
+        return f"<Flight: {'; '.join(f'{name} {value}' for name, value in self._facts())}>"
+
+    def _repr_html_(self) -> str:
+        from shockrig.files.views import card
+
+        return card("Flight", self._facts(), self.to_frame(), rows=5)
 
 
 @dataclass(frozen=True)

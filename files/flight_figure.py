@@ -140,6 +140,39 @@ def plot_flight(flight: Flight, corrected: Corrected, against: Against = "time")
     return figure
 
 
+@styled
+def plot_readings(flight: Flight, against: Against = "time") -> Figure:
+    """A log's readings as they came, a panel for each channel that has any; errors as of `plot_flight`."""
+    if against not in ("time", "altitude"):
+        raise InputError(f"against={against!r}: expected 'time' or 'altitude'")
+    both = (("temperature, °C", flight.temperature_c), ("relative humidity, %", flight.humidity_percent))
+    shown = [(label, values) for label, values in both if np.isfinite(values).any()]
+    if not shown:
+        raise InputError("the flight has no readings to draw; give a log with temperature or humidity")
+    few = thinned(flight.time_s.size)
+    if against == "time":
+        along, words = time_axis(flight.time_s)
+        figure = notebook_figure(9.2, 1.0 + 2.2 * len(shown))
+        rows = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, (label, values) in zip(rows, shown, strict=True):
+            axes.plot(along[few], values[few], color=ORANGE, lw=0.9)
+            axes.set_ylabel(label)
+        rows[-1].set_xlabel(words)
+        return figure
+    altitude = flight.altitude_m
+    if altitude is None or not has_altitude(flight):
+        raise InputError("against='altitude': the log has no altitude that changes; leave it out for time")
+    figure = notebook_figure(4.6 * max(len(shown), 1.4), 5.2)
+    for axes, (label, values) in zip(figure.subplots(1, len(shown), sharey=True, squeeze=False)[0], shown, strict=True):
+        for way, style, words in zip(ways(altitude), ("-", "--"), ("ascent", "descent"), strict=True):
+            if way.sum() > 1:
+                axes.plot(values[way], altitude[way], color=ORANGE, lw=0.9, ls=style, label=words)
+        axes.set_xlabel(label)
+    figure.axes[0].set_ylabel("altitude, m")
+    figure.axes[0].legend(loc="best")
+    return figure
+
+
 def band(axes: Axes, along: Array, sigma: Array, unit: str) -> None:
     """The 95 % band by itself, on a scale on which it can be seen; where far less is known than usual it is cut."""
     reach = COVERAGE * sigma

@@ -21,6 +21,7 @@ LEARNING = {  # on one flight of both sensors; of many flights the finalists tak
     "temperature: one lag": 0.2, "humidity: one lag": 0.35, "position's clock": 0.6, "finalists": 0.7,
     "what the structure": 0.8,
 }  # fmt: skip
+LOOKING_AT_LOG = {"looking for steps": 0.3, "picture": 0.65}
 PLAYING = {"against the air": 0.75, "page": 0.87}
 CERTIFYING = {"noise from the plateaus": 0.1, "differential evolution": 0.3, "least squares": 0.5, "certificate": 0.8}
 
@@ -66,12 +67,19 @@ class Phases:
     ----------
     shares : mapping
         Words that begin a phase -> share of the whole that is done by then.
+    only_long : bool
+        Leave out sentences without a time: of work that is nearly always soon over.
     """
 
     def __init__(
-        self, shares: Mapping[str, float], stream: TextIO | None = None, clock: TimeLeft | None = None
+        self,
+        shares: Mapping[str, float],
+        stream: TextIO | None = None,
+        clock: TimeLeft | None = None,
+        only_long: bool = False,
     ) -> None:
         self._shares, self._stream, self._clock = shares, stream, clock or TimeLeft()
+        self._only_long = only_long
         self._done = 0.0
 
     def __call__(self, text: str) -> None:
@@ -80,7 +88,8 @@ class Phases:
         # Of two channels the one that is behind is what is waited for, and no estimate is of both: the last one stands.
         left = self._clock.after(share) if share > self._done else ""
         self._done = max(self._done, share)
-        print(f"{text}{left}", file=self._stream or sys.stderr, flush=True)
+        if left or not self._only_long:
+            print(f"{text}{left}", file=self._stream or sys.stderr, flush=True)
 
 
 class CountedRows:

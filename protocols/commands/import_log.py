@@ -24,17 +24,20 @@ def look(args: argparse.Namespace) -> int:
     from shockrig.files.figures import figure_bytes
     from shockrig.protocols.folder import whole_folder
     from shockrig.protocols.log_picture import draw_log
+    from shockrig.protocols.time_left import LOOKING_AT_LOG, Phases
     from shockrig.rig.logs.channels import read_sensors
     from shockrig.rig.logs.first_map import look_at
     from shockrig.rig.logs.found import steps_of
     from shockrig.rig.logs.map_file import read_map
 
+    say = Phases(LOOKING_AT_LOG, only_long=True)
     folder = args.out or Path(".")
     map_path = args.map or folder / f"{args.logs[0].stem}.toml"
     text, unused = None, tuple[str, ...]()
     if args.map is not None:
         map_ = read_map(args.map)
         logs = [read_sensors(path, map_) for path in args.logs]
+        say("looking for steps")
         steps = [steps_of(one, map_, len(logs) > 1) for one in logs]
     else:
         if is_there(map_path):
@@ -42,8 +45,9 @@ def look(args: argparse.Namespace) -> int:
                 f"{shown(map_path)}: is there already and may hold your corrections; look with --map, move it away, or "
                 "give another --out"
             )
-        seen = look_at(args.logs, map_path)
+        seen = look_at(args.logs, map_path, say)
         map_, text, logs, steps, unused = seen.map, seen.text, list(seen.logs), list(seen.steps), seen.unused
+    say("picture")
     with whole_folder(folder) as partial:
         for one, those in zip(logs, steps, strict=True):
             used = [is_used(step, map_) for step in those]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -37,7 +37,7 @@ class LogLook:
     unused: tuple[str, ...]
 
 
-def look_at(paths: Sequence[Path], map_path: Path) -> LogLook:
+def look_at(paths: Sequence[Path], map_path: Path, progress: Callable[[str], None] = lambda said: None) -> LogLook:
     """Recognise logs of one layout and find their steps; `map_path` is where the map will stand.
 
     Raises
@@ -58,6 +58,7 @@ def look_at(paths: Sequence[Path], map_path: Path) -> LogLook:
     logs = []
     while scans:  # the text is of no more use once it is read, and is most of what is held
         logs.append(read_sensors(scans[0].path, map_, scans.pop(0)))
+    progress("looking for steps")
     steps = [steps_of(one, map_) for one in logs]
     times = t63_of([step for those in steps for step in those])
     text = head + _sensors(guess, times, likely_reference(guess.sensors)) + _steps_text(logs, steps)

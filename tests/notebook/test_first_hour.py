@@ -42,6 +42,13 @@ def test_the_api_page_has_every_public_name():
     assert documented == set(shockrig.__all__) - {"__version__"}
 
 
+def test_every_result_has_a_table_arrays_a_figure_and_a_card():
+    results = [one for name in shockrig.__all__ if isinstance(one := getattr(shockrig, name), type)]
+    shown = {"to_frame", "to_xarray", "plot", "_repr_html_"}
+    lacking = {one.__name__ for one in results if not shown <= set(dir(one))}
+    assert lacking == {"InputError"}
+
+
 def test_a_log_gives_the_time_constants_that_it_was_made_with(found):
     """benchmarks/make_examples.py: 4 s and 9 s."""
     table = found.to_frame()
@@ -223,6 +230,19 @@ def test_pressure_that_nobody_stated_is_missing(log):
     assert log.to_frame()["pressure_hpa"].isna().all()
     stated = shockrig.import_log(shockrig.example("steps.csv"), pressure_hpa=900.0)
     assert set(stated.to_frame()["pressure_hpa"]) == {900.0}
+
+
+def test_a_flight_that_was_read_shows_itself_as_every_result_does(tmp_path):
+    flight = shockrig.read_flight(shockrig.example("flight.csv"))
+    assert repr(flight).startswith("<Flight: rows 901; has temperature_c, humidity_percent, airspeed_m_s, ")
+    frame = flight.to_frame()
+    assert len(frame) == 901 and frame.columns[0] == "time_s" and "die_temperature_c" not in frame
+    assert flight.to_xarray().altitude_m.attrs == {"units": "m"} and "and 896 more rows" in flight._repr_html_()
+    over_time, over_altitude = flight.plot(), flight.plot("altitude")
+    assert len(over_time.axes) == len(over_altitude.axes) == 2
+    assert [line.get_label() for line in over_altitude.axes[0].lines] == ["ascent", "descent"]
+    with pytest.raises(shockrig.InputError, match="no altitude that changes"):
+        shockrig.read_flight(frame[["time_s", "temperature_c"]]).plot("altitude")
 
 
 def test_a_flight_is_drawn_over_time_and_over_altitude(corrected):
