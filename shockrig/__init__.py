@@ -23,6 +23,10 @@ if TYPE_CHECKING:
     from typing import Any
 
     from shockrig.campaigns import ChainedCampaign, read_campaign
+    from shockrig.characterizing import Characterized, characterize
+    from shockrig.choosing_runs import Planned, plan
+    from shockrig.correcting import CorrectedFlight, correct
+    from shockrig.diagnosing import Diagnosed, diagnose
     from shockrig.examples import example
     from shockrig.files.campaign import Campaign
     from shockrig.files.errors import InputError
@@ -30,9 +34,9 @@ if TYPE_CHECKING:
     from shockrig.files.flight import Flight
     from shockrig.files.profile import Profile, read_profile, write_profile
     from shockrig.flights import read_flight
+    from shockrig.learning_flights import LearnedSensor, learn
     from shockrig.logs import import_log
-    from shockrig.notebook import characterize, correct, diagnose, fleet, learn, plan
-    from shockrig.results import Characterized, CorrectedFlight, Diagnosed, LearnedSensor, Planned
+    from shockrig.many_sensors import fleet
 
 __all__ = [
     "Campaign",
@@ -67,23 +71,23 @@ __version__: str
 _HOMES = {
     "Campaign": "files.campaign",
     "ChainedCampaign": "campaigns",
-    "Characterized": "results",
-    "CorrectedFlight": "results",
-    "Diagnosed": "results",
+    "Characterized": "characterizing",
+    "CorrectedFlight": "correcting",
+    "Diagnosed": "diagnosing",
     "Fleet": "files.fleet",
     "Flight": "files.flight",
     "InputError": "files.errors",
-    "LearnedSensor": "results",
-    "Planned": "results",
+    "LearnedSensor": "learning_flights",
+    "Planned": "choosing_runs",
     "Profile": "files.profile",
-    "characterize": "notebook",
-    "correct": "notebook",
-    "diagnose": "notebook",
+    "characterize": "characterizing",
+    "correct": "correcting",
+    "diagnose": "diagnosing",
     "example": "examples",
-    "fleet": "notebook",
+    "fleet": "many_sensors",
     "import_log": "logs",
-    "learn": "notebook",
-    "plan": "notebook",
+    "learn": "learning_flights",
+    "plan": "choosing_runs",
     "read_campaign": "campaigns",
     "read_fleet": "files.fleet",
     "read_flight": "flights",

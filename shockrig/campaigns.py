@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,15 +10,15 @@ from shockrig.files.campaign import Campaign
 from shockrig.files.campaign import read_campaign as _read_campaign
 from shockrig.files.numbers import counted
 from shockrig.files.views import campaign_card
+from shockrig.given import PathLike, Progress
 from shockrig.remedies import as_python
 
 if TYPE_CHECKING:
     from shockrig.channels import Channels
+    from shockrig.characterizing import Characterized
+    from shockrig.choosing_runs import Planned
+    from shockrig.diagnosing import Diagnosed
     from shockrig.files.fleet import Fleet
-    from shockrig.results import Characterized, Diagnosed, Planned
-
-PathLike = str | os.PathLike[str]
-Progress = Callable[[str], None]  # is given sentences
 
 
 @dataclass(frozen=True, repr=False)
@@ -52,7 +50,7 @@ class ChainedCampaign(Campaign):
         progress: Progress | None = None,
     ) -> Characterized:
         """How fast its sensors are: `shockrig.characterize` of this campaign."""
-        from shockrig.notebook import characterize
+        from shockrig.characterizing import characterize
 
         return characterize(self, channels=channels, seed=seed, extend=extend, fleet=fleet, progress=progress)
 
@@ -65,7 +63,7 @@ class ChainedCampaign(Campaign):
         progress: Progress | None = None,
     ) -> Diagnosed:
         """What the plain model of its sensors gets wrong: `shockrig.diagnose` of this campaign."""
-        from shockrig.notebook import diagnose
+        from shockrig.diagnosing import diagnose
 
         tolerances = {"tolerance_k": tolerance_k, "tolerance_percent": tolerance_percent}
         return diagnose(self, channels=channels, progress=progress, **tolerances)
@@ -80,7 +78,7 @@ class ChainedCampaign(Campaign):
         progress: Progress | None = None,
     ) -> Planned:
         """Which runs to record next: `shockrig.plan` of this campaign."""
-        from shockrig.notebook import plan
+        from shockrig.choosing_runs import plan
 
         return plan(self, until=until, runs=runs, channels=channels, fleet=fleet, progress=progress)
 

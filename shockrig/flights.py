@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING
 
 from shockrig.files.errors import InputError
 from shockrig.files.flight import Flight
+from shockrig.given import PathLike
 from shockrig.protocols.flight_logs import read_log
 from shockrig.remedies import as_python
 
 if TYPE_CHECKING:
     import pandas as pd
-
-PathLike = str | os.PathLike[str]
 
 
 def read_flight(

@@ -16,6 +16,7 @@ from shockrig.files.campaign import read_campaign
 from shockrig.files.campaign_write import write_campaign
 from shockrig.files.errors import InputError
 from shockrig.flights import demand_frame, with_times
+from shockrig.given import PathLike
 from shockrig.protocols.folder import software_version, whole_folder
 from shockrig.remedies import as_python, in_python
 from shockrig.rig.errors import BenchError
@@ -27,7 +28,6 @@ from shockrig.rig.logs.mapping import COLUMNS, FORMAT, LogMap
 if TYPE_CHECKING:
     import pandas as pd
 
-PathLike = str | os.PathLike[str]
 FRAME = "log.csv"  # what a DataFrame is called meanwhile
 QUANTITIES = ("time", *COLUMNS)
 

@@ -33,7 +33,7 @@ from shockrig.files.profile import (
 ROOT = Path(__file__).parents[2]
 FUNCTIONS = [name for name in shockrig.__all__ if inspect.isfunction(getattr(shockrig, name))]
 WITH_EXAMPLES = [
-    *(f"shockrig.{name}" for name in ("campaigns", "examples", "flights", "logs", "notebook")),
+    *(f"shockrig.{m.name}" for m in pkgutil.iter_modules(shockrig.__path__) if not m.ispkg),
     *(f"shockrig.files.{m.name}" for m in pkgutil.iter_modules(shockrig.files.__path__)),
 ]
 PROFILE = Profile(
@@ -122,7 +122,7 @@ def test_examples_do_what_they_show(module):
     loaded = importlib.import_module(module)
     done = doctest.testmod(loaded, optionflags=doctest.NORMALIZE_WHITESPACE)
     assert done.failed == 0
-    if module == "shockrig.notebook":
+    if module == "shockrig.correcting":
         assert done.attempted > 10
 
 

@@ -5,8 +5,9 @@ from dataclasses import replace
 import shockrig
 from shockrig.analysis.diagnose.diagnose import diagnose
 from shockrig.analysis.diagnose.diagnosed import to_json
+from shockrig.choosing_runs import Planned
+from shockrig.diagnosing import Diagnosed
 from shockrig.files.campaign import read_campaign
-from shockrig.results import Diagnosed, Planned
 
 RUN = {
     "source": {"temperature_c": 5.0, "humidity_percent": 40.0},

@@ -1,0 +1,160 @@
+"""`shockrig.learn`: what flights say of the sensor that flew them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from shockrig.correcting import CorrectedFlight, correct
+from shockrig.files import result_views as views
+from shockrig.files.errors import InputError
+from shockrig.files.flight import Flight
+from shockrig.files.numbers import counted
+from shockrig.files.profile import Profile, read_profile
+from shockrig.files.views import card
+from shockrig.flights import with_words
+from shockrig.given import PathLike, Progress
+from shockrig.protocols.folder import software_version
+from shockrig.remedies import as_python
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+    from shockrig.analysis.learn.learn import FlightsLearned
+    from shockrig.characterizing import Characterized
+    from shockrig.files.learned import LearnedFile
+
+
+@dataclass(frozen=True, repr=False)
+class LearnedSensor:
+    """What `learn` found.
+
+    Attributes
+    ----------
+    profile : Profile, optional
+        What flights show of the lags, for `correct`; None where no lag that they show brings their passes together.
+    document : LearnedFile
+        The content of learned.json.
+    result : FlightsLearned
+        All of it: fits, flights as they were used, how far their passes disagree.
+    notes : tuple of str
+        What was read as what, and which flights were left out and why.
+    """
+
+    profile: Profile | None
+    document: LearnedFile
+    result: FlightsLearned
+    notes: tuple[str, ...] = ()
+
+    @property
+    def verdicts(self) -> dict[str, str]:
+        """A sentence on each channel."""
+        from shockrig.protocols.learning import sentence
+
+        return {name: sentence(one).removeprefix(f"{name}: ") for name, one in self.result.channels.items()}
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row for each number of each law that may act."""
+        return views.learned_frame(self.document)
+
+    def to_xarray(self) -> xr.Dataset:
+        """How far passes disagree as read, with one lag and with the likeliest model, as labelled arrays."""
+        return views.learned_dataset(self.document)
+
+    def plot(self) -> Figure:
+        """The later pass less the earlier one over altitude, as read and corrected by fits without the flight."""
+        from shockrig.analysis.report.learned_page import plot_learned
+
+        return plot_learned(self.result)
+
+    def correct(self, flight: pd.DataFrame | Flight | PathLike, **settings: Any) -> CorrectedFlight:
+        """A flight of this sensor corrected: `shockrig.correct` with this profile and the same settings.
+
+        Raises
+        ------
+        InputError
+            The flights showed no lag to correct for.
+        """
+        if self.profile is None:
+            raise InputError("these flights show no lag that brings their passes together: nothing to correct with")
+        return correct(flight, self.profile, **settings)
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write learned.json to a file, whole or not at all; `profile` is written by `shockrig.write_profile`."""
+        from shockrig.files.learned import write_learned
+
+        write_learned(self.document, Path(path))
+
+    def __repr__(self) -> str:
+        return f"<LearnedSensor: {'; '.join(f'{name} {said}' for name, said in self.verdicts.items())}>"
+
+    def _repr_html_(self) -> str:
+        facts = [*self.verdicts.items(), *(("note", note) for note in self.notes)]
+        return card(f"Learned from {counted(len(self.result.bins), 'flight')}", facts, self.to_frame())
+
+
+def learn(
+    flights: pd.DataFrame | Flight | PathLike | Sequence[pd.DataFrame | Flight | PathLike],
+    *,
+    profile: Profile | Characterized | PathLike | None = None,
+    columns: Mapping[str, str] | None = None,
+    map: PathLike | None = None,
+    progress: Progress | None = None,
+) -> LearnedSensor:
+    """Say from flights of one sensor, up and down through the same air, what it lacks: lags, clock, what is open.
+
+    Parameters
+    ----------
+    flights : DataFrame, Flight or path, or several of them
+        Whole flights, each with altitude or pressure, as `read_flight` reads them.
+    profile : Profile, Characterized or path, optional
+        A bench's: what is known before the flights.
+    columns, map
+        As in `correct`, for all flights.
+    progress : function of a sentence, optional
+
+    Returns
+    -------
+    LearnedSensor
+
+    Raises
+    ------
+    InputError
+        A log cannot be read, or no flight passes the same air twice.
+
+    Examples
+    --------
+    From one flight and no bench; whether a correction helps takes a second flight to see.
+
+    >>> import shockrig
+    >>> found = shockrig.learn(shockrig.example("flight.csv"))
+    >>> "time_constant_s" in set(found.to_frame().loc[["temperature"], "parameter"])
+    True
+    >>> after = found.correct(shockrig.example("flight.csv"))
+    """
+    from shockrig.analysis.learn.profile import learned_profile
+    from shockrig.protocols.learning import learned_file, learned_from, with_altitude
+
+    given = list(flights) if isinstance(flights, Sequence) and not isinstance(flights, str) else [flights]
+    provenance = {"software": f"shockrig {software_version()}"}
+    with as_python():
+        if profile is not None and not isinstance(profile, Profile | str | os.PathLike):
+            profile = profile.profile
+        bench = profile if profile is None or isinstance(profile, Profile) else read_profile(profile)
+        read: dict[str, Flight] = {}
+        said: list[str] = []
+        for i, one in enumerate(given):
+            name = Path(one).name if isinstance(one, str | os.PathLike) else f"flight {i + 1}"
+            name = name if name not in read else f"{name} ({i + 1})"
+            rows, words = with_words(one, columns, map)
+            read[name], more = with_altitude(rows)
+            said += [f"{name}: {note}" for note in (*words, *more)]
+        result = learned_from(read, bench, progress or (lambda text: None))
+    said += [f"{name} left out: {why}" for name, why in result.left_out.items()]
+    document = learned_file(result, read, provenance)
+    return LearnedSensor(learned_profile(result, provenance, bench), document, result, tuple(said))
