@@ -60,13 +60,14 @@ class Known:
 
 
 def known_of(laws: Sequence[Law], stated: Mapping[str, tuple[float, float]] | None = None) -> tuple[Known, ...]:
-    """Parameters of laws in order; `stated` (channel.name -> mean, spread as fitted) is what a bench has found."""
+    """Parameters of laws in order; `stated` (channel.name or channel.law.name -> mean, spread on the scale that is
+    fitted) is what a bench has found."""
     found = []
     for law in laws:
         for parameter in law.parameters:
             mean, spread = parameter.encoded(parameter.usual), parameter.spread
-            if stated and (key := f"{law.channel}.{parameter.name}") in stated:
-                mean, spread = stated[key]
+            for key in (f"{law.channel}.{parameter.name}", f"{law.name}.{parameter.name}"):
+                mean, spread = (stated or {}).get(key, (mean, spread))
             found.append(Known(parameter, mean, spread))
     return tuple(found)
 
@@ -131,18 +132,24 @@ class Learned:
     def without(self, unit: int) -> Array:
         """Theta where one unit is left out."""
         rest = self.information.sum(axis=0) - self.information[unit] + np.diag(self.prior)
-        return np.asarray(self.theta - np.linalg.solve(rest, self.slope[unit]))
+        theta = self.theta - np.linalg.solve(rest, self.slope[unit])
+        return np.clip(theta, [one.low for one in self.known], [one.high for one in self.known])
 
     def predicted(self) -> Array:
         """Log density of each unit given those before it (U,) [nats]; their sum is the evidence for the model.
 
         Exact for densities that are quadratic in theta (prequential: Dawid 1984, doi 10.2307/2981683). Given all the
-        others instead, a law that does nothing would cost nothing.
+        others instead, a law that does nothing would cost nothing. A parameter that is held at its bound gains nothing
+        beyond it.
         """
         weight = np.diag(self.prior)
         pull = self.prior * (np.array([one.mean for one in self.known]) - self.theta)
+        towards = pull + self.slope.sum(axis=0)
+        low, high = np.array([one.low for one in self.known]), np.array([one.high for one in self.known])
+        held = ((self.theta <= low) & (towards < 0)) | ((self.theta >= high) & (towards > 0))
+        pull[held] = 0.0
         found = []
-        for value, slope, own in zip(self.value, self.slope, self.information, strict=True):
+        for value, slope, own in zip(self.value, np.where(held, 0.0, self.slope), self.information, strict=True):
             shift = np.linalg.solve(weight, pull)
             after, both = weight + own, pull + slope
             gain = 0.5 * (both @ np.linalg.solve(after, both) - pull @ shift)

@@ -23,7 +23,8 @@ LIKELIER = 0.5  # probability from which a cause's effect goes into the profile
 
 
 def stated_by(profile: Profile, temperature_c: float) -> dict[str, tuple[float, float]]:
-    """What a bench has found, as `learn` takes it: mean and standard deviation of ln tau.
+    """What a bench has found, as `learn` takes it: mean and standard deviation of ln tau; of a film whose D(T) was
+    measured at several temperatures, also of tau at 20 degC and how it grows in the cold.
 
     Raises
     ------
@@ -38,6 +39,18 @@ def stated_by(profile: Profile, temperature_c: float) -> dict[str, tuple[float, 
         row = min(h.diffusivity_table, key=lambda one: abs(one.ambient_temperature_c - temperature_c))
         relative = row.standard_uncertainty / row.diffusivity_m2_s
         found["humidity.time_constant_s"] = (_log_time(row.response_time_s, "humidity"), relative)
+        rows = [row for row in h.diffusivity_table if row.response_time_s is not None]
+        if len({row.ambient_temperature_c for row in rows}) > 1:
+            cold = REFERENCE_TEMPERATURE_C - np.array([row.ambient_temperature_c for row in rows])
+            times = np.array([_log_time(row.response_time_s, "humidity") for row in rows])
+            known = np.array([max(row.standard_uncertainty / row.diffusivity_m2_s, 1e-3) for row in rows])
+            columns = np.column_stack([np.ones(cold.size), cold]) / known[:, None]
+            at, growth = np.linalg.lstsq(columns, times / known, rcond=None)[0]
+            spread = np.sqrt(np.diag(np.linalg.inv(columns.T @ columns)))
+            off = float(np.std(times - at - growth * cold))  # of the table from a straight line
+            found["humidity.lag_in_the_cold.time_constant_s"] = (float(at), float(np.hypot(spread[0], off)))
+            slope = np.hypot(spread[1], off / max(float(np.ptp(cold)), 1.0))
+            found["humidity.growth_per_k"] = (float(growth), float(slope))
     return {key: (mean, max(sigma, 1e-3)) for key, (mean, sigma) in found.items()}
 
 
@@ -177,8 +190,10 @@ def _moved(
             effects=(*bead.effects, *_effects(learned, learned.channels["temperature"], temperature)),
         )
     if film is not None and humidity is not None:
-        tau = humidity["time_constant_s"]
-        ratio = float(np.exp(before["humidity.time_constant_s"][0]) / tau.value)
+        tau, growth = humidity["time_constant_s"], humidity.get("growth_per_k")
+        cold = REFERENCE_TEMPERATURE_C - float(flown.mean())
+        here = tau.value * (1.0 if growth is None else float(np.exp(growth.value * cold)))
+        ratio = float(np.exp(before["humidity.time_constant_s"][0]) / here)
         relative = tau.standard_uncertainty / tau.value
         film = replace(
             film,

@@ -17,14 +17,15 @@ from shockrig.analysis.flight.comparisons import PARTED
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.learn.bins import SUB_SAMPLES, binned, passes, why_nothing
 from shockrig.analysis.learn.density import SensorModel, begun, density, prepared, slopes
-from shockrig.analysis.learn.fit import fitted
+from shockrig.analysis.learn.fit import Learned, fitted, known_of
 from shockrig.analysis.learn.laws import LAWS, response
 from shockrig.analysis.learn.learn import learn
 from shockrig.analysis.learn.passes import disagreement
-from shockrig.analysis.learn.profile import learned_profile
+from shockrig.analysis.learn.profile import learned_profile, stated_by
 from shockrig.files.flight import Flight
 from shockrig.files.learned import read_learned
-from shockrig.files.profile import read_profile
+from shockrig.files.profile import DiffusivityRow, HumidityProfile, Profile, read_profile
+from shockrig.files.profile_data import ResponseTime
 from shockrig.protocols.cli import main
 from shockrig.protocols.commands.correct import offered
 from shockrig.protocols.flight_logs import read_log
@@ -158,6 +159,38 @@ def test_a_lag_is_known_as_well_as_its_likelihood_is_steep(flight):
     curved = -2.0 * np.polyfit(off, [at(best.theta[0] + one) for one in off], 2)[0]
     found = fitted((lag,), [unit], best.theta, best, whole=False).information[0, 0, 0]
     assert 0.5 * curved < found < 2.0 * curved
+
+
+def test_a_number_at_its_bound_gains_nothing_beyond_it():
+    """A share of a second path that wants to be less than nothing: its model is no likelier than its value there."""
+    laws = (LAWS["temperature.second_path"],)
+    known = known_of(laws)
+    theta = np.array([one.mean for one in known])
+    slope = np.zeros((2, theta.size))
+    slope[:, 1] = -50.0
+    information = np.repeat(np.eye(theta.size)[None], 2, axis=0)
+
+    def gained(share):
+        at = np.r_[theta[0], share, theta[2]]
+        fit = Learned(laws, known, at, (np.array([]),) * 2, np.zeros(2), slope, information)
+        return fit.predicted().sum(), fit.without(0)
+
+    assert gained(known[1].low)[0] <= 0.0 < gained(known[1].mean)[0]
+    assert gained(known[1].low)[1][1] == known[1].high  # without the half that pulls it down, no further than may be
+
+
+def test_a_bench_says_how_a_film_slows_in_the_cold():
+    """Response times of 8 s at 20 degC that grow by 4 % per kelvin: the prior of both numbers, for the law that has
+    them; the plain lag's is that of the row nearest to the flights."""
+    rows = []
+    for ambient in (0.0, 10.0, 25.0):
+        t63 = 8.0 * np.exp(0.04 * (20.0 - ambient))
+        rows.append(DiffusivityRow(ambient, 1e-11, 1e-13, response_time_s=ResponseTime(t63, 2.3 * t63, 3.9 * t63)))
+    said = stated_by(Profile(humidity=HumidityProfile(tuple(rows))), 2.0)
+    assert said["humidity.growth_per_k"][0] == pytest.approx(0.04)
+    known = {one.name: one.mean for one in known_of((LAWS["humidity.lag_in_the_cold"],), said)}
+    assert np.exp(known["time_constant_s"]) == pytest.approx(8.0)
+    assert np.exp(known_of((LAWS["humidity.lag"],), said)[0].mean) == pytest.approx(8.0 * np.exp(0.8))
 
 
 def test_wash_that_cools_bead_and_film_is_one_offset():
