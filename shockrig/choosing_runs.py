@@ -63,7 +63,8 @@ class Planned:
         return views.plot_plan(self.runs, self.reason)
 
     def __repr__(self) -> str:
-        return f"<Planned: {counted(len(self.runs), 'run')}; {self._why}>"
+        advice = f"; {counted(len(self.advice), 'sentence')} of advice" if self.advice else ""
+        return f"<Planned: {counted(len(self.runs), 'run')}; {self._why}{advice}>"
 
     @property
     def _why(self) -> str:

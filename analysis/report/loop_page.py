@@ -6,6 +6,7 @@ Drawn from the campaign's log of decisions alone (files/plan.py).
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -43,7 +44,12 @@ def loop_report(name: str, entries: Sequence[Entry], data: str = "") -> HtmlPage
     verdicts = Table(
         ("channel", "verdict", "named", "tied"),
         [
-            (n, v["verdict"] if v["runs"] else "not judged yet", ", ".join(v["causes"]), " or ".join(_standing(v)))
+            (
+                n,
+                v["verdict"] if v["runs"] else "not judged yet",
+                ", ".join(v["causes"]).replace("_", " "),
+                " or ".join(_standing(v)),
+            )
             for n, v in last["verdicts"].items()
         ],
     )
@@ -69,8 +75,8 @@ def chosen_section(entries: Sequence[Entry], folder: Path) -> list[Section]:
     waited_s = sum(float(entry.get("waited_s") or 0.0) for entry in entries)
     waited = f" The bench waited {plain(waited_s, 2)} s for them." if waited_s else ""
     text = Text(
-        f"{len(entries)} decisions over {plain(last['minutes_spent'], 3)} min of bench time, wanted: {last['until']}. "
-        f"The last one: {last['status']}, {last['reason']}.{waited}"
+        f"{counted(len(entries), 'decision')} over {plain(last['minutes_spent'], 3)} min of bench time, wanted: "
+        f"{last['until']}. The last one: {last['status']}, {last['reason']}.{waited}"
     )
     figures = [
         Figure(save_figure(drawing, folder, f"loop_{name}"), caption, alt)
@@ -153,7 +159,7 @@ def _named(entries: Sequence[Entry]) -> list[tuple[float, str]]:
         for place, verdict in entry["verdicts"].items():
             now = sorted(verdict["causes"])
             if now != then.get(place, []):
-                found.append((entry["minutes_spent"], f"{place}: {', '.join(now) or 'nothing'}"))
+                found.append((entry["minutes_spent"], f"{place}: {', '.join(now).replace('_', ' ') or 'nothing'}"))
             then[place] = now
     return found
 
@@ -260,5 +266,6 @@ def _decision(entry: Entry) -> Details:
             )
         )
     after = f"{counted(len(entry['recorded']), 'run')}, {plain(entry['minutes_spent'], 3)} min"
-    then = " and ".join(run["why"] for run in entry["runs"]) or entry["status"]
+    times = Counter(run["why"] for run in entry["runs"])
+    then = ", ".join(why if count == 1 else f"{count} x {why}" for why, count in times.items()) or entry["status"]
     return Details(f"{entry['number']}: after {after}: {then}", blocks)

@@ -18,6 +18,7 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.files.disk import shown
     from shockrig.files.errors import InputError
     from shockrig.files.headline import headlines
+    from shockrig.files.numbers import counted
     from shockrig.protocols.catalogue import catalogue, changes
 
     if not args.folder.is_dir():
@@ -33,7 +34,8 @@ def main(args: argparse.Namespace) -> int:
         emulated = ", emulated" if state.emulated else ""
         aside = f", {len(state.set_aside)} set aside" if state.set_aside else ""
         began = entry.began_at[:16] or "time not known"
-        print(f"{shown(entry.path)}  {began}  {len(state.recorded)}{planned} runs{aside}{emulated}")
+        runs = f"{len(state.recorded)}{planned} runs" if planned else counted(len(state.recorded), "run")
+        print(f"{shown(entry.path)}  {began}  {runs}{aside}{emulated}")
         if entry.serials:
             print("  " + ", ".join(f"{sensor} {serial}" for sensor, serial in entry.serials.items()))
         for file, profile in sorted(entry.profiles.items()):
