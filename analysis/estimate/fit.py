@@ -355,6 +355,21 @@ def model_at_samples(channel: Channel, found: Fit) -> tuple[Array, ...]:
     return tuple(model[i, : t.size] for i, (t, _) in enumerate(channel.samples))
 
 
+def model_between_samples(channel: Channel, found: Fit) -> tuple[tuple[Array, Array], ...]:
+    """Each run's model as a curve: times [s] at the samples and at quarters of the way to the next, and readings."""
+    dated = [[t, *(np.append(t[:-1] + q * np.diff(t), t[-1]) for q in (0.25, 0.5, 0.75))] for t, _ in channel.samples]
+    curves = []
+    for times in zip(*dated, strict=True):
+        model = found.model.on(as_single_samples(channel, times)).predict(found.point)[0]
+        curves.append([(t, model[i, : t.size]) for i, t in enumerate(times)])
+    joined = []
+    for parts in zip(*curves, strict=True):
+        time_s, reading = (np.concatenate(side) for side in zip(*parts, strict=True))
+        order = np.argsort(time_s, kind="stable")
+        joined.append((time_s[order], reading[order]))
+    return tuple(joined)
+
+
 def rmse_over_samples(channel: Channel, found: Fit) -> float:
     """Root mean square of reading - model over the samples that the fit used [channel's unit]."""
     models = model_at_samples(channel, found)

@@ -10,7 +10,7 @@ import numpy as np
 
 from shockrig.analysis.characterize.result import ChannelResult, Characterization
 from shockrig.analysis.estimate.channel import Channel
-from shockrig.analysis.estimate.fit import model_at_samples
+from shockrig.analysis.estimate.fit import model_at_samples, model_between_samples
 from shockrig.analysis.estimate.quantity import QUANTITIES
 from shockrig.analysis.report.panels import RunPanel
 from shockrig.analysis.report.parameters import RunParameter
@@ -46,12 +46,13 @@ def panels(campaign: Campaign, found: ChannelResult) -> list[RunPanel]:
     drawn: dict[str, RunPanel] = {}
     for part in found.parts:
         channel = part.channel
+        curves = model_between_samples(channel, part.fit)
         for i, model in enumerate(model_at_samples(channel, part.fit)):
             direction, ambient_c, airflow, size = conditions(channel, i)
             flow = "" if airflow is None else f", {airflow:g} m/s"
             condition = f"{round(ambient_c)} °C, {direction} {plain(size, 2)} {quantity.unit}{flow}"
             time, value = channel.samples[i]
-            drawn[channel.run_ids[i]] = RunPanel(channel.run_ids[i], condition, time, value, model)
+            drawn[channel.run_ids[i]] = RunPanel(channel.run_ids[i], condition, time, value, model, curve=curves[i])
     reasons = {entry.run: entry.reason for entry in found.set_aside}
     for run in campaign.runs:
         trace: Trace | None = getattr(run, quantity.sensor)
@@ -155,8 +156,9 @@ def _draw(steps: Axes, left: Axes, shown: Sequence[RunPanel], noise: float) -> N
         order = np.flatnonzero(kept)[np.argsort(panel.time_s[kept])]
         time, model = panel.time_s[order], panel.model
         assert model is not None
+        curve = panel.curve or (time, model[order])
         steps.plot(time, panel.reading[order], ".", color=colour, markersize=2.4, alpha=0.5, label=panel.title)
-        steps.plot(time, model[order], color=colour, lw=1.0)
+        steps.plot(*curve, color=colour, lw=1.0)
         left.plot(time, (panel.reading - model)[order], ".", color=colour, markersize=1.8, alpha=0.6)
     left.axhspan(-2 * noise, 2 * noise, color=LIGHT, lw=0)
     left.axhline(0.0, color=INK, lw=0.6)

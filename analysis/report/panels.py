@@ -130,7 +130,8 @@ class RunPanel:
     """One run of one channel. Times (n,) count from the start of the transfer; `reading` and `model` (n,) share a unit.
 
     `title` says which run, `condition` what it was (runs of one condition stand together in the order of first
-    appearance); `model` is None for a run that was not fitted, and `note` then says why.
+    appearance); `model` is None for a run that was not fitted, and `note` then says why. `curve` is the model as it is
+    drawn (time, value), between the readings too; left out, it goes from reading to reading.
     """
 
     title: str
@@ -139,6 +140,7 @@ class RunPanel:
     reading: np.ndarray
     model: np.ndarray | None = None
     note: str = ""
+    curve: tuple[np.ndarray, np.ndarray] | None = None
 
 
 @dataclass(frozen=True)
@@ -321,7 +323,8 @@ def _lines(axes: Axes, boxes: Sequence[tuple[RunPanel, _Box, _Box]], noise: floa
     read = [(p.model is None, top.shown(p.time_s, p.reading)) for p, top, _ in boxes]
     strokes(axes, [at for out, at in read if not out], color=BLUE, markersize=2.8, **dots)
     strokes(axes, [at for out, at in read if out], color=GREY, markersize=2.8, **dots)
-    strokes(axes, [_along(top, p.time_s, model) for p, model, top, _ in fitted], color=RED, linewidth=1.0)
+    curves = [(top, *(p.curve or (p.time_s, model))) for p, model, top, _ in fitted]
+    strokes(axes, [_along(*curve) for curve in curves], color=RED, linewidth=1.0)
     left = [low.shown(p.time_s, p.reading - model) for p, model, _, low in fitted]
     strokes(axes, left, color=INK, markersize=2.2, **dots)
 
