@@ -210,7 +210,7 @@ class Race:
         by: dict[str, list[tuple[float, Mapping[str, float]]]] = {}
         for (one, start), gain in zip(owners, gains, strict=True):
             by.setdefault(one.effect.id, []).append((float(gain), start))
-        out = []
+        out: list[Screened] = []
         for one in among:
             pairs = sorted(by[one.effect.id], key=lambda pair: -pair[0])
             out.append((one, [start for _, start in pairs], pairs[0][0]))
