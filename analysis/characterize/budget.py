@@ -368,8 +368,10 @@ def _budgets(
 
 
 def _other_airflow(part: Part, air: ResponseAir) -> float:
-    """By how much, relatively, an effective figure may differ in an airflow that is not the runs'; 0 where the model
-    knows what the airflow does, or it is theirs."""
+    """How far an effective figure may be off, relatively, in another airflow than the runs'.
+
+    0 where the model knows what airflow does, or where the airflow is theirs.
+    """
     conditions = part.channel.conditions
     if air.airflow_m_s is None or not conditions.airflow_known.any() or knows_airflow(part.problem, part.fit):
         return 0.0

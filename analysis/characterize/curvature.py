@@ -206,8 +206,10 @@ def drawn(of: Ridge, log_figures: Sequence[LogFigure]) -> list[Drawn]:
 
 
 def fits(of: Ridge, readings: Array, beforehand: Array) -> tuple[Array, Array]:
-    """Fits to readings that are off by (d, R, k), with what is known beforehand off by (d, P) standard deviations: the
-    least misfit at each point of the ridge (d, n), and how far across it that lies (d, n, P - 1)."""
+    """Fit readings that are off by (d, R, k), under priors that are off by (d, P) standard deviations.
+
+    Returns the least misfit at each point of the ridge (d, n), and how far across the ridge it lies (d, n, P - 1).
+    """
     count, points, across = len(readings), len(of.at), of.across.shape[1]
     misfit, moved = np.empty((count, points)), np.empty((count, points, across))
     by_run, own = readings.transpose(1, 0, 2), of.known[:, None] * of.across

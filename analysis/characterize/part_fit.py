@@ -234,8 +234,10 @@ def _wider(response: ResponseTime, relative: float) -> ResponseTime:
 
 
 def as_far_off(row: TableRow, t63_s: float) -> TableRow:
-    """A row of a model that misses its only run, as uncertain as its time to 63 % is away from the run's own [s]:
-    with no other run nothing else tells how wrong the model is."""
+    """A row of a model that misses its only run, with the distance to that run's own time to 63 % [s] as uncertainty.
+
+    No other run tells how wrong the model is.
+    """
     away = abs(float(np.log(row.response.t63_s / t63_s)))
     uncertainty = float(np.hypot(row.standard_uncertainty, away * row.diffusivity_m2_s))
     return replace(row, standard_uncertainty=uncertainty, response=_wider(row.response, away))

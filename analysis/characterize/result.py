@@ -70,8 +70,11 @@ class Part:
         return self.problem.channel
 
     def enlarged(self, noise: Noise) -> float:
-        """By how much its formal uncertainty is too small, because the model is wrong: by as much as the residuals, or
-        the runs' start times and airs, are too far off; 1 where they are not, or where it allows for that."""
+        """Factor by which the formal uncertainty is too small because the model is wrong.
+
+        It is how many times the residuals, or the runs' start times and airs, are larger than they should be. 1 where
+        they are not, or where the uncertainty allows for it.
+        """
         if self.allows_for_misfit:
             return 1.0
         ratio = max(self.rmse / noise.while_moving, self.normalised_deviation)

@@ -57,8 +57,11 @@ def airs_disagree(view: CampaignView) -> Iterator[InputFinding]:
 
 
 def airs_off_both(view: CampaignView) -> Iterator[InputFinding]:
-    """Airs off by as much for two thermometers at once: less than a wet or heated one is by itself, but bead and die
-    are of two makers, and what both of them read at rest is the air."""
+    """Airs that two thermometers find off by the same amount.
+
+    It is less than a wet or heated thermometer is off by itself. But bead and die are of two makers, so that what both
+    read at rest is the air.
+    """
     off: dict[str, float] = {}
     compared = 0
     for run in view.campaign.runs:

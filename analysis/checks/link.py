@@ -95,8 +95,10 @@ def link_findings(sent: SentRows, heard: Sequence[HeardMessages]) -> list[LinkFi
 
 
 def rows_before(sent: SentRows, messages: HeardMessages) -> NDArray[np.int64]:
-    """The row that each message belongs to: the last that was sent before; of messages heard at once, of which each
-    says as much, the last belongs to the last. -1 where there is none."""
+    """The row that each message belongs to: the last one that was sent before it; -1 where there is none.
+
+    Of several messages that say that they were heard at once, the last belongs to the last row.
+    """
     place = np.searchsorted(sent.sent_s, messages.heard_s + CLOCK_S, side="right") - 1
     known = 2 * np.isfinite(messages.temperature_c) + np.isfinite(messages.humidity_percent)
     after: dict[tuple[float, int], int] = {}

@@ -104,8 +104,10 @@ class Fit:
         return arrow.scores(columns, problem.whiten(self.residual), self.deviations, pull)
 
     def score_variances(self, problem: Problem, columns: Array, beside: Arrow) -> tuple[Array, Array]:
-        """Likewise the scores and their variances alone. `beside` is the fit's arrow with random effects more than its
-        own, behind these, or other weights of them."""
+        """Scores and their variances alone.
+
+        `beside` replaces the fit's arrow: one with more random effects than its own (behind these), or other weights.
+        """
         arrow, pull = self._free(beside)
         more = arrow.weight.shape[1] - self.deviations.shape[1]
         deviations = np.pad(self.deviations, ((0, 0), (0, more)))

@@ -597,8 +597,11 @@ def _ramps(duration_s: Array, driven: NDArray[np.bool_]) -> tuple[Array, Array]:
 
 
 def _still_to_go(one: UsableRun, quantity: Quantity, end: float) -> float:
-    """How far a reading that ends at `end` may still have to go: what an exponential would that has moved so far in the
-    second half of its record, if half of the record were its time constant or less."""
+    """How far a reading that ends at `end` may still have to go.
+
+    It is what is left of an exponential that moved as far in the second half of its record, if its time constant is
+    half of the record or less.
+    """
     time, value = one.trace.time_s, one.trace.values[quantity.column]
     half = int(np.searchsorted(time, 0.5 * (max(one.start_s, time[0]) + time[-1])))
     few = max(time.size // 40, 1)

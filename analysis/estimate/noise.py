@@ -221,8 +221,10 @@ def plateau_pieces(channel: Channel, late_share: float = 1 / 3) -> tuple[Array, 
 
 
 def _smooth(driving: Array) -> NDArray[np.bool_]:
-    """Pieces (m, n) of a measured air that bend as little as most, as does the piece before: behind a kink of the air a
-    sensor bends too, by little enough to pass for noise with a long memory."""
+    """Which pieces (m, n) of a measured air bend as little as most, and follow a piece that does.
+
+    Behind a kink of the air a sensor bends too, by little enough to pass for noise with a long memory.
+    """
     power = (_unbent(driving, BENT_IN_AIR)[0] ** 2).mean(axis=1)
     middle = float(np.median(power))
     kinked = power > middle + KINKED_DEVIATIONS * float(np.median(np.abs(power - middle))) + TINY_VARIANCE
@@ -469,8 +471,10 @@ def _open(channel: Channel) -> bool:
 
 
 def _of_wandering(white: float, correlated: float, memory: float) -> bool:
-    """Whether readings differ more by what wanders than by what is new in each (variances): an air that moves by
-    itself comes through a sensor's lag without corners, as a mean of readings would."""
+    """Whether readings differ more by what wanders than by what is new in each (variances).
+
+    An air that moves by itself comes through a sensor's lag without corners, as it would through a mean of readings.
+    """
     return white < (1.0 - memory) * correlated
 
 

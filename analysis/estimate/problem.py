@@ -55,8 +55,10 @@ def cost(trials: Array, parts: Iterable[OwnRates]) -> Array:
 
 
 def restriction(scatter: float, part: OwnRates) -> float:
-    """What -2 log L lacks where the ambients' means are fitted along as if they cost nothing, less that at
-    `RATE_SCATTER`: without it the few runs of each ambient would make a scatter likelier the smaller it is."""
+    """What restricting the likelihood adds to -2 log L for ambients' means fitted along, less that at `RATE_SCATTER`.
+
+    Without it the few runs of each ambient make a smaller scatter likelier.
+    """
     total = 0.0
     for g in np.unique(part.ambient):
         spread = part.spread[part.ambient == g]
