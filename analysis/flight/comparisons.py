@@ -486,7 +486,8 @@ def told(flight: Flight, bead: FlightChannel, film: FlightChannel, before: Told 
 
 def _warmth(flight: Flight, bead: FlightChannel) -> Array | None:
     """The air's temperature in each row; None where it was not read."""
-    return bridged(flight.time_s, np.where(np.isfinite(bead.value), bead.value, flight.temperature_c))
+    read = np.where(bead.screened.implausible, np.nan, flight.temperature_c)
+    return bridged(flight.time_s, np.where(np.isfinite(bead.value), bead.value, read))
 
 
 def _height(flight: Flight) -> Array | None:

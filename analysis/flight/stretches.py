@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
+from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d, uniform_filter1d
 
 from shockrig.analysis.flight.response import LagResponse
 
@@ -23,6 +23,7 @@ ROW_PHASES = 4  # at which the rows may meet the response to a step
 LONGEST_ROWS = 2000
 WINDOW_ROWS = 15  # rows that a stretch's noise is judged by
 LOUDER = {WINDOW_ROWS: 3.0, 5: 8.0}  # times the usual, in so many rows: a burst
+LEAST_TURNED = 0.2  # of the noise, that readings turn back by in the mean, where white noise turns back by 0.64
 LONE_JUMP_SHARE = 0.3  # of the noise that third differences show, single ones show less at a lone jump
 WHITE_SHARE = (
     0.6  # of the noise that single differences show, third ones show as much: what passed a lag is far smoother
@@ -132,6 +133,10 @@ def _louder(values: Array, usual: float) -> Array:
             continue
         single = _scatter(values, 1, window) / NORM_1
         loud &= (third > WHITE_SHARE * single) & (single > LONE_JUMP_SHARE * third)
+        # behind a jump of the air readings go one way, and noise goes to and fro
+        out, back = np.diff(values)[:-1], np.diff(values)[1:]
+        turned = np.pad(np.where(out * back < 0.0, np.minimum(np.abs(out), np.abs(back)), 0.0), 1, mode="edge")
+        loud &= uniform_filter1d(turned, window) > LEAST_TURNED * third
         # a window's median sees a burst from its middle to its middle; its rows at either end are as loud
         loud, wider = maximum_filter1d(loud, 5), maximum_filter1d(third, 5)
         louder = np.maximum(louder, np.where(loud, wider, 0.0))

@@ -302,6 +302,20 @@ def test_ways_that_disagree_by_more_than_is_stated_are_owned(steady):
     assert notes[0].startswith("humidity: the correction makes ascent and descent disagree more") == (2 * steady > read)
 
 
+def test_an_absurd_temperature_does_not_warm_the_ways():
+    """-999 in degF is -1005 K or so, as which no vapour is saturated: it ended in a traceback."""
+    flight, channel = climbing(-0.3)
+    value, wrong = channel.value.copy(), np.zeros(flight.time_s.size, dtype=bool)
+    value[200:260], wrong[200:260] = np.nan, True
+    temperature = np.where(wrong, -1005.0, flight.temperature_c)
+    screened = dataclasses.replace(channel.screened, implausible=wrong)
+    bead = dataclasses.replace(channel, name="temperature", value=np.where(wrong, np.nan, flight.temperature_c))
+    bead = dataclasses.replace(bead, screened=screened)
+    film = dataclasses.replace(channel, value=value)
+    found = compared(dataclasses.replace(flight, temperature_c=temperature), bead, film, [])[1]
+    assert np.isfinite(found.uncertainty[~wrong]).all()
+
+
 def test_ways_are_the_likelier_to_disagree_the_more_they_do():
     """A threshold owned nothing of a film that differed by 1.9 %RH, just within it."""
 

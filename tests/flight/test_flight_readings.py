@@ -222,6 +222,15 @@ def test_a_burst_of_half_a_second_is_noise_and_a_jump_over_a_gap_is_none():
     assert np.all(found.louder[250:] == 1.0) and found.usable[250:300].all() and found.usable[320:].all()
 
 
+def test_a_door_beside_a_missing_row_is_no_burst_of_noise():
+    """By a bead that shows 0.6 of a step in a row: the door was noise, and the air a ramp of 2 s."""
+    rng, row = np.random.default_rng(4), np.arange(600)
+    reading = 23.3 - 17.0 * (1.0 - 0.4 ** np.maximum(row - 300.3, 0.0)) + 0.02 * rng.standard_normal(600)
+    reading[[297, 301, 310]] = np.nan
+    found = screen(0.2 * row, reading, RANGES["temperature_c"], 0.02, share=0.6, swing=15.0)
+    assert np.max(found.louder) < 5.0 and found.usable[np.isfinite(reading)].all()  # before: 66
+
+
 def test_columns_that_change_place_beside_a_jump_keep_the_rows_around():
     """A door in the row before, and one column missing in many rows."""
     temperature, humidity = np.where(np.arange(300) < 100, 26.0, 10.0), np.where(np.arange(300) < 100, 19.0, 52.0)
