@@ -96,6 +96,61 @@ def _whole_seconds(log: dict[str, Array], rng: Rng) -> None:
     log["time_s"] = np.floor(log["time_s"] * rng.uniform(1.05, 1.25)) / 1.0
 
 
+def _wet_film(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """Dew on the film behind a cloud: it reads saturation until that is gone, then goes on from there."""
+    time = np.arange(bead.size) * FINE_S
+    start, lasting = rng.uniform(120, 150), rng.uniform(15, 40)
+    wet = np.where((time > start - 8.0) & (time < start + lasting), 100.0, humidity)
+    return bead, np.where(time > start - 8.0, np.maximum(lagged(wet, 2.0), humidity), humidity)
+
+
+def _fan_now_and_then(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """A loose plug at the fan: off for ten seconds now and then, the bead slower and warmer meanwhile."""
+    time = np.arange(bead.size) * FINE_S
+    off = np.zeros(bead.size, dtype=bool)
+    for at in rng.uniform(20, 220, 5):
+        off |= (time > at) & (time < at + rng.uniform(6, 14))
+    warm = lagged(np.where(off, rng.uniform(0.4, 1.0), 0.0), 2.0)
+    return np.where(off, lagged(bead, 2.0), bead) + warm, humidity
+
+
+def _ranges(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """A converter that changes its range: the temperature is 0.3 K or so higher above a threshold."""
+    return bead + rng.uniform(0.2, 0.4) * (bead > np.median(bead)), humidity
+
+
+def _heated_film(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """A hygrometer that heats itself for ten seconds once a minute, to stay dry."""
+    time = np.arange(bead.size) * FINE_S
+    over = lagged(np.where((time + rng.uniform(0, 60)) % 60.0 < 10.0, rng.uniform(2.0, 4.0), 0.0), 3.0)
+    scale = saturation_hpa(world.temperature_c)
+    return bead, humidity * scale / saturation_hpa(world.temperature_c + over)
+
+
+def _radio(log: dict[str, Array], rng: Rng) -> None:
+    """A telemetry log: nothing for some seconds, again and again, both channels at once."""
+    time = log["time_s"]
+    lost = np.zeros(time.size, dtype=bool)
+    for at in rng.uniform(5, 230, 10):
+        lost |= (time > at) & (time < at + rng.uniform(1.0, 9.0))
+    for name in ("temperature_c", "humidity_percent"):
+        log[name][lost] = np.nan
+
+
+def _late_altitude(log: dict[str, Array], rng: Rng) -> None:
+    """A barometer in a tight box: the altitude is seconds late, so that the ways disagree by its lag."""
+    log["altitude_m"] = np.interp(log["time_s"] - rng.uniform(1.0, 4.0), log["time_s"], log["altitude_m"])
+
+
+def doors(rng: Rng) -> World:
+    """In and out of a warm hall, four times, vapour with it."""
+    time = clock()
+    inside = np.zeros(time.size)
+    for at in np.sort(rng.uniform(20, 220, 4)):
+        inside = np.where(time >= at, 1.0 - inside, inside)
+    return air(rng, 8.0 + 12.0 * inside, 60.0 + 15.0 * inside, at_c=8.0, k=0.03, percent=0.2)
+
+
 FRESH: dict[str, Callable[[Rng], World]] = {
     "a motor's wake": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _wake),
     "wet bead": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _wet_bead),
@@ -110,4 +165,11 @@ FRESH: dict[str, Callable[[Rng], World]] = {
     "cold pool, twice": snow_hole,
     "jitter": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2), _jitter),
     "clock in seconds": lambda r: changed(with_rows(profile(r, 40.0, 0.04, 0.2), _whole_seconds), period_s=1.0),
+    "wet film": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _wet_film),
+    "fan now and then": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _fan_now_and_then),
+    "converter's ranges": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _ranges),
+    "heated film": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _heated_film),
+    "radio that fails": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2), _radio),
+    "doors, radio fails": lambda r: with_rows(doors(r), _radio),
+    "late altitude": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2, True), _late_altitude),
 }
