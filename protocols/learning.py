@@ -165,7 +165,9 @@ def sentence(one: ChannelLearned) -> str:
 
 
 def _said(cause: FlightCause) -> str:
-    first, *others = (f"{p.value:.3g} ± {p.standard_uncertainty:.2g} {p.unit}".rstrip(" 1") for p in cause.parameters)
+    first, *others = (
+        f"{p.value:.3g} ± {p.standard_uncertainty:.2g} {p.unit}".removesuffix(" 1") for p in cause.parameters
+    )
     words = [p.parameter.words for p in cause.parameters[1:]]
     numbers = ", ".join([first, *(f"{name} {number}" for name, number in zip(words, others, strict=True))])
     names = " or ".join(name.replace("_", " ") for name in cause.law.causes)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -19,7 +20,7 @@ from shockrig.analysis.learn.bins import SUB_SAMPLES, binned, passes, why_nothin
 from shockrig.analysis.learn.density import SensorModel, begun, density, prepared, slopes
 from shockrig.analysis.learn.fit import Learned, fitted, known_of
 from shockrig.analysis.learn.laws import LAWS, response
-from shockrig.analysis.learn.learn import learn
+from shockrig.analysis.learn.learn import FlightCause, LearnedNumber, learn
 from shockrig.analysis.learn.passes import disagreement
 from shockrig.analysis.learn.profile import learned_profile, stated_by
 from shockrig.files.flight import Flight
@@ -29,6 +30,7 @@ from shockrig.files.profile_data import ResponseTime
 from shockrig.protocols.cli import main
 from shockrig.protocols.commands.correct import offered
 from shockrig.protocols.flight_logs import read_log
+from shockrig.protocols.learning import sentence
 
 WORLDS = benchmark("learn_worlds")
 EXAMPLES = Path(__file__).parents[2] / "data" / "examples"
@@ -177,6 +179,14 @@ def test_a_number_at_its_bound_gains_nothing_beyond_it():
 
     assert gained(known[1].low)[0] <= 0.0 < gained(known[1].mean)[0]
     assert gained(known[1].low)[1][1] == known[1].high  # without the half that pulls it down, no further than may be
+
+
+def test_a_number_without_a_unit_keeps_its_last_digit():
+    """0.1 of no unit is not said as 0."""
+    law = LAWS["humidity.lag"]
+    numbers = (LearnedNumber(law.parameters[0], 9.0, 1.0), LearnedNumber(law.parameters[2], 0.31, 0.1))
+    one = SimpleNamespace(channel="humidity", verdict="named", causes=(FlightCause(law, 0.97, numbers),))
+    assert sentence(one).endswith("(9 ± 1 s, uptake by activity, not vapour 0.31 ± 0.1; probability 0.97)")
 
 
 def test_a_bench_says_how_a_film_slows_in_the_cold():
