@@ -150,6 +150,8 @@ def _bases(channel: Channel) -> Iterator[Form]:
         yield Form("rate_change", "own_response", (("humidity", "linear"),))
     if c.start_known.any():
         yield Form("delay", "none")
+        if channel.jumps_with_air:
+            yield Form("delay", own)
         yield Form("delay", "none", (("history", "linear"),))
         for along in sorted({"run_order", "time_of_campaign"} & varied(channel)):
             yield Form("delay", "none", ((along, "linear"),))

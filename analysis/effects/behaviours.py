@@ -268,6 +268,8 @@ def _delay(form: Form, chain: Chain, p: Arrays) -> Chain:
         since_s = np.maximum(chain.time_s + chain.channel.conditions.start_s[:, None], 0.0)
         return replace(chain, time_s=chain.time_s - PPM * p["size"][..., None] * since_s)
     late_s = p["size"] * late_by(form, chain.channel.conditions) * _scale(form, chain, p)
+    if form.driver == "air_humidity":  # the vapour alone: the film is read at its own temperature meanwhile
+        return replace(chain, vapour_late_s=late_s)
     return replace(chain, time_s=chain.time_s - late_s[..., None])
 
 

@@ -94,7 +94,7 @@ def flown(form: Form) -> InFlight:
         return InFlight(rate=scale)
     if not form.depends_on and form.behaves_as == "parallel_lag":
         return InFlight(lag=lambda p: (p["size"], p["time_constant_s"]))
-    if not form.depends_on and form.behaves_as == "delay":
+    if form.driver == "none" and not form.depends_on and form.behaves_as == "delay":
         return InFlight(delay_s=lambda p, period_s: max(p["size"], 0.0))
     if form.driver == "die_temperature" and form.behaves_as == "gain" and not form.depends_on:
         return InFlight(at_die=True, die_share=lambda p: -p["size"])
@@ -152,10 +152,10 @@ def described(key: str, jumps: bool) -> Effect:
         The key is that of no form, or of one that cannot be computed.
     """
     form = form_of(key)
-    late = form.behaves_as == "delay" and jumps
+    late = form.behaves_as == "delay" and form.driver == "none" and jumps
     return Effect(
         id=key,
-        link="logger" if form == MEAN else LINKS.get(form.behaves_as, "readout"),
+        link=_link(form),
         channels=("humidity",) if jumps else ("temperature",),
         equation=equation(form),
         source="the campaign's own runs",
@@ -169,6 +169,12 @@ def described(key: str, jumps: bool) -> Effect:
         in_flight=flown(form) if of_sensor(form) else None,
         order=ORDER_AFTER_CATALOGUE,
     )
+
+
+def _link(form: Form) -> Link:
+    if form.behaves_as == "delay" and form.driver != "none":
+        return "exchange"
+    return "logger" if form == MEAN else LINKS.get(form.behaves_as, "readout")
 
 
 def _from_the_jumps(form: Form, channel: Channel) -> dict[str, float]:
@@ -204,7 +210,8 @@ def _parameters(form: Form, jumps: bool) -> Iterable[Parameter]:
     elif kind == "delay" and "linear" in dict(form.depends_on).values():
         yield Parameter("size", f"s{each}", -10.0, 10.0, (0.003, 0.01, -0.005), weakest=0.001)
     elif kind == "delay":
-        yield Parameter("size", "s", -0.5, 10.0, (0.05, 0.3), weakest=0.01)
+        starts = (0.05, 0.3) if form.driver == "none" else (0.05, 0.3, 1.0, 3.0)
+        yield Parameter("size", "s", -0.5, 10.0, starts, weakest=0.01)
     elif kind == "parallel_lag":
         yield Parameter("size", "1", -0.9, 0.9, (0.03,), percent=True)
     elif kind == "lag_in_series" and form.driver == "airflow":
@@ -237,12 +244,12 @@ def _parameters(form: Form, jumps: bool) -> Iterable[Parameter]:
         if form.driver != "none":
             yield Parameter("time_constant_s", "s", 0.5, 300.0, (5.0,), log=True, none=None)
     if has_time_constant(form) and kind != "periodic":
-        starts: tuple[float, ...] = TIMES_S
+        begins: tuple[float, ...] = TIMES_S
         if kind == "lag_in_series":
-            starts = (0.03, 0.1, *TIMES_S)
+            begins = (0.03, 0.1, *TIMES_S)
         elif kind == "added_rate" and form.driver == "own_response":
-            starts = (0.2, 1.0, 5.0)
-        yield Parameter("time_constant_s", "s", 0.01, 1000.0, starts, log=True, none=None)
+            begins = (0.2, 1.0, 5.0)
+        yield Parameter("time_constant_s", "s", 0.01, 1000.0, begins, log=True, none=None)
     for factor, how in form.depends_on:
         if (factor, how) in NUMBERS:
             low, high, begin, of, log = NUMBERS[factor, how]
@@ -291,6 +298,9 @@ def equation(form: Form) -> str:
         return "reading + size max(reading - humidity, 0)"
     if form.behaves_as == "gain" and ("ambient", "linear") in form.depends_on:
         return "reading (1 + size (T - 20 degC))"
+    if form.behaves_as == "delay" and form.driver == "air_humidity":
+        words = "".join(f" {_in_words(factor, how)}" for factor, how in form.depends_on)
+        return f"vapour at the film(t) = vapour in the air(t - size{words})"
     depends = "".join(f" {_in_words(factor, how)}" for factor, how in form.depends_on)
     x = {"air_temperature": "T_air", "air_humidity": "H_air", "die_temperature": "T_die", "own_response": "reading"}
     driver = x.get(form.driver, "1")

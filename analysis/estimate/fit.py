@@ -127,14 +127,14 @@ class Fit:
 
 @dataclass(frozen=True)
 class Linearised:
-    """Prediction and whitened sensitivities at a point."""
+    """Prediction and whitened sensitivities at a point; `muted` (R,) is how many bins of each run say nothing there."""
 
     point: Point
     prediction: Array
     jacobian: Array
     run_jacobian: Array
     residual: Array
-    muted: int
+    muted: NDArray[np.int64]
 
     def arrow(self, problem: Problem, model: Model) -> Arrow:
         return Arrow(self.jacobian, self.run_jacobian, 1.0 / problem.scatter**2, model.priors()[1])
@@ -142,7 +142,7 @@ class Linearised:
     def objective(self, problem: Problem, model: Model) -> float:
         """Penalised sum of squares; a muted bin counts as what noise alone would give, so that no model gains by
         muting."""
-        return _penalised(problem, model, self.point, self.residual, self.muted)
+        return _penalised(problem, model, self.point, self.residual, int(self.muted.sum()))
 
 
 def _penalised(problem: Problem, model: Model, point: Point, residual: Array, muted: int) -> float:
@@ -185,7 +185,7 @@ def _linearise(problem: Problem, model: Model, point: Point, hold_theta: bool = 
         for k, one in enumerate(model.shared, start=rates + free):
             moved = sum(run_jacobian[..., effect] for effect in one.moves)
             jacobian[..., k] = moved * one.acts(channel)[:, None]
-    return Linearised(point, f[0], jacobian, run_jacobian, whitened[..., count] - base, int(mute.sum()))
+    return Linearised(point, f[0], jacobian, run_jacobian, whitened[..., count] - base, mute.sum(axis=1))
 
 
 def objective_at(problem: Problem, model: Model, point: Point) -> float:

@@ -128,7 +128,8 @@ def gram(problem: Problem, found: Fit, bump: Array) -> Gram:
         jr=products[:, :p, last],
         vv=products[:, p:last, p:last],
         vr=products[:, p:last, last],
-        rr=products[:, last, last],
+        # A muted bin counts as what noise alone would give, here as in the fit: no model gains by muting.
+        rr=products[:, last, last] + found.at.muted,
         own=1.0 / found.arrow.weight,
         prior=prior[free],
         pull=pull[free],

@@ -128,6 +128,8 @@ class Chain:
         Shares of the whole response that pass one more first-order lag; a negative share is a lead.
     loaded : (time constant [s], capacity relative to the body's), each (B, 1), or None
         A sheath: a well-mixed layer around the body that the body loads; `biot` is then the air film's outside of it.
+    vapour_late_s : ndarray (B, R) or None
+        How long the air's vapour takes to the film [s]: a plug of air before it, in a cap or a tube.
     wet_until_s : ndarray (B, R) or None
         Until when a film with dew on it sees saturated air [s]; 0 or less for runs without dew.
     at_die_temperature : bool
@@ -161,6 +163,7 @@ class Chain:
     series: tuple[Array, ...] = ()
     echoes: tuple[tuple[Array, Array], ...] = ()
     loaded: tuple[Array, Array] | None = None
+    vapour_late_s: Array | None = None
     wet_until_s: Array | None = None
     at_die_temperature: bool = False
     by_activity: bool = False
@@ -232,6 +235,8 @@ def _near_corners(chain: Chain, span_s: float) -> NDArray[np.bool_]:
     ends = [np.zeros((1, 1))]
     if chain.ramp_s is not None:
         ends.append(chain.ramp_s if chain.activity_slope is None else WARPED_RAMPS * chain.ramp_s)
+    if chain.vapour_late_s is not None:
+        ends.append(ends[-1] + chain.vapour_late_s)
     stretches = [(ends[0], ends[-1])]
     if chain.wet_until_s is not None:
         stretches.append((chain.wet_until_s, chain.wet_until_s))

@@ -160,6 +160,8 @@ def humidity_reading(chain: Chain) -> Array:
 
 def _taken_up(chain: Chain) -> Array:
     """What the film holds of the air's vapour, 100 times its pressure (B, R, n) [hPa]."""
+    if chain.vapour_late_s is not None:
+        chain = replace(chain, time_s=chain.time_s - chain.vapour_late_s[..., None])
     source_hpa, destination_hpa = _vapour_hpa(chain)
     rate, time, ramp_s = chain.rate, chain.time_s, chain.ramp_s
     if chain.activity_slope is not None:

@@ -49,6 +49,8 @@ def behaves(one: Discovered) -> str:
     """How an effect behaves, in a few words."""
     if one.behaves_as == "lag_in_series" and one.driver == "airflow":
         return "a resistance between the air and the sensing body"
+    if one.behaves_as == "delay" and one.driver == "air_humidity":
+        return "vapour that reaches the film late"
     if one.behaves_as == "gain" and one.driver == "die_temperature":
         return "a gain that goes with the die's temperature"
     text = BEHAVIOURS[one.behaves_as].format(driver=DRIVERS[one.driver])

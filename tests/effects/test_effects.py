@@ -18,13 +18,14 @@ from shockrig.analysis.diagnose.extended import extended_result
 from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.diagnose.search import Race
 from shockrig.analysis.effects import CATALOGUE, structure_of
+from shockrig.analysis.effects.described import described
 from shockrig.analysis.estimate.effect import SingleReadings, unchanged
 from shockrig.analysis.estimate.fit import fit, run_misfit
 from shockrig.analysis.estimate.gather import build_channel
-from shockrig.analysis.estimate.model import PLAIN, Model, Point
+from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.estimate.noise import COARSE_IN_NOISE, estimate_noise, whiteners
 from shockrig.analysis.estimate.problem import make_problem
-from shockrig.analysis.estimate.quantity import QUANTITIES
+from shockrig.analysis.estimate.quantity import QUANTITIES, RunEffect
 from shockrig.analysis.estimate.readings import rounding_step
 from shockrig.analysis.physics.bodies import BODIES
 from shockrig.analysis.physics.chain import MeasuredAir
@@ -520,3 +521,28 @@ def test_a_diagnosis_names_a_sheath_and_nothing_beside_it(tmp_path, shape, time_
     assert found.causes[0].parameters["capacity"][0] == pytest.approx(capacity, rel=0.05)
     response = extended_result(found).rows[0].response
     assert abs(response.t63_s - 5.0) < 3.5 * response.standard_uncertainties_s[0] + 0.002
+
+
+def test_vapour_that_comes_late_leaves_the_temperature_where_it_is(channels):
+    """At one temperature it is a delay of the reading; where the air's temperature changes, the film still holds the
+    old air's vapour and is read at the new air's saturation (Magnus over water, written anew here)."""
+    channel, late_s = channels["humidity"], 0.4
+    effect = described("delay|air_humidity", True)
+    model = Model(channel, Structure((effect,)))
+    theta = model.start(rates_of(channel), {f"{effect.id}.size": late_s})
+    reading = model.predict(Point(theta, channel.at_rest()))[0]
+    shifted = channel.at_rest()
+    shifted[:, RunEffect.START] = late_s
+    delayed = Model(channel).predict(Point(rates_of(channel), shifted))[0]
+    same, c = channel.isothermal, channel.conditions
+    assert 0 < same.sum() < channel.runs
+    np.testing.assert_allclose(reading[same], delayed[same], rtol=0.005)
+
+    def saturation(celsius):
+        return 6.112 * np.exp(17.62 * celsius / (243.12 + celsius))
+
+    for run in np.flatnonzero(~same):
+        before = (channel.time_s[run] > 0) & (channel.time_s[run] < late_s)
+        held = c.source_percent[run] * saturation(c.source_c[run]) / saturation(c.destination_c[run])
+        assert before.any()
+        np.testing.assert_allclose(reading[run, before], held, rtol=0.01)
