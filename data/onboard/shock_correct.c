@@ -409,15 +409,27 @@ static void predict(bank *b, float step_s, const float *values, const course *c)
 }
 
 static void update(bank *b, const float *on, float reading, float noise_variance) {
-  float cost[SHOCK_FILTERS], low = INFINITY, sum = 0.0f, pc[MOST_STATES];
+  float cost[SHOCK_FILTERS], low = INFINITY, sum = 0.0f, pc[MOST_STATES], left[MOST_STATES], gain[MOST_STATES];
   uint8_t f, i, j, n = b->d->size;
   for (f = 0; f < SHOCK_FILTERS; f++) {
     float *mean = b->mean + (size_t)f * n, *p = b->p + f * packed_size(b);
     float s = most(spread(b, p, on, pc), 0.0f) + noise_variance, v = reading - dot(on, mean, n);
     for (i = 0; i < n; i++) {
-      float gain = pc[i] / s;
-      mean[i] += gain * v;
-      for (j = 0; j <= i; j++) p[PACKED(i, j)] -= gain * pc[j];
+      /* no correlation is above one, whatever rounding has made of it */
+      float bound = sqrtf(most(p[PACKED(i, i)], 0.0f) * s);
+      pc[i] = within(pc[i], -bound, bound);
+      gain[i] = pc[i] / s;
+    }
+    /* Joseph's form: what rounding leaves of a large variance in the direction of the reading is taken out again */
+    for (i = 0; i < n; i++) {
+      left[i] = 0.0f;
+      for (j = 0; j < n; j++)
+        if (on[j] != 0.0f) left[i] += (element(p, i, j) - gain[i] * pc[j]) * on[j];
+    }
+    for (i = 0; i < n; i++) {
+      mean[i] += gain[i] * v;
+      for (j = 0; j <= i; j++)
+        p[PACKED(i, j)] = (p[PACKED(i, j)] - gain[i] * pc[j]) + (noise_variance * gain[i] - left[i]) * gain[j];
       p[PACKED(i, i)] = most(p[PACKED(i, i)], @LEAST_VARIANCE@);
     }
     cost[f] = 0.5f * (v * v / s + logf(s));

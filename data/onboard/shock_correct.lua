@@ -313,12 +313,25 @@ local function update(b, on, reading, noise_variance)
     local mean, p = b.mean[f], b.p[f]
     local own, pc = spread(b, p, on)
     local s, v = max(own, 0.0) + noise_variance, reading - dot(on, mean, n)
+    local gain, left = {}, {}
     for i = 1, n do
-      local gain = pc[i] / s
-      mean[i] = mean[i] + gain * v
+      -- no correlation is above one, whatever rounding has made of it
+      local bound = sqrt(max(p[packed(i, i)], 0.0) * s)
+      pc[i] = within(pc[i], -bound, bound)
+      gain[i] = pc[i] / s
+    end
+    -- Joseph's form: what rounding leaves of a large variance in the direction of the reading is taken out again
+    for i = 1, n do
+      left[i] = 0.0
+      for j = 1, n do
+        if on[j] ~= 0.0 then left[i] = left[i] + (p[packed(i, j)] - gain[i] * pc[j]) * on[j] end
+      end
+    end
+    for i = 1, n do
+      mean[i] = mean[i] + gain[i] * v
       for j = 1, i do
         local k = packed(i, j)
-        p[k] = p[k] - gain * pc[j]
+        p[k] = (p[k] - gain[i] * pc[j]) + (noise_variance * gain[i] - left[i]) * gain[j]
       end
       local k = packed(i, i)
       p[k] = max(p[k], @LEAST_VARIANCE@)
