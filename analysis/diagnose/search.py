@@ -438,9 +438,9 @@ def search(
         named = max(named, race.grown(_resumed(race, plain, earlier), entries), key=_value)
     # What takes several effects may be the law of a single one that nobody listed.
     best = max(race.with_form(plain, forms), race.with_form(named, forms), key=_value)
-    if best.value <= named.value and (named.score.discrepancy <= FAR_DISCREPANCY or not forms):
+    if best.value <= named.value or best.score.discrepancy > FAR_DISCREPANCY:
         named = race.exchanged(named, entries)
-        best = race.with_form(named, forms)
+        best = max(best, race.with_form(named, forms), key=_value)
     if best.value > named.value:
         grown = race.grown(race.pruned(race.simplest(best)), among)
         race.exchanged(race.simplest(grown), among)
