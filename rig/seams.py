@@ -170,7 +170,10 @@ class Operator(Protocol):
         ...
 
     def confirmed_s(self) -> float | None:
-        """When the last request was confirmed, on the bench clock; None until then."""
+        """When the last request was confirmed, on the bench clock; None until then.
+
+        Raises CampaignPaused where nobody answers in the time that the request allows.
+        """
         ...
 
 

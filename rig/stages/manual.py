@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from shockrig.rig.errors import BenchError, StageError
+from shockrig.rig.errors import BenchError
 from shockrig.rig.seams import Air, Chambers, Clock, Move, Operator, Parts, SetPointsOnly
 
 LOOK_S = 0.005
@@ -29,7 +29,7 @@ class ManualStage:
         self._clock = clock
         self._operator = operator
         self._chambers = chambers
-        self._deadline_s: float | None = None
+        self._asked = False
         self._left_s: float | None = None
         self._next_s = 0.0
 
@@ -38,11 +38,11 @@ class ManualStage:
         return cls(settings, parts.clock, parts.operator, parts.chambers)
 
     def open(self) -> None:
-        self._deadline_s = None
+        self._asked = False
 
     def prepare(self, source: Air, destination: Air, airflow_m_s: float | None) -> None:
         """Wait until both airs are made and the probes are in the source air."""
-        self._deadline_s = None
+        self._asked = False
         self._chambers.set_airs(source, destination, airflow_m_s)
         self._operator.ask("Put the probes into the source air, then press Enter.")
 
@@ -51,8 +51,8 @@ class ManualStage:
         raise BenchError("transfer.duration_s is for a motorised stage: a hand does not keep to a speed; leave it out")
 
     def begin_transfer(self, duration_s: float | None = None) -> None:
-        self._left_s = None
-        self._deadline_s = self._clock.now() + self.settings.within_s
+        """Ask for the transfer. How long an answer may take is the operator's to keep: there is one deadline."""
+        self._left_s, self._asked = None, True
         self._next_s = self._clock.now()
         self._operator.request(
             "Move the probes to the destination air; press Enter at the instant they leave the source air.",
@@ -60,18 +60,14 @@ class ManualStage:
         )
 
     def due_s(self) -> float:
-        return float("inf") if self._deadline_s is None else self._next_s
+        return self._next_s if self._asked else float("inf")
 
     def poll(self) -> Move | None:
-        if self._deadline_s is None:
+        if not self._asked:
             return None
         confirmed_s = self._operator.confirmed_s()
         if confirmed_s is None:
-            now = self._clock.now()
-            if now > self._deadline_s:
-                self._deadline_s = None
-                raise StageError(f"nobody confirmed the transfer in {self.settings.within_s:g} s; start the run again")
-            self._next_s = now + LOOK_S
+            self._next_s = self._clock.now() + LOOK_S
             return None
         if self._left_s is None and self.settings.confirm_arrival:
             self._left_s = confirmed_s
@@ -79,14 +75,14 @@ class ManualStage:
                 "Press Enter again at the instant the probes are in the destination air.", self.settings.within_s
             )
             return None
-        self._deadline_s = None
+        self._asked = False
         if self._left_s is None:
             return Move(confirmed_s, None)
         return Move(self._left_s, confirmed_s)
 
     def make_safe(self) -> None:
         """A person's hand needs no stop; what was asked of it is taken back."""
-        self._deadline_s = None
+        self._asked = False
         self._operator.leave()
 
     def close(self) -> None:
