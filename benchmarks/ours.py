@@ -131,26 +131,34 @@ def fresh_errors(outcome: Outcome, campaign: str | Path, channel: str) -> tuple[
 
     None where the diagnosis has nothing to predict with.
     """
+    import numpy as np
+
     found = fresh_run_errors(outcome, campaign, channel)
-    return None if found is None else (float(found[0].mean() ** 0.5), float(found[1].mean() ** 0.5))
+    return None if found is None else (float(np.nanmean(found[0]) ** 0.5), float(np.nanmean(found[1]) ** 0.5))
 
 
 def fresh_run_errors(outcome: Outcome, campaign: str | Path, channel: str) -> tuple[Array, Array] | None:
-    """The same as mean squares of each run (R,)."""
+    """The same as mean squares of each run of that campaign (R,); NaN for those that a diagnosis leaves out."""
+    import numpy as np
+
     from shockrig.analysis.diagnose.gain import plainly, run_errors
     from shockrig.analysis.diagnose.prepare import prepare
     from shockrig.analysis.estimate.gather import build_channel
     from shockrig.files.campaign import read_campaign
 
     found = next((c for c in outcome.found.channels if c.name == channel), None) if outcome.found else None
-    fresh = build_channel(read_campaign(campaign), channel)
+    recorded = read_campaign(campaign)
+    fresh = build_channel(recorded, channel)
     if found is None or fresh is None:
         return None
     if fresh.rates != found.problem.channel.rates:
         return None
     problem = prepare(fresh, found.noise.averaged).problem
-    before = run_errors(fresh, problem, plainly(found.plain))
-    return before, run_errors(fresh, problem, found.final) if found.final.structure.effects else before
+    used = np.isin([run.id for run in recorded.runs], fresh.run_ids)
+    before, after = np.full((2, used.size), np.nan)
+    before[used] = run_errors(fresh, problem, plainly(found.plain))
+    after[used] = run_errors(fresh, problem, found.final) if found.final.structure.effects else before[used]
+    return before, after
 
 
 def t63(profile: dict[str, Any] | None, channel: str) -> tuple[float, float | None] | None:

@@ -73,8 +73,9 @@ def trial(seed: int, limit_s: int = LIMIT_S, exact: bool = False) -> dict[str, A
     result |= said(told) | {"input": outcome.diagnosis.get("input_findings", []) if outcome.diagnosis else []}
     if own is None:
         return result | {"failed": "no prediction of other runs"}
-    plain, ours = own
-    squares["its plain model"] = plain
+    used = np.isfinite(own[1])  # the candidates are held to the same runs
+    plain, ours = (one[used] for one in own)
+    squares = {name: one[used] for name, one in squares.items()} | {"its plain model": plain}
     result["errors"] = {name: float(np.sqrt(s.mean())) for name, s in squares.items()} | {
         "diagnosis": float(np.sqrt(ours.mean()))
     }
