@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
@@ -32,7 +32,6 @@ from shockrig.analysis.estimate.scan import rough_point, rough_rates
 Array = NDArray[np.float64]
 Starts = Sequence[Mapping[str, float]]
 Screened = tuple[Candidate, Starts, float]  # with what the best start promises [nats]
-Beside = tuple[int, str]  # a fit, and a candidate beside it
 Earlier = Mapping[str, Mapping[str, float]]  # effects that an earlier search of the same runs ended with: parameters
 
 # How many candidates are begun, go on, and are fitted to their ends at each step: what a campaign may cost.
@@ -144,6 +143,24 @@ class Search:
         return [one for one, w in zip(self.pool, self.weights, strict=True) if w >= least]
 
 
+@dataclass(frozen=True)
+class BesideModel:
+    """What is known of candidates beside one model, by effect: the same whatever else is tried there.
+
+    `promised` is what each promises to first order, `fits` its fits so far, the best first; `ended` are those whose
+    best has been fitted to its end.
+    """
+
+    near: Rated
+    promised: dict[str, Screened] = field(default_factory=dict)
+    fits: dict[str, list[Rated]] = field(default_factory=dict)
+    ended: set[str] = field(default_factory=set)
+
+    def ordered(self, effects: Sequence[str]) -> list[str]:
+        """Candidates by the best of their fits."""
+        return sorted(effects, key=lambda effect: -self.fits[effect][0].value)
+
+
 class Race:
     """A search under way: its problem, the candidates, and the pool of models so far."""
 
@@ -154,11 +171,7 @@ class Race:
         self.priors = {one.effect.id: one.log_prior for one in self.among}
         self.pool: dict[frozenset[str], Rated] = {}
         self.done: dict[tuple[frozenset[str], frozenset[str]], Rated | None] = {}
-        # A candidate's promise and its fits beside a model are the same whatever else is tried there.
-        self.promised: dict[Beside, Screened] = {}
-        self.runners: dict[Beside, list[Rated]] = {}
-        self.at_end: set[Beside] = set()
-        self.nears: dict[int, Rated] = {}  # keeps alive what `Beside` counts by
+        self.places: dict[int, BesideModel] = {}  # by the identity of the fit, which they keep alive
         self.fits = 0
 
     def rated(self, found: Fit) -> Rated:
@@ -178,16 +191,16 @@ class Race:
             self.pool[one.ids] = one
         return self.pool[one.ids]
 
+    def beside(self, near: Rated) -> BesideModel:
+        """What is known so far of candidates beside a model."""
+        return self.places.setdefault(id(near.fit), BesideModel(near))
+
     def screened(self, near: Rated, among: Sequence[Candidate]) -> list[Screened]:
         """Candidates with their starts and what the best of these promises to first order [nats], best first."""
-        place = id(near.fit)
-        new = [one for one in among if (place, one.effect.id) not in self.promised]
-        for found in self._promises(near, new) if new else ():
-            self.promised[place, found[0].effect.id] = found
-        self.nears[place] = near
-        return sorted(
-            (self.promised[place, one.effect.id] for one in among), key=lambda item: -(item[2] + item[0].log_prior)
-        )
+        promised = self.beside(near).promised
+        new = [one for one in among if one.effect.id not in promised]
+        promised |= {found[0].effect.id: found for found in (self._promises(near, new) if new else ())}
+        return sorted((promised[one.effect.id] for one in among), key=lambda item: -(item[2] + item[0].log_prior))
 
     def _promises(self, near: Rated, among: Sequence[Candidate]) -> list[Screened]:
         found, channel = near.fit, self.problem.channel
@@ -301,29 +314,26 @@ class Race:
         if key in self.done or self.ended or not open_to:
             return self.done.get(key)
         far = near.score.discrepancy > FAR_DISCREPANCY or plainly_wrong(self.problem, near.fit)
-        entered = self._entered(self.screened(near, open_to), far)
-        runners = [(id(near.fit), one.effect.id) for one, _ in entered]
-        for place, (one, starts) in zip(runners, entered, strict=True):
-            if place not in self.runners:
-                self.runners[place] = self._begun(near, one, starts, far)
+        entered, place = self._entered(self.screened(near, open_to), far), self.beside(near)
+        for one, starts in entered:
+            if one.effect.id not in place.fits:
+                place.fits[one.effect.id] = self._begun(near, one, starts, far)
+        runners = [one.effect.id for one, _ in entered]
         for left in range(3 if far else 2, 0, -1):
-            runners = self._ordered(runners)[: RUNNING_COUNT + 2 * (left - 1)]
-            for place in runners:
-                further = [self._further(begun, FURTHER_STEPS) for begun in self.runners[place][:left]]
-                self.runners[place] = sorted(further, key=lambda r: -r.value)
-        runners = self._ordered(runners)
-        for place in runners[:FINISHED_COUNT]:
-            if place not in self.at_end:
-                self.runners[place] = [self.finished(self.runners[place][0])]
-                self.at_end.add(place)
-        ends = [self.runners[place][0] for place in runners]
-        ends = [one for one, place in zip(ends, runners, strict=True) if place in self.at_end or one.fit.converged]
+            runners = place.ordered(runners)[: RUNNING_COUNT + 2 * (left - 1)]
+            for effect in runners:
+                further = [self._further(begun, FURTHER_STEPS) for begun in place.fits[effect][:left]]
+                place.fits[effect] = sorted(further, key=lambda r: -r.value)
+        runners = place.ordered(runners)
+        for effect in runners[:FINISHED_COUNT]:
+            if effect not in place.ended:
+                place.fits[effect] = [self.finished(place.fits[effect][0])]
+                place.ended.add(effect)
+        firsts = [place.fits[effect][0] for effect in runners]
+        ends = [one for one, effect in zip(firsts, runners, strict=True) if effect in place.ended or one.fit.converged]
         ends = [self.keep(one) for one in ends if sound(one.fit, one.ids - self.fixed)]
         self.done[key] = max(ends, key=lambda r: r.value) if ends else None
         return self.done[key]
-
-    def _ordered(self, runners: Sequence[Beside]) -> list[Beside]:
-        return sorted(runners, key=lambda place: -self.runners[place][0].value)
 
     def with_form(self, near: Rated, forms: Sequence[Candidate]) -> Rated:
         """The better of a model and the best sound one with a form more."""
@@ -446,7 +456,7 @@ def search(
         race.exchanged(race.simplest(grown), among)
     else:
         for effect in sorted(named.ids - race.fixed):
-            race.with_form(race.without(named, effect), forms)
+            race.forward(race.without(named, effect), forms)
     return _weighed(race, plain)
 
 
