@@ -12,9 +12,9 @@ from math import hypot, sqrt
 import numpy as np
 
 from shockrig.analysis.flight.causal_design import ChannelDesign
-from shockrig.analysis.flight.coarse import COARSE_IN_NOISE
 from shockrig.analysis.flight.screen import FEWEST_CHANGES, LONE_SIGMAS, SPIKE_STEPS
 from shockrig.analysis.flight.stretches import BY_CHANCE, LOUDER, MOST_SHARE, NORM_1, NORM_3, STUCK_LEVELS, WHITE_SHARE
+from shockrig.analysis.flight.sweep import COARSE_IN_NOISE
 from shockrig.files.sentinels import CODES, LEAST_JUMP
 
 BURST_ROWS, NOISE_ROWS = 5.0, 100.0  # memories of the noise: of a burst, and of the flight

@@ -14,18 +14,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.flight.causal import causal
-from shockrig.analysis.flight.channel import FlightChannel, FlightReadings, coarse, judged, lacking, too_few, untouched
-from shockrig.analysis.flight.comparisons import Told, compared, told
+from shockrig.analysis.flight.channel import (
+    FlightChannel,
+    FlightReadings,
+    coarse,
+    held,
+    judged,
+    lacking,
+    too_few,
+    untouched,
+)
+from shockrig.analysis.flight.comparisons import Told, compared, seen_by_film, slow_against_fast, told
 from shockrig.analysis.flight.doubts import airspeed_doubt, doubts, profile_doubts, slips
-from shockrig.analysis.flight.guard import held
 from shockrig.analysis.flight.humidity import correct_humidity
 from shockrig.analysis.flight.inverse import exact_inverse, paper
-from shockrig.analysis.flight.own_thermometer import seen_by_film, slow_against_fast
 from shockrig.analysis.flight.readout import (
     Acting,
     acting,
     carried,
     ceiling,
+    climb_m_s,
     climb_unknown,
     noise_floor,
     not_known,
@@ -42,7 +50,6 @@ from shockrig.analysis.flight.screen import code_notes, screen, without_codes
 from shockrig.analysis.flight.simulated.typical import NOISE_K, NOISE_PERCENT
 from shockrig.analysis.flight.smooth_channel import LONGEST_BRIDGE_S, Estimate, estimate, typical_period
 from shockrig.analysis.flight.stretches import largest_share
-from shockrig.analysis.flight.track import climb_m_s
 from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S, REFERENCE_C, Stream
 from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA
 from shockrig.files.errors import InputError

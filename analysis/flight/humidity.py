@@ -18,6 +18,7 @@ from shockrig.analysis.flight.channel import (
     FlightReadings,
     bridged,
     coarse,
+    held,
     judged,
     lacking,
     slope,
@@ -26,7 +27,6 @@ from shockrig.analysis.flight.channel import (
 )
 from shockrig.analysis.flight.comparisons import Told
 from shockrig.analysis.flight.doubts import airspeed_doubt
-from shockrig.analysis.flight.guard import held
 from shockrig.analysis.flight.prior import Passing
 from shockrig.analysis.flight.readout import (
     Acting,
@@ -34,6 +34,7 @@ from shockrig.analysis.flight.readout import (
     acting,
     carried,
     ceiling,
+    climb_m_s,
     climb_unknown,
     noise_floor,
     not_known,
@@ -51,7 +52,6 @@ from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
 from shockrig.analysis.flight.smoother import followed
 from shockrig.analysis.flight.stretches import largest_share
 from shockrig.analysis.flight.sweep import lags_behind
-from shockrig.analysis.flight.track import climb_m_s
 from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.flight import Flight

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter
 from scipy.special import bdtrc
 
-from shockrig.analysis.flight.coarse import COARSE_IN_NOISE
 from shockrig.analysis.flight.stretches import judge, within
+from shockrig.analysis.flight.sweep import COARSE_IN_NOISE
 from shockrig.files.flight import Flight
 from shockrig.files.numbers import counted
 from shockrig.files.ranges import LIKELY, RANGES, Range

@@ -9,12 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from shockrig.analysis.flight.coarse import propagated, within_a_step
-from shockrig.analysis.flight.prior import Passing, Prior, gain_squared, spectra
+from shockrig.analysis.flight.prior import (
+    Passing,
+    Prior,
+    fit_prior,
+    fit_windows,
+    gain_squared,
+    seen,
+    spectra,
+    without_wave,
+)
 from shockrig.analysis.flight.response import LagResponse
 from shockrig.analysis.flight.smoother import Jumps
-from shockrig.analysis.flight.strengths import fit_prior, fit_windows, seen, without_wave
-from shockrig.analysis.flight.sweep import Sweep, Track, costs, lags_behind, swept
+from shockrig.analysis.flight.sweep import Sweep, Track, costs, lags_behind, propagated, swept, within_a_step
 
 Array = NDArray[np.float64]
 

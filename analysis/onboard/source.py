@@ -19,7 +19,6 @@ from shockrig.analysis.flight.causal_design import (
     design_of,
 )
 from shockrig.analysis.flight.channel import LONGEST_FILL_S, LONGEST_REPEAT_S
-from shockrig.analysis.flight.coarse import COARSE_IN_NOISE
 from shockrig.analysis.flight.prior import OU_VARIANCES, RATES_PER_S, UNSEEN_VARIANCE
 from shockrig.analysis.flight.screen import (
     FEWEST_CHANGES,
@@ -40,6 +39,7 @@ from shockrig.analysis.flight.stretches import (
     WHITE_SHARE,
     WINDOW_ROWS,
 )
+from shockrig.analysis.flight.sweep import COARSE_IN_NOISE
 from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S
 from shockrig.files.errors import InputError
 from shockrig.files.profile import Profile

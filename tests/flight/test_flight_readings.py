@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from benchmark_scripts import benchmark
 
+from shockrig.analysis.flight.channel import reach
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.doubts import profile_doubts
-from shockrig.analysis.flight.guard import reach
 from shockrig.analysis.flight.screen import EXCHANGED, resolution_of, screen, without_codes
 from shockrig.analysis.flight.simulated.scenes import to_flight
 from shockrig.analysis.flight.simulated.sensor import fly
