@@ -141,8 +141,10 @@ class Kind:
 
 
 _ALL, _RATES = tuple(KERNELS), ("run order", "group", "direction", "airflow", "step", "humidity", "chance")
+# What comes late or fades away is, with a time constant of its own, exactly `parallel_lag` where it passes beside the
+# body, `added_rate` of the reading where it passes through the body, and `added_rate` of nothing where it is added.
 _ECHO = frozenset(
-    {"added_response", "parallel_lag", "air_relaxation", "slow_relaxation", "stem_conduction", "periodic"}
+    {"added_response", "added_rate", "parallel_lag", "air_relaxation", "slow_relaxation", "stem_conduction", "periodic"}
 )
 _LAG = frozenset({"lag_in_series", "series_lag", "delay", "dead_time", "finite_transfer", "moving_average"})
 _GAIN = frozenset({"gain", "calibration_error", "calibration_temperature", "offset"})
@@ -166,7 +168,7 @@ KINDS: dict[str, Kind] = {
     "rate that drifts within a run": Kind("body", 1e-2, 5.0, ("none",), frozenset({"rate_change", "parallel_lag"})),
     "a share follows late": Kind("body", 1e-3, 0.6, ("exponential", "two exponentials", "square root of time"), _ECHO),
     "added after the transfer": Kind("readout", 1e-3, 20.0, _ALL, _ECHO | {"self_heating", "offset"}),
-    "added with the other quantity": Kind("readout", 1e-4, 2.0, _ALL, _ECHO | {"added_rate"}),
+    "added with the other quantity": Kind("readout", 1e-4, 2.0, _ALL, _ECHO),
     "added with a rate of change": Kind(
         "readout", 1e-3, 20.0, ("none",), frozenset({"added_rate", "added_response", "parallel_lag"}), channels=(RH,)
     ),

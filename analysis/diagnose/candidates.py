@@ -5,7 +5,7 @@ A form that is the law of a catalogued effect that the channel can show is that 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import log
@@ -13,10 +13,10 @@ from math import log
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.diagnose.grammar import forms, starts_of
+from shockrig.analysis.diagnose.grammar import forms, kin, starts_of
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.effects.behaviours import SCALES, Form, form_of, is_step, laws_of
+from shockrig.analysis.effects.behaviours import SCALES, SPREAD, Form, form_of, is_step, laws_of
 from shockrig.analysis.effects.described import described, is_described
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import Effect
@@ -37,7 +37,7 @@ def log_prior(effect: Effect, channel: Channel, looks: int) -> float:
     if not is_described(effect.id):
         return -against - 0.5 * effect.rarity(channel)
     on = form_of(effect.id).depends_on
-    against += level("form") + level("factor") * sum(how in SCALES for _, how in on)
+    against += level("form") + level("factor") * sum(how in SCALES or (factor, how) == SPREAD for factor, how in on)
     # One form for each run that a change may begin at.
     return -against - log(channel.runs) * sum(is_step(how) for _, how in on)
 
@@ -85,7 +85,17 @@ def candidates(channel: Channel) -> tuple[Candidate, ...]:
     effects = listed(channel)
     found = [_candidate(e, e.starts(channel), channel) for e in effects]
     ids = {e.id for e in effects}
-    for form in forms(channel):
+    return (*found, *_of_forms(forms(channel), ids, channel))
+
+
+def kin_of(form: Form, channel: Channel) -> tuple[Candidate, ...]:
+    """Forms that differ from one by a single condition, or in the spread of time constants, and are no listed law."""
+    return _of_forms(kin(form, channel), {e.id for e in listed(channel)}, channel)
+
+
+def _of_forms(these: Iterable[Form], ids: set[str], channel: Channel) -> tuple[Candidate, ...]:
+    found = []
+    for form in these:
         if not any(name in ids for name, _ in laws_of(form)):
             effect = described(form.key, channel.jumps_with_air)
             found.append(_candidate(effect, starts_of(effect, form, channel), channel))
@@ -97,9 +107,9 @@ def _candidate(effect: Effect, starts: list[dict[str, float]], channel: Channel)
 
 
 def at_bound(effect: Effect, values: Mapping[str, float]) -> tuple[str, ...]:
-    """Parameters of an effect that stand at a bound of their range."""
+    """Parameters of an effect that stand at a bound of their range, where that says nothing of it."""
     out = []
-    for parameter in effect.parameters:
+    for parameter in (one for one in effect.parameters if not one.ends_say):
         value = values[parameter.name]
         width = 1e-3 * (parameter.high - parameter.low)
         above = 1e-6 if parameter.log else min(width, 0.1 * abs(parameter.low) or width)
@@ -115,7 +125,7 @@ def says_nothing(effect: Effect, parameters: Mapping[str, tuple[float, float]]) 
         return f"its {ends[0]} stands at the end of its range"
     for parameter in effect.parameters:
         value, spread = parameters[parameter.name]
-        if parameter.log and spread > level("anything") * abs(value):
+        if parameter.log and not parameter.ends_say and spread > level("anything") * abs(value):
             return f"its {parameter.name} may be anything"
     return ""
 

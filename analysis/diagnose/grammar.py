@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.effects.behaviours import STEP, Factor, Form, dew_margin_k, form_of, own_step
+from shockrig.analysis.effects.behaviours import SCALES, SPREAD, STEP, Factor, Form, dew_margin_k, form_of, own_step
 from shockrig.analysis.effects.described import described, discovered_of, is_described
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import Effect
@@ -33,6 +33,7 @@ MOST_RUNS = 250  # more take too much memory at once
 VARIED_AIRFLOW_RATIO, VARIED_STEP_RATIO = 1.2, 1.5  # ratios from which on a factor has varied
 AMBIENTS_K, LEVELS_PERCENT, PRESSURES = 3.0, 10.0, 0.03
 LEAST_DEW_K, LEAST_DEWED = 0.5, 3  # margin from which on dew falls, and runs in which it does
+MOST_SCALES = 2  # conditions that scale one strength
 ALL_BUT_ORDER = 0.98  # correlation of runs' times with their order from which on one stands for both
 PERIODS_TRIED = 28  # that are tried, from a second to the length of a run
 
@@ -105,6 +106,8 @@ def forms(channel: Channel) -> Iterator[Form]:
     for base in _bases(channel):
         if base.behaves_as != "rate_change" or base.depends_on:
             yield base
+        if _may_spread(base):
+            yield base.with_factor(*SPREAD)
         for factor in scaling_factors(base, channel):
             yield base.with_factor(*factor)
     if not c.airs_known.all():
@@ -136,6 +139,23 @@ def forms(channel: Channel) -> Iterator[Form]:
         yield Form("added_rate", "none", (("humidity", "dew_margin"),))
 
 
+def kin(form: Form, channel: Channel) -> Iterator[Form]:
+    """Forms that differ from one by a condition that scales its strength, or by how its time constants are spread."""
+    for one in form.depends_on:
+        if one[1] in SCALES or one == SPREAD:
+            yield replace(form, depends_on=tuple(other for other in form.depends_on if other != one))
+    if sum(how in SCALES for _, how in form.depends_on) < MOST_SCALES:
+        yield from (form.with_factor(*factor) for factor in scaling_factors(form, channel))
+    if _may_spread(form):
+        yield form.with_factor(*SPREAD)
+
+
+def _may_spread(form: Form) -> bool:
+    """Whether a form dies away, or sets in, with a time constant that may be several."""
+    relaxes = form.behaves_as in ("parallel_lag", "added_response", "added_rate")
+    return relaxes and form.driver != "die_temperature" and "history" not in form.factors
+
+
 def _bases(channel: Channel) -> Iterator[Form]:
     """Behaviours with their drivers, depending on nothing yet."""
     c = channel.conditions
@@ -145,6 +165,7 @@ def _bases(channel: Channel) -> Iterator[Form]:
         yield Form("lag_in_series", "airflow")
     yield Form("parallel_lag", own)
     yield Form("rate_change", "none")
+    yield Form("rate_change", "none", (("history", "linear"),))
     yield Form("added_rate", "own_response")
     if channel.jumps_with_air and "humidity" in varied(channel):
         yield Form("rate_change", "own_response", (("humidity", "linear"),))
@@ -164,7 +185,7 @@ def _bases(channel: Channel) -> Iterator[Form]:
         yield Form("added_rate", driver)
     for driver in (own, other, "own_response"):
         yield Form("added_response", driver)
-    for driver in (own, "own_response"):  # creeping on, ever slower or all the time alike
+    for driver in (own, "own_response", "none"):  # creeping on, ever slower or all the time alike
         yield Form("added_response", driver, (("history", "logarithmic"),))
         yield Form("added_response", driver, (("history", "linear"),))
     yield Form("periodic", "none")

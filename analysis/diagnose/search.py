@@ -16,10 +16,10 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.diagnose.candidates import Candidate, candidates, sound
+from shockrig.analysis.diagnose.candidates import Candidate, candidates, kin_of, sound
 from shockrig.analysis.diagnose.refitting import begun_anew, plain_fit, plainly_wrong, rate_shift, refit
 from shockrig.analysis.diagnose.thresholds import level
-from shockrig.analysis.effects.behaviours import SCALES, STEP, Form, form_of, laws_of
+from shockrig.analysis.effects.behaviours import SCALES, SPREAD, STEP, Factor, Form, form_of, laws_of
 from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.estimate.effect import Effect, by_name
 from shockrig.analysis.estimate.fit import Fit, fit, go_on
@@ -38,12 +38,12 @@ Earlier = Mapping[str, Mapping[str, float]]  # effects that an earlier search of
 BEGUN_COUNT, RUNNING_COUNT, FINISHED_COUNT = 16, 8, 3
 STARTS_EACH = 2  # of a candidate, the best to first order
 QUICK_STEPS, FURTHER_STEPS, WHOLE_STEPS = 3, 5, 25  # steps of Gauss and Newton
-MOST_EFFECTS = 6
+MOST_EFFECTS, A_PAIR = 6, 2
 SMALLEST_DISCREPANCY = 1e-6  # discrepancy that is none
 FAR_DISCREPANCY = 0.005  # discrepancy, as a share of the step, from which the runs' deviations mean little
 WITHIN_REACH = 3.0  # nats that a candidate's promise to first order may lack and that its fit may bring
 MOST_MODELS = 80  # of the pool that are weighed: the best
-MOST_FITS = 900
+MOST_FITS = 450
 
 
 @dataclass(frozen=True)
@@ -64,9 +64,16 @@ class Rated:
         """Of its effects: at which run a change begins does not make another law."""
         return frozenset(law_of(id_) for id_ in self.fit.structure.ids)
 
+    @property
+    def claims(self) -> int:
+        """How many effects it has, and conditions that their strengths depend on."""
+        return sum(1 + len(_more_of(form_of(id_)) if is_described(id_) else ()) for id_ in self.ids)
+
     def holds(self, effect: str) -> bool:
-        """Whether it has an effect, or a form that is the effect's law with a strength that depends on something."""
-        return law_of(effect) in self.laws or any(effect in _scaled_law(id_) for id_ in self.ids if is_described(id_))
+        """Whether it has an effect, or a form that is its law with a strength that depends on something more."""
+        return law_of(effect) in self.laws or any(
+            law_of(effect) in _laws_within(id_) for id_ in self.ids if is_described(id_)
+        )
 
     @property
     def value(self) -> float:
@@ -79,12 +86,22 @@ def law_of(effect: str) -> str:
     return re.sub(rf"({STEP})\d+", r"\1n", effect)
 
 
+def _more_of(form: Form) -> list[Factor]:
+    """What a form depends on beyond its behaviour: conditions that scale its strength, several time constants."""
+    return [on for on in form.depends_on if on[1] in SCALES or on == SPREAD]
+
+
 @cache
-def _scaled_law(form_id: str) -> frozenset[str]:
-    """Effects whose law a form is, but for what its strength depends on."""
+def _laws_within(form_id: str) -> frozenset[str]:
+    """Laws that a form is with a strength that depends on something more, or with more time constants."""
     form = form_of(form_id)
-    bare = replace(form, depends_on=tuple(on for on in form.depends_on if on[1] not in SCALES))
-    return frozenset(name for name, _ in laws_of(bare))
+    more = _more_of(form)
+    found: set[str] = set()
+    for size in range(1, len(more) + 1):
+        for without in itertools.combinations(more, size):
+            less = replace(form, depends_on=tuple(on for on in form.depends_on if on not in without))
+            found |= {law_of(less.key), *(name for name, _ in laws_of(less))}
+    return frozenset(found)
 
 
 @dataclass(frozen=True)
@@ -128,7 +145,7 @@ class Search:
         found = []
         for one in self.pool:
             new = one.laws - self.best.laws
-            if law_of(effect) not in one.laws and new and len(self.best.laws - one.laws) <= len(new):
+            if not one.holds(effect) and new and len(self.best.laws - one.laws) <= len(new):
                 found.append((one, self.best.value - one.value))
         return sorted(found, key=lambda item: item[1])
 
@@ -335,9 +352,9 @@ class Race:
         self.done[key] = max(ends, key=lambda r: r.value) if ends else None
         return self.done[key]
 
-    def with_form(self, near: Rated, forms: Sequence[Candidate]) -> Rated:
-        """The better of a model and the best sound one with a form more."""
-        found = self.forward(near, forms)
+    def with_one(self, near: Rated, among: Sequence[Candidate]) -> Rated:
+        """The better of a model and the best sound one with a candidate more."""
+        found = self.forward(near, among)
         return near if found is None else max(near, found, key=_value)
 
     def without(self, current: Rated, effect: str) -> Rated:
@@ -358,9 +375,9 @@ class Race:
             current = less
         return current
 
-    def grown(self, current: Rated, among: Sequence[Candidate]) -> Rated:
+    def grown(self, current: Rated, among: Sequence[Candidate], most: int = MOST_EFFECTS) -> Rated:
         """A model with all that gains on unseen runs, one after another."""
-        while len(current.ids - self.fixed) < MOST_EFFECTS:
+        while len(current.ids - self.fixed) < most:
             found = self.forward(current, among)
             if found is None or found.value <= current.value:
                 break
@@ -394,7 +411,8 @@ class Race:
             if effect.id in self.fixed or not is_described(effect.id):
                 continue
             form, best = form_of(effect.id), current
-            for other in (one for one in self.among if one.form is not None and _kin(one.form, form)):
+            for other in kin_of(form, self.problem.channel):
+                self.priors[other.effect.id] = other.log_prior
                 structure = current.fit.structure.dropping(effect.id).adding(other.effect)
                 if frozenset(structure.ids) in self.pool:
                     trial = self.pool[frozenset(structure.ids)]
@@ -443,14 +461,17 @@ def search(
     plain = race.keep(race.rated(plain_fit(problem, base)))
     entries = [one for one in among if one.form is None]
     forms = [one for one in among if one.form is not None]
-    named = race.grown(plain, entries)
+    # What takes several effects may be the law of a single one that nobody listed. One beside which nothing gains is
+    # the whole of it, unless two that are listed are better.
+    law = race.with_one(plain, forms)
+    whole = law.value > race.with_one(plain, entries).value and race.with_one(law, among) is law
+    named = race.grown(plain, entries, A_PAIR if whole else MOST_EFFECTS)
     if earlier:
         named = max(named, race.grown(_resumed(race, plain, earlier), entries), key=_value)
-    # What takes several effects may be the law of a single one that nobody listed.
-    best = max(race.with_form(plain, forms), race.with_form(named, forms), key=_value)
+    best = law if whole and law.value > named.value else max(law, race.with_one(named, forms), key=_value)
     if best.value <= named.value or best.score.discrepancy > FAR_DISCREPANCY:
-        named = race.exchanged(named, entries)
-        best = max(best, race.with_form(named, forms), key=_value)
+        named = race.exchanged(race.grown(named, entries), entries)
+        best = max(best, race.with_one(named, forms), key=_value)
     if best.value > named.value:
         grown = race.grown(race.pruned(race.simplest(best)), among)
         race.exchanged(race.simplest(grown), among)
@@ -467,14 +488,6 @@ def _carried(found: Fit, structure: Structure, effect: Effect, other: Candidate)
         p.name: own.get(p.name, other.starts[0][p.name] if p.none is None else p.none) for p in other.effect.parameters
     }
     return Model(found.model.channel, structure).start(found.log_rates, found.choice | by_name(other.effect, begin))
-
-
-def _kin(one: Form, other: Form) -> bool:
-    """Whether two forms differ by one dependence at most that only scales a strength."""
-    if (one.behaves_as, one.driver) != (other.behaves_as, other.driver) or one == other:
-        return False
-    apart = set(one.depends_on) ^ set(other.depends_on)
-    return len(apart) == 1 and all(how in SCALES for _, how in apart)
 
 
 def _value(one: Rated) -> float:
@@ -511,10 +524,10 @@ def _weighed(race: Race, plain: Rated) -> Search:
     order = sorted(range(len(best)), key=lambda i: (-weight[i], -best[i].value))
     pool = tuple(best[i] for i in order)
     found = Search(plain, pool[0], pool, weight[order], race.fits)
-    # As many effects are stated as are there with that probability, whichever they are: look-alikes that share the
-    # weight of one are one effect, tied; weight that is shared for a second one is no evidence for any.
-    sizes = np.array([len(one.ids) for one in pool])
+    # As much is stated as is there with that probability, whatever it is: look-alikes that share the weight of one are
+    # one effect, tied; weight that is shared for a second one, or for one more dependence, is no evidence for any.
+    sizes = np.array([one.claims for one in pool])
     least = max(
         int(k) for k in np.unique(sizes) if found.weights[sizes >= k].sum() >= level("named") or k == sizes.min()
     )
-    return replace(found, best=next((one for one in pool if len(one.ids) == least), plain))
+    return replace(found, best=next((one for one in pool if one.claims == least), plain))

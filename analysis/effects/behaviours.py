@@ -105,8 +105,11 @@ USUAL_PERCENT = 50.0
 USUAL_HPA = 1013.25
 USUAL_STEP = {True: 40.0, False: 20.0}  # of a channel that jumps with the air (%RH), and of one that does not (K)
 A_MINUTE_S = 60.0
+SLOWEST_SHARE_LOST = 0.95  # of its rate, that a body may lose within a run
 USUAL_MARGIN_K = 10.0  # of dew
 SCALES = frozenset({"power", "exponential", "ratio"})  # ways in which a condition scales a strength
+SPREAD: Factor = ("history", "spread")  # not one time constant, but several, evenly spread in their logarithm
+SPREAD_OVER = np.linspace(-1.0, 1.0, 7)  # times the factor's number: logarithms of the time constants over their middle
 LEAST_STEP = 0.1  # share of a usual step
 PPM = 1e-6  # of the time that a run has lasted, by which a delay grows
 
@@ -220,9 +223,22 @@ def _driver_step(form: Form, channel: Recorded) -> tuple[Array, Array]:
     return np.zeros(c.source_c.shape), np.ones(c.source_c.shape)
 
 
-def _relaxed(time: Array, time_constant_s: Array) -> Array:
-    """exp(-t / time constant) after the transfer, 0 before it."""
-    return np.where(time > 0, np.exp(-np.maximum(time, 0.0) / time_constant_s[..., None]), 0.0)
+def _times_s(form: Form, p: Arrays) -> Array:
+    """Time constants of a form (B, 1, J) [s], of equal shares."""
+    spread = p[SPREAD[0]][..., None] * SPREAD_OVER if SPREAD in form.depends_on else np.zeros(1)
+    return np.asarray(p["time_constant_s"][..., None] * np.exp(spread))
+
+
+def spread_s(values: Mapping[str, float]) -> list[float]:
+    """The same for one set of values."""
+    return [float(values["time_constant_s"] * np.exp(values.get(SPREAD[0], 0.0) * over)) for over in SPREAD_OVER]
+
+
+def _relaxed(time: Array, times_s: Array) -> Array:
+    """Mean over time constants (B, R, J) of exp(-t / time constant) after the transfer, 0 before it."""
+    since = np.maximum(time, 0.0)
+    each = [np.exp(-since / times_s[..., j, None]) for j in range(times_s.shape[-1])]
+    return np.where(time > 0, sum(each) / len(each), 0.0)
 
 
 def _readout(chain: Chain, added: Callable[[Array, Array], Array]) -> Chain:
@@ -245,12 +261,19 @@ def _lag_in_series(form: Form, chain: Chain, p: Arrays) -> Chain:
 def _parallel_lag(form: Form, chain: Chain, p: Arrays) -> Chain:
     scale = _scale(form, chain, p)
     share = np.clip(p["size"] * scale, -0.95, 0.95)
-    return replace(chain, lags=(*chain.lags, (share, np.broadcast_to(p["time_constant_s"], share.shape))))
+    times_s = _times_s(form, p)
+    return replace(chain, lags=(*chain.lags, (share, np.broadcast_to(times_s, (*share.shape, times_s.shape[-1])))))
 
 
 def _rate_change(form: Form, chain: Chain, p: Arrays) -> Chain:
     if ("humidity", "linear") in form.depends_on:  # moves with what the body itself holds, all along a run
         chain = replace(chain, activity_slope=p["humidity"])
+    if ("history", "linear") in form.depends_on:  # faster, or slower, the longer the run has lasted
+        more = (p["size"] * _scale(form, chain, p))[..., None] / A_MINUTE_S
+        since = np.maximum(chain.time_s, 0.0)
+        moving = np.minimum(since, SLOWEST_SHARE_LOST / np.maximum(-more, 1e-12))  # it never comes to a stand
+        lasted = moving + 0.5 * more * moving**2 + (1.0 + more * moving) * (since - moving)
+        return replace(chain, time_s=np.where(chain.time_s > 0, lasted, chain.time_s))
     return replace(chain, rate=chain.rate * _scale(form, chain, p))
 
 
@@ -287,18 +310,19 @@ def _added_response(form: Form, chain: Chain, p: Arrays) -> Chain:
 
         return replace(chain, readouts=(*chain.readouts, with_die))
     kinetics = dict(form.depends_on).get("history", "")
-    time_constant_s = p["time_constant_s"][..., None] if "time_constant_s" in p else np.full((1, 1, 1), A_MINUTE_S)
+    times_s = _times_s(form, p) if "time_constant_s" in p else np.full((1, 1, 1), A_MINUTE_S)
 
     def come_in(time: Array) -> Array:
-        since = np.maximum(time, 0.0) / time_constant_s
-        if kinetics == "logarithmic":
-            return np.log1p(since)
-        return since if kinetics == "linear" else -np.expm1(-since)
+        if kinetics in ("logarithmic", "linear"):
+            since = np.maximum(time, 0.0) / times_s
+            return np.log1p(since) if kinetics == "logarithmic" else since
+        return np.where(time > 0, 1.0 - _relaxed(time, times_s), 0.0)
 
     if form.driver == "own_response":  # what the reading shows creeps
         return _readout(chain, lambda reading, time: size * reading * come_in(time))
     before, after = (x[:, None] for x in _driver_step(form, chain.channel))
-    lasting = 0.0 if kinetics else before  # what creeps all along has no level that it began from
+    # What creeps all along has no level that it began from.
+    lasting = 0.0 if kinetics in ("logarithmic", "linear") else before
     return _readout(chain, lambda reading, time: size * (lasting + (after - before) * come_in(time)))
 
 
@@ -307,14 +331,13 @@ def _added_rate(form: Form, chain: Chain, p: Arrays) -> Chain:
 
     Without a driver it is what the transfer itself does, and dies away.
     """
-    size = p["size"] * _scale(form, chain, p)
+    size, times_s = p["size"] * _scale(form, chain, p), _times_s(form, p)
     if form.driver == "own_response":
-        tau = np.broadcast_to(p["time_constant_s"], size.shape)
-        return replace(chain, echoes=(*chain.echoes, (-size / tau, tau)))
+        each_s = np.broadcast_to(times_s, (*size.shape, times_s.shape[-1]))
+        return replace(chain, echoes=(*chain.echoes, (-size / p["time_constant_s"], each_s)))
     before, after = _driver_step(form, chain.channel)
-    time_constant_s = p["time_constant_s"]
-    step = size * (after - before) / (1.0 if form.driver == "none" else time_constant_s)
-    return _readout(chain, lambda reading, time: step[..., None] * _relaxed(time, time_constant_s))
+    step = size * (after - before) / (1.0 if form.driver == "none" else p["time_constant_s"])
+    return _readout(chain, lambda reading, time: step[..., None] * _relaxed(time, times_s))
 
 
 def _gain(form: Form, chain: Chain, p: Arrays) -> Chain:
@@ -368,7 +391,7 @@ def _periodic(form: Form, chain: Chain, p: Arrays) -> Chain:
     decay = p.get("time_constant_s")
 
     def swing(reading: Array, time: Array) -> Array:
-        alive = (time > 0) if decay is None else _relaxed(time, decay)
+        alive = (time > 0) if decay is None else _relaxed(time, decay[..., None])
         return np.asarray(size * alive * np.sin(turn * np.maximum(time, 0.0) + phase))
 
     return _readout(chain, swing)

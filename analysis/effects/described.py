@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.effects.behaviours import (
     MEAN,
+    SPREAD,
     USUAL_C,
     Form,
     acting,
@@ -23,6 +24,7 @@ from shockrig.analysis.effects.behaviours import (
     is_step,
     late_by,
     laws_of,
+    spread_s,
     when_it_jumps_s,
 )
 from shockrig.analysis.estimate.channel import Channel
@@ -76,6 +78,8 @@ def flown(form: Form) -> InFlight:
         return InFlight(undo=lambda p, y, stream, length: y / (1.0 + p["size"] * (stream.temperature_c - USUAL_C)))
     if form == MEAN:
         return InFlight(delay_s=lambda p, period_s: 0.5 * max(p["time_constant_s"] - period_s, 0.0))
+    if set(form.depends_on) <= {SPREAD} and form.behaves_as == "parallel_lag":
+        return InFlight(lag=lambda p: (p["size"], *spread_s(p)))
     if any(pair not in KNOWN for pair in form.depends_on):
         return InFlight(left=True)
     scale: Callable[[Values, Array, Array], Array] = partial(along, form)
@@ -92,8 +96,6 @@ def flown(form: Form) -> InFlight:
         )
     if form.behaves_as == "rate_change":
         return InFlight(rate=scale)
-    if not form.depends_on and form.behaves_as == "parallel_lag":
-        return InFlight(lag=lambda p: (p["size"], p["time_constant_s"]))
     if form.driver == "none" and not form.depends_on and form.behaves_as == "delay":
         return InFlight(delay_s=lambda p, period_s: max(p["size"], 0.0))
     if form.driver == "die_temperature" and form.behaves_as == "gain" and not form.depends_on:
@@ -132,6 +134,7 @@ NUMBERS: dict[tuple[str, str], tuple[float, float, tuple[float, ...], str, bool]
     ("direction", "ratio"): (0.05, 20.0, (0.8, 1.25), "1", True),
     ("ambient", "zero_at"): (-60.0, 100.0, (22.0,), "degC", False),
     ("humidity", "zero_at"): (-50.0, 150.0, (45.0,), "%RH", False),
+    ("history", "spread"): (0.0, 4.0, (1.5,), "1", False),
 }
 # What is known of a room's air before any data, as of those that come in with the probes in the catalogue.
 ROOM = {"ambient": (21.0, 8.0), "humidity": (45.0, 20.0)}
@@ -214,6 +217,8 @@ def _parameters(form: Form, jumps: bool) -> Iterable[Parameter]:
         yield Parameter("size", "s", -0.5, 10.0, starts, weakest=0.01)
     elif kind == "parallel_lag":
         yield Parameter("size", "1", -0.9, 0.9, (0.03,), percent=True)
+    elif kind == "rate_change" and ("history", "linear") in form.depends_on:
+        yield Parameter("size", "1/min", -3.0, 10.0, (0.1, -0.1))
     elif kind == "lag_in_series" and form.driver == "airflow":
         yield Parameter("size", "1", 0.01, 200.0, (0.05, 0.3, 3.0), log=True, none=None)
     elif kind == "gain":
@@ -254,8 +259,8 @@ def _parameters(form: Form, jumps: bool) -> Iterable[Parameter]:
         if (factor, how) in NUMBERS:
             low, high, begin, of, log = NUMBERS[factor, how]
             prior = ROOM.get(factor) if room else None
-            none = None if how == "above" else 1.0 if log else 0.0
-            yield Parameter(factor, of, low, high, begin, log=log, none=none, prior=prior)
+            none = None if how in ("above", "spread") else 1.0 if log else 0.0
+            yield Parameter(factor, of, low, high, begin, log=log, none=none, prior=prior, ends_say=how == "ratio")
         elif is_step(how):  # the value from that run on, beside that before it
             yield Parameter(factor, "1", 0.2, 5.0, (1.1,), log=True, none=1.0)
         elif (factor, how) == ("step", "sets_in_over"):
@@ -311,7 +316,7 @@ def equation(form: Form) -> str:
         "added_rate": f"reading + size{depends} d{driver}/dt behind a lag of time_constant",
         "gain": f"reading (1 + size{depends})",
         "offset": f"reading + size{depends}",
-        "rate_change": f"rate{depends}",
+        "rate_change": f"rate{depends}" if "history" not in form.factors else f"rate (1 + size{depends} t)",
         "delay": f"reading(t) = true(t - size{depends})",
         "periodic": f"reading + size{depends} sin(2 pi t / period + phase)",
     }.get(form.behaves_as, "")
@@ -322,6 +327,7 @@ def _in_words(factor: str, how: str) -> str:
         "power": f"{factor}^n",
         "exponential": f"exp(n {factor})",
         "logarithmic": "ln(1 + t / time_constant)",
+        "spread": "(mean over time constants from exp(-n) to exp(n) times time_constant)",
         "ratio": f"(falling: times n, {factor})",
     }.get(how, f"({how.replace('_', ' ')}, {factor})")
 

@@ -14,7 +14,7 @@ EFFECT = Effect(
         Parameter("fraction", "1", 0.001, 0.9, (0.05, 0.3), percent=True),
         Parameter("time_constant_s", "s", 0.05, 3000.0, (3.0, 10.0, 50.0, 300.0), log=True, none=None),
     ),
-    apply=lambda chain, p: replace(chain, lags=(*chain.lags, (p["fraction"], p["time_constant_s"]))),
+    apply=lambda chain, p: replace(chain, lags=(*chain.lags, (p["fraction"], p["time_constant_s"][..., None]))),
     words=Words(
         "{fraction} of the response follows with a time constant of its own, {time_constant_s} s.",
         "Record the airflow and vary it: a support's share depends on it, a film's own does not.",

@@ -14,7 +14,7 @@ EFFECT = Effect(
         Parameter("fraction", "1", 0.001, 0.6, (0.05,), percent=True),
         Parameter("time_constant_s", "s", 0.5, 300.0, (25.0, 8.0, 70.0), log=True, none=None),
     ),
-    apply=lambda chain, p: replace(chain, lags=(*chain.lags, (p["fraction"], p["time_constant_s"]))),
+    apply=lambda chain, p: replace(chain, lags=(*chain.lags, (p["fraction"], p["time_constant_s"][..., None]))),
     words=Words(
         ("The film takes up {fraction} of the water late, with a time constant of {time_constant_s} s (non-Fickian)."),
         "Record for several of the slow time constants; do not take the plateau at one minute as the end value.",

@@ -14,7 +14,7 @@ EFFECT = Effect(
         Parameter("fraction", "1", 0.0005, 0.6, (0.03,), percent=True),
         Parameter("time_constant_s", "s", 0.5, 300.0, (8.0, 25.0), log=True, none=None),
     ),
-    apply=lambda chain, p: replace(chain, lags=(*chain.lags, (p["fraction"], p["time_constant_s"]))),
+    apply=lambda chain, p: replace(chain, lags=(*chain.lags, (p["fraction"], p["time_constant_s"][..., None]))),
     words=Words(
         (
             "The bead's leads hold it back: {fraction} of the reading follows the stem, with a time constant of "

@@ -49,6 +49,8 @@ class Parameter:
         What is known of it before any data.
     percent : bool
         Whether reports write it in percent.
+    ends_say : bool
+        Whether an end of its range says something: that what it compares is there on one side alone.
     """
 
     name: str
@@ -61,6 +63,7 @@ class Parameter:
     weakest: float | None = None
     prior: tuple[float, float] | None = None
     percent: bool = False
+    ends_say: bool = False
 
     def encoded(self, value: float) -> float:
         """A value on the scale that is fitted."""
@@ -110,8 +113,8 @@ class InFlight:
         Biot number of the exchange along the flight.
     exchange : (values, stream (n,), body's length [m]) -> ndarray (n,)
         What the Biot number of another effect is multiplied by along the flight.
-    lag : values -> (share, time constant [s])
-        A part of the reading that follows as a first-order lag.
+    lag : values -> (share, time constant [s], ...)
+        A part of the reading that follows as a first-order lag, or as several in equal shares.
     undo : (values, reading, stream, body's length) -> reading
         Takes off what the readout added.
     carried : (values, vertical speed (n,) [m/s]) -> ndarray (n,)
@@ -142,7 +145,7 @@ class InFlight:
     rate: Callable[[Values, Array, Array], Array] | None = None
     loaded: Callable[[Values], tuple[float, float]] | None = None
     exchange: Callable[[Values, Stream, float], Array] | None = None
-    lag: Callable[[Values], tuple[float, float]] | None = None
+    lag: Callable[[Values], tuple[float, ...]] | None = None
     undo: Callable[[Values, Array, Stream, float], Array] | None = None
     carried: Callable[[Values, Array], Array] | None = None
     delay_s: Callable[[Values, float], float] | None = None

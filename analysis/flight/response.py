@@ -250,8 +250,8 @@ def _response(
         if e.meaning.series_s is not None:
             outside.append((e, e.meaning.series_s(e.values)))
         if e.meaning.lag is not None:
-            share, time_constant_s = e.meaning.lag(e.values)
-            lags.append((e, share, time_constant_s))
+            share, *each_s = e.meaning.lag(e.values)
+            lags.append((e, share, np.array(each_s)))
 
     modes, rows, few = body.held(), np.zeros(rate.size, dtype=np.int64), _few(body)
     filmed = any(e.meaning.biot is not None for e in layers)
@@ -276,11 +276,12 @@ def _response(
         if len(outside) == 1 and (along := outside[0][0].meaning.series_along) is not None:
             own = own / along(outside[0][0].values, stream.airflow_m_s, temperature_c)[:, None]
         rates = np.concatenate([own, rates], axis=1)
-    for _, share, time_constant_s in lags:
-        beside = np.full((rate.size, 1), 1.0)
-        weight = np.concatenate([(1 - share) * weight, share * beside], axis=1)
-        rates = np.concatenate([rates, beside / time_constant_s], axis=1)
-    slow = np.array([_share_uncertainty(e) for e, _, _ in lags])
+    for _, share, times_s in lags:
+        beside = np.full((rate.size, times_s.size), 1.0)
+        weight = np.concatenate([(1 - share) * weight, share / times_s.size * beside], axis=1)
+        rates = np.concatenate([rates, beside / times_s], axis=1)
+    # Lags that share a share are taken to be off each by itself; a mean of them is then never too sure.
+    slow = np.concatenate([[], *(np.full(t.size, _share_uncertainty(e) / np.sqrt(t.size)) for e, _, t in lags)])
     return LagResponse(weight, rates, relative, slow, tuple(float(-a) for a in mix.amplitude), inside, body.name)
 
 
@@ -350,10 +351,9 @@ def _share_uncertainty(effect: Acting) -> float:
     """Of a slow lag's share; a time constant wrong by some percent counts like a share wrong by as many."""
     lag = effect.meaning.lag
     assert lag is not None
-    share, time_constant_s = lag(effect.values)
     of_share = propagated(effect, lambda values: lag(values)[0])
-    of_time = propagated(effect, lambda values: np.log(lag(values)[1]))
-    return float(np.hypot(of_share, share * of_time))
+    of_time = propagated(effect, lambda values: np.log(lag(values)[1:]).mean())
+    return float(np.hypot(of_share, lag(effect.values)[0] * of_time))
 
 
 def _steps(values: Array) -> tuple[Array, NDArray[np.int64]]:

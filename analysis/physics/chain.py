@@ -120,12 +120,12 @@ class Chain:
         Biot number of the exchange; None holds the surface at the air.
     activity_slope : ndarray (B, 1) or None
         Relative slope of D with water activity.
-    lags : tuple of (share, time constant [s]), each (B, 1 or R)
-        Parts of the body that follow the air as a first-order lag.
+    lags : tuple of (share (B, 1 or R), time constants (B, 1 or R, J) [s])
+        Parts of the body that follow the air as J first-order lags in equal shares.
     series : tuple of time constants [s], each (B, 1 or R)
         First-order lags in series with the body: a housing, a vent, a cap.
-    echoes : tuple of (share, time constant [s]), each (B, 1 or R)
-        Shares of the whole response that pass one more first-order lag; a negative share is a lead.
+    echoes : tuple of (share (B, 1 or R), time constants (B, 1 or R, J) [s])
+        Shares of the whole response that pass one more lag, J of them in equal shares; a negative share is a lead.
     loaded : (time constant [s], capacity relative to the body's), each (B, 1), or None
         A sheath: a well-mixed layer around the body that the body loads; `biot` is then the air film's outside of it.
     vapour_late_s : ndarray (B, R) or None

@@ -55,6 +55,12 @@ def first_order(time_constant_s: ArrayLike) -> Modes:
     return Modes(-np.ones_like(rate), rate)
 
 
+def first_orders(time_constants_s: ArrayLike) -> Modes:
+    """Lags of time constants (..., J), each of an equal share: S(t) = 1 - mean over them of exp(-t / time_constant)."""
+    rate = np.sort(1.0 / np.asarray(time_constants_s, dtype=float), axis=-1)
+    return Modes(np.full(rate.shape, -1.0 / rate.shape[-1]), rate)
+
+
 def mix(first: Modes, second: Modes, share: ArrayLike) -> Modes:
     """Two responses in parallel: (1 - share) first + share second; `share` has the shape of the leading axes."""
     share = np.asarray(share, dtype=float)[..., None]
@@ -81,10 +87,21 @@ def in_series(first: Modes, time_constant_s: ArrayLike) -> Modes:
         K + 2 modes: rates of the two lags are equal where nothing is near. Off by less than 1e-8 of the step where
         two rates are within 3e-5 of one another, by less than 1e-6 where three are, and by rounding elsewhere.
     """
-    mu = 1.0 / np.asarray(time_constant_s, dtype=float)[..., None]
+    return behind_each(first, np.asarray(time_constant_s, dtype=float)[..., None])
+
+
+def behind_each(first: Modes, time_constants_s: Array) -> Modes:
+    """The response behind lags beside one another, of time constants (..., J) and equal shares: K + 2 J modes."""
+    each = [_behind(first, 1.0 / time_constants_s[..., j, None]) for j in range(time_constants_s.shape[-1])]
+    passed = np.mean(np.broadcast_arrays(*(kept for kept, _, _ in each)), axis=0)
+    return _joined((passed, first.rate), *((own / len(each), mu) for _, own, mu in each))
+
+
+def _behind(first: Modes, mu: Array) -> tuple[Array, Array, Array]:
+    """Amplitudes of the modes behind a lag of rate `mu` (..., 1); amplitudes and rates of the two of the lag itself."""
     mu = _clear_of(first.rate, mu)  # (..., 2)
     passed = first.amplitude[..., None, :] / (1.0 - first.rate[..., None, :] / mu[..., None])  # (..., 2, K)
-    return _joined((passed.mean(axis=-2), first.rate), (-0.5 * (1.0 + passed.sum(axis=-1)), mu))
+    return passed.mean(axis=-2), -0.5 * (1.0 + passed.sum(axis=-1)), mu
 
 
 def _clear_of(rate: Array, mu: Array) -> Array:

@@ -292,10 +292,10 @@ def _response(chain: Chain, rate: Array) -> modes.Modes:
     response = body.scaled(own(rate))
     for time_constant_s in chain.series:
         response = modes.in_series(response, own(time_constant_s))
-    for share, time_constant_s in chain.lags:
-        response = modes.mix(response, modes.first_order(own(time_constant_s)), own(share))
-    for share, time_constant_s in chain.echoes:
-        response = modes.mix(response, modes.in_series(response, own(time_constant_s)), own(share))
+    for share, times_s in chain.lags:
+        response = modes.mix(response, modes.first_orders(own(times_s)), own(share))
+    for share, times_s in chain.echoes:
+        response = modes.mix(response, modes.behind_each(response, own(times_s)), own(share))
     each = ((x[place] if x.ndim > 2 and x.shape[0] == pick.size else x) for x in (response.amplitude, response.rate))
     return modes.Modes(*each)
 

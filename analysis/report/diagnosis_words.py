@@ -8,7 +8,7 @@ from typing import Any
 
 from shockrig.analysis.diagnose.diagnosed import Cause, ChannelDiagnosis, Diagnosis
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.effects.behaviours import STEP, form_of, is_step
+from shockrig.analysis.effects.behaviours import SPREAD, STEP, form_of, is_step
 from shockrig.analysis.effects.described import entry_of, is_described, of_readings, rounded
 from shockrig.analysis.estimate.effect import Parameter
 from shockrig.analysis.estimate.quantity import QUANTITIES
@@ -70,8 +70,8 @@ def behaves(one: Discovered) -> str:
 def sentence(one: Discovered, unit: str) -> str:
     """What was described, with its numbers, what it depends on and what not, and what else could be said."""
     text = f"It behaves as {behaves(one)}{_numbers(one, unit)}"
-    if one.depends_on:
-        text += "; it depends on " + _listed([_depends(on) for on in one.depends_on])
+    if conditions := [_depends(on) for on in one.depends_on if on != _spread(one)]:
+        text += "; it depends on " + _listed(conditions)
     if one.does_not_depend_on:
         text += "; it does not depend on " + _listed([_factor(f) for f in one.does_not_depend_on], "or")
     text += "."
@@ -107,7 +107,7 @@ def seen_over(one: Discovered) -> str:
 
 
 def _short(one: Discovered) -> str:
-    factors = [_factor(on.factor) for on in one.depends_on]
+    factors = [_factor(on.factor) for on in one.depends_on if on != _spread(one)]
     return behaves(one) + (f" that depends on {_listed(factors)}" if factors else "")
 
 
@@ -117,10 +117,23 @@ def _numbers(one: Discovered, unit: str) -> str:
         of = {"1": "", "1e-6": " parts per million"}.get(one.size.unit, f" {one.size.unit}")
         said.append(f"size {_value(Uncertain(one.size.value, one.size.standard_uncertainty))}{of}")
     if one.time_constant_s is not None:
-        said.append(f"time constant {_value(one.time_constant_s)} s")
+        said.append(f"time constant {_value(one.time_constant_s)} s{_to_either_side(one)}")
     if one.period_s is not None:
         said.append(f"period {_value(one.period_s)} s")
     return f" ({', '.join(said)})" if said else ""
+
+
+def _spread(one: Discovered) -> Dependence | None:
+    """What says that its time constants are several."""
+    return next((on for on in one.depends_on if (on.factor, on.form) == SPREAD), None)
+
+
+def _to_either_side(one: Discovered) -> str:
+    on = _spread(one)
+    if on is None or on.value is None or one.time_constant_s is None:
+        return ""
+    low, high = (one.time_constant_s.value * math.exp(side * on.value) for side in (-1.0, 1.0))
+    return f" in the middle of many, evenly spread in their logarithm from {plain(low, 2)} to {plain(high, 2)} s"
 
 
 def _value(value: Uncertain) -> str:

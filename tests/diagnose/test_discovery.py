@@ -10,13 +10,14 @@ import pytest
 from small_worlds import record
 
 from shockrig.analysis.characterize.extension import extension_of
+from shockrig.analysis.diagnose.candidates import says_nothing
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.grammar import forms
 from shockrig.analysis.diagnose.remainder import Tolerance
 from shockrig.analysis.diagnose.remaining import spectrum
 from shockrig.analysis.diagnose.restless import held_out
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.effects.behaviours import Form, form_of
+from shockrig.analysis.effects.behaviours import SPREAD, Form, form_of
 from shockrig.analysis.effects.described import described, discovered_of, entry_of, stated_values
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import Model, Point, Structure
@@ -77,6 +78,72 @@ def test_forms_do_what_their_closed_forms_say(warm_rates):
     share = reading(Form("parallel_lag", "air_temperature"), size=0.05, time_constant_s=9.0)
     lagged = c.source_c[:, None] + step * np.where(time > 0, -np.expm1(-np.maximum(time, 0.0) / 9.0), 0.0)
     np.testing.assert_allclose(share, 0.95 * plain + 0.05 * lagged, atol=1e-9)
+    times_s = 4.0 * np.exp(2.0 * np.linspace(-1.0, 1.0, 7))
+    dying = np.where(time > 0, np.mean([np.exp(-np.maximum(time, 0.0) / tau) for tau in times_s], axis=0), 0.0)
+    many = Form("parallel_lag", "air_temperature", (SPREAD,))
+    lagged = c.source_c[:, None] + step * np.where(time > 0, 1.0 - dying, 0.0)
+    found = reading(many, size=0.05, time_constant_s=4.0, history=2.0)
+    np.testing.assert_allclose(found, 0.95 * plain + 0.05 * lagged, atol=1e-9)
+    pulse = Form("added_rate", "none", (SPREAD,))
+    found = reading(pulse, size=0.3, time_constant_s=4.0, history=2.0)
+    np.testing.assert_allclose(found, plain + 0.3 * dying, atol=1e-12)
+    drift = Form("added_response", "none", (("history", "linear"),))
+    np.testing.assert_allclose(reading(drift, size=0.2), plain + 0.2 * np.maximum(time, 0.0) / 60.0, atol=1e-12)
+
+
+def test_what_passes_many_lags_is_the_mean_of_what_passes_each(warm_rates):
+    """An echo of the reading with several time constants, beside those with one of them each."""
+    channel, each_s = warm_rates.problem.channel, [4.0 * np.exp(1.5 * over) for over in np.linspace(-1.0, 1.0, 7)]
+
+    def reading(form, **values):
+        model = Model(channel, Structure((described(form.key, False),)))
+        named = {f"{form.key}.{k}": v for k, v in values.items()}
+        return model.predict(Point(model.start(np.array([np.log(0.3)]), named), channel.at_rest()))[0]
+
+    one, many = Form("added_rate", "own_response"), Form("added_rate", "own_response", (SPREAD,))
+    # Its size is a share times the time constant.
+    alone = [reading(one, size=-0.1 * tau, time_constant_s=tau) for tau in each_s]
+    found = reading(many, size=-0.1 * 4.0, time_constant_s=4.0, history=1.5)
+    np.testing.assert_allclose(found, np.mean(alone, axis=0), atol=1e-7)
+    np.testing.assert_allclose(reading(many, size=-0.4, time_constant_s=4.0, history=0.0), alone[3], atol=1e-9)
+
+
+def test_a_rate_that_moves_while_a_run_lasts_is_a_clock_that_does(warm_rates):
+    """The plain response at the integral of its relative rate, which loses 95 % at most."""
+    channel = warm_rates.problem.channel
+    form = Form("rate_change", "none", (("history", "linear"),))
+    for size in (0.6, -2.0):
+        model = Model(channel, Structure((described(form.key, False),)))
+        theta = model.start(np.array([np.log(0.3)]), {f"{form.key}.size": size})
+        since = np.maximum(channel.time_s, 0.0)
+        fine = np.linspace(0.0, since.max(), 20001)
+        rate = np.maximum(1.0 + size * fine / 60.0, 0.05)
+        clock = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(fine))])
+        warped = replace(channel, time_s=np.where(channel.time_s > 0, np.interp(since, fine, clock), channel.time_s))
+        plain = Model(warped, Structure())
+        expected = plain.predict(Point(plain.start(np.array([np.log(0.3)])), channel.at_rest()))[0]
+        np.testing.assert_allclose(model.predict(Point(theta, channel.at_rest()))[0], expected, atol=2e-5)
+
+
+def test_a_strength_that_is_there_one_way_alone_says_something(warm_rates):
+    """An end of a ratio of directions is an answer; that of a time constant is none."""
+    effect = described(Form("added_rate", "none", (("direction", "ratio"),)).key, False)
+    values = {"size": (0.3, 0.01), "time_constant_s": (4.0, 0.1)}
+    assert says_nothing(effect, values | {"direction": (20.0, 400.0)}) == ""
+    assert says_nothing(effect, values | {"direction": (1.5, 0.1), "time_constant_s": (1000.0, 3.0)}) != ""
+
+
+def test_a_form_is_held_by_what_depends_on_more_and_not_the_other_way_round(warm_rates):
+    found, bare = warm_rates.search.plain, Form("added_rate", "none")
+
+    def with_form(form):
+        structure = Structure((described(form.key, False),))
+        return replace(found, fit=replace(found.fit, model=Model(warm_rates.problem.channel, structure)))
+
+    scaled, many = bare.with_factor("airflow", "power"), Form("parallel_lag", "air_temperature", (SPREAD,))
+    assert with_form(scaled).holds(bare.key) and not with_form(bare).holds(scaled.key)
+    assert with_form(many).holds("stem_conduction") and not with_form(many).holds("series_lag")
+    assert (with_form(bare).claims, with_form(scaled).claims, with_form(many).claims) == (1, 2, 2)
 
 
 def test_every_form_of_the_grammar_is_data(warm_rates, tmp_path):

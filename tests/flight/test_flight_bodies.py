@@ -26,6 +26,7 @@ from shockrig.analysis.flight.sweep import lags_behind
 from shockrig.analysis.physics.bodies import BODIES
 from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.physics.modes import first_order, in_series, mix, response_times
+from shockrig.files.diagnosis_data import Dependence, Discovered, EffectSize
 from shockrig.files.profile import DiffusivityRow, Profile, StatedEffect, Uncertain
 
 PROFILE = typical_profile()
@@ -131,6 +132,22 @@ def test_effects_stand_in_the_response_where_the_chain_has_them():
     np.testing.assert_allclose(found.clean(frequency), gain, atol=2e-3)
     assert response_time_s(found) == pytest.approx(response_times(expected)[0], rel=2e-3)
     assert found.slowest_s == pytest.approx(2.0, rel=0.2)  # the slow share carries too little to count
+
+
+def test_a_slow_share_with_many_time_constants_is_the_mean_of_as_many_lags():
+    many = Discovered(
+        "parallel_lag",
+        "air_temperature",
+        size=EffectSize(0.1, 0.01, "1"),
+        time_constant_s=Uncertain(6.0, 0.5),
+        depends_on=(Dependence("history", "spread", 1.0, 0.1),),
+    )
+    profile = dataclasses.replace(PROFILE.temperature, discovered=(many,))
+    found = bead_response(profile, SPEED, "sphere")
+    alone = [bead(effect("parallel_lag", fraction=0.1, time_constant_s=6.0 * np.exp(x))) for x in np.linspace(-1, 1, 7)]
+    time = np.geomspace(0.05, 80.0, 50)
+    expected = np.mean([one.modes().step(time) for one in alone], axis=0)
+    np.testing.assert_allclose(found.modes().step(time), expected, atol=1e-12)
 
 
 def test_a_slow_sheath_counts_as_the_slowest_lag():
