@@ -1,6 +1,6 @@
 """Rows a second, and memory, of `shockrig correct` on the command line at 1, 10 and 100 Hz.
 
-    python benchmarks/flight_rates.py [--beside FOLDER] [--times N]
+    python benchmarks/flight_rates.py [--beside FOLDER] [--times N] [--no-report]
 
 CPU time of one thread, the least of N; a row a second is counted beyond what 100 rows take, which is mostly the start.
 With --beside the same logs are corrected in turn by another version, whose package `shockrig` is in FOLDER.
@@ -30,6 +30,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--beside", type=Path, help="folder with the package of another version")
     parser.add_argument("--times", type=int, default=2)
+    parser.add_argument("--no-report", action="store_true", help="without the page, whose figures hold every row")
     args = parser.parse_args()
     os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     versions = {"this": os.environ.get("PYTHONPATH", "")}
@@ -51,6 +52,7 @@ def main() -> int:
                     os.environ["PYTHONPATH"] = where
                     command = [sys.executable, "-m", "shockrig.protocols.cli", "correct"]
                     rest = ["--profile", str(home / "profile.json"), "--out", str(home / "out.csv")]
+                    rest += ["--no-report"] * args.no_report
                     start, _ = cost([*command, str(home / "few.csv"), *rest])
                     whole, peak = cost([*command, str(home / "flight.csv"), *rest])
                     best[name] = [min(a, b) for a, b in zip(best[name], (whole, start, peak), strict=True)]

@@ -50,7 +50,7 @@ from shockrig.analysis.flight.screen import screen
 from shockrig.analysis.flight.simulated.typical import NOISE_PERCENT
 from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
 from shockrig.analysis.flight.smoother import followed
-from shockrig.analysis.flight.stretches import largest_share
+from shockrig.analysis.flight.stretches import fastest, largest_share
 from shockrig.analysis.flight.sweep import lags_behind
 from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
@@ -148,7 +148,7 @@ def _forgotten(alone_k: Array, response: LagResponse, period: float) -> Array:
 
 def _rows(response: LagResponse, period: float) -> int:
     """The most rows within which the film shows no more than `SHOWN_SHARE` of a step; 0 where it shows more in one."""
-    rows, more = 0, 1
+    response, rows, more = fastest(response), 0, 1
     while more <= MOST_ROWS and largest_share(response, more * period) <= SHOWN_SHARE:
         rows, more = more, more + max(more // 4, 1)
     return rows

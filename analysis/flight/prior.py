@@ -151,6 +151,7 @@ LARGEST_MOVE, SETTLED = 2.0, 1e-3  # of ln strength
 LITTLE_NATS = 1e-4  # of log-likelihood
 FAINT_SHARE = 1e-3  # times the noise's power: nobody sees that
 WAVES = np.arange(0.5, 6.1, 0.125)  # cycles in a segment that a wave is looked for at
+BINS_PER_OCTAVE = 4  # of frequencies, whose spectra fall as powers
 HANN_DEPENDENCE = 1.5  # a likelihood of tapered ordinates counts each as so much less than one
 
 
@@ -385,8 +386,8 @@ def _weakest(turbulence: Array, bend: Array, white: float) -> tuple[float, float
 
 
 def _periodograms(reading: Array, period_s: float) -> tuple[Array, Array, Array]:
-    """Frequencies (b,), power (s, b) and weight (b,) of Hann-tapered periodograms gathered into bins a tenth of an
-    octave wide."""
+    """Frequencies (b,), power (s, b) and weight (b,) of Hann-tapered periodograms gathered into bins of
+    `BINS_PER_OCTAVE`."""
     size = reading.shape[-1]
     place = np.arange(size)
     taper = 0.5 - 0.5 * np.cos(2 * np.pi * place / size)
@@ -397,7 +398,7 @@ def _periodograms(reading: Array, period_s: float) -> tuple[Array, Array, Array]
     raw = 2 * period_s * np.abs(spectrum) ** 2 / np.sum(taper**2)
     first, last = 2, raw.shape[-1] - 1  # below, the taper and the detrending change the spectrum
     index = np.arange(first, last)
-    bins = np.floor(np.log2(index) * 8).astype(int)
+    bins = np.floor(np.log2(index) * BINS_PER_OCTAVE).astype(int)
     begin = np.flatnonzero(np.diff(bins, prepend=-1))
     weight = np.diff(begin, append=index.size).astype(float)
     frequency = np.exp(np.add.reduceat(np.log(index / (size * period_s)), begin) / weight)

@@ -12,22 +12,26 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.analysis.flight.channel import REMEMBERED_LAGS
 from shockrig.analysis.flight.correct import correct
+from shockrig.analysis.flight.response import bead_response, film_response
 from shockrig.analysis.flight.screen import code_notes, without_codes
 from shockrig.analysis.flight.smooth_channel import typical_period
+from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S, Stream
 from shockrig.files.disk import real_path
 from shockrig.files.errors import InputError
 from shockrig.files.flight import FLAGS, Corrected, Flight, FlightColumns, read_layout
 from shockrig.files.flight_cells import Rows, joined, read_blocks
 from shockrig.files.flight_csv import CsvWriter
 from shockrig.files.flight_netcdf import NetcdfWriter
-from shockrig.files.flight_rows import BLOCK_ROWS, look_over, to_flight
+from shockrig.files.flight_rows import look_over, to_flight
 from shockrig.files.profile import Profile
 from shockrig.files.serials import of_log, serial_doubts
 
-MARGIN_S = 150.0  # of the neighbours that a block sees, and at least so many rows: what a sensor remembers
+LONGEST_MARGIN_S = 150.0  # of the neighbours that a block sees: what a sensor remembers, at most that
 MARGIN_ROWS, MOST_MARGIN_ROWS = 1500, 15_000
-MARGINS_A_BLOCK = 2  # at least: what is seen as a margin is corrected twice and thrice
+CORRECTED_ROWS = 30_000  # at once: what is seen as a margin is corrected twice and thrice
+MARGINS_A_BLOCK = 2  # at least
 
 
 @dataclass(frozen=True)
@@ -90,7 +94,7 @@ def correct_file(
         if quantity not in layout.place and getattr(profile, quantity) is not None:
             totals.notes[f"{quantity}: no column of it recognised; if there is one, --column {quantity}=NAME"] = None
     try:
-        for rows, before, after, logged in _with_margins(source, layout, block_rows):
+        for rows, before, after, logged in _with_margins(source, layout, block_rows, _remembered_s(profile)):
             flight, codes = without_codes(logged)
             found = correct(
                 flight,
@@ -124,23 +128,36 @@ def correct_file(
     return totals.summary()
 
 
+def _remembered_s(profile: Profile) -> float:
+    """For how long [s] the slower of a profile's sensors remembers, where its table ends in the cold."""
+    slowest_s = []
+    for_one = Stream(np.array([REFERENCE_AIRFLOW_M_S]))
+    if (bead := profile.temperature) is not None:
+        slowest_s.append(bead_response(bead, for_one, profile.bodies["imet"]).slowest_s)
+    if (film := profile.humidity) is not None:
+        coldest = np.array([min(row.ambient_temperature_c for row in film.diffusivity_table)])
+        slowest_s.append(film_response(film, coldest, for_one, profile.bodies["hyt"]).slowest_s)
+    return REMEMBERED_LAGS * max(slowest_s, default=LONGEST_MARGIN_S)
+
+
 def _with_margins(
-    source: Path, layout: FlightColumns, block_rows: int | None
+    source: Path, layout: FlightColumns, block_rows: int | None, remembered_s: float
 ) -> Iterator[tuple[Rows, int, int, Flight]]:
     """Each block's rows, how many rows of margin lie before and after it, and the numbers of all of them."""
     tail: Rows | None = None
     current: Rows | None = None
     margin = MARGIN_ROWS
     for first in islice(read_blocks(source, layout, MARGIN_ROWS), 1):
-        rows = MARGIN_S / typical_period(to_flight(first, layout).time_s)
+        rows = min(remembered_s, LONGEST_MARGIN_S) / typical_period(to_flight(first, layout).time_s)
         margin = int(np.clip(rows, MARGIN_ROWS, MOST_MARGIN_ROWS))
-    for block in read_blocks(source, layout, block_rows or max(BLOCK_ROWS, MARGINS_A_BLOCK * margin)):
-        if current is not None:
+    for block in read_blocks(source, layout, block_rows or max(CORRECTED_ROWS, MARGINS_A_BLOCK * margin)):
+        if current is not None and len(block) < margin:
+            block = joined([current, block])  # the last: its neighbours cost more than it does
+        elif current is not None:
             yield _between(tail, current, block[:margin], layout)
             tail = joined([current] if tail is None else [tail, current])[-margin:]
         current = block
     if current is not None:
-        # a last block too short to stand alone is still seen with its margin
         yield _between(tail, current, None, layout)
 
 

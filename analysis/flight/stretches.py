@@ -53,10 +53,15 @@ class Stretches:
     louder: Array
 
 
+def fastest(response: LagResponse) -> LagResponse:
+    """The one instant at which the sensor is fastest."""
+    row = int(np.argmax(response.rate.max(axis=-1)))
+    return response.at(slice(row, row + 1))
+
+
 def largest_share(response: LagResponse, period_s: float) -> float:
     """Most of a step of the air that the sensor shows between two rows, wherever it falls, at its fastest."""
-    row = int(np.argmax(response.rate.max(axis=-1) if response.rate.ndim > 1 else response.rate))
-    modes = response.modes(row)
+    modes = fastest(response).modes(0)
     lasting = min(3.0 / float(modes.rate.min()), LONGEST_ROWS * period_s)
     since = np.arange(0.0, lasting + 2 * period_s, period_s / ROW_PHASES)
     shown = 1.0 + np.exp(-np.outer(since, modes.rate)) @ modes.amplitude
