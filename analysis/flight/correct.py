@@ -26,7 +26,7 @@ from shockrig.analysis.flight.channel import (
 )
 from shockrig.analysis.flight.comparisons import Told, compared, seen_by_film, slow_against_fast, told
 from shockrig.analysis.flight.doubts import airspeed_doubt, doubts, profile_doubts, slips
-from shockrig.analysis.flight.humidity import correct_humidity
+from shockrig.analysis.flight.humidity import correct_humidity, felt_by_film
 from shockrig.analysis.flight.inverse import exact_inverse, paper
 from shockrig.analysis.flight.readout import (
     Acting,
@@ -54,7 +54,7 @@ from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S, REFERENCE_
 from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA
 from shockrig.files.errors import InputError
 from shockrig.files.flight import FLAGS, Corrected, Flight
-from shockrig.files.profile import Profile, TemperatureProfile
+from shockrig.files.profile import Profile
 from shockrig.files.ranges import LIKELY, RANGES
 
 Array = NDArray[np.float64]
@@ -145,9 +145,7 @@ def correct(
         return _gather(flight.time_s.size, rows, bead, film, notes, {}, {})
     stream = _stream(part, profile, notes)
     solve, bodies = METHODS[method], profile.bodies
-    around = _temperature(
-        part, profile.temperature, bodies["imet"], stream, solve, cutoff_hz, temperature_noise_k, notes
-    )
+    around = _temperature(part, profile, stream, solve, cutoff_hz, temperature_noise_k, notes)
     bead = around.in_free_air(part.time_s)
 
     def film_with(known: Told | None) -> tuple[FlightChannel, list[str]]:
@@ -205,14 +203,14 @@ def _stream(flight: Flight, profile: Profile, notes: list[str]) -> Stream:
 
 def _temperature(
     flight: Flight,
-    part: TemperatureProfile | None,
-    body: str,
+    profile: Profile,
     stream: Stream,
     solve: Callable[[FlightReadings, float | None], Estimate],
     cutoff_hz: float | None,
     given: float | None,
     notes: list[str],
 ) -> FlightChannel:
+    part, body = profile.temperature, profile.bodies["imet"]
     raw, time_s = flight.temperature_c, flight.time_s
     effects = acting(part.effects, "temperature", part.discovered) if part else ()
     noise = given or NOISE_K
@@ -227,7 +225,10 @@ def _temperature(
         response = bead_response(part, stream, body).slower(0.0, unsure)
     share = 1.0 if response is None else largest_share(response, period)
     possible, swing = RANGES["temperature_c"], LIKELY["swing_k"].high
-    screened = screen(time_s, raw, possible, noise, limit=ceiling(effects), stale=old, share=share, swing=swing)
+    felt = felt_by_film(flight, profile.humidity)
+    screened = screen(
+        time_s, raw, possible, noise, limit=ceiling(effects), stale=old, share=share, swing=swing, felt=felt
+    )
     if part is None or response is None or too_few(screened):
         why = lacking(part, "temperature", raw, possible)
         return untouched("temperature", raw, screened, why, notes)

@@ -46,11 +46,11 @@ from shockrig.analysis.flight.readout import (
 )
 from shockrig.analysis.flight.readout import unseen as beyond_discovered
 from shockrig.analysis.flight.response import LagResponse, film_response, unsure_of_airspeed
-from shockrig.analysis.flight.screen import screen
+from shockrig.analysis.flight.screen import resolution_of, screen
 from shockrig.analysis.flight.simulated.typical import NOISE_PERCENT
 from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
 from shockrig.analysis.flight.smoother import followed
-from shockrig.analysis.flight.stretches import fastest, largest_share
+from shockrig.analysis.flight.stretches import MOST_SHARE, Felt, fastest, largest_share
 from shockrig.analysis.flight.sweep import lags_behind
 from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
@@ -67,9 +67,10 @@ FilmTemperature = Callable[[Mapping[str, float], Array, Array], Array]
 #
 # A film shows little of what the vapour does at once, while its relative humidity follows the air's temperature
 # without lag. Let dx be what the temperature's change, over a time in which the film shows a share of at most
-# `SHOWN_SHARE` of a step, makes of the humidity, and dr what its reading did beside its drift. If the air went as the
-# temperature says, the film's vapour dr + dx is that share of what the air's did, which may be anything of dx's size
-# (Cauchy); if the thermometer alone moved, dr is noise (Gauss). Changes that share readings are judged together.
+# `SHOWN_SHARE` of a step (or over one row), makes of the humidity, and dr what its reading did beside its drift. If the
+# air went as the temperature says, the film's vapour dr + dx is that share of what the air's did, which may be anything
+# of dx's size (Cauchy); if the thermometer alone moved, dr is noise (Gauss). Changes that share readings are judged
+# together.
 
 SHOWN_SHARE = 1 / 3  # of a step of the vapour: a change that the film did not lag would need three times as much vapour
 MOST_ROWS = 256
@@ -127,7 +128,8 @@ def unseen(
     moved, read = level * _beside(log_saturation, ends), _beside(humidity, ends)
     per_k = np.log(saturation_pressure_hpa(temperature_c[first] + 1.0)) - log_saturation[first]
     unsure = level * per_k * np.median(sigma_k[ends], axis=1)
-    own = _own(first, moved, read, size, unsure, ENDS_NOISE * noise_percent, rows)
+    share = max(SHOWN_SHARE, largest_share(response, rows * period))
+    own = _own(first, moved, read, size, unsure, ENDS_NOISE * noise_percent, rows, share)
     if not own.any():
         return nothing
     within = np.zeros(time_s.shape, dtype=bool)
@@ -147,8 +149,10 @@ def _forgotten(alone_k: Array, response: LagResponse, period: float) -> Array:
 
 
 def _rows(response: LagResponse, period: float) -> int:
-    """The most rows within which the film shows no more than `SHOWN_SHARE` of a step; 0 where it shows more in one."""
-    response, rows, more = fastest(response), 0, 1
+    """The most rows within which the film shows no more than `SHOWN_SHARE` of a step, or one in which it shows no more
+    than a lag does (`MOST_SHARE`); 0 where it shows more."""
+    response = fastest(response)
+    rows, more = int(largest_share(response, period) <= MOST_SHARE), 1
     while more <= MOST_ROWS and largest_share(response, more * period) <= SHOWN_SHARE:
         rows, more = more, more + max(more // 4, 1)
     return rows
@@ -161,11 +165,19 @@ def _beside(values: Array, ends: NDArray[np.int64]) -> Array:
 
 
 def _own(
-    first: NDArray[np.int64], moved: Array, read: Array, size: Array, unsure: Array, least: float, rows: int
+    first: NDArray[np.int64],
+    moved: Array,
+    read: Array,
+    size: Array,
+    unsure: Array,
+    least: float,
+    rows: int,
+    share: float,
 ) -> Mask:
     """Changes (w,) of the temperature, in %RH, that are likelier its own than the air's.
 
-    They begin at row `first` and go `size` to and fro, `unsure` by so much; `least` is a reading's noise in one.
+    They begin at row `first` and go `size` to and fro, `unsure` by so much; `least` is a reading's noise in one, and
+    the film shows `share` of a step within it.
     """
     usual = np.hypot(max(_spread(moved), least), MISSHAPEN_SHARE * size)
     unsure = THIRDS_NOISE * np.maximum(unsure - np.median(unsure), 0.0)  # what is usual is in what is usually moved
@@ -175,7 +187,7 @@ def _own(
         return own
     vapour = read + moved
     by_itself = np.hypot(max(_spread(read), least), MISSHAPEN_SHARE * size)[large]
-    of_air = np.hypot(max(_spread(vapour), least), SHOWN_SHARE * size)[large]
+    of_air = np.hypot(max(_spread(vapour), least), share * size)[large]
     odds = np.log1p((vapour[large] / of_air) ** 2) + np.log(np.pi * of_air)
     odds -= 0.5 * (read[large] / by_itself) ** 2 + np.log(np.sqrt(2.0 * np.pi) * by_itself)
     # windows that share readings say the same thing
@@ -350,6 +362,27 @@ def correct_humidity(
     uncertainty, common = np.hypot(uncertainty, of_temperature), np.hypot(common, of_temperature)
     channel = replace(channel, value=value, uncertainty=uncertainty, common=common, temperature_alone=alone)
     return replace(channel, carried=carried(effects, climb))
+
+
+def felt_by_film(flight: Flight, part: HumidityProfile | None) -> Felt | None:
+    """What the film felt of the air's temperature, in K: its relative humidity follows that at once, and its vapour
+    later. None where its own temperature is another, or late."""
+    effects = acting(part.effects, "humidity", part.discovered) if part else ()
+    apart = any(
+        one.meaning.film_c is not None or one.meaning.at_die or one.meaning.delay_s is not None for one in effects
+    )
+    raw, air = flight.humidity_percent, bridged(flight.time_s, flight.temperature_c)
+    if part is None or air is None or apart or uptake(effects)[0] > 0.0:
+        return None
+    wet = np.where((raw > LEAST_PERCENT) & (raw <= RANGES["humidity_reading_percent"].high), raw, np.nan)
+    if not np.isfinite(wet).any():
+        return None
+    possible = RANGES["temperature_c"]
+    usual = float(np.clip(np.median(air), possible.low, possible.high))
+    per_k = float(_steepness(np.array(usual)))
+    noise = noise_floor(effects, NOISE_PERCENT if part.noise_percent is None else part.noise_percent)
+    level = float(np.nanmedian(wet)) * per_k
+    return Felt(-np.log(wet) / per_k, noise / level, resolution_of(wet[np.isfinite(wet)]) / level)
 
 
 def _earlier(time_s: Array, values: Array, delay_s: float) -> Array:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter
 from scipy.special import bdtrc
 
-from shockrig.analysis.flight.stretches import judge, within
+from shockrig.analysis.flight.stretches import Felt, judge, within
 from shockrig.analysis.flight.sweep import COARSE_IN_NOISE
 from shockrig.files.flight import Flight
 from shockrig.files.numbers import counted
@@ -369,13 +369,14 @@ def screen(
     share: float = 1.0,
     swing: float = np.inf,
     lagging: Array | None = None,
+    felt: Felt | None = None,
 ) -> Screened:
     """Judge one channel's readings, rows in order.
 
     `possible` is what a reading can be; `limit` is a ceiling at which the sensor clips; `stale` marks rows (n,)
     that are known to repeat the one before; `share` is the most of a step of the air that the sensor shows between two
     rows, `swing` the most that the air goes and comes back within two rows, `lagging` (n,) what lags where it is not
-    the reading itself.
+    the reading itself, `felt` what another sensor felt of the same air at once.
     """
     missing = ~np.isfinite(reading)
     implausible = ~missing & ((reading < possible.low) | (reading > possible.high))
@@ -393,7 +394,7 @@ def screen(
     believed &= ~implausible
     by_steps = stairs(reading[np.flatnonzero(believed)], resolution, noise)
     spikes = implausible & (reading >= possible.low) & (reading <= possible.high)
-    stretches = judge(reading, believed, resolution, noise, share, swing, lagging, spikes)
+    stretches = judge(reading, believed, resolution, noise, share, swing, lagging, spikes, felt)
     implausible |= stretches.from_elsewhere
     believed &= ~implausible
     repeated = np.zeros(reading.shape, dtype=bool)

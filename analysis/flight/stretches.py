@@ -7,6 +7,7 @@ scatters less is a sensor that is stuck, whatever dithers about it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +24,8 @@ ROW_PHASES = 4  # at which the rows may meet the response to a step
 LONGEST_ROWS = 2000
 WINDOW_ROWS = 15  # rows that a stretch's noise is judged by
 LOUDER = {WINDOW_ROWS: 3.0, 5: 8.0}  # times the usual, in so many rows: a burst
+FELT_SHARE = 0.25  # of what readings scatter by, that a sensor beside them felt at most: they are noise
+ALIVE_SHARE = 0.3  # of that sensor's own noise, that it shows at least: one that is stuck feels nothing
 LEAST_TURNED = 0.2  # of the noise, that readings turn back by in the mean, where white noise turns back by 0.64
 LONE_JUMP_SHARE = 0.3  # of the noise that third differences show, single ones show less at a lone jump
 WHITE_SHARE = (
@@ -42,6 +45,16 @@ BY_CHANCE = 1e-6  # probability that noise alone keeps so many readings there
 NORM_3 = np.sqrt(20.0)  # of the third difference of white noise, over its standard deviation
 NORM_1 = np.sqrt(2.0)
 TO_SIGMA = 1.4826  # of the median of absolute values
+
+
+@dataclass(frozen=True)
+class Felt:
+    """What another sensor made of the same air at once, in the unit of the readings: `reading` (n,), NaN where there is
+    none, its `noise` and its `resolution`."""
+
+    reading: Array
+    noise: float
+    resolution: float
 
 
 @dataclass(frozen=True)
@@ -77,6 +90,7 @@ def judge(
     swing: float = np.inf,
     lagging: Array | None = None,
     spikes: Mask | None = None,
+    felt: Felt | None = None,
 ) -> Stretches:
     """Judge readings (n,), of which some are `believed` so far.
 
@@ -92,6 +106,8 @@ def judge(
         What lags, where it is not the reading itself: a film's vapour, whose reading follows the temperature at once.
     spikes : ndarray (n,), optional
         Readings that are not believed and may be the loudest of a burst.
+    felt : Felt, optional
+        By what lies beside a sensor so fast that its own readings cannot tell noise from air.
     """
     nothing = np.zeros(reading.shape, dtype=bool)
     found = Stretches(nothing, nothing.copy(), np.ones(reading.shape))
@@ -117,23 +133,48 @@ def judge(
             break
     third = scatter(values)
     found.stuck[rows] = held = _stuck(values, resolution, noise, third)
-    if share <= MOST_SHARE:
-        usual = max(float(np.median(third[~held])) if (~held).any() else 0.0, noise, resolution / np.sqrt(12.0))
-        found.louder[rows] = np.where(held, 1.0, _louder(values, usual) / noise)
-        if spikes is not None and spikes.any():
-            # without its loudest readings what is left of a burst is more quiet than it was
-            every = np.flatnonzero(spikes | (believed & ~found.from_elsewhere & ~found.stuck))
-            found.louder[every] = np.maximum(found.louder[every], _louder(reading[every], usual) / noise)
-        np.maximum(found.louder, 1.0, out=found.louder)
+    if share > MOST_SHARE and felt is None:
+        return found
+    usual = max(noise, resolution / np.sqrt(12.0))
+    if felt is None or share <= MOST_SHARE:
+        felt, usual = None, max(float(np.median(third[~held])) if (~held).any() else 0.0, usual)
+    found.louder[rows] = np.where(held, 1.0, _burst(reading, rows, usual, felt) / noise)
+    if spikes is not None and spikes.any():
+        # without its loudest readings what is left of a burst is more quiet than it was
+        every = np.flatnonzero(spikes | (believed & ~found.from_elsewhere & ~found.stuck))
+        found.louder[every] = np.maximum(found.louder[every], _burst(reading, every, usual, felt) / noise)
+    np.maximum(found.louder, 1.0, out=found.louder)
     return found
 
 
-def _louder(values: Array, usual: float) -> Array:
-    """Noise (n,) of readings in bursts, far above the `usual`; 0 elsewhere."""
+def _burst(reading: Array, rows: NDArray[np.int64], usual: float, felt: Felt | None) -> Array:
+    """Noise (m,) of readings (n,) at some `rows` (m,) in bursts far above the `usual`, of which nothing was `felt`; 0
+    elsewhere."""
+    if felt is None:
+        return _louder(reading[rows], usual)
+    beside = np.flatnonzero(np.isfinite(felt.reading[rows]))
+    if beside.size < 2 * WINDOW_ROWS:
+        return np.zeros(rows.size)
+    other = felt.reading[rows[beside]]
+    alive = scatter(other) > ALIVE_SHARE * felt.noise
+
+    def least(window: int) -> Array:
+        most = np.maximum(scatter(other, window), max(felt.noise, felt.resolution))
+        return np.where(alive, most / FELT_SHARE, np.inf)
+
+    # where nothing was felt, as among the rows around
+    return np.interp(np.arange(rows.size), beside, _louder(reading[rows[beside]], usual, least))
+
+
+def _louder(values: Array, usual: float, least: Callable[[int], Array] | None = None) -> Array:
+    """Noise (n,) of readings in bursts, far above the `usual` and above the `least` of a window; 0
+    elsewhere."""
     louder = np.zeros(values.size)
     for window, times in LOUDER.items():
         third = scatter(values, window)
         loud = third > times * usual
+        if least is not None:
+            loud &= third > least(window)
         if not loud.any():
             continue
         single = _scatter(values, 1, window) / NORM_1
@@ -145,7 +186,11 @@ def _louder(values: Array, usual: float) -> Array:
         # a window's median sees a burst from its middle to its middle; its rows at either end are as loud
         loud, wider = maximum_filter1d(loud, 5), maximum_filter1d(third, 5)
         louder = np.maximum(louder, np.where(loud, wider, 0.0))
-    return louder
+    # a few rows tell a burst's size badly: what its other rows show counts as well
+    loud = louder > 0.0
+    number = np.cumsum(np.diff(loud, prepend=False) & loud) * loud
+    square = np.bincount(number, louder**2) / np.maximum(np.bincount(number), 1)
+    return np.maximum(louder, np.where(loud, np.sqrt(square[number]), 0.0))
 
 
 def scatter(values: Array, window: int = WINDOW_ROWS) -> Array:

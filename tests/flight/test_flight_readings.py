@@ -110,6 +110,24 @@ def test_a_burst_of_noise_is_noise_and_not_air():
     assert np.mean(np.abs(error) <= 1.96 * done.temperature_uncertainty_k) > 0.9
 
 
+def test_a_burst_that_a_fast_sensor_may_have_read_is_told_by_the_film_that_felt_nothing():
+    """At 2 Hz the bead follows from row to row, so its own readings cannot tell noise from air; the air's do pass."""
+    flown = fly(convective(np.random.default_rng(5), duration_s=240.0), PROFILE, 5)
+    rows = slice(None, None, 5)
+    log = to_flight(flown.log[rows])
+    truth = {name: flown.truth[name].to_numpy()[rows] for name in TRUTH}
+    burst = np.arange(log.time_s.size) // 24 == 9
+    noise = np.where(burst, 2.0 * np.random.default_rng(6).standard_normal(burst.size), 0.0)
+    plain, noisy = (
+        correct(dataclasses.replace(log, temperature_c=log.temperature_c + added), PROFILE) for added in (0.0, noise)
+    )
+    off = noisy.temperature_c - truth["temperature_c"]
+    assert rms(off[burst]) < 0.5 * rms(noise[burst])
+    assert np.mean(np.abs(off) <= 1.96 * noisy.temperature_uncertainty_k) > 0.9
+    of_film = [rms(done.humidity_percent - truth["humidity_percent"]) for done in (plain, noisy)]
+    assert of_film[1] < rms(log.humidity_percent - truth["humidity_percent"]) and of_film[1] < 2.0 * of_film[0]
+
+
 def test_a_sensor_that_is_stuck_and_dithers_is_not_believed():
     """Beyond 5 s from what is believed the interval is wide, and it holds."""
     log = flight().temperature_c
