@@ -36,6 +36,7 @@ SEARCH_ROUNDS = 4
 MOST_JUMPS = 12  # in a block of a flight; what has more of them is not calm air with doors in it
 LOOK_BACK, LOOK_AHEAD = 60, 150  # samples that a jump's place is judged by
 APART_SAMPLES = 5  # samples
+COMPARABLE_SHARE = 0.5  # of the largest score within LOOK_BACK
 STEPS = (-1, 0, 1)  # samples about the one found
 WIDEST_IN_NOISE = 1e4  # times the noise: beyond, a double's digits do not reach from one to the other
 FINER = (-0.075, -0.05, -0.025, 0.0, 0.025, 0.05, 0.075)  # about the best of them
@@ -81,6 +82,9 @@ def with_jumps(
         places = _places(track, variance, found.jump_score, known_s if number == 0 else np.zeros(0))
         # one that is somewhere in a gap is one
         known = np.count_nonzero(np.diff(jumps.variance.any(axis=1).astype(int), prepend=0) > 0)
+        if known + places.size > MOST_JUMPS:
+            # about a large one many seem to be, until it is in
+            places = _standing_out(places, found.jump_score)
         if not places.size or known + places.size > MOST_JUMPS:
             break
         for k in places:
@@ -105,6 +109,12 @@ def _places(track: Track, variance: Array, score: Array, known_s: Array) -> NDAr
         if all(abs(k - other) > APART_SAMPLES and reading[k] != reading[other] for other in places):
             places.append(k)
     return np.array(places, dtype=np.int64)
+
+
+def _standing_out(places: NDArray[np.int64], score: Array) -> NDArray[np.int64]:
+    """Of the nodes those whose score is comparable with the largest around."""
+    size = np.abs(np.nan_to_num(score)).max(axis=1)
+    return places[size[places] >= COMPARABLE_SHARE * maximum_filter1d(size, 2 * LOOK_BACK + 1)[places]]
 
 
 def _best(

@@ -59,11 +59,13 @@ class Felt:
 
 @dataclass(frozen=True)
 class Stretches:
-    """Rows (n,) `from_elsewhere` (between two jumps) and `stuck`; `louder` (n,): noise over what is stated."""
+    """Rows (n,) `from_elsewhere` (between two jumps), `stuck` for longer than noise explains, and that `stood` as no
+    air lets them up to a jump that no lag lets through; `louder` (n,): noise over what is stated."""
 
     from_elsewhere: Mask
     stuck: Mask
     louder: Array
+    stood: Mask
 
 
 def fastest(response: LagResponse) -> LagResponse:
@@ -110,7 +112,7 @@ def judge(
         By what lies beside a sensor so fast that its own readings cannot tell noise from air.
     """
     nothing = np.zeros(reading.shape, dtype=bool)
-    found = Stretches(nothing, nothing.copy(), np.ones(reading.shape))
+    found = Stretches(nothing, nothing.copy(), np.ones(reading.shape), nothing.copy())
     rows = np.flatnonzero(believed)
     if rows.size < 2 * WINDOW_ROWS:
         return found
@@ -121,9 +123,10 @@ def judge(
     # a sensor that was stuck jumps when it goes on
     going_on = maximum_filter1d(_stuck(values, resolution, noise, scatter(values)), 3)
     while True:
-        elsewhere = _elsewhere(rows, values, least, swing, share, going_on)
-        if lagging is not None and elsewhere.any():
-            elsewhere &= _elsewhere(rows, lagging[rows], least, swing, share, going_on)
+        elsewhere, lone = _elsewhere(rows, values, least, swing, share, going_on)
+        if lagging is not None and (elsewhere.any() or lone.size):
+            also, alone = _elsewhere(rows, lagging[rows], least, swing, share, going_on)
+            elsewhere, lone = elsewhere & also, np.intersect1d(lone, alone)
         found.from_elsewhere[rows] = elsewhere
         rows, values, going_on = rows[~elsewhere], values[~elsewhere], going_on[~elsewhere]
         if rows.size < 2 * WINDOW_ROWS:
@@ -132,6 +135,8 @@ def judge(
         if not elsewhere.any():
             break
     third = scatter(values)
+    if lagging is not None:
+        found.stood[rows] = _stood(values, lagging[rows], lone, resolution)
     found.stuck[rows] = held = _stuck(values, resolution, noise, third)
     if share > MOST_SHARE and felt is None:
         return found
@@ -208,10 +213,11 @@ def _scatter(values: Array, order: int, window: int) -> Array:
 
 def _elsewhere(
     rows: NDArray[np.int64], values: Array, least: float, swing: float, share: float, going_on: Mask
-) -> Mask:
+) -> tuple[Mask, NDArray[np.int64]]:
     """Readings (n,) at some rows, between a jump of more than `least` and one back that no lag lets through, or between
     two of more than `swing` that no air makes; and those before or behind one such jump that the lag does not let
-    through either, whichever are fewer, but where a sensor that was stuck is `going_on` (n,)."""
+    through either, whichever are fewer, but where a sensor that was stuck is `going_on` (n,). And the first readings
+    behind jumps that no lag lets through and none goes back from."""
     step, apart = np.diff(values), np.diff(rows)
     size = np.abs(step)
     usual = TO_SIGMA * float(np.median(size))
@@ -236,7 +242,7 @@ def _elsewhere(
         for k in sudden[alone & (size[sudden - 1] > swing)].tolist():
             away[:k] |= k <= values.size // 2
             away[k:] |= k > values.size // 2
-    return np.asarray(away)
+    return np.asarray(away), sudden[alone]
 
 
 def _within(share: float, rows: NDArray[np.int64] | int) -> Array:
@@ -269,6 +275,17 @@ def _between(
                 i = j
             i += 1
     return away, alone
+
+
+def _stood(values: Array, lagging: Array, lone: NDArray[np.int64], resolution: float) -> Mask:
+    """Rows (n,) over which readings stood on a level, though what is `lagging` would have had to move for that, up to
+    one of the `lone` jumps: the sensor, or the logger, was stuck, and went on."""
+    stood = np.zeros(values.size, dtype=bool)
+    for k in lone.tolist():
+        moved = np.flatnonzero(np.abs(values[:k] - values[k - 1]) > STUCK_LEVELS * resolution)
+        first = int(moved[-1]) + 1 if moved.size else 0
+        stood[first:k] |= k > first + 1 and np.ptp(lagging[first:k]) > JUMP_IN_STEPS * resolution
+    return stood
 
 
 def _stuck(values: Array, resolution: float, noise: float, scatter: Array) -> Mask:

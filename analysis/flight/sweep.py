@@ -20,6 +20,7 @@ from shockrig.analysis.flight.smoother import Jumps, Smoothed, followed, smooth
 Array = NDArray[np.float64]
 JUDGED_NODES = (250, 25)  # nodes over which surprises are counted together
 SURPRISE_SIGMAS = 3.0  # of chance, that their mean square is beyond 1
+GAP_NODES = 5  # fewer may lie between two readings of a slow log
 CUT_SHORT = 0.1  # of a jump: what modes that are left out do to the first reading after it
 GAP_REACH = 2.0  # times how far the lags were behind at a gap's start
 
@@ -172,7 +173,7 @@ def lags_behind(
 
 def inflation(surprise: Array) -> Array:
     """Factor on each node's variance (n,): mean square surprise around it where it is larger than chance makes it, else
-    1; over few nodes or many, whichever is more."""
+    1; over few nodes or many, whichever is more, and in a gap that of the reading behind it."""
     seen, factor = ~np.isnan(surprise), np.ones(surprise.size)
     square = np.where(seen, surprise, 0.0) ** 2
     for nodes in JUDGED_NODES:
@@ -181,6 +182,12 @@ def inflation(surprise: Array) -> Array:
         mean_square = np.bincount(place, square) / count
         sure = mean_square > 1.0 + SURPRISE_SIGMAS * np.sqrt(2.0 / count)
         factor = np.maximum(factor, np.where(sure, mean_square, 1.0)[place])
+    ends = np.flatnonzero(np.diff(seen.astype(int), prepend=1, append=1))
+    first, behind = ends[::2], ends[1::2]
+    told = behind < surprise.size
+    told[told] &= (square[behind[told]] > 1.0 + SURPRISE_SIGMAS * np.sqrt(2.0)) & ((behind - first)[told] > GAP_NODES)
+    for a, b in zip(first[told].tolist(), behind[told].tolist(), strict=True):
+        factor[a:b] = np.maximum(factor[a:b], square[b])
     return factor
 
 

@@ -142,6 +142,18 @@ def test_a_sensor_that_is_stuck_and_dithers_is_not_believed():
     assert rms(error[rows]) < rms((stuck.temperature_c - TRUTH["temperature_c"] - drifting)[rows])
 
 
+@pytest.mark.parametrize("warming_k", [3.0, 0.0])
+def test_a_film_that_stood_while_the_temperature_moved_is_not_believed_up_to_its_jump(warming_k):
+    """Its steps are too coarse for noise to tell; calm air in front of a jump of another kind is left alone."""
+    rng, row = np.random.default_rng(3), np.arange(900)
+    level = np.where(row < 300, 40.0 + 0.035 * row, np.where(row < 600, 50.5, 24.0 + 0.01 * (row - 600)))
+    reading = np.round((level + np.where((row < 300) | (row >= 600), 0.3, 0.0) * rng.standard_normal(900)) / 0.5) * 0.5
+    vapour = reading * np.exp(0.06 * warming_k * np.clip((row - 400) / 150, 0.0, 1.0))
+    found = screen(0.1 * row, reading, RANGES["humidity_reading_percent"], 0.06, share=0.1, swing=30.0, lagging=vapour)
+    assert found.usable[:290].all() and found.usable[600:].all()
+    assert found.usable[400:600].any() == (warming_k == 0.0) and found.repeated[400:600].all() == (warming_k > 0.0)
+
+
 def test_readings_between_two_jumps_that_no_lag_lets_through_are_implausible():
     done = correct(flight(temperature_c=lambda v: put(slice(500, 540), 1.8 * v[500:540] + 32.0)(v)), PROFILE)
     assert done.flags["implausible"][500:540].all() and np.count_nonzero(done.flags["implausible"]) == 40
@@ -362,8 +374,9 @@ def test_columns_of_which_one_is_stuck_as_they_change_place_are_told_by_the_othe
 def test_damaged_flights_give_nothing_that_cannot_be():
     """A fixed sample of benchmarks/fuzz_flights.py, which flies a million rows."""
     fuzz = benchmark("fuzz_flights")
-    # the last six: a door in a slow log, bursts in humidity, in temperature, a ceiling, bursts among steps, in warm air
-    for seed in (3, 64, 108, 129, 280, 20182, 101094, 101182, 101402, 101225, 151154, 151379):
+    # the last nine: a door in a slow log, bursts in humidity, in temperature, a ceiling, bursts among steps, in warm
+    # air, a code up to a door, a jump in a gap at 2 Hz, a burst at 2 Hz
+    for seed in (3, 64, 108, 129, 280, 20182, 101094, 101182, 101402, 101225, 151154, 151379, 151040, 153216, 153323):
         found = fuzz.judged(seed, list(fuzz.DAMAGE))
         for channel in fuzz.CHANNELS:
             assert found[channel]["outside"] == 0 and found[channel]["no_reading"] == 0, found
