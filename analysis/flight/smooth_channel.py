@@ -21,6 +21,7 @@ from shockrig.analysis.flight.prior import (
 )
 from shockrig.analysis.flight.response import LagResponse
 from shockrig.analysis.flight.smoother import Jumps
+from shockrig.analysis.flight.stretches import MOST_SHARE, largest_share
 from shockrig.analysis.flight.sweep import Sweep, Track, costs, lags_behind, propagated, swept, within_a_step
 
 Array = NDArray[np.float64]
@@ -36,6 +37,7 @@ SEARCH_ROUNDS = 4
 MOST_JUMPS = 12  # in a block of a flight; what has more of them is not calm air with doors in it
 LOOK_BACK, LOOK_AHEAD = 60, 150  # samples that a jump's place is judged by
 APART_SAMPLES = 5  # samples
+TINY_SHARE = 1e-3  # of a reading's variance, that the others leave of it at least
 COMPARABLE_SHARE = 0.5  # of the largest score within LOOK_BACK
 STEPS = (-1, 0, 1)  # samples about the one found
 WIDEST_IN_NOISE = 1e4  # times the noise: beyond, a double's digits do not reach from one to the other
@@ -372,6 +374,9 @@ def estimate(
         read = without(track, np.where(brief, read, bridged), found, jumps)
         local = priors(read, rows=np.flatnonzero(calm | brief))
         found = swept(track, bridged, variance, local, jumps, scored=False)
+    if rounding is None and (alone := _lone_readings(track, bridged, variance, found, jumps)).any():
+        variance = np.where(alone, np.inf, variance)
+        found = swept(track, bridged, variance, local, jumps, scored=False)
     if rounding is not None:
         steps = rounding[nearest]
         own = np.sqrt(np.maximum(noise_variance[nearest] - steps**2 / 12.0, 0.0))
@@ -399,6 +404,20 @@ def estimate(
         changes = np.count_nonzero(np.diff(reading[usable]))
         rate = min(rate, np.pi * (changes + 1) / float(np.ptp(time_s[usable])))
     return Estimate(air, node_variance, clean, noise_factor, resolved_rate=rate, jumps_s=when(track, jumps))
+
+
+def _lone_readings(track: Track, values: Array, variance: Array, found: Sweep, jumps: Jumps) -> NDArray[np.bool_]:
+    """Readings (n,) far beyond noise from where all others put them, of a sensor whose lag lets no air do that: farther
+    in their own sigmas than any jump about them."""
+    if largest_share(track.along, track.period_s) > MOST_SHARE:
+        return np.zeros(values.size, dtype=bool)
+    read = np.isfinite(variance)
+    open_to = np.sqrt(np.maximum(np.where(read, variance - found.clean_variance, 1.0), TINY_SHARE * variance))
+    score = np.where(read, np.abs(values - found.clean) / open_to, 0.0)
+    near = maximum_filter1d(jumps.variance.any(axis=1).astype(int), 2 * APART_SAMPLES + 1) > 0
+    jump = np.abs(np.nan_to_num(found.jump_score)).max(axis=1)
+    largest = maximum_filter1d(np.maximum(jump, score), 2 * APART_SAMPLES + 1)
+    return np.asarray((score > JUMP_SIGMAS) & (score >= largest) & ~near)
 
 
 def typical_period(time_s: Array) -> float:

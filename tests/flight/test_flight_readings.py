@@ -301,6 +301,16 @@ def test_what_lies_in_a_gap_across_which_the_air_jumped_may_be_on_either_side():
     assert np.all((middle - 1.96 * sigma < 12.0) & (middle + 1.96 * sigma > 25.0)) and sigma.max() < 7.0
 
 
+def test_a_lone_reading_that_no_air_makes_a_film_show_is_noise():
+    """4 %RH in one row of a log at 2 Hz, which a film shows of 16 %RH there and back: before, 17 %RH off."""
+    flown = fly(convective(np.random.default_rng(7), duration_s=200.0), PROFILE, 7)
+    log, truth = to_flight(flown.log[::5]), flown.truth["humidity_percent"].to_numpy()[::5]
+    humidity = log.humidity_percent.copy()
+    humidity[150] -= 4.0
+    done = correct(dataclasses.replace(log, humidity_percent=humidity), PROFILE)
+    assert np.abs(done.humidity_percent - truth)[145:156].max() < 4.0
+
+
 # -- what comes out ------------------------------------------------------------------------
 
 
