@@ -552,6 +552,7 @@ def _slope(x: Array, y: Array) -> tuple[float, float]:
 # The hygrometer's own thermometer, slow as it is: it follows the air, and tells whose moves were the air's.
 
 SHORTEST_S, LONGEST_S = 0.1, 120.0  # of a lag
+COVERED_S = 10.0  # by which a thermometer may lag that ice or drops cover, or that stands in still air
 SETTLED_LAGS, SETTLED_SHARE = 3.0, 0.3  # that the first rows are left out for: of the lag, and of the flight at most
 
 
@@ -598,15 +599,16 @@ def seen_by_film(
 ) -> tuple[FlightChannel, FlightChannel]:
     """Both channels, as unsure as the temperature moved without the humidity.
 
-    Either the thermometer moved by itself, or the air did and the hygrometer's own temperature is late: what it then
-    says of the air is off by as much. Its own thermometer tells which, where it was logged.
+    Either the thermometer moved by itself, and what moves it (ice, drops, a fan that stands still) may slow it as well;
+    or the air did and the hygrometer's own temperature is late: what it then says of the air is off by as much. Its own
+    thermometer tells which, where it was logged.
     """
     alone, air = film.temperature_alone, bridged(flight.time_s, bead.value)
     if alone is None or air is None or not alone.any():
         return bead, film
     moved = np.flatnonzero(np.diff(alone))
     first, last = flight.time_s[moved[[0, -1]]]
-    # it was right before the first of these moves, or is behind the last: nothing tells which
+    # it was right before the first of these moves, or is behind the last, or between: nothing tells which
     off = np.maximum(np.abs(alone), np.abs(alone - alone[-1]))
     said = (
         f"temperature: between {first:.10g} and {last:.10g} s it moves by up to {off.max():.2g} K without the "
@@ -617,12 +619,14 @@ def seen_by_film(
     keep = float(np.exp(-typical_period(flight.time_s) / DIE_S))
     late = followed(np.diff(alone, prepend=0.0), keep, 0.0) / (1.0 - keep)
     of_film = film.value * np.abs(np.log(saturation_pressure_hpa(air) / saturation_pressure_hpa(air - late)))
+    of_bead, of_vapour = _slowed(flight.time_s, air, slice(int(moved[0]), int(moved[-1]) + 1), film)
+    off = np.hypot(off / np.sqrt(3.0), of_bead)
     if with_them is None or without is None:
         said += (
             f"sun, ice or a wake was at the thermometer, or the hygrometer's own temperature is late ({late_die()}); "
             "a log with the temperature of its own would tell"
         )
-        bead, film = bead.doubted(off), film.doubted(of_film)
+        bead, film = bead.doubted(off), film.doubted(np.hypot(of_film, of_vapour))
     elif with_them.left_k < without.left_k:
         said += (
             f"the hygrometer's own thermometer follows {with_them.lag_s:.2g} s later, so its temperature is late and "
@@ -631,6 +635,18 @@ def seen_by_film(
         film = film.doubted(of_film)
     else:
         said += "the sun, ice or a wake was at the thermometer, since the hygrometer's own does not follow them either"
-        bead = bead.doubted(off)
+        bead, film = bead.doubted(off), film.doubted(of_vapour)
     notes.append(f"{said}; humidity is corrected without these moves, and uncertainties are widened by them")
     return bead, film
+
+
+def _slowed(time_s: Array, air: Array, rows: slice, film: FlightChannel) -> tuple[Array, Array]:
+    """How far off (n,) the air is if some rows' thermometer lags by `COVERED_S`, and the humidity: of a temperature
+    that is as far off all along nothing is left in it, of what changes as much as the film lags."""
+    late, around = np.zeros(air.shape), 0.5 * COVERED_S
+    late[rows] = (np.interp(time_s + around, time_s, air) - np.interp(time_s - around, time_s, air))[rows]
+    if film.response is None:
+        return np.abs(late), np.zeros(air.shape)
+    keep = float(np.exp(-typical_period(time_s) / film.response.slowest_s))
+    wrong = np.log(saturation_pressure_hpa(air + late) / saturation_pressure_hpa(air + followed(late, keep, 0.0)))
+    return np.abs(late), film.value * np.abs(wrong)

@@ -67,6 +67,21 @@ def test_a_thermometer_that_does_not_come_back_is_unsure_on_both_sides():
         assert np.nanmax(done.temperature_uncertainty_k) < 2.5
 
 
+def test_ice_slows_a_thermometer_and_humidity_owns_it():
+    """Between its moves the thermometer is 12 s late on an inversion, of which the film's lag makes percents."""
+    scene = cold_air()
+    rising = np.clip((scene.time_s - 50.0) / 20.0, 0.0, 1.0)
+    air = scene.temperature_c + 4.0 * rising
+    flown = fly(dataclasses.replace(scene, temperature_c=air), PROFILE, 5)
+    log, truth = to_flight(flown.log), flown.truth["humidity_percent"].to_numpy()
+    read, iced = log.temperature_c, (log.time_s > 40.0) & (log.time_s < 90.0)
+    slow = behind(np.where(iced, behind(read, 12.0) - 1.0, read), 0.3)
+    done = correct(dataclasses.replace(log, temperature_c=slow), PROFILE)
+    off, sigma = np.abs(done.humidity_percent - truth), done.humidity_uncertainty_percent
+    assert np.mean(off[iced] < 1.96 * sigma[iced]) > 0.8  # without the lateness: a half
+    assert np.nanmedian(sigma[~iced]) < 0.7 * np.nanmedian(sigma[iced])
+
+
 def test_a_hygrometer_that_is_late_itself_leaves_the_temperature_alone():
     """The thermometer is right and the hygrometer's own temperature late: its own thermometer tells."""
     flown = fly(cold_air(), PROFILE, 5)
