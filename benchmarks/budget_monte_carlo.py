@@ -24,7 +24,7 @@ from common_errors import FILM, STATED
 from shockrig.analysis.characterize import curvature
 from shockrig.analysis.characterize.budget import Budget, budgets, log_figure
 from shockrig.analysis.characterize.characterize import characterize
-from shockrig.analysis.characterize.extension import Extension
+from shockrig.analysis.characterize.part_fit import Extension
 from shockrig.analysis.characterize.response_times import ResponseAir, response_slopes
 from shockrig.analysis.characterize.result import Part
 from shockrig.analysis.characterize.shifts import (
@@ -35,9 +35,8 @@ from shockrig.analysis.characterize.shifts import (
     temperature_slopes,
 )
 from shockrig.analysis.effects import structure_of
-from shockrig.analysis.estimate.common import PERTURBED, TRIGGER
 from shockrig.analysis.estimate.fit import fit
-from shockrig.analysis.estimate.model import Point
+from shockrig.analysis.estimate.model import PERTURBED, TRIGGER, Point
 from shockrig.analysis.estimate.quantity import RunEffect
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.virtual.batch import simulate_campaign

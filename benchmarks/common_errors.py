@@ -24,7 +24,7 @@ import numpy as np
 
 from shockrig.analysis.characterize.budget import Budget, budgets
 from shockrig.analysis.characterize.characterize import characterize
-from shockrig.analysis.characterize.extension import Extension
+from shockrig.analysis.characterize.part_fit import Extension
 from shockrig.analysis.diagnose.diagnose import diagnose
 from shockrig.analysis.effects import structure_of
 from shockrig.files.campaign import Campaign, Run, RunAir, read_campaign

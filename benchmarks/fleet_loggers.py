@@ -25,7 +25,7 @@ from rival_models import Model
 from rivals import CHOSEN, Fitted, errors, fit_rival, held_out, models
 
 from shockrig.analysis.characterize.characterize import characterize
-from shockrig.analysis.characterize.extension import extension_of
+from shockrig.analysis.characterize.part_fit import extension_of
 from shockrig.analysis.fleet.fleet import fleet_of
 from shockrig.analysis.fleet.statistics import CampaignStatistics, statistics_of
 from shockrig.files.campaign import read_campaign

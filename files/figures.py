@@ -8,8 +8,12 @@ from __future__ import annotations
 import contextlib
 import functools
 import io
+import os
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec
+
+from shockrig.files.disk import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -113,3 +117,12 @@ def figure_bytes(figure: Figure, dpi: int = 130) -> bytes:
     image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
     image.save(buffer, format="png", dpi=(dpi, dpi), compress_level=3)
     return buffer.getvalue()
+
+
+def save_figure(figure: Figure, directory: str | os.PathLike[str], name: str) -> Path:
+    """Write DIRECTORY/NAME.png (whole or not at all) and return its path."""
+    folder = Path(directory)
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{name}.png"
+    write_whole(path, figure_bytes(figure))
+    return path

@@ -44,7 +44,7 @@ class FleetTask:
 def measure(task: FleetTask) -> dict[str, Any]:
     """Characterize one; or say that it is done already, or why it cannot be. Runs on a worker."""
     from shockrig.analysis.characterize.characterize import characterize
-    from shockrig.analysis.characterize.extension import read_extension
+    from shockrig.analysis.characterize.part_fit import read_extension
     from shockrig.analysis.fleet.statistics import statistics_document, statistics_of
     from shockrig.files.campaign import read_campaign
     from shockrig.files.fingerprint import fingerprint

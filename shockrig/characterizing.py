@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from shockrig.analysis.characterize.characterize import characterize as _characterize
-from shockrig.analysis.characterize.extension import Extension, extension_of, read_extension
+from shockrig.analysis.characterize.part_fit import Extension, extension_of, read_extension
 from shockrig.analysis.characterize.result import Characterization, to_profile
 from shockrig.analysis.diagnose.diagnosed import stated_cause
 from shockrig.analysis.estimate.quantity import ChannelName

@@ -26,7 +26,7 @@ from shockrig.analysis.characterize.shifts import (
     temperature_slopes,
 )
 from shockrig.analysis.estimate.channel import AMBIENT_WIDTH_K, Channel
-from shockrig.analysis.estimate.common import LEAST_TRIGGER_OFFSET_S, TRIGGER
+from shockrig.analysis.estimate.model import LEAST_TRIGGER_OFFSET_S, TRIGGER
 from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.problem import RATE_SCATTER_WEIGHT
 from shockrig.analysis.estimate.quantity import RunEffect

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 
-from shockrig.analysis.characterize.extension import Extension
 from shockrig.analysis.characterize.part_fit import (
+    Extension,
     as_far_off,
     choose_runs,
     fit_part,

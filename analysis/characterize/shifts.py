@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.estimate.common import LEAST_TRIGGER_OFFSET_S, PERTURBED, TRIGGER
 from shockrig.analysis.estimate.fit import Fit
+from shockrig.analysis.estimate.model import LEAST_TRIGGER_OFFSET_S, PERTURBED, TRIGGER
 from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.quantity import RunEffect
 

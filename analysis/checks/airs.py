@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from shockrig.analysis.checks.finding import InputFinding
+from shockrig.analysis.checks.finding import InputFinding, limit
 from shockrig.analysis.checks.signals import (
     CHANNEL_OF,
     COLUMNS,
@@ -19,7 +19,6 @@ from shockrig.analysis.checks.signals import (
     ColumnSeen,
     stated,
 )
-from shockrig.analysis.checks.thresholds import limit
 
 REST_PARTS = 4  # of a rest, of which the last is what a sensor read there
 LEAST_READINGS = 8

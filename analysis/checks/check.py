@@ -9,18 +9,19 @@ from dataclasses import dataclass, replace
 
 from shockrig.analysis.checks.airs import airs_disagree, airs_off_both
 from shockrig.analysis.checks.clocks import clocks_without_starts, starts_and_clocks
-from shockrig.analysis.checks.copies import copied_runs
 from shockrig.analysis.checks.finding import InputFinding
+from shockrig.analysis.checks.misfiled import airs_swapped, columns_and_sensors_swapped, copied_runs
 from shockrig.analysis.checks.rates import response_times
 from shockrig.analysis.checks.sensors import dead_sensors, impossible_readings, saturated_sensors
 from shockrig.analysis.checks.signals import CampaignView, look
-from shockrig.analysis.checks.swaps import airs_swapped, columns_and_sensors_swapped
-from shockrig.analysis.checks.time_units import starts_in_milliseconds, times_in_milliseconds, times_in_minutes
 from shockrig.analysis.checks.units import (
     everything_a_fraction,
     everything_in_fahrenheit,
     everything_in_kelvin,
     mixed_units,
+    starts_in_milliseconds,
+    times_in_milliseconds,
+    times_in_minutes,
 )
 from shockrig.files.campaign import Campaign
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from shockrig.analysis.checks.finding import InputFinding
-from shockrig.analysis.checks.response import begins_after, isothermal
+from shockrig.analysis.checks.finding import InputFinding, limit
+from shockrig.analysis.checks.rates import begins_after, isothermal
 from shockrig.analysis.checks.signals import (
     CHANNEL_OF,
     CHANNEL_OF_SENSOR,
@@ -20,7 +20,6 @@ from shockrig.analysis.checks.signals import (
     CampaignView,
     ColumnSeen,
 )
-from shockrig.analysis.checks.thresholds import limit
 from shockrig.files.campaign import Run
 
 SENSORS = ("imet", "hyt")

@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.checks.finding import Channel, InputFinding, name_runs
-from shockrig.analysis.checks.thresholds import limit
+from shockrig.analysis.checks.finding import Channel, InputFinding, limit, name_runs
 from shockrig.files.campaign import Campaign, Run, Trace
 
 Array = NDArray[np.float64]

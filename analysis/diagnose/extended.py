@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from shockrig.analysis.characterize.extension import Extension
-from shockrig.analysis.characterize.part_fit import choose_runs, joint_rows, make_part
+from shockrig.analysis.characterize.part_fit import Extension, choose_runs, joint_rows, make_part
 from shockrig.analysis.characterize.response_times import response_time
 from shockrig.analysis.characterize.result import (
     ChannelResult,

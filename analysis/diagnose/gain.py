@@ -15,8 +15,7 @@ from scipy.special import stdtrit
 
 from shockrig.analysis.diagnose.search import Rated
 from shockrig.analysis.estimate.arrow import Arrow
-from shockrig.analysis.estimate.bins import as_single_samples
-from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.channel import Channel, as_single_samples
 from shockrig.analysis.estimate.fit import Fit, fit, linearise, run_misfit
 from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.estimate.noise import Noise

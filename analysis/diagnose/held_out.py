@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from shockrig.analysis.characterize.result import ChannelResult
 from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis
 from shockrig.analysis.diagnose.gain import folds, placed, plainly
-from shockrig.analysis.estimate.bins import log_bins
+from shockrig.analysis.estimate.channel import log_bins
 from shockrig.analysis.estimate.fit import Fit, fit, model_at_samples
 from shockrig.analysis.estimate.model import PLAIN, Model, Structure
 from shockrig.analysis.estimate.problem import Problem

@@ -17,8 +17,7 @@ from scipy.optimize import minimize_scalar
 from shockrig.analysis.diagnose.adequacy import BURST_SIGMAS, BURSTS, Adequacy, factors, plateaus
 from shockrig.analysis.diagnose.grammar import varied
 from shockrig.analysis.diagnose.thresholds import level
-from shockrig.analysis.estimate.bins import rebin
-from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.channel import Channel, rebin
 from shockrig.analysis.estimate.noise import estimate_noise
 from shockrig.analysis.estimate.readings import rounding_step
 from shockrig.files.causes import Uncertain

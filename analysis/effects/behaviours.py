@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.physics.chain import Chain, Recorded, RoomAir
-from shockrig.analysis.physics.conditions import Conditions
-from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S
+from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S, Conditions
 from shockrig.analysis.physics.humidity import dew_point_c, saturation_pressure_hpa
 
 Array = NDArray[np.float64]

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 
 from shockrig.analysis.estimate.channel import Channel
-from shockrig.analysis.estimate.common import OWN_AIR
 from shockrig.analysis.estimate.effect import (
     Arrays,
     Candidacy,
@@ -17,6 +16,7 @@ from shockrig.analysis.estimate.effect import (
     Values,
     Words,
 )
+from shockrig.analysis.estimate.model import OWN_AIR
 from shockrig.analysis.physics.chain import Chain
 
 

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 from shockrig.analysis.effects.behaviours import NUDGES_S, when_it_jumps_s
 from shockrig.analysis.estimate.channel import Channel
-from shockrig.analysis.estimate.common import LEAST_TRIGGER_OFFSET_S
 from shockrig.analysis.estimate.effect import (
     Candidacy,
     Effect,
@@ -16,6 +15,7 @@ from shockrig.analysis.estimate.effect import (
     Values,
     Words,
 )
+from shockrig.analysis.estimate.model import LEAST_TRIGGER_OFFSET_S
 
 LEAST_SIGMAS = 3.5  # standard uncertainties of a trigger that is off alike in all runs: less is no delay of the channel
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.effect import Effect, InFlight, Needs, Parameter, Start, Words
-from shockrig.analysis.estimate.starts import as_fast_as_seen
+from shockrig.analysis.estimate.readings import as_fast_as_seen
 from shockrig.analysis.physics.chain import Recorded
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 

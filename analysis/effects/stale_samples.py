@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.estimate.bins import rebin
+from shockrig.analysis.estimate.channel import rebin
 from shockrig.analysis.estimate.effect import (
     Effect,
     Finding,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import Candidacy, Effect, Needs, Parameter, Start, Words
-from shockrig.analysis.estimate.starts import FEWEST_RUNS, as_fast_as_seen
+from shockrig.analysis.estimate.readings import FEWEST_RUNS, as_fast_as_seen
 from shockrig.analysis.physics.chain import Recorded
 
 Mask = NDArray[np.bool_]

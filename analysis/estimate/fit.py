@@ -8,10 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.arrow import Arrow
-from shockrig.analysis.estimate.bins import as_single_samples
-from shockrig.analysis.estimate.channel import Channel
-from shockrig.analysis.estimate.common import LEAST_TRIGGER_OFFSET_S, TRIGGER
-from shockrig.analysis.estimate.model import Model, Point, Structure
+from shockrig.analysis.estimate.channel import Channel, as_single_samples
+from shockrig.analysis.estimate.model import LEAST_TRIGGER_OFFSET_S, TRIGGER, Model, Point, Structure
 from shockrig.analysis.estimate.problem import OwnRates, Problem, likeliest, prior_cost, restriction
 from shockrig.analysis.estimate.quantity import RunEffect
 from shockrig.analysis.physics.chain import at_jump, evaluate

@@ -14,8 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from shockrig.analysis.estimate.bins import bin_means, edges_after_transfer, fine_width, place
-from shockrig.analysis.estimate.channel import AMBIENT_WIDTH_K, Channel, LeftOut, between_ambients, group_ambients
+from shockrig.analysis.estimate.channel import (
+    AMBIENT_WIDTH_K,
+    Channel,
+    LeftOut,
+    between_ambients,
+    bin_means,
+    edges_after_transfer,
+    fine_width,
+    group_ambients,
+    place,
+)
 from shockrig.analysis.estimate.driven_air import (
     Followed,
     averaged_over,
@@ -25,9 +34,9 @@ from shockrig.analysis.estimate.driven_air import (
     follow_step,
 )
 from shockrig.analysis.estimate.quantity import HUMIDITY, QUANTITIES, TEMPERATURE, ChannelName, Quantity
-from shockrig.analysis.estimate.starts import estimate_start, half_way_s, resolved_half_way_s, runs_elsewhere
+from shockrig.analysis.estimate.readings import estimate_start, half_way_s, resolved_half_way_s, runs_elsewhere
 from shockrig.analysis.physics.chain import MeasuredAir
-from shockrig.analysis.physics.conditions import Conditions
+from shockrig.analysis.physics.exchange import Conditions
 from shockrig.analysis.physics.humidity import dew_point_c
 from shockrig.files.campaign import Campaign, Run, Trace
 from shockrig.files.numbers import counted

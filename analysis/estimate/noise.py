@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from shockrig.analysis.estimate.channel import Channel
-from shockrig.analysis.estimate.readings import white_noise
-from shockrig.analysis.estimate.starts import half_way_s
+from shockrig.analysis.estimate.readings import half_way_s, white_noise
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.physics.chain import Airs, Chain, MeasuredAir
-from shockrig.analysis.physics.conditions import Conditions
+from shockrig.analysis.physics.exchange import Conditions
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.analysis.physics.readings import humidity_reading, temperature_reading
 from shockrig.files.campaign import Campaign, Run, Trace

@@ -1,8 +1,13 @@
-"""What single readings show without any model: their noise, and the step that a log is rounded to."""
+"""What readings show without any model: their noise, the step that a log is rounded to, when a run began that nobody
+triggered, and whether some runs were in another medium.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.channel import Channel
@@ -94,3 +99,141 @@ def coarser_than_the_sensor(channel: Channel, step: float) -> bool:
 def known_to(step: float) -> float:
     """Standard uncertainty of a rounding step that all readings share."""
     return max(0.002 * step, 1e-5)
+
+
+Array = NDArray[np.float64]
+
+# When a run that nobody triggered began, and how fast its sensor is: from the shape of the readings alone.
+#
+# A start is looked for over the whole record: the plateau before it is level, what follows is a sum of relaxations
+# that begin at it, and the start that leaves least is taken.
+
+STARTS_TRIED = 160  # starts that are tried over a record, before the search narrows
+SCAN_NARROWINGS = 3
+SCAN_POINTS = 700  # of a record, beyond which it is averaged for the scan
+RELAXATION_ROUNDS = 5
+STEP_IN_NOISE = 10.0  # a smaller change is no step to time
+
+
+def estimate_start(time_s: Array, value: Array) -> float | None:
+    """Start of the transient in one trace (n,) [s]; None where no step stands out of the noise."""
+    if time_s.size < 20:
+        return None
+    noise = white_noise(value)
+    tail = max(value.size // 20, 5)
+    lowest, highest = np.quantile(value, [0.01, 0.99])
+    step = max(abs(float(np.median(value[-tail:]) - np.median(value[:tail]))), 0.0)
+    if step < max(STEP_IN_NOISE * noise, 0.3 * (highest - lowest), 1e-9):
+        return None
+    low, high = float(time_s[3]), float(time_s[-4])
+    best = low
+    for _ in range(1 + SCAN_NARROWINGS):
+        starts = np.linspace(low, high, STARTS_TRIED)
+        # Near the start single samples count; far from it their averages do.
+        time, level, count = _thinned(time_s, value, 0.5 * (low + high), 2.0 * (high - low))
+        costs = [_misfit(time, level, count, start) for start in starts]
+        best = float(starts[int(np.argmin(costs))])
+        reach = 3.0 * (high - low) / STARTS_TRIED
+        low, high = max(best - reach, float(time_s[3])), min(best + reach, float(time_s[-4]))
+    return best
+
+
+def _thinned(time: Array, value: Array, middle: float, reach: float) -> tuple[Array, Array, Array]:
+    """The record with what is far from the middle averaged, (time, value, samples in each)."""
+    if time.size <= SCAN_POINTS:
+        return time, value, np.ones(time.size)
+    near = np.abs(time - middle) < reach
+    group = np.arange(time.size) // (1 + time.size // (SCAN_POINTS // 2))
+    if near.sum() < SCAN_POINTS:
+        group = np.where(near, group.max() + 1 + np.arange(time.size), group)
+    _, group = np.unique(group, return_inverse=True)
+    count = np.bincount(group).astype(float)
+    order = np.argsort(np.bincount(group, time) / count, kind="stable")
+    return tuple((x / count)[order] for x in (np.bincount(group, time), np.bincount(group, value))) + (count[order],)
+
+
+def _misfit(time: Array, value: Array, count: Array, start: float) -> float:
+    """Weighted sum of squares of a level and, from `start` on, relaxations of all speeds."""
+    late = np.maximum(time - start, 0.0)
+    after = late[late > 0]
+    if after.size < 3:
+        return float("inf")
+    longest = float(after[-1])
+    shortest = max(float(after[min(2, after.size - 1)]), 1e-4 * longest)
+    taus = np.geomspace(shortest, max(longest, 1.1 * shortest), RELAXATION_ROUNDS)
+    root = np.sqrt(count)
+    basis = np.column_stack([np.ones(time.size), -np.expm1(-late[:, None] / taus)]) * root[:, None]
+    coefficients, *_ = np.linalg.lstsq(basis, value * root, rcond=1e-9)
+    return float(((value * root - basis @ coefficients) ** 2).sum())
+
+
+def half_way_s(time_s: Array, value: Array) -> float:
+    """Time from 0, the start, to half of the way between the plateau before it and the last readings [s]."""
+    before, after = value[time_s < 0], time_s >= 0
+    if not before.size or after.sum() < 5:
+        return float("nan")
+    level, end = float(np.median(before)), float(np.median(value[-max(value.size // 20, 3) :]))
+    share = (value[after] - level) * np.sign(end - level)
+    # The median of a few readings in a row, so that one spike is no crossing.
+    smooth = np.concatenate([[share[:2].mean()], np.median(sliding_window_view(share, 3), axis=1), [share[-2:].mean()]])
+    beyond = smooth > 0.5 * abs(end - level)
+    return float(time_s[after][np.argmax(beyond)]) if beyond.any() else float("nan")
+
+
+def resolved_half_way_s(time_s: Array, value: Array) -> float:
+    """The same, and at least half of the time between readings."""
+    return float(np.maximum(half_way_s(time_s, value), 0.5 * np.median(np.diff(time_s))))
+
+
+MEDIA_FACTOR = 3.0  # between the two kinds of runs: more than airflows of one bench make
+SPREAD_WITHIN = 0.5  # of that gap, as a ratio: what either kind may spread over
+FEWEST_RUNS = 2  # runs of either kind
+
+
+def runs_elsewhere(half_s: Array, conditions: Sequence[Array | NDArray[np.bool_]]) -> NDArray[np.bool_]:
+    """Runs (R,) that are not of the kind that most are; none where all are alike, or a condition tells them apart.
+
+    Parameters
+    ----------
+    half_s : ndarray (R,)
+        Time to half of each run's step [s]; NaN where it has none.
+    conditions : sequence of ndarray (R,) of float or bool
+        What was recorded of the runs and may make them faster: where the two kinds lie on either side of a value of
+        one, that explains them. NaN is not recorded.
+    """
+    none = np.zeros(half_s.size, dtype=bool)
+    told = np.flatnonzero(np.isfinite(half_s) & (half_s > 0.0))
+    if told.size < 2 * FEWEST_RUNS:
+        return none
+    order = told[np.argsort(half_s[told])]
+    logs = np.log(half_s[order])
+    cut = int(np.argmax(np.diff(logs))) + 1
+    fast, slow = order[:cut], order[cut:]
+    gap = logs[cut] - logs[cut - 1]
+    widest = max(np.ptp(logs[:cut]), np.ptp(logs[cut:]))
+    if min(fast.size, slow.size) < FEWEST_RUNS or gap < np.log(MEDIA_FACTOR) or widest > SPREAD_WITHIN * gap:
+        return none
+    for condition in conditions:
+        here, there = np.asarray(condition, dtype=float)[fast], np.asarray(condition, dtype=float)[slow]
+        if here.min() > there.max() or here.max() < there.min():
+            return none
+    found = none.copy()
+    found[slow if slow.size < fast.size else fast] = True
+    return found
+
+
+def as_fast_as_seen(
+    name: str, those: Callable[[Channel], NDArray[np.bool_]], lowest: float, highest: float
+) -> Callable[[Channel], dict[str, float]]:
+    """A start for a fit, from the channel: {name: how many times as fast `those` runs are as the rest, by their times
+    to half of their steps}, within bounds; empty where these tell nothing."""
+
+    def start(channel: Channel) -> dict[str, float]:
+        half = np.array([resolved_half_way_s(time, value) for time, value in channel.samples])
+        told, apart = np.isfinite(half), those(channel)
+        if not (told & apart).any() or not (told & ~apart).any():
+            return {}
+        ratio = np.median(half[told & ~apart]) / np.median(half[told & apart])
+        return {name: float(np.clip(ratio, lowest, highest))}
+
+    return start

@@ -18,15 +18,17 @@ from shockrig.analysis.flight.response import LagResponse, held_matrix, stepped
 from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
 from shockrig.analysis.physics.bodies import BODIES
 from shockrig.analysis.physics.modes import response_times
-from shockrig.analysis.physics.schemes.layers import StateSpace, film_layers, sphere_layers
-from shockrig.analysis.physics.schemes.sampling import (
+from shockrig.analysis.physics.schemes.slips import share_time
+from shockrig.analysis.physics.schemes.state_space import (
+    StateSpace,
     delay_samples,
+    film_layers,
     is_minimum_phase,
     sample,
+    sphere_layers,
     stable_period_s,
     zeros,
 )
-from shockrig.analysis.physics.schemes.slips import share_time
 from shockrig.files.errors import InputError
 
 Array = NDArray[np.float64]

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.physics.bodies import Body
-from shockrig.analysis.physics.conditions import Conditions
-from shockrig.analysis.physics.exchange import Stream, ventilation_ratio
+from shockrig.analysis.physics.exchange import Conditions, Stream, ventilation_ratio
 
 Array = NDArray[np.float64]
 

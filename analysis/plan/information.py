@@ -19,15 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.arrow import Arrow
-from shockrig.analysis.estimate.bins import bin_means, edges_after_transfer, place
-from shockrig.analysis.estimate.channel import AMBIENT_WIDTH_K, Channel
+from shockrig.analysis.estimate.channel import AMBIENT_WIDTH_K, Channel, bin_means, edges_after_transfer, place
 from shockrig.analysis.estimate.fit import Fit, linearise
 from shockrig.analysis.estimate.gather import TRIGGER_SCATTER_S
 from shockrig.analysis.estimate.model import Point
 from shockrig.analysis.estimate.noise import Noise, whiteners
 from shockrig.analysis.estimate.problem import Problem, make_problem
 from shockrig.analysis.estimate.quantity import HUMIDITY, TEMPERATURE
-from shockrig.analysis.physics.conditions import Conditions
+from shockrig.analysis.physics.exchange import Conditions
 from shockrig.analysis.plan.shock import LEAD_S, PHASE_S, PlannedShock
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from shockrig.analysis.characterize.extension import Extension, extension_of
+from shockrig.analysis.characterize.part_fit import Extension, extension_of
 from shockrig.analysis.diagnose.adequacy import judge
 from shockrig.analysis.diagnose.diagnose import diagnose_channel, enough
 from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis, ChannelOutcome, Explanation, outcome_of

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from shockrig.analysis.characterize.characterize import characterize
-from shockrig.analysis.characterize.extension import Extension
+from shockrig.analysis.characterize.part_fit import Extension
 from shockrig.analysis.characterize.result import ChannelResult, Characterization, TableRow
 from shockrig.analysis.estimate.channel import AMBIENT_WIDTH_K
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName

@@ -11,7 +11,8 @@ from shockrig.analysis.report.html import (
     Text,
     render,
 )
-from shockrig.analysis.report.style import save_figure, write_whole
+from shockrig.files.disk import write_whole
+from shockrig.files.figures import save_figure
 from shockrig.files.numbers import measured, plain
 
 __all__ = [

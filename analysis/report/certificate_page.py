@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from shockrig.analysis.characterize.budget import COMMON_LINES
 from shockrig.analysis.report.html import Cell, Figure, HtmlPage, KeyNumber, Section, Table, Text
-from shockrig.analysis.report.style import CYCLE, GREY, literal, save_figure, styled
 from shockrig.files.certificate import NOT_ACCREDITED, Certificate, CertifiedFigure
+from shockrig.files.figures import CYCLE, GREY, literal, save_figure, styled
 from shockrig.files.numbers import between, measured, plain
 
 if TYPE_CHECKING:

@@ -10,17 +10,15 @@ import numpy as np
 
 from shockrig.analysis.characterize.result import FAR_DEVIATED, ChannelResult, Characterization, TableRow, to_profile
 from shockrig.analysis.report.diagnosis_words import SENSOR, listed, named
-from shockrig.analysis.report.fitted import UNIT, panels, relative_runs, residuals, single_runs
+from shockrig.analysis.report.fit_figures import Curve, diffusivity, parameter_by_condition, residual_overview
+from shockrig.analysis.report.fitted import UNIT, panels, rate_label, rate_text, relative_runs, residuals, single_runs
 from shockrig.analysis.report.html import Block, Cell, Details, Figure, HtmlPage, KeyNumber, Section, Table, Text
 from shockrig.analysis.report.loop_page import chosen_section
+from shockrig.analysis.report.next_time import seen_sentence
 from shockrig.analysis.report.panels import panels as placed_panels
 from shockrig.analysis.report.panels import run_panels
-from shockrig.analysis.report.parameters import Curve, diffusivity, parameter_by_condition
-from shockrig.analysis.report.rates import rate_label, rate_text
-from shockrig.analysis.report.residuals import residual_overview
-from shockrig.analysis.report.seen import seen_sentence
-from shockrig.analysis.report.style import save_figure, styled
 from shockrig.files.campaign_figure import draw_diffusivity
+from shockrig.files.figures import save_figure, styled
 from shockrig.files.headline import first_order, is_more, time_text
 from shockrig.files.numbers import counted, measured, plain
 from shockrig.files.profile import HumidityProfile

@@ -15,7 +15,7 @@ from shockrig.analysis.flight.comparisons import ways_apart
 from shockrig.analysis.flight.judging import gathered, power_spectrum
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.report.html import Block, Cell, Figure, HtmlPage, KeyNumber, Section, Table, Text
-from shockrig.analysis.report.style import BLUE, GREY, ORANGE, styled
+from shockrig.files.figures import BLUE, GREY, ORANGE, styled
 from shockrig.files.flight import FLAGS, Corrected, Flight
 from shockrig.files.flight_figure import changes_of, channels_of, has_altitude, plot_flight
 from shockrig.files.headline import headlines

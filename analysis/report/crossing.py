@@ -22,8 +22,8 @@ from shockrig.analysis.flight.simulated.sensor import FLOWN_EFFECTS, fly_many
 from shockrig.analysis.flight.simulated.weather import inversion
 from shockrig.analysis.report.fitted import UNIT
 from shockrig.analysis.report.panels import panels
-from shockrig.analysis.report.style import BLUE, GREY, INK, ORANGE, RED, styled
 from shockrig.files.errors import InputError
+from shockrig.files.figures import BLUE, GREY, INK, ORANGE, RED, styled
 from shockrig.files.numbers import plain as written
 from shockrig.files.profile import HumidityProfile, Profile, TemperatureProfile
 

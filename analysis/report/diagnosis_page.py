@@ -34,7 +34,7 @@ from shockrig.analysis.report.diagnosis_words import (
     values_text,
     worse,
 )
-from shockrig.analysis.report.fitted import UNIT, relative_runs
+from shockrig.analysis.report.fitted import UNIT, rate_label, rate_text, relative_runs
 from shockrig.analysis.report.html import (
     Block,
     Cell,
@@ -49,10 +49,8 @@ from shockrig.analysis.report.html import (
     Tone,
 )
 from shockrig.analysis.report.loop_page import chosen_section
-from shockrig.analysis.report.next_time import next_time
-from shockrig.analysis.report.rates import rate_label, rate_text
-from shockrig.analysis.report.seen import seen_sentence
-from shockrig.analysis.report.style import save_figure
+from shockrig.analysis.report.next_time import next_time, seen_sentence
+from shockrig.files.figures import save_figure
 from shockrig.files.headline import time_text
 from shockrig.files.numbers import plain
 

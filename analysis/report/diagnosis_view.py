@@ -16,13 +16,13 @@ from shockrig.analysis.diagnose.held_out import HeldOut, autocorrelation, held_o
 from shockrig.analysis.diagnose.remaining import MeanCourse, Remaining, remaining
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.estimate.seen import little_known, seen
-from shockrig.analysis.report import residuals as drawings
+from shockrig.analysis.report import fit_figures as drawings
 from shockrig.analysis.report.diagnosis_words import label, listed, sensor_of
+from shockrig.analysis.report.fit_figures import parameter_by_condition
 from shockrig.analysis.report.fitted import UNIT, conditions, relative_runs
+from shockrig.analysis.report.next_time import seen_figure
 from shockrig.analysis.report.panels import log_time, panels
-from shockrig.analysis.report.parameters import parameter_by_condition
-from shockrig.analysis.report.seen import seen_figure
-from shockrig.analysis.report.style import BLUE, CYCLE, GREY, save_figure, styled
+from shockrig.files.figures import BLUE, CYCLE, GREY, save_figure, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

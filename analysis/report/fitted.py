@@ -8,19 +8,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from shockrig.analysis.characterize.result import ChannelResult, Characterization
+from shockrig.analysis.characterize.result import ChannelResult, Characterization, TableRow
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import model_at_samples, model_between_samples
 from shockrig.analysis.estimate.quantity import QUANTITIES
+from shockrig.analysis.report.fit_figures import ResidualRun, RunParameter
 from shockrig.analysis.report.panels import RunPanel
-from shockrig.analysis.report.parameters import RunParameter
-from shockrig.analysis.report.residuals import ResidualRun
-from shockrig.analysis.report.style import CYCLE, INK, LIGHT, literal, styled
 from shockrig.files.campaign import Campaign, Trace
 from shockrig.files.campaign_figure import draw_diffusivity, zero_of
-from shockrig.files.figures import notebook_figure
-from shockrig.files.headline import headlines
-from shockrig.files.numbers import plain
+from shockrig.files.figures import CYCLE, INK, LIGHT, literal, notebook_figure, styled
+from shockrig.files.headline import first_order, headlines
+from shockrig.files.numbers import measured, plain
 from shockrig.files.profile import Profile
 
 if TYPE_CHECKING:
@@ -178,3 +176,18 @@ def _root(time: np.ndarray) -> np.ndarray:
 
 def _square(root: np.ndarray) -> np.ndarray:
     return np.sign(root) * np.square(root)
+
+
+def rate_text(channel: Channel, row: TableRow, unit: str = "s") -> str:
+    """Value and standard uncertainty, with the unit: m²/s, or `unit` of a lumped sensor's time constant."""
+    if channel.lumped:
+        return measured(*first_order(channel.length_m, row.diffusivity_m2_s, row.standard_uncertainty), unit)
+    return measured(row.diffusivity_m2_s, row.standard_uncertainty, "m²/s")
+
+
+def rate_label(channel: Channel, ambient_c: float) -> str:
+    """What it is called, with its ambient [°C] where it depends on that."""
+    label = channel.quantity.diffusivity_label(ambient_c)
+    if channel.lumped:
+        label = label.replace(channel.quantity.symbol, f"tau, {channel.name}", 1)
+    return label

@@ -9,7 +9,7 @@ from pathlib import Path
 from shockrig.analysis.estimate.quantity import QUANTITIES
 from shockrig.analysis.fleet.prior import WithFleet
 from shockrig.analysis.report.html import Block, Cell, Details, Figure, HtmlPage, KeyNumber, Section, Table, Text
-from shockrig.analysis.report.style import save_figure
+from shockrig.files.figures import save_figure
 from shockrig.files.fleet import (
     BENCH,
     SENSOR,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.checks.link import LinkFinding
 from shockrig.analysis.report.html import Cell, Figure, HtmlPage, KeyNumber, Section, Table, Text
-from shockrig.analysis.report.style import BLUE, GREEN, INK, ORANGE, styled
+from shockrig.files.figures import BLUE, GREEN, INK, ORANGE, styled
 from shockrig.files.numbers import counted, plain
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 
 from shockrig.analysis.characterize.history import CHART_SIGMAS, FALSE_ALARMS, Chart, HistoryStep
 from shockrig.analysis.report.html import Block, Cell, Figure, HtmlPage, Section, Table, Text
-from shockrig.analysis.report.style import BLUE, GREY, RED, literal, save_figure, styled
+from shockrig.files.figures import BLUE, GREY, RED, literal, save_figure, styled
 from shockrig.files.numbers import measured, plain
 
 if TYPE_CHECKING:

@@ -14,7 +14,8 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from shockrig.analysis.report.style import figure_bytes, write_whole
+from shockrig.files.disk import write_whole
+from shockrig.files.figures import figure_bytes
 from shockrig.files.numbers import plain
 
 if TYPE_CHECKING:

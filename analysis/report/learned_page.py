@@ -16,8 +16,7 @@ from shockrig.analysis.learn.learn import NAMED, POSSIBLE, ChannelLearned, Fligh
 from shockrig.analysis.learn.passes import Disagreement
 from shockrig.analysis.report.diagnosis_words import listed
 from shockrig.analysis.report.html import Block, Cell, Details, Figure, HtmlPage, KeyNumber, Section, Table, Text
-from shockrig.analysis.report.style import BLUE, GREY, ORANGE, literal, styled
-from shockrig.files.figures import notebook_figure
+from shockrig.files.figures import BLUE, GREY, ORANGE, literal, notebook_figure, styled
 from shockrig.files.numbers import between, counted, measured, plain
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ import numpy as np
 
 from shockrig.analysis.report.html import Details, Figure, HtmlPage, KeyNumber, Section, Table, Text, Tone
 from shockrig.analysis.report.panels import panels
-from shockrig.analysis.report.style import BLUE, CYCLE, GREY, INK, save_figure, styled
+from shockrig.files.figures import BLUE, CYCLE, GREY, INK, save_figure, styled
 from shockrig.files.numbers import counted, plain
 from shockrig.files.plan import where_it_stands
 

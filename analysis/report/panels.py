@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.report.style import BLUE, GREY, INK, LIGHT, RED, literal, styled
+from shockrig.files.figures import BLUE, GREY, INK, LIGHT, RED, literal, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from shockrig.analysis.physics.modes import film_mean, response_times, sphere_core
-from shockrig.analysis.physics.schemes.layers import film_layers, sphere_layers, step_response
-from shockrig.analysis.physics.schemes.sampling import sample, zeros
 from shockrig.analysis.physics.schemes.slips import COLUMNS, PERIOD_S, Slip, SlipRow, share_time
+from shockrig.analysis.physics.schemes.state_space import film_layers, sample, sphere_layers, step_response, zeros
 from shockrig.analysis.report.html import Figure, HtmlPage, KeyNumber, Section, Table, Text
-from shockrig.analysis.report.style import BLUE, GREEN, GREY, INK, RED, save_figure, styled
+from shockrig.files.figures import BLUE, GREEN, GREY, INK, RED, save_figure, styled
 from shockrig.files.numbers import plain
 
 if TYPE_CHECKING:

@@ -79,7 +79,7 @@ def write(args: argparse.Namespace, out: Path, extend: Path | None, made_at: str
     """The certificate of a campaign's probe, into the folder `out`, whole or not at all."""
     from shockrig.analysis.characterize.certified import calibrations, certified, with_common
     from shockrig.analysis.characterize.characterize import characterize
-    from shockrig.analysis.characterize.extension import read_extension
+    from shockrig.analysis.characterize.part_fit import read_extension
     from shockrig.analysis.report.certificate_page import write_certificate_page
     from shockrig.files.campaign import read_campaign
     from shockrig.files.certificate import write_certificate

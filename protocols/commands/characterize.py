@@ -65,7 +65,7 @@ def write(
 ) -> tuple[Characterization, WithFleet | None]:
     """Characterize a campaign's probe into the folder `out`, whole or not at all; and what a fleet makes of it."""
     from shockrig.analysis.characterize.characterize import characterize
-    from shockrig.analysis.characterize.extension import read_extension
+    from shockrig.analysis.characterize.part_fit import read_extension
     from shockrig.analysis.characterize.result import to_profile
     from shockrig.analysis.fleet.prior import with_population
     from shockrig.analysis.report.characterize_page import write_characterization
@@ -124,7 +124,7 @@ def fleet_summary(fleet: WithFleet) -> str:
 def summary(result: Characterization) -> str:
     """What the command prints: alpha or tau, the table D(T), response times, what does not fit."""
     from shockrig.analysis.report.characterize_page import hint
-    from shockrig.analysis.report.rates import rate_text
+    from shockrig.analysis.report.fitted import rate_text
     from shockrig.files.headline import time_text
     from shockrig.files.numbers import measured
 

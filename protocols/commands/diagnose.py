@@ -252,8 +252,7 @@ def summary(diagnosis: Diagnosis) -> str:
         removed_share,
         terminal_causes,
     )
-    from shockrig.analysis.report.next_time import next_time
-    from shockrig.analysis.report.seen import seen_sentence
+    from shockrig.analysis.report.next_time import next_time, seen_sentence
 
     lines: list[str] = []
     for found in diagnosis.channels:

@@ -133,8 +133,8 @@ def _charts(campaigns: Sequence[Campaign], args: argparse.Namespace, say: Any) -
     from shockrig.analysis.characterize.budget import budgets, diffusivity_at, mean_diffusivity
     from shockrig.analysis.characterize.certified import with_common
     from shockrig.analysis.characterize.characterize import characterize
-    from shockrig.analysis.characterize.extension import read_extension
     from shockrig.analysis.characterize.history import began_at, bench_of, chart, observed
+    from shockrig.analysis.characterize.part_fit import read_extension
     from shockrig.files.errors import InputError
     from shockrig.protocols.time_left import TimeLeft
 

@@ -19,7 +19,7 @@ from small_worlds import record
 from shockrig.analysis.characterize.budget import Budget, Component, budgets
 from shockrig.analysis.characterize.certified import calibrations, certified, with_common
 from shockrig.analysis.characterize.characterize import characterize, characterize_channel
-from shockrig.analysis.characterize.extension import Extension
+from shockrig.analysis.characterize.part_fit import Extension
 from shockrig.analysis.characterize.response_times import ResponseAir
 from shockrig.analysis.effects import structure_of
 from shockrig.analysis.report.certificate_page import write_certificate_page

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from shockrig.analysis.characterize.characterize import characterize
-from shockrig.analysis.characterize.extension import extension_of, read_extension
+from shockrig.analysis.characterize.part_fit import extension_of, read_extension
 from shockrig.analysis.estimate.channel import LeftOut
 from shockrig.analysis.estimate.gather import why_none
 from shockrig.analysis.estimate.model import Held

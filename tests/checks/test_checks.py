@@ -15,11 +15,9 @@ from benchmark_scripts import benchmark
 from small_worlds import record
 
 from shockrig.analysis.checks import CHECKS, check_campaign
-from shockrig.analysis.checks.finding import name_runs
-from shockrig.analysis.checks.rates import two_groups
-from shockrig.analysis.checks.response import begins_after, responses
+from shockrig.analysis.checks.finding import THRESHOLDS, limit, name_runs
+from shockrig.analysis.checks.rates import begins_after, responses, two_groups
 from shockrig.analysis.checks.signals import look
-from shockrig.analysis.checks.thresholds import THRESHOLDS, limit
 from shockrig.files.campaign import Campaign, Run, RunAir, Trace, read_campaign
 from shockrig.files.errors import InputError
 from shockrig.rig.virtual.hide import draw_hidden

@@ -21,7 +21,7 @@ import pytest
 from processes import ended, heard, in_background
 from small_worlds import small_plan
 
-from shockrig.analysis.characterize.extension import read_extension
+from shockrig.analysis.characterize.part_fit import read_extension
 from shockrig.analysis.diagnose import search as searching
 from shockrig.analysis.diagnose.diagnosed import NO_STEP
 from shockrig.files.campaign import read_campaign

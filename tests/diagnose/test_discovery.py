@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from small_worlds import record
 
-from shockrig.analysis.characterize.extension import extension_of
+from shockrig.analysis.characterize.part_fit import extension_of
 from shockrig.analysis.diagnose.candidates import says_nothing
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.grammar import forms

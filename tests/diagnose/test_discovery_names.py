@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from small_worlds import record, small_plan
 
-from shockrig.analysis.characterize.extension import extension_of
+from shockrig.analysis.characterize.part_fit import extension_of
 from shockrig.analysis.diagnose.adequacy import judge
 from shockrig.analysis.diagnose.candidates import candidates
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
@@ -20,7 +20,7 @@ from shockrig.analysis.diagnose.search import Race, Search, search
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.behaviours import LAWS, MEAN, Form, laws_of
 from shockrig.analysis.effects.described import as_listed, described, discovered_of, entry_of
-from shockrig.analysis.estimate.bins import rebin
+from shockrig.analysis.estimate.channel import rebin
 from shockrig.analysis.estimate.effect import SingleReadings
 from shockrig.analysis.estimate.fit import fit
 from shockrig.analysis.estimate.gather import build_channel

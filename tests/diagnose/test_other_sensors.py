@@ -7,7 +7,7 @@ import pytest
 
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.estimate.bins import FINE_BIN_WIDTHS, edges_after_transfer, fine_width
+from shockrig.analysis.estimate.channel import FINE_BIN_WIDTHS, edges_after_transfer, fine_width
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.physics import readings
 from shockrig.files.campaign import read_campaign

@@ -8,7 +8,7 @@ import pytest
 from shockrig.analysis.characterize.characterize import characterize
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.seen import seen
-from shockrig.analysis.report.seen import seen_sentence
+from shockrig.analysis.report.next_time import seen_sentence
 from shockrig.files.campaign import read_campaign
 from shockrig.files.errors import InputError
 from shockrig.protocols.cli import main

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from shockrig.analysis.diagnose.diagnose import cannot_tell
-from shockrig.analysis.estimate.bins import bin_means
-from shockrig.analysis.estimate.channel import group_ambients
+from shockrig.analysis.estimate.channel import bin_means, group_ambients
 from shockrig.analysis.estimate.gather import build_channel, usable_runs
-from shockrig.analysis.estimate.starts import estimate_start
+from shockrig.analysis.estimate.readings import estimate_start
 from shockrig.files.campaign import Campaign, ReferenceResponse, Run, RunAir, Trace
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from shockrig.analysis.diagnose.prepare import prepare
 from shockrig.analysis.diagnose.refitting import plain_fit
-from shockrig.analysis.estimate.bins import bin_means, place
+from shockrig.analysis.estimate.channel import bin_means, place
 from shockrig.analysis.estimate.driven_air import averaged_over, begun_unsettled, edges_of_driven, follow
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.physics.chain import MeasuredAir

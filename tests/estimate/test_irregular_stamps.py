@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import cholesky, toeplitz
 
-from shockrig.analysis.estimate.bins import as_single_samples
+from shockrig.analysis.estimate.channel import as_single_samples
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.noise import MAX_AVERAGED, Noise, whiteners
 from shockrig.files.campaign import read_campaign

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from shockrig.analysis.estimate.bins import rebin
+from shockrig.analysis.estimate.channel import rebin
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.noise import estimate_noise, plateau_pieces, whiteners
 from shockrig.files.campaign import Campaign, Run, RunAir, Trace

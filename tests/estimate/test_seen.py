@@ -8,8 +8,7 @@ import pytest
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.seen import seen
-from shockrig.analysis.report.next_time import next_time
-from shockrig.analysis.report.seen import seen_sentence
+from shockrig.analysis.report.next_time import next_time, seen_sentence
 from shockrig.files.campaign import read_campaign
 
 TAU_S = 12.0

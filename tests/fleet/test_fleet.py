@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 
 import shockrig
 from shockrig.analysis.characterize.characterize import characterize
-from shockrig.analysis.characterize.extension import read_extension
+from shockrig.analysis.characterize.part_fit import read_extension
 from shockrig.analysis.diagnose.remainder import Tolerance
 from shockrig.analysis.fleet.fleet import fleet_of, members_of
 from shockrig.analysis.fleet.population import benjamini_hochberg

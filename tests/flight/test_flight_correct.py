@@ -18,7 +18,7 @@ from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.analysis.flight.simulated.weather import SCENES, convective, frontal, inversion
 from shockrig.analysis.flight.smoother import smooth
 from shockrig.analysis.physics.exchange import Stream
-from shockrig.analysis.physics.schemes.sampling import is_minimum_phase, zeros
+from shockrig.analysis.physics.schemes.state_space import is_minimum_phase, zeros
 from shockrig.files.errors import InputError
 from shockrig.files.profile import DiffusivityRow, Profile, StatedEffect, Uncertain
 from shockrig.files.ranges import RANGES

@@ -24,7 +24,7 @@ from shockrig.analysis.report.diagnosis_words import (
     removed_share,
     worse,
 )
-from shockrig.analysis.report.parameters import RunParameter
+from shockrig.analysis.report.fit_figures import RunParameter
 from shockrig.files.profile import HumidityProfile, Profile, StatedEffect, TemperatureProfile, Uncertain
 
 

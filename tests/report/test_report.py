@@ -25,18 +25,21 @@ from shockrig.analysis.report import (
     render,
     save_figure,
 )
-from shockrig.analysis.report.panels import RunPanel, run_panels
-from shockrig.analysis.report.parameters import Curve, RunParameter, diffusivity, parameter_by_condition
-from shockrig.analysis.report.residuals import (
+from shockrig.analysis.report.fit_figures import (
     BeforeAfter,
+    Curve,
     ResidualRun,
+    RunParameter,
     autocorrelation,
     before_after,
     cause_bars,
+    diffusivity,
     log_bins,
+    parameter_by_condition,
     residual_overview,
 )
-from shockrig.analysis.report.style import BLUE, GREY, INK, RED, figure_bytes
+from shockrig.analysis.report.panels import RunPanel, run_panels
+from shockrig.files.figures import BLUE, GREY, INK, RED, figure_bytes
 from shockrig.files.numbers import power_of_ten
 
 EVIL = "\"><script>alert('x')</script><img src=http://example.org/x onerror=alert(1)> & $\\alpha$ </style>"

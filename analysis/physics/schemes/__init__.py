@@ -1,24 +1,22 @@
 """The paper's layered state-space sensors as printed and corrected, sampled and inverted, and what its slips cost."""
 
-from shockrig.analysis.physics.schemes.layers import (
+from shockrig.analysis.physics.schemes.slips import Slip, SlipRow, slips_table
+from shockrig.analysis.physics.schemes.state_space import (
     FILM_SCHEMES,
+    METHODS,
     SPHERE_SCHEMES,
     StateSpace,
-    film_layers,
-    sphere_layers,
-    step_response,
-)
-from shockrig.analysis.physics.schemes.sampling import (
-    METHODS,
     delay_samples,
+    film_layers,
     inverse_noise_gain,
     is_minimum_phase,
     poles,
     sample,
+    sphere_layers,
     stable_period_s,
+    step_response,
     zeros,
 )
-from shockrig.analysis.physics.schemes.slips import Slip, SlipRow, slips_table
 
 __all__ = [
     "FILM_SCHEMES",

@@ -14,8 +14,17 @@ import numpy as np
 from shockrig.analysis.physics.exchange import Stream, ventilation
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.analysis.physics.modes import Modes, film_mean, first_order, response_times, sphere_core, sphere_core_biot
-from shockrig.analysis.physics.schemes.layers import StateSpace, film_layers, sphere_layers, step_response
-from shockrig.analysis.physics.schemes.sampling import delay_samples, inverse_noise_gain, sample, stable_period_s, zeros
+from shockrig.analysis.physics.schemes.state_space import (
+    StateSpace,
+    delay_samples,
+    film_layers,
+    inverse_noise_gain,
+    sample,
+    sphere_layers,
+    stable_period_s,
+    step_response,
+    zeros,
+)
 
 # What a slip or limit of the paper is: measured cases beside the series.
 
