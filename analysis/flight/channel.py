@@ -342,8 +342,8 @@ def held(
     is the uncertainty of what lags, in the log's unit, that reading and result have in common and their difference not.
     """
     low, high = (bound * unit for bound in reach(readings, channel.resolved_rate))
-    # where the sensor was read, if not anew, the air may be as it says
-    own = np.where(channel.screened.usable | channel.screened.repeated, readings.reading * unit, np.nan)
+    # where the sensor was read, the air may be as it says
+    own = np.where(channel.screened.read, readings.reading * unit, np.nan)
     value = np.clip(channel.value, np.fmin(low, own), np.fmax(high, own))
     # what is out by less than is stated is that, and what is far out was no estimate
     out = np.abs(np.clip(value, *possible) - value) > READING_SIGMAS * channel.uncertainty
@@ -380,7 +380,7 @@ def _nearer(channel: FlightChannel, readings: FlightReadings, unit: Array, sigma
     kept, all of one that is sure and nothing of one that is not. s is two sigmas of what exceeds the usual uncertainty;
     what is stated stays.
     """
-    seen = np.isfinite(readings.reading) & (channel.screened.usable | channel.screened.repeated)
+    seen = np.isfinite(readings.reading) & channel.screened.read
     if not seen.any():
         return channel
     # in a gap, what lies between the readings on either side

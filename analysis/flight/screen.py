@@ -235,6 +235,12 @@ class Screened:
     capped: Mask | None = None
 
     @property
+    def read(self) -> Mask:
+        """Rows (n,) where the sensor was read, if not anew, or at its ceiling."""
+        read = self.usable | self.repeated
+        return read if self.capped is None else read | self.capped
+
+    @property
     def loud(self) -> Mask:
         """Readings (n,) in bursts of noise."""
         return np.broadcast_to(np.asarray(self.louder) > 1.0, self.usable.shape)
