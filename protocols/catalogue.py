@@ -14,6 +14,7 @@ from typing import Any
 
 from shockrig.files.disk import real_path
 from shockrig.files.errors import InputError
+from shockrig.files.headline import LUMPED, NEAREST_C, first_order
 from shockrig.files.json_files import read_json
 from shockrig.files.profile import Profile, read_profile
 from shockrig.rig.errors import RigError
@@ -22,6 +23,7 @@ from shockrig.rig.recorder.state import CampaignState, read_head, read_state
 DEEPEST = 4  # folders below the one that was named
 NEVER_INSIDE = ("runs", "recording", "set_aside")
 BEGINS = {"temperature": "imet", "humidity": "hyt"}
+FARTHEST_K = 1.0  # from that temperature a film's row is compared with another campaign's
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,7 @@ def changes(entries: list[Entry]) -> list[str]:
     """What changed from one campaign to the next of the same sensor, one sentence each: value, and in sigma."""
     said = []
     for channel, sensor in BEGINS.items():
-        last: dict[str, tuple[Entry, float, float]] = {}
+        last: dict[str, tuple[Entry, str, float, float]] = {}
         found = [(entry, one) for entry in entries for one in entry.profiles.values()]
         for entry, one in found:
             stated = one.sensors.get(sensor)  # of the profile's own probe, where several were recorded at once
@@ -126,26 +128,34 @@ def changes(entries: list[Entry]) -> list[str]:
             rate = _rate(one, channel)
             if not serial or rate is None or (serial in last and last[serial][0] is entry):
                 continue
-            value, sigma = rate
-            if serial in last:
-                before, old, old_sigma = last[serial]
+            name, value, sigma = rate
+            if serial in last and last[serial][1] == name:
+                before, _, old, old_sigma = last[serial]
                 apart = (value - old) / ((sigma**2 + old_sigma**2) ** 0.5 or 1.0)
-                name = "alpha" if channel == "temperature" else "D"
                 said.append(
                     f"{sensor} {serial}: {name} {100.0 * (value / old - 1.0):+.2f} % ({apart:+.1f} sigma) "
                     f"from {before.path.name} to {entry.path.name}"
                 )
-            last[serial] = (entry, value, sigma)
+            last[serial] = (entry, name, value, sigma)
     return said
 
 
-def _rate(profile: Profile, channel: str) -> tuple[float, float] | None:
-    """alpha, or D at 20 degC, with its standard uncertainty."""
+def _rate(profile: Profile, channel: str) -> tuple[str, float, float] | None:
+    """Name, value and standard uncertainty of alpha, or of D at 20 degC; of a sensor that is one lag, of tau."""
     if channel == "temperature" and profile.temperature is not None:
         alpha = profile.temperature.thermal_diffusivity_m2_s
-        return alpha.value, alpha.standard_uncertainty
-    if channel == "humidity" and profile.humidity is not None:
-        row = min(profile.humidity.diffusivity_table, key=lambda row: abs(row.ambient_temperature_c - 20.0))
-        if abs(row.ambient_temperature_c - 20.0) <= 1.0:
-            return row.diffusivity_m2_s, row.standard_uncertainty
-    return None
+        symbol, length_m, rate = "alpha", profile.temperature.bead_radius_m, (alpha.value, alpha.standard_uncertainty)
+    elif channel == "humidity" and profile.humidity is not None:
+        row = min(profile.humidity.diffusivity_table, key=lambda row: abs(row.ambient_temperature_c - NEAREST_C))
+        if abs(row.ambient_temperature_c - NEAREST_C) > FARTHEST_K:
+            return None
+        symbol, length_m, rate = (
+            "D",
+            profile.humidity.film_thickness_m,
+            (row.diffusivity_m2_s, row.standard_uncertainty),
+        )
+    else:
+        return None
+    if profile.bodies[BEGINS[channel]] == LUMPED:
+        return "tau", *first_order(length_m, *rate)
+    return symbol, *rate

@@ -69,6 +69,8 @@ class Phases:
         Words that begin a phase -> share of the whole that is done by then.
     only_long : bool
         Leave out sentences without a time: of work that is nearly always soon over.
+    whose : str
+        Said before each sentence, of work that goes on beside other work.
     """
 
     def __init__(
@@ -77,9 +79,10 @@ class Phases:
         stream: TextIO | None = None,
         clock: TimeLeft | None = None,
         only_long: bool = False,
+        whose: str = "",
     ) -> None:
         self._shares, self._stream, self._clock = shares, stream, clock or TimeLeft()
-        self._only_long = only_long
+        self._only_long, self._whose = only_long, f"{whose}: " if whose else ""
         self._done = 0.0
 
     def __call__(self, text: str) -> None:
@@ -89,7 +92,7 @@ class Phases:
         left = self._clock.after(share) if share > self._done else ""
         self._done = max(self._done, share)
         if left or not self._only_long:
-            print(f"{text}{left}", file=self._stream or sys.stderr, flush=True)
+            print(f"{self._whose}{text}{left}", file=self._stream or sys.stderr, flush=True)
 
 
 class CountedRows:

@@ -180,6 +180,7 @@ pass
 SENSOR: dict[str, str] = {name: quantity.noun for name, quantity in QUANTITIES.items()}
 INSTRUMENT: dict[str, str] = {name: quantity.instrument for name, quantity in QUANTITIES.items()}
 NOT_TOLD = "these runs do not tell how much it is on others"
+MOST_SHOWN = 99.9  # percent of an error, above which nothing more exact is said
 
 
 def named(effect: str) -> str:
@@ -275,8 +276,12 @@ def removed_share(found: ChannelDiagnosis) -> str:
     if not found.gain.measured:
         return "of the explainable error removed on unseen runs: unknown, none was left to try it on"
     low, high = (100 * share for share in found.gain.interval_95)
-    interval = f"{low:.1f} to {high:.1f} %" if low >= 0.0 else NOT_TOLD
-    return f"of the explainable error removed on unseen runs: {100 * found.gain.explained_fraction:.1f} % ({interval})"
+    share = 100 * found.gain.explained_fraction
+    # What rounds to all of it is not all of it, and an interval from 100.0 to 100.0 % would read like a fault.
+    removed = f"more than {MOST_SHOWN} %" if share > MOST_SHOWN else f"{share:.1f} %"
+    if low < MOST_SHOWN:
+        removed += f" ({low:.1f} to {high:.1f} %)" if low >= 0.0 else f" ({NOT_TOLD})"
+    return f"of the explainable error removed on unseen runs: {removed}"
 
 
 def sensor_of(found: ChannelDiagnosis) -> str:

@@ -62,8 +62,12 @@ def write(
     made_at: str,
     probe: str = "1",
     fleet: Path | None = None,
+    whose: str = "",
 ) -> tuple[Characterization, WithFleet | None]:
-    """Characterize a campaign's probe into the folder `out`, whole or not at all; and what a fleet makes of it."""
+    """Characterize a campaign's probe into the folder `out`, whole or not at all; and what a fleet makes of it.
+
+    `whose` is said before each line of progress, where another command prints its own beside it.
+    """
     from shockrig.analysis.characterize.characterize import characterize
     from shockrig.analysis.characterize.part_fit import read_extension
     from shockrig.analysis.characterize.result import to_profile
@@ -77,7 +81,7 @@ def write(
     from shockrig.protocols.folder import said_of_data, software_version, whole_folder
     from shockrig.protocols.time_left import CHARACTERIZING, Phases
 
-    say = Phases(CHARACTERIZING)
+    say = Phases(CHARACTERIZING, whose=whose)
     extensions = None if extend is None else read_extension(extend)
     population = None if fleet is None else read_fleet(fleet).population
     with whole_folder(out) as folder:

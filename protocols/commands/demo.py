@@ -95,7 +95,7 @@ def _plain(send: Callable[[object], None], campaign: Path, out: Path, made_at: s
     """The plain characterization, in a process of its own."""
     from shockrig.protocols.commands import characterize
 
-    characterize.write(campaign, out, 0, None, made_at)
+    characterize.write(campaign, out, 0, None, made_at, whose="plain model")
     send(None)
 
 

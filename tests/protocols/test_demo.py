@@ -87,6 +87,13 @@ def test_progress_is_on_standard_error_and_every_path_that_is_printed_exists(sho
     assert all((out.parent / path).is_file() for path in paths)
 
 
+def test_progress_of_the_plain_model_says_whose_it_is(shown, tmp_path, capsys):
+    """It is fitted while the diagnosis goes on, whose lines begin with the same channels."""
+    demo._plain(lambda nothing: None, shown[0] / "campaign", tmp_path / "plain", "2026-01-01T00:00:00Z")
+    said = capsys.readouterr().err.splitlines()
+    assert said and all(line.startswith("plain model: ") for line in said)
+
+
 def ended(**channels):
     return demo.ending(RevealScore(TRUTH, 1, {name: ChannelScore(name, *judged) for name, judged in channels.items()}))
 

@@ -102,11 +102,12 @@ def test_an_ending_that_is_no_format_and_a_place_that_cannot_be_are_refused(tmp_
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["c"]
 
 
-def profile(path, campaign, alpha):
+def profile(path, campaign, alpha, body="sphere"):
     path.mkdir()
     content = {
         "format": "sensor-profile/1",
         "temperature": {"thermal_diffusivity_m2_s": {"value": alpha, "standard_uncertainty": 1e-10}},
+        "sensors": {"imet": {"serial": "X1", "body": body}},
         "provenance": {"campaign_path": str(campaign)},
     }
     (path / "profile.json").write_text(json.dumps(content))
@@ -129,6 +130,12 @@ def test_the_catalogue_lists_campaigns_results_and_changes_of_a_sensor(tmp_path,
     assert "alpha of the bead (7.500 ± 0.010) × 10⁻⁸ m²/s" in said.out
     assert said.out.count("temperature: adequate") == 1  # both are called c: the one that it lies beside
     assert lines[-1] == "imet X1: alpha +2.00 % (+10.6 sigma) from spring to autumn"
+    # Of a sensor that is one lag, and has no length, the time constant is what changed: tau = R^2 / alpha.
+    for name, campaign, alpha in (("p1", first, 7.5e-8), ("p2", second, 7.65e-8)):
+        shutil.rmtree(tmp_path / name)
+        profile(tmp_path / name, campaign, alpha, "lumped")
+    assert main(["list", str(tmp_path)]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == "imet X1: tau -1.96 % (-10.6 sigma) from spring to autumn"
     shutil.rmtree(first), shutil.rmtree(second)
     assert main(["list", str(tmp_path)]) == 2
     assert "holds no campaign" in capsys.readouterr().err

@@ -259,6 +259,8 @@ def test_a_gain_that_few_runs_cannot_tell_is_said_to_be_so():
     for gained, words in (
         (few, "97.9 % (these runs do not tell how much it is on others)"),
         (replace(few, interval_95=(0.912, 0.9999)), "97.9 % (91.2 to 100.0 %)"),
+        (replace(few, explained_fraction=0.99996, interval_95=(0.912, 1.0)), "more than 99.9 % (91.2 to 100.0 %)"),
+        (replace(few, explained_fraction=0.99996, interval_95=(0.9999, 1.0)), "more than 99.9 %"),
     ):
         found.gain = gained
         assert removed_share(found) == f"of the explainable error removed on unseen runs: {words}"
