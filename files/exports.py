@@ -130,6 +130,19 @@ def write_bluesky(campaign: Campaign, path: Path) -> None:
     replace_whole(path, write)
 
 
+def _described(sensor: str, trace: Trace, source: str) -> dict[str, Any]:
+    """What a descriptor says of a sensor's quantities."""
+    keys = [f"{sensor}_{quantity}" for quantity in trace.values]
+    known = {"source": source, "dtype": "number", "shape": [], "object_name": sensor}
+    return {
+        "name": sensor,
+        "data_keys": {key: {**known, "units": UNITS[one]} for key, one in zip(keys, trace.values, strict=True)},
+        "object_keys": {sensor: keys},
+        "configuration": {},
+        "hints": {sensor: {"fields": keys}},
+    }
+
+
 def documents(campaign: Campaign) -> Iterator[tuple[str, dict[str, Any]]]:
     """Start, descriptors, events and stop of every run, as bluesky's event model has them.
 
@@ -151,30 +164,8 @@ def documents(campaign: Campaign) -> Iterator[tuple[str, dict[str, Any]]]:
             if trace is None or not trace.time_s.size:
                 continue
             descriptor = str(uuid.uuid5(NAMESPACE, f"{key}/{sensor}"))
-            keys = [f"{sensor}_{quantity}" for quantity in trace.values]
-            source = _kind(campaign, sensor)
-            yield (
-                "descriptor",
-                {
-                    "uid": descriptor,
-                    "run_start": start,
-                    "time": began_s,
-                    "name": sensor,
-                    "data_keys": {
-                        f"{sensor}_{quantity}": {
-                            "source": source,
-                            "dtype": "number",
-                            "shape": [],
-                            "units": UNITS[quantity],
-                            "object_name": sensor,
-                        }
-                        for quantity in trace.values
-                    },
-                    "object_keys": {sensor: keys},
-                    "configuration": {},
-                    "hints": {sensor: {"fields": keys}},
-                },
-            )
+            about = {"uid": descriptor, "run_start": start, "time": began_s}
+            yield "descriptor", {**about, **_described(sensor, trace, _kind(campaign, sensor))}
             counts[sensor] = int(trace.time_s.size)
             end_s = max(end_s, began_s + float(trace.time_s[-1]))
             columns = {f"{sensor}_{quantity}": values for quantity, values in trace.values.items()}

@@ -131,25 +131,18 @@ def ridge(problem: Problem, found: Fit, disturbances: Sequence[tuple[Array, Arra
         there, arrow = linearise(problem, found.structure, Point(theta, at_rest))
         return problem.whiten(there - predicted), arrow
 
+    def to_the_bottom(theta: Array) -> Array:
+        """The lowest place across the ridge."""
+        for _ in range(RIDGE_LOOKS):
+            z, arrow = looked(theta)
+            right, _ = arrow.right_sides(-z, at_rest, known**2 * (start - theta))
+            normal = across.T @ arrow.normal @ across
+            theta = np.clip(theta + across @ np.linalg.lstsq(normal, across.T @ right, rcond=None)[0], low, high)
+        return theta
+
     points = [(start, *looked(start))]
     for sign in (-1.0, 1.0):
-        theta, ahead = start, sign * RIDGE_STEP * spread * direction
-        for number in range(MOST_POINTS):
-            before = theta
-            theta = np.clip(theta + ahead, low, high)
-            for _ in range(RIDGE_LOOKS):  # down to the bottom, across the ridge
-                z, arrow = looked(theta)
-                pull = known**2 * (start - theta)
-                right, _ = arrow.right_sides(-z, at_rest, pull)
-                normal = across.T @ arrow.normal @ across
-                theta = np.clip(theta + across @ np.linalg.lstsq(normal, across.T @ right, rcond=None)[0], low, high)
-            if np.any((theta <= low) | (theta >= high)):
-                break
-            z, arrow = looked(theta)
-            points.append((theta, z, arrow))
-            if arrow.hidden(z) > FARTHEST_MISFIT:
-                break
-            ahead = (theta - before) * (RIDGE_GROWTH if number else 1.0)
+        points += _along(start, sign * RIDGE_STEP * spread * direction, looked, to_the_bottom, (low, high))
     points.sort(key=lambda point: float(direction @ point[0]))
     effects = base.run_jacobian / np.sqrt(base.weight)[:, None, :]
     basis = _basis(
@@ -158,10 +151,6 @@ def ridge(problem: Problem, found: Fit, disturbances: Sequence[tuple[Array, Arra
         + [arrow.run_jacobian / np.sqrt(base.weight)[:, None, :] for *_, arrow in points]
     )
     turned = basis.transpose(0, 2, 1)
-    metric = []
-    for *_, arrow in points:
-        u = turned @ arrow.run_jacobian
-        metric.append(np.eye(u.shape[1]) - u @ np.linalg.solve(arrow.blocks, u.transpose(0, 2, 1)))
     return Ridge(
         at=np.array([float(direction @ (theta - start)) / spread for theta, *_ in points]),
         theta=np.array([theta for theta, *_ in points]),
@@ -169,11 +158,38 @@ def ridge(problem: Problem, found: Fit, disturbances: Sequence[tuple[Array, Arra
         basis=basis,
         z=np.array([(turned @ z[..., None])[..., 0] for _, z, _ in points]),
         jacobian=np.array([turned @ (arrow.jacobian @ across) for *_, arrow in points]),
-        metric=np.array(metric),
+        metric=np.array([_metric(turned @ arrow.run_jacobian, arrow.blocks) for *_, arrow in points]),
         effects=turned @ effects,
         known=known,
         disturbances=tuple(((turned @ change[..., None])[..., 0], own) for change, own in disturbances),
     )
+
+
+def _along(
+    start: Array,
+    ahead: Array,
+    looked: Callable[[Array], tuple[Array, Arrow]],
+    to_the_bottom: Callable[[Array], Array],
+    bounds: tuple[Array, Array],
+) -> list[tuple[Array, Array, Arrow]]:
+    """The ridge's points on one side of the fit, with steps that grow, up to a bound or the farthest misfit."""
+    points, theta = [], start
+    low, high = bounds
+    for number in range(MOST_POINTS):
+        before, theta = theta, to_the_bottom(np.clip(theta + ahead, low, high))
+        if np.any((theta <= low) | (theta >= high)):
+            break
+        z, arrow = looked(theta)
+        points.append((theta, z, arrow))
+        if arrow.hidden(z) > FARTHEST_MISFIT:
+            break
+        ahead = (theta - before) * (RIDGE_GROWTH if number else 1.0)
+    return points
+
+
+def _metric(effects: Array, blocks: Array) -> Array:
+    """What of readings in a basis stays once the runs' random effects have taken their part (R, k, k)."""
+    return np.asarray(np.eye(effects.shape[1]) - effects @ np.linalg.solve(blocks, effects.transpose(0, 2, 1)))
 
 
 def drawn(of: Ridge, log_figures: Sequence[LogFigure]) -> list[Drawn]:

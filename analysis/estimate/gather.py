@@ -442,18 +442,12 @@ def build_channel(campaign: Campaign, name: ChannelName) -> Channel | None:
     die_samples: tuple[Array, ...] = ()
     die, wet = np.full(time.shape, np.nan), np.full(len(usable), np.nan)
     if quantity is HUMIDITY:
+        times = [t for t, _ in samples]
         dies = [one.trace.values["temperature_c"] for one in usable]
-        die_samples = tuple(dies) if driven else smooth_dies([t for t, _ in samples], dies, tempo)
-        die = bin_means([t for t, _ in samples], list(die_samples), bin_of)[1]
-        die = np.where(count > 0, die, np.nan)
-        wet = past_dew_s(conditions, [t for t, _ in samples], die_samples)
-    recorded = all(one.air is not None or one.run.destination.temperature_c is not None for one in usable)
-    width_k = AMBIENT_WIDTH_K if recorded else UNKNOWN_AMBIENT_WIDTH_K
-    ambient, ambients = group_ambients(conditions.destination_c, width_k)
-    interpolation = between_ambients(conditions.destination_c, ambient, ambients)
-    if quantity.pooled:
-        ambient, ambients = np.zeros(len(usable), dtype=int), np.array([float(np.mean(conditions.destination_c))])
-        interpolation = np.ones((len(usable), 1))
+        die_samples = tuple(dies) if driven else smooth_dies(times, dies, tempo)
+        die = np.where(count > 0, bin_means(times, list(die_samples), bin_of)[1], np.nan)
+        wet = past_dew_s(conditions, times, die_samples)
+    ambient, ambients, interpolation = _ambients(usable, conditions, quantity)
     sensor = campaign.sensors.get(quantity.sensor, {})
     return Channel(
         quantity=quantity,
@@ -479,6 +473,20 @@ def build_channel(campaign: Campaign, name: ChannelName) -> Channel | None:
         left_out=tuple(left_out),
         common=campaign.common,
     )
+
+
+def _ambients(
+    usable: Sequence[UsableRun], conditions: Conditions, quantity: Quantity
+) -> tuple[NDArray[np.int64], Array, Array]:
+    """Which ambient each run is of (R,), the ambients [degC] (G,), and each run's place between them (R, G)."""
+    if quantity.pooled:
+        mean_c = np.array([float(np.mean(conditions.destination_c))])
+        return np.zeros(len(usable), dtype=int), mean_c, np.ones((len(usable), 1))
+    recorded = all(one.air is not None or one.run.destination.temperature_c is not None for one in usable)
+    ambient, ambients = group_ambients(
+        conditions.destination_c, AMBIENT_WIDTH_K if recorded else UNKNOWN_AMBIENT_WIDTH_K
+    )
+    return ambient, ambients, between_ambients(conditions.destination_c, ambient, ambients)
 
 
 def _followed(time: Array, value: Array, air: MeasuredAir | None, quantity: Quantity) -> Followed:

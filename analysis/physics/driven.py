@@ -74,9 +74,13 @@ def respond(
     at = np.asarray(at_s, dtype=float)
     if samples > 1:
         spread = (at[..., None] - period_s * np.arange(samples)).reshape(*at.shape[:-1], -1)
-        found = respond(modes, time, value, spread, settled_to=settled_to)
+        found = _respond(modes, time, value, spread, settled_to)
         return found.reshape(*found.shape[:-1], at.shape[-1], samples).mean(axis=-1)
+    return _respond(modes, time, value, at, settled_to)
 
+
+def _respond(modes: Modes, time: Array, value: Array, at: Array, settled_to: ArrayLike | None) -> Array:
+    """As `respond`, of single readings and arrays that were looked at."""
     start = np.asarray(value[..., 0] if settled_to is None else settled_to, dtype=float)[..., None]
     lead = np.broadcast_shapes(*(x.shape[:-1] for x in (modes.amplitude, modes.rate, value, at, start)))
     amplitude, rate, values, start = (_rows(x, lead) for x in (modes.amplitude, modes.rate, value, start))

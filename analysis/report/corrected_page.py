@@ -115,6 +115,20 @@ def write_corrected_page(
 ) -> Path:
     """Write the page of a corrected flight; `name` is the log's, `notes` are what the correction had to say."""
     rows, found = flight.whole()
+    report = HtmlPage(
+        title=f"Flight {name}, corrected",
+        verdict=_verdict(rows, found, flight.rows),
+        key_numbers=_key_numbers(rows, found, flight),
+        sections=[*_drawn_sections(flight), _flags(flight), _assumed(profile, notes)],
+        provenance=provenance,
+        tone="good" if flight.flags["not_corrected"] < flight.rows else "warning",
+    )
+    return report.write(path)
+
+
+def _drawn_sections(flight: FlightGathered) -> list[Section]:
+    """Profiles where the log has an altitude, time series, spectra where there are some."""
+    rows, found = flight.whole()
     sections = []
     if has_altitude(rows):
         blocks: list[Block] = [
@@ -148,10 +162,18 @@ def write_corrected_page(
             "lets it be seen. Turbulence falls with the power −5/3."
         )
         sections.append(Section("Spectra", [Figure(drawing, caption, "Power spectra as read and corrected")]))
+    return sections
+
+
+def _flags(flight: FlightGathered) -> Section:
     flagged: list[list[Cell]] = [[flag, count, f"{100 * count / max(flight.rows, 1):.2g} %", MEANING[flag]]
                for flag, count in flight.flags.items() if count]  # fmt: skip
     table = Table(("flag", "rows", "share", "what it means, and the value that is given"), flagged)
-    sections.append(Section("Flags", [table if flagged else Text("None: every row is corrected.")]))
+    return Section("Flags", [table if flagged else Text("None: every row is corrected.")])
+
+
+def _assumed(profile: Profile, notes: tuple[str, ...]) -> Section:
+    """What the profile states, and what the correction had to say."""
     known: list[list[Cell]] = [[what, value] for what, value in headlines(profile)]
     known += [
         [f"effects, {channel}", ", ".join(effect.effect.replace("_", " ") for effect in part.effects)]
@@ -160,16 +182,7 @@ def write_corrected_page(
     ]
     said: list[Block] = [Table(("of the sensors", "as the profile states it"), known)]
     said += [Text(note[:1].upper() + note[1:].rstrip(".") + ".") for note in notes]
-    sections.append(Section("What was assumed and found", said))
-    report = HtmlPage(
-        title=f"Flight {name}, corrected",
-        verdict=_verdict(rows, found, flight.rows),
-        key_numbers=_key_numbers(rows, found, flight),
-        sections=sections,
-        provenance=provenance,
-        tone="good" if flight.flags["not_corrected"] < flight.rows else "warning",
-    )
-    return report.write(path)
+    return Section("What was assumed and found", said)
 
 
 def _verdict(rows: Flight, found: Corrected, count: int) -> str:

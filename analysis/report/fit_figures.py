@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.channel import log_bins
 from shockrig.analysis.report.panels import log_time, panels, strokes
@@ -20,6 +21,7 @@ from shockrig.files.numbers import plain, power_of_ten
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+BETWEEN_RUNS, WIDEST_RUNS = 0.012, 4  # of the axis, between runs of one condition; of so many at most
 ONE_VALUE = 0.02  # relative, within which a condition was the same in all runs
 
 
@@ -97,6 +99,16 @@ class RunParameter:
     amplitude: float
 
 
+def _side_by_side(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Places of runs on an axis: those of one condition beside one another, not over one another."""
+    known, moved = x[np.isfinite(x)], x.copy()
+    width = BETWEEN_RUNS * (np.ptp(known) if known.size and np.ptp(known) > 0 else 1.0)
+    for place in set(known.tolist()):
+        alike = np.flatnonzero(x == place)
+        moved[alike] += np.linspace(-1, 1, max(2, alike.size))[: alike.size] * width * min(WIDEST_RUNS, alike.size)
+    return moved
+
+
 @styled
 def parameter_by_condition(
     runs: Sequence[RunParameter],
@@ -132,17 +144,8 @@ def parameter_by_condition(
             middle, spread = joint[0] / scale, 2 * joint[1] / scale
             axes.axhspan(middle - spread, middle + spread, color=LIGHT, linewidth=0)
             axes.axhline(middle, color=GREEN, linewidth=1.2)
-        x = np.array([place(r) for r in runs], dtype=float)
-        known = x[np.isfinite(x)]
-        # runs of one condition lie side by side
-        width = 0.012 * (np.ptp(known) if known.size and np.ptp(known) > 0 else 1.0)
-        offset = {
-            v: np.linspace(-1, 1, max(2, int(np.sum(x == v)))) * width * min(4, np.sum(x == v)) for v in set(known)
-        }
-        seen: dict[float, int] = {}
-        for i, position in enumerate(x.tolist()):
-            turn = seen[position] = seen.get(position, -1) + 1
-            x[i] += offset[position][turn] if np.isfinite(position) else 0.0
+        at = np.array([place(r) for r in runs], dtype=float)
+        known, x = at[np.isfinite(at)], _side_by_side(at)
         for side, colour, marker in ((up, RED, "^"), (~up, BLUE, "v")):
             there = side & np.isfinite(x)
             axes.errorbar(
