@@ -249,13 +249,7 @@ def read_layout(path: Path, chosen: Mapping[str, str] | None = None) -> FlightCo
         No header, no time, neither temperature nor humidity, a chosen column that is not there.
     """
     chosen = dict(chosen or {})
-    try:
-        with open_text(path, REMEDY, errors="replace") as stream:
-            header = next(csv.reader(without_nul(stream)), None)
-    except csv.Error as error:
-        raise InputError(f"{shown(path)}, line 1: {error}; give a CSV file") from error
-    if not header:
-        raise InputError(f"{shown(path)}: the file is empty; give a CSV file with a header line")
+    header = _header(path)
     if header[0].strip().upper() == "XQ" and len(header) == len(XQ2_FIELDS):
         place = {
             "time": 6,
@@ -279,32 +273,8 @@ def read_layout(path: Path, chosen: Mapping[str, str] | None = None) -> FlightCo
         raise InputError(
             f"{shown(path)}, line 1: column {taken[0]!r} is there already; give the log as it was before correction"
         )
-    place = {}
     log = known_log(header)
-    for quantity, names in NAMES.items():
-        if quantity in chosen:
-            if chosen[quantity] not in header:
-                missing = f"no column {chosen[quantity]!r} for {quantity}"
-                raise InputError(f"{shown(path)}, line 1: {missing}; name one of its own ({_listed(header)})")
-            place[quantity] = header.index(chosen[quantity])
-            continue
-        if log is not None:
-            if log.columns.get(quantity) in header:
-                place[quantity] = header.index(log.columns[quantity])
-            continue
-        # "T" is a temperature; "t" is one where another column is the time
-        other = {"time": "T", "temperature": header[place["time"]] if "time" in place else "t"}.get(quantity)
-        squeezed = ["" if name == other else _plain(name) for name in header]
-        found = next((squeezed.index(name) for name in names if name in squeezed), None)
-        if found is not None:
-            place[quantity] = found
-    if "time" not in place:
-        raise LayoutError(f"{shown(path)}, line 1: no column of time recognised ({_listed(header)}); {_remedy(path)}")
-    if "temperature" not in place and "humidity" not in place:
-        raise LayoutError(
-            f"{shown(path)}, line 1: neither temperature nor humidity recognised ({_listed(header)}); "
-            "name them with --column temperature=NAME --column humidity=NAME"
-        )
+    place = _places(path, header, chosen, log)
     if log is not None:
         begins_s, dated = _first_row(path, place["time"])
         return FlightColumns(
@@ -332,6 +302,49 @@ def read_layout(path: Path, chosen: Mapping[str, str] | None = None) -> FlightCo
         whose = "the sensor's own" if place["time"] == own.get("time") else "the application's"
         said = f"read as a log of InterMet's application: the clock is {whose}, {header[place['time']]!r}"
     return FlightColumns(tuple(header), place, str(path), date, zero_is_missing=intermet, said=said)
+
+
+def _header(path: Path) -> list[str]:
+    """The first row of a log; InputError where there is none."""
+    try:
+        with open_text(path, REMEDY, errors="replace") as stream:
+            header = next(csv.reader(without_nul(stream)), None)
+    except csv.Error as error:
+        raise InputError(f"{shown(path)}, line 1: {error}; give a CSV file") from error
+    if not header:
+        raise InputError(f"{shown(path)}: the file is empty; give a CSV file with a header line")
+    return header
+
+
+def _places(path: Path, header: list[str], chosen: Mapping[str, str], log: KnownLog | None) -> dict[str, int]:
+    """Which column holds which quantity: as chosen, as a known logger has it, else by name; InputError where a chosen
+    one, the time, or both temperature and humidity are not there."""
+    place: dict[str, int] = {}
+    for quantity, names in NAMES.items():
+        if quantity in chosen:
+            if chosen[quantity] not in header:
+                missing = f"no column {chosen[quantity]!r} for {quantity}"
+                raise InputError(f"{shown(path)}, line 1: {missing}; name one of its own ({_listed(header)})")
+            place[quantity] = header.index(chosen[quantity])
+            continue
+        if log is not None:
+            if log.columns.get(quantity) in header:
+                place[quantity] = header.index(log.columns[quantity])
+            continue
+        # "T" is a temperature; "t" is one where another column is the time
+        other = {"time": "T", "temperature": header[place["time"]] if "time" in place else "t"}.get(quantity)
+        squeezed = ["" if name == other else _plain(name) for name in header]
+        found = next((squeezed.index(name) for name in names if name in squeezed), None)
+        if found is not None:
+            place[quantity] = found
+    if "time" not in place:
+        raise LayoutError(f"{shown(path)}, line 1: no column of time recognised ({_listed(header)}); {_remedy(path)}")
+    if "temperature" not in place and "humidity" not in place:
+        raise LayoutError(
+            f"{shown(path)}, line 1: neither temperature nor humidity recognised ({_listed(header)}); "
+            "name them with --column temperature=NAME --column humidity=NAME"
+        )
+    return place
 
 
 def _first_row(path: Path, time_place: int) -> tuple[float | None, str]:

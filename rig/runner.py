@@ -117,16 +117,12 @@ def record_campaign(
             while True:
                 left_out = None
                 for run in missing:
-                    number = protocol.continues + protocol.runs.index(run) + 1
-                    watcher.run_began(run, number, protocol.continues + len(protocol.runs), bench.clock.now())
-                    try:
-                        runner.record(run)
-                    except RunSkipped as decision:
-                        left_out = run.id
-                        after = "running the same command again records it" if more is None else "another is chosen"
-                        watcher.say(f"run {run.id} is {decision}; {after}")
-                    else:
+                    if runner.recorded(
+                        run, "running the same command again records it" if more is None else "another is chosen"
+                    ):
                         recorded.append(run.id)
+                    else:
+                        left_out = run.id
                 further = None if more is None else more(left_out, bench.clock.now())
                 if further is None:
                     break
@@ -191,6 +187,18 @@ class _Runner:
             self.bench.make_safe()
         except OSError as error:
             self.watcher.say(f"THE BENCH MAY NOT BE SAFE: the stage could not be stopped ({error})")
+
+    def recorded(self, run: PlannedRun, after: str) -> bool:
+        """Record one run of the protocol; False where the operator wants it left out (`after`: what comes of that)."""
+        protocol = self.protocol
+        number = protocol.continues + protocol.runs.index(run) + 1
+        self.watcher.run_began(run, number, protocol.continues + len(protocol.runs), self.bench.clock.now())
+        try:
+            self.record(run)
+        except RunSkipped as decision:
+            self.watcher.say(f"run {run.id} is {decision}; {after}")
+            return False
+        return True
 
     def record(self, run: PlannedRun) -> None:
         """Record one run, repeating it while faults spoil it."""

@@ -273,6 +273,21 @@ def _as_imet(heard: bytes, kind: str) -> tuple[str, list[tuple[str, dict[str, fl
     return kind, good
 
 
+def _grbl_lines(stage: FoundGrbl) -> list[str]:
+    pressed = (
+        " # pressed now" if stage.pins else ' # SET: "X" where there is a switch at each end (none is pressed now)'
+    )
+    return [
+        'kind = "grbl"',
+        f"port = {_quoted(stage.port)}",
+        "source_mm = 0.0 # SET: machine positions of the two ends; this is a short, slow move until you have",
+        "destination_mm = -10.0 # SET",
+        "feed_mm_min = 600.0 # SET",
+        f'limit_pin = "{stage.pins[:1]}"{pressed}',
+        "home = true # SET: false where the machine has no homing switches",
+    ]
+
+
 def bench_toml(found: Iterable[Found], name: str = "found by scan") -> str:
     """A bench file to start from; what cannot be known is marked SET.
 
@@ -317,25 +332,7 @@ def bench_toml(found: Iterable[Found], name: str = "found by scan") -> str:
         lines += ["", f"[sensors.{sensor_name('hyt', str(number))}]"]
         lines += ['kind = "imet-humidity" # the hygrometer that the iMet reads itself', f"through = {_quoted(unit)}"]
         lines += [f"line = {_quoted(line)} # the second one"] if line else []
-    lines += ["", "[stage]"]
-    if stages:
-        lines += [
-            'kind = "grbl"',
-            f"port = {_quoted(stages[0].port)}",
-            "source_mm = 0.0 # SET: machine positions of the two ends; this is a short, slow move until you have",
-            "destination_mm = -10.0 # SET",
-            "feed_mm_min = 600.0 # SET",
-            f'limit_pin = "{stages[0].pins[:1]}"'
-            + (
-                " # pressed now"
-                if stages[0].pins
-                else ' # SET: "X" where there is a switch at each end (none is pressed now)'
-            ),
-            "home = true # SET: false where the machine has no homing switches",
-        ]
-    else:
-        lines += ['kind = "manual"']
-    lines += ["", "[reference]"]
+    lines += ["", "[stage]", *(_grbl_lines(stages[0]) if stages else ['kind = "manual"']), "", "[reference]"]
     if reference:
         lines += [*_hyt_lines(reference[0]), 'air = "probes" # SET: or "source", "destination"']
     else:

@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from shockrig.analysis.flight.comparisons import Layers
+    from shockrig.analysis.flight.stream import Summary
     from shockrig.analysis.report.corrected_page import FlightGathered
 
 QUANTITIES = (
@@ -112,25 +114,10 @@ def chosen_columns(choices: list[str]) -> dict[str, str]:
     return columns
 
 
-def main(args: argparse.Namespace) -> int:
-    """Correct the flight and print what was done."""
-    from shockrig.analysis.flight.comparisons import PARTED, Layers
-    from shockrig.analysis.flight.doubts import profile_doubts
-    from shockrig.analysis.flight.stream import correct_file
-    from shockrig.analysis.report.corrected_page import FlightGathered, write_corrected_page
-    from shockrig.files.disk import real_path
+def _demand_options(args: argparse.Namespace) -> None:
+    """InputError where options do not go together, or have a value that cannot be."""
     from shockrig.files.errors import InputError
-    from shockrig.files.fleet import read_fleet
-    from shockrig.files.flight_figure import changes_of
-    from shockrig.files.numbers import plain
-    from shockrig.files.profile import read_profile
-    from shockrig.protocols.flight_clock import clocked_csv
-    from shockrig.protocols.flight_logs import to_csv
-    from shockrig.protocols.folder import software_version
-    from shockrig.protocols.time_left import CountedRows
-    from shockrig.protocols.wmo import demand_position, of_argument
 
-    columns = chosen_columns(args.column)
     if args.out.suffix.lower() not in FORMS and args.wmo is None:
         raise InputError(f"--out {args.out}: the flight is written as .csv or .nc, a figure of it as .png; name it so")
     if args.no_report and args.report is not None:
@@ -141,6 +128,46 @@ def main(args: argparse.Namespace) -> int:
             raise InputError(f"--{option.replace('_', '-')} {value:g}: expected a positive number")
     if args.lag_s is not None and args.method != "causal":
         raise InputError(f"--lag-s {args.lag_s:g}: only --method causal waits; the smoother has the whole flight")
+
+
+def _said(args: argparse.Namespace, written: Path, done: Summary, drawn: FlightGathered, layers: Layers | None) -> None:
+    """Print what became of each sensor, the layers' file, the flags."""
+    from shockrig.files.flight_figure import changes_of
+    from shockrig.files.numbers import plain
+
+    print(f"{written}: {done.rows} rows, method {args.method}")
+    changed = {one.name: one for one in changes_of(*drawn.whole())}
+    for name in ("temperature", "humidity"):
+        if (one := changed.get(name)) is not None:
+            sigma = f"standard uncertainty {plain(one.standard_uncertainty, 2)} {one.unit}"
+            print(f"  {name}: changed by {plain(one.rms, 2)} {one.unit} rms; {sigma}")
+        else:
+            print(f"  {name}: not corrected")
+    if layers is not None:
+        path = written.with_name(f"{written.stem}_layers.csv")
+        print(f"  {path}: {layers.write(path)} layers of {args.layers:g} m")
+    flagged = ", ".join(f"{name} {count}" for name, count in done.flags.items() if count)
+    print(f"  flags: {flagged or 'none'}", flush=True)
+
+
+def main(args: argparse.Namespace) -> int:
+    """Correct the flight and print what was done."""
+    from shockrig.analysis.flight.comparisons import PARTED, Layers
+    from shockrig.analysis.flight.doubts import profile_doubts
+    from shockrig.analysis.flight.stream import correct_file
+    from shockrig.analysis.report.corrected_page import FlightGathered, write_corrected_page
+    from shockrig.files.disk import real_path
+    from shockrig.files.errors import InputError
+    from shockrig.files.fleet import read_fleet
+    from shockrig.files.profile import read_profile
+    from shockrig.protocols.flight_clock import clocked_csv
+    from shockrig.protocols.flight_logs import to_csv
+    from shockrig.protocols.folder import software_version
+    from shockrig.protocols.time_left import CountedRows
+    from shockrig.protocols.wmo import demand_position, of_argument
+
+    columns = chosen_columns(args.column)
+    _demand_options(args)
     profile = read_fleet(args.fleet).typical() if args.profile is None else read_profile(args.profile)
     known: Path = args.fleet or args.profile
     option = "--profile" if args.fleet is None else "--fleet"
@@ -210,19 +237,7 @@ def main(args: argparse.Namespace) -> int:
             }
             | ({"data": str(profile.provenance["data"])} if "data" in profile.provenance else {}),
         )
-    print(f"{written}: {done.rows} rows, method {args.method}")
-    changed = {one.name: one for one in changes_of(*drawn.whole())}
-    for name in ("temperature", "humidity"):
-        if (one := changed.get(name)) is not None:
-            sigma = f"standard uncertainty {plain(one.standard_uncertainty, 2)} {one.unit}"
-            print(f"  {name}: changed by {plain(one.rms, 2)} {one.unit} rms; {sigma}")
-        else:
-            print(f"  {name}: not corrected")
-    if layers is not None:
-        path = written.with_name(f"{written.stem}_layers.csv")
-        print(f"  {path}: {layers.write(path)} layers of {args.layers:g} m")
-    flagged = ", ".join(f"{name} {count}" for name, count in done.flags.items() if count)
-    print(f"  flags: {flagged or 'none'}", flush=True)
+    _said(args, written, done, drawn, layers)
     if page is not None:
         print(f"report: {page}")
     if "data" in profile.provenance:

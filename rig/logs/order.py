@@ -44,6 +44,22 @@ class Even:
     unit_s: float
 
 
+def _pieces(sessions: Sequence[Array]) -> tuple[list[slice], list[float]]:
+    """Rows without a gap between them, and how long the gaps are [s]; of sessions one after the other."""
+    pieces: list[slice] = []
+    begin = 0
+    holes: list[float] = []
+    for moments in sessions:
+        steps = np.diff(moments)
+        period = float(np.median(steps)) if steps.size else 1.0
+        cuts = np.flatnonzero(steps > GAP_PERIODS * period) + 1
+        holes += list(steps[cuts - 1])
+        edges = [0, *map(int, cuts), moments.size]
+        pieces += [slice(begin + a, begin + b) for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a]
+        begin += moments.size
+    return pieces, holes
+
+
 def in_order(time_s: Array, values: Mapping[str, Array], lines: Sequence[int] | NDArray[Any], stamps: str) -> Ordered:
     """Sort, drop, spread and divide; arguments as `over_time` has them, arrays of shape (n,).
 
@@ -94,17 +110,7 @@ def in_order(time_s: Array, values: Mapping[str, Array], lines: Sequence[int] | 
             f"{sum(one.rows for one in even)} rows bear stamps in steps of {longest.unit_s:.4g} s and come every "
             f'{longest.period_s:.4g} s: times are taken evenly (repeated_stamps = "first" keeps the stamps)'
         )
-    pieces: list[slice] = []
-    begin = 0
-    holes: list[float] = []
-    for moments in spread:
-        steps = np.diff(moments)
-        period = float(np.median(steps)) if steps.size else 1.0
-        cuts = np.flatnonzero(steps > GAP_PERIODS * period) + 1
-        holes += list(steps[cuts - 1])
-        edges = [0, *map(int, cuts), moments.size]
-        pieces += [slice(begin + a, begin + b) for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a]
-        begin += moments.size
+    pieces, holes = _pieces(spread)
     if len(sessions) > 1:
         times = "once" if len(sessions) == 2 else f"{len(sessions) - 1} times"
         first = int(number[sessions[1][0]])
