@@ -1,7 +1,8 @@
 """Characterization of a pair of sensors from one campaign: alpha of the bead, D(T) of the film, noise, response times.
 
-Per channel: differential evolution on the RMSE of Eq. (17) for each ambient (doi 10.5194/amt-15-2607-2022), a
-cross-check, then generalised least squares, which counts the noise's autocorrelation and each run's own random effects.
+Per channel: two searches for the rate with the least RMSE of Eq. (17) for each ambient (doi
+10.5194/amt-15-2607-2022), then generalised least squares from the better one, which counts the noise's autocorrelation
+and each run's own random effects.
 """
 
 from __future__ import annotations

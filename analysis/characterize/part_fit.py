@@ -1,4 +1,4 @@
-"""Runs fitted together: differential evolution for each ambient, a cross-check, then one joint fit, and its rows.
+"""Runs fitted together: two searches for each ambient's rate, then one joint fit from the better one, and its rows.
 
 `characterize --extend DIAGNOSIS.json` fits a model with a diagnosis's causes in it (`Extension`), not the plain one.
 """
@@ -24,7 +24,7 @@ from shockrig.analysis.estimate.model import PLAIN, Held, Model, Point, Structur
 from shockrig.analysis.estimate.noise import Noise, whiteners
 from shockrig.analysis.estimate.problem import UNVENTILATED_LIMIT, Problem, make_problem
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, RunEffect
-from shockrig.analysis.estimate.scan import RATE_BOUNDS_PER_S, Misfit, Optimum, cross_check, evolve, rough_point
+from shockrig.analysis.estimate.scan import RATE_BOUNDS_PER_S, Misfit, Optimum, better, descend, evolve, rough_point
 from shockrig.files.causes import StatedEffect
 from shockrig.files.diagnosis import read_diagnosis
 from shockrig.files.diagnosis_data import Discovered
@@ -165,14 +165,14 @@ def fit_part(
             misfit = Misfit(channel.select(channel.ambient == g), extension.structure, dict(extension.starts or {}))
             where = "" if channel.quantity.pooled else f" at {round(ambient_c)} degC"
             say(f"{channel.name}: differential evolution over {counted(misfit.channel.runs, 'run')}{where}")
-            optima.append((evolve(misfit, np.random.default_rng([seed, g])), cross_check(misfit)))
-            late_s[channel.ambient == g] = misfit.late_s(optima[-1][0].log_rate)
+            optima.append((evolve(misfit, np.random.default_rng([seed, g])), descend(misfit)))
+            late_s[channel.ambient == g] = misfit.late_s(better(optima[-1]).log_rate)
         searched[basis] = optima, late_s
-    basis = min(searched, key=lambda name: sum(first.rmse**2 for first, _ in searched[name][0]))
+    basis = min(searched, key=lambda name: sum(better(both).rmse ** 2 for both in searched[name][0]))
     extension, (optima, late_s) = models[basis], searched[basis]
     say(f"{channel.name}: generalised least squares over {counted(channel.runs, 'run')}")
     problem = make_problem(channel, whiteners(channel, noise), rounding=rounding)
-    log_rates = np.array([first.log_rate for first, _ in optima])
+    log_rates = np.array([better(both).log_rate for both in optima])
     start = Model(channel, extension.structure).start(log_rates, dict(extension.starts or {}))
     deviations = channel.at_rest()
     deviations[:, RunEffect.START] = late_s

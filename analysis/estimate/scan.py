@@ -1,9 +1,10 @@
 """What a fit begins from: the ambients' rates by a rough scan and by a global search, and starts that nobody recorded.
 
-The global search is differential evolution on the RMSE of Eq. (17), with another optimiser as cross-check: RMSE =
-sqrt(mean over samples of (reading - model)^2) (Segales et al. 2022, doi 10.5194/amt-15-2607-2022). A generation of
-candidates is one array operation over all runs of an ambient; start times and airs are taken as recorded, and where
-nobody triggered, each run takes the start that suits the candidate best.
+Two searches look for the rate with the least RMSE of Eq. (17): one everywhere (differential evolution), one downhill
+from where the readings say that it is (SBPLX). The fit begins from whichever left less. RMSE = sqrt(mean over samples
+of (reading - model)^2) (Segales et al. 2022, doi 10.5194/amt-15-2607-2022). A generation of candidates is one array
+operation over all runs of an ambient; start times and airs are taken as recorded, and where nobody triggered, each run
+takes the start that suits the candidate best.
 """
 
 from __future__ import annotations
@@ -198,8 +199,17 @@ def evolve(misfit: Misfit, rng: np.random.Generator) -> Optimum:
     return Optimum(float(result.x[0]), float(result.fun), POPULATION * (int(result.nit) + 1))
 
 
-def cross_check(misfit: Misfit) -> Optimum:
-    """Best rate by nlopt's SBPLX, started from when the readings are half-way: it shares nothing with `evolve`."""
+def better(both: tuple[Optimum, Optimum]) -> Optimum:
+    """Which of two searches left less: a fit begins from it, so that one of them may end far from the best rate."""
+    return min(both, key=lambda one: one.rmse)
+
+
+def descend(misfit: Misfit) -> Optimum:
+    """Best rate by nlopt's SBPLX (Rowan 1990), downhill from where the readings are half-way.
+
+    It shares nothing with `evolve`, which looks everywhere and ends within its tolerance of the best rate: this one
+    ends at the bottom of the valley in which the readings say that the rate is.
+    """
     import nlopt  # type: ignore[import-untyped]
 
     low, high = np.log(RATE_BOUNDS_PER_S)

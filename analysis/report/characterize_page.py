@@ -177,8 +177,8 @@ def write_characterization(
 
 _METHOD = (
     "Differential evolution searches each ambient for the rate with the smallest RMSE (Eq. 17 of Segales et al. 2022), "
-    "with start times and airs as recorded; nlopt's SBPLX, started from the time to half-way, is the cross-check. "
-    "From there all ambients are fitted together by generalised least squares: the noise's autocorrelation is counted, "
+    "with start times and airs as recorded; nlopt's SBPLX descends to it from the time to half-way. From whichever "
+    "left less all ambients are fitted together by generalised least squares: the noise's autocorrelation is counted, "
     "and each run has a start time, a rate and two airs of its own that deviate as much as is known of them. "
     "Uncertainties are one standard uncertainty; where residuals or deviations are larger than they should be, they "
     "are enlarged by as much."
@@ -263,7 +263,7 @@ def _search_table(found: ChannelResult) -> Table:
         for row in found.rows
         if row.evolution is not None and row.check is not None
     ]
-    columns = ("ambient", "evolution", "RMSE", "candidates", "cross-check", "evaluations", "least squares, m²/s")
+    columns = ("ambient", "evolution", "RMSE", "candidates", "SBPLX", "evaluations", "least squares, m²/s")
     differ = found.disagreement
     return Table(columns, rows, "" if differ is None else f"The two optimisers differ by {100 * differ:.2g} % at most.")
 

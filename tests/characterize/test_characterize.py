@@ -11,11 +11,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from shockrig.analysis.characterize import part_fit
 from shockrig.analysis.characterize.characterize import characterize
 from shockrig.analysis.characterize.part_fit import extension_of, read_extension
 from shockrig.analysis.estimate.channel import LeftOut
 from shockrig.analysis.estimate.gather import why_none
 from shockrig.analysis.estimate.model import Held
+from shockrig.analysis.estimate.scan import RATE_BOUNDS_PER_S, Optimum
 from shockrig.analysis.physics.modes import response_times, sphere_core, sphere_core_biot
 from shockrig.files.campaign import read_campaign
 from shockrig.files.errors import InputError
@@ -77,6 +79,28 @@ def test_the_folder_holds_profile_table_plots_and_a_page_that_needs_nothing_else
     assert {entry["reason"] for entry in left_out} and all(entry["run"] in page for entry in left_out)
     used = document["provenance"]["runs_used"]["temperature"]
     assert len(used) + sum(e["channel"] == "temperature" for e in left_out) == 33
+
+
+def test_either_search_may_end_far_off_and_not_both(monkeypatch):
+    """The fit begins from whichever left less: one that ends at the edge of the rates costs nothing."""
+
+    def astray(misfit, *_):
+        edge = float(np.log(RATE_BOUNDS_PER_S[0]))
+        return Optimum(edge, float(misfit(np.array([edge]))[0]), 1)
+
+    def alpha():
+        return characterize(campaign, 3, channels=["temperature"]).temperature.rows[0].diffusivity_m2_s
+
+    campaign = read_campaign(EXAMPLES / "plain-rough")
+    stated = alpha()
+    for search in ("evolve", "descend"):
+        with monkeypatch.context() as patch:
+            patch.setattr(part_fit, search, astray)
+            assert alpha() == pytest.approx(stated, rel=1e-6)
+    monkeypatch.setattr(part_fit, "evolve", astray)
+    monkeypatch.setattr(part_fit, "descend", astray)
+    with pytest.raises(InputError, match="no sensor can be characterized"):
+        alpha()
 
 
 def test_it_prints_alpha_the_table_and_where_the_report_is(command):

@@ -10,7 +10,7 @@ from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import PLAIN, Model, Point
 from shockrig.analysis.estimate.noise import estimate_noise, whiteners
 from shockrig.analysis.estimate.problem import Problem, make_problem
-from shockrig.analysis.estimate.scan import Misfit, cross_check, evolve, half_way
+from shockrig.analysis.estimate.scan import Misfit, descend, evolve, half_way
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.plans import standard_plan
@@ -86,16 +86,16 @@ def test_runs_that_scatter_more_widen_the_uncertainty(channel, whitener):
     assert np.sqrt(np.diag(rough.covariance))[2] > 1.5 * np.sqrt(np.diag(calm.covariance))[2]
 
 
-def test_evolution_and_its_cross_check_end_at_the_same_minimum(channel):
+def test_evolution_and_descent_end_at_the_same_minimum(channel):
     """And it is the minimum of the RMSE: a fine scan finds nothing lower."""
     c = channel.conditions
     sub = channel.select((channel.ambient == 2) & (np.abs(c.destination_c - c.source_c) < 1.0))
     misfit = Misfit(sub)
     first = evolve(misfit, np.random.default_rng(0))
-    second = cross_check(misfit)
+    second = descend(misfit)
     assert first.log_rate == pytest.approx(second.log_rate, abs=3e-3)
     scan = np.linspace(np.log(2e-4), np.log(30.0), 600)
-    assert first.rmse <= misfit(scan).min() + 1e-9
+    assert first.rmse <= misfit(scan).min() + 1e-9 and second.rmse <= misfit(scan).min() + 1e-9
     assert first == evolve(misfit, np.random.default_rng(0))
     assert half_way(sub) == pytest.approx(first.log_rate, abs=0.15)
 
