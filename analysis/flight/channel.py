@@ -362,8 +362,9 @@ def held(
         )
         value = np.where(moved, value, channel.value)
         channel = replace(channel, value=value, uncertainty=np.hypot(channel.uncertainty, away))
-    # how far beyond a ceiling the air is counts as uncertainty, and is what is asked for
-    unsure = np.hypot(np.where(capped, sigma, channel.uncertainty), left_open)
+    # beyond a ceiling the air may be anywhere from there to where the readings around would have it
+    anywhere = np.where(capped, np.abs(value - raw) / np.sqrt(3.0), 0.0)
+    unsure = np.hypot(np.hypot(np.where(capped, sigma, channel.uncertainty), anywhere), left_open)
     return _nearer(channel, readings, unit, unsure)
 
 
