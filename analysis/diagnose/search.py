@@ -43,7 +43,7 @@ SMALLEST_DISCREPANCY = 1e-6  # discrepancy that is none
 FAR_DISCREPANCY = 0.005  # discrepancy, as a share of the step, from which the runs' deviations mean little
 WITHIN_REACH = 3.0  # nats that a candidate's promise to first order may lack and that its fit may bring
 MOST_MODELS = 80  # of the pool that are weighed: the best
-MOST_FITS = 450
+MOST_FITS = 600
 
 
 @dataclass(frozen=True)
@@ -65,9 +65,9 @@ class Rated:
         return frozenset(law_of(id_) for id_ in self.fit.structure.ids)
 
     @property
-    def claims(self) -> int:
-        """How many effects it has, and conditions that their strengths depend on."""
-        return sum(1 + len(_more_of(form_of(id_)) if is_described(id_) else ()) for id_ in self.ids)
+    def dependences(self) -> int:
+        """How many conditions the strengths of its forms depend on, more time constants than one among them."""
+        return sum(len(_more_of(form_of(id_))) for id_ in self.ids if is_described(id_))
 
     def holds(self, effect: str) -> bool:
         """Whether it has an effect, or a form that is its law with a strength that depends on something more."""
@@ -524,10 +524,13 @@ def _weighed(race: Race, plain: Rated) -> Search:
     order = sorted(range(len(best)), key=lambda i: (-weight[i], -best[i].value))
     pool = tuple(best[i] for i in order)
     found = Search(plain, pool[0], pool, weight[order], race.fits)
-    # As much is stated as is there with that probability, whatever it is: look-alikes that share the weight of one are
-    # one effect, tied; weight that is shared for a second one, or for one more dependence, is no evidence for any.
-    sizes = np.array([one.claims for one in pool])
-    least = max(
-        int(k) for k in np.unique(sizes) if found.weights[sizes >= k].sum() >= level("named") or k == sizes.min()
-    )
-    return replace(found, best=next((one for one in pool if one.claims == least), plain))
+    # As many effects are stated as are there with that probability, whichever they are: look-alikes that share the
+    # weight of one are one effect, tied; weight that is shared for a second one is no evidence for any. Among models
+    # with so many, the same holds for what they depend on.
+    left = list(range(len(pool)))
+    for sizes_of in ([len(one.ids) for one in pool], [one.dependences for one in pool]):
+        sizes, own = np.array(sizes_of)[left], found.weights[left]
+        enough = level("named") * own.sum()
+        most = max(k for k in np.unique(sizes) if own[sizes >= k].sum() >= enough or k == sizes.min())
+        left = [i for i, size in zip(left, sizes, strict=True) if size == most]
+    return replace(found, best=pool[left[0]])
