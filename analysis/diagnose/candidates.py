@@ -13,10 +13,10 @@ from math import log
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.diagnose.grammar import forms, kin, starts_of
+from shockrig.analysis.diagnose.grammar import forms, kin, starts_of, varied
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.effects.behaviours import SCALES, SPREAD, Form, form_of, is_step, laws_of
+from shockrig.analysis.effects.behaviours import SCALES, SPREAD, Form, form_of, in_group, is_step, laws_of
 from shockrig.analysis.effects.described import described, is_described
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import Effect
@@ -38,7 +38,8 @@ def log_prior(effect: Effect, channel: Channel, looks: int) -> float:
         return -against - 0.5 * effect.rarity(channel)
     on = form_of(effect.id).depends_on
     against += level("form") + level("factor") * sum(how in SCALES or (factor, how) == SPREAD for factor, how in on)
-    # One form for each run that a change may begin at.
+    # One form for each run that a change may begin at, and two for each that may part a group from the others.
+    against += log(2.0 * channel.runs) * sum(in_group(how, channel.conditions.order) is not None for _, how in on)
     return -against - log(channel.runs) * sum(is_step(how) for _, how in on)
 
 
@@ -91,6 +92,20 @@ def candidates(channel: Channel) -> tuple[Candidate, ...]:
 def kin_of(form: Form, channel: Channel) -> tuple[Candidate, ...]:
     """Forms that differ from one by a single condition, or in the spread of time constants, and are no listed law."""
     return _of_forms(kin(form, channel), {e.id for e in listed(channel)}, channel)
+
+
+def bare_forms(channel: Channel) -> tuple[Candidate, ...]:
+    """Forms that depend on nothing, listed laws among them; none where the runs' order was not varied."""
+    known = "run_order" in varied(channel)
+    bare = (form for form in forms(channel, of_nothing=True) if known and form.behaves_as != "rate_change")
+    return _of_forms(bare, set(), channel)
+
+
+def in_group_of(one: Candidate, how: str, start: dict[str, float], channel: Channel) -> Candidate:
+    """A bare form in a group of runs alone, from one of its starts."""
+    assert one.form is not None
+    effect = described(one.form.with_factor("run_order", how).key, channel.jumps_with_air)
+    return Candidate(effect, (start,), log_prior(effect, channel, len(one.starts)))
 
 
 def _of_forms(these: Iterable[Form], ids: set[str], channel: Channel) -> tuple[Candidate, ...]:

@@ -98,10 +98,16 @@ def scaling_factors(form: Form, channel: Channel) -> list[Factor]:
     return [pair for pair in SCALING if pair[0] in there - set(form.factors)]
 
 
-def forms(channel: Channel) -> Iterator[Form]:
-    """All forms that the channel's runs could show; none where a record is driven all along, or runs are too many."""
+def forms(channel: Channel, of_nothing: bool = False) -> Iterator[Form]:
+    """All forms that the channel's runs could show, or those alone that depend on nothing.
+
+    None where a record is driven all along, or runs are too many.
+    """
     c = channel.conditions
     if channel.measured.any() or not LEAST_RUNS <= channel.runs <= MOST_RUNS:
+        return
+    if of_nothing:
+        yield from (base for base in _bases(channel) if not base.depends_on)
         return
     for base in _bases(channel):
         if base.behaves_as != "rate_change" or base.depends_on:

@@ -16,10 +16,20 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.diagnose.candidates import Candidate, candidates, kin_of, sound
+from shockrig.analysis.diagnose.candidates import Candidate, bare_forms, candidates, in_group_of, kin_of, sound
 from shockrig.analysis.diagnose.refitting import begun_anew, plain_fit, plainly_wrong, rate_shift, refit
 from shockrig.analysis.diagnose.thresholds import level
-from shockrig.analysis.effects.behaviours import SCALES, SPREAD, STEP, Factor, Form, form_of, laws_of
+from shockrig.analysis.effects.behaviours import (
+    ONLY_BEFORE,
+    ONLY_FROM,
+    SCALES,
+    SPREAD,
+    STEP,
+    Factor,
+    Form,
+    form_of,
+    laws_of,
+)
 from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.estimate.effect import Effect, by_name
 from shockrig.analysis.estimate.fit import Fit, fit, go_on
@@ -39,6 +49,8 @@ BEGUN_COUNT, RUNNING_COUNT, FINISHED_COUNT = 16, 8, 3
 STARTS_EACH = 2  # of a candidate, the best to first order
 QUICK_STEPS, FURTHER_STEPS, WHOLE_STEPS = 3, 5, 25  # steps of Gauss and Newton
 MOST_EFFECTS, A_PAIR = 6, 2
+LEAST_GROUP = 2  # runs in which something is there alone
+TINY_SIZE = 1e-12  # of a column that says nothing
 SMALLEST_DISCREPANCY = 1e-6  # discrepancy that is none
 FAR_DISCREPANCY = 0.005  # discrepancy, as a share of the step, from which the runs' deviations mean little
 WITHIN_REACH = 3.0  # nats that a candidate's promise to first order may lack and that its fit may bring
@@ -83,7 +95,7 @@ class Rated:
 
 def law_of(effect: str) -> str:
     """An effect's id without the run at which a change begins."""
-    return re.sub(rf"({STEP})\d+", r"\1n", effect)
+    return re.sub(rf"({STEP}|{ONLY_BEFORE})\d+", r"\1n", effect)
 
 
 def _more_of(form: Form) -> list[Factor]:
@@ -160,16 +172,17 @@ class Search:
         return [one for one, w in zip(self.pool, self.weights, strict=True) if w >= least]
 
 
-@dataclass(frozen=True)
+@dataclass
 class BesideModel:
     """What is known of candidates beside one model, by effect: the same whatever else is tried there.
 
-    `promised` is what each promises to first order, `fits` its fits so far, the best first; `ended` are those whose
-    best has been fitted to its end.
+    `promised` is what each promises to first order, `groups` are forms in the group of runs in which they promise most;
+    `fits` are their fits so far, the best first; `ended` are those whose best has been fitted to its end.
     """
 
     near: Rated
     promised: dict[str, Screened] = field(default_factory=dict)
+    groups: list[Candidate] | None = None
     fits: dict[str, list[Rated]] = field(default_factory=dict)
     ended: set[str] = field(default_factory=set)
 
@@ -184,6 +197,7 @@ class Race:
     def __init__(self, problem: Problem, base: Structure, among: Sequence[Candidate]) -> None:
         self.problem, self.base, self.fixed = problem, base, frozenset(base.ids)
         self.among = tuple(among)
+        self.bare = bare_forms(problem.channel) if any(one.form for one in among) else ()
         self.bump = bumps(problem)
         self.priors = {one.effect.id: one.log_prior for one in self.among}
         self.pool: dict[frozenset[str], Rated] = {}
@@ -219,22 +233,23 @@ class Race:
         promised |= {found[0].effect.id: found for found in (self._promises(near, new) if new else ())}
         return sorted((promised[one.effect.id] for one in among), key=lambda item: -(item[2] + item[0].log_prior))
 
-    def _promises(self, near: Rated, among: Sequence[Candidate]) -> list[Screened]:
+    def _columns(self, near: Rated, one: Candidate) -> Array:
+        """What a candidate changes at each of its starts, whitened (R, n, C)."""
         found, channel = near.fit, self.problem.channel
-        base = found.model.predict(found.point)[0]
-        columns, owners = [], []
-        for one in among:
-            model = Model(channel, found.structure.adding(one.effect))
-            rates = found.log_rates + rate_shift(one.effect, channel)
-            thetas = []
-            for start in one.starts:
-                weak = {k: v if (w := one.effect.parameter(k).weakest) is None else w for k, v in start.items()}
-                theta = model.start(rates, found.choice | by_name(one.effect, weak))
-                theta[model.behind] = found.theta[found.model.behind]
-                thetas.append(theta)
-                owners.append((one, start))
-            predicted = model.predict(Point(np.stack(thetas), found.deviations)) - base
-            columns.append(self.problem.whiten(np.moveaxis(predicted, 0, -1)))
+        model = Model(channel, found.structure.adding(one.effect))
+        rates = found.log_rates + rate_shift(one.effect, channel)
+        thetas = []
+        for start in one.starts:
+            weak = {k: v if (w := one.effect.parameter(k).weakest) is None else w for k, v in start.items()}
+            theta = model.start(rates, found.choice | by_name(one.effect, weak))
+            theta[model.behind] = found.theta[found.model.behind]
+            thetas.append(theta)
+        predicted = model.predict(Point(np.stack(thetas), found.deviations)) - found.at.prediction
+        return self.problem.whiten(np.moveaxis(predicted, 0, -1))
+
+    def _promises(self, near: Rated, among: Sequence[Candidate]) -> list[Screened]:
+        columns = [self._columns(near, one) for one in among]
+        owners = [(one, start) for one in among for start in one.starts]
         right, size = self._first_order(near, np.concatenate(columns, axis=-1))
         gains = np.where(size > 1e-9, 0.5 * right**2 / np.maximum(size, 1e-12), 0.0)
         by: dict[str, list[tuple[float, Mapping[str, float]]]] = {}
@@ -245,6 +260,28 @@ class Race:
             pairs = sorted(by[one.effect.id], key=lambda pair: -pair[0])
             out.append((one, [start for _, start in pairs], pairs[0][0]))
         return out
+
+    def groups(self, near: Rated) -> list[Candidate]:
+        """Each bare form in that group of runs, before one or from it on, in which it promises most by what each run
+        says alone."""
+        place = self.beside(near)
+        if place.groups is None:
+            place.groups = [self._in_group(near, one) for one in self.bare]
+            self.priors |= {one.effect.id: one.log_prior for one in place.groups}
+        return place.groups
+
+    def _in_group(self, near: Rated, one: Candidate) -> Candidate:
+        channel, arrow, columns = self.problem.channel, near.fit.arrow, self._columns(near, one)
+        right = (columns * self.problem.whiten(near.fit.residual)[..., None]).sum(axis=1)  # (R, C)
+        own = np.swapaxes(arrow.run_jacobian, 1, 2) @ columns
+        size = (columns**2).sum(axis=1) - (own * np.linalg.solve(arrow.blocks, own)).sum(axis=1)
+        splits = np.arange(LEAST_GROUP, channel.runs - LEAST_GROUP + 1)
+        late = channel.conditions.order >= splits[:, None]  # (K, R)
+        sides = np.concatenate([late, ~late]).astype(float)
+        gains = (sides @ right) ** 2 / np.maximum(sides @ size, TINY_SIZE)
+        side, start = np.unravel_index(int(np.argmax(gains)), gains.shape)
+        how = f"{ONLY_FROM if side < splits.size else ONLY_BEFORE}{splits[side % splits.size]}"
+        return in_group_of(one, how, one.starts[start], channel)
 
     def _first_order(self, near: Rated, columns: Array) -> tuple[Array, Array]:
         """Scores of columns and their variances, beside the model's parameters, discrepancy and random effects."""
@@ -326,6 +363,8 @@ class Race:
     def forward(self, near: Rated, among: Sequence[Candidate], barred: frozenset[str] = frozenset()) -> Rated | None:
         """The best sound model with one candidate more, whether or not it is better than `near`; None without any, or
         where the search is at its end."""
+        if any(one.form is not None for one in among) and not self.ended:
+            among = (*among, *self.groups(near))
         open_to = [c for c in among if c.effect.id not in barred and c.fits(near.fit.structure)]
         key = (near.ids, frozenset(c.effect.id for c in open_to))
         if key in self.done or self.ended or not open_to:

@@ -160,9 +160,20 @@ def form_of(key: str) -> Form:
 STEP = "from_run_"  # a dependence on run order: from that run on, counted from 0, another value
 
 
+ONLY_FROM, ONLY_BEFORE = f"only_{STEP}", "only_before_run_"  # likewise: what is there in a group of runs alone
+SHORTEST_LAG_S, LEAST_RESISTANCE = 1e-4, 1e-4  # a lag in series, and a resistance before the body, that is none
+
+
 def is_step(how: str) -> bool:
     """Whether a dependence on run order is a change at one run."""
     return how.startswith(STEP)
+
+
+def in_group(how: str, order: Array) -> NDArray[np.bool_] | None:
+    """Whether each run (R,) belongs to the group in which something is there alone; None for another dependence."""
+    if how.startswith(ONLY_FROM):
+        return np.asarray(order >= int(how.removeprefix(ONLY_FROM)))
+    return np.asarray(order < int(how.removeprefix(ONLY_BEFORE))) if how.startswith(ONLY_BEFORE) else None
 
 
 def scaling(factor: str, how: str, conditions: Conditions, jumps: bool, value: Array) -> Array:
@@ -207,6 +218,8 @@ def _scale(form: Form, chain: Chain, p: Arrays) -> Array:
     for factor, how in form.depends_on:
         if how in SCALES or is_step(how):
             out = out * scaling(factor, how, chain.channel.conditions, chain.channel.jumps_with_air, p[factor])
+        elif (group := in_group(how, chain.channel.conditions.order)) is not None:
+            out = out * group
         elif how == "dew_margin":
             out = out * dew_margin_k(chain.channel.conditions) / USUAL_MARGIN_K
     return out
@@ -246,7 +259,7 @@ def _readout(chain: Chain, added: Callable[[Array, Array], Array]) -> Chain:
 
 def _lag_in_series(form: Form, chain: Chain, p: Arrays) -> Chain:
     if form.driver == "airflow":  # the exchange with the air holds it back: size is its resistance over the body's own
-        return replace(chain, biot=1.0 / (p["size"] * _scale(form, chain, p)))
+        return replace(chain, biot=1.0 / np.maximum(p["size"] * _scale(form, chain, p), LEAST_RESISTANCE))
     if form == MEAN:
         over_s = float(p["time_constant_s"].flat[0])  # the same for every candidate
         return replace(chain, averaged=max(round(over_s / chain.channel.reading_period_s), 1))
@@ -254,7 +267,8 @@ def _lag_in_series(form: Form, chain: Chain, p: Arrays) -> Chain:
         air = chain.channel.conditions
         ramp_s = np.where(np.isfinite(air.ramp_own_s), air.ramp_own_s, p["time_constant_s"] * air.ramp_ratio)
         return replace(chain, ramp_s=ramp_s)
-    return replace(chain, series=(*chain.series, p["time_constant_s"] * _scale(form, chain, p)))
+    lag_s = np.maximum(p["time_constant_s"] * _scale(form, chain, p), SHORTEST_LAG_S)
+    return replace(chain, series=(*chain.series, lag_s))
 
 
 def _parallel_lag(form: Form, chain: Chain, p: Arrays) -> Chain:

@@ -8,7 +8,7 @@ from typing import Any
 
 from shockrig.analysis.diagnose.diagnosed import Cause, ChannelDiagnosis, Diagnosis
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.effects.behaviours import SPREAD, STEP, form_of, is_step
+from shockrig.analysis.effects.behaviours import ONLY_BEFORE, ONLY_FROM, SPREAD, form_of, is_step
 from shockrig.analysis.effects.described import entry_of, is_described, of_readings, rounded
 from shockrig.analysis.estimate.effect import Parameter
 from shockrig.analysis.estimate.quantity import QUANTITIES
@@ -148,6 +148,9 @@ def _depends(on: Dependence) -> str:
     factor = _factor(on.factor)
     if on.form == "dew_margin":
         return "how far the dew point lies above the air that a run comes from"
+    if on.form.startswith(ONLY_FROM) or on.form.startswith(ONLY_BEFORE):
+        side = "only from the {} run on" if on.form.startswith(ONLY_FROM) else "only before the {} run"
+        return f"{factor} ({side.format(nth_run(on.form))})"
     if on.value is None:
         return f"{factor} ({on.form.replace('_', ' ')})" if on.form not in ("sign", "linear") else factor
     value = measured(on.value, on.standard_uncertainty or 0.0)
@@ -166,7 +169,7 @@ def _depends(on: Dependence) -> str:
 
 def nth_run(step: str) -> str:
     """At which run a step in their order begins, as an ordinal number."""
-    number = int(step.removeprefix(STEP)) + 1
+    number = int(step.rpartition("_")[2]) + 1
     ending = "th" if 10 <= number % 100 <= 20 else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
     return f"{number}{ending}"
 

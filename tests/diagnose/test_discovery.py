@@ -16,13 +16,15 @@ from shockrig.analysis.diagnose.grammar import forms
 from shockrig.analysis.diagnose.remainder import Tolerance
 from shockrig.analysis.diagnose.remaining import spectrum
 from shockrig.analysis.diagnose.restless import held_out
+from shockrig.analysis.diagnose.search import search
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.effects.behaviours import SPREAD, Form, form_of
-from shockrig.analysis.effects.described import described, discovered_of, entry_of, stated_values
+from shockrig.analysis.effects.behaviours import ONLY_BEFORE, ONLY_FROM, SPREAD, Form, form_of
+from shockrig.analysis.effects.described import described, discovered_of, entry_of, is_described, stated_values
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import Model, Point, Structure
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.readout import unseen
+from shockrig.analysis.report.diagnosis_words import sentence
 from shockrig.files.flight import Flight
 from shockrig.files.profile import Profile, TemperatureProfile, Uncertain, profile_document, profile_from_document
 from shockrig.rig.virtual.plans import standard_plan
@@ -87,6 +89,14 @@ def test_forms_do_what_their_closed_forms_say(warm_rates):
     pulse = Form("added_rate", "none", (SPREAD,))
     found = reading(pulse, size=0.3, time_constant_s=4.0, history=2.0)
     np.testing.assert_allclose(found, plain + 0.3 * dying, atol=1e-12)
+    for how, there in ((f"{ONLY_FROM}7", c.order >= 7), (f"{ONLY_BEFORE}7", c.order < 7)):
+        late = Form("parallel_lag", "air_temperature", (("run_order", how),))
+        share = reading(late, size=0.05, time_constant_s=9.0)
+        lagged = c.source_c[:, None] + step * np.where(time > 0, -np.expm1(-np.maximum(time, 0.0) / 9.0), 0.0)
+        expected = np.where(there[:, None], 0.95 * plain + 0.05 * lagged, plain)
+        np.testing.assert_allclose(share, expected, atol=1e-7)
+        lag = Form("lag_in_series", "air_temperature", (("run_order", how),))
+        assert np.abs(reading(lag, time_constant_s=2.0) - plain)[~there].max() < 0.02
     drift = Form("added_response", "none", (("history", "linear"),))
     np.testing.assert_allclose(reading(drift, size=0.2), plain + 0.2 * np.maximum(time, 0.0) / 60.0, atol=1e-12)
 
@@ -123,6 +133,30 @@ def test_a_rate_that_moves_while_a_run_lasts_is_a_clock_that_does(warm_rates):
         plain = Model(warped, Structure())
         expected = plain.predict(Point(plain.start(np.array([np.log(0.3)])), channel.at_rest()))[0]
         np.testing.assert_allclose(model.predict(Point(theta, channel.at_rest()))[0], expected, atol=2e-5)
+
+
+def test_what_is_there_in_a_group_of_runs_is_found_and_told_as_such(warm_rates):
+    """A pulse from the eleventh run on, put into a channel that was recorded: whichever runs hold it, no list of groups
+    is gone through."""
+    channel = build_plain(warm_rates.problem.channel)
+    group = (channel.conditions.order >= 10)[:, None]
+    pulse = 0.4 * np.exp(-np.maximum(channel.time_s, 0.0) / 5.0) * (channel.time_s > 0)
+    problem = replace(warm_rates.problem, channel=replace(channel, value=channel.value + group * pulse))
+    found = search(problem)
+    (form,) = [form_of(id_) for id_ in found.best.ids if is_described(id_)]
+    assert (form.behaves_as, form.driver, form.depends_on) == ("added_rate", "none", (("run_order", f"{ONLY_FROM}10"),))
+    values = found.best.fit.values()[form.key]
+    for name, true in (("size", 0.4), ("time_constant_s", 5.0)):
+        assert abs(values[name][0] - true) < 4.0 * values[name][1]
+    said = sentence(discovered_of(described(form.key, False), values), "K")
+    assert "it depends on the order of the runs (only from the 11th run on)" in said
+
+
+def build_plain(channel):
+    """A channel with the readings of a plain sensor under its runs' conditions, and the noise of a quiet one."""
+    model = Model(channel, Structure())
+    reading = model.predict(Point(model.start(np.array([np.log(0.3)])), channel.at_rest()))[0]
+    return replace(channel, value=reading + np.random.default_rng(4).normal(0.0, 0.002, reading.shape))
 
 
 def test_a_strength_that_is_there_one_way_alone_says_something(warm_rates):
