@@ -177,39 +177,16 @@ def judged(
     variance = found.variance + common
     noise = readings.noise_variance * found.noise_factor**2
     trusted = screened.usable & ~outside
-    raw_rows = outside.copy()
-    # the sensor, as the profile has it, cannot have read that: the reading is the better explanation
-    open_to = noise if readings.passing is None else noise + np.minimum(readings.passing.sigma**2, found.variance)
-    # a late reading is of the sensor as it was
-    shown = np.interp(readings.time_s - readings.delay_s, readings.time_s, found.clean)
-    off = (readings.reading - shown)[trusted] / np.sqrt(open_to[trusted])
-    # one alone is noise, if it says something by itself
-    alone = ~readings.usable
-    if readings.passing is not None:
-        alone |= readings.passing.sigma > VAGUE_TIMES * np.median(readings.passing.sigma)
-    off = np.where(alone[trusted], off, median_filter(off, ROWS_TOGETHER, mode="nearest"))
-    contradicted = trusted.copy()
-    contradicted[trusted] = np.abs(off) > MOST_NOISES_OFF
+    contradicted = _contradicted(readings, found, noise, trusted)
     if contradicted.any():
         notes.append(
             f"{readings.channel}: {counted(int(np.count_nonzero(contradicted)), 'row')} are given as read: no air "
             "would have made the sensor read that beside the readings around"
         )
-        raw_rows |= contradicted
-    if trusted.any():
-        lag_size = float(np.sqrt(np.mean(lag[trusted] ** 2)))
-        noise_size = float(np.sqrt(np.mean(noise[trusted])))
-        predicted = float(np.mean(variance[trusted]))
-        # a smoother that knows its sensor cannot lose; an inverse can, and its noise passes for lag
-        lagging = max(lag_size**2 - found.amplified, 0.0)
-        loses = found.cutoff_hz is not None and predicted > lagging + noise_size**2
-        idle = found.cutoff_hz is not None and lag_size < IDLE_LAG_SIGMAS * noise_size
-        if idle or loses:
-            notes.append(
-                f"{readings.channel}: not corrected: the lag ({lag_size:.2g}) cannot be told from the noise "
-                f"({noise_size:.2g}), a correction would leave {np.sqrt(predicted):.2g}"
-            )
-            raw_rows[:] = True
+    raw_rows = outside | contradicted
+    if trusted.any() and (why := _no_gain(found, lag[trusted], noise[trusted], variance[trusted])):
+        notes.append(f"{readings.channel}: not corrected: {why}")
+        raw_rows[:] = True
     if outside.any():
         notes.append(
             f"{readings.channel}: {np.count_nonzero(outside)} rows lie outside the profile's table "
@@ -244,6 +221,37 @@ def judged(
         found.cutoff_hz,
         found.jumps_s,
         readings.response,
+    )
+
+
+def _contradicted(readings: FlightReadings, found: Estimate, noise: Array, trusted: Mask) -> Mask:
+    """Rows (n,) of the `trusted` ones that the sensor, as the profile has it, cannot have read: there the reading is
+    the better explanation. One alone is noise, if it says something by itself."""
+    open_to = noise if readings.passing is None else noise + np.minimum(readings.passing.sigma**2, found.variance)
+    # a late reading is of the sensor as it was
+    shown = np.interp(readings.time_s - readings.delay_s, readings.time_s, found.clean)
+    off = (readings.reading - shown)[trusted] / np.sqrt(open_to[trusted])
+    alone = ~readings.usable
+    if readings.passing is not None:
+        alone |= readings.passing.sigma > VAGUE_TIMES * np.median(readings.passing.sigma)
+    off = np.where(alone[trusted], off, median_filter(off, ROWS_TOGETHER, mode="nearest"))
+    contradicted = trusted.copy()
+    contradicted[trusted] = np.abs(off) > MOST_NOISES_OFF
+    return contradicted
+
+
+def _no_gain(found: Estimate, lag: Array, noise: Array, variance: Array) -> str:
+    """Why an inverse's correction would win nothing over the readings; empty where it does, or where the method is the
+    smoother: that knows its sensor and cannot lose."""
+    lag_size, noise_size = (float(np.sqrt(np.mean(square))) for square in (lag**2, noise))
+    predicted = float(np.mean(variance))
+    # an inverse's noise passes for lag
+    lagging = max(lag_size**2 - found.amplified, 0.0)
+    if found.cutoff_hz is None or not (predicted > lagging + noise_size**2 or lag_size < IDLE_LAG_SIGMAS * noise_size):
+        return ""
+    return (
+        f"the lag ({lag_size:.2g}) cannot be told from the noise ({noise_size:.2g}), a correction would leave "
+        f"{np.sqrt(predicted):.2g}"
     )
 
 

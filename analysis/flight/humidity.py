@@ -5,8 +5,8 @@ What the air's temperature leaves open divides the reading and the result alike,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ from shockrig.analysis.flight.prior import Passing
 from shockrig.analysis.flight.readout import (
     Acting,
     Stated,
+    Undone,
     acting,
     carried,
     ceiling,
@@ -46,7 +47,7 @@ from shockrig.analysis.flight.readout import (
 )
 from shockrig.analysis.flight.readout import unseen as beyond_discovered
 from shockrig.analysis.flight.response import LagResponse, film_response, unsure_of_airspeed
-from shockrig.analysis.flight.screen import resolution_of, screen
+from shockrig.analysis.flight.screen import Screened, resolution_of, screen
 from shockrig.analysis.flight.simulated.typical import NOISE_PERCENT
 from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
 from shockrig.analysis.flight.smoother import followed
@@ -232,55 +233,73 @@ def correct_humidity(
     """
     raw, time_s = flight.humidity_percent, flight.time_s
     effects = acting(part.effects, "humidity", part.discovered) if part else ()
-    noise = given or NOISE_PERCENT
-    if part is not None:
-        own_noise = NOISE_PERCENT if part.noise_percent is None else part.noise_percent
-        noise = noise_floor(effects, own_noise if given is None else given)
-    period = typical_period(time_s)
-    old = stale(effects, time_s, raw, period)
+    noise = _noise(part, effects, given)
     air = bridged(time_s, bead.value)
     if air is not None:
         # an inversion that failed may give any temperature; near absolute zero there is no vapour to divide by
         air = np.clip(air, RANGES["temperature_c"].low, RANGES["temperature_c"].high)
-    response, unsure = None, 0.0
+    respond = None
     if part is not None and air is not None:
         usual = np.median(air, keepdims=True)
         unsure = unsure_of_airspeed(lambda at: film_response(part, usual, at, body), stream, airspeed_doubt(flight))
-        response = film_response(part, air, stream, body).slower(0.0, unsure)
-    share = 1.0 if response is None else largest_share(response, period)
-    possible, swing = RANGES["humidity_reading_percent"], LIKELY["swing_percent"].high
-    vapour = None if air is None else raw * saturation_pressure_hpa(air) / saturation_pressure_hpa(REFERENCE_C)
-    limit = ceiling(effects)
-    screened = screen(time_s, raw, possible, noise, limit=limit, stale=old, share=share, swing=swing, lagging=vapour)
+
+        def respond(at_c: Array, part: HumidityProfile = part, unsure: float = unsure) -> LagResponse:
+            return film_response(part, at_c, stream, body).slower(0.0, unsure)
+
+    response = None if air is None or respond is None else respond(air)
+    screened = _screened(flight, effects, noise, air, response)
     if part is None or too_few(screened):
-        why = lacking(part, "humidity", raw, possible)
+        why = lacking(part, "humidity", raw, RANGES["humidity_reading_percent"])
         return untouched("humidity", raw, screened, why, notes)
-    if (seen := raw[screened.usable]).max() <= HIGHEST_FRACTION and seen.max() > 0.0:
-        notes.append(
-            f"humidity: readings lie between {seen.min():.2g} and {seen.max():.2g}: if they are fractions of 1 and not "
-            '%RH, multiply by 100, or read the log by a map with humidity_unit = "fraction"'
-        )
+    notes.extend(_fractions(raw[screened.usable]))
     climb = climb_m_s(flight)
     notes.extend(not_undone(part.effects, "humidity", part.discovered, *[climb_unknown] * (climb is None)))
-    sigma = bridged(time_s, bead.uncertainty)
-    if air is None or response is None:
+    if air is None or respond is None or response is None:
         return untouched("humidity", raw, screened, "no temperature of the air in the log", notes)
+    film = FilmInAir(part, effects, noise, air, screened, response, respond)
+    channel = _through_vapour(flight, film, stream, bead, solve, cutoff_hz, told, notes)
+    return replace(channel, carried=carried(effects, climb))
+
+
+@dataclass(frozen=True)
+class FilmInAir:
+    """A film in a flight: its part of the profile, its effects, the `noise` of its readings and how they were
+    `screened`, its `response` at the temperature `air_c` (n,) that it is in, and how it would `respond` at another."""
+
+    part: HumidityProfile
+    effects: Sequence[Acting]
+    noise: float
+    air_c: Array
+    screened: Screened
+    response: LagResponse
+    respond: Callable[[Array], LagResponse]
+
+
+def _through_vapour(
+    flight: Flight,
+    film: FilmInAir,
+    stream: Stream,
+    bead: FlightChannel,
+    solve: Callable[[FlightReadings, float | None], Estimate],
+    cutoff_hz: float | None,
+    told: Told | None,
+    notes: list[str],
+) -> FlightChannel:
+    """The air's humidity: vapour from the readings, the air's vapour from that, and back at the air's temperature."""
+    raw, time_s, air, screened = flight.humidity_percent, flight.time_s, film.air_c, film.screened
+    response = film.response
+    sigma = bridged(time_s, bead.uncertainty)
     sigma = np.zeros(raw.shape) if sigma is None else sigma
-    activity, unsure_activity = uptake(effects)
-    die, unsure_film_k = _own_temperature(flight, effects, air, bead, notes)
+    activity, unsure_activity = uptake(film.effects)
+    die, unsure_film_k = _own_temperature(flight, film.effects, air, bead, notes)
+    alike = die is None and activity == 0.0  # film and air have one temperature, which is in both of its humidities
     own_air = bridged(time_s, flight.die_temperature_c)
     at_sensor = replace(stream, temperature_c=air if own_air is None else own_air)
-    plain = undone(effects, raw, at_sensor, part.film_thickness_m, period)
-    read_air = air
+    plain = undone(film.effects, raw, at_sensor, film.part.film_thickness_m, typical_period(time_s))
     alone = np.zeros(raw.shape)
-    if die is None and activity == 0.0:
-        # of a burst of noise neither says anything
-        believed = screened.usable & bead.screened.usable & ~(screened.loud | bead.screened.loud)
-        own_noise = float(np.hypot(noise, screened.resolution / np.sqrt(12)) / np.median(plain.gain))
-        then = _earlier(time_s, air, plain.delay_s)
-        alone = unseen(time_s, plain.reading, then, sigma, believed, response, own_noise)
-        alone = _earlier(time_s, alone, -plain.delay_s)
-        air = air - _forgotten(alone, response, period)
+    if alike:
+        alone = _alone(time_s, plain, air, sigma, bead, screened, response, film.noise)
+        air = air - _forgotten(alone, response, typical_period(time_s))
     # a late reading is of the air that was; the die's temperature comes from the same chip and is as late
     now, air, error = air, *(_earlier(time_s, values, plain.delay_s) for values in (air, sigma))
     if bead.carried is not None:
@@ -292,76 +311,171 @@ def correct_humidity(
     held_es = own_es**activity * saturation_pressure_hpa(REFERENCE_C) ** (1.0 - activity)
     to_vapour, from_vapour = own_es / held_es, held_es / saturation_pressure_hpa(now)
     if plain.delay_s:
-        response = film_response(part, air, stream, body).slower(0.0, unsure)
+        response = film.respond(air)
     if told is not None:
         response = response.slower(told.slower, told.error)
+    variance = (np.hypot(film.noise * screened.louder, screened.resolution / np.sqrt(12)) / plain.gain * to_vapour) ** 2
     vapour = plain.reading * to_vapour
-    level = np.interp(time_s, time_s[screened.usable], vapour[screened.usable])
-    variance = (np.hypot(noise * screened.louder, screened.resolution / np.sqrt(12)) / plain.gain * to_vapour) ** 2
-    # what the air's temperature leaves open divides the reading and the result alike; a die of its own parts the two
-    passing, usable, left_open = None, screened.usable, np.zeros(raw.shape)
-    unread, vague = np.zeros((2, *raw.shape), dtype=bool)
-    if die is None and activity == 0.0:
-        percent_per_k = level * _steepness(air)
-        error = np.hypot(error, _misplaced(air, bead.screened.usable))
-        coupling = _coupling(time_s, level, air, error, percent_per_k, response)
-        passing = Passing(percent_per_k * error, bead.resolved_rate, coupling)
-        # a reading whose temperature is not known is none of vapour
-        # a thermometer that is read more seldom than the hygrometer is one all the same
-        longest_s = max(APART_S, SELDOM_FACTOR * typical_period(time_s[bead.screened.usable]))
-        unread = _long(~bead.screened.usable, time_s, longest_s)
-        vague = passing.sigma > np.maximum(VAGUE_TIMES * np.median(passing.sigma), VAGUE_NOISES * np.sqrt(variance))
-        # over a while, readings of vapour that is known badly say more than none
-        lasting = _long(vague, time_s, APART_S)
-        left_open = np.where(lasting, passing.sigma * from_vapour, 0.0)
-        vague = unread | (vague & ~lasting)
-        usable = usable & ~vague if np.count_nonzero(usable & ~vague) > 0.5 * np.count_nonzero(usable) else usable
-    steps = coarse(screened.resolution, noise, to_vapour / plain.gain)
     readings = FlightReadings(
         "humidity",
         time_s,
         vapour,
-        usable,
+        screened.usable,
         response,
         variance,
         plain.delay_s,
-        passing,
-        steps,
-        bead.jumps_s,
-        screened.loud,
+        rounding=coarse(screened.resolution, film.noise, to_vapour / plain.gain),
+        jumps_s=bead.jumps_s,
+        loud=screened.loud,
     )
+    doubt = _of_temperature(readings, air, error, bead) if alike else TemperatureDoubt(raw.shape)
+    readings = replace(readings, passing=doubt.passing, usable=doubt.usable(screened.usable))
     found = solve(readings, cutoff_hz)
-    if (passed := vague & screened.usable & ~screened.loud).any():
-        # however unsure the temperature, the film's humidity is its reading, and the air's vapour differs from the
-        # film's by what the readings around say
-        ahead = np.divide(found.air, found.clean, out=np.ones(raw.shape), where=found.clean > 0.0)
-        air_then = np.where(passed, vapour * ahead, found.air)
-        found = replace(found, air=air_then, clean=np.where(passed, vapour, found.clean))
-    outside = ~part.covers(read_air) | beyond_discovered(part.discovered, stream.airflow_m_s, read_air)
+    found = _as_the_film(found, vapour, doubt.vague & screened.usable & ~screened.loud)
+    outside = ~film.part.covers(film.air_c) | beyond_discovered(film.part.discovered, stream.airflow_m_s, film.air_c)
     channel = judged(readings, found, plain, screened, outside, raw, from_vapour, notes, SATURATED_PERCENT)
-    channel = held(channel, readings, raw, from_vapour, notes, (0.0, SATURATED_PERCENT), left_open)
-    channel = _as_read(channel, raw, unread & (screened.usable | screened.repeated) & ~channel.raw, notes)
-    uncertainty = channel.uncertainty
-    if die is not None or found.cutoff_hz is not None:
-        wrong = channel.value * _steepness(now) * sigma
-        together = _correlation(time_s, found.air, now)
-        total = uncertainty**2 + wrong**2 - 2 * together * uncertainty * wrong
-        least = (LEAST_SHARE * uncertainty) ** 2
-        uncertainty = np.where(channel.raw, uncertainty, np.sqrt(np.maximum(total, least)))
-    value = np.where(channel.raw, channel.value, np.clip(channel.value, 0.0, SATURATED_PERCENT))
-    left = not_known(effects)
-    # nothing between dry and saturated is farther away than the farther of the two
-    uncertainty = np.minimum(uncertainty, np.maximum(value, SATURATED_PERCENT - value))
-    uncertainty, common = (np.hypot(sigma, left) for sigma in (uncertainty, channel.common))
-    # what is not known of the two temperatures and of what the film holds while its temperature moves
+    channel = held(channel, readings, raw, from_vapour, notes, (0.0, SATURATED_PERCENT), doubt.left_open * from_vapour)
+    channel = _as_read(channel, raw, doubt.unread & (screened.usable | screened.repeated) & ~channel.raw, notes)
+    apart = die is not None or found.cutoff_hz is not None
+    of_air = _of_the_airs_temperature(channel, time_s, found.air, now, sigma) if apart else channel.uncertainty
     moving_k = response.slowest_s * np.abs(slope(time_s, own))
     parts = [unsure_film_k, unsure_activity * moving_k]
     parts += [bead.carried.uncertainty] if bead.carried is not None else []
-    unsure_k = np.sqrt(sum(np.square(part) for part in parts))
+    channel = _in_all(channel, of_air, not_known(film.effects), now, np.sqrt(sum(np.square(part) for part in parts)))
+    return replace(channel, temperature_alone=alone)
+
+
+def _noise(part: HumidityProfile | None, effects: Sequence[Acting], given: float | None) -> float:
+    """Noise of single readings, with what the logger adds: as `given`, else the part's, else a typical film's [%RH]."""
+    if part is None:
+        return given or NOISE_PERCENT
+    own = NOISE_PERCENT if part.noise_percent is None else part.noise_percent
+    return noise_floor(effects, own if given is None else given)
+
+
+def _screened(
+    flight: Flight,
+    effects: Sequence[Acting],
+    noise: float,
+    air: Array | None,
+    response: LagResponse | None,
+) -> Screened:
+    """The film's readings judged; what lags is their vapour at the `air`'s temperature."""
+    raw, time_s = flight.humidity_percent, flight.time_s
+    period = typical_period(time_s)
+    return screen(
+        time_s,
+        raw,
+        RANGES["humidity_reading_percent"],
+        noise,
+        limit=ceiling(effects),
+        stale=stale(effects, time_s, raw, period),
+        share=1.0 if response is None else largest_share(response, period),
+        swing=LIKELY["swing_percent"].high,
+        lagging=None if air is None else raw * saturation_pressure_hpa(air) / saturation_pressure_hpa(REFERENCE_C),
+    )
+
+
+def _fractions(seen: Array) -> list[str]:
+    """A sentence where the readings seem to be fractions of 1."""
+    if seen.max() > HIGHEST_FRACTION or seen.max() <= 0.0:
+        return []
+    return [
+        f"humidity: readings lie between {seen.min():.2g} and {seen.max():.2g}: if they are fractions of 1 and not "
+        '%RH, multiply by 100, or read the log by a map with humidity_unit = "fraction"'
+    ]
+
+
+def _alone(
+    time_s: Array,
+    plain: Undone,
+    air: Array,
+    sigma: Array,
+    bead: FlightChannel,
+    screened: Screened,
+    response: LagResponse,
+    noise: float,
+) -> Array:
+    """How far (n,) the temperature has moved by itself, in K; of a burst of noise neither sensor says anything."""
+    believed = screened.usable & bead.screened.usable & ~(screened.loud | bead.screened.loud)
+    own_noise = float(np.hypot(noise, screened.resolution / np.sqrt(12)) / np.median(plain.gain))
+    then = _earlier(time_s, air, plain.delay_s)
+    alone = unseen(time_s, plain.reading, then, sigma, believed, response, own_noise)
+    return _earlier(time_s, alone, -plain.delay_s)
+
+
+class TemperatureDoubt:
+    """What the air's temperature leaves open of the vapour, (n,) each: `passing`, which divides the reading and the
+    result alike; rows that are `vague` for a while, and those `unread`, where the temperature is not known at all;
+    `left_open` where it is vague for long, in the unit of the vapour."""
+
+    def __init__(
+        self,
+        shape: tuple[int, ...],
+        passing: Passing | None = None,
+        unread: Mask | None = None,
+        vague: Mask | None = None,
+        left_open: Array | None = None,
+    ) -> None:
+        nothing = np.zeros(shape, dtype=bool)
+        self.passing = passing
+        self.unread = nothing if unread is None else unread
+        self.vague = nothing if vague is None else vague
+        self.left_open = np.zeros(shape) if left_open is None else left_open
+
+    def usable(self, usable: Mask) -> Mask:
+        """Of the rows (n,) that are usable those of which the vapour is known, where these are the most."""
+        known = usable & ~self.vague
+        return known if np.count_nonzero(known) > 0.5 * np.count_nonzero(usable) else usable
+
+
+def _of_temperature(readings: FlightReadings, air: Array, error: Array, bead: FlightChannel) -> TemperatureDoubt:
+    """What the `air`'s temperature (n,), unsure by `error`, leaves open of the vapour that was read."""
+    time_s, usable = readings.time_s, readings.usable
+    level = np.interp(time_s, time_s[usable], readings.reading[usable])
+    percent_per_k = level * _steepness(air)
+    error = np.hypot(error, _misplaced(air, bead.screened.usable))
+    coupling = _coupling(time_s, level, air, error, percent_per_k, readings.response)
+    passing = Passing(percent_per_k * error, bead.resolved_rate, coupling)
+    # a reading whose temperature is not known is none of vapour
+    # a thermometer that is read more seldom than the hygrometer is one all the same
+    longest_s = max(APART_S, SELDOM_FACTOR * typical_period(time_s[bead.screened.usable]))
+    unread = _long(~bead.screened.usable, time_s, longest_s)
+    most = np.maximum(VAGUE_TIMES * np.median(passing.sigma), VAGUE_NOISES * np.sqrt(readings.noise_variance))
+    vague = passing.sigma > most
+    # over a while, readings of vapour that is known badly say more than none
+    lasting = _long(vague, time_s, APART_S)
+    left_open = np.where(lasting, passing.sigma, 0.0)
+    return TemperatureDoubt(air.shape, passing, unread, unread | (vague & ~lasting), left_open)
+
+
+def _as_the_film(found: Estimate, vapour: Array, rows: Mask) -> Estimate:
+    """The same where, in some rows, the film's humidity is its reading, however unsure the temperature, and the air's
+    vapour differs from the film's by what the readings around say."""
+    if not rows.any():
+        return found
+    ahead = np.divide(found.air, found.clean, out=np.ones(vapour.shape), where=found.clean > 0.0)
+    air = np.where(rows, vapour * ahead, found.air)
+    return replace(found, air=air, clean=np.where(rows, vapour, found.clean))
+
+
+def _of_the_airs_temperature(channel: FlightChannel, time_s: Array, vapour: Array, now: Array, sigma: Array) -> Array:
+    """Uncertainty (n,) with that of the air's temperature, which went into the vapour by another way or not at all."""
+    own, wrong = channel.uncertainty, channel.value * _steepness(now) * sigma
+    together = _correlation(time_s, vapour, now)
+    total = own**2 + wrong**2 - 2 * together * own * wrong
+    return np.where(channel.raw, own, np.sqrt(np.maximum(total, (LEAST_SHARE * own) ** 2)))
+
+
+def _in_all(channel: FlightChannel, uncertainty: Array, left: float, now: Array, unsure_k: Array) -> FlightChannel:
+    """The channel within 0 and 100 %RH, with what is `left` in the readings, and what is not known of the two
+    temperatures and of what the film holds while its temperature moves (`unsure_k`)."""
+    value = np.where(channel.raw, channel.value, np.clip(channel.value, 0.0, SATURATED_PERCENT))
+    # nothing between dry and saturated is farther away than the farther of the two
+    uncertainty = np.minimum(uncertainty, np.maximum(value, SATURATED_PERCENT - value))
     of_temperature = np.where(channel.raw, 0.0, value * _steepness(now) * unsure_k)
-    uncertainty, common = np.hypot(uncertainty, of_temperature), np.hypot(common, of_temperature)
-    channel = replace(channel, value=value, uncertainty=uncertainty, common=common, temperature_alone=alone)
-    return replace(channel, carried=carried(effects, climb))
+    uncertainty, common = (np.sqrt(s**2 + left**2 + of_temperature**2) for s in (uncertainty, channel.common))
+    return replace(channel, value=value, uncertainty=uncertainty, common=common)
 
 
 def felt_by_film(flight: Flight, part: HumidityProfile | None) -> Felt | None:
@@ -380,9 +494,8 @@ def felt_by_film(flight: Flight, part: HumidityProfile | None) -> Felt | None:
     possible = RANGES["temperature_c"]
     usual = float(np.clip(np.median(air), possible.low, possible.high))
     per_k = float(_steepness(np.array(usual)))
-    noise = noise_floor(effects, NOISE_PERCENT if part.noise_percent is None else part.noise_percent)
     level = float(np.nanmedian(wet)) * per_k
-    return Felt(-np.log(wet) / per_k, noise / level, resolution_of(wet[np.isfinite(wet)]) / level)
+    return Felt(-np.log(wet) / per_k, _noise(part, effects, None) / level, resolution_of(wet[np.isfinite(wet)]) / level)
 
 
 def _earlier(time_s: Array, values: Array, delay_s: float) -> Array:
@@ -444,7 +557,7 @@ def _steepness(temperature_c: Array) -> Array:
 
 
 def _own_temperature(
-    flight: Flight, effects: tuple[Acting, ...], air: Array, bead: FlightChannel, notes: list[str]
+    flight: Flight, effects: Sequence[Acting], air: Array, bead: FlightChannel, notes: list[str]
 ) -> tuple[Array | None, Array]:
     """Temperature that the sensor turns vapour into humidity at, where it is its own and is known, else None; and its
     standard uncertainty."""

@@ -329,19 +329,80 @@ def estimate(
     noise = np.interp(node_time, node_time[calm], np.sqrt(noise_variance[nearest][calm]))
     rows = np.flatnonzero(calm)
     expected = float(np.sqrt(np.mean((noise if rows.size > SPARSE_SHARE * node_time.size else noise[rows]) ** 2)))
+    strengths = StrengthsOfFlight(track, ordinary, rows, noise, parts, rounding is not None, expected)
+    local = strengths(bridged)
+    noise_factor = float(local.noise[0]) / expected if rounding is None else 1.0
+    variance = np.where(measured, noise_variance[nearest] * noise_factor**2, np.inf)
+    known_s = np.zeros(0) if jumps_s is None else jumps_s
+    found, local, jumps = with_jumps(track, bridged, variance, local, strengths, known_s)
+    brief = _brief(node_time, measured, BRIEF_LAGS * response.slowest_s)
+    if rounding is None and parts == 1 and brief.any():
+        # single samples put together over those that lack between them are not evenly spaced: strengths are judged
+        # again with what the sensor would have read there
+        read = found.clean + noise * noise_factor * np.random.default_rng(0).standard_normal(noise.size)
+        read = without(track, np.where(brief, read, bridged), found, jumps)
+        local = replace(strengths, rows=np.flatnonzero(calm | brief))(read)
+        found = swept(track, bridged, variance, local, jumps, scored=False)
+    if rounding is None and (alone := _lone_readings(track, bridged, variance, found, jumps)).any():
+        variance = np.where(alone, np.inf, variance)
+        found = swept(track, bridged, variance, local, jumps, scored=False)
+    if rounding is not None:
+        steps = rounding[nearest]
+        own = np.sqrt(np.maximum(noise_variance[nearest] - steps**2 / 12.0, 0.0))
+        found, local = _within_steps(track, bridged, variance, steps, own, jumps, local, strengths)
+        level = np.where(measured, np.round(reading[node_row] / steps), np.nan)
+        least = within_a_step(node_time, level, steps, own, STILL_LAGS * response.slowest_s)
+        found = replace(found, variance=np.maximum(found.variance, least))
+    air, node_variance, clean = (np.interp(time_s, node_time, v) for v in (found.air, found.variance, found.clean))
+    typical = local.each(lambda strength: np.median(strength, keepdims=True))
+    rate = resolved_rate(typical, along.at(slice(len(along.rate) // 2, len(along.rate) // 2 + 1)), period)
+    if rounding is not None:
+        # for as long as a rounded reading stays, so does what it is off by
+        changes = np.count_nonzero(np.diff(reading[usable]))
+        rate = min(rate, np.pi * (changes + 1) / float(np.ptp(time_s[usable])))
+    return Estimate(air, node_variance, clean, noise_factor, resolved_rate=rate, jumps_s=when(track, jumps))
 
-    # noise under coarse steps does not show: it is what was expected
-    spread = NOISE_SPREAD if rounding is None else 0.1 * NOISE_SPREAD
 
-    # segments shorter than the flight tell an inversion from what is around it, where stairs do not hide the air
-    largest = 1.0 if rounding is not None else LARGEST_SHARE
+@dataclass(frozen=True)
+class StrengthsOfFlight:
+    """What judges how strongly a flight's air varies, from readings (n,) at the nodes of its track.
 
-    def priors(values: Array, noise: Array = noise, largest: float = largest, rows: Rows = rows) -> Prior:
+    Attributes
+    ----------
+    ordinary : ndarray (n,)
+        Nodes whose readings say something of the air.
+    rows : ndarray (m,)
+        Nodes that were read.
+    noise : ndarray (n,)
+        Standard deviation expected of each reading.
+    parts : int
+        Nodes that there are to a period of the log.
+    stairs : bool
+        Whether readings are rounded more coarsely than their noise, which then does not show: it is what was expected.
+    expected : float
+        Noise of the readings, rms.
+    """
+
+    track: Track
+    ordinary: NDArray[np.bool_]
+    rows: Rows
+    noise: Array
+    parts: int
+    stairs: bool
+    expected: float
+
+    def __call__(self, values: Array, largest: float | None = None) -> Prior:
+        """Strengths at each node; a segment has the share `largest` of the flight at most. Segments shorter than the
+        flight tell an inversion from what is around it, where stairs do not hide the air."""
+        track, rows, node_time = self.track, self.rows, self.track.time_s
+        spread = 0.1 * NOISE_SPREAD if self.stairs else NOISE_SPREAD
+        if largest is None:
+            largest = 1.0 if self.stairs else LARGEST_SHARE
         # what lies across a break is not the air's doing
-        values = values - np.cumsum(np.where(broken, np.diff(values, prepend=values[0]), 0.0))
-        values = np.interp(node_time, node_time[ordinary], values[ordinary])
-        if rows.size > SPARSE_SHARE * node_time.size:
-            return _local_priors(values, along, period, noise, through, 1, spread, largest)
+        values = values - np.cumsum(np.where(track.broken, np.diff(values, prepend=values[0]), 0.0))
+        values = np.interp(node_time, node_time[self.ordinary], values[self.ordinary])
+        if rows.size > SPARSE_SHARE * values.size:
+            return _local_priors(values, track.along, track.period_s, self.noise, track.passing, 1, spread, largest)
         # bridges would pass for calm air: the samples alone, as if they were evenly spaced
         steps = np.diff(node_time[rows])
         long = steps > 5 * np.median(steps)
@@ -354,56 +415,40 @@ def estimate(
         # nor does the air jump as a rule, whatever it did in a gap or before a sensor that is fast beside the rows
         size = np.abs(change)
         beside = np.maximum(np.append(size[1:], 0.0), np.append(0.0, size[:-1]))
-        usual = max(expected, 1.4826 * float(np.median(size)))
+        usual = max(self.expected, 1.4826 * float(np.median(size)))
         extra = np.where((size > JUMPED_FACTOR * usual) & (beside < BESIDE_SHARE * size), change, extra)
         seen = values[rows] - np.concatenate([[0.0], np.cumsum(extra)])
-        some = None if through is None else replace(through, sigma=through.sigma[rows])
-        own = _local_priors(seen, along.at(rows), spacing, noise[rows], some, parts, spread, largest)
+        some = None if track.passing is None else replace(track.passing, sigma=track.passing.sigma[rows])
+        own = _local_priors(seen, track.along.at(rows), spacing, self.noise[rows], some, self.parts, spread, largest)
         return own.each(lambda strength: np.interp(node_time, node_time[rows], strength))
 
-    local = priors(bridged)
-    noise_factor = float(local.noise[0]) / expected if rounding is None else 1.0
-    variance = np.where(measured, noise_variance[nearest] * noise_factor**2, np.inf)
-    known_s = np.zeros(0) if jumps_s is None else jumps_s
-    found, local, jumps = with_jumps(track, bridged, variance, local, priors, known_s)
-    brief = _brief(node_time, measured, BRIEF_LAGS * response.slowest_s)
-    if rounding is None and parts == 1 and brief.any():
-        # single samples put together over those that lack between them are not evenly spaced: strengths are judged
-        # again with what the sensor would have read there
-        read = found.clean + noise * noise_factor * np.random.default_rng(0).standard_normal(noise.size)
-        read = without(track, np.where(brief, read, bridged), found, jumps)
-        local = priors(read, rows=np.flatnonzero(calm | brief))
-        found = swept(track, bridged, variance, local, jumps, scored=False)
-    if rounding is None and (alone := _lone_readings(track, bridged, variance, found, jumps)).any():
-        variance = np.where(alone, np.inf, variance)
-        found = swept(track, bridged, variance, local, jumps, scored=False)
-    if rounding is not None:
-        steps = rounding[nearest]
-        own = np.sqrt(np.maximum(noise_variance[nearest] - steps**2 / 12.0, 0.0))
 
-        def fine(local: Prior) -> Sweep:
-            sites, width = propagated(
-                lambda site, width: swept(track, site, width, local, jumps), bridged, variance, steps, own
-            )
-            return swept(track, sites, width, local, jumps)
+def _within_steps(
+    track: Track,
+    values: Array,
+    variance: Array,
+    steps: Array,
+    noise: Array,
+    jumps: Jumps,
+    local: Prior,
+    strengths: StrengthsOfFlight,
+) -> tuple[Sweep, Prior]:
+    """The sweep for readings that were rounded by `steps` (n,) beside `noise` (n,), and its strengths.
 
-        # Rounded readings of slow air are stairs, whose power passes for turbulence: strengths are judged again by what
-        # a logger with fine steps would have read.
-        found = fine(local)
-        read = found.clean + own * np.random.default_rng(0).standard_normal(own.size)
-        local = priors(without(track, read, found, jumps), own, LARGEST_SHARE)
-        found = fine(local)
-        level = np.where(measured, np.round(reading[node_row] / rounding[node_row]), np.nan)
-        least = within_a_step(node_time, level, steps, own, STILL_LAGS * response.slowest_s)
-        found = replace(found, variance=np.maximum(found.variance, least))
-    air, node_variance, clean = (np.interp(time_s, node_time, v) for v in (found.air, found.variance, found.clean))
-    typical = local.each(lambda strength: np.median(strength, keepdims=True))
-    rate = resolved_rate(typical, along.at(slice(len(along.rate) // 2, len(along.rate) // 2 + 1)), period)
-    if rounding is not None:
-        # for as long as a rounded reading stays, so does what it is off by
-        changes = np.count_nonzero(np.diff(reading[usable]))
-        rate = min(rate, np.pi * (changes + 1) / float(np.ptp(time_s[usable])))
-    return Estimate(air, node_variance, clean, noise_factor, resolved_rate=rate, jumps_s=when(track, jumps))
+    Rounded readings of slow air are stairs, whose power passes for turbulence: strengths are judged again by what a
+    logger with fine steps would have read.
+    """
+
+    def fine(local: Prior) -> Sweep:
+        sites, width = propagated(
+            lambda site, width: swept(track, site, width, local, jumps), values, variance, steps, noise
+        )
+        return swept(track, sites, width, local, jumps)
+
+    found = fine(local)
+    read = found.clean + noise * np.random.default_rng(0).standard_normal(noise.size)
+    local = replace(strengths, noise=noise)(without(track, read, found, jumps), LARGEST_SHARE)
+    return fine(local), local
 
 
 def _lone_readings(track: Track, values: Array, variance: Array, found: Sweep, jumps: Jumps) -> NDArray[np.bool_]:
