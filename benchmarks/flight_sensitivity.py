@@ -28,15 +28,16 @@ from shockrig.analysis.flight.correct import correct
 from shockrig.files.flight import Flight
 
 SMOOTHER = (
-    "channel.VAGUE_TIMES", "channel.MOST_NOISES_OFF", "channel.ROWS_TOGETHER", "cleaning.MOST_SHARE_OFF",
-    "cleaning.LEAST_SHARE_WARMER", "cleaning.LEAST_COLUMNS_APART", "disagreement.LEAST_EXPLAINED",
-    "disagreement.LEAST_OF_ITS_SIZE", "disagreement.MOST_OF_ITS_SIZE", "smooth_channel.TO_AND_FRO",
-    "smooth_channel.LEAST_CALM", "screen.ENOUGH", "guard.SURE",
+    "channel.VAGUE_TIMES", "channel.MOST_NOISES_OFF", "channel.ROWS_TOGETHER", "comparisons.LEAST_EXPLAINED",
+    "comparisons.LEAST_OF_ITS_SIZE", "comparisons.MOST_OF_ITS_SIZE", "comparisons.NOT_AS_STATED",
+    "comparisons.MOST_TIMES", "screen.MOST_SHARE_OFF", "screen.LEAST_COLUMNS_APART", "smooth_channel.TO_AND_FRO",
+    "smooth_channel.LEAST_CALM", "smooth_channel.PLACES_IN_GAP", "smooth_channel.COMPARABLE_SHARE",
+    "stretches.LEAST_TURNED", "stretches.FELT_SHARE", "stretches.ALIVE_SHARE", "sweep.GAP_NODES",
 )  # fmt: skip
 CAUSAL = (
-    "causal_bank.LEARNING_PER_S", "causal_bank.STRENGTHS_APART", "causal_bank.STRENGTH_LASTS_S",
+    "causal_bank.LEARNING", "causal_bank.STRENGTH_LASTS_S", "causal_bank.BETWEEN_BENDS_S", "causal_bank.BEND_LASTS_S",
     "causal_bank.BETWEEN_DOORS_S", "causal_bank.DOOR_LASTS_S", "causal_bank.UNSURE_OF_STRENGTH", "causal.UNREAD_S",
-    "causal.UNREAD_PERIODS",
+    "causal.UNREAD_PERIODS", "causal.VAPOUR_PER_K",
 )  # fmt: skip
 CAUSES = {
     "second lag": "a second lag",

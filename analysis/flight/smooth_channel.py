@@ -143,47 +143,24 @@ def _best(
     read = np.isfinite(variance)
     first, last = near - int(np.argmax(read[:near][::-1])), near + int(np.argmax(read[near:]))
     nodes = np.arange(max(first - LOOK_BACK, ends[stretch - 1]), min(last + LOOK_AHEAD, ends[stretch]))
-    here = Jumps(jumps.variance[nodes], jumps.place[nodes])
-    tried: list[Jumps] = []
-    single: list[bool] = []  # whether it is one jump of the air
-
-    def try_with(*added: tuple[int, int, float, float]) -> None:
-        """One more candidate; each of its jumps is (node, kind, size, place)."""
-        if any(not nodes[0] < k <= nodes[-1] or jumps.variance[k].any() for k, *_ in added):
-            return
-        one = Jumps(here.variance.copy(), here.place.copy())
-        for k, kind, height, place in added:
-            one.variance[k - nodes[0], kind], one.place[k - nodes[0]] = height**2, place
-        tried.append(one)
-        single.append(len(added) == 1 and added[0][1] == 0)
-
-    def chosen(one: Jumps) -> Jumps:
-        all_of_them = Jumps(jumps.variance.copy(), jumps.place.copy())
-        all_of_them.variance[nodes], all_of_them.place[nodes] = one.variance, one.place
-        return all_of_them
-
+    trials = JumpTrials(jumps, nodes)
     apart = np.abs(known_s - track.time_s[near]) / track.period_s
     for at_s in known_s[apart <= KNOWN_APART]:
         k = min(int(np.searchsorted(track.time_s, at_s)), values.size - 1)
-        try_with((k, 0, size[0], float(np.clip(1.0 - (track.time_s[k] - at_s) / track.period_s, 0.0, 1.0))))
-    known = len(tried)
-    for beside in STEPS:
-        for place in PLACES_IN_STEP:
-            try_with((near + beside, 0, size[0], place))
-        try_with((near + beside, 1, size[1], 0.5))
-    for half in RAMP_SAMPLES:
-        slope = size[0] / (2 * half * track.period_s)
-        for beside in (0, half // 2, -(half // 2)):
-            try_with((near + beside - half, 1, slope, 0.5), (near + beside + half, 1, slope, 0.5))
-    outside, places = len(tried), np.unique(np.linspace(first, last, PLACES_IN_GAP if last > first else 0).astype(int))
+        trials.add((k, 0, size[0], float(np.clip(1.0 - (track.time_s[k] - at_s) / track.period_s, 0.0, 1.0))))
+    known = len(trials.tried)
+    trials.add_around(near, size, track.period_s)
+    outside = len(trials.tried)
+    places = np.unique(np.linspace(first, last, PLACES_IN_GAP if last > first else 0).astype(int))
     if not jumps.variance[first : last + 1].any():
         for k in places.tolist():
-            try_with((k, 0, size[0], 0.5))
+            trials.add((k, 0, size[0], 0.5))
+    tried = trials.tried
     if not tried:
         return jumps
     cost = costs(track, values, variance, local, tried, nodes, guess)
     if known and cost[:known].min() <= cost.min() + BELIEVED_NATS:
-        return chosen(tried[int(np.argmin(cost[:known]))])
+        return trials.with_one(tried[int(np.argmin(cost[:known]))])
     in_gap = cost[outside:]
     if in_gap.size == places.size > 0 and in_gap.min() <= cost.min() + np.log(outside + 1):
         # the likeliest of many is likelier than it is
@@ -193,12 +170,50 @@ def _best(
             anywhere.variance[alike[0] : alike[-1] + 1, 0] = size[0] ** 2 / (alike[-1] + 1 - alike[0])
             return anywhere
     # a jump is placed as finely as it shows before it is compared with what has no such place
-    if (sharp := np.flatnonzero(single)).size:
+    if (sharp := np.flatnonzero(trials.single)).size:
         best = tried[int(sharp[np.argmin(cost[sharp])])]
-        there = (best.variance != here.variance).any(axis=1)
+        there = (best.variance != jumps.variance[nodes]).any(axis=1)
         finer = [Jumps(best.variance, best.place + np.where(there, by, 0.0)) for by in FINER]
         tried, cost = tried + finer, np.append(cost, costs(track, values, variance, local, finer, nodes, guess))
-    return chosen(tried[int(np.argmin(cost))])
+    return trials.with_one(tried[int(np.argmin(cost))])
+
+
+class JumpTrials:
+    """What is tried beside the jumps that are known, at some `nodes` (m,): each is those jumps with one more, and
+    `single` says whether that is one of the air."""
+
+    def __init__(self, known: Jumps, nodes: NDArray[np.int64]) -> None:
+        self.known, self.nodes = known, nodes
+        self.tried: list[Jumps] = []
+        self.single: list[bool] = []
+
+    def add(self, *added: tuple[int, int, float, float]) -> None:
+        """One more; each of its jumps is (node, kind, size, place)."""
+        nodes = self.nodes
+        if any(not nodes[0] < k <= nodes[-1] or self.known.variance[k].any() for k, *_ in added):
+            return
+        one = Jumps(self.known.variance[nodes], self.known.place[nodes])
+        for k, kind, height, place in added:
+            one.variance[k - nodes[0], kind], one.place[k - nodes[0]] = height**2, place
+        self.tried.append(one)
+        self.single.append(len(added) == 1 and added[0][1] == 0)
+
+    def add_around(self, near: int, size: Array, period_s: float) -> None:
+        """Jumps of the air, of its slope, and ramps about a node."""
+        for beside in STEPS:
+            for place in PLACES_IN_STEP:
+                self.add((near + beside, 0, size[0], place))
+            self.add((near + beside, 1, size[1], 0.5))
+        for half in RAMP_SAMPLES:
+            slope = size[0] / (2 * half * period_s)
+            for beside in (0, half // 2, -(half // 2)):
+                self.add((near + beside - half, 1, slope, 0.5), (near + beside + half, 1, slope, 0.5))
+
+    def with_one(self, one: Jumps) -> Jumps:
+        """All jumps of the flight with one of those that were tried."""
+        both = Jumps(self.known.variance.copy(), self.known.place.copy())
+        both.variance[self.nodes], both.place[self.nodes] = one.variance, one.place
+        return both
 
 
 def without(track: Track, values: Array, found: Sweep, jumps: Jumps) -> Array:

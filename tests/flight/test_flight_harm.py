@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from benchmark_scripts import benchmark
 from scipy.signal import lfilter
 
 from shockrig.analysis.flight.channel import FlightChannel
@@ -518,3 +519,9 @@ def test_where_another_sensor_saw_the_air_jump_a_small_jump_is_believed():
     np.testing.assert_allclose(told.jumps_s, [at_s], atol=1e-9)
     near = np.abs(time_s - at_s) < 3.0
     assert rms((told.air - air)[near]) < 0.5 * rms((alone.air - air)[near])
+
+
+def test_every_number_whose_sensitivity_is_counted_is_one_of_the_correction():
+    sensitivity = benchmark("flight_sensitivity")
+    for name in (*sensitivity.SMOOTHER, *sensitivity.CAUSAL):
+        assert sensitivity.Changed(name, 2.0).users, name
