@@ -28,7 +28,6 @@ def fleet(
     *,
     channels: Channels = None,
     extend: Diagnosed | PathLike | None = None,
-    seed: int = 0,
     progress: Progress | None = None,
 ) -> Fleet:
     """Say what several sensors of one type have in common, which do not belong, and what differs along them.
@@ -43,8 +42,6 @@ def fleet(
         Which sensors to look at; all that were recorded where it is left out.
     extend : Diagnosed or path, optional
         A diagnosis whose causes the models shall carry; the population is then of their parameters too.
-    seed : int
-        Of the differential evolution.
     progress : function of a sentence, optional
 
     Returns
@@ -71,7 +68,7 @@ def fleet(
     with as_python():
         read = [one for one in given if isinstance(one, Campaign)]
         folders = [Path(one) for one in given if not isinstance(one, Campaign)]
-        tasks, failed = tasks_of(folders, seed, None, None)
+        tasks, failed = tasks_of(folders, None, None)
         found, extensions = [], extensions_of(extend)
         sources: list[Campaign | FleetTask] = [*read, *tasks]
         for one in sources:
@@ -80,7 +77,7 @@ def fleet(
             try:
                 campaign = one if isinstance(one, Campaign) else read_campaign(Path(one.path), one.probe)
                 wanted = of_campaign(campaign, channels)
-                result = _characterize(campaign, seed=seed, extensions=extensions, channels=wanted)
+                result = _characterize(campaign, extensions=extensions, quickly=True, channels=wanted)
                 causes = causes_in(current(campaign.path, campaign))
                 found.append(replace(statistics_of(result, fingerprint(campaign)), causes=causes))
             except InputError as error:

@@ -227,7 +227,7 @@ def quick_part(
     problem = make_problem(channel, whiteners(channel, noise), rounding=rounding)
     parts = {}
     for basis, extension in models.items():
-        point = rough_point(problem, extension.structure)
+        point = rough_point(problem, extension.structure, extension.starts)
         theta = Model(channel, extension.structure).start(point.theta[: channel.rates], dict(extension.starts or {}))
         found = fit(problem, extension.structure, theta, point.deviations, iterations=40)
         parts[basis] = make_part(problem, labelled(problem, found))

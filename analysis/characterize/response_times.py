@@ -15,7 +15,6 @@ from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import Fit
 from shockrig.analysis.estimate.model import Held, Model, Point, Structure
 from shockrig.analysis.physics.bodies import BODIES
-from shockrig.analysis.physics.modes import response_times
 from shockrig.files.profile import ResponseTime
 
 Array = NDArray[np.float64]
@@ -78,8 +77,8 @@ def _times(
     rate = float(np.exp(theta[ambient]))
     kept = structure.of_sensor()
     if not kept.effects:
-        t63, t90, t98 = response_times(BODIES[channel.body].held().scaled(rate))
-        return float(t63), float(t90), float(t98)
+        t63, t90, t98 = BODIES[channel.body].landmarks
+        return t63 / rate, t90 / rate, t98 / rate
     whole = Model(channel, structure)
     values = whole.values(theta, np.zeros((theta.size, theta.size)))
     held = tuple(Held(e.id, name, value) for e in kept.effects for name, (value, _) in values[e.id].items())

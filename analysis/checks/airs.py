@@ -132,7 +132,7 @@ def _at_rest(seen: ColumnSeen, there: np.ndarray) -> float | None:
     time, value = seen.time_s[there], seen.value[there]
     if value.size < LEAST_READINGS:
         return None
-    parts = [float(np.median(part)) for part in np.array_split(value, REST_PARTS)]
+    parts = [float(np.median(part)) for part in np.array_split(value, REST_PARTS)[-2:]]
     drift = abs(parts[-1] - parts[-2]) / max(float(time[-1] - time[0]) / REST_PARTS, 1e-9)
     rise_s = seen.crossing_s(0.63) - seen.crossing_s(0.1) if seen.moves else 0.0
     window_s = float(time[-1] - time[0])

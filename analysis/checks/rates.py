@@ -34,6 +34,8 @@ SHAPES = {TEMPERATURE: ("sphere", "lag", "two lags"), HUMIDITY: ("film", "film b
 RUNS_TRIED = 8  # runs on which the shape is chosen
 FEWEST_READINGS, MOST_READINGS = 6, 300  # of a run's transient; more are thinned out
 TABLE_REACH = 30.0  # of the tables, in units of t63
+STRETCHED, LATE = (0.9, 1.2, 1.5, 1.9), (-0.5, -0.25, -0.1, 0.0)  # in units of the rise
+STARTS = np.array([(np.log(factor), late) for factor in STRETCHED for late in LATE])
 
 
 @dataclass(frozen=True)
@@ -137,13 +139,15 @@ def _fit(seen: ColumnSeen, shape: str) -> RunResponse:
     x, table = _shape(shape)
 
     def misfit(parameters: Array, /) -> Array:
-        model = np.interp((time - begin - rise * parameters[1]) / (rise * np.exp(parameters[0])), x, table, left=0.0)
-        model = model - model.mean()
-        power = float(model @ model)
-        return centred - (float(model @ centred) / power if power > 0.0 else 0.0) * model
+        """What is left (..., n) at ln of the stretch and lateness (..., 2)."""
+        stretch, late = rise * np.exp(parameters[..., :1]), parameters[..., 1:]
+        model = np.interp((time - begin - rise * late) / stretch, x, table, left=0.0)
+        model = model - model.mean(axis=-1, keepdims=True)
+        power = (model * model).sum(axis=-1, keepdims=True)
+        size = (model * centred).sum(axis=-1, keepdims=True) / np.where(power > 0.0, power, 1.0)
+        return np.asarray(centred - size * model)
 
-    starts = [np.array([np.log(f), late]) for f in (0.9, 1.2, 1.5, 1.9) for late in (-0.5, -0.25, -0.1, 0.0)]
-    start = min(starts, key=lambda p: float(np.square(misfit(p)).sum()))
+    start = STARTS[int(np.argmin(np.square(misfit(STARTS)).sum(axis=-1)))]
     # steps of a thousandth: the tables are straight between their points
     (log_share, late), *_ = leastsq(misfit, start, epsfcn=1e-6, maxfev=200, full_output=True)
     left = misfit(np.array([log_share, late]))

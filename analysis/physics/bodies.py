@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -239,7 +240,7 @@ class Body:
         """Symbol of the fitted rate where the body takes up something else: "D/R^2" for a sphere of polymer."""
         return f"{diffusivity}/{self.length}^2" if self.length else "1/tau"
 
-    @property
+    @cached_property
     def landmarks(self) -> tuple[float, float, float]:
         """Dimensionless times (times `symbol`) to 1 - 1/e, 90 and 98 % of a step, surface at the air."""
         t63, t90, t98 = response_times(self.held())

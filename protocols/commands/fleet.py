@@ -27,7 +27,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--extend", metavar="DIAGNOSIS.json", type=Path, help="fit the model with the causes that this diagnosis names"
     )
-    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the differential evolution (0)")
     parser.add_argument("--workers", metavar="N", type=int, help="processes on this machine (one for each processor)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="a Dask cluster to work on, such as tcp://host:8786")
 
@@ -50,13 +49,12 @@ def main(args: argparse.Namespace) -> int:
     if args.workers is not None and args.workers < 1:
         raise InputError(f"--workers {args.workers}: expected at least 1")
     made_at = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
-    tasks, unread = tasks_of(args.folders, args.seed, args.extend, args.out / KEPT_IN)
+    tasks, unread = tasks_of(args.folders, args.extend, args.out / KEPT_IN)
     found, failed = measured_fleet(tasks, args.workers or processors(), args.scheduler, said_now_and_then(EVERY_S))
     provenance: dict[str, Any] = {
         "campaigns": ", ".join(str(folder) for folder in args.folders),
         "software": f"shockrig {software_version()}",
         "made_at": made_at,
-        "seed": args.seed,
     }
     if args.extend is not None:
         provenance["extended_by"] = str(args.extend)

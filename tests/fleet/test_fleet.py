@@ -354,7 +354,8 @@ def test_the_command_writes_what_it_found_and_does_nothing_twice(bench, alone_of
         for figure, times in zip(figures, stated, strict=True):
             own, shrunk = figure.own_t63_s, figure.t63_s
             assert (own.value, own.standard_uncertainty) == pytest.approx(
-                (times.t63_s, times.standard_uncertainties_s[0]), rel=1e-6
+                (times.t63_s, times.standard_uncertainties_s[0]),
+                rel=1e-4,  # one least squares from two starts
             )
             assert shrunk.value * figure.shrunk.value == pytest.approx(own.value * figure.own.value, rel=1e-6)
     assert len(list((out / "measured").iterdir())) == 5
