@@ -42,6 +42,8 @@ class Choice:
         Expected ln E against the explanation that it speaks against most, whichever of those tied is the true one.
     expected : mapping
         Label of each goal -> its relative standard uncertainty after the run.
+    beside : float
+        What a second probe, recorded beside a single one, is expected to add to `evidence`.
     """
 
     shock: PlannedShock
@@ -51,6 +53,7 @@ class Choice:
     information: float
     evidence: float
     expected: Mapping[str, float] = field(default_factory=dict)
+    beside: float = 0.0
 
     @property
     def per_minute(self) -> float:

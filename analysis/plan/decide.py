@@ -20,10 +20,11 @@ from shockrig.analysis.checks.check import checked
 from shockrig.analysis.diagnose.diagnosed import ChannelOutcome
 from shockrig.analysis.diagnose.grammar import MOST_RUNS
 from shockrig.analysis.estimate.arrow import Arrow
-from shockrig.analysis.estimate.fit import linearise
-from shockrig.analysis.estimate.model import Point
+from shockrig.analysis.estimate.fit import Fit, linearise
+from shockrig.analysis.estimate.model import Point, Structure
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, looked_for
 from shockrig.analysis.fleet.prior import WithFleet, with_population
+from shockrig.analysis.fleet.whose import AIR_LINK
 from shockrig.analysis.plan.choose import UNTOLD, Choice, chase, choose_runs
 from shockrig.analysis.plan.decision import (
     CONTINUE,
@@ -73,15 +74,70 @@ def expected_evidence(looks: Sequence[ChannelLook], shocks: Sequence[PlannedShoc
 
     Averaged over which explanation is true, each as likely as the evidence so far leaves it.
     """
+    return _averaged(looks, shocks, _if_true)
+
+
+def second_probe_evidence(looks: Sequence[ChannelLook], shocks: Sequence[PlannedShock]) -> list[float]:
+    """What a second probe of the type, recorded beside the first in each run, adds to that; averaged alike.
+
+    It shows what the air does as the first one does, and none of the faults that are the first one's own. Its rate is
+    its own, and so are its runs' random effects: what it says of a start that both share is not counted.
+    """
+    return _averaged(looks, shocks, _if_true_beside)
+
+
+def _averaged(
+    looks: Sequence[ChannelLook],
+    shocks: Sequence[PlannedShock],
+    told_by: Callable[[ChannelLook, int, Array, Sequence[PlannedShock]], Array],
+) -> list[float]:
     expected = np.zeros(len(shocks))
     for look in looks:
         if len(look.rivals) > 1 and look.problem is not None and look.verdict.dispute is not None and shocks:
             now = np.array([x for x in look.verdict.against if x < REJECTED])
             likely = np.exp(now.min() - now)
-            told = [_if_true(look, i, now, shocks) for i in range(len(look.rivals))]
+            told = [told_by(look, i, now, shocks) for i in range(len(look.rivals))]
             known = rates_known(look.problem.channel, shocks)
             expected = np.maximum(expected, known * (likely @ np.array(told) / likely.sum()))
     return [float(x) for x in expected]
+
+
+def _if_true_beside(look: ChannelLook, i: int, now: Array, shocks: Sequence[PlannedShock]) -> Array:
+    """ln E (M,) that a second probe would add against the most hurt rival of explanation i."""
+    assert look.problem is not None and look.noise is not None and look.verdict.dispute is not None
+    problem, true = look.problem, look.rivals[i]
+    new = imagined(problem.with_rate_scatter(true.rate_scatter), look.noise, shocks, problem.channel.ambients_c)
+    at_rest = new.channel.at_rest()
+    common = frozenset.intersection(*(frozenset(rival.structure.ids) for rival in look.rivals))
+    structure, places, _ = _beside(true, common)
+    truth, _ = linearise(new, structure, Point(true.theta[places], at_rest))
+    degrees = look.verdict.dispute.degrees(problem.channel.rates)
+    found = np.full(len(shocks), -np.inf)
+    for j, rival in enumerate(look.rivals):
+        if j == i:
+            continue
+        structure, places, known = _beside(rival, common)
+        there, arrow = linearise(new, structure, Point(rival.theta[places], at_rest))
+        for m, one in enumerate(each_run(arrow)):
+            difference = new.whiten(truth - there)[m : m + 1]
+            right, _ = one.right_sides(difference, at_rest[m : m + 1], np.zeros(len(places)))
+            absorbed = float(right @ np.linalg.lstsq(one.normal + known, right, rcond=None)[0])
+            found[m] = max(found[m], student(0.5 * max(one.hidden(difference) - absorbed, 0.0), degrees))
+    return found
+
+
+def _beside(found: Fit, common: frozenset[str]) -> tuple[Structure, list[int], Array]:
+    """An explanation of one probe's runs as a second probe's: the effects of the air, with those that no rival denies;
+    where its theta stands in the first one's, and what that one's runs say of the effects (a precision)."""
+    model = found.model
+    kept = found.structure.keeping(common | {e.id for e in found.structure.effects if e.link == AIR_LINK})
+    effects = [model.place(name) for name in kept.names]
+    rates = range(model.channel.rates)
+    places = [*rates, *effects, *range(model.size - len(model.shared), model.size)]
+    known = np.zeros((len(places), len(places)))
+    here = slice(len(rates), len(rates) + len(effects))
+    known[here, here] = np.linalg.pinv(found.covariance[np.ix_(effects, effects)], hermitian=True)
+    return kept, places, known
 
 
 def _if_true(look: ChannelLook, i: int, now: Array, shocks: Sequence[PlannedShock]) -> Array:
@@ -248,8 +304,12 @@ def decide(
         considered = tuple(chosen)
     else:
         chosen, considered = choose_runs(designs, minutes, () if campaign is None else campaign.runs, count)
-        told = expected_evidence(list(looks.values()), [c.shock for c in (*chosen, *considered)])
-        weighed = [replace(c, evidence=x) for c, x in zip((*chosen, *considered), told, strict=True)]
+        every = (*chosen, *considered)
+        told = expected_evidence(list(looks.values()), [c.shock for c in every])
+        weighed = [replace(c, evidence=x) for c, x in zip(every, told, strict=True)]
+        if len(campaigns) == 1:
+            more = second_probe_evidence(list(looks.values()), [c.shock for c in chosen])
+            weighed[: len(chosen)] = [replace(c, beside=x) for c, x in zip(weighed, more, strict=False)]
         chosen, considered = weighed[: len(chosen)], tuple(weighed[len(chosen) :])
     worst = [look.left_over for look in looks.values() if look.left_over]
     describes = any(v.describes for v in verdicts.values())

@@ -21,7 +21,7 @@ from shockrig.analysis.estimate.fit import fit
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import PLAIN, Model
 from shockrig.analysis.plan.choose import choose_runs, progress
-from shockrig.analysis.plan.decide import decide, expected_evidence
+from shockrig.analysis.plan.decide import decide, expected_evidence, second_probe_evidence
 from shockrig.analysis.plan.decision import (
     CONTINUE,
     DONE,
@@ -238,6 +238,29 @@ def test_evidence_comes_from_runs_that_tell_the_explanations_apart(tmp_path):
     slowly, same = expected_evidence([ChannelLook(verdict, problem, ready.noise, tuple(fits))], [slow, COOL])
     assert told[1] == pytest.approx(slowly, rel=0.5) and same < 2.0
     assert expected_evidence([ChannelLook(Verdict())], [slow]) == [0.0]
+    # both are the sensor's own, of which a second one says nothing
+    (nothing,) = second_probe_evidence([ChannelLook(verdict, problem, ready.noise, tuple(fits))], [slow])
+    assert nothing == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_second_probe_tells_the_air_from_the_sensor(tmp_path):
+    """Of a chamber that recovers and a stem, about as much comes of a second probe as is expected of it."""
+    room = {"room_temperature_c": 22.0, "room_humidity_percent": 45.0}
+    relaxing = {"air_relaxation": {"fraction": 0.03, "time_constant_s": 20.0, **room}}
+    stem = {"stem_conduction": {"fraction": 0.03, "time_constant_s": 20.0}}
+    truth = replace(LIVELY, effects=(Hidden("air_relaxation", relaxing["air_relaxation"]),))
+    ready = prepare(build_channel(recorded(tmp_path, truth, [COOL, WARM] * 3).campaign(), "temperature"))
+    plain, *fits = (_fitted(ready.problem, one) for one in ({}, relaxing, stem))
+    dispute = Dispute((relaxing, stem), ready.problem.channel.run_ids)
+    look = ChannelLook(Verdict("explained", 6, relaxing, dispute, (0.0, 0.0)), ready.problem, ready.noise, tuple(fits))
+    degrees = dispute.degrees(ready.problem.channel.rates)
+    for place, shock in enumerate((COOL, WARM)):
+        (expected,) = second_probe_evidence([look], [shock])
+        # runs of another probe in the same air, where it shows and where it is left out
+        beside = prepare(build_channel(recorded(tmp_path / f"{place}", truth, [shock] * 4).campaign(), "temperature"))
+        without, with_it = (_fitted(beside.problem, one) for one in ({}, relaxing))
+        came = student(0.5 * (without.deviance - with_it.deviance) / 4.0, degrees)
+        assert came == pytest.approx(expected, rel=0.3) and came > 5.0
 
 
 @pytest.mark.trial
