@@ -24,7 +24,16 @@ from shockrig.analysis.estimate.model import PLAIN, Held, Model, Point, Structur
 from shockrig.analysis.estimate.noise import Noise, whiteners
 from shockrig.analysis.estimate.problem import UNVENTILATED_LIMIT, Problem, make_problem
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, RunEffect
-from shockrig.analysis.estimate.scan import RATE_BOUNDS_PER_S, Misfit, Optimum, better, descend, evolve, rough_point
+from shockrig.analysis.estimate.scan import (
+    RATE_BOUNDS_PER_S,
+    Misfit,
+    Optimum,
+    better,
+    descend,
+    descended_point,
+    evolve,
+    rough_point,
+)
 from shockrig.files.causes import StatedEffect
 from shockrig.files.diagnosis import read_diagnosis
 from shockrig.files.diagnosis_data import Discovered
@@ -176,11 +185,17 @@ def fit_part(
     start = Model(channel, extension.structure).start(log_rates, dict(extension.starts or {}))
     deviations = channel.at_rest()
     deviations[:, RunEffect.START] = late_s
-    part = make_part(problem, labelled(problem, fit(problem, extension.structure, start, deviations)))
+    found = fit(problem, extension.structure, start, deviations)
+    if start.size > channel.rates:
+        again = descended_point(problem, extension.structure)
+        second = fit(problem, extension.structure, again.theta, again.deviations)
+        found = second if second.deviance < found.deviance - SAME_DEVIANCE else found
+    part = make_part(problem, labelled(problem, found))
     rows, undetermined = joint_rows(part, noise, basis, optima)
     return part, rows, undetermined
 
 
+SAME_DEVIANCE = 2.0  # a factor e in the likelihood, within which two fits are one
 SAME_RESPONSE = 1e-9  # of the readings' span, within which two parameter sets are one response
 
 

@@ -9,7 +9,7 @@ takes the start that suits the candidate best.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import Bounds, differential_evolution
 
 from shockrig.analysis.estimate.channel import Channel
-from shockrig.analysis.estimate.fit import Fit, fit, run_misfit
+from shockrig.analysis.estimate.fit import Fit, fit, objective_at, run_misfit
 from shockrig.analysis.estimate.model import LOG_RATE_BOUNDS, PLAIN, Model, Point, Structure
 from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.quantity import RunEffect
@@ -112,6 +112,10 @@ def scanned_starts(problem: Problem, found: Fit, stuck: float = STUCK_MEAN_SQUAR
 
 POPULATION = 15
 GENERATIONS = 60
+LAST_STEP_OF_RATE = 1e-6  # in ln rate, at which a descent ends
+LAST_STEP_OF_START = 1e-3  # of a parameter as it is fitted, where a fit goes on from there
+MOST_EVALUATIONS = 300  # of a descent, for each parameter
+FIRST_STEP = 0.3  # of the way between a parameter's bounds
 
 
 @dataclass(frozen=True)
@@ -210,18 +214,53 @@ def descend(misfit: Misfit) -> Optimum:
     It shares nothing with `evolve`, which looks everywhere and ends within its tolerance of the best rate: this one
     ends at the bottom of the valley in which the readings say that the rate is.
     """
+    low, high = np.log(RATE_BOUNDS_PER_S)
+    start = np.clip(half_way(misfit.channel), low + 1e-6, high - 1e-6)
+    best, rmse, evaluations = _downhill(
+        lambda x: float(misfit(x)[0]),
+        np.array([start]),
+        np.array([low]),
+        np.array([high]),
+        np.array([0.3]),
+        LAST_STEP_OF_RATE,
+    )
+    return Optimum(float(best[0]), rmse, evaluations)
+
+
+def descended_point(problem: Problem, structure: Structure) -> Point:
+    """Where a fit of a model with effects may begin, whatever values are stated for them.
+
+    SBPLX lowers the penalised sum of squares over all parameters, from the catalogue's starts and rates that a scan
+    finds beside them. It takes no derivative, and so crosses flat stretches on which Gauss and Newton stop.
+    """
+    model, start = Model(problem.channel, structure), rough_point(problem, structure)
+    low, high = model.bounds()
+    best, _, _ = _downhill(
+        lambda theta: objective_at(problem, model, Point(theta, start.deviations)),
+        np.clip(start.theta, low, high),
+        low,
+        high,
+        np.minimum(model.reach(), FIRST_STEP * (high - low)),
+        LAST_STEP_OF_START,
+    )
+    return Point(best, start.deviations)
+
+
+def _downhill(
+    function: Callable[[Array], float], start: Array, low: Array, high: Array, step: Array, last_step: float
+) -> tuple[Array, float, int]:
+    """The minimum that nlopt's SBPLX finds: place, value there, evaluations."""
     import nlopt  # type: ignore[import-untyped]
 
-    low, high = np.log(RATE_BOUNDS_PER_S)
-    optimiser = nlopt.opt(nlopt.LN_SBPLX, 1)
-    optimiser.set_lower_bounds([low])
-    optimiser.set_upper_bounds([high])
-    optimiser.set_initial_step(0.3)
-    optimiser.set_xtol_abs(1e-6)
-    optimiser.set_maxeval(300)
-    optimiser.set_min_objective(lambda x, _: float(misfit(x)[0]))
-    best = optimiser.optimize([float(np.clip(half_way(misfit.channel), low + 1e-6, high - 1e-6))])
-    return Optimum(float(best[0]), float(optimiser.last_optimum_value()), int(optimiser.get_numevals()))
+    optimiser = nlopt.opt(nlopt.LN_SBPLX, start.size)
+    optimiser.set_lower_bounds(low)
+    optimiser.set_upper_bounds(high)
+    optimiser.set_initial_step(step)
+    optimiser.set_xtol_abs(last_step)
+    optimiser.set_maxeval(MOST_EVALUATIONS * start.size)
+    optimiser.set_min_objective(lambda x, _: float(np.nan_to_num(function(x), nan=np.inf)))
+    best = optimiser.optimize(start)
+    return np.asarray(best), float(optimiser.last_optimum_value()), int(optimiser.get_numevals())
 
 
 def half_way(channel: Channel) -> float:

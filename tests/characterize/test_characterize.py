@@ -153,6 +153,13 @@ def test_the_model_of_a_diagnosis_gives_the_materials_alpha(tmp_path):
     plain = characterize(read_campaign(folder)).temperature
     extended = characterize(read_campaign(folder), extensions=read_extension(diagnosis)).temperature
     assert not plain.explained and extended.explained
+    # A value stated far off leads least squares alone to a Biot number of 2.7.
+    cause["parameters"]["biot_at_5_m_s"]["value"] = 5.0
+    diagnosis.write_text(json.dumps({"format": "shock-diagnosis/1", "channels": channels}))
+    astray = characterize(read_campaign(folder), extensions=read_extension(diagnosis)).temperature
+    assert astray.effects[0].value("biot_at_5_m_s") == pytest.approx(
+        extended.effects[0].value("biot_at_5_m_s"), rel=1e-3
+    )
     assert plain.rows[0].diffusivity_m2_s < 0.2 * truth.thermal_diffusivity_m2_s
     product = extended.rows[0].diffusivity_m2_s * extended.effects[0].value("biot_at_5_m_s")
     assert product == pytest.approx(0.15 * truth.thermal_diffusivity_m2_s, rel=0.01)
