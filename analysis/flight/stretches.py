@@ -191,6 +191,9 @@ def _louder(values: Array, usual: float, least: Callable[[int], Array] | None = 
         # a window's median sees a burst from its middle to its middle; its rows at either end are as loud
         loud, wider = maximum_filter1d(loud, 5), maximum_filter1d(third, 5)
         louder = np.maximum(louder, np.where(loud, wider, 0.0))
+    # a window's median may be small by chance: what lies between loud rows is of their burst
+    around = maximum_filter1d(louder, WINDOW_ROWS)
+    louder = np.where(minimum_filter1d(around, WINDOW_ROWS) > 0.0, np.maximum(louder, around * (louder == 0.0)), louder)
     # a few rows tell a burst's size badly: what its other rows show counts as well
     loud = louder > 0.0
     number = np.cumsum(np.diff(loud, prepend=False) & loud) * loud
