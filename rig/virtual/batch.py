@@ -130,18 +130,18 @@ def _integrate(
     """History of the bodies: `since_s` (n,) and each field of Bodies (n, runs)."""
     probes = Probes(truth, exposure, scatter)
     stepper = probes.stepper
-    times, rows = [0.0], [probes.bodies()]
-    even = stepper.even_times_s(after_s)
-    while stepper.time_s < after_s and not even.size:
-        stepper.step(stepper.longest_step_s())
-        times.append(stepper.time_s)
-        rows.append(probes.bodies())
+    times, rows = [np.zeros(1)], [probes.bodies()]
+    while stepper.time_s < after_s:
         even = stepper.even_times_s(after_s)
-    history = {name: np.array([getattr(row, name) for row in rows]) for name in Bodies.__dataclass_fields__}
-    if even.size:
-        rest = probes.bodies_at(even)
-        history = {name: np.concatenate([part, getattr(rest, name)]) for name, part in history.items()}
-    return {"since_s": np.append(times, even), **history}
+        if even.size:
+            rows.append(probes.advance(even))
+        else:
+            stepper.step(stepper.longest_step_s())
+            even = np.array([stepper.time_s])
+            rows.append(probes.bodies())
+        times.append(even)
+    parts = {name: [np.atleast_2d(getattr(row, name)) for row in rows] for name in Bodies.__dataclass_fields__}
+    return {"since_s": np.concatenate(times), **{name: np.concatenate(part) for name, part in parts.items()}}
 
 
 class _Run:

@@ -15,9 +15,9 @@ import numpy as np
 from scipy.linalg import lapack
 
 try:
-    from shockrig.rig.virtual.physics import _march
+    from shockrig.rig.virtual.physics._march import advance as _advance
 except ImportError:  # built where there is a compiler
-    _march = None  # type: ignore[assignment]
+    _advance = None  # type: ignore[assignment]
 
 SPHERE_CELLS = 80
 FILM_CELLS = 80
@@ -205,29 +205,44 @@ class Stepper:
         self._last_step_s = step_s
 
     def even_times_s(self, until_s: float) -> np.ndarray:
-        """Ends of the steps to come, up to the first that is not before `until_s`, where all are to be as the last was
-        and can be made by `march`; else none.
+        """Ends of the steps to come, up to the first that is not before `until_s`, as long as all are to be as the last
+        was and can be made by `advance`.
         """
         step_s = self._last_step_s
-        if _march is None or self._refresh is not None or self._factor[0] != (LONGEST_STEP_S, 1.0):
+        if _advance is None or self._refresh is not None or self._factor[0] != (step_s, 1.0):
             return np.empty(0)
         count = int((until_s - self.time_s) / step_s) + 2  # one more than there can be
+        if step_s < LONGEST_STEP_S:  # the next longer one begins at twice the age of this one's beginning
+            count = min(count, int(2.0 * STEPS_PER_AGE) + 2)
         times = np.add.accumulate(np.concatenate([[self.time_s], np.full(count, step_s)]))
-        return times[1 : 1 + np.searchsorted(times, until_s)]
+        kept = int(np.searchsorted(times, until_s))
+        if step_s < LONGEST_STEP_S:
+            longer = np.flatnonzero(self._on_ladder(times) > step_s)
+            kept = min(kept, int(longer[0])) if longer.size else kept
+        return times[1 : 1 + kept]
 
-    def march(self, block: int, drive: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """A block's first cells, weighted, after each step of `even_times_s` on its drive, both (n, r); the stepper
-        itself stays where it is.
-        """
+    def advance(self, block: int, drive: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """A block's first cells, weighted, after each step of `even_times_s` on its drive, both (n, r). The block is
+        then where these steps end; the stepper is once all blocks are, and `arrived` has been told."""
         assert self._before is not None  # steps are even after the first
         _, d, e, open_end = self._factor
         here, (runs, cells) = self._slices[block], self._shapes[block]
         stacked = (self._x, self._before, self._capacity, d, np.append(e, 0.0))
         pull = open_end[block * runs : (block + 1) * runs] * drive
         out = np.empty(drive.shape)
-        parts = [np.ascontiguousarray(one[here].reshape(runs, cells).T) for one in stacked]
-        _march.march(len(drive), cells, runs, (*parts, pull, np.ascontiguousarray(weights), out))
+        parts = [np.array(one[here].reshape(runs, cells).T, order="C") for one in stacked]
+        _advance(len(drive), cells, runs, (*parts, pull, np.ascontiguousarray(weights), out))
+        self._x[here], self._before[here] = (one.T.ravel() for one in parts[:2])
         return out
+
+    def arrived(self, time_s: float) -> None:
+        """All blocks have been advanced to this time."""
+        self.time_s = time_s
+
+    def _on_ladder(self, time_s: np.ndarray) -> np.ndarray:
+        """The longest step that the time since the last jump allows, on a ladder of doublings."""
+        allowed = np.maximum((time_s - self.start_s) / STEPS_PER_AGE, FIRST_STEP_S)
+        return np.asarray(FIRST_STEP_S * 2.0 ** np.floor(np.log2(allowed / FIRST_STEP_S)))
 
     def longest_step_s(self, cap_s: float | None = None) -> float:
         """The step that the time since the last jump allows, on a ladder of doublings so that factors are kept."""
@@ -236,6 +251,5 @@ class Stepper:
             return FIRST_STEP_S
         if self._last_step_s == cap_s:  # and the time since the jump has only grown
             return cap_s
-        allowed = max((self.time_s - self.start_s) / STEPS_PER_AGE, FIRST_STEP_S)
-        ladder = FIRST_STEP_S * 2.0 ** np.floor(np.log2(allowed / FIRST_STEP_S))
+        ladder = float(self._on_ladder(np.asarray(self.time_s)))
         return min(cap_s, ladder, 2.0 * self._last_step_s)  # BDF2 is stable for ratios below 1 + sqrt 2

@@ -7,7 +7,7 @@
 #include <Python.h>
 #include <stdlib.h>
 
-enum { INPUTS = 7, ARRAYS = 8 };
+enum { ARRAYS = 8 };
 enum { STATE, BEFORE, CAPACITY, DIAGONAL, OFF, PULL, WEIGHT, OUT };
 
 #if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && defined(__gnu_linux__)
@@ -45,9 +45,10 @@ WIDER static void run(Py_ssize_t steps, Py_ssize_t cells, Py_ssize_t runs, Py_ss
     }
 }
 
-/* march(steps, cells, runs, arrays): state, before, capacity, diagonal and off (cells, runs), of which off's last row
- * is not looked at, pull (steps, runs), weight (up to cells), and what comes out (steps, runs). */
-static PyObject *march(PyObject *module, PyObject *args) {
+/* advance(steps, cells, runs, arrays): state, before, capacity, diagonal and off (cells, runs), of which off's last row
+ * is not looked at, pull (steps, runs), weight (up to cells), and what comes out (steps, runs). State and before are
+ * those after the last step then. */
+static PyObject *advance(PyObject *module, PyObject *args) {
     (void)module;
     Py_ssize_t steps, cells, runs, held = 0;
     PyObject *given[ARRAYS], *result = NULL;
@@ -63,7 +64,7 @@ static PyObject *march(PyObject *module, PyObject *args) {
     const Py_ssize_t nodes = cells * runs, seen = steps * runs;
     const Py_ssize_t sizes[ARRAYS] = {nodes, nodes, nodes, nodes, nodes, seen, -1, seen};
     for (; held < ARRAYS; held++) {
-        const int flags = PyBUF_C_CONTIGUOUS | (held < INPUTS ? 0 : PyBUF_WRITABLE);
+        const int flags = PyBUF_C_CONTIGUOUS | (held > BEFORE && held < OUT ? 0 : PyBUF_WRITABLE);
         if (PyObject_GetBuffer(given[held], &views[held], flags) < 0) goto done;
         const Py_ssize_t size = views[held].len / (Py_ssize_t)sizeof(double);
         if (views[held].itemsize != sizeof(double) || (held == WEIGHT ? size > cells : size != sizes[held])) {
@@ -76,12 +77,14 @@ static PyObject *march(PyObject *module, PyObject *args) {
         PyErr_NoMemory();
         goto done;
     }
-    const double *in[INPUTS];
-    for (Py_ssize_t i = 0; i < INPUTS; i++) in[i] = views[i].buf;
+    double *in[ARRAYS];
+    for (Py_ssize_t i = 0; i < ARRAYS; i++) in[i] = views[i].buf;
     for (Py_ssize_t i = 0; i < nodes; i++) work[i] = in[STATE][i], work[nodes + i] = in[BEFORE][i];
     Py_BEGIN_ALLOW_THREADS;
     run(steps, cells, runs, views[WEIGHT].len / (Py_ssize_t)sizeof(double), work, work + nodes, in[CAPACITY],
-        in[DIAGONAL], in[OFF], in[PULL], in[WEIGHT], views[OUT].buf);
+        in[DIAGONAL], in[OFF], in[PULL], in[WEIGHT], in[OUT]);
+    const double *x = steps % 2 ? work + nodes : work, *before = steps % 2 ? work : work + nodes; /* they change places */
+    for (Py_ssize_t i = 0; i < nodes; i++) in[STATE][i] = x[i], in[BEFORE][i] = before[i];
     Py_END_ALLOW_THREADS;
     result = Py_NewRef(Py_None);
 done:
@@ -90,7 +93,7 @@ done:
     return result;
 }
 
-static PyMethodDef methods[] = {{"march", march, METH_VARARGS, "Even steps of chains of cells."},
+static PyMethodDef methods[] = {{"advance", advance, METH_VARARGS, "Even steps of chains of cells."},
                                 {NULL, NULL, 0, NULL}};
 static PyModuleDef_Slot slots[] = {{0, NULL}};
 static struct PyModuleDef definition = {

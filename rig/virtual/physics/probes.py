@@ -192,13 +192,17 @@ class Probes:
         bead, film, *lags = self.stepper.state
         return Bodies(bead[:, :3] @ CORE_WEIGHTS, film @ self.film_widths, *(lag[:, 0].copy() for lag in lags))
 
-    def bodies_at(self, times_s: np.ndarray) -> Bodies[np.ndarray]:
-        """What the probes will have come to after each of the stepper's `even_times_s`, arrays (n, r)."""
+    def advance(self, times_s: np.ndarray) -> Bodies[np.ndarray]:
+        """Go through the stepper's `even_times_s`: what the probes have come to after each of them, arrays (n, r)."""
         stepper, one = self.stepper, np.ones(1)
         ends = times_s[:, None]
         began = np.concatenate([[[stepper.time_s]], ends[:-1]])
         air_c, vapour = air_after(self._truth, self.exposure, ends)
-        film = stepper.march(1, self._at_face(air_c, vapour, began, ends), self.film_widths)
-        taken_up = np.concatenate([[stepper.state[1] @ self.film_widths], film[:-1]])
+        before = stepper.state[1] @ self.film_widths
+        film = stepper.advance(1, self._at_face(air_c, vapour, began, ends), self.film_widths)
+        taken_up = np.concatenate([[before], film[:-1]])
+        bead = stepper.advance(0, air_c, CORE_WEIGHTS)
         lags = zip((2, 3, 4, 5), (air_c, air_c, vapour, taken_up), strict=True)
-        return Bodies(stepper.march(0, air_c, CORE_WEIGHTS), film, *(stepper.march(i, of, one) for i, of in lags))
+        found = Bodies(bead, film, *(stepper.advance(i, of, one) for i, of in lags))
+        stepper.arrived(float(times_s[-1]))
+        return found
