@@ -1,7 +1,7 @@
 """What the paper's equations, taken as printed, cost: every number measured here and now, beside the series.
 
-Layered grids (Eqs. 5-7, 11-13), their stepping and their inverses. What the plain model leaves out, whatever its
-numerics, is in limits.py. Source of what is examined: doi 10.5194/amt-15-2607-2022.
+Layered grids (Eqs. 5-7, 11-13), their stepping and their inverses, and what the plain model leaves out whatever its
+numerics. Source of what is examined: doi 10.5194/amt-15-2607-2022.
 """
 
 from __future__ import annotations
