@@ -250,29 +250,24 @@ def whole_pieces(time_s: Array, value: Array, period_s: float, length: int) -> I
 
 @dataclass(frozen=True)
 class _Pool:
-    """Pieces with a polynomial projected out, pooled: their count, the polynomials (orthonormal), the scatter left, and
-    that scatter's sums down its diagonals, from each place on."""
+    """Pieces with a polynomial projected out, pooled: their count, the polynomials (orthonormal), the scatter left."""
 
     count: int
     polynomials: Array
     scatter: Array
-    ahead: Array
 
-    def deviance(self, first: Array, seen: Array, log_determinant: float) -> float:
-        """-2 log restricted likelihood for noise of a Toeplitz covariance C, given the first column of C^-1, C^-1 Q of
-        the polynomials Q, and log det C.
+    def of_polynomials(self, seen: Array, log_determinant: float) -> float:
+        """-2 log restricted likelihood for noise of a covariance C, less the misfit of C^-1 to the scatter; given C^-1
+        Q of the polynomials Q, and log det C.
 
         With B a basis of what the polynomials leave: log det B'CB = log det C + log det Q'C^-1 Q, and
-        B (B'CB)^-1 B' = C^-1 - C^-1 Q (Q'C^-1 Q)^-1 Q'C^-1. With x the first column and y = (0, x_n, ..., x_2),
-        C^-1_ij is the sum over k of (x_i-k x_j-k - y_i-k y_j-k) / x_1 (Gohberg and Semencul 1972).
+        B (B'CB)^-1 B' = C^-1 - C^-1 Q (Q'C^-1 Q)^-1 Q'C^-1.
         """
         factor, log_inner = _factored(self.polynomials.T @ seen)
         if factor is None:
             return IMPOSSIBLE
-        last = np.append(0.0, first[:0:-1])
-        misfit = (first @ self.ahead @ first - last @ self.ahead @ last) / first[0]
-        misfit -= linalg.lapack.dpotrs(factor, seen.T @ self.scatter @ seen, lower=True)[0].trace()
-        return float(self.count * (log_determinant + log_inner) + misfit)
+        taken = linalg.lapack.dpotrs(factor, seen.T @ self.scatter @ seen, lower=True)[0].trace()
+        return float(self.count * (log_determinant + log_inner) - taken)
 
 
 def _factored(covariance: Array) -> tuple[Array | None, float]:
@@ -287,11 +282,7 @@ def _pool(pieces: Array, order: int, reject: bool = True) -> _Pool:
         # A burst or an unsettled plateau is not the noise.
         power = (reduced**2).mean(axis=1)
         reduced = reduced[power <= 4.0 * np.median(power) + TINY_VARIANCE]
-    scatter = reduced.T @ reduced
-    ahead = scatter.copy()
-    for i in reversed(range(len(ahead) - 1)):
-        ahead[i, :-1] += ahead[i + 1, 1:]
-    return _Pool(reduced.shape[0], polynomials, scatter, ahead)
+    return _Pool(reduced.shape[0], polynomials, reduced.T @ reduced)
 
 
 @dataclass(frozen=True)
@@ -330,6 +321,14 @@ class _PlateauNoise:
         apart = np.abs(np.subtract.outer(np.arange(size), np.arange(size)))
         return apart, columns, [slice(*between) for between in itertools.pairwise(ends.tolist())]
 
+    @cached_property
+    def ahead(self) -> Array:
+        """Sums of all pools' scatter down its diagonals, from each place on (n, n)."""
+        ahead = np.sum([pool.scatter for pool in self.pools], axis=0)
+        for i in reversed(range(len(ahead) - 1)):
+            ahead[i, :-1] += ahead[i + 1, 1:]
+        return np.asarray(ahead)
+
     @property
     def readings(self) -> int:
         """Samples in all pieces, less what their polynomials took."""
@@ -342,19 +341,27 @@ class _PlateauNoise:
         return (1 - share) * total, share * total, memory ** (1.0 / self.readings_per_sample)
 
     def deviance(self, x: Array, averaged: int) -> float:
-        """-2 log restricted likelihood."""
+        """-2 log restricted likelihood.
+
+        With x the first column of C^-1, C the Toeplitz covariance of the noise, and y = (0, x_n, ..., x_2), C^-1_ij is
+        the sum over k of (x_i-k x_j-k - y_i-k y_j-k) / x_1 (Gohberg and Semencul 1972).
+        """
         apart, columns, own = self.places
         gamma = _autocovariance(*self.parts(x, averaged), averaged, len(apart), self.readings_per_sample)
         if self.coarse_step:
             gamma = rounded_autocovariance(gamma, self.coarse_step)
         elif averaged > 1:
             gamma[0] += self.extra
-        factor, log_determinant = _factored(gamma[apart])
+        factor, log_determinant = _factored(gamma.take(apart))
         if factor is None:
             return IMPOSSIBLE
         solved = linalg.lapack.dpotrs(factor, columns, lower=True)[0]
-        first = solved[:, 0]
-        return sum(p.deviance(first, solved[:, one], log_determinant) for p, one in zip(self.pools, own, strict=True))
+        first, last = solved[:, 0], np.zeros(len(apart))
+        last[1:] = first[:0:-1]
+        misfit = float(first @ self.ahead @ first - last @ self.ahead @ last) / float(first[0])
+        return misfit + sum(
+            pool.of_polynomials(solved[:, one], log_determinant) for pool, one in zip(self.pools, own, strict=True)
+        )
 
     def fitted(self, averaged: int) -> tuple[float, Array]:
         """The least deviance for an average over so many readings, and the numbers x that have it."""
