@@ -1,6 +1,7 @@
 """Real flights of one sensor, up and down: what `shockrig learn` says of them, and how far their passes then disagree.
 
     python benchmarks/learn_real.py CACHE [--clock 18] [--out results/learn_real.txt]
+    python benchmarks/learn_real.py CACHE --ahead --only "One Tree" --out results/learn_ahead.txt
 
 CACHE holds folders of logs that were fetched from public repositories; nothing of them is in this repository. In
 `dives` is what `real_passes.py` takes. Of a mission that judges, no log is read here: of Lake Michigan the first one
@@ -8,6 +9,11 @@ alone is.
 Each flight's passes are corrected by a fit without the flight. Mean and spread are of the later pass less the earlier.
 With `--clock`, the altitudes are made late by so many seconds, and what is called a clock then is told alone.
 Where there are four flights or more, `correct` takes the profile learned from every other one to those between.
+
+`--ahead` asks what a shift of the position's clock is in logs that agree best with one: by how much the thermometer is
+ahead of the altitude on each way, from what both do within half a minute (a clock is the same on both ways); how far
+the altitude is ahead of the pressure of the same record; and how well a clock, a warmth that airflow carries off and a
+cold that there is on the way up alone predict the flights, each beside one lag. `--clock` makes altitudes late before.
 """
 
 from __future__ import annotations
@@ -17,25 +23,33 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from real_pass_sets import CORMORANTS, SEAL, SONDE_FOLDERS, SONDES, bouts, fur_seal, sonde
+from scipy.ndimage import gaussian_filter1d
 
 from shockrig.analysis.flight.correct import correct
-from shockrig.analysis.learn.bins import CHANNELS, binned
+from shockrig.analysis.learn.bins import CHANNELS, FlightBins, binned, why_nothing
 from shockrig.analysis.learn.density import prepared
+from shockrig.analysis.learn.fit import fitted
+from shockrig.analysis.learn.laws import LAWS, Law, LawParameter
 from shockrig.analysis.learn.learn import BINS, learn
 from shockrig.analysis.learn.passes import disagreement
 from shockrig.analysis.learn.profile import learned_profile
+from shockrig.analysis.physics.standard_atmosphere import pressure_altitude_m
 from shockrig.files.errors import InputError
 from shockrig.files.flight import Flight
 from shockrig.protocols.flight_clock import on_clock
 from shockrig.protocols.learning import named_flights, sentence
 
 FEWEST = 4  # flights, of which a half is learned from and a half corrected
+WITHIN_S = 30.0  # what lasts longer is not looked at where readings are held beside altitudes
+FARTHEST_S = 40.0  # by which readings are moved
+OFF_GROUND_M = 40.0
+CLIMB_M_S = 3.0  # of a cold on the way up as it is stated
 
 SETS: dict[str, Callable[[Path, Path], list[Path]]] = {
     "Lake Michigan, first mission (evans36/lakemichigan @11f5ecb, Windsond S1)": lambda cache, _: sorted(
@@ -101,7 +115,7 @@ def _late(flight: Flight, clock_s: float) -> Flight:
     return replace(flight, altitude_m=late)
 
 
-def table(cache: Path, made: Path, clock_s: float, only: str) -> list[str]:
+def table(cache: Path, made: Path, clock_s: float, only: str, shifted: bool = False) -> list[str]:
     """Lines for each set that is in the cache."""
     lines = []
     for name, logs in SETS.items():
@@ -110,6 +124,9 @@ def table(cache: Path, made: Path, clock_s: float, only: str) -> list[str]:
         paths = logs(cache, made)
         if not paths:
             lines += [f"{name}: not in the cache", ""]
+            continue
+        if shifted:
+            lines += [name, *ahead_table(paths, clock_s), ""]
             continue
         began = time.process_time()
         flights = named_flights(paths)[0]
@@ -175,16 +192,85 @@ def corrected(flights: dict[str, Flight]) -> list[str]:
     return lines
 
 
+def ahead(flight: Flight) -> tuple[float, float, float]:
+    """By how much the thermometer is ahead of the altitude on the way up and on the way down, and the altitude of the
+    pressure [s]: where what both do within half a minute agrees best. NaN for a way of less than three minutes, or
+    without a pressure."""
+    assert flight.altitude_m is not None
+    at = np.arange(np.nanmin(flight.time_s) + 1.0, np.nanmax(flight.time_s))
+
+    def column(values: np.ndarray) -> np.ndarray:
+        good = np.isfinite(values) & np.isfinite(flight.time_s)
+        if not good.any():
+            return np.full(at.size, np.nan)
+        order = np.argsort(flight.time_s[good], kind="stable")
+        return np.interp(at, flight.time_s[good][order], values[good][order])
+
+    def within(values: np.ndarray) -> np.ndarray:
+        return gaussian_filter1d(values, 1.5) - gaussian_filter1d(values, WITHIN_S)
+
+    altitude, warm = column(flight.altitude_m), within(column(flight.temperature_c))
+    barometer = within(column(pressure_altitude_m(flight.pressure_hpa)))
+    flies, top = np.flatnonzero(altitude > np.nanmin(altitude) + OFF_GROUND_M), int(np.argmax(altitude))
+    shifts, edge = np.arange(-FARTHEST_S, FARTHEST_S + 1.0), int(2.0 * WITHIN_S)
+
+    def best(values: np.ndarray, first: int, last: int, sign: float) -> float:
+        if last - first < edge:
+            return np.nan
+        moved = (within(np.interp(at + shift, at, altitude))[first:last] for shift in shifts)
+        return float(shifts[np.nanargmax([sign * np.corrcoef(values[first:last], one)[0, 1] for one in moved])])
+
+    whole = flies[0] + edge, flies[-1] - edge
+    pressure = -best(barometer, *whole, 1.0) if np.isfinite(barometer).all() else np.nan
+    return best(warm, whole[0], top - edge, -1.0), best(warm, top + edge, whole[1], -1.0), pressure
+
+
+def _cold_on_the_way_up() -> Law:
+    """What no law of the catalogue is: a thermometer that reads less the faster it climbs, and nothing else when it
+    sinks."""
+
+    def offset(values: Mapping[str, float], bins: FlightBins) -> np.ndarray:
+        return -values["cold_k"] * np.maximum(bins.climb_m_s, 0.0) / CLIMB_M_S
+
+    cold = LawParameter("cold_k", "K", 0.0, 0.5, -10.0, 10.0, (0.3,), "colder at 3 m/s of climb")
+    return Law("cold_on_the_way_up", ("unknown",), "temperature", (cold,), "", "", "", offset=offset)
+
+
+def ahead_table(paths: list[Path], clock_s: float) -> list[str]:
+    """Lines of what a shift of the position's clock is in a set's logs, whose altitudes are made late beforehand."""
+    flights = {key: _late(one, clock_s) for key, one in named_flights(paths)[0].items() if not why_nothing(one)}
+    lines = ["    thermometer ahead of the altitude, up and down; altitude ahead of the pressure [s]"]
+    for name, flight in flights.items():
+        up, down, pressure = ahead(flight)
+        lines.append(f"    {name:<28} {up:+5.0f} {down:+5.0f} {pressure:+5.0f}")
+    units = [prepared(binned(flight, name, BINS), "temperature") for name, flight in flights.items()]
+    lag, start = LAWS["temperature.lag"], np.log(2.0)
+    beside = LAWS["position.clock_offset"], LAWS["temperature.ventilated_warmth"], _cold_on_the_way_up()
+    plain = fitted((lag,), units, np.array([start]))
+    lines.append("    nats by which temperature is predicted better than by one lag, beside it; its size; the lag [s]")
+    for law in beside:
+        fits = [fitted((lag, law), units, np.array([start, at])) for at in law.parameters[0].starts]
+        one = max(fits, key=lambda fit: float(fit.predicted().sum()))
+        gain, size = one.predicted().sum() - plain.predicted().sum(), np.sqrt(one.covariance[1, 1])
+        lines.append(
+            f"    {law.key:<20} {gain:+6.1f}   {one.theta[1]:6.2f} ± {size:.2f} {law.parameters[0].unit:<3}"
+            f" {np.exp(one.theta[0]):5.2f}"
+        )
+    return lines
+
+
 def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("cache", type=Path)
     parser.add_argument("--clock", type=float, default=0.0, metavar="S", help="by which altitudes are made late")
+    parser.add_argument("--ahead", action="store_true", help="what a shift of the clock is in logs as they are")
     parser.add_argument("--only", default="", metavar="NAME", help="sets whose name begins so")
     parser.add_argument("--out", type=Path)
     args = parser.parse_args(argv)
     commit = subprocess.run(["git", "describe", "--always", "--dirty"], capture_output=True, text=True, check=False)
     with tempfile.TemporaryDirectory() as made:
-        text = "\n".join([f"commit {commit.stdout.strip()}", "", *table(args.cache, Path(made), args.clock, args.only)])
+        lines = table(args.cache, Path(made), args.clock, args.only, args.ahead)
+    text = "\n".join([f"commit {commit.stdout.strip()}", "", *lines])
     print(text)
     if args.out is not None:
         args.out.write_text(text, encoding="utf-8")

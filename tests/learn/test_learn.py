@@ -225,6 +225,21 @@ def test_wash_that_cools_bead_and_film_is_one_offset():
         assert left < share * before, channel
 
 
+@pytest.mark.parametrize(("channel", "key"), [("temperature", "ventilated_warmth"), ("humidity", "warm_die")])
+def test_no_flight_tells_a_pitot_tubes_scale(flight, channel, key):
+    """A pitot tube that reads 1.3 times too much is a warmth that is 1.3^(1/2) times as large: the same likelihood."""
+    wrong, law, speed = 1.3, LAWS[f"{channel}.{key}"], np.interp(flight.altitude_m, [0.0, 1200.0], [4.0, 15.0])
+    found = []
+    for scale in (1.0, wrong):
+        log = replace(flight, airspeed_m_s=scale * speed)
+        unit = prepared(binned(log, "one", 60), channel)
+        rise = {"rise_k_at_5_m_s": 0.8 * np.sqrt(scale)}
+        found.append(density(unit, SensorModel((law,), rise), begun(unit)).value)
+    none = density(unit, SensorModel((law,), {"rise_k_at_5_m_s": 0.8}), begun(unit)).value
+    assert found[1] == pytest.approx(found[0], abs=1e-6)
+    assert abs(none - found[0]) > 1e-3
+
+
 def test_one_flight_and_no_bench_halve_the_errors_of_both_sensors():
     """The example flight alone, whose air is known: nothing is refuted by the one flight that is fitted, a lag is among
     the answers, and corrected with the profile learned from itself it is less than half as far from the air."""
