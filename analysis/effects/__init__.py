@@ -10,7 +10,7 @@ import importlib
 from collections.abc import Iterable
 from dataclasses import replace
 
-from shockrig.analysis.effects import film_beside_bead, offset_in_descent
+from shockrig.analysis.effects import film_beside_bead, offset_in_descent, ventilated_warmth
 from shockrig.analysis.effects.described import described, is_described
 from shockrig.analysis.estimate.effect import Effect, Parameter
 from shockrig.analysis.estimate.model import Held, Structure
@@ -60,7 +60,9 @@ def _entries() -> Iterable[Effect]:
 
 CATALOGUE: dict[str, Effect] = {effect.id: replace(effect, order=i) for i, effect in enumerate(_entries())}
 # What no bench shows: flights alone find it, and a correction takes it off as it does the catalogue's.
-OF_FLIGHT: dict[str, Effect] = {effect.id: effect for effect in (offset_in_descent.EFFECT, film_beside_bead.EFFECT)}
+OF_FLIGHT: dict[str, Effect] = {
+    one.EFFECT.id: one.EFFECT for one in (offset_in_descent, ventilated_warmth, film_beside_bead)
+}
 
 
 def by_id(id_: str) -> Effect:

@@ -23,5 +23,5 @@ EFFECT = Effect(
         "Fly another speed of descent, a night and a hover: they tell wash, wake and sun apart.",
     ),
     needs=Needs("needs flights: no bench descends", lambda channel: False),
-    in_flight=InFlight(carried=lambda p, climb_m_s: np.where(climb_m_s < -p["from_m_s"], p["offset"], 0.0)),
+    in_flight=InFlight(carried=lambda p, climb, airspeed: np.where(climb < -p["from_m_s"], p["offset"], 0.0)),
 )

@@ -117,7 +117,7 @@ class InFlight:
         A part of the reading that follows as a first-order lag, or as several in equal shares.
     undo : (values, reading, stream, body's length) -> reading
         Takes off what the readout added.
-    carried : (values, vertical speed (n,) [m/s]) -> ndarray (n,)
+    carried : (values, vertical speed (n,) [m/s], airspeed (n,) [m/s], NaN where unknown) -> ndarray (n,)
         What the carrier adds to the air around the sensor.
     delay_s : (values, sampling period [s]) -> float
     noise : values -> float
@@ -147,7 +147,7 @@ class InFlight:
     exchange: Callable[[Values, Stream, float], Array] | None = None
     lag: Callable[[Values], tuple[float, ...]] | None = None
     undo: Callable[[Values, Array, Stream, float], Array] | None = None
-    carried: Callable[[Values, Array], Array] | None = None
+    carried: Callable[[Values, Array, Array], Array] | None = None
     delay_s: Callable[[Values, float], float] | None = None
     noise: Callable[[Values], float] | None = None
     ceiling: Callable[[Values], float] | None = None

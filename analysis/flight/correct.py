@@ -255,7 +255,7 @@ def _temperature(
     channel = held(channel, readings, raw, everywhere, notes)
     left = not_known(effects)
     channel = replace(channel, uncertainty=np.hypot(channel.uncertainty, left), common=np.hypot(channel.common, left))
-    return replace(channel, carried=carried(effects, climb))
+    return replace(channel, carried=carried(effects, climb, flight.airspeed_m_s))
 
 
 def _gather(

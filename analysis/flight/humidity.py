@@ -258,7 +258,7 @@ def correct_humidity(
         return untouched("humidity", raw, screened, "no temperature of the air in the log", notes)
     film = FilmInAir(part, effects, noise, air, screened, response, respond)
     channel = _through_vapour(flight, film, stream, bead, solve, cutoff_hz, told, notes)
-    return replace(channel, carried=carried(effects, climb))
+    return replace(channel, carried=carried(effects, climb, flight.airspeed_m_s))
 
 
 @dataclass(frozen=True)

@@ -304,16 +304,17 @@ class Carried:
     uncertainty: Array
 
 
-def carried(effects: Iterable[Acting], climb_m_s: Array | None) -> Carried | None:
-    """What it adds along a flight of such a vertical speed (n,); None where nothing, or nobody knows the speed."""
+def carried(effects: Iterable[Acting], climb_m_s: Array | None, airspeed_m_s: Array) -> Carried | None:
+    """What it adds along a flight of such a vertical speed and airspeed (n,); None where nothing, or nobody knows the
+    vertical speed. An airspeed may be NaN."""
     adding = [(one, one.meaning.carried) for one in effects if one.meaning.carried is not None]
     if climb_m_s is None or not adding:
         return None
     value, variance = np.zeros(climb_m_s.shape), np.zeros(climb_m_s.shape)
     for one, adds in adding:
 
-        def at(values: Stated, adds: Callable[[Mapping[str, float], Array], Array] = adds) -> Array:
-            return adds(values, climb_m_s)
+        def at(values: Stated, adds: Callable[[Mapping[str, float], Array, Array], Array] = adds) -> Array:
+            return adds(values, climb_m_s, airspeed_m_s)
 
         value, variance = value + at(one.values), variance + propagated(one, at) ** 2
     return Carried(value, np.sqrt(variance))

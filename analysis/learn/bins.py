@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.analysis.effects.ventilated_warmth import airflow_m_s
 from shockrig.analysis.flight.readout import coarse_track, vertical_speed
 from shockrig.files.flight import Flight
 from shockrig.files.ranges import RANGES
@@ -27,7 +28,6 @@ FASTEST_SHARE = 0.1  # of a track's time, by whose speed it counts as fast
 FEWEST_BINS = 24
 OUTLIER_SIGMAS = 6.0  # of the readings around: a reading further from their median is not one
 AROUND = 7  # readings of which that is the median
-LEAST_AIRFLOW_M_S = 0.5  # past a sensor that hovers in air that moves: what sinks no faster hovers
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,9 @@ class FlightBins:
     values : mapping of channel -> ndarray (n,)
         Means of the readings.
     passes : tuple of Pass
+    sensors : tuple of FlightBins
+        Of a flight with several sensors side by side: each with bins of its own, which stand here one sensor's behind
+        another's. Empty with one.
     """
 
     name: str
@@ -74,6 +77,12 @@ class FlightBins:
     airflow_m_s: Array
     values: Mapping[str, Array]
     passes: tuple[Pass, ...]
+    sensors: tuple[FlightBins, ...] = ()
+
+    @property
+    def begins(self) -> tuple[int, ...]:
+        """The first bin of each sensor."""
+        return tuple(np.cumsum([0, *(one.time_s.size for one in self.sensors[:-1])]).tolist())
 
     def seen(self, channel: str) -> Mask:
         """Bins in which the channel was read (n,)."""
@@ -86,6 +95,8 @@ class FlightBins:
     @cached_property
     def bead_c(self) -> Array:
         """The bead's reading (n,) with gaps bridged; a usual day where there is none [degC]."""
+        if self.sensors:
+            return np.concatenate([one.bead_c for one in self.sensors])
         value = self.values["temperature"]
         good = np.isfinite(value)
         if not good.any():
@@ -95,7 +106,16 @@ class FlightBins:
     @cached_property
     def bead_k_s(self) -> Array:
         """How fast the bead's reading goes (n,) [K/s]."""
+        if self.sensors:
+            return np.concatenate([one.bead_k_s for one in self.sensors])
         return np.gradient(self.bead_c, self.time_s)
+
+    @property
+    def bead_within_c(self) -> Array:
+        """The bead's reading at each of `within_s` (n, SUB_SAMPLES) [degC]."""
+        if self.sensors:
+            return np.concatenate([one.bead_within_c for one in self.sensors])
+        return np.interp(self.within_s, self.time_s, self.bead_c)
 
     @property
     def within_altitudes(self) -> Array:
@@ -140,7 +160,7 @@ def binned(flight: Flight, name: str, count: int) -> FlightBins:
     known[known] = np.diff(time[known], prepend=-np.inf) > 0
     track_s, track_m = time[known], _without_outliers(flight.altitude_m[order][known])
     track_s, track_m = track_s[np.isfinite(track_m)], track_m[np.isfinite(track_m)]
-    begins, ends = _flown(track_s, track_m)
+    begins, ends = flown_span(track_s, track_m)
     # Half of the measure is time and half is way, so that neither a hover nor a fast descent is left without bins.
     inside = (track_s >= begins) & (track_s <= ends)
     at, metres = track_s[inside], track_m[inside]
@@ -171,7 +191,6 @@ def binned(flight: Flight, name: str, count: int) -> FlightBins:
     altitude = np.interp(within, track_s, track_m).mean(axis=1)
     climb = np.interp(middle, *vertical_speed(track_s, track_m))
     airspeed = mean(np.where(flight.airspeed_m_s[order] >= 0, flight.airspeed_m_s[order], np.nan))
-    airflow = np.where(np.isfinite(airspeed), airspeed, np.abs(climb))
     return FlightBins(
         name=name,
         time_s=middle,
@@ -181,9 +200,21 @@ def binned(flight: Flight, name: str, count: int) -> FlightBins:
         track_m=track_m,
         altitude_m=altitude,
         climb_m_s=climb,
-        airflow_m_s=np.maximum(airflow, LEAST_AIRFLOW_M_S),
+        airflow_m_s=airflow_m_s(airspeed, climb),
         values=values,
         passes=passes(altitude, middle, least_pass_m(*vertical_speed(track_s, track_m))),
+    )
+
+
+def side_by_side(first: FlightBins, second: FlightBins) -> FlightBins:
+    """One flight of two sensors in the same air: the second's bins behind the first's, on the first's track."""
+    passes = [*first.passes, *(replace(p, first=p.first + n, last=p.last + n) for n in [first.time_s.size] for p in second.passes)]
+    names = ("time_s", "length_s", "within_s", "climb_m_s", "airflow_m_s")
+    columns = {name: np.concatenate([getattr(first, name), getattr(second, name)]) for name in names}
+    altitude = np.interp(columns["within_s"], first.track_s, first.track_m).mean(axis=1)
+    values = {key: np.concatenate([first.values[key], second.values[key]]) for key in first.values}
+    return replace(
+        first, altitude_m=altitude, values=values, passes=tuple(passes), sensors=(first, second), **columns
     )
 
 
@@ -215,7 +246,7 @@ def passes(altitude_m: Array, time_s: Array, least_m: float = LEAST_PASS_M) -> t
     return tuple(found)
 
 
-def _flown(track_s: Array, track_m: Array) -> tuple[float, float]:
+def flown_span(track_s: Array, track_m: Array) -> tuple[float, float]:
     """From when to when the track is off the ground."""
     low = float(np.quantile(track_m, 0.005))
     over = np.flatnonzero(track_m > low + GROUND_SHARE * float(track_m.max() - low))

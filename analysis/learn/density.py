@@ -24,8 +24,8 @@ from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 from scipy.linalg import blas, lapack
 
-from shockrig.analysis.learn.bins import FlightBins
-from shockrig.analysis.learn.laws import Law, Values, drawn_back, response
+from shockrig.analysis.learn.bins import SUB_SAMPLES, FlightBins
+from shockrig.analysis.learn.laws import SECOND, Law, Values, drawn_back, response
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.learned import SIZES
 
@@ -37,6 +37,7 @@ LAYER_SHARE = 0.1  # of the range of altitudes: how far a change of the air reac
 EDDY_M, EDDY_S = 40.0, 60.0  # how far turbulence reaches, and how long it lasts
 AROUND_SHARE, AROUND_M = 0.05, 50.0  # of the range of altitudes, and at least: over which a profile is as steep
 LEAST_STEEPNESS = 0.05  # of the usual, where the readings are as flat as can be
+ROUNDED = 1e-9  # of the largest variance along a change of the air: what is smaller is rounding
 UNKNOWN = 30.0  # times a channel's own spread: what is known of the ends of the air's profile before any reading
 SIZE_SPREAD = 3.0  # of a size's logarithm, before any reading
 # Usual sizes, as a share of the channel's spread along the flight (standard deviations): the walk over the whole range
@@ -86,6 +87,8 @@ class FlightChannelData:
         What is known of the flight's own numbers before any reading: logarithms of sizes (variances) of the walk, the
         changes and the noise, then the moves of layers in units of `moved_m`.
     moved_m : float
+    met : tuple of ndarray (n, q)
+        Of sensors side by side, columns of the changes that each meets as it lags; the last of `changes`.
     """
 
     bins: FlightBins
@@ -104,6 +107,19 @@ class FlightChannelData:
     usual: Array
     spread: Array
     moved_m: float
+    met: tuple[Array, ...] = ()
+
+    @property
+    def air_columns(self) -> int:
+        """Columns of the shared air: a constant, a slope, and a ramp for each step."""
+        return int(self.knots.size) + 1
+
+    @property
+    def of_met(self) -> tuple[tuple[int, slice], ...]:
+        """Of each of `met`: the place of its size, and its columns, behind those of the air and of what was before."""
+        begin = self.air_columns + len(self.bins.begins)
+        ends = np.cumsum([begin, *(one.shape[1] for one in self.met)]).tolist()
+        return tuple((len(SIZES) - 1 - len(self.met) + i, slice(ends[i], ends[i + 1])) for i in range(len(self.met)))
 
     @cached_property
     def upper_changes(self) -> Array:
@@ -119,7 +135,7 @@ def prepared(bins: FlightBins, channel: str) -> FlightChannelData:
     read_c, usual_c, usual_es, film = None, Polynomial([0.0]), 1.0, np.ones(bins.time_s.size)
     if channel == "humidity" and bins.has("temperature"):
         read = bins.bead_c
-        read_c = np.interp(bins.within_s, bins.time_s, read)
+        read_c = bins.bead_within_c
         usual_c = Polynomial.fit(bins.altitude_m, read, PROFILE_DEGREE)
         usual_es = float(saturation_pressure_hpa(read.mean()))
         film = saturation_pressure_hpa(usual_c(bins.altitude_m)) / saturation_pressure_hpa(read)
@@ -128,7 +144,8 @@ def prepared(bins: FlightBins, channel: str) -> FlightChannelData:
     mean, unit = float(value.mean()), max(float(value.std()), 1e-6)
     altitude, time = bins.altitude_m[rows], bins.time_s[rows]
     low, high = float(bins.within_altitudes.min()), float(bins.within_altitudes.max())
-    knots = np.linspace(low, high, max(int(KNOTS_PER_BIN * bins.time_s.size), 8))
+    longest = int(np.diff([*bins.begins, bins.time_s.size]).max())  # of the sensors that are side by side
+    knots = np.linspace(low, high, max(int(KNOTS_PER_BIN * longest), 8))
     layer = LAYER_SHARE * (high - low)
     since = (time - time[0]) / max(float(np.ptp(time)), 1e-9)
     meanwhile = np.minimum(since[:, None], since[None, :])  # the covariance of what grows as a random walk
@@ -142,7 +159,9 @@ def prepared(bins: FlightBins, channel: str) -> FlightChannelData:
             np.exp(-apart_m / min(EDDY_M, layer) - apart_s / EDDY_S),
         ]
     )
-    sizes = 2.0 * np.log(list(USUAL.values()))
+    changes *= np.outer(film, film)
+    changes, met = _met_by_several(bins, rows, changes)
+    sizes = _with_own(2.0 * np.log(list(USUAL.values())), bins)
     usual = np.r_[sizes, np.zeros(MOVES)]
     spread = np.r_[np.full(sizes.size, SIZE_SPREAD), np.ones(MOVES)]
     moved_m = min(float(np.hypot(MOVED_M, MOVED_M_PER_H * bins.minutes / 60.0)), layer)
@@ -159,11 +178,45 @@ def prepared(bins: FlightBins, channel: str) -> FlightChannelData:
         usual_es,
         knots,
         _steepness(bins, rows, value, knots),
-        changes * np.outer(film, film),
+        changes,
         usual,
         spread,
         moved_m,
+        met,
     )
+
+
+def _with_own(sizes: Array, bins: FlightBins) -> Array:
+    """Sizes with that of each sensor's own change before the noise's, where several are side by side: as eddies'."""
+    return np.r_[sizes[:-1], sizes[-2], sizes[-1]] if bins.sensors else sizes
+
+
+def sizes_of_one(own: Array) -> Array:
+    """One sensor's numbers of a flight, of those of several side by side: its own change is eddies to it."""
+    return np.r_[own[:3], np.logaddexp(own[3], own[4]), own[5:]]
+
+
+def _met_by_several(bins: FlightBins, rows: NDArray[np.int64], changes: Array) -> tuple[Array, tuple[Array, ...]]:
+    """Changes (j, m, m), and columns (n, q) of what changes in layers and in eddies, where several sensors meet it.
+
+    What one sensor reads of a change is free, since nobody knows how rough the air is. What two sensors of unlike lags
+    read of one change tells their lags (`SensorModel.beside_fastest`), so that it is no covariance of readings any
+    more. In its place each sensor has a change of its own, as eddies are: what no law holds of one of two sensors
+    would else be taken for a law of both. Of one sensor alone, nothing differs.
+    """
+    if not bins.sensors:
+        return changes, ()
+    found = []
+    for covariance in changes[1:]:
+        sizes, vectors = np.linalg.eigh(covariance)
+        kept = sizes > ROUNDED * sizes[-1]
+        columns = np.zeros((bins.time_s.size, int(kept.sum())))
+        columns[rows] = vectors[:, kept] * np.sqrt(sizes[kept])
+        found.append(columns)
+    sensor = np.searchsorted(bins.begins, rows, side="right")
+    own = changes[-1] * (sensor[:, None] == sensor)
+    changes[1:] = 0.0
+    return np.concatenate([changes, own[None]]), tuple(found)
 
 
 def _steepness(bins: FlightBins, rows: NDArray[np.int64], value: Array, knots: Array) -> Array:
@@ -229,14 +282,22 @@ class SensorModel:
         """Shares and time constants of the response, over bins."""
         return next((law.lags(self.values, data.bins) for law in self.laws if law.lags is not None), ())
 
+    def beside_fastest(self, data: FlightChannelData) -> tuple[tuple[Array, Array], ...]:
+        """Responses to what the fastest of several sensors reads of a change: (1 + tau0 s) H(s), tau0 its lag.
+
+        Of a path 1 / (1 + tau s) that is tau0 / tau at once, and the rest of it late. The fastest reads the change as
+        one sensor alone does: how smooth its readings are says nothing of its lag.
+        """
+        lags, begins = self.lags(data), data.bins.begins
+        if not lags:
+            return ()
+        share, tau = lags[0]
+        fastest = min(float(tau[first]) if share[first] > 0.0 else 0.0 for first in begins)
+        return tuple((share * (1.0 - fastest / tau), tau) for share, tau in lags)
+
     def seen(self, data: FlightChannelData, air: Array) -> Array:
         """What it reads of columns of what it takes up, given within bins, (n, SUB_SAMPLES, q): (m, q)."""
         return (self.meets(data).given_back[:, None] * response(self.lags(data), data.bins, air))[data.rows]
-
-    @property
-    def activity(self) -> float:
-        """From 0, where the film takes up vapour, to 1, where it takes up relative humidity at its own temperature."""
-        return sum(law.activity(self.values) for law in self.laws if law.activity is not None)
 
     def meets(self, data: FlightChannelData) -> MetAir:
         """What it meets along a flight."""
@@ -247,8 +308,10 @@ class SensorModel:
             warmer = sum((law.warmer(self.values, bins) for law in self.laws if law.warmer is not None), 0.0)
             film = saturation_pressure_hpa(data.read_c + np.asarray(warmer).reshape(-1, 1)) / data.usual_es
             usual = saturation_pressure_hpa(data.usual_c(altitude)) / data.usual_es
-            taken_up = usual * film**-self.activity
-            given_back = np.asarray((film ** (self.activity - 1.0)).mean(axis=1))
+            activity = sum((law.activity(self.values, bins) for law in self.laws if law.activity is not None), 0.0)
+            activity = np.asarray(activity).reshape(-1, 1)
+            taken_up = usual * film**-activity
+            given_back = np.asarray((film ** (activity - 1.0)).mean(axis=1))
         own = [law for law in self.laws if law.offset is not None and law.channel == data.channel]
         late = np.zeros(altitude.shape[0])
         for law in own:
@@ -309,11 +372,11 @@ class Density:
         S^-1 r, r the readings less their offset.
     met : MetAir
     air : ndarray (n, SUB_SAMPLES, q)
-        Columns of the shared air within bins, and behind them what it was before the first.
+        Columns of the shared air within bins, and behind them what it was before the first of each sensor.
     altitude, track_slopes : ndarray (n, SUB_SAMPLES), (MOVES, n, SUB_SAMPLES)
         Of the sensor once layers have moved, and its slopes over moves [m].
     seen, scaled : ndarray (m, q)
-        What the sensor reads of the columns, and that times their variances.
+        What the sensor reads of the columns and of changes that several sensors meet, and that times their variances.
     """
 
     data: FlightChannelData
@@ -338,7 +401,7 @@ class Density:
 def begun(data: FlightChannelData, misfit: float = 1.0) -> Array:
     """The flight's own numbers where a fit begins: what air that stays cannot explain is then the change's, and larger
     by a `misfit` that is known."""
-    sizes = 2.0 * np.log(list(BEGIN.values()))
+    sizes = _with_own(2.0 * np.log(list(BEGIN.values())), data.bins)
     sizes[1:] += np.log(max(misfit, 1.0))
     return np.r_[sizes, np.zeros(MOVES)]
 
@@ -348,13 +411,15 @@ def density(data: FlightChannelData, sensor: SensorModel, own: Array) -> Density
     sizes = own[:-MOVES]
     met = sensor.meets(data)
     altitude, track_slopes = moved_track(data, met.altitude, own[-MOVES:])
-    air = np.empty((*altitude.shape, data.knots.size + 2))
-    np.multiply(met.taken_up[..., None], _columns(data.knots, altitude), out=air[..., :-1])
-    air[..., -1] = 0.0
-    air[0, 0, -1] = UNKNOWN
-    seen = _seen(data, sensor, met, air)
+    begins = data.bins.begins
+    air = np.empty((*altitude.shape, data.air_columns + len(begins)))
+    np.multiply(met.taken_up[..., None], _columns(data.knots, altitude), out=air[..., : data.air_columns])
+    air[..., data.air_columns :] = 0.0
+    air[begins, 0, range(data.air_columns, air.shape[-1])] = UNKNOWN
+    seen = _seen_all(data, sensor, met, air)
     residual = data.reading - met.offset
-    scaled = seen * np.r_[1.0, 1.0, np.exp(sizes[0]) * data.steps, 1.0]
+    changing = [np.full(place.stop - place.start, np.exp(sizes[j])) for j, place in data.of_met]
+    scaled = seen * np.concatenate([[1.0, 1.0], np.exp(sizes[0]) * data.steps, np.ones(len(begins)), *changing])
     count = residual.size
     covariance = scaled @ seen.T
     covariance += (np.exp(sizes[1:-1]) @ data.changes.reshape(len(data.changes), -1)).reshape(count, count)
@@ -372,6 +437,15 @@ def _seen(data: FlightChannelData, sensor: SensorModel, met: MetAir, air: Array)
     return (met.given_back[:, None] * response(sensor.lags(data), data.bins, air))[data.rows]
 
 
+def _seen_all(data: FlightChannelData, sensor: SensorModel, met: MetAir, air: Array) -> Array:
+    """What it reads of the air's columns, and behind them of the changes that several sensors meet (m, q)."""
+    seen = _seen(data, sensor, met, air)
+    if not data.met:
+        return seen
+    changes = np.repeat(np.hstack(data.met)[:, None], SUB_SAMPLES, axis=1)
+    return np.hstack([seen, response(sensor.beside_fastest(data), data.bins, changes)[data.rows]])
+
+
 def slopes(found: Density, parameters: tuple[tuple[str, float, bool], ...] = ()) -> tuple[Array, Array]:
     """Slope (p + s,) and information (p + s, p + s) of a density over `parameters` (name, step, log) and the flight's
     own numbers behind them; without what is known before any reading.
@@ -387,20 +461,23 @@ def slopes(found: Density, parameters: tuple[tuple[str, float, bool], ...] = ())
     inverse = lapack.dpotri(found.lower, lower=1)[0]  # its lower triangle
     solved, drawn = blas.dsymm(1.0, inverse, scaled, lower=1), scaled.T @ v
     moved, traces, expected = np.zeros((every, v.size)), np.zeros(every), np.zeros((every, v.size))
-    walk = slice(2, -1)
+    walk = slice(2, data.air_columns)
     moved[of_sizes] = np.vstack([scaled[:, walk] @ (seen[:, walk].T @ v), data.changes @ v, v])
     traces[of_sizes] = np.r_[
         np.vdot(solved[:, walk], seen[:, walk]), data.upper_changes @ inverse.T.ravel(), inverse.trace()
     ]
     moved[of_sizes][1:] *= np.exp(sizes[1:, None])
     traces[of_sizes][1:] *= np.exp(sizes[1:])
+    for j, place in data.of_met:
+        moved[first + j] = scaled[:, place] @ (seen[:, place].T @ v)
+        traces[first + j] = np.vdot(solved[:, place], seen[:, place])
     expected[of_sizes] = np.sqrt(0.5) * moved[of_sizes]
     # What else moves changes the response, or the air that is met: as layers that move do, or as a factor of it.
     pulled = np.zeros(every)
     metres = np.zeros((every, *found.altitude.shape))
     metres[last] = found.track_slopes
     taken, given = np.zeros_like(metres), np.zeros((every, found.altitude.shape[0]))
-    of_air = np.r_[[name not in OF_RESPONSE for name, _, _ in parameters], np.zeros(sizes.size), np.ones(MOVES)] > 0
+    of_air = np.r_[[name.removesuffix(SECOND) not in OF_RESPONSE for name, _, _ in parameters], np.zeros(sizes.size), np.ones(MOVES)] > 0
     for i, (name, step, log) in enumerate(parameters):
         at = sensor.values[name]
         ahead = SensorModel(sensor.laws, {**sensor.values, name: at * np.exp(step) if log else at + step})
@@ -408,7 +485,7 @@ def slopes(found: Density, parameters: tuple[tuple[str, float, bool], ...] = ())
         expected[i] = (met.offset - found.met.offset) / step
         pulled[i] = expected[i] @ v
         if not of_air[i]:
-            change = (_seen(data, ahead, met, found.air) - seen) / step
+            change = (_seen_all(data, ahead, met, found.air) - seen) / step
             through = change @ drawn
             expected[i] += through
             moved[i] = through + scaled @ (change.T @ v)
@@ -433,7 +510,9 @@ def _of_air(
     By metres of the track and by factors of what is taken up (r, n, SUB_SAMPLES), and of what is given back (r, n).
     Metres change two columns of the air, where the sensor is: the line's, and the step's in which it is.
     """
-    data, sensor, v, seen, columns_of = found.data, found.sensor, found.solved, found.seen, found.air[..., :-1]
+    data, sensor, v, own, of_air = found.data, found.sensor, found.solved, found.data.air_columns, found.air.shape[-1]
+    seen = found.seen[:, :of_air]
+    columns_of = found.air[..., :own]
     knots, rows = data.knots, data.rows
     last = knots.size - 1.0
     place = (found.altitude - knots[0]) / (knots[1] - knots[0])
@@ -451,15 +530,15 @@ def _of_air(
     columns = np.zeros((len(metres), drawn.size))
     columns[:, 1] = of_v.reshape(len(metres), -1) @ line.ravel()
     for i, one in enumerate(of_v):
-        columns[i, 2:-1] = np.bincount(step.ravel(), weights=(one * ramp).ravel(), minlength=knots.size - 1)
+        columns[i, 2:own] = np.bincount(step.ravel(), weights=(one * ramp).ravel(), minlength=knots.size - 1)
     if data.read_c is not None:
-        onto += taken * (columns_of @ drawn[:-1])
-        traces += taken.reshape(len(taken), -1) @ np.einsum("ikq,ikq->ik", back[..., :-2], columns_of).ravel()
-        traces += given[:, rows] @ np.einsum("iq,iq->i", solved, seen)
+        onto += taken * (columns_of @ drawn[:own])
+        traces += taken.reshape(len(taken), -1) @ np.einsum("ikq,ikq->ik", back[..., :own], columns_of).ravel()
+        traces += given[:, rows] @ np.einsum("iq,iq->i", solved[:, :of_air], seen)
         of_v = (taken * back[..., -1]).reshape(len(taken), -1)
-        columns[:, :-1] += of_v @ columns_of.reshape(of_v.shape[1], -1)
-        columns += (given[:, rows] * v) @ seen
-    through = _seen(data, sensor, found.met, np.moveaxis(onto, 0, -1)).T + given[:, rows] * (seen @ drawn)
+        columns[:, :own] += of_v @ columns_of.reshape(of_v.shape[1], -1)
+        columns[:, :of_air] += (given[:, rows] * v) @ seen
+    through = _seen(data, sensor, found.met, np.moveaxis(onto, 0, -1)).T + given[:, rows] * (seen @ drawn[:of_air])
     return through, 2.0 * traces, through + columns @ found.scaled.T
 
 

@@ -20,14 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dtbtrs
 
-from shockrig.analysis.learn.bins import LEAST_AIRFLOW_M_S, REFERENCE_TEMPERATURE_C, SUB_SAMPLES, FlightBins
+from shockrig.analysis.effects.ventilated_warmth import LEAST_AIRFLOW_M_S, warmer_k
+from shockrig.analysis.learn.bins import REFERENCE_TEMPERATURE_C, SUB_SAMPLES, FlightBins
 
 Array = NDArray[np.float64]
 Values = Mapping[str, float]
 
-REFERENCE_AIRFLOW_M_S = 5.0
 BESIDE_BEAD = "film_beside_bead"  # the effect of a film whose temperature follows the bead's
 USUAL_PATH_S = 60.0  # of a stem or a housing
+SECOND = "_2"  # behind the names of a second sensor's parameters
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ class Law:
         What is added to the reading.
     warmer : (values, bins) -> ndarray (n,), or None
         How much warmer the film is than the bead reads [K].
-    activity : values -> 1, or None
+    activity : (values, bins) -> 1 or ndarray (n,), or None
         From 0, where the film takes up vapour, to 1, where it takes up relative humidity at its own temperature.
     shift_s : values -> s, or None
         By how much the track's time is behind the sensor's.
@@ -97,7 +98,7 @@ class Law:
     lags: Callable[[Values, FlightBins], tuple[tuple[Array, Array], ...]] | None = None
     offset: Callable[[Values, FlightBins], Array] | None = None
     warmer: Callable[[Values, FlightBins], Array] | None = None
-    activity: Callable[[Values], float] | None = None
+    activity: Callable[[Values, FlightBins], float | Array] | None = None
     shift_s: Callable[[Values], float] | None = None
     flown_as: str = ""
 
@@ -117,7 +118,7 @@ def response(lags: tuple[tuple[Array, Array], ...], bins: FlightBins, air: Array
 
     `air` (n, SUB_SAMPLES, m) is held over each part of a bin. A lag's state at the end of a bin is
     q = e q' + sum_k w_k u_k, w_k = exp(-(h - t_k)/tau) between the parts' ends, and its mean over the bin is
-    that of the air less tau (q - q')/h, both exact; it begins settled to the first air.
+    that of the air less tau (q - q')/h, both exact; it begins settled to the first air, each sensor to its own.
     """
     mean = air.mean(axis=1)
     if not lags:
@@ -129,11 +130,14 @@ def response(lags: tuple[tuple[Array, Array], ...], bins: FlightBins, air: Array
         x = bins.length_s / np.maximum(tau, 1e-6)
         left = np.exp(-np.minimum(x[:, None] * (1.0 - parts), 700.0))  # of what came by the end of each part
         state = np.einsum("ik,ikm->im", np.diff(left, axis=1), air)
-        state[0] += left[0, 0] * air[0, 0]
+        begins = list(bins.begins)
+        state[begins] += left[begins, 0, None] * air[begins, 0]
         band = np.ones((2, x.size))
         band[1, :-1] = -left[1:, 0]
+        band[1, [b - 1 for b in begins[1:]]] = 0.0
         state = dtbtrs(band, state, uplo="L", overwrite_b=1)[0]
         before = np.vstack([air[:1, 0], state[:-1]])
+        before[begins] = air[begins, 0]
         seen = seen + share[:, None] * (mean - (state - before) / x[:, None])
     return np.asarray(seen)
 
@@ -147,12 +151,15 @@ def drawn_back(lags: tuple[tuple[Array, Array], ...], bins: FlightBins, weights:
         left = np.exp(-np.minimum(x[:, None] * (1.0 - parts), 700.0))
         through = (share / x)[:, None] * weights
         band = np.ones((2, n))
+        begins = list(bins.begins)
         band[0, 1:] = -left[1:, 0]
-        state = through.copy()
-        state[:-1] -= through[1:]
+        band[0, begins[1:]] = 0.0
+        state, before = through.copy(), through.copy()
+        before[begins] = 0.0
+        state[:-1] -= before[1:]
         state = dtbtrs(band, state, uplo="U", overwrite_b=1)[0]
         found -= np.diff(left, axis=1)[..., None] * state[:, None]
-        found[0, 0] += through[0] - left[0, 0] * state[0]
+        found[begins, 0] += through[begins] - left[begins, 0, None] * state[begins]
     return found
 
 
@@ -185,7 +192,7 @@ def _behind(values: Values, bins: FlightBins) -> Array:
 
 
 def _ventilated(values: Values, bins: FlightBins) -> Array:
-    return np.asarray(values["rise_k_at_5_m_s"] * np.sqrt(REFERENCE_AIRFLOW_M_S / bins.airflow_m_s))
+    return warmer_k(values["rise_k_at_5_m_s"], bins.airflow_m_s)
 
 
 def descent_from_m_s(bins: FlightBins) -> float:
@@ -247,7 +254,7 @@ def _laws() -> tuple[Law, ...]:
         lag: tuple[LawParameter, ...] = (_time_constant(usual),)
         film: dict[str, Any] = {}
         if channel == "humidity":
-            lag, film = (*lag, *_FILM), {"warmer": _behind, "activity": lambda p: p["activity"]}
+            lag, film = (*lag, *_FILM), {"warmer": _behind, "activity": lambda p, bins: p["activity"]}
         found += [
             Law(
                 "lag",
@@ -321,7 +328,7 @@ def _laws() -> tuple[Law, ...]:
             "WMO-No. 8 (2021), I.2; GRUAN-TD-8 (2022)",
             _AIRFLOW,
             offset=_ventilated,
-            flown_as="self_heating",
+            flown_as="ventilated_warmth",
         ),
         Law(
             "film_unlike_in_descent",

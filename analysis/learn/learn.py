@@ -221,13 +221,13 @@ def learn(
     priors = [LAW_LOG_PRIOR * sum(law.key != "lag" for law in _laws_of(model)) for model in models]
     weight = weights(scores, priors)
     found = {
-        c: _judged(c, channels, models, weight, lags[c], refuted[c], used, units[c], read[c], off[c]) for c in channels
+        c: judged(c, channels, models, weight, lags[c], refuted[c], used, units[c], read[c], off[c]) for c in channels
     }
     clock = float(sum(w for w, model in zip(weight, models, strict=True) if CLOCK in _laws_of(model)))
     position: tuple[FlightCause, ...] = ()
     if clock >= POSSIBLE:
         best = max((w, i) for i, (w, m) in enumerate(zip(weight, models, strict=True)) if CLOCK in _laws_of(m))[1]
-        position = (FlightCause(CLOCK, clock, _parameters(models[best][0], CLOCK)),)
+        position = (FlightCause(CLOCK, clock, parameters_of(models[best][0], CLOCK)),)
     table = sorted(
         (
             (" + ".join(law.name for law in _laws_of(m)) or "nothing", float(w))
@@ -338,7 +338,7 @@ def _with_clock(
     return found + [climbed(ends, every, stated, found[0]) for ends in hopeful(beside, found[0], every)]
 
 
-def _parameters(fit: Learned, law: Law) -> tuple[LearnedNumber, ...]:
+def parameters_of(fit: Learned, law: Law) -> tuple[LearnedNumber, ...]:
     covariance = fit.covariance
     at, found = 0, []
     for one in fit.laws:
@@ -350,7 +350,7 @@ def _parameters(fit: Learned, law: Law) -> tuple[LearnedNumber, ...]:
     return tuple(found)
 
 
-def _judged(
+def judged(
     channel: str,
     channels: Sequence[str],
     models: Sequence[tuple[Learned, ...]],
@@ -379,7 +379,7 @@ def _judged(
     causes = []
     for law in possible:
         holder = max((w, i) for i, (w, laws) in enumerate(zip(weight, mine, strict=True)) if law in laws)[1]
-        causes.append(FlightCause(law, probability[law], _parameters(part_of(models[holder]), law)))
+        causes.append(FlightCause(law, probability[law], parameters_of(part_of(models[holder]), law)))
     limit_s = float(np.exp(lag.theta[0] + 1.645 * np.sqrt(lag.covariance[0, 0])))
     any_lag = sum(p for law, p in probability.items() if law.lags is not None)
     sure = [cause for cause in causes if cause.probability >= NAMED and len(cause.law.causes) == 1]

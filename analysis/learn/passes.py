@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from shockrig.analysis.learn.density import MOVES, FlightChannelData, SensorModel, air_of
+from shockrig.analysis.learn.density import LAYER_SHARE, MOVES, FlightChannelData, SensorModel, air_of
 from shockrig.analysis.learn.fit import Learned
 
 Array = NDArray[np.float64]
@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 LAYERS = 25  # of a flight, at which passes are held beside one another
 LEAST_LAYERS = 3
 GAIN_LEVEL = 0.9  # of the interval in which a next flight's gain lies
+SCATTER_FLIGHTS = 4.0  # that what is known of gains' scatter counts for
 
 
 @dataclass(frozen=True)
@@ -77,19 +78,26 @@ def refutes(read: Disagreement, corrected: Disagreement) -> bool:
 
 def gain_of(read: Disagreement, corrected: Disagreement) -> NearerPasses | None:
     """By how much a correction brings passes of a next flight together, from flights that were not fitted: Student's
-    interval of the logarithm of one more ratio. None where fewer than two flights say."""
+    interval of the logarithm of one more ratio. None where fewer than two flights say.
+
+    An rms of k independent layers scatters by 1 / sqrt(2 k) of itself, and a ratio of two by twice that variance: so
+    much is known before any flight, and counts as `SCATTER_FLIGHTS` more of them (conjugate prior of a variance).
+    """
     names = [name for name in sorted(set(read.flight) & set(corrected.flight)) if read.of(name).rms > 0.0]
     if len(names) < 2:
         return None
     nearer = np.log([max(corrected.of(name).rms / read.of(name).rms, 1e-3) for name in names])
-    wide = stdtrit(nearer.size - 1.0, 0.5 + 0.5 * GAIN_LEVEL) * nearer.std(ddof=1) * np.sqrt(1.0 + 1.0 / nearer.size)
+    freedom = SCATTER_FLIGHTS + nearer.size - 1.0
+    scatter = np.sqrt((SCATTER_FLIGHTS * LAYER_SHARE + nearer.size * nearer.var()) / freedom)
+    wide = stdtrit(freedom, 0.5 + 0.5 * GAIN_LEVEL) * scatter * np.sqrt(1.0 + 1.0 / nearer.size)
     return NearerPasses(*(float(np.exp(nearer.mean() + by)) for by in (0.0, -wide, wide)))
 
 
 def disagreement(units: Sequence[FlightChannelData], fit: Learned | None, channel: str) -> Disagreement:
     """How far neighbouring passes disagree: as read where there is no fit, else by a fit without that flight.
 
-    A flight that is the only one cannot be left out: what it disagrees by is then of the fit to itself.
+    Its air has then the sizes that are usual in the others. A flight that is the only one cannot be left out: what it
+    disagrees by is then of the fit to itself.
     """
     names: list[str] = []
     heights, off = [], []
@@ -97,9 +105,10 @@ def disagreement(units: Sequence[FlightChannelData], fit: Learned | None, channe
         if fit is None:
             sensor, own = SensorModel((), {}), None
         else:
-            place = fit.channels.index(channel) + i
-            theta = fit.without(place) if len(units) > 1 else fit.theta
-            sensor, own = fit.sensor(theta, channel), fit.sizes[place]
+            first = fit.channels.index(channel)
+            others = [k for k in range(first, first + len(units)) if k != first + i]
+            theta = fit.without(first + i) if others else fit.theta
+            sensor, own = fit.sensor(theta, channel), np.median([fit.sizes[k] for k in others or [first]], axis=0)
         profiles: list[tuple[float, float, NDArray[np.int64]] | None] = []
         for one in unit.bins.passes:
             rows = np.flatnonzero((unit.rows >= one.first) & (unit.rows <= one.last))

@@ -153,14 +153,14 @@ def _effects(
 
 def _stated(cause: FlightCause, learned: FlightsLearned) -> dict[str, Uncertain]:
     """A law's numbers under the names of the effect that flies; how fast a descent is, it shares with the flights."""
-    if cause.law.flown_as in OF_FLIGHT:
+    known = {parameter.name for parameter in (CATALOGUE | OF_FLIGHT)[cause.law.flown_as].parameters}
+    if "from_m_s" in known:
         (offset,) = cause.parameters
         sinking = [speed for one in learned.bins if np.isfinite(speed := descent_from_m_s(one))]
         return {
             "offset": Uncertain(offset.value, offset.standard_uncertainty),
             "from_m_s": Uncertain(float(np.median(sinking))),
         }
-    known = {parameter.name for parameter in CATALOGUE[cause.law.flown_as].parameters}
     return {one.name: Uncertain(one.value, one.standard_uncertainty) for one in cause.parameters if one.name in known}
 
 

@@ -114,3 +114,21 @@ def test_the_causal_corrector_says_that_it_leaves_it_in():
     found = correct(flight, profile(), "causal")
     assert off(found.temperature_c, air, SETTLED & SINKS) > 1.0
     assert any("offset_in_descent" in note and "left in" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("logged", [True, False])
+def test_warmth_that_airflow_carries_off_is_taken_off(logged):
+    """A sensor warmer by 0.8 K at 5 m/s, and by the root of 5 m/s over the airflow elsewhere: by the airspeed in the
+    log, else by the climb; and its uncertainty is that of the rise there."""
+    flight, air, _ = flown()
+    rise, sigma = 0.8, 0.05
+    flow = np.where(SINKS, 9.0, 2.0) if logged else np.full(TIME_S.size, CLIMB_M_S)
+    met = air + rise * np.sqrt(5.0 / flow)
+    speed = flow if logged else np.full(TIME_S.size, np.nan)
+    flight = dataclasses.replace(flight, temperature_c=lagged(met, BEAD_S), airspeed_m_s=speed)
+    warm = StatedEffect("ventilated_warmth", {"rise_k_at_5_m_s": Uncertain(rise, sigma)})
+    bead = dataclasses.replace(profile(of_bead=0.0).temperature, effects=(warm,))
+    found = correct(flight, dataclasses.replace(profile(of_bead=0.0), temperature=bead))
+    assert off(found.temperature_c, air, SETTLED) < 0.03
+    steady = SETTLED & SINKS
+    assert np.median(found.common["temperature"][steady]) == pytest.approx(sigma * np.sqrt(5.0 / flow[-1]), rel=0.3)
