@@ -41,6 +41,7 @@ from shockrig.protocols.learning import named_flights
 STEP_S = 0.2
 ROWS = 10_000  # of a flight that is timed
 SLOW_PATH_S = 60.0
+BESIDE_K, BESIDE_PERCENT = 0.3, -1.5  # by which a second sensor's calibration differs
 TOP_M, OFF_GROUND_M = 1200.0, 20.0
 
 
@@ -105,7 +106,8 @@ class Flown:
     humidity_percent: np.ndarray
 
 
-def _flight(rng: np.random.Generator, truth: Truth, film_share: float) -> Flown:
+def _flight(rng: np.random.Generator, film_share: float, *truths: Truth) -> list[Flown]:
+    """A flight of sensors side by side, each with what it reads; sensors behind the first are off by an offset."""
     up, down, hover = rng.uniform(3.0, 5.0), rng.uniform(4.0, 8.0), 20.0
     turn, descends = TOP_M / up, TOP_M / up + hover
     end = descends + TOP_M / down
@@ -127,7 +129,28 @@ def _flight(rng: np.random.Generator, truth: Truth, film_share: float) -> Flown:
 
     warm, moist = air(temperature, rng.normal(0.0, 0.2), 0.1), air(humidity, rng.normal(0.0, 1.0), 0.8)
     speed = np.select([t < 0, t < turn, t < descends, t < end], [0.5, up, 0.5, down], 0.5)
-    met = warm + truth.wash_k * (t > descends) + truth.warmth_k * np.sqrt(5.0 / np.maximum(speed, 0.5))
+    found = [_read(rng, film_share, truth, t, z, warm, moist, speed, t > descends) for truth in truths]
+    for i, one in enumerate(found[1:], 1):
+        temperature, humidity = one.flight.temperature_c + BESIDE_K, one.flight.humidity_percent + BESIDE_PERCENT
+        track = found[0].flight.altitude_m
+        beside = replace(one.flight, temperature_c=temperature, humidity_percent=humidity, altitude_m=track)
+        found[i] = replace(one, flight=beside)
+    return found
+
+
+def _read(
+    rng: np.random.Generator,
+    film_share: float,
+    truth: Truth,
+    t: np.ndarray,
+    z: np.ndarray,
+    warm: np.ndarray,
+    moist: np.ndarray,
+    speed: np.ndarray,
+    sinks: np.ndarray,
+) -> Flown:
+    """What a sensor reads of air along a flight."""
+    met = warm + truth.wash_k * sinks + truth.warmth_k * np.sqrt(5.0 / np.maximum(speed, 0.5))
     slow = truth.slow_share * (lagged(met, SLOW_PATH_S) - lagged(met, truth.temperature_lag_s))
     bead = lagged(met, truth.temperature_lag_s) + slow
     film_c = lagged(met, film_share * truth.temperature_lag_s)
@@ -146,7 +169,14 @@ def flown(seed: int, truth: Truth, flights: int | None = None, more: int = 0) ->
     rng = np.random.default_rng(seed)
     count = int(rng.integers(2, 9)) if flights is None else flights
     film_share = rng.uniform(0.3, 1.7)  # of a sensor, once
-    return [_flight(rng, truth, film_share) for _ in range(count + more)]
+    return [_flight(rng, film_share, truth)[0] for _ in range(count + more)]
+
+
+def side_by_side(seed: int, first: Truth, second: Truth, flights: int) -> list[tuple[Flown, Flown]]:
+    """Flights of two sensors in the same air, on one clock and one track."""
+    rng = np.random.default_rng(seed)
+    film_share = rng.uniform(0.3, 1.7)
+    return [tuple(_flight(rng, film_share, first, second)) for _ in range(flights)]
 
 
 def mission(seed: int, truth: Truth, flights: int | None = None) -> list[Flight]:

@@ -133,6 +133,20 @@ class LearnedChannel:
 
 
 @dataclass(frozen=True)
+class StatedBeside:
+    """How two sensors side by side differ, second less first, and what this one's flights say of it alone.
+
+    `offset` is between their calibrations; `lag_ratio` the second's time constant over the first's, None where one of
+    them shows no lag.
+    """
+
+    offset: StatedNumber
+    lag_ratio: StatedNumber | None
+    alone: str
+    alone_causes: tuple[StatedLaw, ...] = ()
+
+
+@dataclass(frozen=True)
 class LearnedFile:
     """What flights said of their sensor.
 
@@ -145,7 +159,7 @@ class LearnedFile:
         Latitude [deg], longitude [deg], altitude above the sea [m] where they began.
     minutes : float, optional
         Median length of a flight.
-    position, flights, left_out, models, provenance
+    position, flights, left_out, models, beside, provenance
         For readers and other programs; `read_learned` leaves them empty.
     """
 
@@ -157,6 +171,7 @@ class LearnedFile:
     flights: tuple[StatedFlight, ...] = ()
     left_out: Mapping[str, str] = field(default_factory=dict)
     models: tuple[StatedModel, ...] = ()
+    beside: Mapping[str, StatedBeside] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +17,7 @@ from shockrig.files.learned import (
     LearnedChannel,
     LearnedFile,
     PassesApart,
+    StatedBeside,
     StatedFlight,
     StatedLaw,
     StatedModel,
@@ -26,7 +27,13 @@ from shockrig.files.learned import (
 
 if TYPE_CHECKING:
     from shockrig.analysis.learn.learn import ChannelLearned, FlightCause, FlightsLearned
+    from shockrig.analysis.learn.pair import ChannelApart, PairLearned
     from shockrig.files.profile import Profile
+
+CHANNELS = ("temperature", "humidity")
+TRACK_STEP_S = 1.0  # of tracks that are laid over one another
+RISES_OVER_S, SHIFT_STEPS = 30.0, 8  # differences of altitude whose shift is found, and steps to find it
+UNLIKE_TRACKS = 0.05  # of the range of altitudes: two logs of one flight are nearer
 
 
 def named_flights(
@@ -67,18 +74,145 @@ def learned_from(
 ) -> FlightsLearned:
     """What flights say of their sensor; InputError where none passes the same air twice."""
     from shockrig.analysis.learn.learn import learn
+
+    return learn(flights, _stated(flights, bench), progress)
+
+
+def _stated(flights: Mapping[str, Flight], bench: Profile | None) -> dict[str, tuple[float, float]] | None:
+    """What a bench has found, at the temperatures of the flights."""
     from shockrig.analysis.learn.profile import stated_by
 
-    stated = None
-    if bench is not None:
-        temperatures = np.concatenate([one.temperature_c for one in flights.values()])
-        known = temperatures[np.isfinite(temperatures)]
-        stated = stated_by(bench, float(np.median(known)) if known.size else 20.0)
-    return learn(flights, stated, progress)
+    if bench is None:
+        return None
+    temperatures = np.concatenate([one.temperature_c for one in flights.values()])
+    known = temperatures[np.isfinite(temperatures)]
+    return stated_by(bench, float(np.median(known)) if known.size else 20.0)
 
 
-def learned_file(learned: FlightsLearned, flights: Mapping[str, Flight], provenance: Mapping[str, Any]) -> LearnedFile:
-    """What `learned.json` holds."""
+@dataclass(frozen=True)
+class FlightsBeside:
+    """Flights of a second sensor in the same air, by the first's names and on its clock, and of which channels."""
+
+    flights: Mapping[str, Flight]
+    channels: tuple[str, ...]
+    said: tuple[str, ...] = ()
+
+
+def beside_flights(
+    given: Sequence[str],
+    paths: Sequence[Path],
+    flights: Mapping[str, Flight],
+    columns: Mapping[str, str] | None = None,
+    map_path: Path | None = None,
+) -> FlightsBeside:
+    """A second sensor's flights: by its columns in the same logs (temperature=NAME, humidity=NAME), or by its own logs.
+
+    Raises
+    ------
+    InputError
+        A log cannot be read or is of another flight; there are more or fewer than of the first sensor.
+    """
+    named = {quantity: name for quantity, equals, name in (one.partition("=") for one in given) if equals}
+    if named and set(named) <= set(CHANNELS) and len(named) == len(given):
+        second, _ = named_flights(paths, {**(columns or {}), **named}, map_path)
+        return of_columns(second, tuple(named))
+    logs = [Path(one) for one in given]
+    if len(logs) != len(flights):
+        raise InputError(
+            f"--beside: {len(logs)} logs beside {len(flights)} flights; give one for each flight in the same order, or "
+            "temperature=NAME and humidity=NAME of columns in the same logs"
+        )
+    second, said = named_flights(logs, columns, map_path)
+    return of_logs(flights, second, tuple(said))
+
+
+def of_columns(second: Mapping[str, Flight], channels: tuple[str, ...]) -> FlightsBeside:
+    """A second sensor in the same logs. What it has no column of is not its own: the bead beside a second film stays,
+    whose temperature it tells, and a film beside a second bead goes."""
+    if "humidity" not in channels:
+        second = {n: replace(f, humidity_percent=np.full(f.time_s.size, np.nan)) for n, f in second.items()}
+    return FlightsBeside(second, channels)
+
+
+def of_logs(first: Mapping[str, Flight], second: Mapping[str, Flight], said: tuple[str, ...] = ()) -> FlightsBeside:
+    """A second sensor's own logs, one for each of the first's in the same order."""
+    pairs = zip(first.items(), second.items(), strict=True)
+    flights = {name: on_clock_of(name, one, other, log) for (name, one), (other, log) in pairs}
+    return FlightsBeside(flights, CHANNELS, said)
+
+
+def on_clock_of(name: str, first: Flight, other: str, second: Flight) -> Flight:
+    """A second log of one flight on the first's clock: moved in time until both have one track.
+
+    Raises
+    ------
+    InputError
+        The tracks are not alike: the logs are of two flights.
+    """
+    from shockrig.analysis.learn.bins import flown_span
+
+    tracks = []
+    for one in (first, second):
+        assert one.altitude_m is not None
+        known = np.isfinite(one.altitude_m) & np.isfinite(one.time_s)
+        at, rows = np.unique(one.time_s[known], return_index=True)
+        if at.size < 2:
+            raise InputError(f"{name} beside {other}: a log has no altitude, so its clock cannot be set; give both one")
+        even = np.arange(at[0], at[-1], TRACK_STEP_S)
+        tracks.append((even, np.interp(even, at, one.altitude_m[known][rows])))
+    (at, metres), (own, theirs) = tracks
+    # Of the second's track what is flown: minutes on the ground are alike at any time.
+    begins, ends = flown_span(own, theirs)
+    kept = (own >= begins) & (own <= ends)
+    own, theirs = own[kept], theirs[kept]
+    room = own.size // 2
+    padded = np.pad(metres, room, mode="edge")
+    apart = [float(np.std(padded[i : i + own.size] - theirs)) for i in range(max(padded.size - own.size, 1))]
+    best = min(apart), at[0] + (int(np.argmin(apart)) - room) * TRACK_STEP_S - own[0]
+    here = np.interp(own + best[1], at, metres)
+    climb, off = np.gradient(theirs, own), theirs - here - np.mean(theirs - here)
+    if best[0] > UNLIKE_TRACKS * float(np.ptp(metres)):
+        raise InputError(
+            f"{name} beside {other}: their altitudes are {best[0]:.0f} m apart at best, as no two sensors of one "
+            "carrier are; give logs of the same flight in the same order"
+        )
+    late = float(climb @ off / max(float(climb @ climb), 1e-12))  # s that the second's track is still ahead
+    return replace(second, time_s=second.time_s + best[1] + late)
+
+
+def pair_from(
+    flights: Mapping[str, Flight],
+    beside: FlightsBeside,
+    bench: Profile | None = None,
+    progress: Callable[[str], None] = lambda said: None,
+) -> PairLearned:
+    """What flights say of two sensors side by side; `bench` is the first's profile."""
+    from shockrig.analysis.learn.pair import learn_pair
+
+    return learn_pair(flights, beside.flights, beside.channels, _stated(flights, bench), progress)
+
+
+def differ(channel: str, apart: ChannelApart) -> str:
+    """How two sensors differ, in a sentence."""
+    unit = "K" if channel == "temperature" else "%RH"
+    said = f"{channel}: the second reads {apart.offset.value:+.2g} ± {apart.offset.standard_uncertainty:.2g} {unit}"
+    if apart.lag_ratio is None:
+        return f"{said}; a lag of both does not show"
+    ratio, sigma = apart.lag_ratio
+    return f"{said}, and its time constant is {ratio:.2g} ± {sigma:.2g} times the first's"
+
+
+def learned_file(
+    learned: FlightsLearned,
+    flights: Mapping[str, Flight],
+    provenance: Mapping[str, Any],
+    pair: PairLearned | None = None,
+) -> LearnedFile:
+    """What `learned.json` holds; of a sensor beside another, also how the two differ."""
+    beside = {}
+    if pair is not None:
+        alone = pair.alone[0 if learned is pair.together[0] else 1]
+        beside = {name: _beside(one, alone.channels[name]) for name, one in pair.apart.items()}
     altitudes = np.concatenate([one.altitude_m for one in learned.bins])
     return LearnedFile(
         channels={name: _channel(one, learned) for name, one in learned.channels.items()},
@@ -91,8 +225,44 @@ def learned_file(learned: FlightsLearned, flights: Mapping[str, Flight], provena
         ),
         left_out=learned.left_out,
         models=tuple(StatedModel(said, weight) for said, weight in learned.weights),
+        beside=beside,
         provenance=provenance,
     )
+
+
+def _beside(apart: ChannelApart, alone: ChannelLearned) -> StatedBeside:
+    offset, ratio = apart.offset, apart.lag_ratio
+    return StatedBeside(
+        StatedNumber(offset.value, offset.standard_uncertainty, offset.unit),
+        None if ratio is None else StatedNumber(*ratio, "1"),
+        alone.verdict,
+        tuple(_cause(cause) for cause in alone.causes),
+    )
+
+
+def shift_by_pressure(flight: Flight) -> float | None:
+    """By how many seconds a log's altitude is behind its own pressure [s]; None where it has not both.
+
+    The least-squares shift of the pressure's altitude, differences over half a minute, by Gauss and Newton.
+    """
+    if flight.altitude_m is None:
+        return None
+    by_pressure = pressure_altitude_m(flight.pressure_hpa)
+    known = np.isfinite(flight.time_s) & np.isfinite(flight.altitude_m) & np.isfinite(by_pressure)
+    at, rows = np.unique(flight.time_s[known], return_index=True)
+    if at.size < 2 or np.ptp(at) < 4.0 * RISES_OVER_S:
+        return None
+    even = np.arange(at[0], at[-1], TRACK_STEP_S)
+    step = round(RISES_OVER_S / TRACK_STEP_S)
+    altitude = np.interp(even, at, flight.altitude_m[known][rows])
+    rises, shift = altitude[step:] - altitude[:-step], 0.0
+    for _ in range(SHIFT_STEPS):
+        moved = np.interp(even - shift, at, by_pressure[known][rows])
+        own = moved[step:] - moved[:-step]
+        slope = -np.gradient(own, TRACK_STEP_S)
+        columns = np.column_stack([slope, own])  # metres of a standard atmosphere may be a few percent too short
+        shift += float(np.linalg.lstsq(columns, rises - own, rcond=None)[0][0])
+    return shift if abs(shift) < 0.25 * float(np.ptp(at)) else None
 
 
 def _channel(one: ChannelLearned, learned: FlightsLearned) -> LearnedChannel:

@@ -21,6 +21,10 @@ LEARNING = {  # on one flight of both sensors; of many flights the finalists tak
     "temperature: one lag": 0.2, "humidity: one lag": 0.35, "position's clock": 0.6, "finalists": 0.7,
     "what the structure": 0.8,
 }  # fmt: skip
+LEARNING_BESIDE = {  # on two flights of two sensors
+    "first sensor, humidity: one lag": 0.07, "second sensor, temperature: one lag": 0.2,
+    "second sensor, humidity: one lag": 0.27, "temperature: both": 0.4, "humidity: both": 0.55,
+}  # fmt: skip
 LOOKING_AT_LOG = {"looking for steps": 0.3, "picture": 0.65}
 PLAYING = {"against the air": 0.75, "page": 0.87}
 CERTIFYING = {"noise from the plateaus": 0.1, "differential evolution": 0.3, "least squares": 0.5, "certificate": 0.8}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,8 +26,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from shockrig.analysis.learn.learn import FlightsLearned
+    from shockrig.analysis.learn.pair import PairLearned
     from shockrig.characterizing import Characterized
     from shockrig.files.learned import LearnedFile
+
+    FlightGiven = pd.DataFrame | Flight | PathLike
 
 
 @dataclass(frozen=True, repr=False)
@@ -44,12 +47,15 @@ class LearnedSensor:
         All of it: fits, flights as they were used, how far their passes disagree.
     notes : tuple of str
         What was read as what, and which flights were left out and why.
+    beside : LearnedSensor, optional
+        The second sensor, where two flew side by side.
     """
 
     profile: Profile | None
     document: LearnedFile
     result: FlightsLearned
     notes: tuple[str, ...] = ()
+    beside: LearnedSensor | None = None
 
     @property
     def verdicts(self) -> dict[str, str]:
@@ -99,9 +105,10 @@ class LearnedSensor:
 
 
 def learn(
-    flights: pd.DataFrame | Flight | PathLike | Sequence[pd.DataFrame | Flight | PathLike],
+    flights: FlightGiven | Sequence[FlightGiven],
     *,
     profile: Profile | Characterized | PathLike | None = None,
+    beside: Mapping[str, str] | FlightGiven | Sequence[FlightGiven] | None = None,
     columns: Mapping[str, str] | None = None,
     map: PathLike | None = None,
     progress: Progress | None = None,
@@ -114,6 +121,9 @@ def learn(
         Whole flights, each with altitude or pressure, as `read_flight` reads them.
     profile : Profile, Characterized or path, optional
         A bench's: what is known before the flights.
+    beside : mapping, or as flights, optional
+        A second sensor in the same air: {"temperature": NAME, "humidity": NAME} of its columns in the same logs, or its
+        own logs, one for each flight.
     columns, map
         As in `correct`, for all flights.
     progress : function of a sentence, optional
@@ -137,24 +147,58 @@ def learn(
     True
     >>> after = found.correct(shockrig.example("flight.csv"))
     """
-    from shockrig.analysis.learn.profile import learned_profile
-    from shockrig.protocols.learning import learned_file, learned_from, with_altitude
+    from shockrig.protocols.learning import FlightsBeside, learned_from, of_columns, of_logs, pair_from
 
-    given = list(flights) if isinstance(flights, Sequence) and not isinstance(flights, str) else [flights]
-    provenance = {"software": f"shockrig {software_version()}"}
+    say = progress or (lambda text: None)
     with as_python():
         if profile is not None and not isinstance(profile, Profile | str | os.PathLike):
             profile = profile.profile
         bench = profile if profile is None or isinstance(profile, Profile) else read_profile(profile)
-        read: dict[str, Flight] = {}
-        said: list[str] = []
-        for i, one in enumerate(given):
-            name = Path(one).name if isinstance(one, str | os.PathLike) else f"flight {i + 1}"
-            name = name if name not in read else f"{name} ({i + 1})"
-            rows, words = with_words(one, columns, map)
-            read[name], more = with_altitude(rows)
-            said += [f"{name}: {note}" for note in (*words, *more)]
-        result = learned_from(read, bench, progress or (lambda text: None))
-    said += [f"{name} left out: {why}" for name, why in result.left_out.items()]
-    document = learned_file(result, read, provenance)
-    return LearnedSensor(learned_profile(result, provenance, bench), document, result, tuple(said))
+        read, said = _read(flights, columns, map)
+        if beside is None:
+            return _sensor(learned_from(read, bench, say), read, said, bench)
+        second: FlightsBeside
+        if isinstance(beside, Mapping):
+            second = of_columns(_read(flights, {**(columns or {}), **beside}, map)[0], tuple(beside))
+        else:
+            theirs, more = _read(beside, columns, map)
+            if len(theirs) != len(read):
+                raise InputError(f"beside: {len(theirs)} logs beside {len(read)} flights; give one for each flight")
+            second, said = of_logs(read, theirs), said + more
+        pair = pair_from(read, second, bench, say)
+        other = _sensor(pair.together[1], read, said, None, pair)
+        return replace(_sensor(pair.together[0], read, said, bench, pair), beside=other)
+
+
+def _read(
+    flights: FlightGiven | Sequence[FlightGiven], columns: Mapping[str, str] | None, map: PathLike | None
+) -> tuple[dict[str, Flight], list[str]]:
+    """Flights by name, and what was read as what."""
+    from shockrig.protocols.learning import with_altitude
+
+    given = list(flights) if isinstance(flights, Sequence) and not isinstance(flights, str) else [flights]
+    read: dict[str, Flight] = {}
+    said: list[str] = []
+    for i, one in enumerate(given):
+        name = Path(one).name if isinstance(one, str | os.PathLike) else f"flight {i + 1}"
+        name = name if name not in read else f"{name} ({i + 1})"
+        rows, words = with_words(one, columns, map)
+        read[name], more = with_altitude(rows)
+        said += [f"{name}: {note}" for note in (*words, *more)]
+    return read, said
+
+
+def _sensor(
+    result: FlightsLearned,
+    read: Mapping[str, Flight],
+    said: Sequence[str],
+    bench: Profile | None,
+    pair: PairLearned | None = None,
+) -> LearnedSensor:
+    from shockrig.analysis.learn.profile import learned_profile
+    from shockrig.protocols.learning import learned_file
+
+    provenance = {"software": f"shockrig {software_version()}"}
+    notes = (*said, *(f"{name} left out: {why}" for name, why in result.left_out.items()))
+    document = learned_file(result, read, provenance, pair)
+    return LearnedSensor(learned_profile(result, provenance, bench), document, result, notes)

@@ -208,13 +208,20 @@ def binned(flight: Flight, name: str, count: int) -> FlightBins:
 
 def side_by_side(first: FlightBins, second: FlightBins) -> FlightBins:
     """One flight of two sensors in the same air: the second's bins behind the first's, on the first's track."""
-    passes = [*first.passes, *(replace(p, first=p.first + n, last=p.last + n) for n in [first.time_s.size] for p in second.passes)]
-    names = ("time_s", "length_s", "within_s", "climb_m_s", "airflow_m_s")
-    columns = {name: np.concatenate([getattr(first, name), getattr(second, name)]) for name in names}
-    altitude = np.interp(columns["within_s"], first.track_s, first.track_m).mean(axis=1)
-    values = {key: np.concatenate([first.values[key], second.values[key]]) for key in first.values}
+    count = first.time_s.size
+    behind = [replace(one, first=one.first + count, last=one.last + count) for one in second.passes]
+    within = np.concatenate([first.within_s, second.within_s])
     return replace(
-        first, altitude_m=altitude, values=values, passes=tuple(passes), sensors=(first, second), **columns
+        first,
+        time_s=np.concatenate([first.time_s, second.time_s]),
+        length_s=np.concatenate([first.length_s, second.length_s]),
+        within_s=within,
+        altitude_m=np.interp(within, first.track_s, first.track_m).mean(axis=1),
+        climb_m_s=np.concatenate([first.climb_m_s, second.climb_m_s]),
+        airflow_m_s=np.concatenate([first.airflow_m_s, second.airflow_m_s]),
+        values={key: np.concatenate([first.values[key], second.values[key]]) for key in first.values},
+        passes=(*first.passes, *behind),
+        sensors=(first, second),
     )
 
 

@@ -477,7 +477,14 @@ def slopes(found: Density, parameters: tuple[tuple[str, float, bool], ...] = ())
     metres = np.zeros((every, *found.altitude.shape))
     metres[last] = found.track_slopes
     taken, given = np.zeros_like(metres), np.zeros((every, found.altitude.shape[0]))
-    of_air = np.r_[[name.removesuffix(SECOND) not in OF_RESPONSE for name, _, _ in parameters], np.zeros(sizes.size), np.ones(MOVES)] > 0
+    of_air = (
+        np.r_[
+            [name.removesuffix(SECOND) not in OF_RESPONSE for name, _, _ in parameters],
+            np.zeros(sizes.size),
+            np.ones(MOVES),
+        ]
+        > 0
+    )
     for i, (name, step, log) in enumerate(parameters):
         at = sensor.values[name]
         ahead = SensorModel(sensor.laws, {**sensor.values, name: at * np.exp(step) if log else at + step})

@@ -16,11 +16,12 @@ from scipy.signal import lfilter
 import shockrig
 from shockrig.analysis.flight.comparisons import PARTED
 from shockrig.analysis.flight.correct import correct
-from shockrig.analysis.learn.bins import SUB_SAMPLES, binned, passes, why_nothing
+from shockrig.analysis.learn.bins import SUB_SAMPLES, binned, passes, side_by_side, why_nothing
 from shockrig.analysis.learn.density import SensorModel, begun, density, prepared, slopes
 from shockrig.analysis.learn.fit import Learned, fitted, known_of
 from shockrig.analysis.learn.laws import LAWS, response
 from shockrig.analysis.learn.learn import FlightCause, LearnedNumber, learn
+from shockrig.analysis.learn.pair import beside
 from shockrig.analysis.learn.passes import disagreement
 from shockrig.analysis.learn.profile import learned_profile, stated_by
 from shockrig.files.flight import Flight
@@ -30,7 +31,7 @@ from shockrig.files.profile_data import ResponseTime
 from shockrig.protocols.cli import main
 from shockrig.protocols.commands.correct import offered
 from shockrig.protocols.flight_logs import read_log
-from shockrig.protocols.learning import sentence
+from shockrig.protocols.learning import of_columns, on_clock_of, sentence, shift_by_pressure
 
 WORLDS = benchmark("learn_worlds")
 EXAMPLES = Path(__file__).parents[2] / "data" / "examples"
@@ -361,3 +362,149 @@ def test_a_clock_is_taken_off_by_correct(tmp_path, capsys):
     bare.write_text("time_s,temperature_c\n" + "".join(f"{i},20.0\n" for i in range(40)))
     assert main(["correct", str(bare), "--profile", profile, "--out", str(out), "--clock-s", "1"]) == 2
     assert "--column altitude=NAME" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def twins():
+    """Two flights of two sensors in the same air: lags of 5 and 2 s, 10 and 25 s; the second 0.3 K and -1.5 %RH off."""
+    return WORLDS.side_by_side(500, WORLDS.Truth(), WORLDS.Truth(2.0, 25.0), flights=2)
+
+
+@pytest.mark.parametrize(
+    ("channel", "first", "second"),
+    [
+        ("temperature", ("lag",), ("second_path",)),
+        ("temperature", ("lag", "ventilated_warmth"), ()),
+        ("humidity", ("lag", "late_die"), ("lag_in_the_cold",)),
+    ],
+)
+def test_slopes_of_two_sensors_are_those_of_their_density(twins, channel, first, second):
+    """Analytic slopes over both sensors' parameters, their clock, sizes and moves, against differences."""
+    unit = prepared(side_by_side(*(binned(one.flight, "one", 40) for one in twins[0])), channel)
+    law = beside(channel, *(tuple(LAWS[f"{channel}.{key}"] for key in keys) for keys in (first, second)))
+    usual = {
+        "time_constant_s": 4.0, "fraction": 0.2, "second_time_constant_s": 60.0, "die_time_constant_s": 10.0,
+        "film_behind_bead_s": 2.0, "activity": 0.4, "growth_per_k": 0.02, "rise_k_at_5_m_s": 0.3,
+        "offset_between": 0.4, "shift_s": 0.5,
+    }  # fmt: skip
+    laws = (LAWS["position.clock_offset"], law)
+    parameters = tuple((p.name, 1e-4, p.log) for one in laws for p in one.parameters)
+    values = {name: usual[name.removesuffix("_2")] * (1.5 if name.endswith("_2") else 1.0) for name, *_ in parameters}
+    own = begun(unit) + 0.1
+    found, _ = slopes(density(unit, SensorModel(laws, values), own), parameters)
+    for i, (name, step, log) in enumerate(parameters):
+        near = [
+            density(
+                unit,
+                SensorModel(laws, {**values, name: values[name] * np.exp(s) if log else values[name] + s}),
+                own,
+            ).value
+            for s in (-step, step)
+        ]
+        assert found[i] == pytest.approx((near[1] - near[0]) / (2 * step), rel=0.02, abs=0.05), name
+    for i in range(own.size):
+        ahead = [own + s * np.eye(own.size)[i] for s in (-1e-4, 1e-4)]
+        near = [density(unit, SensorModel(laws, values), one).value for one in ahead]
+        assert found[len(parameters) + i] == pytest.approx((near[1] - near[0]) / 2e-4, rel=0.05, abs=0.1)
+
+
+def two_columns(twins, folder):
+    """Logs of two flights, each with the columns of both thermometers."""
+    paths = []
+    for i, (one, other) in enumerate(twins):
+        path = WORLDS.write(one.flight, folder / f"{i}.csv")
+        log = pd.read_csv(path)
+        log["t_second"] = other.flight.temperature_c
+        log.drop(columns="humidity_percent").to_csv(path, index=False)
+        paths.append(str(path))
+    return paths
+
+
+def test_two_sensors_in_one_log_are_told_better_than_one(twins, tmp_path, capsys):
+    """Two thermometers' columns of two flights: both lags right, and known better than alone; the calibrations'
+    difference; a page, a profile and a learned.json for each, which `correct` and readers take."""
+    paths, out = two_columns(twins, tmp_path), tmp_path / "out"
+    assert main(["learn", *paths, "--beside", "temperature=t_second", "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert "the second sensor" in said and "alone it would be" in said and "times the first's" in said
+    for which, lag in (("", 5.0), ("_2", 2.0)):
+        document = json.loads((out / f"learned{which}.json").read_text(encoding="utf-8"))
+        heat = document["channels"]["temperature"]
+        tau = heat["causes"][0]["parameters"]["time_constant_s"]
+        assert heat["causes"][0]["law"] == "lag"
+        assert tau["value"] == pytest.approx(lag, abs=2.0 * tau["standard_uncertainty"])
+        apart = document["beside"]["temperature"]
+        by_itself = apart["alone_causes"][0]["parameters"]["time_constant_s"]
+        assert tau["standard_uncertainty"] / tau["value"] < by_itself["standard_uncertainty"] / by_itself["value"]
+        assert apart["offset"]["value"] == pytest.approx(0.3, abs=0.05)
+        ratio = apart["lag_ratio"]
+        assert ratio["value"] == pytest.approx(0.4, abs=2.0 * ratio["standard_uncertainty"])
+        bead = read_profile(out / f"profile{which}.json").temperature
+        assert bead.bead_radius_m**2 / bead.thermal_diffusivity_m2_s.value == pytest.approx(tau["value"])
+        assert (out / f"learned{which}.html").exists()
+
+
+def test_a_second_thermometers_log_has_no_film_of_its_own(twins):
+    """A column of temperature alone: the first's film is not said to be beside it. A second film keeps the bead."""
+    flights = {"one": twins[0][0].flight}
+    assert not np.isfinite(of_columns(flights, ("temperature",)).flights["one"].humidity_percent).any()
+    assert of_columns(flights, ("humidity",)).flights["one"] is flights["one"]
+
+
+def test_a_second_log_is_put_on_the_firsts_clock(twins):
+    """Another logger's clock and zero of altitude: moved until both have one track, to a tenth of a second, also from
+    minutes on the ground; a log of another flight, and one log too few, are refused."""
+    one, other = twins[0][0].flight, twins[0][1].flight
+    still = np.arange(1.0, 2000.0)
+    waits = other.at(np.r_[np.zeros(still.size, dtype=int), np.arange(other.time_s.size)])
+    late = replace(
+        waits, time_s=np.r_[other.time_s[0] - still[::-1], other.time_s] + 4711.3, altitude_m=waits.altitude_m + 35.0
+    )
+    moved = on_clock_of("one", one, "other", late)
+    np.testing.assert_allclose(moved.time_s[-other.time_s.size :], other.time_s, atol=0.1)
+    with pytest.raises(shockrig.InputError, match="logs of the same flight"):
+        on_clock_of("one", one, "other", replace(late, altitude_m=200.0 * np.sin(0.02 * late.time_s)))
+    with pytest.raises(shockrig.InputError, match="one for each flight"):
+        shockrig.learn([one, twins[1][0].flight], beside=[other])
+
+
+@pytest.mark.parametrize(("channel", "lags"), [("temperature", (5.0, 2.0)), ("humidity", (10.0, 25.0))])
+def test_lags_of_two_sensors_are_within_their_uncertainties(twins, channel, lags):
+    """One fit to both, from starts a third off: each lag within two standard uncertainties, each below 0.2 of it; the
+    offset between two thermometers, 0.3 K, to 0.02 K."""
+    units = [prepared(side_by_side(*(binned(one.flight, "one", 128) for one in pair)), channel) for pair in twins]
+    lag = LAWS[f"{channel}.lag"]
+    law = beside(channel, (lag,), (lag,))
+    film = [0.0, 0.5] if channel == "humidity" else []
+    found = fitted((law,), units, np.r_[np.log(0.7 * lags[0]), film, np.log(1.3 * lags[1]), film, 0.0])
+    for name, true in zip(("time_constant_s", "time_constant_s_2"), lags, strict=True):
+        place = [one.name for one in law.parameters].index(name)
+        sigma = float(np.sqrt(found.covariance[place, place]))
+        assert sigma < 0.2
+        assert found.theta[place] == pytest.approx(np.log(true), abs=2.0 * sigma)
+    if channel == "temperature":
+        assert found.theta[-1] == pytest.approx(0.3, abs=0.02)
+
+
+def test_two_logs_of_one_flight_in_python(twins):
+    """Thermometers with a log each, the second's clock 100 s off: both lags within two standard uncertainties, a sensor
+    and a profile for each, and how they differ in the document."""
+    logs = [[pair[which].flight for pair in twins] for which in (0, 1)]
+    dry = [[replace(one, humidity_percent=np.full(one.time_s.size, np.nan)) for one in some] for some in logs]
+    late = [replace(one, time_s=one.time_s + 100.0) for one in dry[1]]
+    found = shockrig.learn(dry[0], beside=late)
+    for one, lag in ((found, 5.0), (found.beside, 2.0)):
+        tau = one.result.channels["temperature"].causes[0].parameters[0]
+        assert tau.value == pytest.approx(lag, abs=2.0 * tau.standard_uncertainty)
+        assert one.profile is not None and one.profile.temperature is not None
+    assert set(found.document.beside) == {"temperature"}
+
+
+@pytest.mark.parametrize("late_s", [0.0, 18.0, -7.0])
+def test_a_logs_own_pressure_tells_its_altitudes_clock(flight, late_s):
+    """An altitude that is so many seconds behind the pressure, by another formula and with a satellite's noise."""
+    pressure = pressure_hpa(np.interp(flight.time_s + late_s, flight.time_s, flight.altitude_m))
+    noisy = flight.altitude_m + np.random.default_rng(2).normal(0.0, 1.0, flight.time_s.size)
+    both = replace(flight, altitude_m=noisy, pressure_hpa=pressure)
+    assert shift_by_pressure(both) == pytest.approx(late_s, abs=0.3)
+    assert shift_by_pressure(flight) is None
