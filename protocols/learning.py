@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 CHANNELS = ("temperature", "humidity")
 TRACK_STEP_S = 1.0  # of tracks that are laid over one another
+OWN_PRESSURE_M = 0.1  # an altitude that is so near to the pressure's was made of it: a satellite's wanders by more
 RISES_OVER_S, SHIFT_STEPS = 30.0, 8  # differences of altitude whose shift is found, and steps to find it
 UNLIKE_TRACKS = 0.05  # of the range of altitudes: two logs of one flight are nearer
 
@@ -241,7 +242,8 @@ def _beside(apart: ChannelApart, alone: ChannelLearned) -> StatedBeside:
 
 
 def shift_by_pressure(flight: Flight) -> float | None:
-    """By how many seconds a log's altitude is behind its own pressure [s]; None where it has not both.
+    """By how many seconds a log's altitude is behind its own pressure [s]; None where it has not both,
+    or where the altitude is the pressure's own.
 
     The least-squares shift of the pressure's altitude, differences over half a minute, by Gauss and Newton.
     """
@@ -262,6 +264,8 @@ def shift_by_pressure(flight: Flight) -> float | None:
         slope = -np.gradient(own, TRACK_STEP_S)
         columns = np.column_stack([slope, own])  # metres of a standard atmosphere may be a few percent too short
         shift += float(np.linalg.lstsq(columns, rises - own, rcond=None)[0][0])
+    if float(np.std(rises - own)) < OWN_PRESSURE_M:
+        return None
     return shift if abs(shift) < 0.25 * float(np.ptp(at)) else None
 
 

@@ -142,7 +142,7 @@ def _print(
         own = [s for one in flights.values() if (s := shift_by_pressure(one)) is not None]
         if own:
             print(
-                f"  by the pressure in the logs the altitude is {min(own):.2g} to {max(own):.2g} s behind it: if the "
+                f"  by the pressure in the logs the altitude is {min(own):.1f} to {max(own):.1f} s behind it: if the "
                 "sensors' logger reads that pressure, no more of it is a clock"
             )
         if learned.position_named:

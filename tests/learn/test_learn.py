@@ -508,3 +508,4 @@ def test_a_logs_own_pressure_tells_its_altitudes_clock(flight, late_s):
     both = replace(flight, altitude_m=noisy, pressure_hpa=pressure)
     assert shift_by_pressure(both) == pytest.approx(late_s, abs=0.3)
     assert shift_by_pressure(flight) is None
+    assert shift_by_pressure(replace(flight, pressure_hpa=pressure_hpa(flight.altitude_m))) is None
