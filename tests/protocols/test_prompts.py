@@ -1,4 +1,4 @@
-"""What an operator does at a prompt, through a pseudo-terminal and in real time: docs/watching.md has it as a table."""
+"""What an operator does at a prompt, through a pseudo-terminal and in real time: docs/watching.md lists it."""
 
 import contextlib
 import io
