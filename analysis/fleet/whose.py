@@ -1,8 +1,9 @@
 """Whose a cause is that diagnoses name: the bench's, the type's, or one sensor's; and which of its look-alikes it is.
 
 What one bench does, it does to all that it carries: most probes of a campaign show it, with one value. What belongs to
-a type is in most sensors too, and differs from one to the next. Whether values are one is Cochran's test of
-homogeneity, Q = sum (x_i - mean)^2 / u_i^2 ~ chi2(n - 1).
+a type is in most sensors too, and differs from one to the next. Values are one where that is likelier than that they
+scatter as a type's do, by a share of themselves that has a half-Cauchy prior: a test of homogeneity alone would call
+some benches types however little their values differ.
 
 Effects that one diagnosis cannot tell apart are one cause here, whichever of them each probe's diagnosis names. Whose
 it is then tells which: the air is what all probes feel, so that what a single one shows is not the air's, and what all
@@ -18,17 +19,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
 
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.fleet.population import LEAST_SENSORS, FleetMember
+from shockrig.analysis.fleet.population import LEAST_SENSORS, SPREAD_SCALE, FleetMember
 from shockrig.files.causes import StatedEffect, Uncertain
 from shockrig.files.fleet import BENCH, SENSOR, SEVERAL, TYPE, FleetCause, SharedParameter
 
 Array = NDArray[np.float64]
 
 MOST = 0.5  # of the sensors: more than so many
-APART = 0.01  # of values that are one, the share of which it is denied
+SPREADS = (np.arange(200) + 0.5) / 200.0  # quantiles of a type's spread that are tried
 AIR_LINK = "air"
 
 
@@ -109,10 +109,10 @@ def _parameters(having: Sequence[DiagnosedProbe], effect: str) -> dict[str, Shar
         for name, value in cause.parameters.items():
             if value.standard_uncertainty > 0.0:
                 stated.setdefault(name, []).append(value)
-    return {name: _shared(values, APART / len(stated)) for name, values in stated.items()}
+    return {name: _shared(values) for name, values in stated.items()}
 
 
-def _shared(values: Sequence[Uncertain], level: float) -> SharedParameter:
+def _shared(values: Sequence[Uncertain]) -> SharedParameter:
     """The mean, and what values scatter by beyond their uncertainties (DerSimonian and Laird 1986,
     doi 10.1016/0197-2456(86)90046-2)."""
     x, u = (np.array([getattr(v, key) for v in values]) for key in ("value", "standard_uncertainty"))
@@ -124,4 +124,13 @@ def _shared(values: Sequence[Uncertain], level: float) -> SharedParameter:
     variance = max((Q - (n - 1)) / (weight.sum() - (weight @ weight) / weight.sum()), 0.0)
     weight = 1.0 / (u**2 + variance)
     of_mean = Uncertain(float(weight @ x / weight.sum()), float(weight.sum() ** -0.5))
-    return SharedParameter(of_mean, math.sqrt(variance), bool(chdtrc(n - 1, Q) >= level))
+    type_has = SPREAD_SCALE * math.sqrt(float(np.mean(x**2))) * np.tan(0.5 * np.pi * SPREADS)
+    scattering = np.logaddexp.reduce([_restricted(x, u, spread) for spread in type_has]) - math.log(type_has.size)
+    return SharedParameter(of_mean, math.sqrt(variance), bool(_restricted(x, u, 0.0) >= scattering))
+
+
+def _restricted(x: Array, u: Array, spread: float) -> float:
+    """ln of the restricted likelihood, but for a constant, where values scatter by so much about an unknown mean."""
+    weight = 1.0 / (u**2 + spread**2)
+    mean = weight @ x / weight.sum()
+    return 0.5 * float(np.log(weight).sum() - np.log(weight.sum()) - weight @ (x - mean) ** 2)

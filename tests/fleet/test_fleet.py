@@ -22,11 +22,11 @@ from shockrig.analysis.fleet.fleet import fleet_of, members_of
 from shockrig.analysis.fleet.population import benjamini_hochberg
 from shockrig.analysis.fleet.prior import with_population
 from shockrig.analysis.fleet.statistics import statistics_of
-from shockrig.analysis.fleet.whose import causes_of
+from shockrig.analysis.fleet.whose import DiagnosedProbe, causes_of, judged_causes
 from shockrig.analysis.report.fleet_page import cause_sentence, write_fleet_page
 from shockrig.files.causes import StatedEffect, Uncertain
 from shockrig.files.errors import InputError
-from shockrig.files.fleet import fleet_document, read_fleet
+from shockrig.files.fleet import BENCH, TYPE, fleet_document, read_fleet
 from shockrig.files.profile import read_profile, write_profile
 from shockrig.protocols import fleet_map
 from shockrig.protocols.cli import main
@@ -169,6 +169,22 @@ def test_whose_a_cause_is(tmp_path, places, benches, spread, whose, said):
     jsonschema.validate(json.loads((tmp_path / "fleet.json").read_text()), SCHEMA)
     assert read_fleet(tmp_path / "fleet.json").causes == fleet.causes
     assert "Whose the causes are" in write_fleet_page(fleet, tmp_path).read_text()
+
+
+def test_values_that_are_one_are_told_from_those_of_a_type():
+    """Eight probes: one value is the bench's in 95 %, values that differ by five of their uncertainties the type's."""
+    rng = np.random.default_rng(31)
+
+    def shared(differ):
+        values = 0.3 * (1.0 + differ * rng.standard_normal(8)) + 0.006 * rng.standard_normal(8)
+        causes = [
+            (StatedEffect("wall_radiation", {"rise_k_at_10_k": Uncertain(float(v), 0.006)}, 1.0),) for v in values
+        ]
+        probes = [DiagnosedProbe(str(k), "c", "b", one) for k, one in enumerate(causes)]
+        return judged_causes("temperature", probes)[0].whose
+
+    assert sum(shared(0.0) == BENCH for _ in range(100)) >= 95
+    assert sum(shared(0.1) == TYPE for _ in range(100)) >= 95
 
 
 @pytest.mark.parametrize(
