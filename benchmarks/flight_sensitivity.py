@@ -1,6 +1,7 @@
 """How much the correction hangs on numbers of its own: each halved and doubled on the same flights.
 
-    python benchmarks/flight_sensitivity.py [--seeds N] [--first-seed N] [--numbers NAME ...] [--out FILE.jsonl]
+    python benchmarks/flight_sensitivity.py [--seeds N] [--first-seed N] [--numbers NAME ...] [--kinds NAME ...]
+        [--out FILE.jsonl]
 
 Flights are kinds of flight_harm.py and damaged ones of fuzz_flights.py. Per number: error over the reading's (geometric
 mean over flights and channels), share of rows that the 95 % interval covers, channels more than 2 % worse than their
@@ -117,6 +118,7 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--numbers", nargs="+", default=[*SMOOTHER, *CAUSAL])
+    parser.add_argument("--kinds", nargs="+", default=[*FLOWN, *DAMAGED], choices=[*FLOWN, *DAMAGED])
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
     warnings.simplefilter("ignore")
@@ -134,11 +136,12 @@ def main() -> int:
     jobs = []
     for number in ("smoother as it is", "causal as it is", *args.numbers):
         causal = number in CAUSAL or number.startswith("causal as")
-        kinds = FLOWN[:4] if causal else (*FLOWN, *DAMAGED)
+        kinds = [one for one in (FLOWN[:4] if causal else (*FLOWN, *DAMAGED)) if one in args.kinds]
         for factor in (1.0,) if number.endswith("as it is") else (0.5, 2.0):
             for seed in range(args.first_seed, args.first_seed + args.seeds):
                 jobs.extend((number, factor, kind, seed) for kind in kinds)
     lines = scored(args.out, jobs, ("number", "factor", "kind", "seed"), score)
+    lines = [line for line in lines if line["kind"] in args.kinds]
     print(f"{'number':<34}{'times':>6}{'error':>8}{'cov':>7}{'>2%':>4}{'out':>5}{'nam':>4}")
     for number, factor in dict.fromkeys((job[0], job[1]) for job in jobs):
         print(f"{number:<34}{factor:>6g}" + row([x for x in lines if (x["number"], x["factor"]) == (number, factor)]))
