@@ -179,14 +179,7 @@ def learn(
     InputError
         No flight passes the same air twice.
     """
-    left_out = {name: why for name, flight in flights.items() if (why := why_nothing(flight))}
-    used = tuple(binned(flight, name, BINS) for name, flight in flights.items() if name not in left_out)
-    alone = [one.name for one in used if len(one.passes) < 2]
-    left_out |= {name: "it passes no air twice: an ascent needs its descent" for name in alone}
-    used = tuple(one for one in used if one.name not in alone)
-    if not used:
-        whys = "; ".join(f"{name}: {why}" for name, why in left_out.items())
-        raise InputError(f"{whys}; give flights that go up and come down again through the same air")
+    used, left_out = _passing_twice(flights)
     units = {c: [prepared(one, c) for one in used if one.has(c)] for c in CHANNELS}
     channels = [c for c in CHANNELS if units[c]]
     names = [one.name for one in used]
@@ -223,11 +216,7 @@ def learn(
     found = {
         c: judged(c, channels, models, weight, lags[c], refuted[c], used, units[c], read[c], off[c]) for c in channels
     }
-    clock = float(sum(w for w, model in zip(weight, models, strict=True) if CLOCK in _laws_of(model)))
-    position: tuple[FlightCause, ...] = ()
-    if clock >= POSSIBLE:
-        best = max((w, i) for i, (w, m) in enumerate(zip(weight, models, strict=True)) if CLOCK in _laws_of(m))[1]
-        position = (FlightCause(CLOCK, clock, parameters_of(models[best][0], CLOCK)),)
+    clock, position = clock_of(models, weight)
     table = sorted(
         (
             (" + ".join(law.name for law in _laws_of(m)) or "nothing", float(w))
@@ -236,6 +225,30 @@ def learn(
         key=lambda row: -row[1],
     )
     return FlightsLearned(used, left_out, found, position, clock >= NAMED, tuple(table[:12]))
+
+
+def _passing_twice(flights: Mapping[str, Flight]) -> tuple[tuple[FlightBins, ...], dict[str, str]]:
+    """Flights that pass the same air twice, and why the others do not."""
+    left_out = {name: why for name, flight in flights.items() if (why := why_nothing(flight))}
+    used = tuple(binned(flight, name, BINS) for name, flight in flights.items() if name not in left_out)
+    alone = [one.name for one in used if len(one.passes) < 2]
+    left_out |= {name: "it passes no air twice: an ascent needs its descent" for name in alone}
+    used = tuple(one for one in used if one.name not in alone)
+    if not used:
+        whys = "; ".join(f"{name}: {why}" for name, why in left_out.items())
+        raise InputError(f"{whys}; give flights that go up and come down again through the same air")
+    return used, left_out
+
+
+def clock_of(models: Sequence[tuple[Learned, ...]], weight: Array) -> tuple[float, tuple[FlightCause, ...]]:
+    """How probable a shift of the track is, and what it is where it may be; `models` hold their laws in their parts."""
+    having = [
+        (float(w), i) for i, (w, model) in enumerate(zip(weight, models, strict=True)) if CLOCK in _laws_of(model)
+    ]
+    probability = sum(w for w, _ in having)
+    if probability < POSSIBLE:
+        return probability, ()
+    return probability, (FlightCause(CLOCK, probability, parameters_of(models[max(having)[1]][0], CLOCK)),)
 
 
 def _laws_of(model: tuple[Learned, ...]) -> tuple[Law, ...]:

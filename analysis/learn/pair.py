@@ -29,12 +29,11 @@ from shockrig.analysis.learn.learn import (
     NAMED,
     POSSIBLE,
     ChannelLearned,
-    FlightCause,
     FlightsLearned,
     LearnedNumber,
+    clock_of,
     judged,
     learn,
-    parameters_of,
 )
 from shockrig.analysis.learn.passes import disagreement, refutes
 from shockrig.files.errors import InputError
@@ -338,13 +337,9 @@ def _sensor(
             c, list(units), mine, weight, lag, alone.channels[c].refuted, [one.bins for one in units[c]], units[c],
             disagreement(units[c], None, c), off,
         )  # fmt: skip
-    clock = [
-        (float(w), i) for i, (w, model) in enumerate(zip(weight, models, strict=True)) if CLOCK in _every_law(model)
-    ]
-    probability = sum(w for w, _ in clock)
-    position = alone.position if not clock else ()
-    if probability >= POSSIBLE:
-        position = (FlightCause(CLOCK, probability, parameters_of(mine[max(clock)[1]][0], CLOCK)),)
+    probability, position = clock_of(mine, weight)
+    if all(CLOCK not in _every_law(model) for model in mine):  # the pair was not asked
+        probability, position = NAMED * alone.position_named, alone.position
     table: dict[str, float] = {}
     for w, model in zip(weight, mine, strict=True):
         said = " + ".join(law.name for one in model for law in one.laws) or "nothing"
