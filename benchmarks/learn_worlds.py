@@ -1,6 +1,7 @@
 """Missions whose air, sensors and clock are known: what `shockrig learn` says of them, counted.
 
     python benchmarks/learn_worlds.py --missions 12 [--first-seed 1] [--out results/learn_worlds.txt]
+    python benchmarks/learn_worlds.py --beside 8 [--first-seed 1]
     python benchmarks/learn_worlds.py --speed 100
 
 Each mission is two to eight ascents with their descents through air of its own equations: inversions (tanh),
@@ -13,6 +14,9 @@ with the analysis.
 One more flight of each mission is kept back and corrected with what `learn` found: how far it is from its air as read
 and corrected, off the ground, how much of it lies within two standard uncertainties, and whether its passes are nearer
 by as much as the 90 % interval says that `learn` states for them.
+
+`--beside` learns from so many missions of two flights of two sensors side by side, and counts what is said of each
+alone and beside the other: lags within 1.96 uncertainties, how large those are, channels named, wrong causes named.
 
 `--speed` learns from so many flights of 10,000 rows of one sensor with lags, and says how long that took.
 """
@@ -33,6 +37,7 @@ from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.learn.bins import binned
 from shockrig.analysis.learn.density import prepared
 from shockrig.analysis.learn.learn import BINS, NAMED, ChannelLearned, FlightsLearned, learn
+from shockrig.analysis.learn.pair import learn_pair
 from shockrig.analysis.learn.passes import disagreement
 from shockrig.analysis.learn.profile import learned_profile
 from shockrig.files.flight import Corrected, Flight
@@ -176,7 +181,8 @@ def side_by_side(seed: int, first: Truth, second: Truth, flights: int) -> list[t
     """Flights of two sensors in the same air, on one clock and one track."""
     rng = np.random.default_rng(seed)
     film_share = rng.uniform(0.3, 1.7)
-    return [tuple(_flight(rng, film_share, first, second)) for _ in range(flights)]
+    pairs = [_flight(rng, film_share, first, second) for _ in range(flights)]
+    return [(one, other) for one, other in pairs]
 
 
 def mission(seed: int, truth: Truth, flights: int | None = None) -> list[Flight]:
@@ -283,6 +289,61 @@ def nearer(flight: Flight, one: ChannelLearned) -> float:
     return disagreement([unit], alone, one.channel).rms / disagreement([unit], None, one.channel).rms
 
 
+PAIRS = {  # first and second sensor
+    "lags": (Truth(), Truth(2.0, 25.0)),
+    "alike": (Truth(), Truth()),
+    "clock of 18 s": (Truth(clock_s=18.0), Truth(2.0, 25.0, clock_s=18.0)),
+    "slow path in one": (Truth(slow_share=0.25), Truth()),
+}
+
+
+def beside(count: int, first_seed: int) -> list[str]:
+    """What is said of sensors side by side, alone and together."""
+    counts = {way: Beside() for way in ("alone", "together")}
+    for i, seed in enumerate(range(first_seed, first_seed + count)):
+        kind = list(PAIRS)[i % len(PAIRS)]
+        flights = side_by_side(seed, *PAIRS[kind], flights=2)
+        first, second = ({str(k): pair[which].flight for k, pair in enumerate(flights)} for which in (0, 1))
+        found = learn_pair(first, second, ("temperature", "humidity"))
+        for way, sensors in (("alone", found.alone), ("together", found.together)):
+            for truth, one in zip(PAIRS[kind], sensors, strict=True):
+                counts[way].add(truth, one)
+        print(f"learn_worlds: seed {seed}, {kind}, side by side", file=sys.stderr, flush=True)
+    return [f"{count} missions of two flights, seeds {first_seed} to {first_seed + count - 1}"] + [
+        f"    {way:<9} {one.line()}" for way, one in counts.items()
+    ]
+
+
+@dataclass
+class Beside:
+    """What was counted of sensors side by side."""
+
+    channels: int = 0
+    named: int = 0
+    wrong: int = 0
+    off: list[tuple[float, float]] = field(default_factory=list)
+
+    def add(self, truth: Truth, found: FlightsLearned) -> None:
+        """Count a sensor."""
+        for name, one in found.channels.items():
+            hidden = truth.laws(name) | ({"late_die"} if name == "humidity" else set())
+            self.channels += 1
+            self.named += one.verdict == "named"
+            self.wrong += any(c.probability >= NAMED and c.law.key not in hidden for c in one.causes)
+            lag = truth.temperature_lag_s if name == "temperature" else truth.humidity_lag_s
+            for tau in (c.parameters[0] for c in one.causes if c.law.key == "lag" and "lag" in hidden):
+                self.off.append((np.log(tau.value / lag), tau.standard_uncertainty / tau.value))
+
+    def line(self) -> str:
+        """Of the table."""
+        off, sigma = np.array(self.off).T
+        return (
+            f"u(tau) covers {int(np.sum(np.abs(off) < 1.96 * sigma))} of {off.size} stated lags, median u "
+            f"{100 * np.median(sigma):.0f} %, median error {100 * np.median(np.abs(off)):.0f} %; named {self.named} of "
+            f"{self.channels} channels, a wrong cause in {self.wrong}"
+        )
+
+
 def speed(seed: int, flights: int) -> str:
     """How long many flights of many rows take, read from CSV."""
     with tempfile.TemporaryDirectory() as folder:
@@ -310,9 +371,13 @@ def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--missions", type=int, default=12, help="in all; kinds take turns")
     parser.add_argument("--first-seed", type=int, default=1)
+    parser.add_argument("--beside", type=int, metavar="MISSIONS", help="of two sensors side by side, in place of them")
     parser.add_argument("--speed", type=int, metavar="FLIGHTS", help="of 10,000 rows: how long they take")
     parser.add_argument("--out", type=Path, help="is written anew after each mission")
     args = parser.parse_args(argv)
+    if args.beside:
+        print("\n".join(beside(args.beside, args.first_seed)))
+        return 0
     if args.speed:
         print(speed(args.first_seed, args.speed))
         return 0
