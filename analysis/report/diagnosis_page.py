@@ -30,6 +30,7 @@ from shockrig.analysis.report.diagnosis_words import (
     named,
     ordered,
     remainder_sentence,
+    removed,
     sensor_of,
     values_text,
     worse,
@@ -119,13 +120,12 @@ def _key_numbers(views: Sequence[ChannelView], crossings: Sequence[Crossing]) ->
             )
         )
         if view.found.causes or view.found.discovered:
-            low, high = (100 * x for x in gain.interval_95)
-            interval = f"95 % interval {low:.0f} to {high:.0f} %"
+            share, interval = removed(gain)
             numbers.append(
                 KeyNumber(
                     f"of the explainable error removed, {sensor_of(view.found)}",
-                    f"{plain(100 * gain.explained_fraction, 3)} %",
-                    interval if low >= 0.0 else NOT_TOLD,
+                    share,
+                    interval if interval in ("", NOT_TOLD) else f"95 % interval {interval}",
                 )
             )
     numbers += [

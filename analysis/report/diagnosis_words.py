@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from shockrig.analysis.diagnose.diagnosed import Cause, ChannelDiagnosis, Diagnosis
+from shockrig.analysis.diagnose.gain import Gain
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.effects.behaviours import ONLY_BEFORE, ONLY_FROM, SPREAD, form_of, is_step
+from shockrig.analysis.effects.behaviours import ONLY_FROM, SPREAD, form_of, is_group, is_step
 from shockrig.analysis.effects.described import entry_of, is_described, of_readings, rounded
 from shockrig.analysis.estimate.effect import Parameter
 from shockrig.analysis.estimate.quantity import QUANTITIES
@@ -148,7 +149,7 @@ def _depends(on: Dependence) -> str:
     factor = _factor(on.factor)
     if on.form == "dew_margin":
         return "how far the dew point lies above the air that a run comes from"
-    if on.form.startswith(ONLY_FROM) or on.form.startswith(ONLY_BEFORE):
+    if is_group(on.form):
         side = "only from the {} run on" if on.form.startswith(ONLY_FROM) else "only before the {} run"
         return f"{factor} ({side.format(nth_run(on.form))})"
     if on.value is None:
@@ -278,13 +279,20 @@ def removed_share(found: ChannelDiagnosis) -> str:
         return ""
     if not found.gain.measured:
         return "of the explainable error removed on unseen runs: unknown, none was left to try it on"
-    low, high = (100 * share for share in found.gain.interval_95)
-    share = 100 * found.gain.explained_fraction
-    # What rounds to all of it is not all of it, and an interval from 100.0 to 100.0 % would read like a fault.
-    removed = f"more than {MOST_SHOWN} %" if share > MOST_SHOWN else f"{share:.1f} %"
-    if low < MOST_SHOWN:
-        removed += f" ({low:.1f} to {high:.1f} %)" if low >= 0.0 else f" ({NOT_TOLD})"
-    return f"of the explainable error removed on unseen runs: {removed}"
+    share, interval = removed(found.gain)
+    return f"of the explainable error removed on unseen runs: {share}{f' ({interval})' if interval else ''}"
+
+
+def removed(gain: Gain) -> tuple[str, str]:
+    """The share of the explainable error that is removed on unseen runs, and its 95 % interval, empty where that says
+    nothing more: what rounds to all of it is not all, and an interval from 100.0 to 100.0 % would read like a fault.
+    """
+    low, high = (100 * share for share in gain.interval_95)
+    share = 100 * gain.explained_fraction
+    said = f"more than {MOST_SHOWN} %" if share > MOST_SHOWN else f"{share:.1f} %"
+    if low >= MOST_SHOWN:
+        return said, ""
+    return said, f"{low:.1f} to {high:.1f} %" if low >= 0.0 else NOT_TOLD
 
 
 def sensor_of(found: ChannelDiagnosis) -> str:
