@@ -80,6 +80,25 @@ def test_a_lag_follows_a_step_as_its_exponential(flight):
     np.testing.assert_allclose(seen, mean, rtol=1e-9)
 
 
+def assert_slopes_are_those_of_the_density(unit, laws, values, own, parameters):
+    """Analytic slopes over parameters (name, step, in its logarithm), sizes and moves, against differences."""
+    found, _ = slopes(density(unit, SensorModel(laws, values), own), parameters)
+    for i, (name, step, log) in enumerate(parameters):
+        near = [
+            density(
+                unit,
+                SensorModel(laws, {**values, name: values[name] * np.exp(s) if log else values[name] + s}),
+                own,
+            ).value
+            for s in (-step, step)
+        ]
+        assert found[i] == pytest.approx((near[1] - near[0]) / (2 * step), rel=0.02, abs=0.05), name
+    for i in range(own.size):
+        ahead = [own + s * np.eye(own.size)[i] for s in (-1e-4, 1e-4)]  # no knot between
+        near = [density(unit, SensorModel(laws, values), one).value for one in ahead]
+        assert found[len(parameters) + i] == pytest.approx((near[1] - near[0]) / 2e-4, rel=0.05, abs=0.1)
+
+
 @pytest.mark.parametrize(
     ("channel", "names"),
     [
@@ -100,21 +119,7 @@ def test_slopes_are_those_of_the_density(flight, channel, names):
     }  # fmt: skip
     own = begun(unit) + 0.1
     parameters = tuple((p.name, 1e-4, p.log) for law in laws for p in law.parameters)
-    found, _ = slopes(density(unit, SensorModel(laws, values), own), parameters)
-    for i, (name, step, log) in enumerate(parameters):
-        near = [
-            density(
-                unit,
-                SensorModel(laws, {**values, name: values[name] * np.exp(s) if log else values[name] + s}),
-                own,
-            ).value
-            for s in (-step, step)
-        ]
-        assert found[i] == pytest.approx((near[1] - near[0]) / (2 * step), rel=0.02, abs=0.05)
-    for i in range(own.size):
-        ahead = [own + s * np.eye(own.size)[i] for s in (-1e-4, 1e-4)]  # no knot between
-        near = [density(unit, SensorModel(laws, values), one).value for one in ahead]
-        assert found[len(parameters) + i] == pytest.approx((near[1] - near[0]) / 2e-4, rel=0.05, abs=0.1)
+    assert_slopes_are_those_of_the_density(unit, laws, values, own, parameters)
 
 
 def magnus_hpa(temperature_c):
@@ -391,21 +396,7 @@ def test_slopes_of_two_sensors_are_those_of_their_density(twins, channel, first,
     parameters = tuple((p.name, 1e-4, p.log) for one in laws for p in one.parameters)
     values = {name: usual[name.removesuffix("_2")] * (1.5 if name.endswith("_2") else 1.0) for name, *_ in parameters}
     own = begun(unit) + 0.1
-    found, _ = slopes(density(unit, SensorModel(laws, values), own), parameters)
-    for i, (name, step, log) in enumerate(parameters):
-        near = [
-            density(
-                unit,
-                SensorModel(laws, {**values, name: values[name] * np.exp(s) if log else values[name] + s}),
-                own,
-            ).value
-            for s in (-step, step)
-        ]
-        assert found[i] == pytest.approx((near[1] - near[0]) / (2 * step), rel=0.02, abs=0.05), name
-    for i in range(own.size):
-        ahead = [own + s * np.eye(own.size)[i] for s in (-1e-4, 1e-4)]
-        near = [density(unit, SensorModel(laws, values), one).value for one in ahead]
-        assert found[len(parameters) + i] == pytest.approx((near[1] - near[0]) / 2e-4, rel=0.05, abs=0.1)
+    assert_slopes_are_those_of_the_density(unit, laws, values, own, parameters)
 
 
 def two_columns(twins, folder):
