@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from shockrig.analysis.diagnose.grammar import forms, kin, starts_of, varied
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.effects.behaviours import SCALES, SPREAD, Form, form_of, in_group, is_step, laws_of
+from shockrig.analysis.effects.behaviours import SCALES, SPREAD, Form, form_of, is_group, is_step, laws_of
 from shockrig.analysis.effects.described import described, is_described
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import Effect
@@ -39,7 +39,7 @@ def log_prior(effect: Effect, channel: Channel, looks: int) -> float:
     on = form_of(effect.id).depends_on
     against += level("form") + level("factor") * sum(how in SCALES or (factor, how) == SPREAD for factor, how in on)
     # One form for each run that a change may begin at, and two for each that may part a group from the others.
-    against += log(2.0 * channel.runs) * sum(in_group(how, channel.conditions.order) is not None for _, how in on)
+    against += log(2.0 * channel.runs) * sum(is_group(how) for _, how in on)
     return -against - log(channel.runs) * sum(is_step(how) for _, how in on)
 
 
@@ -96,9 +96,8 @@ def kin_of(form: Form, channel: Channel) -> tuple[Candidate, ...]:
 
 def bare_forms(channel: Channel) -> tuple[Candidate, ...]:
     """Forms that depend on nothing, listed laws among them; none where the runs' order was not varied."""
-    known = "run_order" in varied(channel)
-    bare = (form for form in forms(channel, of_nothing=True) if known and form.behaves_as != "rate_change")
-    return _of_forms(bare, set(), channel)
+    bare = (form for form in forms(channel) if not form.depends_on)
+    return _of_forms(bare, set(), channel) if "run_order" in varied(channel) else ()
 
 
 def in_group_of(one: Candidate, how: str, start: dict[str, float], channel: Channel) -> Candidate:

@@ -33,6 +33,7 @@ MOST_RUNS = 250  # more take too much memory at once
 VARIED_AIRFLOW_RATIO, VARIED_STEP_RATIO = 1.2, 1.5  # ratios from which on a factor has varied
 AMBIENTS_K, LEVELS_PERCENT, PRESSURES = 3.0, 10.0, 0.03
 LEAST_DEW_K, LEAST_DEWED = 0.5, 3  # margin from which on dew falls, and runs in which it does
+LEAST_GROUP = 2  # runs on either side of a change, or of a group
 MOST_SCALES = 2  # conditions that scale one strength
 ALL_BUT_ORDER = 0.98  # correlation of runs' times with their order from which on one stands for both
 PERIODS_TRIED = 28  # that are tried, from a second to the length of a run
@@ -98,16 +99,10 @@ def scaling_factors(form: Form, channel: Channel) -> list[Factor]:
     return [pair for pair in SCALING if pair[0] in there - set(form.factors)]
 
 
-def forms(channel: Channel, of_nothing: bool = False) -> Iterator[Form]:
-    """All forms that the channel's runs could show, or those alone that depend on nothing.
-
-    None where a record is driven all along, or runs are too many.
-    """
+def forms(channel: Channel) -> Iterator[Form]:
+    """All forms that the channel's runs could show; none where a record is driven all along, or runs are too many."""
     c = channel.conditions
     if channel.measured.any() or not LEAST_RUNS <= channel.runs <= MOST_RUNS:
-        return
-    if of_nothing:
-        yield from (base for base in _bases(channel) if not base.depends_on)
         return
     for base in _bases(channel):
         if base.behaves_as != "rate_change" or base.depends_on:
@@ -119,7 +114,7 @@ def forms(channel: Channel, of_nothing: bool = False) -> Iterator[Form]:
     if not c.airs_known.all():
         return
     there = varied(channel)
-    for first in range(LEAST_RUNS // 4, channel.runs - 1 if "run_order" in there else 0):
+    for first in splits(channel) if "run_order" in there else ():
         yield Form("rate_change", "none", (("run_order", f"{STEP}{first}"),))
     for behaviour in ("gain", "offset"):
         driver = "own_response" if behaviour == "gain" else "none"
@@ -143,6 +138,11 @@ def forms(channel: Channel, of_nothing: bool = False) -> Iterator[Form]:
         yield Form("gain", "own_response", (("humidity", "above"),))
     if "dew" in there:  # what dew brings, and takes away as it dries
         yield Form("added_rate", "none", (("humidity", "dew_margin"),))
+
+
+def splits(channel: Channel) -> range:
+    """Runs, in their order from 0, at which a group of runs may begin that leaves one on either side."""
+    return range(LEAST_GROUP, channel.runs - LEAST_GROUP + 1)
 
 
 def kin(form: Form, channel: Channel) -> Iterator[Form]:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.diagnose.candidates import Candidate, bare_forms, candidates, in_group_of, kin_of, sound
+from shockrig.analysis.diagnose.grammar import splits
 from shockrig.analysis.diagnose.refitting import begun_anew, plain_fit, plainly_wrong, rate_shift, refit
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.effects.behaviours import (
@@ -49,7 +50,6 @@ BEGUN_COUNT, RUNNING_COUNT, FINISHED_COUNT = 16, 8, 3
 STARTS_EACH = 2  # of a candidate, the best to first order
 QUICK_STEPS, FURTHER_STEPS, WHOLE_STEPS = 3, 5, 25  # steps of Gauss and Newton
 MOST_EFFECTS, A_PAIR = 6, 2
-LEAST_GROUP = 2  # runs in which something is there alone
 TINY_SIZE = 1e-12  # of a column that says nothing
 SMALLEST_DISCREPANCY = 1e-6  # discrepancy that is none
 FAR_DISCREPANCY = 0.005  # discrepancy, as a share of the step, from which the runs' deviations mean little
@@ -83,9 +83,7 @@ class Rated:
 
     def holds(self, effect: str) -> bool:
         """Whether it has an effect, or a form that is its law with a strength that depends on something more."""
-        return law_of(effect) in self.laws or any(
-            law_of(effect) in _laws_within(id_) for id_ in self.ids if is_described(id_)
-        )
+        return any(law_of(effect) in _laws_within(id_) for id_ in self.ids)
 
     @property
     def value(self) -> float:
@@ -104,12 +102,15 @@ def _more_of(form: Form) -> list[Factor]:
 
 
 @cache
-def _laws_within(form_id: str) -> frozenset[str]:
-    """Laws that a form is with a strength that depends on something more, or with more time constants."""
-    form = form_of(form_id)
+def _laws_within(effect: str) -> frozenset[str]:
+    """An effect's law, and those that a form is with a strength that depends on something more, or with more time
+    constants."""
+    if not is_described(effect):
+        return frozenset({effect})
+    form = form_of(effect)
     more = _more_of(form)
     found: set[str] = set()
-    for size in range(1, len(more) + 1):
+    for size in range(len(more) + 1):
         for without in itertools.combinations(more, size):
             less = replace(form, depends_on=tuple(on for on in form.depends_on if on not in without))
             found |= {law_of(less.key), *(name for name, _ in laws_of(less))}
@@ -172,7 +173,7 @@ class Search:
         return [one for one, w in zip(self.pool, self.weights, strict=True) if w >= least]
 
 
-@dataclass
+@dataclass(frozen=True)
 class BesideModel:
     """What is known of candidates beside one model, by effect: the same whatever else is tried there.
 
@@ -182,7 +183,7 @@ class BesideModel:
 
     near: Rated
     promised: dict[str, Screened] = field(default_factory=dict)
-    groups: list[Candidate] | None = None
+    groups: list[Candidate] = field(default_factory=list)
     fits: dict[str, list[Rated]] = field(default_factory=dict)
     ended: set[str] = field(default_factory=set)
 
@@ -265,8 +266,8 @@ class Race:
         """Each bare form in that group of runs, before one or from it on, in which it promises most by what each run
         says alone."""
         place = self.beside(near)
-        if place.groups is None:
-            place.groups = [self._in_group(near, one) for one in self.bare]
+        if not place.groups:
+            place.groups.extend(self._in_group(near, one) for one in self.bare)
             self.priors |= {one.effect.id: one.log_prior for one in place.groups}
         return place.groups
 
@@ -275,12 +276,12 @@ class Race:
         right = (columns * self.problem.whiten(near.fit.residual)[..., None]).sum(axis=1)  # (R, C)
         own = np.swapaxes(arrow.run_jacobian, 1, 2) @ columns
         size = (columns**2).sum(axis=1) - (own * np.linalg.solve(arrow.blocks, own)).sum(axis=1)
-        splits = np.arange(LEAST_GROUP, channel.runs - LEAST_GROUP + 1)
-        late = channel.conditions.order >= splits[:, None]  # (K, R)
+        firsts = splits(channel)
+        late = channel.conditions.order >= np.array(firsts)[:, None]  # (K, R)
         sides = np.concatenate([late, ~late]).astype(float)
         gains = (sides @ right) ** 2 / np.maximum(sides @ size, TINY_SIZE)
         side, start = np.unravel_index(int(np.argmax(gains)), gains.shape)
-        how = f"{ONLY_FROM if side < splits.size else ONLY_BEFORE}{splits[side % splits.size]}"
+        how = f"{ONLY_FROM if side < len(firsts) else ONLY_BEFORE}{firsts[side % len(firsts)]}"
         return in_group_of(one, how, one.starts[start], channel)
 
     def _first_order(self, near: Rated, columns: Array) -> tuple[Array, Array]:

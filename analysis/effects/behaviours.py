@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.physics.chain import Chain, Recorded, RoomAir
@@ -169,11 +169,15 @@ def is_step(how: str) -> bool:
     return how.startswith(STEP)
 
 
-def in_group(how: str, order: Array) -> NDArray[np.bool_] | None:
-    """Whether each run (R,) belongs to the group in which something is there alone; None for another dependence."""
-    if how.startswith(ONLY_FROM):
-        return np.asarray(order >= int(how.removeprefix(ONLY_FROM)))
-    return np.asarray(order < int(how.removeprefix(ONLY_BEFORE))) if how.startswith(ONLY_BEFORE) else None
+def is_group(how: str) -> bool:
+    """Whether a dependence on run order is being there in a group of runs alone."""
+    return how.startswith((ONLY_FROM, ONLY_BEFORE))
+
+
+def _in_group(how: str, order: Array) -> NDArray[np.bool_]:
+    """Which runs (R,) belong to the group in which something is there alone."""
+    late = np.asarray(order >= int(how.rpartition("_")[2]))
+    return late if how.startswith(ONLY_FROM) else ~late
 
 
 def scaling(factor: str, how: str, conditions: Conditions, jumps: bool, value: Array) -> Array:
@@ -218,8 +222,8 @@ def _scale(form: Form, chain: Chain, p: Arrays) -> Array:
     for factor, how in form.depends_on:
         if how in SCALES or is_step(how):
             out = out * scaling(factor, how, chain.channel.conditions, chain.channel.jumps_with_air, p[factor])
-        elif (group := in_group(how, chain.channel.conditions.order)) is not None:
-            out = out * group
+        elif is_group(how):
+            out = out * _in_group(how, chain.channel.conditions.order)
         elif how == "dew_margin":
             out = out * dew_margin_k(chain.channel.conditions) / USUAL_MARGIN_K
     return out
@@ -235,21 +239,16 @@ def _driver_step(form: Form, channel: Recorded) -> tuple[Array, Array]:
     return np.zeros(c.source_c.shape), np.ones(c.source_c.shape)
 
 
-def _times_s(form: Form, p: Arrays) -> Array:
-    """Time constants of a form (B, 1, J) [s], of equal shares."""
-    spread = p[SPREAD[0]][..., None] * SPREAD_OVER if SPREAD in form.depends_on else np.zeros(1)
-    return np.asarray(p["time_constant_s"][..., None] * np.exp(spread))
+def times_s(form: Form, p: Mapping[str, ArrayLike]) -> Array:
+    """Time constants of a form (..., J) [s], of equal shares, for parameters (...)."""
+    spread = np.multiply.outer(p[SPREAD[0]], SPREAD_OVER) if SPREAD in form.depends_on else np.zeros(1)
+    return np.asarray(np.asarray(p["time_constant_s"])[..., None] * np.exp(spread))
 
 
-def spread_s(values: Mapping[str, float]) -> list[float]:
-    """The same for one set of values."""
-    return [float(values["time_constant_s"] * np.exp(values.get(SPREAD[0], 0.0) * over)) for over in SPREAD_OVER]
-
-
-def _relaxed(time: Array, times_s: Array) -> Array:
+def _relaxed(time: Array, each_s: Array) -> Array:
     """Mean over time constants (B, R, J) of exp(-t / time constant) after the transfer, 0 before it."""
     since = np.maximum(time, 0.0)
-    each = [np.exp(-since / times_s[..., j, None]) for j in range(times_s.shape[-1])]
+    each = [np.exp(-since / each_s[..., j, None]) for j in range(each_s.shape[-1])]
     return np.where(time > 0, sum(each) / len(each), 0.0)
 
 
@@ -274,8 +273,8 @@ def _lag_in_series(form: Form, chain: Chain, p: Arrays) -> Chain:
 def _parallel_lag(form: Form, chain: Chain, p: Arrays) -> Chain:
     scale = _scale(form, chain, p)
     share = np.clip(p["size"] * scale, -0.95, 0.95)
-    times_s = _times_s(form, p)
-    return replace(chain, lags=(*chain.lags, (share, np.broadcast_to(times_s, (*share.shape, times_s.shape[-1])))))
+    each_s = times_s(form, p)
+    return replace(chain, lags=(*chain.lags, (share, np.broadcast_to(each_s, (*share.shape, each_s.shape[-1])))))
 
 
 def _rate_change(form: Form, chain: Chain, p: Arrays) -> Chain:
@@ -323,19 +322,19 @@ def _added_response(form: Form, chain: Chain, p: Arrays) -> Chain:
 
         return replace(chain, readouts=(*chain.readouts, with_die))
     kinetics = dict(form.depends_on).get("history", "")
-    times_s = _times_s(form, p) if "time_constant_s" in p else np.full((1, 1, 1), A_MINUTE_S)
+    creeps = kinetics in ("logarithmic", "linear")
+    each_s = times_s(form, p) if "time_constant_s" in p else np.full((1, 1, 1), A_MINUTE_S)
 
     def come_in(time: Array) -> Array:
-        if kinetics in ("logarithmic", "linear"):
-            since = np.maximum(time, 0.0) / times_s
+        if creeps:
+            since = np.maximum(time, 0.0) / each_s
             return np.log1p(since) if kinetics == "logarithmic" else since
-        return np.where(time > 0, 1.0 - _relaxed(time, times_s), 0.0)
+        return np.where(time > 0, 1.0 - _relaxed(time, each_s), 0.0)
 
     if form.driver == "own_response":  # what the reading shows creeps
         return _readout(chain, lambda reading, time: size * reading * come_in(time))
     before, after = (x[:, None] for x in _driver_step(form, chain.channel))
-    # What creeps all along has no level that it began from.
-    lasting = 0.0 if kinetics in ("logarithmic", "linear") else before
+    lasting = 0.0 if creeps else before  # what creeps all along has no level that it began from
     return _readout(chain, lambda reading, time: size * (lasting + (after - before) * come_in(time)))
 
 
@@ -344,13 +343,13 @@ def _added_rate(form: Form, chain: Chain, p: Arrays) -> Chain:
 
     Without a driver it is what the transfer itself does, and dies away.
     """
-    size, times_s = p["size"] * _scale(form, chain, p), _times_s(form, p)
+    size, each_s = p["size"] * _scale(form, chain, p), times_s(form, p)
     if form.driver == "own_response":
-        each_s = np.broadcast_to(times_s, (*size.shape, times_s.shape[-1]))
-        return replace(chain, echoes=(*chain.echoes, (-size / p["time_constant_s"], each_s)))
+        echoed_s = np.broadcast_to(each_s, (*size.shape, each_s.shape[-1]))
+        return replace(chain, echoes=(*chain.echoes, (-size / p["time_constant_s"], echoed_s)))
     before, after = _driver_step(form, chain.channel)
     step = size * (after - before) / (1.0 if form.driver == "none" else p["time_constant_s"])
-    return _readout(chain, lambda reading, time: step[..., None] * _relaxed(time, times_s))
+    return _readout(chain, lambda reading, time: step[..., None] * _relaxed(time, each_s))
 
 
 def _gain(form: Form, chain: Chain, p: Arrays) -> Chain:

@@ -24,7 +24,7 @@ from shockrig.analysis.effects.behaviours import (
     is_step,
     late_by,
     laws_of,
-    spread_s,
+    times_s,
     when_it_jumps_s,
 )
 from shockrig.analysis.estimate.channel import Channel
@@ -79,7 +79,7 @@ def flown(form: Form) -> InFlight:
     if form == MEAN:
         return InFlight(delay_s=lambda p, period_s: 0.5 * max(p["time_constant_s"] - period_s, 0.0))
     if set(form.depends_on) <= {SPREAD} and form.behaves_as == "parallel_lag":
-        return InFlight(lag=lambda p: (p["size"], *spread_s(p)))
+        return InFlight(lag=lambda p: (p["size"], *times_s(form, p).tolist()))
     if any(pair not in KNOWN for pair in form.depends_on):
         return InFlight(left=True)
     scale: Callable[[Values, Array, Array], Array] = partial(along, form)

@@ -148,6 +148,10 @@ def test_a_slow_share_with_many_time_constants_is_the_mean_of_as_many_lags():
     time = np.geomspace(0.05, 80.0, 50)
     expected = np.mean([one.modes().step(time) for one in alone], axis=0)
     np.testing.assert_allclose(found.modes().step(time), expected, atol=1e-12)
+    one = bead_response(
+        dataclasses.replace(profile, discovered=(dataclasses.replace(many, depends_on=()),)), SPEED, "sphere"
+    )
+    assert one.weight.shape == alone[3].weight.shape  # and without a spread it is one
 
 
 def test_a_slow_sheath_counts_as_the_slowest_lag():
